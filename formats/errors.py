@@ -1,0 +1,44 @@
+"""The one exception that bad input raises, wherever it is noticed."""
+
+from __future__ import annotations
+
+import os
+
+
+class InputError(Exception):
+    """A file or a value that the user gave cannot be used.
+
+    Attributes
+    ----------
+    problem : what was found
+    source : the file (or other origin) it was found in, if known
+    place : line number, key or object inside the source, if known
+    expected : what would have been right, if it can be said
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        *,
+        source: str | os.PathLike[str] | None = None,
+        place: str | None = None,
+        expected: str | None = None,
+    ) -> None:
+        super().__init__(problem)
+        self.problem = problem
+        self.source = None if source is None else os.fspath(source)
+        self.place = place
+        self.expected = expected
+
+    def __str__(self) -> str:
+        where = ": ".join(part for part in (self.source, self.place) if part)
+        text = f"{where}: {self.problem}" if where else self.problem
+        return f"{text}; expected {self.expected}" if self.expected else text
+
+    def located(self, source: str | os.PathLike[str]) -> InputError:
+        """The same error with its file named, unless one is named already."""
+        if self.source is not None:
+            return self
+        return InputError(
+            self.problem, source=source, place=self.place, expected=self.expected
+        )

@@ -1,0 +1,1 @@
+"""sidtool: flexible bodies for multibody simulation, from finite elements to motion."""

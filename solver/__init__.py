@@ -1,0 +1,1 @@
+"""What moves SIDs: bodies, joints, drives, forces, assembly, integrators."""
