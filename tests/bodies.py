@@ -1,0 +1,159 @@
+"""Bodies made of particles: every SID block straight from its definition.
+
+A body is a cloud of point masses m_p at c_p with shape functions Phi_p, so that each
+integral of the format is a finite sum and every exact identity of the format holds to
+rounding.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from formats.sid import (
+    J_INDICES,
+    OE_INDICES,
+    SID,
+    Array,
+    Node,
+    Taylor,
+    axis_major,
+)
+
+
+def skew(vectors: Array) -> Array:
+    """(..., 3) vectors as (..., 3, 3) cross-product matrices."""
+    x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def centrifugal_matrices() -> Array:
+    """W_k, (6, 3, 3): skew(w) skew(w) = sum_k W_k Omega_k in the order of Oe."""
+    unit = np.eye(3)
+    products = [np.outer(unit[a], unit[b]) for a, b in OE_INDICES]
+    diagonal = [product - unit for product in products[:3]]
+    return np.array(diagonal + [product + product.T for product in products[3:]])
+
+
+def particle_body(
+    nq: int,
+    n_particles: int,
+    planar: bool = False,
+    seed: int = 0,
+    nodes: int = 2,
+    stiffening: bool = False,
+) -> SID:
+    """A SID of a cloud of particles, consistent; Me = I and Ke is diagonal.
+
+    Parameters
+    ----------
+    nq : number of elastic coordinates
+    n_particles : point masses; the coupled mass matrix is positive definite when they
+        have more than nq + 6 degrees of freedom (planar: nq + 3) and are not collinear
+    planar : positions and shape functions in the plane z = 0, rotations about z
+    nodes : the first particles that become nodes "1", "2", ...; at most n_particles
+    stiffening : adds a second-order displacement field and so the geometric parts of
+        Ct, Cr, Oe and of phi at the nodes
+    """
+    rng = np.random.default_rng(seed)
+    masses = rng.uniform(0.1, 1.0, n_particles)
+    c = rng.normal(size=(n_particles, 3))
+    phi = rng.normal(size=(n_particles, 3, nq))
+    psi = rng.normal(size=(n_particles, 3, nq))
+    phi1 = np.zeros((n_particles, 3, nq, nq))
+    if stiffening:
+        phi1 = rng.normal(size=phi1.shape)
+        phi1 = phi1 + np.swapaxes(phi1, 2, 3)
+    if planar:
+        c[:, 2], phi[:, 2], phi1[:, 2], psi[:, :2] = 0.0, 0.0, 0.0, 0.0
+    gram = np.einsum("p,pai,paj->ij", masses, phi, phi)
+    phi = np.swapaxes(np.linalg.solve(np.linalg.cholesky(gram), _rows(phi)), -1, -2)
+    omega = 2 * np.pi * np.sort(rng.uniform(10.0, 1000.0, nq))
+    return SID(
+        mass=float(masses.sum()),
+        labels=tuple(_label(mode, value) for mode, value in enumerate(omega)),
+        nodes=tuple(
+            _node(str(p + 1), c[p], phi[p], psi[p], phi1[p] if stiffening else None)
+            for p in range(nodes)
+        ),
+        title=f"{n_particles} particles",
+        **_blocks(masses, c, phi, phi1 if stiffening else None),
+        ksigma=Taylor(np.zeros((nq, 1))),
+        Ke=Taylor(np.diag(omega**2)),
+        De=Taylor(np.diag(2.0 + 4e-5 * omega**2)),
+    )
+
+
+def _rows(phi: Array) -> Array:
+    return np.swapaxes(phi, -1, -2)
+
+
+def _label(mode: int, omega: float) -> str:
+    return f"Eigen Mode{mode + 1:5d} :{omega / (2 * np.pi):13.3f} Hz"
+
+
+def _blocks(
+    masses: Array, c: Array, phi: Array, phi1: Array | None
+) -> dict[str, Taylor]:
+    """Section 5 of the format, term by term; p particle, a b axes, i l modes."""
+    nq = phi.shape[-1]
+    position, shape = skew(c), skew(np.moveaxis(phi, -1, 1))
+    j0 = -np.einsum("p,pab,pbc->ac", masses, position, position)
+    c4 = np.einsum("p,pab,plbc->lac", masses, position, shape)
+    j1 = -(c4 + np.swapaxes(c4, 1, 2))
+    cross = np.cross(c[:, None], np.moveaxis(phi, -1, 1))
+    ct0 = np.einsum("p,pai->ia", masses, phi)
+    pairs = np.cross(
+        np.moveaxis(phi, -1, 1)[:, :, None], np.moveaxis(phi, -1, 1)[:, None]
+    )
+    swept = np.einsum("p,plia->lia", masses, pairs)
+    w = centrifugal_matrices()
+    oe0 = np.einsum("p,pai,kab,pb->ik", masses, phi, w, c)
+    oe1 = np.einsum("p,pai,kab,pbl->lik", masses, phi, w, phi)
+    cr1, ct1 = swept, None
+    if phi1 is not None:
+        ct1 = np.einsum("p,pakl->lka", masses, phi1)
+        lever = np.cross(c[:, None, None], np.moveaxis(phi1, 1, -1))
+        cr1 = cr1 + np.einsum("p,pila->lia", masses, lever)
+        oe1 = oe1 + np.einsum("p,pail,kab,pb->lik", masses, phi1, w, c)
+    return (
+        {
+            "mdCM": Taylor((masses @ c)[:, None], ct0[:, :, None]),
+            "J": Taylor(_six(j0)[:, None], _six(j1)[:, :, None]),
+            "Ct": Taylor(ct0, ct1),
+            "Cr": Taylor(np.einsum("p,pia->ia", masses, cross), cr1),
+            "Me": Taylor(np.einsum("p,pai,paj->ij", masses, phi, phi)),
+            "Gr": Taylor(axis_major(-2 * c4)),
+            "Ge": Taylor(axis_major(2 * swept)),
+            "Oe": Taylor(oe0, oe1),
+        }
+        if nq
+        else _rigid_blocks(masses, c, j0)
+    )
+
+
+def _rigid_blocks(masses: Array, c: Array, j0: Array) -> dict[str, Taylor]:
+    shapes = {"Ct": 3, "Cr": 3, "Me": 0, "Ge": 0, "Oe": 6}
+    empty = {name: Taylor(np.zeros((0, columns))) for name, columns in shapes.items()}
+    centre = Taylor((masses @ c)[:, None])
+    inertia = Taylor(_six(j0)[:, None])
+    return {"mdCM": centre, "J": inertia, "Gr": Taylor(np.zeros((3, 0))), **empty}
+
+
+def _six(tensors: Array) -> Array:
+    rows, columns = np.transpose(J_INDICES)
+    return tensors[..., rows, columns]
+
+
+def _node(name: str, c: Array, phi: Array, psi: Array, phi1: Array | None) -> Node:
+    nq = phi.shape[-1]
+    # phi.m1(a, l, k) = Phi1_kl(a)
+    stiffening = None if phi1 is None or not nq else np.moveaxis(phi1, -1, 0)
+    return Node(
+        id=name,
+        origin=Taylor(c[:, None], phi.T[:, :, None] if nq else None),
+        phi=Taylor(phi, stiffening),
+        psi=Taylor(psi),
+        AP=Taylor(np.eye(3), skew(psi.T) if nq else None),
+    )
