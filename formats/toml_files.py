@@ -1,0 +1,117 @@
+"""TOML and JSON files that people write, validated by a pydantic model.
+
+Whatever is wrong ends in one `InputError` that names the file, the dotted key, what
+was found there and what was expected.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from .errors import InputError
+from .schema_errors import input_error
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def load(path: str | Path, model: type[Model]) -> Model:
+    """Read a TOML file, or a JSON file if its name ends in ``.json``, into `model`.
+
+    Values are not converted: a number in quotes is a text, not a number.
+
+    Raises
+    ------
+    InputError : the file cannot be read or parsed, or does not fit the model.
+    """
+    return validated(read_data(path), model, source=path)
+
+
+def validated(
+    data: Mapping[str, Any], model: type[Model], *, source: str | Path | None = None
+) -> Model:
+    """The model of data as TOML or JSON hold them (tables, lists, plain values).
+
+    Raises
+    ------
+    InputError : the data do not fit the model; `source` is named.
+    """
+    try:
+        return model.model_validate_json(json.dumps(data, default=str), strict=True)
+    except ValidationError as error:
+        raise input_error(error, data, model).located(source or "input") from None
+    except InputError as error:
+        raise error.located(source or "input") from None
+
+
+def read_data(path: str | Path) -> dict[str, Any]:
+    """The tables of a TOML or JSON file as plain Python data.
+
+    Raises
+    ------
+    InputError : no such file, a folder, no UTF-8, or wrong syntax (line and column).
+    """
+    path = Path(path)
+    text = _read_text(path)
+    try:
+        data = _parse_json(text) if path.suffix == ".json" else tomllib.loads(text)
+    except InputError as error:
+        raise error.located(path) from None
+    except ValueError as error:
+        place, problem = _syntax_error(error)
+        kind = "JSON" if path.suffix == ".json" else "TOML"
+        raise InputError(
+            problem, source=path, place=place, expected=f"valid {kind}"
+        ) from None
+    except RecursionError:
+        raise InputError("is nested too deeply", source=path) from None
+    if not isinstance(data, dict):
+        raise InputError("holds no table at its top", source=path, expected="a table")
+    return data
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"byte {error.start} is not text", source=path, expected="a UTF-8 text file"
+        ) from None
+    except FileNotFoundError:
+        raise InputError(
+            "there is no such file", source=path, expected="a TOML or JSON file"
+        ) from None
+    except IsADirectoryError:
+        raise InputError(
+            "is a folder", source=path, expected="a TOML or JSON file"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read ({error})", source=path) from None
+
+
+def _parse_json(text: str) -> Any:
+    return json.loads(text, object_pairs_hook=_unique_keys)
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise InputError("appears twice", place=twice, expected="one value per key")
+    return table
+
+
+def _syntax_error(error: ValueError) -> tuple[str | None, str]:
+    if isinstance(error, json.JSONDecodeError):
+        return f"line {error.lineno}, column {error.colno}", error.msg
+    match = re.fullmatch(
+        r"(.*) \(at (line \d+, column \d+|end of document)\)", str(error)
+    )
+    return (match[2], match[1]) if match else (None, str(error))
