@@ -1,0 +1,1 @@
+"""From a geometry or a mesh to mass, stiffness and marker rows."""

@@ -1,0 +1,1 @@
+"""The shape of a part as an exact NURBS patch."""

@@ -1,0 +1,1 @@
+"""From many degrees of freedom to a few shape functions."""
