@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -148,7 +149,16 @@ class Node:
 class Dialect:
     """How the file that a SID came from was written; see sid-format, section 4.
 
-    Layouts are "axis" or "mode"; `m1_index` is "rlc" (mode index second) or "rcl".
+    Attributes
+    ----------
+    writer : the program that wrote the file, as far as its title tells
+    gr_layout, ge_layout : columns of Gr and Ge, "axis" or "mode" major
+    m1_index : "rlc" (mode index second) or "rcl"
+    j_shape : "6x1" or "3x3"
+    symmetric : "both" or "lower", the stored halves of symmetric matrices
+    exponent : the letter before exponents, "D" or "E", "" for none
+    name : the name of the body after ``new modal =``
+    notes : what a reader had to guess or found contradictory
     """
 
     writer: str = "sidtool"
@@ -156,6 +166,9 @@ class Dialect:
     ge_layout: str = "axis"
     m1_index: str = "rlc"
     j_shape: str = "6x1"
+    symmetric: str = "both"
+    exponent: str = "D"
+    name: str = ""
     notes: tuple[str, ...] = ()
 
 
@@ -270,7 +283,7 @@ def symmetric_3x3(six: Array) -> Array:
 
 
 def by_mode(columns: Array, nq: int) -> Array:
-    """Axis-major columns (..., n, 3 nq) of Gr or Ge as (..., nq, n, 3), one per mode."""
+    """Axis-major columns (..., n, 3 nq) of Gr or Ge, by mode (..., nq, n, 3)."""
     *lead, rows, _ = columns.shape
     return np.moveaxis(columns.reshape(*lead, rows, 3, nq), -1, -3)
 
@@ -295,7 +308,9 @@ def rigid_sid(
     """
     tensor = np.asarray(inertia, float)
     six = np.array([[tensor[pair]] for pair in J_INDICES])
-    blocks = {name: Taylor(np.zeros(block_shape(name, 0))) for name in BLOCK_SHAPES}
+    blocks: dict[str, Any] = {
+        name: Taylor(np.zeros(block_shape(name, 0))) for name in BLOCK_SHAPES
+    }
     blocks["mdCM"] = Taylor(mass * np.asarray(centre, float).reshape(3, 1))
     blocks["J"] = Taylor(six)
     return SID(mass=float(mass), labels=(), nodes=nodes, **blocks)

@@ -7,6 +7,8 @@ rounding.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from formats.sid import (
@@ -61,32 +63,29 @@ def particle_body(
     c = rng.normal(size=(n_particles, 3))
     phi = rng.normal(size=(n_particles, 3, nq))
     psi = rng.normal(size=(n_particles, 3, nq))
-    phi1 = np.zeros((n_particles, 3, nq, nq))
-    if stiffening:
-        phi1 = rng.normal(size=phi1.shape)
+    phi1 = rng.normal(size=(n_particles, 3, nq, nq)) if stiffening and nq else None
+    if phi1 is not None:
         phi1 = phi1 + np.swapaxes(phi1, 2, 3)
-    if planar:
-        c[:, 2], phi[:, 2], phi1[:, 2], psi[:, :2] = 0.0, 0.0, 0.0, 0.0
+    for field in (c, phi) if phi1 is None else (c, phi, phi1):
+        field[:, 2] *= 0.0 if planar else 1.0
+    psi[:, :2] *= 0.0 if planar else 1.0
     gram = np.einsum("p,pai,paj->ij", masses, phi, phi)
-    phi = np.swapaxes(np.linalg.solve(np.linalg.cholesky(gram), _rows(phi)), -1, -2)
+    phi = phi @ np.linalg.inv(np.linalg.cholesky(gram)).T
     omega = 2 * np.pi * np.sort(rng.uniform(10.0, 1000.0, nq))
+    blocks: dict[str, Any] = _blocks(masses, c, phi, phi1)
     return SID(
         mass=float(masses.sum()),
         labels=tuple(_label(mode, value) for mode, value in enumerate(omega)),
         nodes=tuple(
-            _node(str(p + 1), c[p], phi[p], psi[p], phi1[p] if stiffening else None)
+            _node(str(p + 1), c[p], phi[p], psi[p], None if phi1 is None else phi1[p])
             for p in range(nodes)
         ),
         title=f"{n_particles} particles",
-        **_blocks(masses, c, phi, phi1 if stiffening else None),
         ksigma=Taylor(np.zeros((nq, 1))),
         Ke=Taylor(np.diag(omega**2)),
         De=Taylor(np.diag(2.0 + 4e-5 * omega**2)),
+        **blocks,
     )
-
-
-def _rows(phi: Array) -> Array:
-    return np.swapaxes(phi, -1, -2)
 
 
 def _label(mode: int, omega: float) -> str:
@@ -97,48 +96,36 @@ def _blocks(
     masses: Array, c: Array, phi: Array, phi1: Array | None
 ) -> dict[str, Taylor]:
     """Section 5 of the format, term by term; p particle, a b axes, i l modes."""
-    nq = phi.shape[-1]
-    position, shape = skew(c), skew(np.moveaxis(phi, -1, 1))
+    modes = np.moveaxis(phi, -1, 1)
+    position, shape, w = skew(c), skew(modes), centrifugal_matrices()
     j0 = -np.einsum("p,pab,pbc->ac", masses, position, position)
     c4 = np.einsum("p,pab,plbc->lac", masses, position, shape)
     j1 = -(c4 + np.swapaxes(c4, 1, 2))
-    cross = np.cross(c[:, None], np.moveaxis(phi, -1, 1))
-    ct0 = np.einsum("p,pai->ia", masses, phi)
-    pairs = np.cross(
-        np.moveaxis(phi, -1, 1)[:, :, None], np.moveaxis(phi, -1, 1)[:, None]
+    ct0, ct1 = np.einsum("p,pai->ia", masses, phi), None
+    cr0 = np.einsum("p,pia->ia", masses, np.cross(c[:, None], modes))
+    swept = np.einsum(
+        "p,plia->lia", masses, np.cross(modes[:, :, None], modes[:, None])
     )
-    swept = np.einsum("p,plia->lia", masses, pairs)
-    w = centrifugal_matrices()
     oe0 = np.einsum("p,pai,kab,pb->ik", masses, phi, w, c)
-    oe1 = np.einsum("p,pai,kab,pbl->lik", masses, phi, w, phi)
-    cr1, ct1 = swept, None
+    cr1, oe1 = swept, np.einsum("p,pai,kab,pbl->lik", masses, phi, w, phi)
     if phi1 is not None:
-        ct1 = np.einsum("p,pakl->lka", masses, phi1)
         lever = np.cross(c[:, None, None], np.moveaxis(phi1, 1, -1))
+        ct1 = np.einsum("p,pakl->lka", masses, phi1)
         cr1 = cr1 + np.einsum("p,pila->lia", masses, lever)
         oe1 = oe1 + np.einsum("p,pail,kab,pb->lik", masses, phi1, w, c)
-    return (
-        {
-            "mdCM": Taylor((masses @ c)[:, None], ct0[:, :, None]),
-            "J": Taylor(_six(j0)[:, None], _six(j1)[:, :, None]),
-            "Ct": Taylor(ct0, ct1),
-            "Cr": Taylor(np.einsum("p,pia->ia", masses, cross), cr1),
-            "Me": Taylor(np.einsum("p,pai,paj->ij", masses, phi, phi)),
-            "Gr": Taylor(axis_major(-2 * c4)),
-            "Ge": Taylor(axis_major(2 * swept)),
-            "Oe": Taylor(oe0, oe1),
-        }
-        if nq
-        else _rigid_blocks(masses, c, j0)
-    )
-
-
-def _rigid_blocks(masses: Array, c: Array, j0: Array) -> dict[str, Taylor]:
-    shapes = {"Ct": 3, "Cr": 3, "Me": 0, "Ge": 0, "Oe": 6}
-    empty = {name: Taylor(np.zeros((0, columns))) for name, columns in shapes.items()}
-    centre = Taylor((masses @ c)[:, None])
-    inertia = Taylor(_six(j0)[:, None])
-    return {"mdCM": centre, "J": inertia, "Gr": Taylor(np.zeros((3, 0))), **empty}
+    blocks = {
+        "mdCM": Taylor((masses @ c)[:, None], ct0[:, :, None]),
+        "J": Taylor(_six(j0)[:, None], _six(j1)[:, :, None]),
+        "Ct": Taylor(ct0, ct1),
+        "Cr": Taylor(cr0, cr1),
+        "Me": Taylor(np.einsum("p,pai,paj->ij", masses, phi, phi)),
+        "Gr": Taylor(axis_major(-2 * c4)),
+        "Ge": Taylor(axis_major(2 * swept)),
+        "Oe": Taylor(oe0, oe1),
+    }
+    if phi.shape[-1]:
+        return blocks
+    return {name: Taylor(block.m0) for name, block in blocks.items()}
 
 
 def _six(tensors: Array) -> Array:
@@ -147,13 +134,13 @@ def _six(tensors: Array) -> Array:
 
 
 def _node(name: str, c: Array, phi: Array, psi: Array, phi1: Array | None) -> Node:
-    nq = phi.shape[-1]
+    elastic = bool(phi.size)
     # phi.m1(a, l, k) = Phi1_kl(a)
-    stiffening = None if phi1 is None or not nq else np.moveaxis(phi1, -1, 0)
+    stiffening = None if phi1 is None else np.moveaxis(phi1, -1, 0)
     return Node(
         id=name,
-        origin=Taylor(c[:, None], phi.T[:, :, None] if nq else None),
+        origin=Taylor(c[:, None], phi.T[:, :, None] if elastic else None),
         phi=Taylor(phi, stiffening),
         psi=Taylor(psi),
-        AP=Taylor(np.eye(3), skew(psi.T) if nq else None),
+        AP=Taylor(np.eye(3), skew(psi.T) if elastic else None),
     )
