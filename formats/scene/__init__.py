@@ -1,0 +1,44 @@
+"""Scene files: what moves, how it is joined and driven, and what is recorded."""
+
+from __future__ import annotations
+
+from .base import Placement, as_3d, position_3d, rotation
+from .bodies import Body, ElasticInitial, Ground, Initial, Marker, RigidBody, SidBody
+from .drives import Drive, Function, Piece, Polynomial, coefficients
+from .file import Accuracy, Outputs, SceneFile, Time, output_times, read_scene
+from .joints import Coincident, Fixed, Joint, PointOnLine, Prismatic, Revolute
+from .outputs import OutputName, marker_reference, parse_output
+
+__all__ = [
+    "Accuracy",
+    "Body",
+    "Coincident",
+    "Drive",
+    "ElasticInitial",
+    "Fixed",
+    "Function",
+    "Ground",
+    "Initial",
+    "Joint",
+    "Marker",
+    "OutputName",
+    "Outputs",
+    "Piece",
+    "Placement",
+    "PointOnLine",
+    "Polynomial",
+    "Prismatic",
+    "Revolute",
+    "RigidBody",
+    "SceneFile",
+    "SidBody",
+    "Time",
+    "as_3d",
+    "coefficients",
+    "marker_reference",
+    "output_times",
+    "parse_output",
+    "position_3d",
+    "read_scene",
+    "rotation",
+]

@@ -1,0 +1,110 @@
+"""What every part of a scene file is made of: strict tables, vectors, orientations."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+Vector = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
+Vector3 = tuple[float, float, float]
+Matrix3 = tuple[Vector3, Vector3, Vector3]
+Quaternion = tuple[float, float, float, float]
+
+
+class Table(BaseModel):
+    """A frozen table of a file: unknown keys and infinite numbers are errors."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True
+    )
+
+
+def _number_or_vector(value: Any) -> Any:
+    if _is_number(value) or _is_vector(value):
+        return value
+    raise ValueError("a number (planar) or three numbers (spatial)")
+
+
+def _inertia(value: Any) -> Any:
+    rows = isinstance(value, list | tuple) and len(value) == 3
+    if _is_number(value) or _is_vector(value) or (rows and all(map(_is_vector, value))):
+        return value
+    raise ValueError("a number (planar), or [xx, yy, zz] or a 3 x 3 matrix (spatial)")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_vector(value: Any) -> bool:
+    listed = isinstance(value, list | tuple) and len(value) == 3
+    return listed and all(map(_is_number, value))
+
+
+#: Angular velocity [rad/s]: a number in planar scenes, three in spatial ones.
+AngularVelocity = Annotated[float | Vector3, BeforeValidator(_number_or_vector)]
+#: Inertia about the centre of mass [kg m2]: zz, principal values or the tensor.
+Inertia = Annotated[float | Vector3 | Matrix3, BeforeValidator(_inertia)]
+
+
+class Placement(Table):
+    """A position and an orientation; at most one of the ways to say the latter."""
+
+    position: Vector | None = Field(
+        default=None, description="two or three coordinates [m]"
+    )
+    angle: float | None = Field(default=None, description="rotation in the plane [rad]")
+    axis_angle: Vector3 | None = Field(
+        default=None, description="rotation vector: axis times angle [rad]"
+    )
+    quaternion: Quaternion | None = Field(default=None, description="w, x, y, z")
+    matrix: Matrix3 | None = Field(
+        default=None, description="rotation matrix, rows; local to parent components"
+    )
+
+
+def position_3d(placement: Placement | None) -> NDArray[np.float64]:
+    """Position [m] as (3,), zero where nothing is said."""
+    return as_3d(None if placement is None else placement.position)
+
+
+def as_3d(vector: tuple[float, ...] | None) -> NDArray[np.float64]:
+    """Two or three components as (3,); the plane is z = 0, nothing is zero."""
+    result = np.zeros(3)
+    if vector is not None:
+        result[: len(vector)] = vector
+    return result
+
+
+def rotation(placement: Placement | None) -> NDArray[np.float64]:
+    """Orientation as a (3, 3) rotation matrix, local to parent components."""
+    if placement is None:
+        return np.eye(3)
+    if placement.matrix is not None:
+        left, _, right = np.linalg.svd(np.array(placement.matrix))
+        return left @ right
+    if placement.quaternion is not None:
+        return _from_quaternion(np.array(placement.quaternion))
+    if placement.axis_angle is not None:
+        return _from_rotation_vector(np.array(placement.axis_angle))
+    return _from_rotation_vector(np.array([0.0, 0.0, placement.angle or 0.0]))
+
+
+def _from_rotation_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    half = np.linalg.norm(vector) / 2
+    axis = vector * np.sinc(half / np.pi) / 2
+    return _from_quaternion(np.array([np.cos(half), *axis]))
+
+
+def _from_quaternion(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,94 @@
+"""Bodies of a scene: rigid ones with numbers, flexible ones with a SID file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag
+
+from .base import AngularVelocity, Inertia, Placement, Table, Vector
+
+
+def _as_text(value: Any) -> Any:
+    return str(value) if isinstance(value, int) and value is not True else value
+
+
+#: Node ids are integers in most files and texts in some.
+NodeId = Annotated[str, BeforeValidator(_as_text, json_schema_input_type=int | str)]
+
+
+class Marker(Placement):
+    """A frame fixed to a rigid body or to the ground, in the body frame."""
+
+
+class Initial(Placement):
+    """Where a body starts; the assembly moves it unless it is `fixed`."""
+
+    velocity: Vector | None = Field(
+        default=None, description="of the frame's origin [m/s]"
+    )
+    angular_velocity: AngularVelocity | None = Field(
+        default=None, description="[rad/s]"
+    )
+    fixed: bool = Field(
+        default=False, description="true: the assembly must not move it"
+    )
+
+
+class ElasticInitial(Initial):
+    """Where a flexible body starts; elastic coordinates default to zero."""
+
+    elastic: tuple[float, ...] | None = Field(
+        default=None, description="elastic coordinates"
+    )
+    elastic_velocity: tuple[float, ...] | None = Field(
+        default=None, description="velocities of the elastic coordinates"
+    )
+
+
+class RigidBody(Table):
+    """A rigid body; without `inertia` a point mass, which does not rotate."""
+
+    mass: float = Field(
+        gt=0, description="the mass [kg] of a rigid body (or `sid` for a flexible one)"
+    )
+    inertia: Inertia | None = Field(
+        default=None,
+        description="about the centre of mass [kg m2]: zz, [xx, yy, zz] or 3 x 3",
+    )
+    centre_of_mass: Vector | None = Field(
+        default=None, description="in the body frame [m], default its origin"
+    )
+    markers: dict[str, Marker] = Field(default_factory=dict)
+    initial: Initial = Initial()
+
+
+class SidBody(Table):
+    """A flexible body: any SID file. Its markers are nodes of that file."""
+
+    sid: str = Field(min_length=1, description="SID file, relative to the scene file")
+    markers: dict[str, NodeId] = Field(
+        default_factory=dict, description="names for nodes of the SID"
+    )
+    initial: ElasticInitial = ElasticInitial()
+    quadratic_inertia: bool = Field(
+        default=False, description="keep the term q.Me.q of the moments of inertia"
+    )
+
+
+def _kind_of_body(value: Any) -> str:
+    if isinstance(value, RigidBody | SidBody):
+        return "sid" if isinstance(value, SidBody) else "rigid"
+    return "sid" if isinstance(value, dict) and "sid" in value else "rigid"
+
+
+Body = Annotated[
+    Annotated[RigidBody, Tag("rigid")] | Annotated[SidBody, Tag("sid")],
+    Discriminator(_kind_of_body),
+]
+
+
+class Ground(Table):
+    """The inertial frame; its markers are fixed."""
+
+    markers: dict[str, Marker] = Field(default_factory=dict)

@@ -1,0 +1,105 @@
+"""The scene file: bodies, joints, drives, time, accuracy and outputs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from ..errors import InputError
+from ..toml_files import load
+from .base import Table, Vector
+from .bodies import Body, Ground
+from .checks import check
+from .drives import Drive
+from .joints import Joint
+
+MOST_OUTPUTS = 10_000_000
+
+
+class Time(Table):
+    """The time span [s] and when the motion is recorded."""
+
+    start: float = 0.0
+    end: float = Field(description="end of the simulation [s]")
+    output_step: float | None = Field(default=None, gt=0, description="[s]")
+    output_times: tuple[float, ...] | None = Field(default=None, min_length=1)
+
+
+class Accuracy(Table):
+    """How the motion is integrated; a fixed `step` replaces the error control."""
+
+    rtol: float = Field(
+        default=1e-6, ge=1e-13, le=0.1, description="relative tolerance"
+    )
+    integrator: str = "radau5"
+    step: float | None = Field(default=None, gt=0, description="fixed step [s]")
+
+
+class Outputs(Table):
+    """What is recorded, as BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.f1."""
+
+    record: tuple[str, ...] = ()
+
+
+class SceneFile(Table):
+    """A scene. Lengths, masses and times in SI units, angles in radians.
+
+    Raises
+    ------
+    InputError : names that do not exist, wrong numbers of components, and so on.
+    """
+
+    format: Literal["sidtool scene"]
+    version: Literal[1]
+    title: str = ""
+    dimension: Literal["planar", "spatial"]
+    gravity: Vector | None = Field(default=None, description="[m/s2], default none")
+    time: Time = Field(description="the table [time] with start, end, output_step")
+    accuracy: Accuracy = Accuracy()
+    ground: Ground = Ground()
+    bodies: dict[str, Body] = Field(min_length=1, description="at least one body")
+    joints: dict[str, Joint] = Field(default_factory=dict)
+    drives: dict[str, Drive] = Field(default_factory=dict)
+    outputs: Outputs = Outputs()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SceneFile:
+        check(self)
+        return self
+
+
+def read_scene(path: str | Path) -> SceneFile:
+    """Read a scene from TOML or JSON.
+
+    Raises
+    ------
+    InputError : the file cannot be read or is not a valid scene.
+    """
+    return load(path, SceneFile)
+
+
+def output_times(scene: SceneFile) -> NDArray[np.float64]:
+    """Times of the rows of the result [s], (nt,), increasing.
+
+    Multiples of the output step from the start; the end is one of them if it fits.
+    """
+    time = scene.time
+    if time.output_times is not None:
+        return np.array(time.output_times)
+    assert time.output_step is not None
+    span = time.end - time.start
+    count = int(span / time.output_step * (1 + 1e-12) + 1e-9)
+    if count > MOST_OUTPUTS:
+        raise InputError(
+            f"asks for {count} output times",
+            place="time.output_step",
+            expected=f"at most {MOST_OUTPUTS}",
+        )
+    steps = np.arange(count + 1, dtype=np.float64)
+    if abs(count * time.output_step - span) <= 1e-9 * span:
+        return time.start + span * steps / max(count, 1)
+    return time.start + time.output_step * steps

@@ -1,0 +1,130 @@
+"""Checks of single parts of a scene: sizes for its dimension, signs, order in time.
+
+All raise `InputError` with the key of what does not fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .base import Placement
+from .bodies import Initial, RigidBody
+from .drives import Piece, Polynomial
+from .failures import fail
+
+if TYPE_CHECKING:
+    from .file import Time
+
+
+def check_time(time: Time) -> None:
+    if not time.end > time.start:
+        fail("time.end", f"found {time.end}", f"a time after the start, {time.start}")
+    if (time.output_step is None) == (time.output_times is None):
+        found = "both are" if time.output_step is not None else "neither is"
+        fail("time", f"{found} given", "one of output_step and output_times")
+    for earlier, later in zip(
+        time.output_times or (), (time.output_times or ())[1:], strict=False
+    ):
+        if not later > earlier:
+            fail("time.output_times", f"{later} follows {earlier}", "growing times")
+    for value in time.output_times or ():
+        if not time.start <= value <= time.end:
+            fail("time.output_times", f"found {value}", "times from start to end")
+
+
+def check_length(vector: tuple[float, ...] | None, place: str, dimension: str) -> None:
+    wanted = 2 if dimension == "planar" else 3
+    if vector is not None and len(vector) != wanted:
+        fail(
+            place,
+            f"found {len(vector)} components",
+            f"{wanted} in a {dimension} scene",
+        )
+
+
+def _check_placement(placement: Placement, place: str, dimension: str) -> None:
+    check_length(placement.position, f"{place}.position", dimension)
+    given = [
+        key
+        for key in ("angle", "axis_angle", "quaternion", "matrix")
+        if getattr(placement, key) is not None
+    ]
+    if len(given) > 1:
+        fail(f"{place}.{given[1]}", f"stands beside {given[0]}", "one orientation")
+    for key in given:
+        if (key == "angle") != (dimension == "planar"):
+            wanted = "angle" if dimension == "planar" else "axis_angle or quaternion"
+            fail(f"{place}.{key}", f"is not for a {dimension} scene", wanted)
+    quaternion = placement.quaternion
+    if quaternion is not None and abs(np.linalg.norm(quaternion) - 1) > 1e-6:
+        fail(f"{place}.quaternion", "is not a unit quaternion", "length 1")
+    if placement.matrix is not None:
+        matrix = np.array(placement.matrix)
+        proper = np.linalg.det(matrix) > 0
+        if not (proper and np.allclose(matrix.T @ matrix, np.eye(3), atol=1e-6)):
+            fail(f"{place}.matrix", "is not a rotation", "orthonormal columns, det 1")
+
+
+def check_markers(markers: Mapping[str, Placement], place: str, dimension: str) -> None:
+    for name, marker in markers.items():
+        _check_placement(marker, f"{place}.{name}", dimension)
+
+
+def check_rigid_body(body: RigidBody, place: str, dimension: str) -> None:
+    check_length(body.centre_of_mass, f"{place}.centre_of_mass", dimension)
+    check_markers(body.markers, f"{place}.markers", dimension)
+    if body.inertia is None:
+        return
+    place = f"{place}.inertia"
+    if isinstance(body.inertia, float | int) != (dimension == "planar"):
+        wanted = "a number" if dimension == "planar" else "[xx, yy, zz] or 3 x 3"
+        fail(place, f"does not fit a {dimension} scene", wanted)
+    inertia = np.array(body.inertia, float)
+    tensor = np.diag(np.atleast_1d(inertia)) if inertia.ndim < 2 else inertia
+    if not np.allclose(tensor, tensor.T, rtol=1e-9, atol=0):
+        fail(place, "is not symmetric", "a symmetric 3 x 3 matrix")
+    if np.linalg.eigvalsh(tensor)[0] < -1e-12 * np.abs(tensor).max():
+        fail(place, "is negative", "inertia that is not negative")
+
+
+def check_initial(initial: Initial, place: str, dimension: str) -> None:
+    _check_placement(initial, place, dimension)
+    check_length(initial.velocity, f"{place}.velocity", dimension)
+    spin = initial.angular_velocity
+    if spin is not None and isinstance(spin, tuple) == (dimension == "planar"):
+        wanted = "a number" if dimension == "planar" else "three numbers"
+        place = f"{place}.angular_velocity"
+        fail(place, f"does not fit a {dimension} scene", wanted)
+
+
+def check_polynomial(function: Polynomial, place: str, time: Time) -> None:
+    pieces = function.pieces
+    for index, piece in enumerate(pieces):
+        _check_piece(piece, f"{place}.pieces[{index}]")
+    for index, (piece, later) in enumerate(zip(pieces, pieces[1:], strict=False)):
+        here = f"{place}.pieces[{index + 1}].from"
+        if piece.to is None:
+            fail(f"{place}.pieces[{index}].to", "is missing", "the end of the piece")
+        elif abs(later.from_ - piece.to) > 1e-12 * max(1.0, abs(piece.to)):
+            fail(here, f"found {later.from_}", f"the end before it, {piece.to}")
+    if pieces[0].from_ > time.start:
+        found = f"begins at {pieces[0].from_}"
+        fail(f"{place}.pieces[0].from", found, f"at most the start, {time.start}")
+    last = pieces[-1].to
+    if last is not None and last < time.end:
+        expected = f"no `to`, or at least the end of the simulation, {time.end}"
+        fail(f"{place}.pieces[{len(pieces) - 1}].to", f"ends at {last}", expected)
+
+
+def _check_piece(piece: Piece, place: str) -> None:
+    hermite = piece.start is not None and piece.end is not None
+    partly = piece.start is not None or piece.end is not None
+    if hermite == (piece.coefficients is not None) or (partly and not hermite):
+        fail(place, "is not one polynomial", "coefficients, or start and end")
+    if hermite and piece.to is None:
+        fail(f"{place}.to", "is missing", "the end of the piece")
+    if piece.to is not None and piece.to <= piece.from_:
+        fail(f"{place}.to", f"found {piece.to}", f"a time after {piece.from_}")
