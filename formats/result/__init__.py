@@ -1,0 +1,9 @@
+"""Results of simulations, in memory and in files."""
+
+from __future__ import annotations
+
+from .data import Result
+from .hdf5 import read_result, write_result
+from .table import write_csv
+
+__all__ = ["Result", "read_result", "write_csv", "write_result"]

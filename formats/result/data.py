@@ -1,0 +1,88 @@
+"""The result of a simulation: motion, cost and drift, with the scene that caused it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+
+Array = NDArray[np.float64]
+Scalar = bool | int | float | str
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a simulation recorded. SI units, angles in radians.
+
+    Attributes
+    ----------
+    title : title of the scene
+    names : output names, as in the scene, `*` expanded
+    t : (nt,) output times [s]; fewer than asked for when not `completed`
+    values : (nt, n outputs)
+    positions, velocities, multipliers : (nt, ...) full state, one column per name in
+        `position_names`, `velocity_names`, `multiplier_names`
+    counters : cost of the run: steps, rejected, evaluations, factorisations, seconds
+    drift : largest constraint residuals: position, velocity
+    settings : integrator, rtol, step and whatever else the run was made with
+    scene : the scene as JSON
+    versions : of this program and of the libraries under it
+    completed : False when the run stopped early, for the reason in `message`
+
+    Raises
+    ------
+    InputError : the sizes of the arrays do not fit each other.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    t: Array
+    values: Array
+    positions: Array
+    velocities: Array
+    multipliers: Array
+    position_names: tuple[str, ...] = ()
+    velocity_names: tuple[str, ...] = ()
+    multiplier_names: tuple[str, ...] = ()
+    counters: Mapping[str, int | float] = field(default_factory=dict)
+    drift: Mapping[str, float] = field(default_factory=dict)
+    settings: Mapping[str, Scalar] = field(default_factory=dict)
+    scene: str = ""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    completed: bool = True
+    message: str = ""
+
+    def __post_init__(self) -> None:
+        for table, names in TABLES.items():
+            array, count = getattr(self, table), len(getattr(self, names))
+            if array.shape != (len(self.t), count):
+                raise InputError(
+                    f"has shape {array.shape}",
+                    place=table,
+                    expected=f"{len(self.t)} times and {count} names",
+                )
+
+    def __getitem__(self, name: str) -> Array:
+        """The course of one output, (nt,).
+
+        Raises
+        ------
+        InputError : no output has this name.
+        """
+        if name not in self.names:
+            expected = f"one of {', '.join(self.names) or 'no outputs'}"
+            raise InputError(f"there is no output {name!r}", expected=expected)
+        return self.values[:, self.names.index(name)]
+
+
+#: the arrays of a result and where the names of their columns stand
+TABLES = {
+    "values": "names",
+    "positions": "position_names",
+    "velocities": "velocity_names",
+    "multipliers": "multiplier_names",
+}

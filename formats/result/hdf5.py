@@ -1,0 +1,114 @@
+"""A result in HDF5.
+
+Attributes of the root: format, format_version, title, completed, message. Datasets:
+t, values, positions, velocities, multipliers, each of the latter four with its columns'
+names in the attribute ``names``; scene (JSON text). Groups counters, drift, settings
+and versions hold their entries as attributes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ..atomic import atomic_path
+from ..errors import InputError
+from .data import TABLES, Result
+
+FORMAT = "sidtool result"
+VERSION = 1
+_GROUPS = ("counters", "drift", "settings", "versions")
+_UNITS = "t: s; other quantities in SI units, angles in radians"
+
+
+def write_result(path: str | Path, result: Result) -> None:
+    """Write a result, wholly or not at all.
+
+    Raises
+    ------
+    InputError : the file cannot be written.
+    """
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs.update(
+            format=FORMAT,
+            format_version=VERSION,
+            units=_UNITS,
+            title=result.title,
+            completed=result.completed,
+            message=result.message,
+        )
+        file["t"] = result.t
+        for table, names in TABLES.items():
+            dataset = file.create_dataset(table, data=getattr(result, table))
+            dataset.attrs["names"] = np.array(
+                getattr(result, names), dtype=h5py.string_dtype()
+            )
+        file.create_dataset("scene", data=result.scene, dtype=h5py.string_dtype())
+        for group in _GROUPS:
+            file.create_group(group).attrs.update(_storable(getattr(result, group)))
+
+
+def read_result(path: str | Path) -> Result:
+    """Read a result.
+
+    Raises
+    ------
+    InputError : there is no such file, or it is no whole result of this version.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            _check_format(file, path)
+            return _result(file)
+    except InputError as error:
+        raise error.located(path) from None
+    except FileNotFoundError:
+        raise InputError("there is no such file", source=path) from None
+    except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(
+            f"cannot be read ({error})", source=path, expected="a whole result file"
+        ) from None
+
+
+def _check_format(file: h5py.File, path: str | Path) -> None:
+    found = file.attrs.get("format")
+    if found != FORMAT:
+        raise InputError(f"found the format {found!r}", source=path, expected=FORMAT)
+    version = file.attrs.get("format_version")
+    if version != VERSION:
+        raise InputError(
+            f"found version {version} of the format",
+            source=path,
+            expected=f"version {VERSION}",
+        )
+
+
+def _result(file: h5py.File) -> Result:
+    parts: dict[str, Any] = {"t": np.asarray(file["t"][()], float)}
+    for table, names in TABLES.items():
+        parts[table] = np.asarray(file[table][()], float)
+        parts[names] = tuple(map(_plain, file[table].attrs["names"]))
+    for group in _GROUPS:
+        entries = file[group].attrs.items()
+        parts[group] = {key: _plain(value) for key, value in entries}
+    return Result(
+        title=str(file.attrs["title"]),
+        completed=bool(file.attrs["completed"]),
+        message=str(file.attrs["message"]),
+        scene=file["scene"].asstr()[()],
+        **parts,
+    )
+
+
+def _storable(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """HDF5 has no None: an entry that says nothing is left out."""
+    return {key: value for key, value in entries.items() if value is not None}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.decode()
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,129 @@
+"""Results: what is written is read back, and half files never pass for whole ones."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from formats.errors import InputError
+from formats.result import Result, read_result, write_csv, write_result
+
+
+@pytest.fixture
+def result() -> Result:
+    t = np.array([0.0, 0.1, 0.30000000000000004])
+    return Result(
+        title="Größe",
+        names=("piston.x", "rod.q1"),
+        t=t,
+        values=np.stack([np.sin(t), np.pi * 1e-7 * t], axis=1),
+        positions=np.ones((3, 3)),
+        velocities=np.zeros((3, 2)),
+        multipliers=np.zeros((3, 0)),
+        position_names=("a.x", "a.y", "a.angle"),
+        velocity_names=("a.vx", "a.vy"),
+        counters={"steps": 12, "seconds": 0.25},
+        drift={"position": 1e-12},
+        settings={"integrator": "radau5", "rtol": 1e-6},
+        scene='{"title": "Größe"}',
+        versions={"sidtool": "0.1.0"},
+        completed=False,
+        message="the step became too small",
+    )
+
+
+def test_hdf5_returns_every_bit(result: Result, tmp_path: Path) -> None:
+    write_result(tmp_path / "r.h5", result)
+    back = read_result(tmp_path / "r.h5")
+    for name in ("t", "values", "positions", "velocities", "multipliers"):
+        assert np.array_equal(getattr(back, name), getattr(result, name))
+    for name in ("title", "names", "position_names", "scene", "completed", "message"):
+        assert getattr(back, name) == getattr(result, name)
+    for name in ("counters", "drift", "settings", "versions"):
+        assert dict(getattr(back, name)) == dict(getattr(result, name))
+
+
+def test_csv_has_one_header_and_returns_every_bit(
+    result: Result, tmp_path: Path
+) -> None:
+    write_csv(tmp_path / "r.csv", result)
+    text = (tmp_path / "r.csv").read_text()
+    assert text.splitlines()[0] == "t,piston.x,rod.q1"
+    rows = list(csv.reader(text.splitlines()[1:]))
+    assert np.array_equal(np.array(rows, float)[:, 0], result.t)
+    assert np.array_equal(np.array(rows, float)[:, 1:], result.values)
+
+
+def test_an_output_is_found_by_its_name(result: Result) -> None:
+    assert np.array_equal(result["rod.q1"], result.values[:, 1])
+    with pytest.raises(InputError, match="one of piston.x, rod.q1"):
+        result["rod.q2"]
+
+
+def test_sizes_that_do_not_fit_are_refused(result: Result) -> None:
+    with pytest.raises(InputError, match="3 times and 2 names"):
+        Result(
+            title="",
+            names=("a", "b"),
+            t=result.t,
+            values=np.zeros((3, 1)),
+            positions=np.zeros((3, 0)),
+            velocities=np.zeros((3, 0)),
+            multipliers=np.zeros((3, 0)),
+        )
+
+
+def test_a_failed_write_keeps_the_old_file(result: Result, tmp_path: Path) -> None:
+    target = tmp_path / "r.h5"
+    write_result(target, result)
+    before = target.read_bytes()
+    object.__setattr__(result, "settings", {"bad": object()})
+    with pytest.raises(TypeError):
+        write_result(target, result)
+    assert target.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_a_cut_file_is_refused_wherever_it_is_cut(
+    result: Result, tmp_path: Path
+) -> None:
+    write_result(tmp_path / "whole.h5", result)
+    whole = (tmp_path / "whole.h5").read_bytes()
+    cut = tmp_path / "cut.h5"
+    for size in range(0, len(whole), len(whole) // 40):
+        cut.write_bytes(whole[:size])
+        with pytest.raises(InputError, match="cut.h5"):
+            read_result(cut)
+
+
+@pytest.mark.parametrize("change", ["format", "version", "missing", "type", "size"])
+def test_a_foreign_hdf5_file_is_refused(
+    result: Result, tmp_path: Path, change: str
+) -> None:
+    path = tmp_path / "r.h5"
+    write_result(path, result)
+    with h5py.File(path, "a") as file:
+        if change == "format":
+            file.attrs["format"] = "something"
+        elif change == "version":
+            file.attrs["format_version"] = 99
+        elif change == "size":
+            del file["t"]
+            file["t"] = np.zeros(2)
+        else:
+            del file["values"]
+            if change == "type":
+                file.create_group("values")
+    with pytest.raises(InputError, match="r.h5"):
+        read_result(path)
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none.h5.*no such file"):
+        read_result(tmp_path / "none.h5")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_result(tmp_path)
