@@ -1,0 +1,106 @@
+"""From a model file to a SID."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.errors import InputError
+from formats.model import ModelFile, RayleighDamping, read_model
+from formats.sid import SID, Node, Taylor
+
+from .frontends.finite_element_model import FiniteElementModel, MarkerRows
+from .frontends.registry import finite_element_model
+from .gram import inertia_blocks, moments
+from .reduction.frames import FRAMES, Frame
+from .reduction.methods import REDUCTIONS, ReducedBasis
+from .vectors import skew
+
+__all__ = ["finite_element_model", "sid_from_model"]
+
+Array = NDArray[np.float64]
+
+
+def sid_from_model(
+    model: ModelFile | str | Path, progress: Callable[[str], None] | None = None
+) -> SID:
+    """Discretise, reduce and write down one body.
+
+    Parameters
+    ----------
+    model : a model file, read already or by its path
+    progress : called with the name of every stage as it begins
+
+    Raises
+    ------
+    InputError : names the file (if given by its path) and the key that is wrong.
+    """
+    if isinstance(model, ModelFile):
+        return _convert(model, progress or _silent)
+    try:
+        return _convert(read_model(model), progress or _silent)
+    except InputError as error:
+        raise error.located(model) from None
+
+
+def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
+    progress("discretising")
+    body = finite_element_model(model)
+    frame = FRAMES[model.frame.type](body, model.frame)
+    progress(f"reducing {body.ndof} degrees of freedom")
+    basis = REDUCTIONS[model.reduction.method](body, frame, model.reduction)
+    progress("integrating the inertia")
+    return assembled_sid(body, frame, basis, model.damping, title=model.title)
+
+
+def assembled_sid(
+    body: FiniteElementModel,
+    frame: Frame,
+    basis: ReducedBasis,
+    damping: RayleighDamping | None = None,
+    *,
+    title: str = "",
+) -> SID:
+    """The SID of a discretised body with given frame and shape functions."""
+    d, nq = body.dimension, len(basis.labels)
+    shapes = basis.shapes.reshape(-1, d, nq)
+    integrals = moments(body.scalar_mass, body.positions - frame.origin[:d], shapes)
+    blocks: dict[str, Any] = dict(inertia_blocks(integrals))
+    blocks["ksigma"] = Taylor(np.zeros((nq, 1)))
+    blocks["Ke"] = Taylor(basis.stiffness)
+    blocks["De"] = Taylor(_damping(blocks["Me"].m0, basis.stiffness, damping))
+    return SID(
+        mass=integrals.mass,
+        labels=basis.labels,
+        nodes=tuple(_node(marker, frame, basis) for marker in body.markers),
+        title=title,
+        **blocks,
+    )
+
+
+def _damping(me: Array, ke: Array, damping: RayleighDamping | None) -> Array:
+    if damping is None:
+        return np.zeros_like(ke)
+    return damping.alpha * me + damping.beta * ke
+
+
+def _node(marker: MarkerRows, frame: Frame, basis: ReducedBasis) -> Node:
+    phi = marker.displacement @ basis.shapes
+    psi = marker.rotation @ basis.shapes
+    if frame.held[marker.displacement.indices].all():
+        psi = np.zeros_like(psi)
+    return Node(
+        id=str(marker.node),
+        origin=Taylor((marker.position - frame.origin)[:, None], phi.T[:, :, None]),
+        phi=Taylor(phi),
+        psi=Taylor(psi),
+        AP=Taylor(np.eye(3), skew(psi.T)),
+    )
+
+
+def _silent(_: str) -> None:
+    """Nobody listens."""

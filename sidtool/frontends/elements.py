@@ -1,0 +1,171 @@
+"""What every solid element needs: the map to space, the strains, the assembly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from formats.errors import InputError
+from formats.model import Material
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class ElementBatch:
+    """Elements of one kind at their quadrature points.
+
+    Attributes
+    ----------
+    nodes : (ne, m) numbers of the nodes of every element
+    values : (ne or 1, ng, m) shape functions
+    gradients : (ne, ng, m, d) of the shape functions in space [1/m]
+    measures : (ne, ng) quadrature weight times Jacobian determinant [m^d]
+    """
+
+    nodes: Indices
+    values: Array
+    gradients: Array
+    measures: Array
+
+
+def mapped_batch(
+    nodes: Indices,
+    positions: Array,
+    values: Array,
+    gradients: Array,
+    weights: Array,
+) -> ElementBatch:
+    """An isoparametric batch: x = sum_i N_i X_i.
+
+    Parameters
+    ----------
+    nodes : (ne, m)
+    positions : (n, d) of all nodes [m]
+    values : (ne or 1, ng, m)
+    gradients : (ne or 1, ng, m, d) by the reference coordinates
+    weights : (ne or 1, ng) of the quadrature
+
+    Raises
+    ------
+    InputError : the map folds somewhere.
+    """
+    corners = positions[nodes]
+    jacobians = np.swapaxes(corners, 1, 2)[:, None] @ gradients
+    determinants = np.linalg.det(jacobians)
+    check_orientation(determinants, corners)
+    return ElementBatch(
+        nodes=nodes,
+        values=values,
+        gradients=gradients @ np.linalg.inv(jacobians),
+        measures=determinants * weights,
+    )
+
+
+def check_orientation(
+    determinants: Array, corners: Array, floor: float = 1e-12
+) -> None:
+    """Whether all Jacobian determinants are positive.
+
+    Parameters
+    ----------
+    determinants : (ne, points per element)
+    corners : (ne, m, d) node positions, to say where
+    floor : smallest determinant relative to the largest that counts as positive
+
+    Raises
+    ------
+    InputError : one is not.
+    """
+    scale = np.abs(determinants).max()
+    bad = np.flatnonzero((determinants <= floor * scale).any(axis=1))
+    if bad.size:
+        near = ", ".join(f"{x:.4g}" for x in corners[bad[0]].mean(axis=0))
+        raise InputError(
+            f"the map folds or is mirrored near ({near}): Jacobian determinant "
+            f"{determinants[bad[0]].min():.3g} (in {bad.size} of {len(corners)} "
+            "elements or knot spans)",
+            place="geometry",
+            expected="a right-handed map that covers every point once",
+        )
+
+
+def elasticity(material: Material, state: str) -> Array:
+    """Isotropic elasticity matrix for the strains (xx, yy, 2 xy), (3, 3) [Pa].
+
+    Parameters
+    ----------
+    state : "plane_stress" or "plane_strain"
+    """
+    e, nu = material.youngs_modulus, material.poissons_ratio
+    if state == "plane_strain":
+        e, nu = e / (1 - nu**2), nu / (1 - nu)
+    shear = (1 - nu) / 2
+    return e / (1 - nu**2) * np.array([[1, nu, 0], [nu, 1, 0], [0, 0, shear]])
+
+
+def strain_matrix(gradients: Array) -> Array:
+    """(..., 3, 2 m) strains (xx, yy, 2 xy) per displacement, from (..., m, 2)."""
+    *lead, m, _ = gradients.shape
+    b = np.zeros((*lead, 3, m, 2))
+    b[..., 0, :, 0] = b[..., 2, :, 1] = gradients[..., 0]
+    b[..., 1, :, 1] = b[..., 2, :, 0] = gradients[..., 1]
+    return b.reshape(*lead, 3, 2 * m)
+
+
+def element_stiffness(batch: ElementBatch, law: Array) -> Array:
+    """(ne, 2 m, 2 m) integral of B^T D B.
+
+    Parameters
+    ----------
+    law : (3, 3) elasticity matrix D times thickness [N/m]
+    """
+    b = strain_matrix(batch.gradients)
+    stress = (law @ b) * batch.measures[..., None, None]
+    ne, _, _, columns = b.shape
+    left = b.reshape(ne, -1, columns)
+    return np.swapaxes(left, 1, 2) @ stress.reshape(ne, -1, columns)
+
+
+def element_mass(batch: ElementBatch, density: float) -> Array:
+    """(ne, m, m) integral of density N_i N_j."""
+    weighted = batch.values * (batch.measures * density)[..., None]
+    return np.swapaxes(batch.values, 1, 2) @ weighted
+
+
+def assembled(
+    batches: Iterable[ElementBatch],
+    count: int,
+    *,
+    density: float,
+    law: Array,
+    stiffness: Callable[[ElementBatch, Array], Array] = element_stiffness,
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Scalar mass (n, n) and stiffness (2 n, 2 n) of a plane body.
+
+    Parameters
+    ----------
+    count : number of nodes n
+    density : mass per area [kg/m^2]
+    law : (3, 3) elasticity matrix times thickness [N/m]
+    stiffness : the element stiffness of a batch
+    """
+    m = sp.csr_matrix((count, count))
+    k = sp.csr_matrix((2 * count, 2 * count))
+    for batch in batches:
+        m = m + _scattered(element_mass(batch, density), batch.nodes, count)
+        dofs = (2 * batch.nodes[..., None] + np.arange(2)).reshape(len(batch.nodes), -1)
+        k = k + _scattered(stiffness(batch, law), dofs, 2 * count)
+    return m, k
+
+
+def _scattered(matrices: Array, rows: Indices, size: int) -> sp.csr_matrix:
+    """Element matrices (ne, m, m) added up at their rows (ne, m)."""
+    i = np.broadcast_to(rows[:, :, None], matrices.shape).ravel()
+    j = np.broadcast_to(rows[:, None, :], matrices.shape).ravel()
+    return sp.csr_matrix((matrices.ravel(), (i, j)), shape=(size, size))

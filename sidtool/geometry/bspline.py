@@ -1,0 +1,89 @@
+"""B-spline bases of one parametric direction.
+
+Values come from `scipy.interpolate.BSpline.design_matrix`; derivatives from the values
+of one degree less (Piegl & Tiller, The NURBS Book, eq. 2.7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class LocalBasis:
+    """The degree + 1 functions that do not vanish at each of some points.
+
+    Attributes
+    ----------
+    first : (npoints,) number of the first of them
+    values, derivatives : (npoints, degree + 1)
+    """
+
+    first: Indices
+    values: Array
+    derivatives: Array
+
+
+def local_basis(knots: Array, degree: int, points: ArrayLike) -> LocalBasis:
+    """Values and first derivatives; at a knot, those of the span to its right.
+
+    Parameters
+    ----------
+    knots : open knot vector
+    points : (npoints,) inside the range of the knots
+    """
+    x = np.asarray(points, float)
+    matrix = BSpline.design_matrix(x, knots, degree)
+    first = matrix.indices.reshape(-1, degree + 1)[:, 0].astype(np.int64)
+    lower = BSpline.design_matrix(x, knots[1:-1], degree - 1).data
+    start = first[:, None] + 1 + np.arange(degree)
+    slopes = degree * lower.reshape(-1, degree) / (knots[start + degree] - knots[start])
+    derivatives = np.zeros((len(x), degree + 1))
+    derivatives[:, 1:] += slopes
+    derivatives[:, :-1] -= slopes
+    return LocalBasis(first, matrix.data.reshape(-1, degree + 1), derivatives)
+
+
+def local_basis_from_left(knots: Array, degree: int, points: ArrayLike) -> LocalBasis:
+    """As `local_basis`; at a knot, the limit from the span to its left."""
+    total = knots[0] + knots[-1]
+    mirrored = local_basis(total - knots[::-1], degree, total - np.asarray(points))
+    count = len(knots) - degree - 1
+    return LocalBasis(
+        count - 1 - degree - mirrored.first,
+        mirrored.values[:, ::-1],
+        -mirrored.derivatives[:, ::-1],
+    )
+
+
+def breakpoints(knots: Array) -> Array:
+    """The distinct knots: the ends of the knot spans."""
+    return np.unique(knots)
+
+
+def gauss_points(knots: Array, count: int) -> tuple[Array, Array]:
+    """Gauss-Legendre points and weights, (nspans, count) each, in every knot span."""
+    reference, weights = np.polynomial.legendre.leggauss(count)
+    ends = breakpoints(knots)
+    half = np.diff(ends)[:, None] / 2
+    middle = ((ends[:-1] + ends[1:]) / 2)[:, None]
+    return middle + half * reference, half * weights
+
+
+def open_uniform_knots(degree: int, spans: int) -> Array:
+    """Open knot vector on [0, 1] with equal spans and single inner knots."""
+    inner = np.arange(1, spans) / spans
+    return np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
+
+
+def greville_points(knots: Array, degree: int) -> Array:
+    """Averages of `degree` consecutive knots, one per basis function."""
+    windows = np.lib.stride_tricks.sliding_window_view(knots[1:-1], degree)
+    return np.clip(windows.mean(axis=1), knots[0], knots[-1])

@@ -1,0 +1,149 @@
+"""A NURBS patch of any number of parametric directions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from formats.model import NurbsGeometry
+
+from .bspline import LocalBasis, local_basis, local_basis_from_left
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class NurbsPatch:
+    """A map from parameters in [0, 1]^k to points in d dimensions.
+
+    Attributes
+    ----------
+    degrees : k degrees
+    knots : k open knot vectors on [0, 1]
+    control_points : (n_1, ..., n_k, d) [m]
+    weights : (n_1, ..., n_k)
+    """
+
+    degrees: tuple[int, ...]
+    knots: tuple[Array, ...]
+    control_points: Array
+    weights: Array
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of functions per parametric direction."""
+        return self.weights.shape
+
+    @property
+    def points(self) -> Array:
+        """(n, d) control points, the last parametric direction running fastest."""
+        return self.control_points.reshape(-1, self.control_points.shape[-1])
+
+
+def patch_from_model(geometry: NurbsGeometry) -> NurbsPatch:
+    """The patch of a model file, its parameters scaled to [0, 1]."""
+    points = np.array(geometry.control_points, float)
+    weights = geometry.weights
+    return NurbsPatch(
+        degrees=geometry.degrees,
+        knots=tuple(_scaled(np.array(knots, float)) for knots in geometry.knots),
+        control_points=points,
+        weights=np.ones(points.shape[:-1]) if weights is None else np.array(weights),
+    )
+
+
+def side_nodes(patch: NurbsPatch, direction: int, end: int) -> Indices:
+    """The control points of the side where parameter `direction` is 0 or 1 (`end`)."""
+    numbers = np.arange(patch.weights.size).reshape(patch.shape)
+    return np.take(numbers, -1 if end else 0, axis=direction).ravel()
+
+
+def evaluate_grid(patch: NurbsPatch, parameters: tuple[Array, ...]) -> Array:
+    """Points of the patch on a tensor grid of parameters, (m_1, ..., m_k, d)."""
+    w = patch.weights[..., None]
+    homogeneous = np.concatenate([patch.control_points * w, w], axis=-1)
+    for axis, (knots, degree, x) in enumerate(
+        zip(patch.knots, patch.degrees, parameters, strict=True)
+    ):
+        basis = local_basis(knots, degree, x)
+        columns = basis.first[:, None] + np.arange(degree + 1)
+        moved = np.moveaxis(homogeneous, axis, 0)
+        new = np.einsum("pb,pb...->p...", basis.values, moved[columns])
+        homogeneous = np.moveaxis(new, 0, axis)
+    return homogeneous[..., :-1] / homogeneous[..., -1:]
+
+
+@dataclass(frozen=True, eq=False)
+class PointBasis:
+    """The functions that do not vanish at one point of a patch.
+
+    Attributes
+    ----------
+    nodes : (m,) numbers of their control points
+    values : (m,) of the rational functions
+    gradients : (m, k) by the parameters
+    """
+
+    nodes: Indices
+    values: Array
+    gradients: Array
+
+
+def point_basis(
+    patch: NurbsPatch, parameters: ArrayLike, from_left: tuple[bool, ...] | None = None
+) -> PointBasis:
+    """The rational basis at one point.
+
+    Parameters
+    ----------
+    parameters : (k,) in [0, 1]
+    from_left : per direction, whether a derivative at a knot is that of the span to
+        its left
+    """
+    lefts = from_left or (False,) * len(patch.degrees)
+    rows = [
+        (local_basis_from_left if left else local_basis)(knots, degree, [x])
+        for left, knots, degree, x in zip(
+            lefts, patch.knots, patch.degrees, np.asarray(parameters), strict=True
+        )
+    ]
+    index = [row.first[0] + np.arange(row.values.shape[1]) for row in rows]
+    grid = np.meshgrid(*index, indexing="ij")
+    nodes = np.asarray(np.ravel_multi_index(tuple(grid), patch.shape)).ravel()
+    gradients = [_outer(rows, i) for i in range(len(rows))]
+    values, slopes = rational(
+        _outer(rows, None), np.stack(gradients, -1), patch.weights.ravel()[nodes]
+    )
+    return PointBasis(nodes, values, slopes)
+
+
+def rational(values: Array, gradients: Array, weights: Array) -> tuple[Array, Array]:
+    """Rational functions w N / sum(w N) and their gradients.
+
+    Parameters
+    ----------
+    values : (..., m) B-spline products N
+    gradients : (..., m, k)
+    weights : (..., m)
+    """
+    weighted = values * weights
+    slopes = gradients * weights[..., None]
+    total = weighted.sum(-1, keepdims=True)
+    result = weighted / total
+    drift = slopes.sum(-2, keepdims=True)
+    return result, (slopes - result[..., None] * drift) / total[..., None]
+
+
+def _outer(rows: list[LocalBasis], derived: int | None) -> Array:
+    product = np.ones(1)
+    for i, row in enumerate(rows):
+        factor = row.derivatives[0] if i == derived else row.values[0]
+        product = np.multiply.outer(product, factor).ravel()
+    return product
+
+
+def _scaled(knots: Array) -> Array:
+    return (knots - knots[0]) / (knots[-1] - knots[0])
