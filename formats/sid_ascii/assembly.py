@@ -1,0 +1,247 @@
+"""From a file as it stands to a SID in the one convention held in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..sid import (
+    BLOCK_SHAPES,
+    J_INDICES,
+    NODE_SHAPES,
+    SID,
+    Array,
+    Dialect,
+    Node,
+    Taylor,
+    block_shape,
+)
+from . import layout
+from .expansion import (
+    PRINT_NOISE,
+    SYMMETRIC,
+    Reading,
+    declared,
+    free_shape,
+    mean_of_halves,
+    taylor,
+)
+from .notes import Notes
+from .raw import RawFile, RawNode, RawTaylor
+from .title import Layout, layout_from_words, split_tag
+from .values import M0, unpack
+
+_REQUIRED_IN_NODE = tuple(name for name in NODE_SHAPES if name != "sigma")
+
+
+def assemble(raw: RawFile, source: str) -> SID:
+    """The SID that a file describes; `SID.dialect` tells what was found on the way.
+
+    Raises
+    ------
+    InputError : a block is missing, or its entries do not fit.
+    """
+    notes = Notes()
+    title, tag = split_tag(raw.title)
+    hint = tag or layout_from_words(title)
+    nq = raw.reference.nq
+    _note_counts(raw, notes)
+    order = layout.m1_index(_sized(raw), nq, hint)
+    if tag:
+        order = tag.m1_index
+    to = Reading(source, nq, order, notes)
+    j_raw = _j_is_3x3(raw.blocks.get("J"))
+    blocks = _blocks(raw, j_raw, to)
+    gr, ge = _layouts(blocks, tag, hint, notes)
+    for name, columns in (("Gr", gr), ("Ge", ge)):
+        if columns == "mode":
+            blocks[name] = layout.changed(
+                blocks[name], lambda part: layout.axis_from_mode_major(part, nq)
+            )
+    nodes = tuple(_node(node, to) for node in raw.nodes)
+    extra = {
+        name: taylor(block, free_shape(block, to), name, to)
+        for name, block in raw.blocks.items()
+        if name not in BLOCK_SHAPES
+    }
+    _note_oe(blocks["Oe"], notes)
+    _note_orientation(nodes, hint, tag, notes)
+    dialect = Dialect(
+        writer=_writer(hint, tag),
+        gr_layout=gr,
+        ge_layout=ge,
+        m1_index=order,
+        j_shape="3x3" if j_raw else "6x1",
+        symmetric=_stored_halves(raw),
+        exponent=_exponent(raw),
+        name=raw.name,
+        notes=notes.texts(),
+    )
+    return SID(
+        mass=raw.reference.mass,
+        labels=raw.reference.labels,
+        nodes=nodes,
+        title=title,
+        extra=extra,
+        dialect=dialect,
+        **blocks,  # type: ignore[arg-type]
+    )
+
+
+def _blocks(raw: RawFile, j_is_3x3: bool, to: Reading) -> dict[str, Taylor]:
+    """The eleven blocks as laid out in the file, but J in its six elements."""
+    blocks = {}
+    for name in BLOCK_SHAPES:
+        shape = block_shape(name, to.nq)
+        found = raw.blocks.get(name)
+        if found is not None and name == "J" and j_is_3x3:
+            blocks[name] = _six_elements(taylor(found, (3, 3), name, to), to.notes)
+        elif found is not None:
+            blocks[name] = taylor(found, shape, name, to)
+        elif 0 in shape:
+            blocks[name] = Taylor(np.zeros(shape))
+        else:
+            problem = f"the file ends without the block {name}"
+            raise to.error(problem, f"'{name} ... end {name}'", raw.last_line)
+    return blocks
+
+
+def _node(raw: RawNode, to: Reading) -> Node:
+    entries = {}
+    for name in _REQUIRED_IN_NODE:
+        if name not in raw.entries and 0 not in block_shape(name, to.nq):
+            expected = f"'{name} ... end {name}'"
+            raise to.error(f"node {raw.id} has no {name}", expected, raw.line)
+    for name in NODE_SHAPES:
+        shape = block_shape(name, to.nq)
+        if name in raw.entries:
+            place = f"node {raw.id}, {name}"
+            entries[name] = taylor(raw.entries[name], shape, place, to)
+        elif name != "sigma":
+            entries[name] = Taylor(np.zeros(shape))
+    return Node(id=raw.id, rframe=raw.rframe, **entries)  # type: ignore[arg-type]
+
+
+def _sized(raw: RawFile) -> Iterator[tuple[RawTaylor, int]]:
+    """Every known expansion with the number of its columns."""
+    j_columns = 3 if _j_is_3x3(raw.blocks.get("J")) else 1
+    for name, expansion in raw.expansions():
+        if name == "J":
+            yield expansion, j_columns
+        elif name in BLOCK_SHAPES or name in NODE_SHAPES:
+            yield expansion, block_shape(name, raw.reference.nq)[1]
+
+
+def _j_is_3x3(raw: RawTaylor | None) -> bool:
+    if raw is None:
+        return False
+    kinds, rows, columns, _ = unpack(raw.codes)
+    widest = int(columns[kinds == M0].max(initial=1))
+    tallest = int(rows.max(initial=1))
+    guess = 3 if widest > 1 and tallest <= 3 else 1
+    return declared(raw, "ncol", guess) == 3
+
+
+def _six_elements(j: Taylor, notes: Notes) -> Taylor:
+    """J (3, 3) as (6, 1); an element whose partner is missing counts for both."""
+    rows, columns = np.transpose(J_INDICES)
+    return layout.changed(
+        j, lambda part: _mirrored(part, notes)[..., rows, columns, None]
+    )
+
+
+def _mirrored(tensors: Array, notes: Notes) -> Array:
+    partners = np.swapaxes(tensors, -1, -2)
+    full = np.where(tensors == 0.0, partners, tensors)
+    partners = np.swapaxes(full, -1, -2)
+    difference = np.abs(full - partners).max(initial=0.0)
+    if difference > PRINT_NOISE * np.abs(full).max(initial=0.0):
+        notes.add("is not symmetric; the mean of its halves was taken", "J")
+    return mean_of_halves(full)
+
+
+def _layouts(
+    blocks: dict[str, Taylor], tag: Layout | None, hint: Layout | None, notes: Notes
+) -> tuple[str, str]:
+    """The column layouts of Gr and Ge."""
+    if tag:
+        return tag.gr, tag.ge
+    nq = len(blocks["Me"].m0)
+    j1, cr1 = blocks["J"].first_order(nq), blocks["Cr"].first_order(nq)
+    errors = {
+        "Gr": layout.gr_errors(blocks["Gr"].m0, j1),
+        "Ge": layout.ge_errors(blocks["Ge"].m0, cr1),
+    }
+    hints = {
+        "Gr": hint.gr if hint else None,
+        "Ge": hint.ge if hint else None,
+    }
+    found = {}
+    for name in errors:
+        found[name], certain = layout.choose(errors[name], hints[name])
+        if not certain and nq > 1 and blocks[name].m0.any():
+            remark = f"no identity proves its column layout; read {found[name]}-major"
+            notes.add(remark, name)
+    return found["Gr"], found["Ge"]
+
+
+def _writer(hint: Layout | None, tag: Layout | None) -> str:
+    if tag:
+        return f"sidtool in the layout of {tag.writer}"
+    return hint.writer if hint else "unknown"
+
+
+def _stored_halves(raw: RawFile) -> str:
+    """ "lower" if no symmetric matrix of the file has an entry above the diagonal."""
+    seen = False
+    for name in ("Me", "Ke", "De"):
+        block = raw.blocks.get(name)
+        if block is None or declared(block, "structure", 0) != SYMMETRIC:
+            continue
+        kinds, rows, columns, _ = unpack(block.codes)
+        if ((kinds == M0) & (rows < columns)).any():
+            return "both"
+        seen |= bool(((kinds == M0) & (rows > columns)).any())
+    return "lower" if seen else "both"
+
+
+def _exponent(raw: RawFile) -> str:
+    letters = [block.letter for _, block in raw.expansions() if len(block.codes)]
+    return max(letters, key=letters.count, default="D")
+
+
+def _note_counts(raw: RawFile, notes: Notes) -> None:
+    found = (len(raw.nodes), raw.reference.nq)
+    if raw.counts not in (None, found):
+        nodes, modes = raw.counts or found
+        notes.add(
+            f"the first line promises {nodes} nodes and {modes} modes, "
+            f"the file has {found[0]} and {found[1]}"
+        )
+    if raw.reference.missing_labels:
+        count = raw.reference.missing_labels
+        notes.add(f"{count} of {found[1]} elastic coordinates have no label")
+
+
+def _note_oe(oe: Taylor, notes: Notes) -> None:
+    """Oe1 must be symmetric in its two mode indices; PY_SID leaves xy, yz, xz out."""
+    if oe.m1 is None:
+        return
+    asymmetry = np.abs(oe.m1 - np.swapaxes(oe.m1, 0, 1)).max()
+    relative = asymmetry / np.abs(oe.m1).max() if asymmetry else 0.0
+    if relative > PRINT_NOISE:
+        notes.add(f"first order is not symmetric in the modes ({relative:.1e})", "Oe")
+
+
+def _note_orientation(
+    nodes: tuple[Node, ...], hint: Layout | None, tag: Layout | None, notes: Notes
+) -> None:
+    if tag or hint is None or hint.writer != "FEMBeam":
+        return
+    for node in nodes:
+        if np.abs(node.AP.m0 - np.eye(3)).max() > PRINT_NOISE:
+            remark = (
+                "FEMBeam2SID writes the transpose of this orientation; kept as read"
+            )
+            notes.add(remark, f"node {node.id}, AP")

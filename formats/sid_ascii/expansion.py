@@ -1,0 +1,196 @@
+"""Entries into matrices: the meaning of the headers of a Taylor expansion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..sid import Array, Taylor
+from .notes import Notes
+from .raw import RawTaylor
+from .values import M0, M1, MN, unpack
+
+ZERO, DIAGONAL, SYMMETRIC, GENERAL, IDENTITY = range(5)
+
+#: Halves of a symmetric matrix that differ less than this differ in print only.
+PRINT_NOISE = 1e-9
+#: Numbers in one block of unknown shape, or of order 2; more is a damaged file.
+MOST_NUMBERS = 20_000_000
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What is known about the file while its expansions are filled."""
+
+    source: str
+    nq: int
+    m1_index: str
+    notes: Notes
+
+    def error(self, problem: str, expected: str, line: int) -> InputError:
+        """An error at a line of the file."""
+        place = f"line {line}"
+        return InputError(problem, source=self.source, place=place, expected=expected)
+
+
+def declared(raw: RawTaylor, item: str, default: int) -> int:
+    """The value of a header item, or its default where a writer omits it."""
+    return raw.header.get(item, (default, 0))[0]
+
+
+def taylor(raw: RawTaylor, shape: tuple[int, int], place: str, to: Reading) -> Taylor:
+    """The dense expansion of the given shape.
+
+    Raises
+    ------
+    InputError : header or indices do not fit; an index occurs twice.
+    """
+    _check_header(raw, shape, to)
+    _check_unique(raw, to)
+    kinds, rows, second, third = unpack(raw.codes)
+    first, higher = kinds == M0, kinds == MN
+    m0 = _m0(raw, first, (rows, second), shape, place, to)
+    m1 = mn = None
+    linear = kinds == M1
+    if to.m1_index == "rcl":
+        second, third = third, second
+    if linear.any():
+        m1 = _scatter(raw, linear, (second, rows, third), (to.nq, *shape), to)
+    if higher.any():
+        count = declared(raw, "nqn", 0) or int(second[higher].max())
+        _check_size(raw, count * shape[0] * shape[1], to)
+        mn = _scatter(raw, higher, (second, rows, third), (count, *shape), to)
+    order = declared(raw, "order", 1 if m1 is not None else 0)
+    if order == 0 and m1 is not None:
+        to.notes.add("has first-order terms although it declares order 0", place)
+    return Taylor(m0, m1, mn, order)
+
+
+def free_shape(raw: RawTaylor, to: Reading) -> tuple[int, int]:
+    """The shape of a block that this project does not know."""
+    kinds, rows, second, third = unpack(raw.codes)
+    columns = np.where((kinds == M0) | (to.m1_index == "rcl"), second, third)
+    shape = (
+        declared(raw, "nrow", int(rows.max(initial=0))),
+        declared(raw, "ncol", int(columns.max(initial=0))),
+    )
+    factor = to.nq + 1 if (kinds == M1).any() else 1
+    _check_size(raw, shape[0] * shape[1] * factor, to)
+    return shape
+
+
+def mean_of_halves(matrices: Array) -> Array:
+    """Symmetric (..., n, n); elements that agree stay as they are, however large."""
+    partners = np.swapaxes(matrices, -1, -2)
+    mean = matrices / 2 + partners / 2
+    return np.where(matrices == partners, matrices, mean)
+
+
+def _check_header(raw: RawTaylor, shape: tuple[int, int], to: Reading) -> None:
+    wanted = {
+        "nrow": (shape[0],),
+        "ncol": (shape[1],),
+        "nq": (to.nq, 0),
+        "order": (0, 1, 2),
+        "structure": (ZERO, DIAGONAL, SYMMETRIC, GENERAL, IDENTITY),
+    }
+    for item, allowed in wanted.items():
+        value, line = raw.header.get(item, (allowed[0], 0))
+        if value not in allowed:
+            choices = " or ".join(str(choice) for choice in allowed)
+            raise to.error(f"{raw.name} declares {item} = {value}", choices, line)
+
+
+def _check_unique(raw: RawTaylor, to: Reading) -> None:
+    codes, firsts = np.unique(raw.codes, return_index=True)
+    if len(codes) == len(raw.codes):
+        return
+    repeated = np.setdiff1d(np.arange(len(raw.codes)), firsts)[0]
+    line = int(raw.lines[repeated])
+    raise to.error(f"an entry of {raw.name} stands here again", "each once", line)
+
+
+def _check_size(raw: RawTaylor, numbers: int, to: Reading) -> None:
+    if numbers > MOST_NUMBERS:
+        problem = f"{raw.name} would have {numbers} numbers"
+        raise to.error(problem, f"at most {MOST_NUMBERS}", raw.line)
+
+
+def _scatter(
+    raw: RawTaylor,
+    chosen: NDArray[np.bool_],
+    indices: tuple[NDArray[np.int64], ...],
+    shape: tuple[int, ...],
+    to: Reading,
+) -> Array:
+    """The chosen entries in a zero array; indices start at 1."""
+    zero_based = tuple(index[chosen] - 1 for index in indices)
+    outside = np.zeros(len(zero_based[0]), dtype=bool)
+    for index, size in zip(zero_based, shape, strict=True):
+        outside |= (index < 0) | (index >= size)
+    if outside.any():
+        line = int(raw.lines[chosen][outside][0])
+        ranges = " x ".join(str(size) for size in shape)
+        raise to.error(
+            f"an index of {raw.name} is out of range",
+            f"indices of {ranges} (modes x rows x columns)"
+            if len(shape) == 3
+            else f"indices of {ranges} (rows x columns)",
+            line,
+        )
+    dense = np.zeros(shape)
+    dense[zero_based] = raw.values[chosen]
+    return dense
+
+
+def _m0(
+    raw: RawTaylor,
+    chosen: NDArray[np.bool_],
+    indices: tuple[NDArray[np.int64], NDArray[np.int64]],
+    shape: tuple[int, int],
+    place: str,
+    to: Reading,
+) -> Array:
+    """m0 from entries and declared structure; where they disagree, entries win."""
+    dense = _scatter(raw, chosen, indices, shape, to)
+    structure = declared(raw, "structure", GENERAL)
+    square = shape[0] == shape[1]
+    if structure == IDENTITY and square:
+        identity = np.eye(shape[0])
+        if not dense.any() or not (dense - identity)[dense != 0.0].any():
+            return identity
+    if structure == SYMMETRIC and square:
+        present = np.zeros(shape, dtype=bool)
+        present[tuple(index[chosen] - 1 for index in indices)] = True
+        return _symmetric(dense, present, place, to)
+    if not _agrees(dense, structure):
+        names = ("zero", "diagonal", "symmetric", "general", "the identity")
+        remark = f"has other entries than its declared structure ({names[structure]})"
+        to.notes.add(remark, place)
+    return dense
+
+
+def _agrees(dense: Array, structure: int) -> bool:
+    if structure == ZERO:
+        return not dense.any()
+    if structure == DIAGONAL:
+        rows, columns = np.nonzero(dense)
+        return bool((rows == columns).all())
+    return structure == GENERAL
+
+
+def _symmetric(
+    dense: Array, present: NDArray[np.bool_], place: str, to: Reading
+) -> Array:
+    """Both halves from what is stored: a missing partner is mirrored."""
+    full = np.where(present, dense, np.where(present.T, dense.T, 0.0))
+    if not present.size:
+        return full
+    difference = np.abs(full - full.T).max()
+    if difference <= PRINT_NOISE * np.abs(full).max():
+        return mean_of_halves(full)
+    to.notes.add("is declared symmetric, but its halves differ", place)
+    return full

@@ -1,0 +1,238 @@
+"""The grammar of the ASCII SID file: lines in, `RawFile` out."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from ..errors import InputError
+from ..sid import BLOCK_SHAPES, NODE_SHAPES
+from .lines import Lines
+from .raw import RawFile, RawNode, RawReference, RawTaylor
+from .title import split_title
+from .values import entry_code, integer, real, reals, short
+
+#: More would be a damaged file, and its matrices would not fit into memory.
+MOST_MODES = 2000
+
+HEADER_ITEMS = ("order", "nrow", "ncol", "nq", "nqn", "structure")
+
+_BLOCKS = {name.lower(): name for name in BLOCK_SHAPES} | {"mcm": "mdCM", "mmi": "J"}
+_NODE_ENTRIES = {name.lower(): name for name in NODE_SHAPES}
+_RESERVED = {"part", "modal", "refmod", "frame", "node", "rframe", "end", "new"}
+_LABEL = re.compile(r"ielastq\s*\(\s*(\d{1,6})\s*\)", re.ASCII)
+_BLOCK_NAME = re.compile(r"[A-Za-z]\w{0,39}", re.ASCII)
+
+
+def parse(lines: Lines) -> RawFile:
+    """A whole file; the entries are not interpreted.
+
+    Raises
+    ------
+    InputError : the file does not follow the grammar; names the line.
+    """
+    counts, title, text = _title(lines)
+    closings, name = [], ""
+    if _keyword(text) == "part":
+        closings.append("end part")
+        text = lines.next("part", "'new modal'")
+    key, _, value = text.partition("=")
+    if _keyword(key) == "new modal":
+        closings.append("end modal")
+        name = " ".join(value.split())
+        text = lines.next("new modal", "'refmod'")
+    _must_be(lines, text, "refmod")
+    reference = _refmod(lines)
+    text = lines.next("the body", "'frame'")
+    if _keyword(text) != "new frame":
+        _must_be(lines, text, "frame")
+    nodes = _frame(lines)
+    blocks = _blocks(lines, closings)
+    for text in lines:
+        raise _unexpected(lines, text, "nothing after the end of the body")
+    return RawFile(
+        title, counts, name, reference, nodes, blocks, last_line=lines.number
+    )
+
+
+def _title(lines: Lines) -> tuple[tuple[int, int] | None, str, str]:
+    """Counts, text of the title, and the first line behind it."""
+    first = next(iter(lines), None)
+    if first is None:
+        raise lines.error("the file is empty", "a SID file in ASCII or HDF5")
+    if _keyword(first) in ("part", "new modal", "refmod"):
+        return None, "", first
+    title = split_title(first)
+    if title is None:
+        raise lines.error(
+            f"'{short(first)}' does not begin a SID file",
+            "a title with the numbers of nodes and modes, or 'part'",
+        )
+    return *title, lines.next("the title", "'part'")
+
+
+def _refmod(lines: Lines) -> RawReference:
+    mass: float | None = None
+    nq: int | None = None
+    labels: dict[int, tuple[str, int]] = {}
+    for text in lines:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not equals:
+            _must_be(lines, text, "end refmod")
+            break
+        label = _LABEL.fullmatch(key.lower())
+        if key.lower() == "mass" and mass is None:
+            mass = real(value, lines)
+        elif key.lower() == "nelastq" and nq is None:
+            nq = _mode_count(value, lines)
+        elif label and int(label[1]) not in labels:
+            labels[int(label[1])] = (" ".join(value.split("\t")), lines.number)
+        else:
+            problem = f"'{short(key)}' is unknown or given twice"
+            raise lines.error(problem, "mass, nelastq, ielastq(n) or 'end refmod'")
+    else:
+        raise lines.cut_off("refmod", "'end refmod'")
+    if mass is None or nq is None:
+        what = "mass" if mass is None else "nelastq"
+        raise lines.error(f"refmod has no {what}", f"'{what} = ...'")
+    for index, (_, number) in labels.items():
+        if not 1 <= index <= nq:
+            problem = f"ielastq({index}) for {nq} elastic coordinates"
+            raise lines.error(problem, f"an index from 1 to {nq}", number)
+    texts = tuple(labels.get(index + 1, ("", 0))[0] for index in range(nq))
+    return RawReference(mass, nq, texts, nq - len(labels))
+
+
+def _mode_count(text: str, lines: Lines) -> int:
+    nq = integer(text, "nelastq", lines)
+    if nq > MOST_MODES:
+        raise lines.error(
+            f"nelastq = {nq}", f"at most {MOST_MODES} elastic coordinates"
+        )
+    return nq
+
+
+def _frame(lines: Lines) -> tuple[RawNode, ...]:
+    nodes: list[RawNode] = []
+    known: dict[str, int] = {}
+    for text in lines:
+        key, equals, value = text.partition("=")
+        if not equals:
+            _must_be(lines, text, "end frame", " or 'new node = ...'")
+            return tuple(nodes)
+        name = " ".join(value.split())
+        if _keyword(key) != "new node" or not name:
+            raise _unexpected(lines, text, "'new node = <id>' or 'end frame'")
+        if name in known:
+            problem = f"node {short(name)} stands in line {known[name]} already"
+            raise lines.error(problem, "one node per id")
+        known[name] = lines.number
+        nodes.append(_node(lines, name))
+    raise lines.cut_off("frame", "'end frame'")
+
+
+def _node(lines: Lines, name: str) -> RawNode:
+    start, rframe = lines.number, ""
+    entries: dict[str, RawTaylor] = {}
+    inside = f"node {short(name)}"
+    expected = ", ".join(NODE_SHAPES)
+    for text in lines:
+        key, equals, value = text.partition("=")
+        if equals and key.strip().lower() == "rframe" and not rframe:
+            rframe = " ".join(value.split())
+            continue
+        word = _keyword(text)
+        if word == "end node":
+            break
+        entry = _NODE_ENTRIES.get(word)
+        if entry is None or entry in entries:
+            problem = f"'{short(text)}' is unknown or given twice in {inside}"
+            raise lines.error(problem, f"rframe, {expected} or 'end node'")
+        entries[entry] = _taylor(lines, text)
+    else:
+        raise lines.cut_off(inside, "'end node'")
+    return RawNode(name, start, rframe or "body ref", entries)
+
+
+def _blocks(lines: Lines, closings: list[str]) -> dict[str, RawTaylor]:
+    blocks: dict[str, RawTaylor] = {}
+    expected = "a block such as mdCM, J, Ct" + (" or 'end modal'" if closings else "")
+    for text in lines:
+        word = _keyword(text)
+        if closings and word == closings[-1]:
+            closings.pop()
+            break
+        if not _BLOCK_NAME.fullmatch(text) or word in _RESERVED | set(_NODE_ENTRIES):
+            raise _unexpected(lines, text, expected)
+        name = _BLOCKS.get(word, text)
+        if name in blocks:
+            problem = f"block {name} stands in line {blocks[name].line} already"
+            raise lines.error(problem, "each block once")
+        blocks[name] = _taylor(lines, text)
+    for closing in reversed(closings):
+        _must_be(lines, lines.next("the body", f"'{closing}'"), closing)
+    return blocks
+
+
+def _taylor(lines: Lines, name: str) -> RawTaylor:
+    """One expansion, from behind its name to its end; the hot loop of reading."""
+    start = lines.number
+    header: dict[str, tuple[int, int]] = {}
+    codes: list[int] = []
+    texts: list[str] = []
+    numbers: list[int] = []
+    for text in lines:
+        key, equals, value = text.partition("=")
+        code = entry_code(key) if equals else 0
+        if code:
+            codes.append(code)
+            texts.append(value)
+            numbers.append(lines.number)
+        elif equals:
+            _header_item(lines, header, key.strip().lower(), value.strip(), name)
+        else:
+            _must_be(lines, text, f"end {name}", " or an entry 'm0(...) = ...'")
+            break
+    else:
+        raise lines.cut_off(name, f"'end {name}'")
+    return RawTaylor(
+        name=name,
+        line=start,
+        header=header,
+        codes=np.array(codes, dtype=np.int64),
+        values=reals(texts, numbers, lines),
+        lines=np.array(numbers, dtype=np.int64),
+        letter=_exponent_letter(texts),
+    )
+
+
+def _header_item(
+    lines: Lines, header: dict[str, tuple[int, int]], key: str, value: str, name: str
+) -> None:
+    if key not in HEADER_ITEMS or key in header:
+        raise lines.error(
+            f"'{short(key)}' is unknown or given twice in {name}",
+            f"{', '.join(HEADER_ITEMS)}, m0(row, column), m1(row, mode, column) "
+            f"or 'end {name}'",
+        )
+    header[key] = (integer(value, key, lines), lines.number)
+
+
+def _exponent_letter(texts: list[str]) -> str:
+    sample = texts[0].upper() if texts else ""
+    return next((letter for letter in "DE" if letter in sample), "")
+
+
+def _keyword(text: str) -> str:
+    """A line in small letters and with single blanks."""
+    return " ".join(text.split()).lower()
+
+
+def _must_be(lines: Lines, text: str, keyword: str, or_else: str = "") -> None:
+    if _keyword(text) != keyword.lower():
+        raise _unexpected(lines, text, f"'{keyword}'{or_else}")
+
+
+def _unexpected(lines: Lines, text: str, expected: str) -> InputError:
+    return lines.error(f"'{short(text)}' cannot stand here", expected)

@@ -1,0 +1,102 @@
+"""The first line of a SID file and what it tells about the writer."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from dataclasses import dataclass
+
+LONGEST = 400
+PREFIX = ":No. nodes, No. modes:"
+
+_PLAIN = re.compile(r"(\d+)\s+(\d+)\s*(.*)", re.ASCII)
+_GLUED = re.compile(r"\d+\s*(?=:)()()(.*)", re.ASCII)
+_FEMBEAM = re.compile(
+    r"(\d+)\s*nodes?\s*,\s*(\d+)\s*(?:modes?|coordinates?)\b\s*,?\s*(.*)",
+    re.IGNORECASE | re.ASCII,
+)
+_TAG = re.compile(r"\s*\[layout (\w+)\]$")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a writer of SID files lays its numbers out; see sid-format, section 4.
+
+    Attributes
+    ----------
+    writer : name of the program
+    token : the word in a title that gives the writer away
+    gr, ge : columns of Gr and Ge, "axis" or "mode" major
+    m1_index : "rlc" (mode index second) or "rcl"
+    """
+
+    writer: str
+    token: str
+    gr: str = "axis"
+    ge: str = "axis"
+    m1_index: str = "rlc"
+
+
+LAYOUTS = {
+    "fembs": Layout("FEMBS", "FEMBS"),
+    "pysid": Layout("PY_SID", "PY_SID", gr="mode"),
+    "matmorembs": Layout("MatMorembs", "MATLABMORInterface"),
+    "fembeam": Layout("FEMBeam", "FEMBeam2SID", "mode", "mode", "rcl"),
+}
+
+
+def split_title(line: str) -> tuple[tuple[int, int] | None, str] | None:
+    """Counts of nodes and modes, and the text; None if the line is not a title.
+
+    The text is never searched for keywords: real titles contain them.
+    """
+    for pattern in (_FEMBEAM, _PLAIN, _GLUED):
+        match = pattern.match(line)
+        if match:
+            counts = (int(match[1][:9]), int(match[2][:9])) if match[1] else None
+            return counts, match[3].removeprefix(PREFIX).strip()
+    return None
+
+
+def split_tag(text: str) -> tuple[str, Layout | None]:
+    """The text without the mark that our own writer leaves, and the marked layout."""
+    match = _TAG.search(text)
+    for layout in LAYOUTS.values():
+        if match and match[1] == layout.token:
+            return text[: match.start()], layout
+    return text, None
+
+
+def layout_from_words(text: str) -> Layout | None:
+    """The layout of the writer that a title names, if it names one."""
+    for layout in LAYOUTS.values():
+        if layout.token in text:
+            return layout
+    return None
+
+
+def title_line(
+    text: str, counts: tuple[int, int], fembeam: bool, tag: Layout | None
+) -> str:
+    """The first line of a file: 7-bit ASCII, at most 400 characters.
+
+    Parameters
+    ----------
+    text : free text; what is not ASCII is replaced, what is too long is cut
+    counts : numbers of nodes and modes
+    fembeam : in the words of FEMBeam instead of those of FEMBS
+    tag : the layout to mark at the end, so that no reader has to guess
+    """
+    start = "{:5d} {:3d}    ".format(*counts) + PREFIX
+    if fembeam:
+        start = "{} nodes, {} modes, ".format(*counts)
+    mark = "" if tag is None else f" [layout {tag.token}]"
+    room = LONGEST - len(start) - len(mark)
+    return f"{start}{ascii_text(text)[:room].rstrip()}{mark}"
+
+
+def ascii_text(text: str) -> str:
+    """One line of printable 7-bit ASCII; accents are dropped, the rest becomes "?"."""
+    plain = unicodedata.normalize("NFKD", re.sub(r"\s", " ", text).strip())
+    kept = (char for char in plain if not unicodedata.combining(char))
+    return "".join(char if " " <= char <= "~" else "?" for char in kept)

@@ -1,0 +1,108 @@
+"""The file formats of a SID: one line of `FORMATS` each."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from .errors import InputError
+from .sid import SID
+from .sid_ascii import read_ascii, write_ascii
+from .sid_hdf5 import SIGNATURE, read_hdf5, write_hdf5
+
+CANONICAL = "fembs"
+
+
+@dataclass(frozen=True)
+class SIDFormat:
+    """A way to store a SID.
+
+    Attributes
+    ----------
+    name : how messages call it
+    suffixes : file name endings that choose it for writing; empty: all others
+    signature : first bytes of such files; empty: all others
+    read, write : path to SID, and path, SID and dialect to file
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    signature: bytes
+    read: Callable[[str | os.PathLike[str]], SID]
+    write: Callable[[str | os.PathLike[str], SID, str], None]
+
+
+def _write_hdf5(path: str | os.PathLike[str], sid: SID, dialect: str) -> None:
+    if dialect != CANONICAL:
+        raise InputError(
+            f"HDF5 knows no dialect '{dialect}'",
+            source=path,
+            expected="a dialect with an ASCII file, such as .SID_FEM",
+        )
+    write_hdf5(path, sid)
+
+
+#: The last one takes what no other does.
+FORMATS = (
+    SIDFormat("HDF5", (".h5", ".hdf5"), SIGNATURE, read_hdf5, _write_hdf5),
+    SIDFormat("ASCII", (), b"", read_ascii, write_ascii),
+)
+
+
+def read_sid(path: str | os.PathLike[str]) -> SID:
+    """The SID in a file of any known format and dialect.
+
+    The content decides what the file is, except that an empty or damaged file is
+    judged by its name. `SID.dialect` tells how the file was written.
+
+    Raises
+    ------
+    InputError : there is no such file, or it is not a SID; names file and line.
+    """
+    source = Path(path)
+    if not source.is_file():
+        problem = "is not a file" if source.exists() else "there is no such file"
+        raise InputError(problem, source=source, expected="a SID file, ASCII or HDF5")
+    return _by_content(source).read(source)
+
+
+def write_sid(path: str | os.PathLike[str], sid: SID, dialect: str = CANONICAL) -> None:
+    """Write a SID; .h5 and .hdf5 give HDF5, any other name ASCII.
+
+    Parameters
+    ----------
+    path : file to create or replace; it appears wholly or not at all
+    sid : any body without NaN and infinity
+    dialect : of an ASCII file: "fembs" (canonical), "pysid", "matmorembs", "fembeam"
+
+    Raises
+    ------
+    InputError : the body cannot be stored, or the file cannot be written.
+    """
+    try:
+        _by_name(Path(path)).write(path, sid, dialect)
+    except OSError as error:
+        problem = f"cannot be written ({error.strerror or error})"
+        raise InputError(problem, source=path) from error
+    except InputError as error:
+        raise error.located(path) from error
+
+
+def _by_content(path: Path) -> SIDFormat:
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(16)
+    except OSError as error:
+        problem = f"cannot be read ({error.strerror})"
+        raise InputError(problem, source=path, expected="a SID file") from error
+    for known in FORMATS:
+        if known.signature and start.startswith(known.signature):
+            return known
+    return _by_name(path)
+
+
+def _by_name(path: Path) -> SIDFormat:
+    suffix = path.suffix.lower()
+    return next(known for known in FORMATS if suffix in (known.suffixes or (suffix,)))

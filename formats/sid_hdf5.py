@@ -1,0 +1,311 @@
+"""A SID in HDF5: self-describing, quick, and the same bits when read back.
+
+Nodes are stacked: all ``m0`` of one entry are one dataset with the node as first index.
+Higher orders are stored for those nodes that have them, with their node numbers beside.
+A check sum over all content notices damage inside the numbers.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from .atomic import atomic_path
+from .errors import InputError
+from .finite import check_finite, expansions
+from .sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Dialect, Node, Taylor
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+FORMAT = "sidtool SID"
+VERSION = 1
+MEANING = (
+    "Standard Input Data of one flexible body (Wallrapp 1994). m0 is the value at rest, "
+    "m1[l] the derivative by elastic coordinate l; columns of Gr and Ge: axis * nq + "
+    "mode; J: xx yy zz xy xz yz; Oe: xx yy zz xy yz xz. All in the body frame."
+)
+
+#: libhdf5 and h5py report damage in many ways.
+_DAMAGE = (
+    OSError,
+    KeyError,
+    ValueError,
+    TypeError,
+    RuntimeError,
+    AttributeError,
+    IndexError,
+    OverflowError,
+    MemoryError,
+)
+_PARTS = ("m1", "mn")
+
+
+def write_hdf5(path: str | os.PathLike[str], sid: SID) -> None:
+    """Store a SID completely, with its dialect; the file appears wholly or not at all.
+
+    Raises
+    ------
+    InputError : a number is not finite, or the place cannot be written to.
+    """
+    check_finite(sid)
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format"] = FORMAT
+        file.attrs["version"] = VERSION
+        file.attrs["meaning"] = MEANING
+        file.attrs["checksum"] = _checksum(sid)
+        file.attrs["title"] = sid.title
+        file.attrs["mass"] = sid.mass
+        file.attrs["dialect"] = json.dumps(asdict(sid.dialect))
+        _put_texts(file, "labels", list(sid.labels))
+        for name, block in sid.blocks.items():
+            _put_block(file.create_group(f"blocks/{name}"), block)
+        extra = file.create_group("extra")
+        for index, (name, block) in enumerate(sid.extra.items()):
+            group = extra.create_group(f"{index:06d}")
+            group.attrs["name"] = name
+            _put_block(group, block)
+        _put_nodes(file.create_group("nodes"), sid.nodes)
+
+
+def read_hdf5(path: str | os.PathLike[str]) -> SID:
+    """The SID in an HDF5 file, bit for bit as it was written.
+
+    Raises
+    ------
+    InputError : the file is damaged, of another kind, or of a later version.
+    """
+    source = os.fspath(path)
+    try:
+        with h5py.File(path, "r") as file:
+            _check_kind(file, source)
+            reader = _Reader(source, Path(path).stat().st_size)
+            sid = reader.sid(file)
+            checksum = file.attrs.get("checksum")
+        check_finite(sid)
+    except InputError as error:
+        raise error.located(source) from error
+    except _DAMAGE as error:
+        raise InputError(
+            f"is damaged or no HDF5 file ({_first_line(error)})",
+            source=source,
+            expected="a SID in HDF5 as sidtool writes it",
+        ) from error
+    if checksum is not None and checksum != _checksum(sid):
+        raise InputError(
+            "the numbers do not belong to the check sum beside them",
+            source=source,
+            place="attribute checksum",
+            expected="an unchanged file (remove the attribute after edits by hand)",
+        )
+    return sid
+
+
+def _check_kind(file: h5py.File, source: str) -> None:
+    kind = file.attrs.get("format")
+    if not isinstance(kind, str) or kind != FORMAT:
+        raise InputError(
+            "is an HDF5 file, but not a SID",
+            source=source,
+            place="attribute format",
+            expected=f"'{FORMAT}'",
+        )
+    version = file.attrs.get("version")
+    if not isinstance(version, np.integer) or version != VERSION:
+        raise InputError(
+            f"has version {version}",
+            source=source,
+            place="attribute version",
+            expected=f"version {VERSION}",
+        )
+
+
+def _put_texts(group: h5py.Group, name: str, texts: list[str]) -> None:
+    group.create_dataset(name, data=texts, dtype=h5py.string_dtype(), shape=len(texts))
+
+
+def _put_block(group: h5py.Group, block: Taylor) -> None:
+    group.attrs["order"] = block.order
+    group["m0"] = block.m0
+    for part in _PARTS:
+        value = getattr(block, part)
+        if value is not None:
+            group[part] = value
+
+
+def _put_nodes(group: h5py.Group, nodes: tuple[Node, ...]) -> None:
+    _put_texts(group, "id", [node.id for node in nodes])
+    _put_texts(group, "rframe", [node.rframe for node in nodes])
+    for name in NODE_SHAPES:
+        entries = {
+            index: entry
+            for index, node in enumerate(nodes)
+            if (entry := getattr(node, name)) is not None
+        }
+        if entries:
+            _put_stack(group.create_group(name), entries)
+
+
+def _put_stack(group: h5py.Group, entries: dict[int, Taylor]) -> None:
+    """The same entry of many nodes, by the number of the node."""
+    group["node"] = np.array(list(entries), dtype=np.int64)
+    group["order"] = np.array([entry.order for entry in entries.values()], np.int64)
+    group["m0"] = np.stack([entry.m0 for entry in entries.values()])
+    linear = {
+        index: entry.m1 for index, entry in entries.items() if entry.m1 is not None
+    }
+    if linear:
+        group["m1_node"] = np.array(list(linear), dtype=np.int64)
+        group["m1"] = np.stack(list(linear.values()))
+    for index, entry in entries.items():
+        if entry.mn is not None:
+            group[f"mn/{index}"] = entry.mn
+
+
+class _Reader:
+    """Takes datasets out of a file that may lie about their size and type."""
+
+    def __init__(self, source: str, file_size: int) -> None:
+        self._source = source
+        self._most_bytes = 100 * file_size
+
+    def sid(self, file: h5py.File) -> SID:
+        """The whole body."""
+        blocks: dict[str, Any] = {
+            name: self._block(file[f"blocks/{name}"]) for name in BLOCK_SHAPES
+        }
+        extra = {
+            str(group.attrs["name"]): self._block(group)
+            for _, group in sorted(file["extra"].items())
+        }
+        return SID(
+            mass=float(file.attrs["mass"]),
+            labels=tuple(self._texts(file["labels"])),
+            nodes=self._nodes(file["nodes"]),
+            title=_text(file.attrs["title"]),
+            extra=extra,
+            dialect=_dialect(file.attrs["dialect"]),
+            **blocks,
+        )
+
+    def _block(self, group: h5py.Group) -> Taylor:
+        parts = {
+            part: self._numbers(group[part], 3) if part in group else None
+            for part in _PARTS
+        }
+        m0 = self._numbers(group["m0"], 2)
+        return Taylor(m0, order=int(group.attrs["order"]), **parts)
+
+    def _nodes(self, group: h5py.Group) -> tuple[Node, ...]:
+        ids, frames = self._texts(group["id"]), self._texts(group["rframe"])
+        stacks: dict[str, dict[int, Any]] = {
+            name: self._stack(group[name]) if name in group else {}
+            for name in NODE_SHAPES
+        }
+        return tuple(
+            Node(
+                id=name,
+                rframe=frame,
+                sigma=stacks["sigma"].get(index),
+                **{entry: stacks[entry][index] for entry in stacks if entry != "sigma"},
+            )
+            for index, (name, frame) in enumerate(zip(ids, frames, strict=True))
+        )
+
+    def _stack(self, group: h5py.Group) -> dict[int, Taylor]:
+        m0 = self._numbers(group["m0"], 3)
+        linear: dict[int, Array] = {}
+        if "m1" in group:
+            m1 = self._numbers(group["m1"], 4)
+            linear = dict(zip(self._indices(group["m1_node"]), m1, strict=True))
+        higher: Mapping[str, Any] = group["mn"] if "mn" in group else {}
+        nodes, orders = self._indices(group["node"]), self._indices(group["order"])
+        return {
+            node: Taylor(
+                value,
+                linear.get(node),
+                self._numbers(higher[str(node)], 3) if str(node) in higher else None,
+                order,
+            )
+            for node, order, value in zip(nodes, orders, m0, strict=True)
+        }
+
+    def _numbers(self, dataset: h5py.Dataset, dimensions: int) -> Array:
+        if dataset.dtype.kind != "f" or dataset.ndim != dimensions:
+            raise self._wrong(dataset, f"{dimensions} dimensions of real numbers")
+        values: Array = np.asarray(self._all(dataset), dtype=np.float64)
+        return values
+
+    def _indices(self, dataset: h5py.Dataset) -> list[int]:
+        if dataset.dtype.kind not in "iu" or dataset.ndim != 1:
+            raise self._wrong(dataset, "a list of integers")
+        indices: list[int] = self._all(dataset).tolist()
+        return indices
+
+    def _texts(self, dataset: h5py.Dataset) -> list[str]:
+        if h5py.check_string_dtype(dataset.dtype) is None or dataset.ndim != 1:
+            raise self._wrong(dataset, "a list of texts")
+        self._check_size(dataset)
+        return [str(text) for text in dataset.asstr()[:]]
+
+    def _all(self, dataset: h5py.Dataset) -> Any:
+        self._check_size(dataset)
+        return dataset[()]
+
+    def _check_size(self, dataset: h5py.Dataset) -> None:
+        """An absurd size must not be allocated, nor may missing data read as zeros."""
+        size = math.prod(dataset.shape) * dataset.dtype.itemsize
+        stored = dataset.id.get_storage_size()
+        if size > self._most_bytes or (size > 0 and stored == 0):
+            raise self._wrong(dataset, "no more numbers than the file holds")
+
+    def _wrong(self, dataset: h5py.Dataset, expected: str) -> InputError:
+        return InputError(
+            f"has shape {dataset.shape} and type {dataset.dtype}",
+            source=self._source,
+            place=f"dataset {dataset.name}",
+            expected=expected,
+        )
+
+
+def _dialect(text: object) -> Dialect:
+    stored = json.loads(_text(text))
+    known = {item.name: stored[item.name] for item in fields(Dialect)}
+    notes = known.pop("notes")
+    if not all(isinstance(value, str) for value in (*known.values(), *notes)):
+        raise ValueError("the dialect is not made of texts")
+    return Dialect(**known, notes=tuple(notes))
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"found {type(value).__name__} instead of a text")
+    return value
+
+
+def _first_line(error: BaseException) -> str:
+    lines = str(error).splitlines() or [type(error).__name__]
+    return lines[0][:120]
+
+
+def _checksum(sid: SID) -> str:
+    """SHA-256 over everything that is stored, in a fixed order."""
+    digest = hashlib.sha256()
+    texts = [sid.title, *sid.labels, *sid.extra]
+    texts += [text for node in sid.nodes for text in (node.id, node.rframe)]
+    digest.update(json.dumps([texts, asdict(sid.dialect)]).encode())
+    digest.update(np.float64(sid.mass).tobytes())
+    for place, block in expansions(sid):
+        digest.update(f"{place} {block.order}".encode())
+        for part in (block.m0, block.m1, block.mn):
+            if part is not None:
+                digest.update(f"{part.shape}".encode())
+                digest.update(part.tobytes())
+    return digest.hexdigest()
