@@ -1,0 +1,163 @@
+"""The judgement of one SID: a registry of identities, each a small function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.sid import NODE_SHAPES, SID, Taylor
+
+Severity = Literal["error", "warning"]
+Verdict = Literal["passed", "failed", "not applicable"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a check found.
+
+    Attributes
+    ----------
+    measured : the deviation, relative to the largest entry; None if not applicable
+    detail : what the number refers to, or why there is none
+    broken : failed whatever the deviation says
+    bound : replaces the registered bound when it depends on the data
+    """
+
+    measured: float | None
+    detail: str = ""
+    broken: bool = False
+    bound: float | None = None
+
+
+@dataclass(frozen=True)
+class Identity:
+    """One registered check; `meaning` says what a failure means for a simulation."""
+
+    id: str
+    title: str
+    severity: Severity
+    bound: float
+    meaning: str
+    measure: Callable[[SID], Finding]
+
+
+@dataclass(frozen=True)
+class Check:
+    """The outcome of one identity for one SID.
+
+    Attributes
+    ----------
+    measured : relative deviation, or None if not applicable
+    bound : largest deviation that passes
+    meaning : what a failure means for a simulation, one sentence
+    """
+
+    id: str
+    title: str
+    severity: Severity
+    verdict: Verdict
+    measured: float | None
+    bound: float
+    detail: str
+    meaning: str
+
+    @property
+    def failed(self) -> bool:
+        """True for a failed check, whatever its severity."""
+        return self.verdict == "failed"
+
+
+IDENTITIES: dict[str, Identity] = {}
+
+
+def identity(
+    name: str, title: str, *, severity: Severity, bound: float, meaning: str
+) -> Callable[[Callable[[SID], Finding]], Callable[[SID], Finding]]:
+    """Register the decorated function as a check; one line adds one."""
+
+    def register(measure: Callable[[SID], Finding]) -> Callable[[SID], Finding]:
+        IDENTITIES[name] = Identity(name, title, severity, bound, meaning, measure)
+        return measure
+
+    return register
+
+
+def check(sid: SID) -> tuple[Check, ...]:
+    """Every registered identity applied to one SID, in the order I1 ... I17.
+
+    Raises
+    ------
+    InputError : an entry is not a finite number.
+    """
+    from . import identities_kinematic, identities_mass, identities_order  # noqa: F401
+
+    _finite(sid)
+    ordered = sorted(IDENTITIES.values(), key=lambda entry: int(entry.id[1:]))
+    return tuple(_judge(entry, entry.measure(sid)) for entry in ordered)
+
+
+def verdict(checks: Sequence[Check], *, strict: bool = False) -> bool:
+    """True when no error failed; with `strict`, when no warning failed either."""
+    return not any(c.failed and (strict or c.severity == "error") for c in checks)
+
+
+def report(checks: Sequence[Check]) -> list[dict[str, str]]:
+    """The checks as rows of texts, for a table on the screen."""
+    return [
+        {
+            "id": c.id,
+            "identity": c.title,
+            "deviation": "-" if c.measured is None else f"{c.measured:.1e}",
+            "bound": f"{c.bound:.0e}",
+            "severity": c.severity,
+            "verdict": c.verdict,
+            "detail": c.detail,
+            "meaning": c.meaning if c.failed else "",
+        }
+        for c in checks
+    ]
+
+
+def checks_as_data(checks: Sequence[Check]) -> list[dict[str, Any]]:
+    """The checks as plain dictionaries, ready for JSON."""
+    return [asdict(c) for c in checks]
+
+
+def _judge(entry: Identity, finding: Finding) -> Check:
+    bound = entry.bound if finding.bound is None else finding.bound
+    outcome: Verdict = "not applicable"
+    if finding.measured is not None:
+        good = finding.measured <= bound and not finding.broken
+        outcome = "passed" if good else "failed"
+    return Check(
+        id=entry.id,
+        title=entry.title,
+        severity=entry.severity,
+        verdict=outcome,
+        measured=finding.measured,
+        bound=bound,
+        detail=finding.detail,
+        meaning=entry.meaning,
+    )
+
+
+def _finite(sid: SID) -> None:
+    entries: list[tuple[str, Taylor | None]] = [
+        (f"block {name}", block) for name, block in sid.blocks.items()
+    ]
+    for node in sid.nodes:
+        entries += [(f"node {node.id}, {n}", getattr(node, n)) for n in NODE_SHAPES]
+    if not np.isfinite(sid.mass):
+        raise InputError("is not finite", place="mass", expected="a finite number")
+    for place, entry in entries:
+        parts = () if entry is None else (entry.m0, entry.m1, entry.mn)
+        if not all(part is None or np.isfinite(part).all() for part in parts):
+            raise InputError(
+                "holds a number that is not finite",
+                place=place,
+                expected="finite numbers",
+            )

@@ -1,0 +1,105 @@
+"""Views of the SID blocks and the deviations that the identities are measured by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from formats.sid import SID, Array, by_mode, symmetric_3x3
+
+from .checks import Finding
+
+# A block whose largest entry is below this fraction of its natural size holds nothing
+# but rounding errors of the writer's sums.
+_NOISE = 1e-10
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Blocks of a SID with the mode index first.
+
+    Attributes
+    ----------
+    J1 : (nq, 3, 3) first-order inertia tensors
+    Gr, Cr1, Oe1 : (nq, 3, 3), (nq, nq, 3), (nq, nq, 6); Cr1[l, i], Oe1[l, i] belong
+        to row i and the elastic coordinate l
+    Ge : (nq, nq, 3) with Ge[l, i] likewise
+    """
+
+    J1: Array
+    Gr: Array
+    Ge: Array
+    Cr1: Array
+    Oe1: Array
+
+
+def modes_of(sid: SID) -> Modes:
+    """The velocity-dependent blocks of a SID, per mode."""
+    nq = sid.nq
+    return Modes(
+        J1=symmetric_3x3(sid.J.first_order(nq)[:, :, 0]),
+        Gr=by_mode(sid.Gr.m0, nq),
+        Ge=by_mode(sid.Ge.m0, nq),
+        Cr1=sid.Cr.first_order(nq),
+        Oe1=sid.Oe.first_order(nq),
+    )
+
+
+def swapped(pair: Array) -> Array:
+    """Transpose over the two mode indices (the first two)."""
+    return pair.swapaxes(0, 1)
+
+
+def largest(*arrays: Array) -> float:
+    """Largest magnitude among all entries; 0 for none."""
+    return max((float(np.abs(a).max()) for a in arrays if a.size), default=0.0)
+
+
+def relative(difference: Array, *references: Array) -> float:
+    """Largest difference relative to the largest entry of the references."""
+    size = largest(*references)
+    return largest(difference) / size if size else largest(difference)
+
+
+def compared(
+    difference: Array,
+    *references: Array,
+    natural: float = 0.0,
+    bound: float = 1e-11,
+    detail: str = "",
+) -> Finding:
+    """A finding from a difference that should vanish.
+
+    `natural` is the size that the entries could have; blocks far below it are noise
+    and their difference is measured against it instead.
+    """
+    size = largest(*references)
+    if size == 0.0:
+        return Finding(0.0, "both sides are zero")
+    measured = largest(difference) / size
+    if measured > bound and size < _NOISE * natural:
+        text = f"rounding noise only (largest entry {size:.1e})"
+        return Finding(largest(difference) / natural, text)
+    return Finding(measured, detail)
+
+
+def modal_scale(sid: SID) -> float:
+    """Natural size of second-order blocks (Cr1, Ge, Oe1) [kg m2/[q]2]."""
+    return largest(np.diag(sid.Me.m0))
+
+
+def translation_scale(sid: SID) -> float:
+    """Natural size of Ct and of the first-order mdCM [kg m/[q]]."""
+    return float(np.sqrt(abs(sid.mass) * modal_scale(sid)))
+
+
+def rotation_scale(sid: SID) -> float:
+    """Natural size of Cr, Gr and of the first-order J [kg m2/[q]]."""
+    return float(np.sqrt(largest(sid.J.m0) * modal_scale(sid)))
+
+
+def has_stiffening(sid: SID) -> bool:
+    """Does the SID carry terms that only geometric stiffening puts there?"""
+    terms = [sid.Ct, *(t for node in sid.nodes for t in (node.phi, node.psi))]
+    return any(term.m1 is not None and term.m1.any() for term in terms)

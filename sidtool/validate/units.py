@@ -1,0 +1,178 @@
+"""Unit systems, and a SID rescaled from one to another.
+
+A SID names no units. The elastic coordinates keep their numbers here (they count as
+dimensionless), so every motion q(t) stays what it was: the shape functions take the
+unit of length and Me that of mass times length squared. Modes that were normalised to
+Me = I are therefore no longer so; `change_basis` restores it where a reader needs it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.sid import SID, Array, Node, Taylor
+
+from .basis import refuse_unknown
+
+Sigma = Literal["stress", "section force"]
+
+
+@dataclass(frozen=True)
+class UnitSystem:
+    """A consistent system: one unit of length, mass and time in SI units.
+
+    `force` names the unit of force that follows.
+    """
+
+    name: str
+    length: float
+    mass: float
+    time: float
+    force: str
+
+
+_POUND_FORCE = 4.4482216152605
+_INCH = 0.0254
+_FOOT = 0.3048
+
+#: Known unit systems by name; one line adds one.
+UNIT_SYSTEMS: Mapping[str, UnitSystem] = MappingProxyType(
+    {
+        system.name: system
+        for system in (
+            UnitSystem("m-kg-s", 1.0, 1.0, 1.0, "N"),
+            UnitSystem("mm-t-s", 1e-3, 1e3, 1.0, "N"),
+            UnitSystem("mm-kg-ms", 1e-3, 1.0, 1e-3, "kN"),
+            UnitSystem("mm-g-ms", 1e-3, 1e-3, 1e-3, "N"),
+            UnitSystem("mm-kg-s", 1e-3, 1.0, 1.0, "mN"),
+            UnitSystem("cm-g-s", 1e-2, 1e-3, 1.0, "dyn"),
+            UnitSystem("in-lbf-s", _INCH, _POUND_FORCE / _INCH, 1.0, "lbf"),
+            UnitSystem("ft-lbf-s", _FOOT, _POUND_FORCE / _FOOT, 1.0, "lbf"),
+        )
+    }
+)
+_ALIASES = {"si": "m-kg-s", "mks": "m-kg-s", "cgs": "cm-g-s", "mpa": "mm-t-s"}
+
+#: Exponents of length, mass and time in each block with dimensionless q.
+_BLOCK_UNITS = {
+    "mdCM": (1, 1, 0),
+    "J": (2, 1, 0),
+    "Ct": (1, 1, 0),
+    "Cr": (2, 1, 0),
+    "Me": (2, 1, 0),
+    "Gr": (2, 1, 0),
+    "Ge": (2, 1, 0),
+    "Oe": (2, 1, 0),
+    "ksigma": (2, 1, -2),
+    "Ke": (2, 1, -2),
+    "De": (2, 1, -1),
+}
+_NODE_UNITS = {"origin": (1, 0, 0), "phi": (1, 0, 0)}
+_STRESS, _FORCE, _MOMENT = (-1, 1, -2), (1, 1, -2), (2, 1, -2)
+
+
+def unit_system(name: str) -> UnitSystem:
+    """The unit system of this name, or of an alias such as "SI".
+
+    Raises
+    ------
+    InputError : there is no such system.
+    """
+    key = name.strip().lower()
+    key = _ALIASES.get(key, key)
+    if key not in UNIT_SYSTEMS:
+        raise InputError(
+            f"there is no unit system {name!r}",
+            expected=f"one of SI, {', '.join(UNIT_SYSTEMS)}",
+        )
+    return UNIT_SYSTEMS[key]
+
+
+def convert_units(
+    sid: SID, from_system: str, to_system: str, sigma: Sigma | None = None
+) -> SID:
+    """The SID with its numbers expressed in another unit system; see `rescale`.
+
+    Raises
+    ------
+    InputError : an unknown system, or contents whose unit is not known.
+    """
+    old, new = unit_system(from_system), unit_system(to_system)
+    return rescale(
+        sid,
+        length=old.length / new.length,
+        mass=old.mass / new.mass,
+        time=old.time / new.time,
+        sigma=sigma,
+    )
+
+
+def rescale(
+    sid: SID, length: float, mass: float, time: float, sigma: Sigma | None = None
+) -> SID:
+    """The SID with every block multiplied by its unit.
+
+    Parameters
+    ----------
+    length, mass, time : new units per old unit (m to mm: length = 1000)
+    sigma : what the nodes' optional entry sigma holds; the format does not tell
+
+    The elastic coordinates keep their numbers. The labels are texts and stay.
+
+    Raises
+    ------
+    InputError : a factor is not positive, or an entry has no known unit (blocks of
+        unknown name, terms above first order, sigma without `sigma`).
+    """
+    for name, factor in (("length", length), ("mass", mass), ("time", time)):
+        if not (factor > 0.0 and np.isfinite(factor)):
+            raise InputError(
+                f"found {factor}", place=name, expected="a positive finite factor"
+            )
+    refuse_unknown(sid, "a change of units")
+    units = np.array([length, mass, time])
+    blocks = {
+        name: _scaled(block, _factor(units, _BLOCK_UNITS[name]))
+        for name, block in sid.blocks.items()
+    }
+    nodes = tuple(_node(node, units, sigma) for node in sid.nodes)
+    return replace(sid, mass=sid.mass * mass, nodes=nodes, **blocks)
+
+
+def _factor(units: Array, exponents: tuple[int, int, int]) -> float:
+    return float(np.prod(units ** np.array(exponents, float)))
+
+
+def _scaled(entry: Taylor, factor: float | Array) -> Taylor:
+    m1 = None if entry.m1 is None else entry.m1 * factor
+    return replace(entry, m0=entry.m0 * factor, m1=m1)
+
+
+def _node(node: Node, units: Array, sigma: Sigma | None) -> Node:
+    entries = {
+        name: _scaled(getattr(node, name), _factor(units, exponents))
+        for name, exponents in _NODE_UNITS.items()
+    }
+    # psi.m1 and AP are pure numbers; sigma is not.
+    if node.sigma is not None:
+        entries["sigma"] = _scaled(node.sigma, _sigma_factor(node, units, sigma))
+    return replace(node, **entries)
+
+
+def _sigma_factor(node: Node, units: Array, sigma: Sigma | None) -> float | Array:
+    if sigma is None:
+        raise InputError(
+            "the file does not tell what sigma holds",
+            place=f"node {node.id}, sigma",
+            expected="a statement that it is 'stress' or 'section force'",
+        )
+    if sigma == "stress":
+        return _factor(units, _STRESS)
+    per_row = [_factor(units, _FORCE)] * 3 + [_factor(units, _MOMENT)] * 3
+    return np.array(per_row)[:, None]
