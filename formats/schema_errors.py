@@ -49,10 +49,15 @@ def input_error(
     problems = error.errors(include_url=False)
     first = min(problems, key=_rank)
     place, problem, expected = _described(first, data, model)
-    others = len({p["loc"] for p in problems}) - 1
+    others = len({p["loc"] for p in problems if not _contains(p, first)})
     if others:
         problem += f" ({others} more problem{'s' * (others > 1)} in this file)"
     return InputError(problem, place=place or None, expected=expected)
+
+
+def _contains(outer: ErrorDetails, inner: ErrorDetails) -> bool:
+    """A list with a wrong entry counts as one problem, not two."""
+    return inner["loc"][: len(outer["loc"])] == outer["loc"]
 
 
 def _rank(problem: ErrorDetails) -> int:

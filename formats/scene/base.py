@@ -24,15 +24,20 @@ class Table(BaseModel):
 
 def _number_or_vector(value: Any) -> Any:
     if _is_number(value) or _is_vector(value):
-        return value
+        return _as_tuples(value)
     raise ValueError("a number (planar) or three numbers (spatial)")
 
 
 def _inertia(value: Any) -> Any:
     rows = isinstance(value, list | tuple) and len(value) == 3
     if _is_number(value) or _is_vector(value) or (rows and all(map(_is_vector, value))):
-        return value
+        return _as_tuples(value)
     raise ValueError("a number (planar), or [xx, yy, zz] or a 3 x 3 matrix (spatial)")
+
+
+def _as_tuples(value: Any) -> Any:
+    """Strict tuples take no lists once a validator has looked at the value."""
+    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
 
 
 def _is_number(value: Any) -> bool:

@@ -1,0 +1,303 @@
+"""Scene files: what is accepted means what it says, the rest is refused by its key."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from formats.errors import InputError
+from formats.scene import (
+    Piece,
+    Placement,
+    SceneFile,
+    as_3d,
+    coefficients,
+    marker_reference,
+    output_times,
+    parse_output,
+    read_scene,
+    rotation,
+)
+from formats.toml_files import validated
+
+EXAMPLE = Path(__file__).parents[2] / "examples/slider_crank/slider_crank.toml"
+
+SPATIAL = """
+format = "sidtool scene"
+version = 1
+dimension = "spatial"
+gravity = [0, 0, -9.81]
+time = { end = 1, output_times = [0, 0.5, 1] }
+[bodies.top]
+mass = 1
+inertia = [1, 1, 2]
+markers.tip = { position = [0, 0, -1], axis_angle = [0, 0, 0.3] }
+initial = { quaternion = [1, 0, 0, 0], angular_velocity = [0, 0, 5] }
+[joints.tip]
+type = "coincident"
+markers = ["ground", "top.tip"]
+[outputs]
+record = ["top.x", "top.tip.vz", "tip.f1"]
+"""
+
+
+def planar() -> dict[str, Any]:
+    return tomllib.loads(EXAMPLE.read_text())
+
+
+def spatial() -> dict[str, Any]:
+    return tomllib.loads(SPATIAL)
+
+
+def changed(data: dict[str, Any], key: str, value: object) -> dict[str, Any]:
+    """The data with one dotted key set, or deleted when the value is `None`."""
+    *tables, last = [int(k) if k.isdigit() else k for k in key.split("/")]
+    table: Any = data
+    for name in tables:
+        table = table.setdefault(name, {}) if isinstance(table, dict) else table[name]
+    if value is None:
+        del table[last]
+    else:
+        table[last] = value
+    return data
+
+
+def test_the_example_is_valid() -> None:
+    scene = read_scene(EXAMPLE)
+    assert list(scene.bodies) == ["crank", "rod", "piston"]
+    assert scene.outputs.record[0] == "piston.x"
+
+
+def test_a_spatial_scene_is_valid() -> None:
+    scene = validated(spatial(), SceneFile)
+    assert output_times(scene).tolist() == [0, 0.5, 1]
+
+
+def test_a_scene_survives_json() -> None:
+    for data in (planar(), spatial()):
+        scene = validated(data, SceneFile)
+        text = scene.model_dump_json(by_alias=True, exclude_none=True)
+        assert SceneFile.model_validate_json(text) == scene
+
+
+PIECES = "drives/crank_angle/function/pieces"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("time/end", None, "time.end: is missing"),
+        ("time/end", -1.0, "time.end: found -1.0; expected a time after the start"),
+        ("time/output_step", 0, "time.output_step: found 0; expected a number greater"),
+        ("time/output_step", None, "time: neither is given"),
+        ("time/output_times", [0.0], "time: both are given"),
+        ("accuracy/rtol", 0.0, "accuracy.rtol: found 0"),
+        (
+            "dimension",
+            "flat",
+            "dimension: found 'flat'; expected 'planar' or 'spatial'",
+        ),
+        ("gravity", [0, 0, -9.81], "gravity: found 3 components; expected 2"),
+        ("gravity", [0, "g"], r"gravity\[1\]: found 'g'; expected a number"),
+        ("bodies", {}, "bodies: .*at least 1"),
+        (
+            "bodies/piston/mass",
+            -5.0,
+            "bodies.piston.mass: found -5.0; .*greater than 0",
+        ),
+        ("bodies/piston/mass", "5 kg", "bodies.piston.mass: found '5 kg'; .*a number"),
+        ("bodies/piston/mass", None, "bodies.piston.mass: is missing; .*or `sid`"),
+        ("bodies/crank/inertia", -1, "bodies.crank.inertia: is negative"),
+        ("bodies/crank/inertia", [1, 1, 1], "bodies.crank.inertia: does not fit"),
+        ("bodies/crank/inertia", "x", "bodies.crank.inertia: found 'x'; .*a number"),
+        ("bodies/crank/colour", "red", "bodies.crank.colour: is not a known key"),
+        ("bodies/ground", {"mass": 1}, "bodies.ground: 'ground' cannot be a name"),
+        ("bodies/a.b", {"mass": 1}, "'a.b' cannot be a name"),
+        ("bodies/bearing", {"mass": 1}, "joints.bearing: is also the name of one"),
+        ("bodies/crank/markers/x", {}, "bodies.crank.markers.x: 'x' cannot be a name"),
+        (
+            "bodies/crank/markers/pin",
+            {"axis_angle": [0, 0, 1]},
+            "bodies.crank.markers.pin.axis_angle: is not for a planar scene",
+        ),
+        (
+            "bodies/crank/markers/pin",
+            {"position": [1, 2, 3]},
+            "bodies.crank.markers.pin.position: found 3 components",
+        ),
+        (
+            "bodies/crank/initial",
+            {"elastic": [1.0]},
+            "bodies.crank.initial.elastic: is not a known key",
+        ),
+        (
+            "bodies/crank/initial",
+            {"angular_velocity": [0, 0, 1]},
+            "angular_velocity: does not fit a planar scene",
+        ),
+        ("bodies/rod/sid", "", "bodies.rod.sid: found ''"),
+        ("joints/slider/type", "slide", "joints.slider.type: found 'slide'"),
+        ("joints/slider/markers/1", "pistn", "no body 'pistn'; .*perhaps piston"),
+        ("joints/slider/markers/1", "crank.pn", "no marker 'pn'; .*perhaps pin"),
+        (
+            "joints/slider/markers/1",
+            "rod",
+            "rod is flexible; expected one of its nodes",
+        ),
+        (
+            "joints/slider/markers/1",
+            "rod.mid",
+            r"markers\[1\]: rod has no marker 'mid'",
+        ),
+        ("joints/slider/markers/1", "a.b.c", "found 'a.b.c'; expected BODY.MARKER"),
+        ("joints/slider/markers", ["ground"], "one more entry"),
+        ("joints/slider/markers", ["ground", "ground"], "both are on ground"),
+        ("joints/slider/axis", [0, 0], "joints.slider.axis: has no direction"),
+        ("joints/slider/axis", [1, 0, 0], "joints.slider.axis: found 3 components"),
+        ("joints/bearing/axis", [0, 1], "joints.bearing.axis: is not for planar"),
+        ("drives/crank_angle/joint", "baring", "no joint 'baring'; .*perhaps bearing"),
+        ("drives/crank_angle/joint", "slider", "slider is of type point_on_line"),
+        (f"{PIECES}/1/from", 2.5, r"pieces\[1\].from: found 2.5; .*before it, 2.0"),
+        (f"{PIECES}/0/from", 0.5, r"pieces\[0\].from: begins at 0.5"),
+        (f"{PIECES}/0/to", None, r"pieces\[0\].to: is missing"),
+        (f"{PIECES}/0/to", -2.0, r"pieces\[0\].to: found -2.0"),
+        (f"{PIECES}/0/end", None, r"pieces\[0\]: is not one polynomial"),
+        (f"{PIECES}/1/start", [1.0], r"pieces\[1\]: is not one polynomial"),
+        (f"{PIECES}/1/to", 2.5, r"pieces\[1\].to: ends at 2.5; .*end of the sim"),
+        ("drives/crank_angle/function/type", "sine", "found 'sine'.*'polynomial'"),
+        ("drives/second", {}, "drives.second.joint: is missing"),
+        (
+            "outputs/record/0",
+            "piston",
+            r"outputs.record\[0\]: found 'piston'; .*piston.x",
+        ),
+        (
+            "outputs/record/0",
+            "piston.speed",
+            "found 'piston.speed'; expected a quantity",
+        ),
+        ("outputs/record/0", "pistn.x", "no body 'pistn'; .*perhaps piston"),
+        ("outputs/record/0", "piston.q1", "piston is rigid"),
+        ("outputs/record/0", "crank.pn.x", "no marker 'pn'"),
+        ("outputs/record/0", "slidr.f1", "no joint 'slidr'; .*perhaps slider"),
+        ("version", 2, "version: found 2; expected 1"),
+        ("format", "sidtool model", "format: found 'sidtool model'"),
+    ],
+)
+def test_a_wrong_key_of_a_planar_scene(key: str, value: object, message: str) -> None:
+    with pytest.raises(InputError, match=message) as raised:
+        validated(changed(planar(), key, value), SceneFile, source="s.toml")
+    assert str(raised.value).startswith("s.toml: ")
+
+
+def test_a_joint_is_driven_once() -> None:
+    data = planar()
+    data["drives"]["again"] = data["drives"]["crank_angle"]
+    with pytest.raises(InputError, match="driven by crank_angle already"):
+        validated(data, SceneFile)
+
+
+TIP = "bodies/top/markers/tip"
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("bodies/top/inertia", 1.0, "does not fit a spatial scene"),
+        ("bodies/top/inertia", [[1, 1, 0], [0, 1, 0], [0, 0, 1]], "is not symmetric"),
+        ("bodies/top/inertia", [[1, 2, 0], [2, 1, 0], [0, 0, 1]], "is negative"),
+        (TIP, {"angle": 1.0}, "angle: is not for a spatial scene"),
+        (TIP, {"quaternion": [1, 1, 0, 0]}, "quaternion: is not a unit quaternion"),
+        (TIP, {"matrix": [[1, 0, 0], [0, 1, 0], [0, 0, -1]]}, "is not a rotation"),
+        (
+            TIP,
+            {"quaternion": [1, 0, 0, 0], "axis_angle": [0, 0, 1]},
+            "quaternion: stands beside axis_angle",
+        ),
+        ("bodies/top/initial", {"angular_velocity": 1.0}, "does not fit a spatial"),
+        ("time/output_times", [0.0, 0.5, 0.5], "0.5 follows 0.5"),
+        ("time/output_times", [0.0, 2.0], "output_times: found 2.0"),
+    ],
+)
+def test_a_wrong_key_of_a_spatial_scene(key: str, value: object, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        validated(changed(spatial(), key, value), SceneFile, source="s.toml")
+
+
+def test_output_times_hit_the_end_and_the_written_decimals() -> None:
+    times = output_times(read_scene(EXAMPLE))
+    assert len(times) == 301
+    assert times[-1] == 3.0
+    assert times[29] == 0.29 and times[150] == 1.5
+    odd = changed(planar(), "time/output_step", 0.7)
+    assert np.allclose(output_times(validated(odd, SceneFile)), [0, 0.7, 1.4, 2.1, 2.8])
+
+
+def test_the_number_of_output_times_is_bounded() -> None:
+    data = changed(planar(), "time/output_step", 1e-12)
+    with pytest.raises(InputError, match="output_step: asks for"):
+        output_times(validated(data, SceneFile))
+
+
+values = st.lists(st.floats(-10, 10), min_size=1, max_size=4)
+
+
+@given(start=values, end=values, begin=st.floats(-5, 5), length=st.floats(0.1, 10))
+def test_a_hermite_piece_takes_its_end_values(
+    start: list[float], end: list[float], begin: float, length: float
+) -> None:
+    data = {"from": begin, "to": begin + length, "start": start, "end": end}
+    piece = Piece.model_validate(data)
+    polynomial = np.polynomial.Polynomial(coefficients(piece))
+    assert piece.to is not None
+    for at, given_values in ((0.0, start), (piece.to - begin, end)):
+        for order, wanted in enumerate(given_values):
+            found = polynomial.deriv(order)(at) if order else polynomial(at)
+            scale = max(abs(v) * length**k for k, v in enumerate([*start])) + max(
+                abs(v) * length**k for k, v in enumerate([*end])
+            )
+            assert abs(found - wanted) * length**order <= 1e-9 * max(scale, 1e-9)
+
+
+def test_orientations_agree() -> None:
+    angle = 0.7
+    cosine, sine = np.cos(angle), np.sin(angle)
+    wanted = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+    half = (float(np.cos(angle / 2)), 0.0, 0.0, float(np.sin(angle / 2)))
+    rows: Any = tuple(map(tuple, wanted.tolist()))
+    for placement in (
+        Placement(angle=angle),
+        Placement(axis_angle=(0.0, 0.0, angle)),
+        Placement(quaternion=half),
+        Placement(matrix=rows),
+    ):
+        assert np.allclose(rotation(placement), wanted, atol=1e-15)
+    assert np.array_equal(rotation(None), np.eye(3))
+    assert np.array_equal(rotation(Placement()), np.eye(3))
+
+
+def test_rotation_vector_turns_about_its_axis() -> None:
+    third = 2 * np.pi / 3 / np.sqrt(3)
+    matrix = rotation(Placement(axis_angle=(third, third, third)))
+    assert np.allclose(matrix @ np.eye(3), np.roll(np.eye(3), 1, axis=0), atol=1e-15)
+
+
+def test_vectors_of_the_plane() -> None:
+    assert as_3d((1.0, 2.0)).tolist() == [1, 2, 0]
+    assert as_3d(None).tolist() == [0, 0, 0]
+
+
+def test_references() -> None:
+    assert marker_reference("crank.pin") == ("crank", "pin")
+    assert marker_reference("ground") == ("ground", "")
+    assert parse_output("rod.vq12") == ("rod", "", "vq12")
+    assert parse_output("rod.pin.ax") == ("rod", "pin", "ax")
+    for wrong in ("", ".pin", "crank.", "a.b.c"):
+        with pytest.raises(InputError):
+            marker_reference(wrong)

@@ -1,0 +1,140 @@
+"""Wrong files end in one message: the file, the place, what was found and expected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import BaseModel, ConfigDict, Field
+
+from formats.errors import InputError
+from formats.toml_files import load, validated
+
+
+class Line(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    type: Literal["line"]
+    axis: tuple[float, float] = (1.0, 0.0)
+    count: int = 1
+
+
+class Weight(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    type: Literal["weight"]
+    mass: Annotated[float, Field(gt=0, description="the mass [kg]")]
+
+
+class Thing(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    format: Literal["thing"]
+    parts: dict[str, Annotated[Line | Weight, Field(discriminator="type")]]
+    lines: list[Line] = []
+
+
+def written(folder: Path, text: str | bytes, name: str = "thing.toml") -> Path:
+    path = folder / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def test_toml_and_json_say_the_same(tmp_path: Path) -> None:
+    toml = written(tmp_path, 'format = "thing"\n[parts.a]\ntype = "weight"\nmass = 2\n')
+    json = written(
+        tmp_path,
+        '{"format": "thing", "parts": {"a": {"type": "weight", "mass": 2}}}',
+        "thing.json",
+    )
+    assert load(toml, Thing) == load(json, Thing)
+    assert load(toml, Thing).parts["a"] == Weight(type="weight", mass=2.0)
+
+
+@pytest.mark.parametrize(
+    ("part", "message"),
+    [
+        ({"type": "weight"}, "parts.a.mass: is missing; expected the mass [kg]"),
+        (
+            {"type": "weight", "mas": 1.0},
+            "parts.a.mas: is not a known key (1 more problem in this file);"
+            " expected mass",
+        ),
+        (
+            {"type": "weight", "mass": -1.5},
+            "parts.a.mass: found -1.5; expected a number greater than 0",
+        ),
+        (
+            {"type": "weight", "mass": "10 kg"},
+            "parts.a.mass: found '10 kg'; expected a number",
+        ),
+        (
+            {"type": "weight", "mass": True},
+            "parts.a.mass: found true; expected a number",
+        ),
+        (
+            {"type": "wait", "mass": 1.0},
+            "parts.a.type: found 'wait'; expected one of 'line', 'weight'",
+        ),
+        ({"mass": 1.0}, "parts.a.type: is missing;"),
+        (
+            {"type": "line", "axis": [1.0, float("nan")]},
+            "parts.a.axis[1]: found nan; expected a finite number",
+        ),
+        (
+            {"type": "line", "axis": [1.0]},
+            "parts.a.axis[1]: is missing; expected one more entry",
+        ),
+        (
+            {"type": "line", "axis": [1.0, 2.0, 3.0]},
+            "parts.a.axis: found [1.0, 2.0, 3.0]; expected at most 2 entries",
+        ),
+        (
+            {"type": "line", "count": 1.5},
+            "parts.a.count: found 1.5; expected a whole number",
+        ),
+        (7, "parts.a: found 7; expected a table"),
+    ],
+)
+def test_what_does_not_fit_is_named(part: object, message: str) -> None:
+    with pytest.raises(InputError) as raised:
+        validated({"format": "thing", "parts": {"a": part}}, Thing, source="f.toml")
+    assert str(raised.value).startswith(f"f.toml: {message}")
+
+
+def test_the_wrong_kind_of_file_is_said_first() -> None:
+    with pytest.raises(InputError, match="format: found 'model'.*expected 'thing'"):
+        validated({"format": "model", "something": 1}, Thing)
+
+
+def test_entries_of_lists_are_counted_from_zero() -> None:
+    lines = [{"type": "line"}, {"type": "line", "axs": 1}]
+    with pytest.raises(InputError, match=r"lines\[1\].axs: .*expected axis"):
+        validated({"format": "thing", "parts": {}, "lines": lines}, Thing)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.toml", b"x = [1,\ny = 2", "line 2, column"),
+        ("a.toml", b"x = 1\nx = 2\n", "a.toml: line 2, column"),
+        ("a.toml", b"x = '\xff'", "byte 5 is not text; expected a UTF-8 text file"),
+        ("a.json", b'{"x": 1,}', "a.json: line 1, column"),
+        ("a.json", b'{"x": 1, "x": 2}', "x: appears twice"),
+        ("a.json", b"[1]", "holds no table"),
+        ("a.json", b"[" * 100_000, "a.json"),
+        ("a.toml", b"x = " + b"[" * 100_000, "a.toml"),
+        ("a.json", b'{"x": ' + b"9" * 5000 + b"}", "a.json"),
+        ("a.toml", b"", "format: is missing.*expected 'thing'"),
+    ],
+)
+def test_broken_text_is_placed(
+    tmp_path: Path, name: str, content: bytes, message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        load(written(tmp_path, content, name), Thing)
+
+
+def test_files_that_are_not_there(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no such file"):
+        load(tmp_path / "none.toml", Thing)
+    with pytest.raises(InputError, match="is a folder"):
+        load(tmp_path, Thing)
