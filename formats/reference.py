@@ -36,7 +36,6 @@ from .reference_csv import read_rows
 from .sid import BLOCK_SHAPES, NODE_SHAPES
 from .toml_files import load, validated
 
-
 _SHARED = ("source", "tolerance")
 
 

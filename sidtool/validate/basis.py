@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,7 +48,7 @@ def change_basis(
             expected=f"({sid.nq}, n): one row per elastic coordinate",
         )
     refuse_unknown(sid, "a change of basis")
-    blocks = {
+    blocks: dict[str, Any] = {
         name: _transformed(block, name, T, sid.nq) for name, block in sid.blocks.items()
     }
     return replace(
@@ -88,7 +89,7 @@ def _refuse_higher(entry: Taylor, place: str, purpose: str) -> None:
 
 
 def _node(node: Node, T: Array, nq: int) -> Node:
-    entries = {
+    entries: dict[str, Any] = {
         name: None if entry is None else _transformed(entry, name, T, nq)
         for name in NODE_SHAPES
         for entry in [getattr(node, name)]

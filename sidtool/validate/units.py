@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -137,7 +137,7 @@ def rescale(
             )
     refuse_unknown(sid, "a change of units")
     units = np.array([length, mass, time])
-    blocks = {
+    blocks: dict[str, Any] = {
         name: _scaled(block, _factor(units, _BLOCK_UNITS[name]))
         for name, block in sid.blocks.items()
     }
@@ -155,7 +155,7 @@ def _scaled(entry: Taylor, factor: float | Array) -> Taylor:
 
 
 def _node(node: Node, units: Array, sigma: Sigma | None) -> Node:
-    entries = {
+    entries: dict[str, Any] = {
         name: _scaled(getattr(node, name), _factor(units, exponents))
         for name, exponents in _NODE_UNITS.items()
     }

@@ -1,0 +1,230 @@
+"""Comparison of two SIDs of one body, independent of the basis of their modes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.sid import J_INDICES, SID, Array, Node
+from formats.sid_mass import central_inertia, centre_of_mass
+
+from .comparison import Comparison, Row
+from .frequencies import hertz
+from .measures import largest
+from .modal import (
+    ModalBody,
+    free_body,
+    held_body,
+    modal_assurance,
+    subspace_assurance,
+)
+from .pairing import Pairing, body_size, pair
+
+_MOST_MARKERS = 4
+# Deflections below this share of the largest say nothing in a relative comparison.
+_NEGLIGIBLE = 1e-9
+# Modes this close in frequency may mix; they are compared as one subspace.
+_CLOSE = 1e-3
+
+
+def compare_sids(
+    here: SID,
+    reference: SID,
+    tolerance: float | None,
+    markers: Sequence[str] | None,
+) -> Comparison:
+    """Mass properties, then frequencies, deflections, responses and shapes."""
+    common = pair(here, reference)
+    rows = list(_mass_rows(here, reference, common))
+    notes = list(common.notes)
+    if here.nq and reference.nq:
+        loaded = _loaded(common, markers)
+        if 0 < 3 * len(common.nodes) < max(here.nq, reference.nq):
+            notes.append(
+                "fewer common points than modes: the MAC cannot tell them apart"
+            )
+        for support, first, second in _supports(here, reference, common, notes):
+            rows += _frequency_rows(support, first, second)
+            rows += _static_rows(support, first, second, loaded, common, notes)
+            rows += _response_rows(support, first, second, loaded, common)
+            rows += _shape_rows(support, first, second, common)
+    elif here.nq or reference.nq:
+        notes.append("one of the bodies is rigid: only mass properties are compared")
+    return Comparison(
+        tuple(_judged(row, tolerance) for row in rows), tuple(dict.fromkeys(notes))
+    )
+
+
+def _judged(row: Row, tolerance: float | None) -> Row:
+    return Row(
+        row.group, row.quantity, row.value, row.reference, row.deviation, tolerance
+    )
+
+
+def _supports(
+    here: SID, reference: SID, common: Pairing, notes: list[str]
+) -> Iterator[tuple[str, ModalBody, ModalBody]]:
+    first = [node for node, _ in common.nodes]
+    second = [node for _, node in common.nodes]
+    if common.held:
+        try:
+            yield "frame held", held_body(here, first), held_body(reference, second)
+        except np.linalg.LinAlgError:
+            notes.append("a modal mass matrix is not positive definite")
+    if common.rigid is not None:
+        yield (
+            "free body",
+            free_body(here, first, common.rigid),
+            free_body(reference, second, common.rigid),
+        )
+
+
+def _mass_rows(here: SID, reference: SID, common: Pairing) -> Iterator[Row]:
+    group = "mass properties"
+    yield Row(
+        group,
+        "mass",
+        here.mass,
+        reference.mass,
+        _share(here.mass - reference.mass, reference.mass),
+    )
+    if not (here.mass > 0.0 and reference.mass > 0.0):
+        return
+    size = body_size(reference)
+    centres = centre_of_mass(here) + common.offset, centre_of_mass(reference)
+    for axis, name in enumerate("xyz"):
+        value, expected = float(centres[0][axis]), float(centres[1][axis])
+        deviation = _share(value - expected, size)
+        yield Row(group, f"centre of mass {name}", value, expected, deviation)
+    tensors = central_inertia(here), central_inertia(reference)
+    scale = largest(tensors[1])
+    for row, column in J_INDICES:
+        value, expected = float(tensors[0][row, column]), float(tensors[1][row, column])
+        name = f"central inertia {'xyz'[row]}{'xyz'[column]}"
+        yield Row(group, name, value, expected, _share(value - expected, scale))
+
+
+def _frequency_rows(support: str, first: ModalBody, second: ModalBody) -> Iterator[Row]:
+    pairs = zip(hertz(first.squares), hertz(second.squares), strict=False)
+    for number, (value, expected) in enumerate(pairs, 1):
+        yield Row(
+            f"frequencies, {support} [Hz]",
+            f"f{number}",
+            float(value),
+            float(expected),
+            _share(value - expected, expected),
+        )
+
+
+def _static_rows(
+    support: str,
+    first: ModalBody,
+    second: ModalBody,
+    loaded: list[int],
+    common: Pairing,
+    notes: list[str],
+) -> Iterator[Row]:
+    """Deflection in the direction of a unit force; the deviation is over all nodes."""
+    if not (first.has_stiffness and second.has_stiffness):
+        notes.append(f"{support}: Ke is singular, there is no static deflection")
+        return
+    value, expected = first.flexibility(), second.flexibility()
+    for k in loaded:
+        for axis in range(3):
+            load = 3 * k + axis
+            if largest(expected[:, load]) <= _NEGLIGIBLE * largest(expected):
+                continue
+            difference = largest(value[:, load] - expected[:, load])
+            yield Row(
+                f"static deflection, {support} [length/force]",
+                f"node {common.nodes[k][0].id}, unit force along {'xyz'[axis]}",
+                float(value[load, load]),
+                float(expected[load, load]),
+                _share(difference, largest(expected[:, load])),
+            )
+
+
+def _response_rows(
+    support: str,
+    first: ModalBody,
+    second: ModalBody,
+    loaded: list[int],
+    common: Pairing,
+) -> Iterator[Row]:
+    """Norm of the 3 x 3 receptance of a node; the deviation takes phase along."""
+    if not second.has_stiffness:
+        return
+    for omega in _probes(second.squares):
+        value, expected = first.receptance(omega), second.receptance(omega)
+        for k in loaded:
+            at = slice(3 * k, 3 * k + 3)
+            size = float(np.linalg.norm(expected[at, at]))
+            if size <= _NEGLIGIBLE * float(np.linalg.norm(expected)):
+                continue
+            difference = float(np.linalg.norm(value[at, at] - expected[at, at]))
+            yield Row(
+                f"frequency response, {support} [length/force]",
+                f"node {common.nodes[k][0].id} at {omega / (2 * np.pi):.5g} Hz",
+                float(np.linalg.norm(value[at, at])),
+                size,
+                _share(difference, size),
+            )
+
+
+def _shape_rows(
+    support: str, first: ModalBody, second: ModalBody, common: Pairing
+) -> Iterator[Row]:
+    """MAC of each mode with its best partner; close modes count as one subspace."""
+    if not common.nodes:
+        return
+    assurance = modal_assurance(first.shapes, second.shapes)
+    frequencies = np.sqrt(np.clip(second.squares, 0.0, None))
+    for mode, row in enumerate(assurance[: len(second.squares)]):
+        best = int(row.argmax())
+        gap = np.abs(frequencies - frequencies[best])
+        close = gap <= _CLOSE * frequencies[best]
+        value = subspace_assurance(first.shapes[:, mode], second.shapes[:, close])
+        if close.sum() == 1:
+            value = float(row[best])
+        yield Row(
+            f"shapes (MAC), {support}",
+            f"mode {mode + 1} and mode {best + 1} of the reference",
+            value,
+            1.0,
+            value - 1.0,
+        )
+
+
+def _loaded(common: Pairing, markers: Sequence[str] | None) -> list[int]:
+    """Indices of the common nodes that take the loads."""
+    nodes = [node for node, _ in common.nodes]
+    if markers is not None:
+        return [_index(nodes, marker) for marker in markers]
+    size = [np.linalg.norm(other.phi.m0) for _, other in common.nodes]
+    order = np.argsort(size, kind="stable")[::-1]
+    return sorted(int(k) for k in order[:_MOST_MARKERS])
+
+
+def _index(nodes: list[Node], marker: str) -> int:
+    ids = [node.id for node in nodes]
+    if str(marker) not in ids:
+        raise InputError(
+            f"the two SIDs have no common node {marker}",
+            expected=f"one of {', '.join(ids[:8]) or 'none at all'}",
+        )
+    return ids.index(str(marker))
+
+
+def _probes(squares: Array) -> list[float]:
+    """Circular frequencies below, near and above the first mode."""
+    omega = np.sqrt(squares)
+    probes = [0.5 * omega[0], 0.9 * omega[0]]
+    if len(omega) > 1:
+        probes.append(np.sqrt(omega[0] * omega[1]))
+    return [float(value) for value in probes]
+
+
+def _share(difference: float, size: float) -> float:
+    return float(difference / abs(size)) if size else float(difference)

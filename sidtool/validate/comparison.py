@@ -1,0 +1,117 @@
+"""Comparison of a SID with another SID or with a table of reference numbers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from formats.reference import ReferenceFile, read_reference
+from formats.sid import SID
+
+Outcome = Literal["passed", "failed", "shown"]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number beside its reference.
+
+    Attributes
+    ----------
+    group : what kind of quantity, e.g. "frequencies, frame held [Hz]"
+    quantity : which one
+    value, reference : the number of the SID and of the reference
+    deviation : relative; what it is relative to depends on the group
+    tolerance : accepted magnitude of the deviation; None: shown only
+    source : where the reference comes from
+    """
+
+    group: str
+    quantity: str
+    value: float
+    reference: float
+    deviation: float
+    tolerance: float | None = None
+    source: str = ""
+
+    @property
+    def verdict(self) -> Outcome:
+        """Passed or failed where a tolerance is given, else only shown."""
+        if self.tolerance is None:
+            return "shown"
+        return "passed" if abs(self.deviation) <= self.tolerance else "failed"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All rows of a comparison, and notes on what could not be compared and why."""
+
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """True when no judged row failed."""
+        return not any(row.verdict == "failed" for row in self.rows)
+
+    def group(self, start: str) -> tuple[Row, ...]:
+        """The rows of all groups whose name starts so."""
+        return tuple(row for row in self.rows if row.group.startswith(start))
+
+
+def compare(
+    sid: SID,
+    reference: SID | ReferenceFile | str | os.PathLike[str],
+    *,
+    tolerance: float | None = None,
+    markers: Sequence[str] | None = None,
+) -> Comparison:
+    """Compare a SID with a reference, whatever the basis of its shape functions.
+
+    Parameters
+    ----------
+    reference : another SID, a table, or the name of a file with either (``.toml``,
+        ``.json`` and ``.csv`` are tables, everything else is a SID)
+    tolerance : accepted relative deviation from another SID; None only shows. A table
+        says itself which of its rows are judged.
+    markers : ids of the nodes to load; by default up to four that move most
+
+    Raises
+    ------
+    InputError : the reference cannot be read, or names what the SID does not have.
+    """
+    from .compare_sids import compare_sids
+    from .compare_table import compare_table
+
+    if not isinstance(reference, SID | ReferenceFile):
+        reference = _read(Path(reference))
+    if isinstance(reference, ReferenceFile):
+        return compare_table(sid, reference)
+    return compare_sids(sid, reference, tolerance, markers)
+
+
+def comparison_report(comparison: Comparison) -> list[dict[str, str]]:
+    """The rows as texts, for a table on the screen."""
+    return [
+        {
+            "group": row.group,
+            "quantity": row.quantity,
+            "value": f"{row.value:.8g}",
+            "reference": f"{row.reference:.8g}",
+            "deviation": f"{row.deviation:+.2e}",
+            "tolerance": "-" if row.tolerance is None else f"{row.tolerance:.0e}",
+            "verdict": row.verdict,
+            "source": row.source,
+        }
+        for row in comparison.rows
+    ]
+
+
+def _read(path: Path) -> SID | ReferenceFile:
+    if path.suffix.lower() in (".toml", ".json", ".csv"):
+        return read_reference(path)
+    from formats.sid_files import read_sid
+
+    return read_sid(path)

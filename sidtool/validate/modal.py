@@ -1,0 +1,115 @@
+"""Deflection of a body at its nodes, independent of the basis of shape functions.
+
+A body is described by its natural modes, held in its frame or moving freely. In the
+free body each elastic mode carries the rigid motion that balances its momentum, so
+that displacements do not depend on the choice of the frame; static deflection then is
+that under a load balanced by the inertia of the body (inertia relief).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from formats.sid import SID, Array, Node
+from formats.sid_mass import coupled_mass_matrix, skew
+
+from .frequencies import free_modes, held_modes, symmetric
+
+# Squared frequencies below this share of the largest are rigid motion.
+_ZERO = 1e-12
+
+
+@dataclass(frozen=True)
+class ModalBody:
+    """Natural modes of a body at some nodes.
+
+    Attributes
+    ----------
+    squares : (nq,) squared circular frequencies, ascending
+    shapes : (3 n, nq) displacements at the nodes, modes normalised to unit mass
+    damping : (nq, nq) De in the modes
+    compliance : (3 n, 3 n) displacement by rigid motion, times frequency squared and
+        with negative sign, per force; zero for a held body
+    """
+
+    squares: Array
+    shapes: Array
+    damping: Array
+    compliance: Array
+
+    @property
+    def has_stiffness(self) -> bool:
+        """True when no elastic mode is free of stiffness."""
+        return bool(self.squares[0] > _ZERO * self.squares[-1])
+
+    def flexibility(self) -> Array:
+        """Static displacements per force, (3 n, 3 n) [m/N]; needs stiffness."""
+        return (self.shapes / self.squares) @ self.shapes.T
+
+    def receptance(self, omega: float) -> Array:
+        """Complex displacements per harmonic force, (3 n, 3 n) [m/N].
+
+        Parameters
+        ----------
+        omega : circular frequency [rad/s], not zero
+        """
+        impedance = np.diag(self.squares - omega**2) + 1j * omega * self.damping
+        elastic = self.shapes @ np.linalg.solve(impedance, self.shapes.T)
+        return elastic - self.compliance / omega**2
+
+
+def held_body(sid: SID, nodes: Sequence[Node]) -> ModalBody:
+    """The body with its frame held; needs a positive definite Me and nq > 0."""
+    squares, modes = held_modes(sid)
+    shapes = _rows([node.phi.m0 for node in nodes], sid.nq) @ modes
+    size = len(shapes)
+    return ModalBody(squares, shapes, _damping(sid, modes), np.zeros((size, size)))
+
+
+def free_body(sid: SID, nodes: Sequence[Node], rigid: tuple[int, ...]) -> ModalBody:
+    """The body that moves in these rigid coordinates; needs `free_motion`, nq > 0."""
+    squares, modes = free_modes(sid, rigid)
+    moving = list(rigid)
+    matrix = coupled_mass_matrix(sid)
+    body, coupling = matrix[np.ix_(moving, moving)], matrix[6:][:, moving]
+    carried = _rows([_rigid_rows(node)[:, moving] for node in nodes], len(moving))
+    balance = np.linalg.solve(body, coupling.T)
+    shapes = (
+        _rows([node.phi.m0 for node in nodes], sid.nq) - carried @ balance
+    ) @ modes
+    compliance = carried @ np.linalg.solve(body, carried.T)
+    return ModalBody(squares, shapes, _damping(sid, modes), compliance)
+
+
+def modal_assurance(here: Array, reference: Array) -> Array:
+    """MAC_ij = (x_i . y_j)^2 / (x_i . x_i)(y_j . y_j) of the columns, (n, m).
+
+    R. J. Allemang, D. L. Brown, "A correlation coefficient for modal vector analysis",
+    1982. Columns that are zero at these points give 0.
+    """
+    product = (here.T @ reference) ** 2
+    size = np.outer((here**2).sum(axis=0), (reference**2).sum(axis=0))
+    return np.divide(product, size, out=np.zeros_like(product), where=size > 0.0)
+
+
+def subspace_assurance(shape: Array, columns: Array) -> float:
+    """Share of a shape (squared) that lies in the span of the columns, 0 ... 1."""
+    basis, sizes, _ = np.linalg.svd(columns, full_matrices=False)
+    basis = basis[:, sizes > 1e-9 * sizes.max(initial=0.0)]
+    total = float(shape @ shape)
+    return float(((basis.T @ shape) ** 2).sum() / total) if total else 0.0
+
+
+def _rows(blocks: list[Array], columns: int) -> Array:
+    return np.concatenate(blocks) if blocks else np.zeros((0, columns))
+
+
+def _rigid_rows(node: Node) -> Array:
+    return np.hstack([np.eye(3), -skew(node.position)])
+
+
+def _damping(sid: SID, modes: Array) -> Array:
+    return modes.T @ symmetric(sid.De.m0) @ modes
