@@ -1,1 +1,52 @@
-"""sidtool: flexible bodies for multibody simulation, from finite elements to motion."""
+"""sidtool: flexible bodies for multibody simulation, from finite elements to motion.
+
+    import sidtool
+    sid = sidtool.convert("rod_q4.toml")
+    sidtool.write("rod.SID_FEM", sid)
+    result = sidtool.simulate("slider_crank.toml", sids={"rod": sid})
+    result["piston.x"]
+
+Bad input raises `sidtool.InputError`. Everything is imported on first use.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from formats.errors import InputError as InputError
+    from formats.result import Result as Result
+    from formats.sid import SID as SID
+
+    from .api import compare as compare
+    from .api import convert as convert
+    from .kinds import read as read
+    from .api import repair as repair
+    from .api import simulate as simulate
+    from .api import validate as validate
+    from .api import write as write
+
+_HOME = {
+    "InputError": "formats.errors",
+    "Result": "formats.result",
+    "SID": "formats.sid",
+    "SimulationError": "solver.errors",
+    "compare": "sidtool.api",
+    "convert": "sidtool.api",
+    "read": "sidtool.kinds",
+    "repair": "sidtool.api",
+    "simulate": "sidtool.api",
+    "validate": "sidtool.api",
+    "write": "sidtool.api",
+}
+
+__version__ = "0.1.0"
+__all__ = sorted(_HOME)
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use, so that the command line answers at once."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)

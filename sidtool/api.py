@@ -1,0 +1,103 @@
+"""The public face: the few functions that a script or a notebook needs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from formats.errors import InputError
+from formats.model import ModelFile
+from formats.result import Result, write_csv, write_result
+from formats.scene import SceneFile, read_scene
+from formats.sid import SID
+from formats.sid_files import read_sid, write_sid
+
+from .kinds import read
+from .validate import check, compare, repair
+
+__all__ = ["compare", "convert", "read", "repair", "simulate", "validate", "write"]
+
+Path_ = str | os.PathLike[str]
+
+
+def write(path: Path_, content: SID | Result, *, dialect: str = "fembs") -> None:
+    """Write a SID (``.h5`` or ASCII) or a result (``.h5`` or ``.csv``).
+
+    Raises
+    ------
+    InputError : the file cannot be written.
+    """
+    if isinstance(content, SID):
+        write_sid(path, content, dialect)
+    elif Path(path).suffix == ".csv":
+        write_csv(Path(path), content)
+    else:
+        write_result(Path(path), content)
+
+
+def convert(model: ModelFile | Path_) -> SID:
+    """The SID of a body from its model file; see ``examples/slider_crank``.
+
+    Raises
+    ------
+    InputError : names the file and the key that is wrong.
+    """
+    from .convert import sid_from_model
+
+    return sid_from_model(model if isinstance(model, ModelFile) else Path(model))
+
+
+def validate(sid: SID | Path_) -> Any:
+    """The checks of identities I1 to I17, one `Check` each; see `verdict`."""
+    return check(sid if isinstance(sid, SID) else read_sid(sid))
+
+
+def simulate(
+    scene: SceneFile | Path_,
+    *,
+    sids: Mapping[str, SID | Path_] | None = None,
+    base_folder: Path_ | None = None,
+    integrator: str | None = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    accept_defects: bool = False,
+    progress: Callable[[float], None] | None = None,
+) -> Result:
+    """Compile a scene and integrate its motion.
+
+    Parameters
+    ----------
+    scene : a scene file, or its content
+    sids : SIDs, or files with one, that replace those of the scene, by body
+    base_folder : where the scene's relative paths begin; its file's folder by default
+    integrator, rtol, step : replace the scene's; `step` [s] is fixed
+    accept_defects : simulate bodies whose mass matrix is impossible
+
+    Raises
+    ------
+    InputError : the scene or one of its SIDs cannot be simulated.
+    solver.errors.SimulationError : the run stopped; its `result` holds what there is.
+    """
+    from solver import compile_scene
+    from solver import simulate as run
+
+    if isinstance(scene, SceneFile):
+        content, folder = scene, Path(base_folder or ".")
+    else:
+        content, folder = (
+            read_scene(Path(scene)),
+            Path(base_folder or Path(scene).parent),
+        )
+    swapped = {
+        body: sid if isinstance(sid, SID) else read_sid(sid)
+        for body, sid in (sids or {}).items()
+    }
+    try:
+        system = compile_scene(content, folder, swapped, accept_defects=accept_defects)
+        return run(
+            system, integrator=integrator, rtol=rtol, step=step, progress=progress
+        )
+    except InputError as error:
+        raise error if isinstance(scene, SceneFile) else error.located(scene) from None

@@ -1,0 +1,82 @@
+"""The command line: ``sidtool COMMAND``. Answers before anything heavy is imported."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+import click
+
+from formats.errors import InputError
+
+from .. import __version__
+from .convert import convert
+from .demo import demo
+from .info import info
+from .schema import schema
+from .simulate import simulate
+from .validate import validate
+
+BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="sidtool")
+def cli() -> None:
+    """Flexible bodies for multibody simulation.
+
+    Takes a part from its geometry to Standard Input Data (SID), judges any SID, and
+    simulates mechanisms with it. A first look, and the same by hand:
+
+    \b
+      sidtool demo
+      sidtool convert rod_q4.toml -o rod.SID_FEM
+      sidtool validate rod.SID_FEM
+      sidtool simulate slider_crank.toml --csv motion.csv
+
+    Each command explains itself: sidtool COMMAND --help
+    """
+
+
+for command in (convert, simulate, validate, info, demo, schema):
+    cli.add_command(command)
+
+
+def main() -> NoReturn:
+    """Run the command line and leave with its exit status."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Exit status: 0 done, 1 failed or judged bad, 2 bad input, 130 interrupted."""
+    try:
+        status = cli.main(list(arguments), prog_name="sidtool", standalone_mode=False)
+        sys.stdout.flush()
+        return status if isinstance(status, int) else 0
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except InputError as error:
+        return _complain(str(error), BAD_INPUT)
+    except (KeyboardInterrupt, click.Abort):
+        return _complain("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        return _closed_pipe()
+    except MemoryError:
+        return _complain("there is not enough memory for this", FAILED)
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename else ""
+        return _complain(f"{name}{error.strerror or error}", FAILED)
+
+
+def _complain(message: str, status: int) -> int:
+    click.echo(f"sidtool: {message}", err=True)
+    return status
+
+
+def _closed_pipe() -> int:
+    """The reader has seen enough (``sidtool info x | head``): be quiet at exit, too."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0

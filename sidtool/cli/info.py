@@ -1,0 +1,72 @@
+"""``sidtool info``: what is in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .common import existing
+
+
+@click.command()
+@click.argument("file", metavar="FILE", type=existing)
+def info(file: Path) -> None:
+    """Tell what is in a SID, model, scene or result.
+
+    \b
+    For a SID: modes with frequency, kind and effective mass, frame, nodes, dialect.
+    For a model: geometry, material, discretisation, frame, markers, reduction.
+    For a scene: bodies, joints, drives, and what the simulation keeps or drops.
+    For a result: outputs with their range, cost, drift of the constraints.
+
+    \b
+    Examples:
+      sidtool info rod.SID_FEM
+      sidtool info slider_crank.toml
+    """
+    from ..kinds import expect_kind, read
+
+    kind = expect_kind(file, *DESCRIBERS)
+    click.echo(DESCRIBERS[kind](read(file), file))
+
+
+def _sid(content: Any, _: Path) -> str:
+    from ..report.sid import describe_sid
+
+    return describe_sid(content)
+
+
+def _model(content: Any, _: Path) -> str:
+    from ..report.model import describe_model
+
+    return describe_model(content)
+
+
+def _scene(content: Any, path: Path) -> str:
+    from formats.errors import InputError
+    from solver import compile_scene, describe
+
+    from ..report.scene import describe_scene
+
+    try:
+        lines = describe(compile_scene(content, path.parent, accept_defects=True))
+    except InputError as error:
+        raise error.located(path) from None
+    return "\n".join([describe_scene(content), "", *lines])
+
+
+def _result(content: Any, _: Path) -> str:
+    from ..report.result import describe_result
+
+    return describe_result(content)
+
+
+DESCRIBERS: dict[str, Callable[[Any, Path], str]] = {
+    "sid": _sid,
+    "model": _model,
+    "scene": _scene,
+    "result": _result,
+}

@@ -1,0 +1,141 @@
+"""``sidtool simulate``: the motion of a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .common import check_target, existing, progress_bar, target
+
+
+@click.command()
+@click.argument("scene", metavar="SCENE", type=existing)
+@click.option("-o", "--output", type=target, help="Result file to write (HDF5).")
+@click.option("--csv", type=target, help="Outputs as text: t and one column each.")
+@click.option("--integrator", metavar="NAME", help="radau5 (default), trapezoidal, ...")
+@click.option("--rtol", type=float, help="Relative tolerance, for example 1e-6.")
+@click.option("--step", type=float, help="Fixed step in seconds, no error control.")
+@click.option(
+    "--sid",
+    "swaps",
+    metavar="BODY=FILE",
+    multiple=True,
+    help="Use another SID for a body; may be given several times.",
+)
+@click.option(
+    "--accept-defects",
+    is_flag=True,
+    help="Simulate bodies with an impossible mass matrix, which is refused otherwise.",
+)
+def simulate(
+    scene: Path,
+    output: Path | None,
+    csv: Path | None,
+    integrator: str | None,
+    rtol: float | None,
+    step: float | None,
+    swaps: tuple[str, ...],
+    accept_defects: bool,
+) -> None:
+    """Simulate the motion of a SCENE and report cost and accuracy.
+
+    The scene says what is integrated how; the options replace what it says.
+    `sidtool info SCENE` shows what would be simulated.
+
+    \b
+    Examples:
+      sidtool simulate slider_crank.toml -o result.h5 --csv motion.csv
+      sidtool simulate slider_crank.toml --sid rod=rod_iga.SID_FEM --csv iga.csv
+      sidtool simulate slider_crank.toml --integrator trapezoidal --rtol 1e-8
+
+    Exit status: 0 done; 1 the run stopped early (the files hold what there is);
+    2 the input is wrong, and nothing is written.
+    """
+    from solver.errors import SimulationError
+
+    check_target(output)
+    check_target(csv)
+    settings = {"integrator": integrator, "rtol": rtol, "step": step}
+    _check_numbers(rtol, step)
+    try:
+        with progress_bar("simulating") as progress:
+            result = _run(scene, swaps, accept_defects, settings, progress)
+    except SimulationError as error:
+        click.echo(f"sidtool: {scene}: {error}", err=True)
+        partial = getattr(error, "result", None)
+        if partial is not None:
+            _write(partial, output, csv)
+        raise click.exceptions.Exit(1) from None
+    _write(result, output, csv)
+    from ..report.result import summary
+
+    click.echo(summary(result))
+    if output is None and csv is None:
+        click.echo("nothing written: -o FILE keeps the result, --csv FILE its outputs")
+
+
+def _check_numbers(rtol: float | None, step: float | None) -> None:
+    from formats.errors import InputError
+
+    if rtol is not None and not 1e-13 <= rtol <= 0.1:
+        raise InputError(f"found {rtol}", place="--rtol", expected="1e-13 to 0.1")
+    if step is not None and not 0 < step < float("inf"):
+        raise InputError(
+            f"found {step}", place="--step", expected="a positive number of seconds"
+        )
+
+
+def _run(
+    path: Path,
+    swaps: tuple[str, ...],
+    accept_defects: bool,
+    settings: dict[str, Any],
+    progress: Any,
+) -> Any:
+    from formats.errors import InputError
+    from formats.scene import read_scene
+    from solver import compile_scene
+    from solver import simulate as run
+
+    from ..kinds import expect_kind
+
+    expect_kind(path, "scene")
+    scene = read_scene(path)
+    sids = _swapped(swaps, scene)
+    try:
+        system = compile_scene(
+            scene, path.parent, sids=sids, accept_defects=accept_defects
+        )
+        return run(system, progress=progress, **settings)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def _swapped(swaps: tuple[str, ...], scene: Any) -> dict[str, Any]:
+    from formats.errors import InputError
+    from formats.scene import SidBody
+    from formats.sid_files import read_sid
+
+    flexible = [n for n, body in scene.bodies.items() if isinstance(body, SidBody)]
+    sids = {}
+    for swap in swaps:
+        body, _, file = swap.partition("=")
+        if body not in flexible or not file:
+            raise InputError(
+                f"found {swap!r}",
+                place="--sid",
+                expected=f"BODY=FILE with a BODY out of {', '.join(flexible)}",
+            )
+        sids[body] = read_sid(file)
+    return sids
+
+
+def _write(result: Any, output: Path | None, csv: Path | None) -> None:
+    from formats.result import write_csv, write_result
+
+    for path, write in ((output, write_result), (csv, write_csv)):
+        if path is not None:
+            write(path, result)
+            click.echo(f"{path} written", err=not result.completed)

@@ -1,0 +1,126 @@
+"""What kind of file a path names, and how each kind is read."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from formats.errors import InputError
+
+Path_ = str | os.PathLike[str]
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+#: The entry ``format`` of files that people write, and the kind that it means.
+WRITTEN = {
+    "sidtool model": "model",
+    "sidtool scene": "scene",
+    "sidtool reference": "reference",
+}
+
+
+def kind_of(path: Path_) -> str:
+    """ "model", "scene", "reference", "result" or "sid", judged by the content.
+
+    Raises
+    ------
+    InputError : there is no such file, or a TOML or JSON file of no known format.
+    """
+    path = Path(path)
+    if not path.is_file():
+        problem = "is a folder" if path.is_dir() else "there is no such file"
+        raise InputError(problem, source=path, expected="a SID, model, scene or result")
+    if path.suffix in (".toml", ".json"):
+        return _kind_of_text(path)
+    return _kind_of_hdf5(path) if _starts_as_hdf5(path) else "sid"
+
+
+def read(path: Path_) -> Any:
+    """The content of a file of any kind: SID, ModelFile, SceneFile or Result.
+
+    Raises
+    ------
+    InputError : the file cannot be read; names file and place.
+    """
+    kind = kind_of(path)
+    if kind not in READERS:
+        raise InputError(
+            f"is a {kind}", source=path, expected="a SID, model, scene or result"
+        )
+    return READERS[kind](path)
+
+
+def expect_kind(path: Path_, *kinds: str) -> str:
+    """The kind of a file that must be one of some kinds.
+
+    Raises
+    ------
+    InputError : it is of another kind.
+    """
+    kind = kind_of(path)
+    if kind not in kinds:
+        wanted = " or ".join(f"a {k}" for k in kinds).replace("a sid", "a SID")
+        raise InputError(f"is a {kind} file", source=path, expected=wanted)
+    return kind
+
+
+def _kind_of_text(path: Path) -> str:
+    from formats.toml_files import read_data
+
+    found = read_data(path).get("format")
+    if not isinstance(found, str) or found not in WRITTEN:
+        what = "is missing" if found is None else f"found {found!r}"
+        expected = " or ".join(repr(name) for name in WRITTEN)
+        raise InputError(what, source=path, place="format", expected=expected)
+    return WRITTEN[found]
+
+
+def _starts_as_hdf5(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", source=path) from None
+
+
+def _kind_of_hdf5(path: Path) -> str:
+    """Damaged files count as SIDs: their reader says what is wrong."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return "result" if file.attrs.get("format") == "sidtool result" else "sid"
+    except (OSError, RuntimeError, ValueError, TypeError):
+        return "sid"
+
+
+def _read_sid(path: Path_) -> Any:
+    from formats.sid_files import read_sid
+
+    return read_sid(path)
+
+
+def _read_model(path: Path_) -> Any:
+    from formats.model import read_model
+
+    return read_model(Path(path))
+
+
+def _read_scene(path: Path_) -> Any:
+    from formats.scene import read_scene
+
+    return read_scene(Path(path))
+
+
+def _read_result(path: Path_) -> Any:
+    from formats.result import read_result
+
+    return read_result(Path(path))
+
+
+READERS: dict[str, Callable[[Path_], Any]] = {
+    "sid": _read_sid,
+    "model": _read_model,
+    "scene": _read_scene,
+    "result": _read_result,
+}

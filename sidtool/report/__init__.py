@@ -1,0 +1,1 @@
+"""Words and tables about SIDs, models, scenes, results and judgements."""

@@ -1,0 +1,66 @@
+"""What a scene file describes, before it is compiled."""
+
+from __future__ import annotations
+
+from formats.scene import Body, Drive, Joint, SceneFile, SidBody, output_times
+
+from .tables import named, plural, table
+
+
+def describe_scene(scene: SceneFile) -> str:
+    """Lines and tables of bodies, joints and drives."""
+    count = len(output_times(scene))
+    accuracy = scene.accuracy
+    entries = [
+        ("title", scene.title or "(none)"),
+        ("dimension", scene.dimension),
+        ("gravity", _vector(scene.gravity) + " m/s2" if scene.gravity else "none"),
+        (
+            "time",
+            f"{scene.time.start:g} s to {scene.time.end:g} s, "
+            f"{plural(count, 'output time')}",
+        ),
+        (
+            "integration",
+            f"{accuracy.integrator}, "
+            + (
+                f"fixed step {accuracy.step:g} s"
+                if accuracy.step
+                else f"relative tolerance {accuracy.rtol:g}"
+            ),
+        ),
+        ("outputs", ", ".join(scene.outputs.record) or "none"),
+    ]
+    parts = [named(entries)]
+    bodies = [[name, *_body(body)] for name, body in scene.bodies.items()]
+    parts.append(table(["body", "kind", "", "markers"], bodies))
+    if scene.joints:
+        joints = [[name, *_joint(joint)] for name, joint in scene.joints.items()]
+        parts.append(table(["joint", "kind", "markers", "axis"], joints))
+    if scene.drives:
+        drives = [[name, *_drive(drive)] for name, drive in scene.drives.items()]
+        parts.append(table(["drive", "joint", "function"], drives))
+    return "\n\n".join(parts)
+
+
+def _body(body: Body) -> list[str]:
+    markers = ", ".join(body.markers)
+    if isinstance(body, SidBody):
+        return ["flexible", body.sid, markers]
+    kind = "rigid" if body.inertia is not None else "point mass"
+    return [kind, f"{body.mass:g} kg", markers]
+
+
+def _joint(joint: Joint) -> list[str]:
+    axis = getattr(joint, "axis", None)
+    between = " - ".join(joint.markers)
+    return [joint.type, between, _vector(axis) if axis else ""]
+
+
+def _drive(drive: Drive) -> list[str]:
+    pieces = plural(len(drive.function.pieces), "piece")
+    return [drive.joint, f"{drive.function.type}, {pieces}"]
+
+
+def _vector(vector: tuple[float, ...]) -> str:
+    return " ".join(f"{component:g}" for component in vector)

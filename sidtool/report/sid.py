@@ -1,0 +1,213 @@
+"""What is in a SID, as a person would ask: modes, frame, masses, dialect."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.sid import SID, symmetric_3x3
+
+from ..validate.frequencies import held_modes, hertz
+from .tables import named, plural, table
+
+Array = NDArray[np.float64]
+AXES = "xyz"
+#: A mode moves along one axis if nothing else reaches this share of the motion.
+_DOMINANT = 0.5
+#: A body is slender if its smallest central inertia is below this share of the largest.
+_SLENDER = 0.3
+#: Relative size below which shape functions and couplings count as zero.
+_NOTHING = 1e-9
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One natural mode of the body with its frame held.
+
+    Attributes
+    ----------
+    frequency : [Hz]
+    kind : "bending y", "axial x", "torsion x", ...
+    effective_mass : (3,) effective modal mass along x, y, z [kg]
+    label : of the elastic coordinate that the mode consists of, if of one
+    """
+
+    frequency: float
+    kind: str
+    effective_mass: Array
+    label: str
+
+
+def modes_of(sid: SID) -> tuple[Mode, ...]:
+    """The natural modes of (Ke, Me), lowest first; empty for a rigid body.
+
+    The effective mass of mode y is (Ct^T y)^2 / (y^T Me y), by axis.
+    """
+    if sid.nq == 0:
+        return ()
+    squares, shapes = _natural_modes(sid)
+    long_axis = _long_axis(sid)
+    modes = []
+    for square, shape in zip(squares, shapes.T, strict=True):
+        modal_mass = float(shape @ sid.Me.m0 @ shape)
+        coupling = shape @ sid.Ct.m0
+        modes.append(
+            Mode(
+                frequency=float(hertz(np.array([square]))[0]),
+                kind=_kind(sid, shape, long_axis),
+                effective_mass=coupling**2 / modal_mass if modal_mass else coupling * 0,
+                label=_label(sid, shape),
+            )
+        )
+    return tuple(modes)
+
+
+def frame_of(sid: SID) -> str:
+    """The kind of body frame, judged by the couplings and the nodes."""
+    if sid.nq == 0:
+        return "rigid body"
+    scale = np.sqrt(sid.mass * np.abs(np.diag(sid.Me.m0)).max()) or 1.0
+    size = max((np.abs(node.position).max() for node in sid.nodes), default=0.0) or 1.0
+    if (
+        np.abs(sid.Ct.m0).max() <= 1e-6 * scale
+        and np.abs(sid.Cr.m0).max() <= 1e-6 * scale * size
+    ):
+        return "mean axes (Buckens): no coupling to the rigid motion"
+    held = [node for node in sid.nodes if _at_rest(node, sid)]
+    at_origin = [node for node in held if np.abs(node.position).max() <= 1e-9 * size]
+    if at_origin:
+        return f"tangent frame, fixed to node {at_origin[0].id} at its origin"
+    if held:
+        return f"fixed to node {held[0].id}, away from its origin"
+    return "another frame: coupled, and no node rests in it"
+
+
+def describe_sid(sid: SID) -> str:
+    """Several lines and tables about a SID."""
+    parts = [_overview(sid)]
+    modes = modes_of(sid)
+    if modes:
+        rows = [_mode_row(number, mode, sid) for number, mode in enumerate(modes, 1)]
+        header = ["mode", "Hz", "kind", "m_eff x %", "y %", "z %", "label"]
+        parts.append(table(header, rows))
+    if sid.nodes:
+        parts.append(_nodes(sid))
+    return "\n\n".join(parts)
+
+
+def _overview(sid: SID) -> str:
+    centre = sid.mdCM.m0[:, 0] / sid.mass if sid.mass else np.zeros(3)
+    orders = [
+        f"{name} {block.order}"
+        for name, block in sid.blocks.items()
+        if block.m1 is not None
+    ]
+    dialect = sid.dialect
+    entries = [
+        ("title", sid.title or "(none)"),
+        ("size", f"{plural(len(sid.nodes), 'node')}, {plural(sid.nq, 'mode')}"),
+        ("mass", f"{sid.mass:.10g}"),
+        ("centre of mass", " ".join(f"{c:.6g}" for c in centre)),
+        (
+            "inertia (origin)",
+            " ".join(f"{j:.6g}" for j in sid.J.m0[:, 0]) + "  (xx yy zz xy xz yz)",
+        ),
+        ("frame", frame_of(sid)),
+        ("first-order terms", ", ".join(orders) or "none"),
+        (
+            "written by",
+            f"{dialect.writer}: Gr {dialect.gr_layout}-major, Ge "
+            f"{dialect.ge_layout}-major, m1 {dialect.m1_index}, J {dialect.j_shape}",
+        ),
+        *(("note", note) for note in dialect.notes),
+    ]
+    return named(entries)
+
+
+def _mode_row(number: int, mode: Mode, sid: SID) -> list[str]:
+    shares = 100 * mode.effective_mass / (sid.mass or 1.0)
+    return [
+        str(number),
+        f"{mode.frequency:.4f}",
+        mode.kind,
+        *(f"{share:.2f}" for share in shares),
+        mode.label,
+    ]
+
+
+def _nodes(sid: SID, most: int = 12) -> str:
+    rows = [
+        [node.id, *(f"{c:.6g}" for c in node.position), _node_note(node, sid)]
+        for node in sid.nodes[:most]
+    ]
+    text = table(["node", "x", "y", "z", ""], rows)
+    more = len(sid.nodes) - most
+    return f"{text}\n... and {more} more" if more > 0 else text
+
+
+def _node_note(node: Any, sid: SID) -> str:
+    return "rests in the frame" if sid.nq and _at_rest(node, sid) else ""
+
+
+def _at_rest(node: Any, sid: SID) -> bool:
+    scale = max(np.abs(n.phi.m0).max(initial=0.0) for n in sid.nodes)
+    return bool(np.abs(node.phi.m0).max(initial=0.0) <= _NOTHING * scale)
+
+
+def _natural_modes(sid: SID) -> tuple[Array, Array]:
+    """Modes in the columns; the coordinates themselves where Me is no mass matrix."""
+    try:
+        return held_modes(sid)
+    except np.linalg.LinAlgError:
+        masses = np.diag(sid.Me.m0)
+        safe = np.where(masses > 0, masses, np.inf)
+        return np.diag(sid.Ke.m0) / safe, np.eye(sid.nq)
+
+
+def _label(sid: SID, shape: Array) -> str:
+    leading = int(np.abs(shape).argmax())
+    others = np.delete(np.abs(shape), leading)
+    alone = others.max(initial=0.0) <= 1e-3 * abs(shape[leading])
+    return sid.labels[leading].strip() if alone else ""
+
+
+def _long_axis(sid: SID) -> int | None:
+    """The axis of a slender body, by its central moments of inertia."""
+    if sid.mass <= 0:
+        return None
+    centre = sid.mdCM.m0[:, 0] / sid.mass
+    steiner = sid.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    inertia = np.diag(symmetric_3x3(sid.J.m0[:, 0]) - steiner)
+    second_moments = inertia.sum() / 2 - inertia
+    order = np.argsort(second_moments)
+    slender = second_moments[order[1]] < _SLENDER * second_moments[order[2]]
+    return int(order[2]) if slender else None
+
+
+def _kind(sid: SID, shape: Array, long_axis: int | None) -> str:
+    """By the largest displacement at the nodes, or by the effective mass without."""
+    motion = _motion_by_axis(sid, shape)
+    rotation = max(
+        (np.abs(n.psi.m0 @ shape).max(initial=0.0) for n in sid.nodes), default=0.0
+    )
+    if not motion.any():
+        return "torsion" if rotation else "not seen at the nodes"
+    axis = int(motion.argmax())
+    name = AXES[axis]
+    if motion[axis] < _DOMINANT * motion.sum():
+        return "mixed " + "".join(AXES[a] for a in np.flatnonzero(motion > 0))
+    if long_axis is None:
+        return f"mainly {name}"
+    return f"axial {name}" if axis == long_axis else f"bending {name}"
+
+
+def _motion_by_axis(sid: SID, shape: Array) -> Array:
+    """(3,) squares of displacements, summed over the nodes; of Ct where they rest."""
+    at_nodes = sum(
+        ((node.phi.m0 @ shape) ** 2 for node in sid.nodes), start=np.zeros(3)
+    )
+    motion = at_nodes if at_nodes.any() else (shape @ sid.Ct.m0) ** 2
+    return np.where(motion > _NOTHING * motion.max(), motion, 0.0)

@@ -1,0 +1,41 @@
+"""Plain text tables that look the same on a terminal and in a file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Aligned columns under a header and a line; numbers to the right, texts left."""
+    body = [list(row) for row in rows]
+    columns = list(zip(header, *body, strict=True))
+    widths = [max(map(len, column)) for column in columns]
+    right = [all(_numeric(cell) for cell in column[1:]) for column in columns]
+    lines = [list(header), ["-" * width for width in widths], *body]
+    return "\n".join(_line(cells, widths, right) for cells in lines)
+
+
+def named(entries: Iterable[tuple[str, str]]) -> str:
+    """Names and what they stand for, one per line, aligned."""
+    pairs = list(entries)
+    width = max((len(name) for name, _ in pairs), default=0)
+    return "\n".join(f"{name:<{width}}  {text}" for name, text in pairs)
+
+
+def plural(count: int, word: str) -> str:
+    """ "1 mode", "2 modes"; bodies need no other plurals than these."""
+    if count == 1:
+        return f"1 {word}"
+    return f"{count} {word[:-1] + 'ies' if word.endswith('dy') else word + 's'}"
+
+
+def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:
+    padded = (
+        cell.rjust(width) if numeric else cell.ljust(width)
+        for cell, width, numeric in zip(cells, widths, right, strict=True)
+    )
+    return "  ".join(padded).rstrip()
+
+
+def _numeric(cell: str) -> bool:
+    return not cell or cell[0] in "+-.0123456789"
