@@ -10,7 +10,7 @@ from pathlib import Path
 from .errors import InputError
 from .sid import SID
 from .sid_ascii import read_ascii, write_ascii
-from .sid_hdf5 import SIGNATURE, read_hdf5, write_hdf5
+from .sid_hdf5 import SIGNATURES, read_hdf5, write_hdf5
 
 CANONICAL = "fembs"
 
@@ -23,13 +23,13 @@ class SIDFormat:
     ----------
     name : how messages call it
     suffixes : file name endings that choose it for writing; empty: all others
-    signature : first bytes of such files; empty: all others
+    signatures : first bytes of such files; empty: all others
     read, write : path to SID, and path, SID and dialect to file
     """
 
     name: str
     suffixes: tuple[str, ...]
-    signature: bytes
+    signatures: tuple[bytes, ...]
     read: Callable[[str | os.PathLike[str]], SID]
     write: Callable[[str | os.PathLike[str], SID, str], None]
 
@@ -46,8 +46,8 @@ def _write_hdf5(path: str | os.PathLike[str], sid: SID, dialect: str) -> None:
 
 #: The last one takes what no other does.
 FORMATS = (
-    SIDFormat("HDF5", (".h5", ".hdf5"), SIGNATURE, read_hdf5, _write_hdf5),
-    SIDFormat("ASCII", (), b"", read_ascii, write_ascii),
+    SIDFormat("HDF5", (".h5", ".hdf5"), SIGNATURES, read_hdf5, _write_hdf5),
+    SIDFormat("ASCII", (), (), read_ascii, write_ascii),
 )
 
 
@@ -98,7 +98,7 @@ def _by_content(path: Path) -> SIDFormat:
         problem = f"cannot be read ({error.strerror})"
         raise InputError(problem, source=path, expected="a SID file") from error
     for known in FORMATS:
-        if known.signature and start.startswith(known.signature):
+        if start.startswith(known.signatures):
             return known
     return _by_name(path)
 

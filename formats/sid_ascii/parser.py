@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
-
 from ..errors import InputError
 from ..sid import BLOCK_SHAPES, NODE_SHAPES
+from .entries import BATCH, Entries
 from .lines import Lines
 from .raw import RawFile, RawNode, RawReference, RawTaylor
 from .title import split_title
-from .values import entry_code, integer, real, reals, short
+from .values import entry_code, integer, real, short
 
 #: More would be a damaged file, and its matrices would not fit into memory.
 MOST_MODES = 2000
@@ -177,11 +176,9 @@ def _blocks(lines: Lines, closings: list[str]) -> dict[str, RawTaylor]:
 
 def _taylor(lines: Lines, name: str) -> RawTaylor:
     """One expansion, from behind its name to its end; the hot loop of reading."""
-    start = lines.number
     header: dict[str, tuple[int, int]] = {}
-    codes: list[int] = []
-    texts: list[str] = []
-    numbers: list[int] = []
+    entries = Entries(name, lines)
+    codes, texts, numbers = entries.codes, entries.texts, entries.numbers
     for text in lines:
         key, equals, value = text.partition("=")
         code = entry_code(key) if equals else 0
@@ -189,22 +186,14 @@ def _taylor(lines: Lines, name: str) -> RawTaylor:
             codes.append(code)
             texts.append(value)
             numbers.append(lines.number)
+            if len(codes) == BATCH:
+                entries.pack()
         elif equals:
             _header_item(lines, header, key.strip().lower(), value.strip(), name)
         else:
             _must_be(lines, text, f"end {name}", " or an entry 'm0(...) = ...'")
-            break
-    else:
-        raise lines.cut_off(name, f"'end {name}'")
-    return RawTaylor(
-        name=name,
-        line=start,
-        header=header,
-        codes=np.array(codes, dtype=np.int64),
-        values=reals(texts, numbers, lines),
-        lines=np.array(numbers, dtype=np.int64),
-        letter=_exponent_letter(texts),
-    )
+            return entries.finish(header)
+    raise lines.cut_off(name, f"'end {name}'")
 
 
 def _header_item(
@@ -217,11 +206,6 @@ def _header_item(
             f"or 'end {name}'",
         )
     header[key] = (integer(value, key, lines), lines.number)
-
-
-def _exponent_letter(texts: list[str]) -> str:
-    sample = texts[0].upper() if texts else ""
-    return next((letter for letter in "DE" if letter in sample), "")
 
 
 def _keyword(text: str) -> str:

@@ -30,7 +30,7 @@ _INTEGER = re.compile(r"[+-]?\d{1,9}", re.ASCII)
 REAL_EXPECTED = "a finite number such as 1.5, -7.065D+02 or 1.0-100"
 
 
-@lru_cache(maxsize=1 << 15)
+@lru_cache(maxsize=1 << 14)
 def entry_code(key: str) -> int:
     """The packed indices of "m0(r,c)", "m1(r,l,c)" or "mn(r,n,c)"; 0 for other keys.
 
