@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 
 import click
 
+KINDS = {
+    "model": ("formats.model", "ModelFile"),
+    "scene": ("formats.scene", "SceneFile"),
+    "reference": ("formats.reference", "ReferenceFile"),
+}
+
 
 @click.command()
-@click.argument("kind", type=click.Choice(["model", "scene"]))
+@click.argument("kind", type=click.Choice(list(KINDS)))
 def schema(kind: str) -> None:
-    """Print the JSON Schema of a model or scene file, for editors.
+    """Print the JSON Schema of a model, scene or reference file, for editors.
 
     \b
     Example:
       sidtool schema scene > scene.schema.json
     """
-    if kind == "model":
-        from formats.model import ModelFile as File
-    else:
-        from formats.scene import SceneFile as File
-    click.echo(json.dumps(File.model_json_schema(), indent=2))
+    module, name = KINDS[kind]
+    file = getattr(import_module(module), name)
+    click.echo(json.dumps(file.model_json_schema(), indent=2))

@@ -110,10 +110,10 @@ def _overview(sid: SID) -> str:
         ("title", sid.title or "(none)"),
         ("size", f"{plural(len(sid.nodes), 'node')}, {plural(sid.nq, 'mode')}"),
         ("mass", f"{sid.mass:.10g}"),
-        ("centre of mass", " ".join(f"{c:.6g}" for c in centre)),
+        ("centre of mass", _numbers(centre)),
         (
             "inertia (origin)",
-            " ".join(f"{j:.6g}" for j in sid.J.m0[:, 0]) + "  (xx yy zz xy xz yz)",
+            _numbers(sid.J.m0[:, 0]) + "  (xx yy zz xy xz yz)",
         ),
         ("frame", frame_of(sid)),
         ("first-order terms", ", ".join(orders) or "none"),
@@ -140,12 +140,18 @@ def _mode_row(number: int, mode: Mode, sid: SID) -> list[str]:
 
 def _nodes(sid: SID, most: int = 12) -> str:
     rows = [
-        [node.id, *(f"{c:.6g}" for c in node.position), _node_note(node, sid)]
+        [node.id, *_numbers(node.position).split(), _node_note(node, sid)]
         for node in sid.nodes[:most]
     ]
     text = table(["node", "x", "y", "z", ""], rows)
     more = len(sid.nodes) - most
     return f"{text}\n... and {more} more" if more > 0 else text
+
+
+def _numbers(values: Array) -> str:
+    """Six digits each; what is nothing beside the largest is 0."""
+    nothing = 1e-12 * np.abs(values).max(initial=0.0)
+    return " ".join(f"{v:.6g}" if abs(v) > nothing else "0" for v in values)
 
 
 def _node_note(node: Any, sid: SID) -> str:
@@ -175,16 +181,25 @@ def _label(sid: SID, shape: Array) -> str:
 
 
 def _long_axis(sid: SID) -> int | None:
-    """The axis of a slender body, by its central moments of inertia."""
+    """The axis of a slender body, by the spread of its mass, or else of its nodes."""
+    spread = _second_moments(sid)
+    if spread is None and sid.nodes:
+        spread = np.ptp([node.position for node in sid.nodes], axis=0) ** 2
+    if spread is None:
+        return None
+    order = np.argsort(spread)
+    return int(order[2]) if spread[order[1]] < _SLENDER * spread[order[2]] else None
+
+
+def _second_moments(sid: SID) -> Array | None:
+    """Central integrals of x^2, y^2, z^2 dm; None where the inertia is planar."""
     if sid.mass <= 0:
         return None
     centre = sid.mdCM.m0[:, 0] / sid.mass
     steiner = sid.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     inertia = np.diag(symmetric_3x3(sid.J.m0[:, 0]) - steiner)
-    second_moments = inertia.sum() / 2 - inertia
-    order = np.argsort(second_moments)
-    slender = second_moments[order[1]] < _SLENDER * second_moments[order[2]]
-    return int(order[2]) if slender else None
+    moments = inertia.sum() / 2 - inertia
+    return moments if (moments >= -1e-6 * np.abs(moments).max()).all() else None
 
 
 def _kind(sid: SID, shape: Array, long_axis: int | None) -> str:

@@ -1,0 +1,112 @@
+"""The judgement of a SID as text and as data: checks, and a comparison if asked for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import groupby
+
+from formats.sid import SID
+
+from ..validate.checks import Check, check, report, verdict
+from ..validate.comparison import Comparison, Row, compare, comparison_report
+from ..validate.data import to_json
+from ..validate.guess import UnitGuess, guess_units
+from .tables import plural, table
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Checks of one SID, a guess at its units, and a comparison if asked for."""
+
+    checks: tuple[Check, ...]
+    units: UnitGuess
+    comparison: Comparison | None
+
+    def good(self, *, strict: bool) -> bool:
+        """True when nothing failed that counts; warnings count with `strict`."""
+        matched = self.comparison is None or self.comparison.passed
+        return verdict(self.checks, strict=strict) and matched
+
+
+def judge(
+    sid: SID,
+    reference: str | os.PathLike[str] | None,
+    *,
+    tolerance: float | None = None,
+) -> Judgement:
+    """Check a SID and compare it with the file `reference`, if one is given.
+
+    Raises
+    ------
+    InputError : a file cannot be read or does not fit the SID.
+    """
+    checks, units = check(sid), guess_units(sid)
+    if reference is None:
+        return Judgement(checks, units, None)
+    return Judgement(checks, units, compare(sid, reference, tolerance=tolerance))
+
+
+def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
+    """One JSON document; see `to_json`."""
+    return to_json(
+        judgement.checks, judgement.comparison, judgement.units, strict=strict
+    )
+
+
+def judgement_as_text(judgement: Judgement, *, strict: bool) -> str:
+    """Tables, the meaning of each failure, and the verdict in the last line."""
+    parts = [_checks(judgement.checks), *_meanings(judgement.checks)]
+    parts.append(_units(judgement.units))
+    if judgement.comparison is not None:
+        parts += _comparison(judgement.comparison)
+    parts.append(_verdict(judgement, strict=strict))
+    return "\n\n".join(parts)
+
+
+def _checks(checks: tuple[Check, ...]) -> str:
+    columns = ("id", "identity", "deviation", "bound", "severity", "verdict", "detail")
+    rows = [[row[column] for column in columns] for row in report(checks)]
+    return table(columns, rows)
+
+
+def _meanings(checks: tuple[Check, ...]) -> Iterator[str]:
+    for failed in (c for c in checks if c.failed):
+        yield f"{failed.id} failed ({failed.severity}): {failed.meaning}"
+
+
+def _units(guess: UnitGuess) -> str:
+    """A SID has no unit field: the most plausible system, and doubts about it."""
+    surely = "" if guess.certain else " (a guess that others nearly equal)"
+    lines = [f"units: {guess.system or 'unknown'}{surely}"]
+    return "\n".join([*lines, *(f"warning: {text}" for text in guess.warnings)])
+
+
+def _comparison(comparison: Comparison) -> Iterator[str]:
+    columns = ("quantity", "value", "reference", "deviation", "tolerance", "verdict")
+    texts = zip(comparison.rows, comparison_report(comparison), strict=True)
+    for group, members in groupby(texts, key=lambda pair: pair[0].group):
+        pairs = list(members)
+        rows = [[text[column] for column in columns] for _, text in pairs]
+        yield f"{group}{_source(pairs[0][0])}\n{table(columns, rows)}"
+    for note in comparison.notes:
+        yield f"note: {note}"
+
+
+def _source(row: Row) -> str:
+    return f" ({row.source})" if row.source else ""
+
+
+def _verdict(judgement: Judgement, *, strict: bool) -> str:
+    failed = [c.severity for c in judgement.checks if c.failed]
+    counts = [
+        plural(failed.count("error"), "error"),
+        plural(failed.count("warning"), "warning"),
+    ]
+    if judgement.comparison is not None:
+        judged = [r for r in judgement.comparison.rows if r.verdict != "shown"]
+        missed = sum(r.verdict == "failed" for r in judged)
+        counts.append(f"{missed} of {len(judged)} judged reference values missed")
+    word = "good" if judgement.good(strict=strict) else "bad"
+    return f"{word}: {', '.join(counts)}{' (warnings count)' if strict else ''}"
