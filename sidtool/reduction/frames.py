@@ -12,7 +12,6 @@ from formats.errors import InputError
 from formats.model import TangentFrame
 
 from ..frontends.finite_element_model import FiniteElementModel
-from .rigid import rigid_body_modes
 
 Array = NDArray[np.float64]
 
@@ -36,8 +35,7 @@ def tangent_frame(model: FiniteElementModel, settings: TangentFrame) -> Frame:
 
     Raises
     ------
-    InputError : the marker does not lie on the clamped edges, or they do not hold
-        the body.
+    InputError : the marker does not lie on the clamped edges.
     """
     held = np.zeros(model.ndof, bool)
     for edge in settings.clamped_edges:
@@ -49,13 +47,6 @@ def tangent_frame(model: FiniteElementModel, settings: TangentFrame) -> Frame:
             f"marker {settings.marker} is not on the clamped edge {edges}",
             place="frame.marker",
             expected="a marker that does not move in its own frame",
-        )
-    rigid = rigid_body_modes(model.positions - model.positions.mean(axis=0))
-    if np.linalg.matrix_rank(rigid[held]) < rigid.shape[1]:
-        raise InputError(
-            "the clamped edge is a point, about which the body is free to turn",
-            place="frame.clamp",
-            expected="an edge with a length",
         )
     return Frame(origin=marker.position, held=held)
 
