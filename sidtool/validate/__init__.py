@@ -19,6 +19,9 @@ _HOME = {
     "rescale": "units",
     "convert_units": "units",
     "guess_units": "guess",
+    "UnitGuess": "guess",
+    "checks_as_data": "checks",
+    "comparison_as_data": "data",
     "to_json": "data",
 }
 

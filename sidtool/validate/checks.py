@@ -123,7 +123,7 @@ def report(checks: Sequence[Check]) -> list[dict[str, str]]:
 
 
 def checks_as_data(checks: Sequence[Check]) -> list[dict[str, Any]]:
-    """The checks as plain dictionaries, ready for JSON."""
+    """The checks as plain dictionaries; keys are the fields of `Check`."""
     return [asdict(c) for c in checks]
 
 
