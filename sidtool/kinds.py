@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from formats.errors import InputError
+from formats.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal
 
 Path_ = str | os.PathLike[str]
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 #: The entry ``format`` of files that people write, and the kind that it means.
 WRITTEN = {
     "sidtool model": "model",
@@ -78,20 +78,21 @@ def _kind_of_text(path: Path) -> str:
 def _starts_as_hdf5(path: Path) -> bool:
     try:
         with path.open("rb") as stream:
-            return stream.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
+            start = stream.read(len(HDF5_SIGNATURE))
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", source=path) from None
+    return start in (HDF5_SIGNATURE, SEAL_SIGNATURE)
 
 
 def _kind_of_hdf5(path: Path) -> str:
-    """Damaged files count as SIDs: their reader says what is wrong."""
     import h5py
 
+    check_seal(path)
     try:
         with h5py.File(path, "r") as file:
             return "result" if file.attrs.get("format") == "sidtool result" else "sid"
     except (OSError, RuntimeError, ValueError, TypeError):
-        return "sid"
+        return "sid"  # whose reader says what is wrong
 
 
 def _read_sid(path: Path_) -> Any:

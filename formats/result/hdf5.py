@@ -3,7 +3,7 @@
 Attributes of the root: format, format_version, title, completed, message. Datasets:
 t, values, positions, velocities, multipliers, each of the latter four with its columns'
 names in the attribute ``names``; scene (JSON text). Groups counters, drift, settings
-and versions hold their entries as attributes.
+and versions hold their entries as attributes. The file is sealed, see `seal`.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 
 from ..atomic import atomic_path
 from ..errors import InputError
+from ..seal import BLOCK, check_seal, seal
 from .data import TABLES, Result
 
 FORMAT = "sidtool result"
@@ -32,7 +33,13 @@ def write_result(path: str | Path, result: Result) -> None:
     ------
     InputError : the file cannot be written.
     """
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_path(path) as temporary:
+        _write(temporary, result)
+        seal(temporary)
+
+
+def _write(path: Path, result: Result) -> None:
+    with h5py.File(path, "w", userblock_size=BLOCK) as file:
         file.attrs.update(
             format=FORMAT,
             format_version=VERSION,
@@ -60,6 +67,7 @@ def read_result(path: str | Path) -> Result:
     InputError : there is no such file, or it is no whole result of this version.
     """
     try:
+        check_seal(Path(path))
         with h5py.File(path, "r") as file:
             _check_format(file, path)
             return _result(file)
@@ -67,7 +75,14 @@ def read_result(path: str | Path) -> Result:
         raise error.located(path) from None
     except FileNotFoundError:
         raise InputError("there is no such file", source=path) from None
-    except (OSError, KeyError, TypeError, ValueError, AttributeError) as error:
+    except (
+        OSError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        RuntimeError,
+    ) as error:
         raise InputError(
             f"cannot be read ({error})", source=path, expected="a whole result file"
         ) from None

@@ -106,6 +106,7 @@ def test_a_foreign_hdf5_file_is_refused(
 ) -> None:
     path = tmp_path / "r.h5"
     write_result(path, result)
+    path.write_bytes(path.read_bytes()[512:])
     with h5py.File(path, "a") as file:
         if change == "format":
             file.attrs["format"] = "something"
@@ -119,6 +120,16 @@ def test_a_foreign_hdf5_file_is_refused(
             if change == "type":
                 file.create_group("values")
     with pytest.raises(InputError, match="r.h5"):
+        read_result(path)
+
+
+def test_a_damaged_byte_is_noticed(result: Result, tmp_path: Path) -> None:
+    path = tmp_path / "r.h5"
+    write_result(path, result)
+    whole = bytearray(path.read_bytes())
+    whole[len(whole) // 2] ^= 1
+    path.write_bytes(whole)
+    with pytest.raises(InputError, match="was damaged"):
         read_result(path)
 
 
