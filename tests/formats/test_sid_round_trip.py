@@ -1,0 +1,196 @@
+"""Whatever SID is written, in whatever format and dialect, it is read back the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from formats.sid import (
+    BLOCK_SHAPES,
+    NODE_SHAPES,
+    SID,
+    Dialect,
+    Node,
+    Taylor,
+    block_shape,
+)
+from formats.sid_ascii.writer import STYLES
+from formats.sid_files import FORMATS, read_sid, write_sid
+from tests.bodies import particle_body, skew
+from tests.formats.sids import assert_same
+
+#: Relative to the largest number of a term, half a unit of the twelfth digit.
+TWELVE_DIGITS = 5e-12
+
+HYPOTHESIS = settings(
+    deadline=None,
+    max_examples=20,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+
+printable = st.text(
+    st.characters(min_codepoint=32, max_codepoint=126), max_size=60
+).map(str.strip)
+numbers = st.one_of(
+    st.just(0.0),
+    st.floats(1e-90, 1e90),
+    st.floats(-1e90, -1e-90),
+    st.integers(-3, 3).map(float),
+)
+
+
+@st.composite
+def expansions(draw: st.DrawFn, shape: tuple[int, int], nq: int) -> Taylor:
+    """Any expansion of order 0, 1 or 2, however unphysical."""
+    order = draw(st.integers(0, 2 if 0 not in shape else 0))
+    m0 = draw(arrays(float, shape, elements=numbers, fill=st.just(0.0)))
+    m1 = mn = None
+    if order > 0 and nq:
+        m1 = draw(arrays(float, (nq, *shape), elements=numbers, fill=st.just(0.0)))
+    if order > 1:
+        count = draw(st.integers(1, 3))
+        mn = draw(arrays(float, (count, *shape), elements=numbers, fill=st.just(0.0)))
+        order = 2
+    return Taylor(m0, m1, mn, order)
+
+
+@st.composite
+def arbitrary_sids(draw: st.DrawFn) -> SID:
+    """Any SID that the data model allows, with numbers that mean nothing."""
+    nq = draw(st.integers(0, 4))
+    ids = draw(
+        st.lists(st.from_regex(r"\A[A-Za-z0-9_=.]{1,8}\Z"), max_size=3, unique=True)
+    )
+    blocks = {
+        name: draw(expansions(block_shape(name, nq), nq)) for name in BLOCK_SHAPES
+    }
+    nodes = []
+    for name in ids:
+        entries = {
+            entry: draw(expansions(block_shape(entry, nq), nq)) for entry in NODE_SHAPES
+        }
+        if draw(st.booleans()):
+            del entries["sigma"]
+        nodes.append(Node(id=name, **entries))
+    extra = {"Kx": draw(expansions((2, 3), nq))} if draw(st.booleans()) else {}
+    return SID(
+        mass=draw(st.floats(0.0, 1e9)),
+        labels=tuple(draw(printable) for _ in range(nq)),
+        nodes=tuple(nodes),
+        title=draw(printable),
+        extra=extra,
+        **blocks,
+    )
+
+
+@pytest.mark.parametrize("dialect", STYLES)
+@HYPOTHESIS
+@given(sid=arbitrary_sids())
+def test_any_sid_in_any_dialect(tmp_path: Path, dialect: str, sid: SID) -> None:
+    path = tmp_path / "body.SID_FEM"
+    write_sid(path, sid, dialect)
+    assert_same(read_sid(path), sid, TWELVE_DIGITS)
+
+
+@HYPOTHESIS
+@given(sid=arbitrary_sids())
+def test_any_sid_in_hdf5_is_the_same_bit_for_bit(tmp_path: Path, sid: SID) -> None:
+    path = tmp_path / "body.h5"
+    write_sid(path, sid)
+    found = read_sid(path)
+    assert_same(found, sid, 0.0)
+    assert found.dialect == sid.dialect
+
+
+def with_sigma(sid: SID) -> SID:
+    """Section forces at every node."""
+    rng = np.random.default_rng(3)
+    sigma = Taylor(rng.normal(size=(6, 1)), rng.normal(size=(sid.nq, 6, 1)))
+    return replace(sid, nodes=tuple(replace(n, sigma=sigma) for n in sid.nodes))
+
+
+def with_turned_nodes(sid: SID) -> SID:
+    """Node frames that are not the body frame: AP m1_l = skew(psi_l) AP0."""
+    turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    nodes = tuple(
+        replace(node, AP=Taylor(turn, skew(node.psi.m0.T) @ turn)) for node in sid.nodes
+    )
+    return replace(sid, nodes=nodes)
+
+
+def with_foreign_title(sid: SID) -> SID:
+    """A title that names another writer than the one at work."""
+    return replace(sid, title="read from PY_SID, 3 nodes: refmod frame new node = 4")
+
+
+BODIES = {
+    "rigid": particle_body(0, 4),
+    "rigid, no node": particle_body(0, 4, nodes=0),
+    "one mode": particle_body(1, 4),
+    "one mode, one node": particle_body(1, 4, nodes=1),
+    "planar": particle_body(5, 9, planar=True),
+    "no node": particle_body(3, 8, nodes=0),
+    "many nodes": particle_body(2, 30, nodes=30),
+    "geometric stiffening": particle_body(4, 9, stiffening=True),
+    "200 modes": particle_body(200, 80, nodes=1),
+    "sigma": with_sigma(particle_body(3, 8)),
+    "turned nodes": with_turned_nodes(particle_body(3, 8)),
+    "foreign title": with_foreign_title(particle_body(3, 8)),
+}
+
+
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("dialect", STYLES)
+def test_consistent_bodies(tmp_path: Path, dialect: str, body: str) -> None:
+    sid, path = BODIES[body], tmp_path / "body.SID_FEM"
+    write_sid(path, sid, dialect)
+    found = read_sid(path)
+    layout = STYLES[dialect].layout
+    assert_same(found, sid, TWELVE_DIGITS)
+    assert found.dialect.notes == ()
+    assert found.dialect.m1_index == layout.m1_index
+    assert (found.dialect.gr_layout, found.dialect.ge_layout) == (layout.gr, layout.ge)
+
+
+@pytest.mark.parametrize("body", [name for name in BODIES if name != "200 modes"])
+@pytest.mark.parametrize("dialect", STYLES)
+def test_numbers_alone_give_the_dialect_away(
+    tmp_path: Path, dialect: str, body: str
+) -> None:
+    """The identities tell the layouts apart without any help from the title."""
+    sid, path = BODIES[body], tmp_path / "body.SID_FEM"
+    write_sid(path, sid, dialect)
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[1:]))
+    assert_same(read_sid(path), replace(sid, title=""), TWELVE_DIGITS)
+
+
+@pytest.mark.parametrize("dialect", STYLES)
+def test_a_second_cycle_changes_nothing(tmp_path: Path, dialect: str) -> None:
+    path, again = tmp_path / "a.SID_FEM", tmp_path / "b.SID_FEM"
+    write_sid(path, BODIES["geometric stiffening"], dialect)
+    write_sid(again, read_sid(path), dialect)
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_every_format_keeps_the_dialect_of_the_source(tmp_path: Path) -> None:
+    dialect = Dialect("PY_SID", "mode", "axis", name="rod", notes=("one", "two"))
+    sid = replace(particle_body(2, 5), dialect=dialect)
+    write_sid(tmp_path / "a.hdf5", sid)
+    assert read_sid(tmp_path / "a.hdf5").dialect == dialect
+
+
+@pytest.mark.parametrize("known", FORMATS, ids=lambda known: known.name)
+def test_the_content_decides_not_the_name(tmp_path: Path, known: object) -> None:
+    suffix = (*known.suffixes, ".SID_FEM")[0]  # type: ignore[attr-defined]
+    write_sid(tmp_path / f"body{suffix}", particle_body(2, 5))
+    plain = tmp_path / "body.anything"
+    (tmp_path / f"body{suffix}").rename(plain)
+    assert_same(read_sid(plain), particle_body(2, 5), TWELVE_DIGITS)
