@@ -84,6 +84,17 @@ class NurbsGeometry(Part):
             check_knots(self.knots[i], self.degrees[i], counts[i], place)
         return self
 
+    @model_validator(mode="after")
+    def _sides_keep_their_names(self) -> Self:
+        for name in self.edges:
+            if name in SIDES:
+                raise InputError(
+                    "is the name of a side already",
+                    place=f"geometry.edges.{name}",
+                    expected=f"a name other than {', '.join(SIDES)}",
+                )
+        return self
+
     @property
     def edge_names(self) -> dict[str, tuple[int, int]]:
         """Every name of a side as (parametric direction, end)."""

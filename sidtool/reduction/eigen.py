@@ -36,7 +36,8 @@ def lowest_eigenpairs(
 
     Raises
     ------
-    InputError : more eigenpairs than degrees of freedom are asked for.
+    InputError : more eigenpairs than degrees of freedom are asked for, or the matrices
+        are no stiffness and mass.
     """
     n = stiffness.shape[0]
     if count > n:
@@ -44,10 +45,28 @@ def lowest_eigenpairs(
             f"{count} modes of a model with {n} free degrees of freedom",
             expected=f"at most {n}",
         )
-    if n <= _DENSE or count > n // 3:
-        return scipy.linalg.eigh(
-            stiffness.toarray(), mass.toarray(), subset_by_index=[0, count - 1]
-        )
+    solve = _dense if n <= _DENSE or count > n // 3 else _shift_invert
+    try:
+        return solve(stiffness, mass, count, shift)
+    except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            f"the eigenproblem has no solution ({error})",
+            expected="a body with positive mass and stiffness of ordinary size",
+        ) from error
+
+
+def _dense(
+    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, _: float
+) -> tuple[Array, Array]:
+    return scipy.linalg.eigh(
+        stiffness.toarray(), mass.toarray(), subset_by_index=[0, count - 1]
+    )
+
+
+def _shift_invert(
+    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, shift: float
+) -> tuple[Array, Array]:
+    n = stiffness.shape[0]
     factors = splu(
         sp.csc_matrix(stiffness - shift * mass),
         permc_spec="MMD_AT_PLUS_A",

@@ -78,6 +78,7 @@ def test_further_names_of_edges_and_several_clamps() -> None:
             "1 entries",
         ),
         ("geometry.edges", {"foot": "front"}, "geometry.edges.foot", "front"),
+        ("geometry.edges", {"left": "right"}, "geometry.edges.left", "a side already"),
         ("discretisation.type", "q5", "discretisation", "q5"),
         ("discretisation.elements", [150, 0], "discretisation.elements[1]", "0"),
         ("discretisation.elements", [150], "discretisation.elements", ""),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
 from formats.errors import InputError
@@ -128,6 +129,19 @@ def test_more_modes_than_degrees_of_freedom_are_refused() -> None:
     assert reduced(body, 8).shapes.shape == (12, 8)
     with pytest.raises(InputError, match="reduction.modes: 9 modes .* at most 8"):
         reduced(body, 9)
+
+
+@pytest.mark.parametrize("n", [10, 1000])
+@pytest.mark.parametrize("broken", ["stiffness", "mass"])
+def test_matrices_of_no_body_are_refused(n: int, broken: str) -> None:
+    """Dense and sparse: infinite stiffness, negative mass."""
+    stiffness, mass = sp.eye_array(n, format="csr"), sp.eye_array(n, format="csr")
+    if broken == "stiffness":
+        stiffness = stiffness * np.inf
+    else:
+        mass = -mass
+    with pytest.raises(InputError, match="the eigenproblem has no solution"):
+        lowest_eigenpairs(stiffness, mass, 3)
 
 
 @pytest.mark.parametrize("name", DISCRETISATIONS)
