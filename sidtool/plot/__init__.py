@@ -1,0 +1,1 @@
+"""Pictures: shapes of a body, motions beside each other, work against precision."""

@@ -1,0 +1,61 @@
+"""Figures without a display, written wholly or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from formats.atomic import atomic_path
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Okabe and Ito's colours, told apart by everyone: blue, orange, green, ...
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_STYLE: dict[Any, Any] = {
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "font.size": 9.0,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+}
+
+
+@contextmanager
+def figure(
+    path: Path, rows: int = 1, columns: int = 1, *, size: tuple[float, float]
+) -> Iterator[Any]:
+    """Yield the axes of a new figure; it is saved to `path` (by its ending) afterwards.
+
+    Parameters
+    ----------
+    rows, columns : of the grid of axes; one of each yields the axes themselves
+    size : width and height [inch]
+    """
+    import matplotlib
+
+    with matplotlib.rc_context(_STYLE | {"axes.prop_cycle": _cycle()}):
+        page, axes = _new_page(rows, columns, size)
+        yield axes
+        with atomic_path(path) as temporary:
+            page.savefig(temporary, dpi=130, format=path.suffix[1:])
+
+
+def _new_page(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
+    """A figure of its own canvas: no window, no global state of pyplot."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    page = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(page)
+    return page, page.subplots(rows, columns, sharex="col")
+
+
+def _cycle() -> Any:
+    from cycler import cycler
+
+    return cycler(color=COLOURS)
