@@ -96,14 +96,15 @@ def _run(
 ) -> Any:
     from formats.errors import InputError
     from formats.scene import read_scene
-    from solver import compile_scene
-    from solver import simulate as run
 
     from ..kinds import expect_kind
 
     expect_kind(path, "scene")
     scene = read_scene(path)
     sids = _swapped(swaps, scene)
+    from solver import compile_scene
+    from solver import simulate as run
+
     try:
         system = compile_scene(
             scene, path.parent, sids=sids, accept_defects=accept_defects

@@ -1,0 +1,238 @@
+"""The founding example end to end: one rod by two discretisations, one mechanism.
+
+Source: A. Held, A. Hildebrandt (flexible slider-crank with an isogeometric rod).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.model import read_model
+from formats.reference import ReferenceFile, read_reference
+from formats.result import Result, write_csv, write_result
+from formats.scene import read_scene
+from formats.sid import SID
+from formats.sid_files import write_sid
+
+from .convert import sid_from_model
+from .report.sid import modes_of
+from .report.tables import table
+
+Say = Callable[[str], None]
+
+#: The rods by the name of their model file, and how the demo calls them.
+SOURCES = {"rod_q4": "Q4", "rod_iga": "IGA"}
+#: The published row of frequencies that belongs to each.
+PUBLISHED = {"Q4": "paper, ANSYS", "IGA": "paper, IGA"}
+#: Computed for the Q4 rod in minimal coordinates with DOP853 at 1e-10 relative.
+KNOWN = {
+    ("piston.x", 1.0): 1.0916580040,
+    ("piston.x", 1.5): 1.0847993728,
+    ("rod.q1", 1.5): -4.67999958e-4,
+}
+#: Runs of the table of speed and error: integrator and relative tolerances.
+SETTINGS = {
+    "radau5": (1e-4, 1e-6, 1e-8),
+    "trapezoidal": (1e-3, 1e-4, 1e-5),
+}
+TIGHT = 1e-11
+
+
+def run_demo(folder: Path, say: Say) -> None:
+    """Convert, validate, simulate, compare and draw; files go to `folder`.
+
+    Raises
+    ------
+    InputError : the example's files are not there, or `folder` cannot be written.
+    """
+    examples = example_folder()
+    begin = time.perf_counter()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"cannot be a folder ({error.strerror})", source=folder
+        ) from None
+    say("1. The rod, from its geometry to Standard Input Data (SID)\n")
+    sids = _converted(examples, folder)
+    reference = read_reference(examples / "frequencies.toml")
+    say(frequency_table(sids, reference) + "\n")
+    say("2. The slider-crank with either rod\n")
+    results = _simulated(examples, sids, folder)
+    say(agreement_table(results) + "\n")
+    say(known_table(results["Q4"]) + "\n")
+    say("3. Speed against error, rod from Q4\n")
+    runs = precision_runs(examples, sids["Q4"])
+    say(precision_table(runs) + "\n")
+    _plots(examples, folder, results, runs)
+    seconds = time.perf_counter() - begin
+    say(f"Plots, SIDs and results are in {folder} ({seconds:.1f} s in all).")
+
+
+def example_folder() -> Path:
+    """Where the example's files are: beside the packages of a clone.
+
+    Raises
+    ------
+    InputError : sidtool was installed without its examples.
+    """
+    folder = Path(__file__).resolve().parents[1] / "examples" / "slider_crank"
+    if not (folder / "slider_crank.toml").is_file():
+        raise InputError(
+            "the files of the example are not here",
+            source=folder,
+            expected="sidtool run from a clone of its repository (make demo)",
+        )
+    return folder
+
+
+def _converted(examples: Path, folder: Path) -> dict[str, SID]:
+    sids = {}
+    for file, name in SOURCES.items():
+        sids[name] = sid_from_model(examples / f"{file}.toml")
+        write_sid(folder / f"{file}.SID_FEM", sids[name])
+    return sids
+
+
+def frequency_table(sids: Mapping[str, SID], reference: ReferenceFile) -> str:
+    """Natural frequencies beside the published and converged rows, with differences."""
+    known = {row.name: row.hertz for row in reference.frequencies}
+    ours = {
+        name: [mode.frequency for mode in modes_of(sid)] for name, sid in sids.items()
+    }
+    rows = []
+    for name, published in PUBLISHED.items():
+        rows.append([name, *(f"{value:.4f}" for value in ours[name])])
+        rows.append([published, *map(str, known[published])])
+        rows.append(_differences("  difference, %", ours[name], known[published]))
+    rows.append(["converged", *map(str, known["converged"])])
+    for name in PUBLISHED:
+        label = f"  {name} against it, %"
+        rows.append(_differences(label, ours[name], known["converged"]))
+    return table(["Hz", "f1", "f2", "f3", "f4", "f5"], rows)
+
+
+def _differences(
+    label: str, ours: Sequence[float], theirs: Sequence[float]
+) -> list[str]:
+    pairs = zip(ours, theirs, strict=True)
+    return [label, *(f"{100 * (here / there - 1):+.3f}" for here, there in pairs)]
+
+
+def _simulated(
+    examples: Path, sids: Mapping[str, SID], folder: Path
+) -> dict[str, Result]:
+    results = {}
+    for file, name in SOURCES.items():
+        results[name] = _run(examples, sids[name])
+        write_result(folder / f"{file}.h5", results[name])
+        write_csv(folder / f"{file}.csv", results[name])
+    return results
+
+
+def _run(
+    examples: Path,
+    sid: SID,
+    integrator: str | None = None,
+    rtol: float | None = None,
+) -> Result:
+    from solver import compile_scene, simulate
+
+    scene = read_scene(examples / "slider_crank.toml")
+    system = compile_scene(scene, examples, sids={"rod": sid})
+    return simulate(system, integrator=integrator, rtol=rtol)
+
+
+def agreement_table(results: Mapping[str, Result]) -> str:
+    """How the motions with the two rods differ, output by output."""
+    first, second = results["Q4"], results["IGA"]
+    rows = []
+    for name in first.names:
+        difference = np.abs(second[name] - first[name]).max()
+        greatest = np.abs(first[name]).max()
+        rows.append(
+            [
+                name,
+                f"{greatest:.4e}",
+                f"{difference:.2e}",
+                f"{100 * difference / greatest:.4f}",
+            ]
+        )
+    header = ["IGA against Q4", "greatest", "greatest difference", "%"]
+    return table(header, rows)
+
+
+def known_table(result: Result) -> str:
+    """The motion beside the numbers of an independent computation."""
+    rows = []
+    for (name, at), value in KNOWN.items():
+        found = float(result[name][np.searchsorted(result.t, at - 1e-9)])
+        rows.append(
+            [f"{name} at {at} s", f"{found:.10g}", f"{value:.10g}"]
+            + [f"{found - value:+.1e}"]
+        )
+    header = ["rod from Q4", "here", "independent (DOP853)", "difference"]
+    return table(header, rows)
+
+
+def precision_runs(
+    examples: Path, sid: SID
+) -> dict[str, list[tuple[float, Result, float]]]:
+    """Per integrator: (tolerance, run, its error in q1 relative to the largest q1)."""
+    tight = _run(examples, sid, "radau5", TIGHT)["rod.q1"]
+    runs: dict[str, list[tuple[float, Result, float]]] = {}
+    for integrator, tolerances in SETTINGS.items():
+        runs[integrator] = []
+        for rtol in tolerances:
+            result = _run(examples, sid, integrator, rtol)
+            error = np.abs(result["rod.q1"] - tight).max() / np.abs(tight).max()
+            runs[integrator].append((rtol, result, float(error)))
+    return runs
+
+
+def precision_table(runs: Mapping[str, list[tuple[float, Result, float]]]) -> str:
+    """Cost and error of each run."""
+    rows = [
+        [
+            integrator,
+            f"{rtol:.0e}",
+            str(result.counters["steps"]),
+            f"{result.counters['seconds']:.3f}",
+            f"{error:.1e}",
+            f"{result.drift['position']:.0e}",
+        ]
+        for integrator, entries in runs.items()
+        for rtol, result, error in entries
+    ]
+    header = ["integrator", "tolerance", "steps", "seconds", "error q1", "drift m"]
+    return table(header, rows)
+
+
+def _plots(
+    examples: Path,
+    folder: Path,
+    results: Mapping[str, Result],
+    runs: Mapping[str, list[tuple[float, Result, float]]],
+) -> None:
+    from .plot.motion import plot_motions
+    from .plot.precision import plot_precision
+    from .plot.shapes import plot_shapes
+
+    plot_shapes(folder / "rod.png", read_model(examples / "rod_q4.toml"))
+    plot_motions(
+        folder / "motion.png",
+        results,
+        {"piston.x": "piston x [m]", "rod.q1": "first elastic\ncoordinate q1"},
+    )
+    points = {
+        integrator: [
+            (error, float(result.counters["seconds"])) for _, result, error in entries
+        ]
+        for integrator, entries in runs.items()
+    }
+    plot_precision(folder / "precision.png", points, "relative error of q1")

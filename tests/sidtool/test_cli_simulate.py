@@ -1,0 +1,109 @@
+"""``sidtool simulate``: files, summary, swapped bodies, runs that stop early."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from formats.result import read_result
+from sidtool.cli import run
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+SCENE = str(EXAMPLE / "slider_crank.toml")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Result and CSV of the slider-crank, and what was printed."""
+    folder = tmp_path_factory.mktemp("run")
+    arguments = ["simulate", SCENE, "-o", str(folder / "r.h5")]
+    assert run([*arguments, "--csv", str(folder / "r.csv")]) == 0
+    return folder
+
+
+def columns(path: Path) -> dict[str, np.ndarray]:
+    rows = list(csv.reader(path.read_text().splitlines()))
+    data = np.array(rows[1:], float)
+    return {name: data[:, i] for i, name in enumerate(rows[0])}
+
+
+def test_the_csv_has_one_header_and_a_row_per_output_time(files: Path) -> None:
+    lines = (files / "r.csv").read_text().splitlines()
+    assert lines[0] == "t,piston.x,rod.q1,rod.q2,rod.q3,rod.q4,rod.q5"
+    assert len(lines) == 302
+    table = columns(files / "r.csv")
+    assert np.allclose(table["t"], np.arange(301) * 0.01, rtol=0, atol=1e-14)
+    assert np.array_equal(table["rod.q1"], read_result(files / "r.h5")["rod.q1"])
+
+
+def test_the_motion_is_that_of_the_reference(files: Path) -> None:
+    """Independent computation in minimal coordinates, DOP853 at 1e-10 relative."""
+    table = columns(files / "r.csv")
+    assert abs(table["piston.x"][100] - 1.0916580040) < 1e-8
+    assert abs(table["piston.x"][150] - 1.0847993728) < 1e-8
+    assert abs(table["rod.q1"]).max() == pytest.approx(9.995e-4, rel=1e-4)
+
+
+def test_info_of_the_result(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["info", str(files / "r.h5")]) == 0
+    text = capsys.readouterr().out
+    for word in ("radau5", "301 output times", "piston.x", "drift", "made with"):
+        assert word in text
+
+
+def test_the_result_carries_its_scene_and_cost(files: Path) -> None:
+    result = read_result(files / "r.h5")
+    assert result.completed
+    assert '"Flexible slider-crank"' in result.scene
+    assert result.counters["steps"] > 0 and result.counters["seconds"] > 0
+    assert result.drift["position"] < 1e-10
+
+
+def test_another_sid_and_settings(
+    tmp_path: Path, files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    swap = ["--sid", f"rod={EXAMPLE / 'rod_iga.SID_FEM'}"]
+    more = ["--rtol", "1e-5", "--csv", str(tmp_path / "iga.csv")]
+    assert run(["simulate", SCENE, *swap, *more]) == 0
+    assert "relative tolerance 1e-05" in capsys.readouterr().out
+    q4, iga = columns(files / "r.csv"), columns(tmp_path / "iga.csv")
+    assert 0 < abs(q4["piston.x"] - iga["piston.x"]).max() < 1e-5
+    peak = abs(q4["rod.q1"]).max()
+    assert abs(q4["rod.q1"] - iga["rod.q1"]).max() < 0.1 * peak
+
+
+def test_a_run_that_stops_keeps_what_there_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import solver
+    from solver.errors import SimulationError
+
+    def stop(system: object, **_: object) -> None:
+        partial = read_result(tmp_path / "whole.h5")
+        object.__setattr__(partial, "completed", False)
+        raise SimulationError("at 1.5 s the step became too small", partial)
+
+    assert run(["simulate", SCENE, "-o", str(tmp_path / "whole.h5")]) == 0
+    capsys.readouterr()
+    monkeypatch.setattr(solver, "simulate", stop, raising=False)
+    assert run(["simulate", SCENE, "-o", str(tmp_path / "part.h5")]) == 1
+    error = capsys.readouterr().err
+    assert "slider_crank.toml: at 1.5 s the step became too small" in error
+    assert not read_result(tmp_path / "part.h5").completed
+
+
+def test_interruption_leaves_no_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import solver
+
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(solver, "simulate", interrupt, raising=False)
+    assert run(["simulate", SCENE, "-o", str(tmp_path / "r.h5")]) == 130
+    assert capsys.readouterr().err == "sidtool: interrupted\n"
+    assert list(tmp_path.iterdir()) == []

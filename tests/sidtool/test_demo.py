@@ -1,0 +1,48 @@
+"""The demo runs from end to end and says what it must."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sidtool import demo
+from sidtool.cli import run
+
+
+def test_the_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["demo", "-o", str(tmp_path / "demo")]) == 0
+    text = capsys.readouterr().out
+    for row in (
+        ["Q4", "31.7011", "200.5533", "560.6341", "1082.3189", "1254.9495"],
+        ["paper,", "ANSYS", "31.8", "200.6", "560.6", "1082.3", "1254.9"],
+        ["IGA", "31.4756", "199.1277", "556.6979", "1074.4210", "1254.9127"],
+        ["paper,", "IGA", "31.7", "201.7", "564.5", "1089.3", "1255.5"],
+    ):
+        assert row in [line.split() for line in text.splitlines()]
+    for word in ("piston.x at 1.5 s", "trapezoidal", "greatest difference"):
+        assert word in text
+    written = {path.name for path in (tmp_path / "demo").iterdir()}
+    assert written == {
+        *(f"rod_{kind}.{end}" for kind in ("q4", "iga") for end in ("SID_FEM", "h5")),
+        *("rod_q4.csv", "rod_iga.csv", "rod.png", "motion.png", "precision.png"),
+    }
+
+
+def test_without_the_examples_the_demo_says_so(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(demo, "__file__", str(tmp_path / "sidtool" / "demo.py"))
+    assert run(["demo", "-o", str(tmp_path / "demo")]) == 2
+    assert "files of the example are not here" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_in_the_way_of_the_folder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "demo").write_text("")
+    assert run(["demo", "-o", str(tmp_path / "demo")]) == 2
+    assert "cannot be a folder" in capsys.readouterr().err

@@ -1,0 +1,45 @@
+"""Every example runs, and its files are of the kinds that they say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import sidtool
+from sidtool.kinds import kind_of
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+FILES = sorted(EXAMPLES.glob("*/*.toml")) + sorted(EXAMPLES.glob("*/*.SID_FEM"))
+
+
+def of_kind(kind: str) -> list[Path]:
+    return [path for path in FILES if kind_of(path) == kind]
+
+
+def name(path: Path) -> str:
+    return path.stem
+
+
+def test_every_folder_explains_itself() -> None:
+    for folder in EXAMPLES.iterdir():
+        assert (folder / "README.md").is_file(), folder
+
+
+@pytest.mark.parametrize("path", of_kind("model"), ids=name)
+def test_models_convert_to_sids_without_errors(path: Path) -> None:
+    checks = sidtool.validate(sidtool.convert(path))
+    assert [c.id for c in checks if c.failed] == []
+
+
+@pytest.mark.parametrize("path", of_kind("sid"), ids=name)
+def test_sids_are_good(path: Path) -> None:
+    assert [c.id for c in sidtool.validate(path) if c.failed] == []
+
+
+@pytest.mark.parametrize("path", of_kind("scene"), ids=name)
+def test_scenes_run_to_their_end(path: Path) -> None:
+    result = sidtool.simulate(path)
+    assert result.completed
+    assert result.t[-1] == sidtool.read(path).time.end
+    assert result.drift["position"] < 1e-10
