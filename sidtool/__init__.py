@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
     from .api import compare as compare
     from .api import convert as convert
-    from .kinds import read as read
     from .api import repair as repair
     from .api import simulate as simulate
     from .api import validate as validate
     from .api import write as write
+    from .kinds import read as read
 
 _HOME = {
     "InputError": "formats.errors",
