@@ -27,6 +27,8 @@ _MOST_MARKERS = 4
 _NEGLIGIBLE = 1e-9
 # Modes this close in frequency may mix; they are compared as one subspace.
 _CLOSE = 1e-3
+# Differences of the MAC below this do not decide which modes belong together.
+_ALIKE = 1e-3
 
 
 def compare_sids(
@@ -49,7 +51,7 @@ def compare_sids(
             rows += _frequency_rows(support, first, second)
             rows += _static_rows(support, first, second, loaded, common, notes)
             rows += _response_rows(support, first, second, loaded, common)
-            rows += _shape_rows(support, first, second, common)
+            rows += _shape_rows(support, first, second, common, notes)
     elif here.nq or reference.nq:
         notes.append("one of the bodies is rigid: only mass properties are compared")
     return Comparison(
@@ -174,15 +176,22 @@ def _response_rows(
 
 
 def _shape_rows(
-    support: str, first: ModalBody, second: ModalBody, common: Pairing
+    support: str,
+    first: ModalBody,
+    second: ModalBody,
+    common: Pairing,
+    notes: list[str],
 ) -> Iterator[Row]:
     """MAC of each mode with its best partner; close modes count as one subspace."""
     if not common.nodes:
         return
+    if _rank(second.shapes) < second.shapes.shape[1]:
+        notes.append("too few common nodes for the MAC to tell all modes apart")
     assurance = modal_assurance(first.shapes, second.shapes)
     frequencies = np.sqrt(np.clip(second.squares, 0.0, None))
-    for mode, row in enumerate(assurance[: len(second.squares)]):
-        best = int(row.argmax())
+    own = np.sqrt(np.clip(first.squares, 0.0, None))
+    for mode, row in enumerate(assurance):
+        best = _partner(row, np.abs(frequencies - own[mode]))
         gap = np.abs(frequencies - frequencies[best])
         close = gap <= _CLOSE * frequencies[best]
         value = subspace_assurance(first.shapes[:, mode], second.shapes[:, close])
@@ -195,6 +204,19 @@ def _shape_rows(
             1.0,
             value - 1.0,
         )
+
+
+def _partner(assurance: Array, distance: Array) -> int:
+    """The most alike mode; among equals the one nearest in frequency."""
+    alike = assurance >= assurance.max() - _ALIKE
+    return int(np.where(alike, distance, np.inf).argmin())
+
+
+def _rank(shapes: Array) -> int:
+    size = np.linalg.norm(shapes, axis=0)
+    return int(
+        np.linalg.matrix_rank(shapes / np.where(size > 0.0, size, 1.0), tol=1e-6)
+    )
 
 
 def _loaded(common: Pairing, markers: Sequence[str] | None) -> list[int]:

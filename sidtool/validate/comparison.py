@@ -8,8 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from formats.reference import ReferenceFile, read_reference
 from formats.sid import SID
+
+from .magnitudes import refuse_absurd
 
 Outcome = Literal["passed", "failed", "shown"]
 
@@ -87,9 +91,12 @@ def compare(
 
     if not isinstance(reference, SID | ReferenceFile):
         reference = _read(Path(reference))
-    if isinstance(reference, ReferenceFile):
-        return compare_table(sid, reference)
-    return compare_sids(sid, reference, tolerance, markers)
+    refuse_absurd(sid)
+    with np.errstate(all="ignore"):
+        if isinstance(reference, ReferenceFile):
+            return compare_table(sid, reference)
+        refuse_absurd(reference)
+        return compare_sids(sid, reference, tolerance, markers)
 
 
 def comparison_report(comparison: Comparison) -> list[dict[str, str]]:

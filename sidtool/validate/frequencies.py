@@ -12,6 +12,8 @@ from formats.sid_mass import SPATIAL, free_modal_mass
 
 _HERTZ = re.compile(r"([-+]?\d+\.?\d*(?:[eEdD][-+]?\d+)?)\s*Hz\b", re.IGNORECASE)
 
+_LARGEST = 1e30
+
 
 def hertz(eigenvalues: Array) -> Array:
     """Squared circular frequencies [rad2/s2] as frequencies [Hz]; below zero is 0."""
@@ -46,13 +48,15 @@ def free_modes(sid: SID, rigid: tuple[int, ...] = SPATIAL) -> tuple[Array, Array
 def label_hertz(sid: SID) -> tuple[Array, Array] | None:
     """Frequencies in the labels and half of their last printed digit, each (nq,) [Hz].
 
-    None unless every label tells one.
+    None unless every label tells one, and one that a body can have.
     """
     found = [_HERTZ.search(label) for label in sid.labels]
     if not found or any(match is None for match in found):
         return None
     texts = [match[1] for match in found if match]
     values = np.array([float(re.sub("[dD]", "e", text)) for text in texts])
+    if not np.all(np.abs(values) < _LARGEST):
+        return None
     digits = np.array([0.5 * 10.0 ** -_decimals(text) for text in texts])
     return values, digits
 
@@ -64,4 +68,4 @@ def symmetric(matrix: Array) -> Array:
 
 def _decimals(text: str) -> int:
     mantissa, _, exponent = re.sub("[dDE]", "e", text).partition("e")
-    return len(mantissa.partition(".")[2]) - int(exponent or 0)
+    return len(mantissa.partition(".")[2]) - max(int(exponent or 0), -30)

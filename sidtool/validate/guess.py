@@ -16,6 +16,7 @@ from formats.sid import SID
 from formats.sid_mass import SPATIAL, central_inertia, free_motion
 
 from .frequencies import free_modes, held_modes, hertz, label_hertz
+from .magnitudes import refuse_absurd
 from .pairing import body_size
 from .units import UNIT_SYSTEMS, UnitSystem
 
@@ -75,7 +76,18 @@ class _Evidence:
 
 
 def guess_units(sid: SID) -> UnitGuess:
-    """Which unit system the numbers of this SID are in, most likely."""
+    """Which unit system the numbers of this SID are in, most likely.
+
+    Raises
+    ------
+    InputError : an entry is not a finite number below 1e100.
+    """
+    refuse_absurd(sid)
+    with np.errstate(all="ignore"):
+        return _guessed(sid)
+
+
+def _guessed(sid: SID) -> UnitGuess:
     size = body_size(sid)
     if not (sid.mass > 0.0 and size > 0.0):
         return UnitGuess((), False, ("mass or size is missing: units are not judged",))

@@ -9,6 +9,7 @@ import numpy as np
 from formats.sid import SID, Array, Taylor, axis_major
 from formats.sid_mass import skew
 
+from .magnitudes import refuse_absurd
 from .measures import largest, modes_of, swapped
 
 # Entries that agree to the 12 digits of a file stay as they are.
@@ -45,7 +46,12 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     -------
     The repaired SID and every number that differs from before by more than the print
     of a file (1e-11 of the block's largest entry); other entries keep their value.
+
+    Raises
+    ------
+    InputError : an entry is not a finite number below 1e100.
     """
+    refuse_absurd(sid)
     if sid.nq == 0:
         return sid, ()
     modes = modes_of(sid)

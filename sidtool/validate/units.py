@@ -19,6 +19,7 @@ from formats.errors import InputError
 from formats.sid import SID, Array, Node, Taylor
 
 from .basis import refuse_unknown
+from .magnitudes import refuse_absurd
 
 Sigma = Literal["stress", "section force"]
 
@@ -135,6 +136,7 @@ def rescale(
             raise InputError(
                 f"found {factor}", place=name, expected="a positive finite factor"
             )
+    refuse_absurd(sid)
     refuse_unknown(sid, "a change of units")
     units = np.array([length, mass, time])
     blocks: dict[str, Any] = {

@@ -11,9 +11,27 @@ import numpy as np
 import pytest
 
 from formats.errors import InputError
-from formats.sid import SID, Array, Taylor, axis_major, by_mode, rigid_sid
+from formats.sid import (
+    BLOCK_SHAPES,
+    SID,
+    Array,
+    Taylor,
+    axis_major,
+    by_mode,
+    rigid_sid,
+)
 from formats.sid_files import read_sid, write_sid
-from sidtool.validate import change_basis, check, report, to_json, verdict
+from sidtool.validate import (
+    change_basis,
+    check,
+    compare,
+    convert_units,
+    guess_units,
+    repair,
+    report,
+    to_json,
+    verdict,
+)
 from sidtool.validate.checks import IDENTITIES, Check
 from tests.bodies import particle_body
 
@@ -214,11 +232,40 @@ def test_line_beam_without_polar_inertia_says_so() -> None:
     assert "singular" in _by_id(diagonal)["I14"].detail
 
 
-def test_numbers_that_are_not_finite_are_named() -> None:
+@pytest.mark.parametrize("absurd", [np.nan, np.inf, -1e200])
+@pytest.mark.parametrize(
+    "judge",
+    [
+        check,
+        guess_units,
+        repair,
+        lambda sid: compare(sid, particle_body(2, 9)),
+        lambda sid: compare(particle_body(2, 9), sid),
+        lambda sid: convert_units(sid, "SI", "mm-t-s"),
+    ],
+)
+def test_absurd_numbers_are_refused_by_name(
+    judge: Callable[[SID], object], absurd: float
+) -> None:
     body = particle_body(2, 9)
-    broken = replace(body, Ke=Taylor(np.full((2, 2), np.nan)))
     with pytest.raises(InputError, match="Ke"):
-        check(broken)
+        judge(replace(body, Ke=Taylor(np.full((2, 2), absurd))))
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, 1e90, 1e-200])
+@pytest.mark.parametrize("block", ["mass", *BLOCK_SHAPES])
+def test_strange_numbers_are_judged_without_an_exception(
+    block: str, factor: float
+) -> None:
+    body = particle_body(3, 12)
+    if block == "mass":
+        strange = replace(body, mass=factor * body.mass)
+    else:
+        strange = _m0(block, lambda m0: factor * m0)(body)
+    checks = check(strange)
+    comparison, guess = compare(strange, body), guess_units(strange)
+    json.loads(to_json(checks, comparison, guess))
+    json.loads(to_json(checks, compare(body, strange), guess))
 
 
 def test_rows_and_json_tell_everything() -> None:

@@ -205,6 +205,17 @@ def test_no_common_nodes() -> None:
     assert any("no common nodes" in note for note in comparison.notes)
 
 
+def test_modes_that_one_node_cannot_tell_apart_meet_by_frequency() -> None:
+    body = particle_body(5, 12, nodes=1, planar=True)
+    along = np.ones((1, 5)) * [[1.0], [0.5], [0.0]]
+    first = replace(body.nodes[0], phi=Taylor(along * np.arange(1.0, 6.0)))
+    comparison = compare(replace(body, nodes=(first,)), replace(body, nodes=(first,)))
+    names = [row.quantity for row in comparison.group("shapes (MAC), frame held")]
+    expected = [f"mode {k} and mode {k} of the reference" for k in range(1, 6)]
+    assert names == expected
+    assert any("too few common nodes" in note for note in comparison.notes)
+
+
 def test_markers_choose_the_loads() -> None:
     body = particle_body(2, 9, nodes=5)
     rows = compare(body, body, markers=["2"]).group("static deflection, frame held")
