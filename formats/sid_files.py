@@ -86,6 +86,9 @@ def write_sid(path: str | os.PathLike[str], sid: SID, dialect: str = CANONICAL) 
     except OSError as error:
         problem = f"cannot be written ({error.strerror or error})"
         raise InputError(problem, source=path) from error
+    except ValueError as error:
+        problem = f"cannot hold a text of this body ({error})"
+        raise InputError(problem, source=path, expected="printable text") from error
     except InputError as error:
         raise error.located(path) from error
 

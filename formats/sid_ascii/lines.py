@@ -52,7 +52,9 @@ class Lines:
         return self.error(f"the file ends inside {inside}", expected)
 
     def _read(self, stream: TextIO) -> Iterator[str]:
-        number, rest, longest = 0, "", LONGEST_TITLE
+        number, longest = 0, LONGEST_TITLE
+        rest = stream.read(len(_BYTE_ORDER_MARK)).removeprefix(_BYTE_ORDER_MARK)
+        self._check_text(rest, 1)
         while chunk := stream.read(CHUNK):
             self._check_text(chunk, number + 1)
             *complete, rest = (rest + chunk).split("\n")
@@ -63,7 +65,7 @@ class Lines:
                 text = line.strip()
                 if text:
                     self.number = number
-                    yield text.removeprefix(_BYTE_ORDER_MARK) if number == 1 else text
+                    yield text
                 longest = LONGEST_LINE
             if len(rest) > longest:
                 raise self._too_long(number + 1, longest)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from ..finite import check_finite
 from ..sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Node, Taylor, symmetric_3x3
 from . import layout
 from .expansion import mean_of_halves
+from .styles import STYLES, Style
 from .title import LAYOUTS, Layout, ascii_text, layout_from_words, title_line
 
 #: Smaller numbers are written as zero: their exponent would need three digits.
@@ -24,45 +24,6 @@ ROUNDING = 1e-12
 
 _EQUALS = 48
 _NAME = re.compile(r"[A-Za-z]\w{0,39}", re.ASCII)
-
-
-@dataclass(frozen=True)
-class Style:
-    """How one dialect prints what its `Layout` arranges.
-
-    Attributes
-    ----------
-    layout : arrangement of columns and indices
-    number : printf format of a real number
-    letter : exponent letter
-    stored : of a symmetric matrix, "both" halves, the "lower" one or "diagonal"
-    j_is_3x3 : J as a matrix instead of its six elements
-    names : blocks that this dialect calls differently
-    """
-
-    layout: Layout
-    number: str = "% .11E"
-    letter: str = "D"
-    stored: str = "both"
-    j_is_3x3: bool = False
-    names: Mapping[str, str] | None = None
-
-
-#: FEMBeam itself prints "%f" and loses small numbers; "%.12g" reads the same and
-#: keeps 12 digits, with an exponent where a number is small or large.
-STYLES = {
-    "fembs": Style(LAYOUTS["fembs"]),
-    "pysid": Style(LAYOUTS["pysid"], stored="diagonal"),
-    "matmorembs": Style(
-        LAYOUTS["matmorembs"],
-        letter="E",
-        stored="lower",
-        names={"mdCM": "mCM", "J": "mmi"},
-    ),
-    "fembeam": Style(
-        LAYOUTS["fembeam"], number="%.12g", letter="e", stored="lower", j_is_3x3=True
-    ),
-}
 
 
 def write_ascii(path: str | os.PathLike[str], sid: SID, dialect: str = "fembs") -> None:

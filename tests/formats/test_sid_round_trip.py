@@ -20,7 +20,7 @@ from formats.sid import (
     Taylor,
     block_shape,
 )
-from formats.sid_ascii.writer import STYLES
+from formats.sid_ascii.styles import STYLES
 from formats.sid_files import FORMATS, read_sid, write_sid
 from tests.bodies import particle_body, skew
 from tests.formats.sids import assert_same
