@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from formats.errors import InputError
@@ -301,3 +301,46 @@ def test_references() -> None:
     for wrong in ("", ".pin", "crank.", "a.b.c"):
         with pytest.raises(InputError):
             marker_reference(wrong)
+
+
+SPOILERS = [
+    "",
+    "-1",
+    "nan",
+    "inf",
+    "1e999",
+    "[]",
+    "{}",
+    '"',
+    "'x'",
+    "true",
+    "\x00",
+    "é",
+]
+
+
+@given(
+    position=st.floats(0, 1, exclude_max=True),
+    removed=st.integers(0, 60),
+    inserted=st.sampled_from(SPOILERS),
+    spatial_scene=st.booleans(),
+)
+@settings(max_examples=600, deadline=None)
+def test_a_spoiled_scene_is_refused_or_still_a_scene(
+    tmp_path_factory: pytest.TempPathFactory,
+    position: float,
+    removed: int,
+    inserted: str,
+    spatial_scene: bool,
+) -> None:
+    """Never anything but a scene or one message."""
+    text = SPATIAL if spatial_scene else EXAMPLE.read_text()
+    place = int(position * len(text))
+    path = tmp_path_factory.getbasetemp() / "spoiled.toml"
+    path.write_text(text[:place] + inserted + text[place + removed :])
+    try:
+        scene = read_scene(path)
+    except InputError as error:
+        assert str(error).startswith(str(path))
+    else:
+        assert isinstance(scene, SceneFile)

@@ -1,0 +1,82 @@
+"""What the tool says about a SID is true, whatever the SID."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from formats.sid import SID, Taylor, rigid_node, rigid_sid
+from sidtool.kinds import read
+from sidtool.report.judgement import judge, judgement_as_text
+from sidtool.report.sid import describe_sid, frame_of, modes_of
+from sidtool.report.tables import plural, table
+
+from ..bodies import particle_body
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+
+
+@pytest.mark.parametrize("nq", [0, 1, 4])
+@pytest.mark.parametrize("planar", [True, False])
+@pytest.mark.parametrize("nodes", [0, 1, 3])
+def test_any_body_is_described_and_judged(nq: int, planar: bool, nodes: int) -> None:
+    sid = particle_body(nq, 12, planar=planar, nodes=nodes)
+    text = describe_sid(sid)
+    assert plural(nq, "mode") in text and plural(nodes, "node") in text
+    assert "nan" not in text
+    assert judgement_as_text(judge(sid, None), strict=True)
+
+
+def test_effective_masses_of_all_modes_add_up_to_the_mass() -> None:
+    """Modes that span all motions of the particles carry the whole mass."""
+    particles = 3
+    sid = particle_body(3 * particles, particles)
+    total = sum(mode.effective_mass for mode in modes_of(sid))
+    assert total == pytest.approx(np.full(3, sid.mass), rel=1e-9)
+
+
+def test_frequencies_do_not_depend_on_the_basis() -> None:
+    sid = particle_body(4, 12, seed=3)
+    turn = np.random.default_rng(0).normal(size=(4, 4))
+    blocks = {name: getattr(sid, name).m0 for name in ("Me", "Ke", "Ct")}
+    turned = replace(
+        sid,
+        Me=Taylor(turn.T @ blocks["Me"] @ turn),
+        Ke=Taylor(turn.T @ blocks["Ke"] @ turn),
+        Ct=Taylor(turn.T @ blocks["Ct"]),
+        nodes=(),
+    )
+    for here, there in zip(modes_of(sid), modes_of(turned), strict=True):
+        assert there.frequency == pytest.approx(here.frequency, rel=1e-9)
+        assert there.effective_mass == pytest.approx(here.effective_mass, rel=1e-8)
+
+
+def test_frames_are_told_apart() -> None:
+    rod = read(EXAMPLE / "rod_q4.SID_FEM")
+    assert frame_of(rod) == "tangent frame, fixed to node 1 at its origin"
+    assert frame_of(rigid_sid(1.0, [0, 0, 0], np.eye(3))) == "rigid body"
+    free = replace(
+        rod, Ct=Taylor(np.zeros((5, 3))), Cr=Taylor(np.zeros((5, 3))), nodes=()
+    )
+    assert frame_of(free).startswith("mean axes")
+
+
+def test_a_rigid_body_with_nodes() -> None:
+    sid = rigid_sid(2.0, [0.5, 0, 0], np.eye(3), (rigid_node("7", [1, 2, 3]),))
+    text = describe_sid(sid)
+    assert "1 node, 0 modes" in text
+    assert [line.split() for line in text.splitlines()][-1] == ["7", "1", "2", "3"]
+
+
+def test_a_body_without_mass_is_still_described() -> None:
+    rod = read(EXAMPLE / "rod_q4.SID_FEM")
+    empty: SID = replace(rod, mass=0.0, Me=Taylor(np.zeros((5, 5))))
+    assert "nan" not in describe_sid(empty)
+
+
+def test_tables_align_numbers_to_the_right() -> None:
+    text = table(["name", "m"], [["a", "1.5"], ["long", "-10.25"]])
+    assert text == "name       m\n----  ------\na        1.5\nlong  -10.25"
