@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +61,8 @@ def simulate(
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
     _check_numbers(rtol, step)
     try:
-        with progress_bar("simulating") as progress:
-            result = _run(scene, swaps, accept_defects, settings, progress)
+        with progress_bar("simulating") as bar:
+            result = _run(scene, swaps, accept_defects, settings, bar)
     except SimulationError as error:
         click.echo(f"sidtool: {scene}: {error}", err=True)
         partial = getattr(error, "result", None)
@@ -92,7 +93,7 @@ def _run(
     swaps: tuple[str, ...],
     accept_defects: bool,
     settings: dict[str, Any],
-    progress: Any,
+    bar: Callable[[float], None] | None,
 ) -> Any:
     from formats.errors import InputError
     from formats.scene import read_scene
@@ -109,9 +110,16 @@ def _run(
         system = compile_scene(
             scene, path.parent, sids=sids, accept_defects=accept_defects
         )
-        return run(system, progress=progress, **settings)
+        return run(system, progress=_share(bar, scene.time), **settings)
     except InputError as error:
         raise error.located(path) from None
+
+
+def _share(bar: Callable[[float], None] | None, time: Any) -> Any:
+    """From simulated seconds to the share of the time span that is done."""
+    if bar is None:
+        return None
+    return lambda t: bar((t - time.start) / (time.end - time.start))
 
 
 def _swapped(swaps: tuple[str, ...], scene: Any) -> dict[str, Any]:
