@@ -1,1 +1,68 @@
-"""What moves SIDs: bodies, joints, drives, forces, assembly, integrators."""
+"""What moves SIDs: the floating-frame integrator, in the order of the founding paper.
+
+    kernels/planar, spatial        eq. (1), (2): positions, velocities, accelerations of
+                                   frames and markers; eq. (3): M and f of every body
+    kernels/*_constraints          eq. (3): c, its rate, C and the index-1 right-hand side
+    kernels/coordinates            eq. (3): z_I' = Z z_II and the tangent space of z_I
+    kernels/saddle, newton         the linear systems of eq. (3)
+    integrators/                   eq. (3) in time
+    scene, bodies, joints          from a scene file and SIDs to the tables of the kernels
+    assembly                       consistent initial conditions
+    simulate, sampling, outputs    a run and what is recorded of it
+
+Source: A. Held, A. Hildebrandt, "Flexible Multibody Simulations with Global Shape
+Functions Obtained from Isogeometric Finite Element Models".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from formats.scene import SceneFile
+from formats.sid import SID
+
+if TYPE_CHECKING:
+    from .scene import System
+
+
+def compile_scene(
+    scene: SceneFile,
+    base_folder: str | Path = ".",
+    sids: Mapping[str, SID] | None = None,
+    accept_defects: bool = False,
+) -> System:
+    """Compiles a scene into the tables that the kernels integrate.
+
+    Parameters
+    ----------
+    base_folder : paths of SID files in the scene are relative to it
+    sids : SIDs that replace the files of the bodies with these names
+    accept_defects : take SIDs whose coupled mass matrix is indefinite
+
+    Raises
+    ------
+    InputError : a SID cannot be read or describes an impossible body, a marker does
+        not exist, or an output asks for what there is not.
+    """
+    from .checks import check_masses, check_outputs
+    from .scene import build_system
+
+    system = build_system(scene, Path(base_folder), sids)
+    check_outputs(system)
+    if not accept_defects:
+        check_masses(system)
+    return system
+
+
+def __getattr__(name: str) -> object:
+    if name == "simulate":
+        from .simulate import simulate
+
+        return simulate
+    if name == "describe":
+        from .describe import describe
+
+        return describe
+    raise AttributeError(f"module 'solver' has no attribute {name!r}")

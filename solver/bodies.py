@@ -1,0 +1,218 @@
+"""Bodies for the kernels: the data of a SID, packed for planar or spatial equations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.scene import Body, RigidBody, SidBody, as_3d, position_3d, rotation
+from formats.sid import SID, Array, Node, rigid_node, rigid_sid, symmetric_3x3
+from formats.sid_files import read_sid
+
+from .kernels.layout import (
+    HAS_CR1,
+    HAS_CT1,
+    HAS_GE,
+    HAS_OE1,
+    HAS_QUADRATIC_J,
+)
+
+
+@dataclass(frozen=True)
+class BodyData:
+    """One body of a compiled scene.
+
+    sid : its Standard Input Data; a rigid body has no elastic coordinates
+    rotates : False for a point mass, whose orientation never changes
+    quadratic_inertia : keep the term of J that is quadratic in q
+    nodes : marker name to node id
+    """
+
+    name: str
+    sid: SID
+    rotates: bool
+    quadratic_inertia: bool
+    nodes: Mapping[str, str]
+
+    def node(self, marker: str) -> Node:
+        """The node behind a marker name; no name is the origin of a rigid body."""
+        return self.sid.node(self.nodes.get(marker, marker))
+
+
+def body_data(
+    name: str, body: Body, folder: Path, sids: Mapping[str, SID], planar: bool
+) -> BodyData:
+    """Reads or builds the SID of one body of a scene.
+
+    Raises
+    ------
+    InputError : the SID cannot be read or lacks a node that a marker names.
+    """
+    if isinstance(body, SidBody):
+        return _flexible_body(name, body, folder, sids)
+    return _rigid_body(name, body, planar)
+
+
+def _flexible_body(
+    name: str, body: SidBody, folder: Path, sids: Mapping[str, SID]
+) -> BodyData:
+    sid = sids[name] if name in sids else read_sid(folder / body.sid)
+    for marker, node in body.markers.items():
+        try:
+            sid.node(node)
+        except InputError as error:
+            raise InputError(
+                f"{error.problem} in {body.sid}",
+                place=f"bodies.{name}.markers.{marker}",
+                expected=error.expected,
+            ) from None
+    nodes = dict(body.markers)
+    return BodyData(name, sid, True, body.quadratic_inertia, nodes)
+
+
+def _rigid_body(name: str, body: RigidBody, planar: bool) -> BodyData:
+    centre = as_3d(body.centre_of_mass)
+    inertia = np.zeros((3, 3)) if body.inertia is None else _tensor(body.inertia)
+    steiner = body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    nodes = [rigid_node("", np.zeros(3))]
+    for marker, placement in body.markers.items():
+        nodes.append(rigid_node(marker, position_3d(placement), rotation(placement)))
+    sid = rigid_sid(body.mass, centre, inertia + steiner, tuple(nodes))
+    rotates = body.inertia is not None or bool(centre.any())
+    return BodyData(name, sid, rotates, False, {})
+
+
+def _tensor(inertia: object) -> Array:
+    """zz alone (planar), principal values, or a full tensor, as (3, 3)."""
+    values = np.asarray(inertia, float)
+    if values.ndim == 0:
+        return np.diag([0.0, 0.0, float(values)])
+    return np.diag(values) if values.ndim == 1 else values
+
+
+def flags(sid: SID, quadratic_inertia: bool) -> int:
+    """Which optional terms of the equations of motion a SID needs."""
+    nq = sid.nq
+    present = {
+        HAS_CR1: sid.Cr.first_order(nq).any(),
+        HAS_GE: sid.Cr.first_order(nq).any(),
+        HAS_OE1: sid.Oe.first_order(nq).any(),
+        HAS_CT1: sid.Ct.first_order(nq).any(),
+        HAS_QUADRATIC_J: quadratic_inertia and sid.Oe.first_order(nq).any(),
+    }
+    return sum(bit for bit, needed in present.items() if needed)
+
+
+def cr1(sid: SID) -> Array:
+    """First-order term of Cr as (axis, k, l)."""
+    return np.moveaxis(sid.Cr.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+
+
+def ge(sid: SID) -> Array:
+    """Ge as (axis, k, l), rebuilt as Cr1 - Cr1^T, the exact theory (I8)."""
+    kinematic = cr1(sid)
+    return kinematic - kinematic.transpose(0, 2, 1)
+
+
+def oe1(sid: SID) -> Array:
+    """First-order term of Oe as (column, k, l), symmetric in k and l (I11)."""
+    term = np.moveaxis(sid.Oe.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+    return 0.5 * (term + term.transpose(0, 2, 1))
+
+
+def ct1(sid: SID) -> Array:
+    """First-order term of Ct as (axis, k, l): geometric stiffening."""
+    return np.moveaxis(sid.Ct.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+
+
+def pack_planar(body: BodyData) -> Array:
+    """The reals of a planar body in the order of `kernels.planar`."""
+    sid, nq = body.sid, body.sid.nq
+    vectors = [
+        sid.Ct.m0[:, 0],
+        sid.Ct.m0[:, 1],
+        sid.Cr.m0[:, 2],
+        sid.J.first_order(nq)[:, 2, 0],
+        sid.Oe.m0[:, 2],
+        sid.ksigma.m0[:, 0],
+    ]
+    squares = [
+        symmetric(sid.Me.m0),
+        sid.Ke.m0,
+        sid.De.m0,
+        cr1(sid)[2],
+        ge(sid)[2],
+        oe1(sid)[2],
+        ct1(sid)[0],
+        ct1(sid)[1],
+        -oe1(sid)[2],
+    ]
+    head = [sid.mass, sid.mdCM.m0[0, 0], sid.mdCM.m0[1, 0], sid.J.m0[2, 0]]
+    return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
+
+
+def pack_planar_marker(node: Node) -> Array:
+    """Position, angle, Phi (x then y) and Psi of a marker in the plane."""
+    AP = node.AP.m0
+    angle = np.arctan2(AP[1, 0], AP[0, 0])
+    place = [*node.position[:2], angle]
+    return np.concatenate([place, node.phi.m0[0], node.phi.m0[1], node.psi.m0[2]])
+
+
+def pack_phi1(node: Node, axes: int) -> Array:
+    """Geometric stiffening of Phi as (axis, k, l), symmetric in k and l; or empty."""
+    if node.phi.m1 is None or not node.phi.m1.any():
+        return np.zeros(0)
+    term = np.moveaxis(node.phi.m1, 1, 0)[:axes]
+    return (0.5 * (term + term.transpose(0, 2, 1))).ravel()
+
+
+def symmetric(matrix: Array) -> Array:
+    """The symmetric part of a matrix."""
+    return 0.5 * (matrix + matrix.T)
+
+
+def amplitudes(sid: SID, axes: int) -> Array:
+    """Largest displacement at a node per unit of each elastic coordinate, (nq,)."""
+    if sid.nq == 0:
+        return np.zeros(0)
+    fallback = np.sqrt(np.maximum(np.diag(sid.Me.m0), 1e-300) / sid.mass)
+    if not sid.nodes:
+        return fallback
+    size = np.max([np.linalg.norm(n.phi.m0[:axes], axis=0) for n in sid.nodes], axis=0)
+    return np.where(size > 1e-6 * fallback, size, fallback)
+
+
+def frequencies(sid: SID) -> Array:
+    """Angular frequency of each elastic coordinate alone [rad/s], (nq,)."""
+    mass = np.maximum(np.diag(sid.Me.m0), 1e-300)
+    return np.sqrt(np.maximum(np.diag(sid.Ke.m0), 0.0) / mass)
+
+
+def inertia_tensor(sid: SID) -> Array:
+    """J at q = 0 as (3, 3)."""
+    return symmetric_3x3(sid.J.m0[:, 0])
+
+
+def quaternion(matrix: Array) -> Array:
+    """Unit quaternion (scalar first, scalar >= 0) of a rotation matrix."""
+    m = matrix
+    candidates = np.array(
+        [
+            [1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2]]
+            + [m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2]]
+            + [m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
+            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0]]
+            + [1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]],
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0]]
+            + [m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]],
+        ]
+    )
+    best = candidates[int(np.argmax(np.diag(candidates)))]
+    best = best / np.linalg.norm(best)
+    return -best if best[0] < 0.0 else best

@@ -1,0 +1,63 @@
+"""What compiling a scene kept and dropped, and why, in sentences."""
+
+from __future__ import annotations
+
+from .assembly import assemble, names_of_rows
+from .bodies import BodyData
+from .kernels import layout as at
+from .scene import GROUND_NAME, System
+
+_TERMS = {
+    at.HAS_CR1: "first-order terms of Cr and Ge",
+    at.HAS_OE1: "first-order term of Oe",
+    at.HAS_CT1: "geometric stiffening by acceleration (Ct1)",
+    at.HAS_QUADRATIC_J: "quadratic inertia",
+}
+
+
+def describe(system: System) -> list[str]:
+    """Lines that say what is integrated.
+
+    Raises
+    ------
+    InputError : no start position meets the constraints.
+    """
+    system, _ = assemble(system)
+    kind = "planar" if system.planar else "spatial"
+    lines = [
+        f"{kind} scene: {system.n_positions} position coordinates, "
+        f"{system.n_velocities} velocity coordinates, {system.n_rows} constraints"
+    ]
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.name != GROUND_NAME:
+            lines.append(f"body {data.name}: {_body(row, data)}")
+    for name, body in system.eliminated.items():
+        lines.append(
+            f"{name}: dropped from the constraints, the frame of {body} is prescribed"
+        )
+    if system.redundant:
+        names = ", ".join(dict.fromkeys(names_of_rows(system, system.redundant)))
+        lines.append(
+            f"{len(system.redundant)} redundant constraints ({names}): met by the "
+            "others, their multipliers are zero"
+        )
+    used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
+    lines.append(f"markers: {used} used of {total} exported nodes")
+    return lines
+
+
+def _body(row: object, data: BodyData) -> str:
+    nq, rigid = int(row[at.NQ]), int(row[at.RD])  # type: ignore[index]
+    flags = int(row[at.FLAGS])  # type: ignore[index]
+    frame = {0: "prescribed frame, no coordinates", 2: "point mass, 2 coordinates"}
+    frame |= {3: "3 frame coordinates", 6: "6 frame coordinates"}
+    parts = [frame[rigid]]
+    if nq:
+        kept = [text for bit, text in _TERMS.items() if flags & bit]
+        dropped = [text for bit, text in _TERMS.items() if not flags & bit]
+        parts.append(f"{nq} elastic coordinates")
+        parts.append(f"kept: {', '.join(kept) or 'nothing beyond zeroth order'}")
+        parts.append(
+            f"dropped, zero or not asked for: {', '.join(dropped) or 'nothing'}"
+        )
+    return "; ".join(parts)

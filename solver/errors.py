@@ -1,0 +1,18 @@
+"""What a run that cannot go on says."""
+
+from __future__ import annotations
+
+from formats.result import Result
+
+
+class SimulationError(Exception):
+    """A run stopped before its end.
+
+    Attributes
+    ----------
+    result : everything that was computed until then
+    """
+
+    def __init__(self, message: str, result: Result | None = None) -> None:
+        super().__init__(message)
+        self.result = result

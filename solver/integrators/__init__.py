@@ -1,0 +1,56 @@
+"""Integrators: step loops on compiled scenes, one registry line each.
+
+An integrator is a function that prepares its storage and coefficients and returns
+`advance(limit)`, which makes at most `limit` steps and returns one of the codes of
+`stepping`. It keeps its state in the `Control` that all share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ..kernels.layout import Work
+from ..kernels.newton import Kernels, Memory
+from ..scene import System
+from .stepping import Control
+
+Advance = Callable[[int], int]
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """One entry of the registry.
+
+    order : order of convergence of positions
+    pairs : complex eigenvalues of its Newton matrix
+    prepare : makes the step function of a run
+    """
+
+    title: str
+    order: int
+    pairs: int
+    prepare: Callable[[System, Kernels, Work, Memory, Control], Advance]
+
+
+def _radau(stages: int) -> Integrator:
+    def prepare(
+        system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
+    ) -> Advance:
+        from . import radau
+
+        method = radau.method(stages)
+        storage = radau.new_stages(
+            stages, system.n_positions, system.n_velocities, system.n_rows
+        )
+        return lambda limit: radau.advance(
+            kernels, system.arrays, work, memory, method, control, storage, limit
+        )
+
+    title = f"Radau IIA of order {2 * stages - 1}, index 1, projected"
+    return Integrator(title, 2 * stages - 1, (stages - 1) // 2, prepare)
+
+
+INTEGRATORS: dict[str, Integrator] = {
+    "radau5": _radau(3),
+}

@@ -1,0 +1,658 @@
+"""Radau IIA collocation of order 2 s - 1 with variable step, on the index-1 equations.
+
+Source: E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", section
+IV.8 (simplified Newton iteration in transformed variables, error estimate, step size
+control), here with the Jacobian kept in saddle-point form and with a projection of
+positions and velocities after every accepted step.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import float64, int64, njit, types
+
+from formats.sid import Array
+
+from ..kernels.layout import (
+    C1,
+    C_RATE,
+    C_VALUE,
+    ENTRY,
+    F1,
+    F2,
+    INNER,
+    N_ROWS,
+    SYSTEM,
+    WORK,
+)
+from ..kernels.newton import (
+    ITERATIONS,
+    KERNELS,
+    MEMORY,
+    REJECTED,
+    STEPS,
+)
+from .stepping import (
+    CHUNK,
+    CONTRACTION,
+    CONTROL,
+    DRIFT,
+    DRIFT_RATE,
+    FACTORED_STEP,
+    FIXED_STEP,
+    LARGEST,
+    NEAR,
+    NEEDS_JACOBIAN,
+    NO_CONVERGENCE,
+    NOT_FINITE,
+    OFF_CONSTRAINTS,
+    OLD_ERROR,
+    OLD_STEP,
+    OUTPUT,
+    PERIOD,
+    PREDICT,
+    REACHED,
+    STAGE_STEP,
+    STEP,
+    STILL,
+    STOP,
+    TIME,
+    TOLERANCE,
+    TOO_SMALL,
+    accelerate,
+    all_finite,
+    copy,
+    project,
+    scaled_norm,
+    take_jacobian,
+    update_scales,
+)
+
+NEWTON_LIMIT = 8
+SAFETY = 0.9
+#: A Jacobian is kept while each Newton iteration contracts the error at least this much.
+JACOBIAN_SERVES = 1e-2
+
+
+class Method(NamedTuple):
+    """A Radau IIA method with s stages.
+
+    c : (s,) nodes
+    T, TI : (s, s) transformation of the stages that makes A^-1 block diagonal: one
+        real eigenvalue first, then pairs of rows for complex ones, and its inverse
+    real_eigenvalue : (1,)
+    complex_eigenvalues : (pairs,)
+    error : (s,) weights of the stages in the error estimate
+    """
+
+    c: Array
+    T: Array
+    TI: Array
+    real_eigenvalue: Array
+    complex_eigenvalues: np.ndarray
+    error: Array
+
+
+METHOD = types.NamedTuple([F1, F2, F2, F1, C1, F1], Method)
+
+
+class Stages(NamedTuple):
+    """Stage increments Z, their transforms W, slopes F, and scratch vectors."""
+
+    Zz: Array
+    Zv: Array
+    Wz: Array
+    Wv: Array
+    Fz: Array
+    Fv: Array
+    rate0: Array
+    acc0: Array
+    z1: Array
+    v1: Array
+    rz: Array
+    rv: Array
+    x: Array
+    p: Array
+    g: Array
+    crz: np.ndarray
+    crv: np.ndarray
+    cx: np.ndarray
+    cp: np.ndarray
+    cg: np.ndarray
+    old_Zz: Array
+    old_Zv: Array
+
+
+STAGES = types.NamedTuple(
+    [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 2,
+    Stages,
+)
+
+
+@cache
+def method(stages: int) -> Method:
+    """Coefficients of Radau IIA, from the zeros of its node polynomial.
+
+    Raises
+    ------
+    ValueError : the number of stages is not odd; even ones have no real eigenvalue.
+    """
+    if stages % 2 == 0:
+        raise ValueError("Radau IIA is used with an odd number of stages")
+    c = _radau_nodes(stages)
+    powers = np.vander(c, stages, increasing=True)
+    A = (powers * c[:, None] / np.arange(1, stages + 1)) @ np.linalg.inv(powers)
+    eigenvalues, vectors = np.linalg.eig(np.linalg.inv(A))
+    real = int(np.argmin(abs(eigenvalues.imag)))
+    pairs = [k for k in np.argsort(eigenvalues.imag) if eigenvalues[k].imag > 1e-9]
+    columns = [vectors[:, real].real]
+    for k in pairs:
+        columns += [vectors[:, k].real, vectors[:, k].imag]
+    T = np.column_stack(columns)
+    gamma = float(eigenvalues[real].real)
+    return Method(
+        c=c,
+        T=np.ascontiguousarray(T),
+        TI=np.ascontiguousarray(np.linalg.inv(T)),
+        real_eigenvalue=np.array([gamma]),
+        complex_eigenvalues=np.conj(eigenvalues[pairs]),
+        error=_error_weights(A, c, gamma),
+    )
+
+
+def _radau_nodes(stages: int) -> Array:
+    """Zeros of P_s - P_{s-1} (Legendre, shifted to [0, 1])."""
+    series = np.zeros(stages + 1)
+    series[stages], series[stages - 1] = 1.0, -1.0
+    nodes = np.sort(np.polynomial.legendre.legroots(series).real)
+    nodes[-1] = 1.0
+    return 0.5 * (nodes + 1.0)
+
+
+def _error_weights(A: Array, c: Array, gamma: float) -> Array:
+    """Weights e of the error estimate (gamma/h - J)^-1 (f(y0) + sum_i e_i Z_i / h).
+
+    The embedded formula y0 + h (f(y0) / gamma + sum b_i f(Y_i)) has order s; the
+    estimate is its difference to the collocation solution, times gamma / h.
+    """
+    s = len(c)
+    right = 1.0 / np.arange(1, s + 1)
+    right[0] -= 1.0 / gamma
+    embedded = np.linalg.solve(np.vander(c, s, increasing=True).T, right)
+    return gamma * (embedded - A[-1]) @ np.linalg.inv(A)
+
+
+def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stages:
+    """Storage for a run with s stages."""
+    n, m = n_positions, n_velocities
+    shapes = [(s, n), (s, m)] * 3 + [n, m, n, m, n, m, m, m, n_rows]
+    complex_shapes = [n, m, m, m, n_rows]
+    return Stages(
+        *(np.zeros(shape) for shape in shapes),
+        *(np.zeros(shape, complex) for shape in complex_shapes),
+        np.zeros((s, n)),
+        np.zeros((s, m)),
+    )
+
+
+@njit(types.void(METHOD, CONTROL, STAGES, float64), **INNER)
+def _predict(method, control, stages, h):
+    """First guess of Z from the last collocation polynomial.
+
+    It is continued after an accepted step, and shortened after a rejected one.
+    """
+    s = len(method.c)
+    for i in range(s):
+        copy(stages.Zz[i], stages.old_Zz[i])
+        copy(stages.Zv[i], stages.old_Zv[i])
+        for n in range(stages.Zz.shape[1]):
+            stages.Zz[i, n] = 0.0
+        for n in range(stages.Zv.shape[1]):
+            stages.Zv[i, n] = 0.0
+    if control.whole[PREDICT] == 0:
+        return
+    ratio = h / control.real[STAGE_STEP]
+    begin = 1.0 if control.whole[PREDICT] == 1 else 0.0
+    for i in range(s):
+        at = begin + method.c[i] * ratio
+        for j in range(s):
+            weight = at / method.c[j]
+            for k in range(s):
+                if k != j:
+                    weight *= (at - method.c[k]) / (method.c[j] - method.c[k])
+            if j == s - 1:
+                weight -= begin
+            for n in range(stages.Zz.shape[1]):
+                stages.Zz[i, n] += weight * stages.old_Zz[j, n]
+            for n in range(stages.Zv.shape[1]):
+                stages.Zv[i, n] += weight * stages.old_Zv[j, n]
+
+
+@njit(types.void(F2, F2, F2), **INNER)
+def _transform(matrix, source, out):
+    """out = matrix source for small matrices."""
+    s, n = source.shape
+    for i in range(s):
+        for k in range(n):
+            total = 0.0
+            for j in range(s):
+                total += matrix[i, j] * source[j, k]
+            out[i, k] = total
+
+
+@njit(int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, float64), **INNER)
+def _factor(kernels, system, work, memory, method, h):
+    """Factors the Newton matrices of all eigenvalues for the step h."""
+    mu = method.real_eigenvalue[0] / h
+    status = kernels.factor_real(
+        system,
+        work,
+        memory,
+        mu,
+        memory.real_A,
+        memory.real_G,
+        memory.real_Y,
+        memory.real_S,
+        memory.real_pivots,
+        memory.real_row_pivots,
+    )
+    for k in range(len(method.complex_eigenvalues)):
+        if status != 0:
+            return status
+        status = kernels.factor_complex(
+            system,
+            work,
+            memory,
+            method.complex_eigenvalues[k] / h,
+            memory.complex_A[k],
+            memory.complex_G[k],
+            memory.complex_Y[k],
+            memory.complex_S[k],
+            memory.complex_pivots[k],
+            memory.complex_row_pivots[k],
+        )
+    return status
+
+
+@njit(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64), **INNER)
+def _solve_real(kernels, system, work, memory, stages, mu):
+    """Solves (mu - J) x = (rz, rv) in place with the real factor."""
+    kernels.solve_real(
+        system,
+        work,
+        memory,
+        mu,
+        memory.real_A,
+        memory.real_G,
+        memory.real_Y,
+        memory.real_S,
+        memory.real_pivots,
+        memory.real_row_pivots,
+        stages.rz,
+        stages.rv,
+        stages.x,
+        stages.p,
+        stages.g,
+    )
+
+
+@njit(types.void(KERNELS, SYSTEM, WORK, MEMORY, METHOD, STAGES, float64), **INNER)
+def _correct(kernels, system, work, memory, method, stages, h):
+    """One Newton correction of W, left in F (which held the transformed slopes)."""
+    mu = method.real_eigenvalue[0] / h
+    for i in range(len(stages.rz)):
+        stages.rz[i] = stages.Fz[0, i] - mu * stages.Wz[0, i]
+    for i in range(len(stages.rv)):
+        stages.rv[i] = stages.Fv[0, i] - mu * stages.Wv[0, i]
+    _solve_real(kernels, system, work, memory, stages, mu)
+    copy(stages.rz, stages.Fz[0])
+    copy(stages.rv, stages.Fv[0])
+    for k in range(len(method.complex_eigenvalues)):
+        nu = method.complex_eigenvalues[k] / h
+        a, b = 1 + 2 * k, 2 + 2 * k
+        for i in range(len(stages.crz)):
+            w = complex(stages.Wz[a, i], stages.Wz[b, i])
+            stages.crz[i] = complex(stages.Fz[a, i], stages.Fz[b, i]) - nu * w
+        for i in range(len(stages.crv)):
+            w = complex(stages.Wv[a, i], stages.Wv[b, i])
+            stages.crv[i] = complex(stages.Fv[a, i], stages.Fv[b, i]) - nu * w
+        kernels.solve_complex(
+            system,
+            work,
+            memory,
+            nu,
+            memory.complex_A[k],
+            memory.complex_G[k],
+            memory.complex_Y[k],
+            memory.complex_S[k],
+            memory.complex_pivots[k],
+            memory.complex_row_pivots[k],
+            stages.crz,
+            stages.crv,
+            stages.cx,
+            stages.cp,
+            stages.cg,
+        )
+        for i in range(len(stages.crz)):
+            stages.Fz[a, i] = stages.crz[i].real
+            stages.Fz[b, i] = stages.crz[i].imag
+        for i in range(len(stages.crv)):
+            stages.Fv[a, i] = stages.crv[i].real
+            stages.Fv[b, i] = stages.crv[i].imag
+
+
+@njit(
+    int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, CONTROL, STAGES, float64),
+    **INNER,
+)
+def _newton(kernels, system, work, memory, method, control, stages, h):
+    """Solves the collocation equations; iterations used, or 0 without convergence."""
+    s = len(method.c)
+    t = control.real[TIME]
+    goal = max(
+        1e-14 / control.real[TOLERANCE], min(0.03, math.sqrt(control.real[TOLERANCE]))
+    )
+    _predict(method, control, stages, h)
+    _transform(method.TI, stages.Zz, stages.Wz)
+    _transform(method.TI, stages.Zv, stages.Wv)
+    old_norm, contraction = 0.0, 0.0
+    for iteration in range(NEWTON_LIMIT):
+        for i in range(s):
+            for k in range(len(stages.z1)):
+                stages.z1[k] = control.z[k] + stages.Zz[i, k]
+            for k in range(len(stages.v1)):
+                stages.v1[k] = control.v[k] + stages.Zv[i, k]
+            at = t + method.c[i] * h
+            if accelerate(kernels, system, work, memory, at, stages.z1, stages.v1) != 0:
+                return 0
+            kernels.rate(system, stages.z1, stages.v1, stages.old_Zz[i])
+            copy(memory.acceleration, stages.old_Zv[i])
+        _transform(method.TI, stages.old_Zz, stages.Fz)
+        _transform(method.TI, stages.old_Zv, stages.Fv)
+        _correct(kernels, system, work, memory, method, stages, h)
+        memory.counters[ITERATIONS] += 1
+        norm = 0.0
+        for i in range(s):
+            size = scaled_norm(
+                stages.Fz[i], stages.Fv[i], control.scale_z, control.scale_v
+            )
+            norm += size * size / s
+        norm = math.sqrt(norm)
+        if not math.isfinite(norm):
+            return 0
+        if iteration > 0:
+            contraction = norm / old_norm
+            left = NEWTON_LIMIT - 1 - iteration
+            if contraction >= 1.0:
+                return 0
+            if contraction**left / (1.0 - contraction) * norm > goal:
+                return 0
+        for i in range(s):
+            for k in range(len(stages.z1)):
+                stages.Wz[i, k] += stages.Fz[i, k]
+            for k in range(len(stages.v1)):
+                stages.Wv[i, k] += stages.Fv[i, k]
+        _transform(method.T, stages.Wz, stages.Zz)
+        _transform(method.T, stages.Wv, stages.Zv)
+        if norm == 0.0 or (
+            iteration > 0 and contraction / (1.0 - contraction) * norm < goal
+        ):
+            control.real[CONTRACTION] = contraction
+            return iteration + 1
+        old_norm = norm
+    return 0
+
+
+@njit(
+    float64(
+        KERNELS,
+        SYSTEM,
+        WORK,
+        MEMORY,
+        METHOD,
+        CONTROL,
+        STAGES,
+        float64,
+        int64,
+    ),
+    **INNER,
+)
+def _error(kernels, system, work, memory, method, control, stages, h, cautious):
+    """Norm of the error estimate; evaluated once more where it first seems too large."""
+    s = len(method.c)
+    mu = method.real_eigenvalue[0] / h
+    for attempt in range(2):
+        for k in range(len(stages.rz)):
+            stages.rz[k] = stages.rate0[k]
+            for i in range(s):
+                stages.rz[k] += method.error[i] / h * stages.Zz[i, k]
+        for k in range(len(stages.rv)):
+            stages.rv[k] = stages.acc0[k]
+            for i in range(s):
+                stages.rv[k] += method.error[i] / h * stages.Zv[i, k]
+        if attempt == 1:
+            kernels.rate(system, stages.z1, stages.v1, stages.old_Zz[0])
+            for k in range(len(stages.rz)):
+                stages.rz[k] += stages.old_Zz[0, k] - stages.rate0[k]
+            for k in range(len(stages.rv)):
+                stages.rv[k] += memory.acceleration[k] - stages.acc0[k]
+        _solve_real(kernels, system, work, memory, stages, mu)
+        error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
+        if error < 1.0 or cautious == 0 or attempt == 1:
+            return error
+        for k in range(len(stages.rz)):
+            stages.z1[k] = control.z[k] + stages.rz[k]
+        for k in range(len(stages.rv)):
+            stages.v1[k] = control.v[k] + stages.rv[k]
+        t = control.real[TIME]
+        if accelerate(kernels, system, work, memory, t, stages.z1, stages.v1) != 0:
+            return error
+    return error
+
+
+@njit(types.void(METHOD, CONTROL, STAGES, float64), **INNER)
+def _write_outputs(method, control, stages, h):
+    """Dense output: the collocation polynomial at the output times inside the step."""
+    s = len(method.c)
+    t = control.real[TIME]
+    slack = 1e-12 * max(h, abs(t))
+    while control.whole[OUTPUT] < len(control.times):
+        k = control.whole[OUTPUT]
+        at = (control.times[k] - t) / h
+        if control.times[k] > t + h + slack:
+            return
+        for n in range(len(control.z)):
+            control.out_z[k, n] = control.z[n]
+        for n in range(len(control.v)):
+            control.out_v[k, n] = control.v[n]
+        for i in range(s):
+            weight = at / method.c[i]
+            for j in range(s):
+                if j != i:
+                    weight *= (at - method.c[j]) / (method.c[i] - method.c[j])
+            for n in range(len(control.z)):
+                control.out_z[k, n] += weight * stages.Zz[i, n]
+            for n in range(len(control.v)):
+                control.out_v[k, n] += weight * stages.Zv[i, n]
+        control.whole[OUTPUT] += 1
+
+
+@njit(float64(CONTROL, float64), **INNER)
+def _next_step(control, remaining):
+    """Proposed step, stretched or halved so that the interval ends without a stub."""
+    h = min(control.real[STEP], control.real[LARGEST])
+    if h >= remaining * (1.0 - 1e-9):
+        return remaining
+    if h > 0.5 * remaining and control.whole[FIXED_STEP] == 0:
+        return 0.5 * remaining
+    return h
+
+
+@njit(float64(int64, float64, int64), **INNER)
+def _growth(stages, error, iterations):
+    """Factor for the next step from the error estimate of order s."""
+    if not math.isfinite(error):
+        return 0.1
+    safety = SAFETY * (2 * NEWTON_LIMIT + 1) / (2 * NEWTON_LIMIT + iterations)
+    return min(8.0, max(0.15, safety * max(error, 1e-10) ** (-1.0 / (stages + 1))))
+
+
+@njit(
+    int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, CONTROL, STAGES, float64),
+    **INNER,
+)
+def _accept(kernels, system, work, memory, method, control, stages, h):
+    """Moves to the end of the step, projected onto the constraints; 0 on success."""
+    real = control.real
+    s = len(method.c)
+    for i in range(len(stages.z1)):
+        stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]
+    for i in range(len(stages.v1)):
+        stages.v1[i] = control.v[i] + stages.Zv[s - 1, i]
+    status = project(
+        kernels,
+        system,
+        work,
+        memory,
+        real[TIME] + h,
+        stages.z1,
+        stages.v1,
+        stages.x,
+        stages.p,
+        real[NEAR],
+        real[STILL],
+    )
+    if status != 0:
+        return status
+    _write_outputs(method, control, stages, h)
+    copy(stages.z1, control.z)
+    copy(stages.v1, control.v)
+    real[TIME] += h
+    if real[STOP] - real[TIME] <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
+        real[TIME] = real[STOP]
+    for i in range(system.dims[N_ROWS]):
+        real[DRIFT] = max(real[DRIFT], abs(work.row[i, C_VALUE]))
+        real[DRIFT_RATE] = max(real[DRIFT_RATE], abs(work.row[i, C_RATE]))
+    return 0
+
+
+@njit(types.void(METHOD, CONTROL, float64, float64, int64, int64, float64), **INNER)
+def _finish_step(method, control, h, error, iterations, failures, contraction):
+    """Chooses the next step (Gustafsson) and whether Jacobian and factors still serve."""
+    real, whole = control.real, control.whole
+    whole[PREDICT] = 1
+    whole[NEEDS_JACOBIAN] = 1 if contraction > JACOBIAN_SERVES else 0
+    if whole[FIXED_STEP] == 1:
+        real[OLD_STEP] = h
+        return
+    growth = _growth(len(method.c), error, iterations)
+    if real[OLD_STEP] > 0.0 and real[OLD_ERROR] > 0.0:
+        ratio = h / real[OLD_STEP]
+        change = (real[OLD_ERROR] / max(error, 1e-10)) ** (1.0 / (len(method.c) + 1))
+        growth = min(growth, max(0.15, growth * ratio * change))
+    if failures > 0:
+        growth = min(growth, 1.0)
+    real[OLD_STEP] = h
+    real[OLD_ERROR] = max(1e-2, error)
+    if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= growth < 1.2:
+        growth = 1.0
+    real[STEP] = h * growth
+
+
+@njit(
+    int64(
+        KERNELS,
+        SYSTEM,
+        WORK,
+        MEMORY,
+        METHOD,
+        CONTROL,
+        STAGES,
+        int64,
+    ),
+    **ENTRY,
+)
+def advance(kernels, system, work, memory, method, control, stages, limit):
+    """Steps until the end of the smooth interval or for at most `limit` steps.
+
+    Entered and left with (z, v) on the constraints and evaluated, accelerations in
+    memory. Returns one of the codes of `stepping`.
+    """
+    real, whole = control.real, control.whole
+    for _ in range(limit):
+        remaining = real[STOP] - real[TIME]
+        if remaining <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
+            return REACHED
+        update_scales(system, control)
+        kernels.rate(system, control.z, control.v, stages.rate0)
+        copy(memory.acceleration, stages.acc0)
+        h = _next_step(control, remaining)
+        fresh = 0
+        if whole[NEEDS_JACOBIAN] == 1:
+            take_jacobian(
+                kernels, system, work, memory, real[TIME], control.z, control.v
+            )
+            fresh = 1
+            real[FACTORED_STEP] = 0.0
+        failures = 0
+        while True:
+            if h <= 1e-13 * max(abs(real[TIME]), real[PERIOD]):
+                return TOO_SMALL
+            status = 0
+            if real[FACTORED_STEP] != h:
+                status = _factor(kernels, system, work, memory, method, h)
+                real[FACTORED_STEP] = h
+            iterations = 0
+            if status == 0:
+                iterations = _newton(
+                    kernels, system, work, memory, method, control, stages, h
+                )
+            real[STAGE_STEP] = h
+            if iterations == 0:
+                failures += 1
+                whole[PREDICT] = 0
+                if whole[FIXED_STEP] == 1 and (failures > 1 or fresh == 1):
+                    return NO_CONVERGENCE
+                if fresh == 1:
+                    h *= 0.5
+                    memory.counters[REJECTED] += 1
+                    continue
+                accelerate(
+                    kernels, system, work, memory, real[TIME], control.z, control.v
+                )
+                take_jacobian(
+                    kernels, system, work, memory, real[TIME], control.z, control.v
+                )
+                fresh = 1
+                real[FACTORED_STEP] = 0.0
+                continue
+            contraction = real[CONTRACTION]
+            cautious = 1 if failures > 0 or real[OLD_STEP] == 0.0 else 0
+            error = 0.0
+            if whole[FIXED_STEP] == 0:
+                error = _error(
+                    kernels, system, work, memory, method, control, stages, h, cautious
+                )
+            if not error < 1.0:
+                failures += 1
+                memory.counters[REJECTED] += 1
+                whole[PREDICT] = 2 if math.isfinite(error) else 0
+                h *= _growth(len(method.c), error, iterations)
+                continue
+            if _accept(kernels, system, work, memory, method, control, stages, h) == 0:
+                break
+            failures += 1
+            memory.counters[REJECTED] += 1
+            whole[PREDICT] = 0
+            if whole[FIXED_STEP] == 1:
+                return OFF_CONSTRAINTS
+            h *= 0.5
+        _finish_step(method, control, h, error, iterations, failures, contraction)
+        memory.counters[STEPS] += 1
+        if not all_finite(control.z, control.v):
+            return NOT_FINITE
+    return CHUNK

@@ -1,0 +1,1 @@
+"""Compiled kernels: plain loops over flat arrays, one signature each, no allocation."""

@@ -1,0 +1,216 @@
+"""Position coordinates z_I: their rates, their tangent space, and steps in it.
+
+Variations of z_I are written in the tangent space, with as many entries as z_II: a
+translation resolved in the body frame, a small rotation in the body frame, and the
+elastic coordinates. There z_I' = Z z_II varies as
+
+    dx' = dv + dtheta x v,    dtheta' = domega - omega x dtheta,    dq' = dq',
+
+in short dz_I' = E dz_I + dz_II. The frames are columns of Work.frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import complex128, float64, int64, njit, types
+
+from . import planar, spatial
+from .layout import (
+    C1,
+    ENTRY,
+    F1,
+    F2,
+    FRAME,
+    INNER,
+    NP,
+    NQ,
+    NV,
+    PLANAR,
+    POS,
+    RD,
+    SYSTEM,
+    VEL,
+)
+
+COS, SIN, VX, VY, W = planar.COS, planar.SIN, planar.VX, planar.VY, planar.W
+R, V, OMEGA, P = spatial.R, spatial.V, spatial.OMEGA, spatial.P
+
+
+RATE = types.void(SYSTEM, F1, F1, F1)
+RETRACT = types.void(SYSTEM, F2, F1, F1)
+
+
+@njit(RATE, **ENTRY)
+def rate(system, z, v, out):
+    """z_I' = Z(z_I) z_II, eq. (3)."""
+    for b in range(len(system.body)):
+        row = system.body[b]
+        p, u, rd, nq = row[POS], row[VEL], row[RD], row[NQ]
+        if rd > 0 and system.dims[PLANAR] == 1:
+            angle = z[p + 2] if rd == 3 else system.pool[row[FRAME]]
+            c, s = math.cos(angle), math.sin(angle)
+            out[p] = c * v[u] - s * v[u + 1]
+            out[p + 1] = s * v[u] + c * v[u + 1]
+            if rd == 3:
+                out[p + 2] = v[u + 2]
+        elif rd > 0:
+            spatial.frame_rate(system, b, z, v, out)
+        for k in range(nq):
+            out[p + row[NP] - nq + k] = v[u + rd + k]
+
+
+@njit([types.void(SYSTEM, F2, A, A) for A in (F1, C1)], **INNER)
+def resolve(system, frame, z, x):
+    """A variation of z_I, from coordinates (z) to the tangent space (x)."""
+    for b in range(len(system.body)):
+        row = system.body[b]
+        p, u, rd, nq = row[POS], row[VEL], row[RD], row[NQ]
+        g = frame[b]
+        if rd > 0 and system.dims[PLANAR] == 1:
+            x[u] = g[COS] * z[p] + g[SIN] * z[p + 1]
+            x[u + 1] = -g[SIN] * z[p] + g[COS] * z[p + 1]
+            if rd == 3:
+                x[u + 2] = z[p + 2]
+        elif rd > 0:
+            for i in range(3):
+                x[u + i] = (
+                    g[R + i] * z[p] + g[R + 3 + i] * z[p + 1] + g[R + 6 + i] * z[p + 2]
+                )
+            if rd == 6:
+                a, b1, b2, b3 = g[P], g[P + 1], g[P + 2], g[P + 3]
+                r, r1, r2, r3 = z[p + 3], z[p + 4], z[p + 5], z[p + 6]
+                x[u + 3] = 2.0 * (a * r1 - b1 * r + b3 * r2 - b2 * r3)
+                x[u + 4] = 2.0 * (a * r2 - b2 * r + b1 * r3 - b3 * r1)
+                x[u + 5] = 2.0 * (a * r3 - b3 * r + b2 * r1 - b1 * r2)
+        for k in range(nq):
+            x[u + rd + k] = z[p + row[NP] - nq + k]
+
+
+@njit(
+    [types.void(SYSTEM, F2, float64, F1), types.void(SYSTEM, F2, complex128, C1)],
+    **INNER,
+)
+def respond(system, frame, mu, x):
+    """Replaces a tangent vector x by (mu - E)^-1 x."""
+    inverse = 1.0 / mu
+    for b in range(len(system.body)):
+        row = system.body[b]
+        u, rd = row[VEL], row[RD]
+        g = frame[b]
+        for k in range(u + rd, u + row[NV]):
+            x[k] *= inverse
+        if rd == 3 and system.dims[PLANAR] == 1:
+            x[u + 2] *= inverse
+            x[u] -= g[VY] * x[u + 2]
+            x[u + 1] += g[VX] * x[u + 2]
+        elif rd == 6:
+            w1, w2, w3 = g[OMEGA], g[OMEGA + 1], g[OMEGA + 2]
+            v1, v2, v3 = g[V], g[V + 1], g[V + 2]
+            t1, t2, t3 = x[u + 3], x[u + 4], x[u + 5]
+            dot = w1 * t1 + w2 * t2 + w3 * t3
+            scale = inverse / (mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
+            a1 = (mu * mu * t1 - mu * (w2 * t3 - w3 * t2) + dot * w1) * scale
+            a2 = (mu * mu * t2 - mu * (w3 * t1 - w1 * t3) + dot * w2) * scale
+            a3 = (mu * mu * t3 - mu * (w1 * t2 - w2 * t1) + dot * w3) * scale
+            x[u + 3], x[u + 4], x[u + 5] = a1, a2, a3
+            x[u] += a2 * v3 - a3 * v2
+            x[u + 1] += a3 * v1 - a1 * v3
+            x[u + 2] += a1 * v2 - a2 * v1
+        translations = 2 if system.dims[PLANAR] == 1 else 3
+        for k in range(u, u + min(rd, translations)):
+            x[k] *= inverse
+
+
+@njit(
+    [
+        types.void(SYSTEM, F2, int64, float64, F1, int64, F1, int64),
+        types.void(SYSTEM, F2, int64, complex128, F1, int64, C1, int64),
+    ],
+    **INNER,
+)
+def add_row_response(system, frame, b, mu, source, at, out, to):
+    """Adds the row source (mu - E)^-1 of one body to a row of `out`."""
+    row = system.body[b]
+    nv, rd = row[NV], row[RD]
+    g = frame[b]
+    inverse = 1.0 / mu
+    for k in range(nv):
+        if rd != 6 or k < 3 or k > 5:
+            out[to + k] += source[at + k] * inverse
+    if rd == 3 and system.dims[PLANAR] == 1:
+        turn = source[at + 1] * g[VX] - source[at] * g[VY]
+        out[to + 2] += turn * inverse * inverse
+    elif rd == 6:
+        w1, w2, w3 = g[OMEGA], g[OMEGA + 1], g[OMEGA + 2]
+        v1, v2, v3 = g[V], g[V + 1], g[V + 2]
+        s1, s2, s3 = source[at], source[at + 1], source[at + 2]
+        t1 = source[at + 3] + (v2 * s3 - v3 * s2) * inverse
+        t2 = source[at + 4] + (v3 * s1 - v1 * s3) * inverse
+        t3 = source[at + 5] + (v1 * s2 - v2 * s1) * inverse
+        dot = w1 * t1 + w2 * t2 + w3 * t3
+        scale = inverse / (mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
+        out[to + 3] += (mu * mu * t1 + mu * (w2 * t3 - w3 * t2) + dot * w1) * scale
+        out[to + 4] += (mu * mu * t2 + mu * (w3 * t1 - w1 * t3) + dot * w2) * scale
+        out[to + 5] += (mu * mu * t3 + mu * (w1 * t2 - w2 * t1) + dot * w3) * scale
+
+
+@njit(
+    [
+        types.void(SYSTEM, F2, float64, F1, F1, F1),
+        types.void(SYSTEM, F2, complex128, C1, C1, C1),
+    ],
+    **INNER,
+)
+def lift(system, frame, mu, x, r, out):
+    """A variation of z_I, from the tangent space (x) to coordinates (out).
+
+    The part of the right-hand side r along a quaternion has no tangent; its response
+    r / mu is added.
+    """
+    for b in range(len(system.body)):
+        row = system.body[b]
+        p, u, rd, nq = row[POS], row[VEL], row[RD], row[NQ]
+        g = frame[b]
+        if rd > 0 and system.dims[PLANAR] == 1:
+            out[p] = g[COS] * x[u] - g[SIN] * x[u + 1]
+            out[p + 1] = g[SIN] * x[u] + g[COS] * x[u + 1]
+            if rd == 3:
+                out[p + 2] = x[u + 2]
+        elif rd > 0:
+            for i in range(3):
+                o = R + 3 * i
+                out[p + i] = g[o] * x[u] + g[o + 1] * x[u + 1] + g[o + 2] * x[u + 2]
+            if rd == 6:
+                a, b1, b2, b3 = g[P], g[P + 1], g[P + 2], g[P + 3]
+                t1, t2, t3 = 0.5 * x[u + 3], 0.5 * x[u + 4], 0.5 * x[u + 5]
+                along = a * r[p + 3] + b1 * r[p + 4] + b2 * r[p + 5] + b3 * r[p + 6]
+                along = along / mu
+                out[p + 3] = along * a - b1 * t1 - b2 * t2 - b3 * t3
+                out[p + 4] = along * b1 + a * t1 + b2 * t3 - b3 * t2
+                out[p + 5] = along * b2 + a * t2 + b3 * t1 - b1 * t3
+                out[p + 6] = along * b3 + a * t3 + b1 * t2 - b2 * t1
+        for k in range(nq):
+            out[p + row[NP] - nq + k] = x[u + rd + k]
+
+
+@njit(RETRACT, **ENTRY)
+def retract(system, frame, z, x):
+    """Moves z_I by a small tangent vector x, keeping quaternions of unit length."""
+    for b in range(len(system.body)):
+        row = system.body[b]
+        p, u, rd, nq = row[POS], row[VEL], row[RD], row[NQ]
+        g = frame[b]
+        if rd > 0 and system.dims[PLANAR] == 1:
+            z[p] += g[COS] * x[u] - g[SIN] * x[u + 1]
+            z[p + 1] += g[SIN] * x[u] + g[COS] * x[u + 1]
+            if rd == 3:
+                z[p + 2] += x[u + 2]
+        elif rd > 0:
+            for i in range(3):
+                o = R + 3 * i
+                z[p + i] += g[o] * x[u] + g[o + 1] * x[u + 1] + g[o + 2] * x[u + 2]
+            if rd == 6:
+                spatial.turn(z, p + 3, x[u + 3], x[u + 4], x[u + 5])
+        for k in range(nq):
+            z[p + row[NP] - nq + k] += x[u + rd + k]

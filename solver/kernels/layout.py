@@ -1,0 +1,180 @@
+"""The flat arrays that kernels read and write, and their compiled types.
+
+`System` is the immutable description of a compiled scene: small integer tables (one
+row per body, marker, constraint, ...) whose columns are named below, and one pool of
+real numbers that the tables point into. `Work` holds everything that changes during
+a run. Kernels are free functions on the two.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import float64, int64, types
+
+from formats.sid import Array
+
+IntTable = np.ndarray
+
+# --- columns of System.body -----------------------------------------------
+NQ = 0  # number of elastic coordinates
+NV = 1  # number of velocity coordinates: RD + NQ
+RD = 2  # rigid velocities: planar 3, 2 (no rotation), 0 (prescribed frame)
+POS = 3  # first position coordinate in z_I
+VEL = 4  # first velocity coordinate in z_II
+NP = 5  # number of position coordinates
+BLOCK = 6  # first entry of the body's NV x NV blocks
+SEG0 = 7  # first and one past the last constraint segment of the body
+SEG1 = 8
+DATA = 9  # inertia and elasticity in the pool
+FLAGS = 10  # which optional terms are present
+MOTION = 11  # prescribed frame: kind of the joint to the base marker, else FREE
+BASE = 12  # prescribed frame: marker on the base body
+TIP = 13  # prescribed frame: marker on this body
+DRIVE = 14  # prescribed frame: drive of the joint, -1 for none
+FRAME = 15  # pool offset of the constant orientation of a body without rotation
+N_BODY = 16
+
+# --- kinds of prescribed frame --------------------------------------------
+FREE = 0
+GROUND = 1
+FIXED = 2
+REVOLUTE = 3
+PRISMATIC = 4
+
+# --- optional terms (bits of FLAGS) ---------------------------------------
+HAS_CR1 = 1
+HAS_GE = 2
+HAS_OE1 = 4
+HAS_CT1 = 8
+HAS_QUADRATIC_J = 16
+
+# --- columns of System.marker ---------------------------------------------
+M_BODY = 0
+M_DATA = 1  # pool: undeformed position, orientation, Phi, Psi
+M_PHI = 2  # Work.phi: Phi at the current elastic coordinates
+M_PHI1 = 3  # pool: derivative of Phi (geometric stiffening), -1 for none
+N_MARKER = 4
+
+# --- columns of System.constraint -----------------------------------------
+KIND = 0
+ROW = 1  # first row of c
+MARKER_A = 2
+MARKER_B = 3
+SEG_A = 4  # first segment of marker A and B, -1 where the body has no coordinates
+SEG_B = 5
+C_DATA = 6  # pool: direction or offset
+C_DRIVE = 7  # drive of the prescribed value, -1 for none
+N_CONSTRAINT = 8
+
+# --- kinds of primitive constraints between marker A and marker B ---------
+COINCIDENT = 0  # positions agree: planar 2 rows, spatial 3 rows
+ALONG = 1  # n_A . (x_B - x_A) = s(t), direction n fixed in marker A
+ANGLE = 2  # angle from A to B about their common axis = s(t)
+DISTANCE = 3  # |x_B - x_A| = L(t)
+PERPENDICULAR = 4  # a_A . b_B = 0, directions fixed in the markers (spatial)
+COUPLING = 5  # weighted sum of angles and displacements of two pairs is constant
+
+# --- columns of System.segment: the entries of one row of C that belong to
+S_ROW = 0
+S_BODY = 1
+S_OFFSET = 2  # first entry in Work.C and its likes
+N_SEGMENT = 3
+
+# --- columns of System.drive: a piecewise polynomial ----------------------
+D_PIECES = 0
+D_TERMS = 1  # coefficients per piece
+D_DATA = 2  # pool: starts of the pieces, then coefficients, lowest power first
+N_DRIVE = 3
+
+# --- entries of System.dims -----------------------------------------------
+PLANAR = 0
+N_POS = 1
+N_VEL = 2
+N_ROWS = 3
+BANDWIDTH = 4  # of the Schur complement
+N_PHI = 5  # entries of Work.phi
+N_DIMS = 6
+
+# --- columns of Work.row: one constraint row ------------------------------
+C_VALUE = 0  # c(z_I, t)
+C_RATE = 1  # dc/dt
+C_GAMMA = 2  # right-hand side of C z_II' = gamma
+N_ROW = 3
+
+
+class System(NamedTuple):
+    """A compiled scene.
+
+    body, marker, constraint, segment, drive : integer tables, columns as above
+    dims : sizes and switches
+    pool : all real data
+    gravity : (3,) acceleration in the inertial frame [m/s2]
+    slack : (rows,) added to the diagonal of the Schur complement: positive for a
+        redundant constraint, whose multiplier is then zero
+    """
+
+    body: IntTable
+    marker: IntTable
+    constraint: IntTable
+    segment: IntTable
+    drive: IntTable
+    dims: IntTable
+    pool: Array
+    gravity: Array
+    slack: Array
+
+
+class Work(NamedTuple):
+    """Everything that kernels write.
+
+    frame : (bodies, .) state of the body frames
+    point : (markers, .) state of the markers
+    phi : Phi of the markers at the current elastic coordinates
+    M, Rp, Rv : NV x NV blocks of the bodies: mass matrix and derivatives of
+        M z_II' - f - C^T lambda by positions and velocities
+    f : generalised force
+    C, Gp, Gv : segments of the constraint Jacobian and of the derivatives of the
+        constraint accelerations by positions and velocities
+    row : (rows, N_ROW) values, rates and right-hand sides of the constraints
+    clock : (1,) a time inside the smooth interval that is being integrated
+    scratch : two rows of one body's coordinates
+    """
+
+    frame: Array
+    point: Array
+    phi: Array
+    M: Array
+    Rp: Array
+    Rv: Array
+    f: Array
+    C: Array
+    Gp: Array
+    Gv: Array
+    row: Array
+    clock: Array
+    scratch: Array
+
+
+F1 = types.Array(float64, 1, "C")
+F2 = types.Array(float64, 2, "C")
+C1 = types.Array(types.complex128, 1, "C")
+C2 = types.Array(types.complex128, 2, "C")
+F3 = types.Array(float64, 3, "C")
+C3 = types.Array(types.complex128, 3, "C")
+I1 = types.Array(int64, 1, "C")
+I2 = types.Array(int64, 2, "C")
+
+SYSTEM = types.NamedTuple([I2, I2, I2, I2, I2, I1, F1, F1, F1], System)
+WORK = types.NamedTuple([F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F1, F1], Work)
+
+#: evaluate(system, work, t, z_I, z_II)
+EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)
+#: linearise(system, work, t, z_I, z_II, z_II', lambda), after evaluate at that state
+LINEARISE = types.void(SYSTEM, WORK, float64, F1, F1, F1, F1)
+
+#: Options of kernels: cached on disk, no Python exceptions for division by zero.
+#: `INNER` ones are called by kernels only, so no wrappers are compiled for them.
+ENTRY: dict[str, Any] = {"cache": True, "error_model": "numpy"}
+INNER: dict[str, Any] = ENTRY | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}

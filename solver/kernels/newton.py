@@ -1,0 +1,299 @@
+"""Steps that every integrator is built from: accelerations, projection, Newton.
+
+`Memory` holds the factors and vectors that these steps need.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import complex128, float64, int64, njit, types
+
+from formats.sid import Array
+
+from .coordinates import RATE, RETRACT, add_row_response, lift, resolve, respond
+from .layout import (
+    BLOCK,
+    C1,
+    C2,
+    C3,
+    C_GAMMA,
+    C_RATE,
+    C_VALUE,
+    ENTRY,
+    EVALUATE,
+    F1,
+    F2,
+    I1,
+    I2,
+    INNER,
+    LINEARISE,
+    N_ROWS,
+    NV,
+    S_BODY,
+    S_OFFSET,
+    S_ROW,
+    SYSTEM,
+    VEL,
+    WORK,
+)
+from .saddle import saddle_factor, saddle_solve
+
+
+class Memory(NamedTuple):
+    """Factors and vectors of one run.
+
+    real_* : a factored saddle-point system, see `saddle_factor`
+    complex_* : the same, one for each pair of complex eigenvalues of a method
+    mass_* : the same, for accelerations and projections
+    M, C, frame : the mass matrix, constraint Jacobian and body frames at the state
+        where the Newton matrix was made
+    metric : blocks of tau^2 K, the stiffness part of the projection metric
+    acceleration, multiplier : solution of eq. (3) at the last evaluated state
+    counters : see `N_COUNTERS`
+    """
+
+    real_A: Array
+    real_G: Array
+    real_Y: Array
+    real_S: Array
+    real_pivots: np.ndarray
+    real_row_pivots: np.ndarray
+    complex_A: np.ndarray
+    complex_G: np.ndarray
+    complex_Y: np.ndarray
+    complex_S: np.ndarray
+    complex_pivots: np.ndarray
+    complex_row_pivots: np.ndarray
+    mass_A: Array
+    mass_Y: Array
+    mass_S: Array
+    mass_pivots: np.ndarray
+    mass_row_pivots: np.ndarray
+    M: Array
+    C: Array
+    frame: Array
+    metric: Array
+    acceleration: Array
+    multiplier: Array
+    counters: np.ndarray
+
+
+MEMORY = types.NamedTuple(
+    [F1, F1, F1, F2, I1, I1]
+    + [C2, C2, C2, C3, I2, I2]
+    + [F1, F1, F2, I1, I1]
+    + [F1, F1, F2, F1, F1, F1, I1],
+    Memory,
+)
+
+SOLVE_ACCELERATIONS = int64(SYSTEM, WORK, MEMORY)
+PROJECT_ONCE = int64(SYSTEM, WORK, MEMORY, F1, F1)
+REMEMBER = types.void(SYSTEM, WORK, MEMORY)
+FACTOR_REAL = int64(SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F2, I1, I1)
+FACTOR_COMPLEX = int64(SYSTEM, WORK, MEMORY, complex128, C1, C1, C1, C2, I1, I1)
+SOLVE_REAL = types.void(
+    SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F2, I1, I1, F1, F1, F1, F1, F1
+)
+SOLVE_COMPLEX = types.void(
+    SYSTEM, WORK, MEMORY, complex128, C1, C1, C1, C2, I1, I1, C1, C1, C1, C1, C1
+)
+
+
+class Kernels(NamedTuple):
+    """Pointers to the kernels of a run, so that each is compiled once and alone."""
+
+    evaluate: Any
+    linearise: Any
+    solve_accelerations: Any
+    project_once: Any
+    remember: Any
+    factor_real: Any
+    factor_complex: Any
+    solve_real: Any
+    solve_complex: Any
+    rate: Any
+    retract: Any
+
+
+SIGNATURES = (
+    EVALUATE,
+    LINEARISE,
+    SOLVE_ACCELERATIONS,
+    PROJECT_ONCE,
+    REMEMBER,
+    FACTOR_REAL,
+    FACTOR_COMPLEX,
+    SOLVE_REAL,
+    SOLVE_COMPLEX,
+    RATE,
+    RETRACT,
+)
+KERNELS = types.NamedTuple([types.FunctionType(sig) for sig in SIGNATURES], Kernels)
+
+# Columns of Memory.counters
+STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS = (
+    range(7)
+)
+N_COUNTERS = 7
+
+
+@njit(SOLVE_ACCELERATIONS, **ENTRY)
+def solve_accelerations(system, work, memory):
+    """Accelerations and multipliers of the state in `work`, into `memory`."""
+    A = memory.mass_A
+    for i in range(len(A)):
+        A[i] = work.M[i]
+    status = saddle_factor(
+        system,
+        A,
+        work.C,
+        work.C,
+        memory.mass_Y,
+        memory.mass_S,
+        memory.mass_pivots,
+        memory.mass_row_pivots,
+    )
+    if status != 0:
+        return status
+    for i in range(len(work.f)):
+        memory.acceleration[i] = work.f[i]
+    for i in range(system.dims[N_ROWS]):
+        memory.multiplier[i] = work.row[i, C_GAMMA]
+    saddle_solve(
+        system,
+        A,
+        work.C,
+        memory.mass_Y,
+        memory.mass_S,
+        memory.mass_pivots,
+        memory.mass_row_pivots,
+        memory.acceleration,
+        memory.multiplier,
+    )
+    return 0
+
+
+@njit(PROJECT_ONCE, **ENTRY)
+def project_once(system, work, memory, dz, dv):
+    """Smallest corrections of positions and velocities onto the linearised constraints.
+
+    Smallest in the metric M + tau^2 K: position errors go into the rigid motion and
+    not into stiff elastic coordinates.
+    """
+    A = memory.mass_A
+    m = system.dims[N_ROWS]
+    for i in range(len(A)):
+        A[i] = work.M[i] + memory.metric[i]
+    status = saddle_factor(
+        system,
+        A,
+        work.C,
+        work.C,
+        memory.mass_Y,
+        memory.mass_S,
+        memory.mass_pivots,
+        memory.mass_row_pivots,
+    )
+    if status != 0:
+        return status
+    for x, column in ((dz, C_VALUE), (dv, C_RATE)):
+        for i in range(len(x)):
+            x[i] = 0.0
+        for i in range(m):
+            memory.multiplier[i] = -work.row[i, column]
+        saddle_solve(
+            system,
+            A,
+            work.C,
+            memory.mass_Y,
+            memory.mass_S,
+            memory.mass_pivots,
+            memory.mass_row_pivots,
+            x,
+            memory.multiplier,
+        )
+    return 0
+
+
+@njit(REMEMBER, **ENTRY)
+def remember(system, work, memory):
+    """Keeps M, C and the frames of the state that was just linearised."""
+    for i in range(len(work.M)):
+        memory.M[i] = work.M[i]
+    for i in range(len(work.C)):
+        memory.C[i] = work.C[i]
+    for i in range(work.frame.shape[0]):
+        for k in range(work.frame.shape[1]):
+            memory.frame[i, k] = work.frame[i, k]
+
+
+@njit(
+    [
+        types.void(SYSTEM, WORK, MEMORY, float64, F1, F1),
+        types.void(SYSTEM, WORK, MEMORY, complex128, C1, C1),
+    ],
+    **INNER,
+)
+def newton_matrix(system, work, memory, mu, A, G):
+    """Blocks of mu - J of the index-1 equations, J their Jacobian, in saddle form.
+
+    With dz_I = (mu - E)^-1 (r_I + dz_II) inserted, what is left for dz_II is
+    A = mu M + Rv + Rp (mu - E)^-1 and G = mu C + Gv + Gp (mu - E)^-1.
+    """
+    for i in range(len(A)):
+        A[i] = mu * memory.M[i] + work.Rv[i]
+    for i in range(len(G)):
+        G[i] = mu * memory.C[i] + work.Gv[i]
+    for b in range(len(system.body)):
+        n, o = system.body[b, NV], system.body[b, BLOCK]
+        for k in range(n):
+            at = o + k * n
+            add_row_response(system, memory.frame, b, mu, work.Rp, at, A, at)
+    for s in range(len(system.segment)):
+        b, at = system.segment[s, S_BODY], system.segment[s, S_OFFSET]
+        add_row_response(system, memory.frame, b, mu, work.Gp, at, G, at)
+
+
+@njit([FACTOR_REAL, FACTOR_COMPLEX], **ENTRY)
+def newton_factor(system, work, memory, mu, A, G, Y, S, pivots, row_pivots):
+    """Factors mu - J; see `newton_matrix` and `saddle_factor`."""
+    newton_matrix(system, work, memory, mu, A, G)
+    memory.counters[FACTORISATIONS] += 1
+    return saddle_factor(system, A, memory.C, G, Y, S, pivots, row_pivots)
+
+
+@njit([SOLVE_REAL, SOLVE_COMPLEX], **ENTRY)
+def newton_solve(
+    system, work, memory, mu, A, G, Y, S, pivots, row_pivots, r, s, x, p, g
+):
+    """Solves (mu - J) (dz_I, dz_II) = (r, s) in place; x, p and g are scratch.
+
+    x and p have one entry per velocity, g one per constraint row.
+    """
+    resolve(system, memory.frame, r, x)
+    respond(system, memory.frame, mu, x)
+    for i in range(len(g)):
+        g[i] = 0.0
+    for k in range(len(system.segment)):
+        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
+        b = system.segment[k, S_BODY]
+        first = system.body[b, VEL]
+        for i in range(system.body[b, NV]):
+            g[row] += memory.C[at + i] * s[first + i] - work.Gp[at + i] * x[first + i]
+    for b in range(len(system.body)):
+        n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
+        for i in range(n):
+            total = memory.M[o + i * n] * s[first] - work.Rp[o + i * n] * x[first]
+            for k in range(1, n):
+                entry = o + i * n + k
+                total += memory.M[entry] * s[first + k] - work.Rp[entry] * x[first + k]
+            p[first + i] = total
+    saddle_solve(system, A, G, Y, S, pivots, row_pivots, p, g)
+    resolve(system, memory.frame, r, x)
+    for i in range(len(s)):
+        s[i] = p[i]
+        x[i] += p[i]
+    respond(system, memory.frame, mu, x)
+    lift(system, memory.frame, mu, x, r, r)

@@ -1,0 +1,424 @@
+"""Planar flexible bodies: kinematics, equations of motion, constraints.
+
+Source: the equations of motion of one body in SID quantities (Wallrapp 1994),
+restricted to translations in x and y and the rotation about z. Velocities and
+accelerations of a body frame are resolved in that frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import float64, int64, njit, types
+
+from .drives import drive_value
+from .layout import (
+    BASE,
+    BLOCK,
+    DATA,
+    DRIVE,
+    EVALUATE,
+    F1,
+    FIXED,
+    FLAGS,
+    FRAME,
+    FREE,
+    GROUND,
+    HAS_CR1,
+    HAS_CT1,
+    HAS_GE,
+    HAS_OE1,
+    HAS_QUADRATIC_J,
+    INNER,
+    M_BODY,
+    M_DATA,
+    M_PHI,
+    M_PHI1,
+    MOTION,
+    NP,
+    NQ,
+    NV,
+    POS,
+    RD,
+    REVOLUTE,
+    SYSTEM,
+    TIP,
+    VEL,
+    WORK,
+)
+
+# Columns of Work.frame: position, orientation, velocity, angular velocity, and the
+# acceleration of the frame at zero z_II' (body-resolved), all absolute.
+X, Y, COS, SIN, ANGLE, VX, VY, W, AX, AY, AL = range(11)
+N_FRAME = 11
+
+# Columns of Work.point: inertial position, velocity and acceleration (at zero z_II'),
+# angle, angular velocity and acceleration, and body-resolved position and relative
+# velocity.
+PX, PY, PVX, PVY, PAX, PAY, TH, TW, TA, DX, DY, UX, UY = range(13)
+N_POINT = 13
+
+# Pool layout of a body: mass, mdCM, J, then arrays over the elastic coordinates.
+P_MASS, P_MDX, P_MDY, P_J, P_VECTORS = range(5)
+# Vectors of length nq, in this order; Ct holds two of them.
+V_CTX, V_CTY, V_CR, V_J1, V_OE0, V_KSIGMA, N_VECTORS = range(7)
+# Square matrices, in this order (row k, column l).
+S_ME, S_KE, S_DE, S_CR1, S_GE, S_OE1, S_CT1X, S_CT1Y, S_J2, N_SQUARES = range(10)
+
+
+def pool_size(nq: int) -> int:
+    """Reals that a planar body with nq elastic coordinates takes in the pool."""
+    return P_VECTORS + N_VECTORS * nq + N_SQUARES * nq * nq
+
+
+@njit(types.void(SYSTEM, WORK, int64, float64, F1, F1), **INNER)
+def _free_frame(system, work, b, t, z, v):
+    """Body frame from the coordinates, eq. (1) and (2)."""
+    row = system.body[b]
+    p = row[POS]
+    u = row[VEL]
+    frame = work.frame[b]
+    frame[X] = z[p]
+    frame[Y] = z[p + 1]
+    frame[VX] = v[u]
+    frame[VY] = v[u + 1]
+    if row[RD] == 3:
+        frame[ANGLE] = z[p + 2]
+        frame[W] = v[u + 2]
+    else:
+        frame[ANGLE] = system.pool[row[FRAME]]
+        frame[W] = 0.0
+    frame[COS] = math.cos(frame[ANGLE])
+    frame[SIN] = math.sin(frame[ANGLE])
+    frame[AX] = -frame[W] * frame[VY]
+    frame[AY] = frame[W] * frame[VX]
+    frame[AL] = 0.0
+
+
+@njit(types.void(SYSTEM, WORK, int64, float64), **INNER)
+def _prescribed_frame(system, work, b, t):
+    """Body frame that hangs on a marker of a prescribed body by a driven joint."""
+    row = system.body[b]
+    frame = work.frame[b]
+    pool = system.pool
+    if row[MOTION] == GROUND:
+        for i in range(N_FRAME):
+            frame[i] = 0.0
+        frame[COS] = 1.0
+        return
+    base = work.point[row[BASE]]
+    tip = system.marker[row[TIP], M_DATA]
+    s, sd, sdd = 0.0, 0.0, 0.0
+    if row[DRIVE] >= 0:
+        s, sd, sdd = drive_value(system, row[DRIVE], work.clock[0], t)
+    angle, w, al = base[TH], base[TW], base[TA]
+    px, py = base[PX], base[PY]
+    vx, vy = base[PVX], base[PVY]
+    ax, ay = base[PAX], base[PAY]
+    if row[MOTION] == REVOLUTE:
+        angle += s
+        w += sd
+        al += sdd
+    elif row[MOTION] != FIXED:
+        slide = angle + pool[row[FRAME]]
+        ex, ey = math.cos(slide), math.sin(slide)
+        px += s * ex
+        py += s * ey
+        vx += sd * ex - s * w * ey
+        vy += sd * ey + s * w * ex
+        ax += (sdd - s * w * w) * ex - (2.0 * sd * w + s * al) * ey
+        ay += (sdd - s * w * w) * ey + (2.0 * sd * w + s * al) * ex
+    angle -= pool[tip + 2]
+    c, sn = math.cos(angle), math.sin(angle)
+    dx, dy = pool[tip], pool[tip + 1]
+    rx, ry = c * dx - sn * dy, sn * dx + c * dy
+    frame[ANGLE], frame[COS], frame[SIN] = angle, c, sn
+    frame[X], frame[Y] = px - rx, py - ry
+    vx += w * ry
+    vy -= w * rx
+    ax += al * ry + w * w * rx
+    ay += -al * rx + w * w * ry
+    frame[W], frame[AL] = w, al
+    frame[VX], frame[VY] = c * vx + sn * vy, -sn * vx + c * vy
+    frame[AX], frame[AY] = c * ax + sn * ay, -sn * ax + c * ay
+
+
+@njit(types.void(SYSTEM, WORK, int64, F1, F1), **INNER)
+def _marker(system, work, m, z, v):
+    """Position, velocity and bias acceleration of a marker, eq. (1) differentiated."""
+    b = system.marker[m, M_BODY]
+    row = system.body[b]
+    frame = work.frame[b]
+    point = work.point[m]
+    pool = system.pool
+    nq = row[NQ]
+    data = system.marker[m, M_DATA]
+    phi = system.marker[m, M_PHI]
+    psi = data + 3 + 2 * nq
+    phi1 = system.marker[m, M_PHI1]
+    q = row[POS] + row[NP] - nq
+    qd = row[VEL] + row[RD]
+    dx, dy, th = pool[data], pool[data + 1], pool[data + 2]
+    ux, uy, thd = 0.0, 0.0, 0.0
+    sx, sy = 0.0, 0.0
+    for k in range(nq):
+        fx, fy = pool[data + 3 + k], pool[data + 3 + nq + k]
+        if phi1 >= 0:
+            gx, gy, hx, hy = 0.0, 0.0, 0.0, 0.0
+            for i in range(nq):
+                kx = pool[phi1 + k * nq + i]
+                ky = pool[phi1 + nq * nq + k * nq + i]
+                gx += kx * z[q + i]
+                gy += ky * z[q + i]
+                hx += kx * v[qd + i]
+                hy += ky * v[qd + i]
+            work.phi[phi + k] = fx + gx
+            work.phi[phi + nq + k] = fy + gy
+            sx += hx * v[qd + k]
+            sy += hy * v[qd + k]
+            dx += (fx + 0.5 * gx) * z[q + k]
+            dy += (fy + 0.5 * gy) * z[q + k]
+        else:
+            dx += fx * z[q + k]
+            dy += fy * z[q + k]
+        ux += work.phi[phi + k] * v[qd + k]
+        uy += work.phi[phi + nq + k] * v[qd + k]
+        th += pool[psi + k] * z[q + k]
+        thd += pool[psi + k] * v[qd + k]
+    c, s, w, al = frame[COS], frame[SIN], frame[W], frame[AL]
+    vx, vy = frame[VX] - w * dy + ux, frame[VY] + w * dx + uy
+    ax = frame[AX] - al * dy - w * w * dx - 2.0 * w * uy + sx
+    ay = frame[AY] + al * dx - w * w * dy + 2.0 * w * ux + sy
+    point[PX], point[PY] = frame[X] + c * dx - s * dy, frame[Y] + s * dx + c * dy
+    point[PVX], point[PVY] = c * vx - s * vy, s * vx + c * vy
+    point[PAX], point[PAY] = c * ax - s * ay, s * ax + c * ay
+    point[TH], point[TW], point[TA] = frame[ANGLE] + th, w + thd, al
+    point[DX], point[DY], point[UX], point[UY] = dx, dy, ux, uy
+
+
+@njit(types.void(SYSTEM, WORK, int64, F1, F1), **INNER)
+def _body(system, work, b, z, v):
+    """Mass matrix and generalised force of one body, eq. (3)."""
+    row = system.body[b]
+    nq, nv, rd, flags = row[NQ], row[NV], row[RD], row[FLAGS]
+    if nv == 0:
+        return
+    pool, frame, M, f = system.pool, work.frame[b], work.M, work.f
+    o, block, first = row[DATA], row[BLOCK], row[VEL]
+    q, qd = row[POS] + row[NP] - nq, row[VEL] + rd
+    vec, sq, n2 = o + P_VECTORS, o + P_VECTORS + N_VECTORS * nq, nq * nq
+    mass, mdx, mdy, J = (
+        pool[o + P_MASS],
+        pool[o + P_MDX],
+        pool[o + P_MDY],
+        pool[o + P_J],
+    )
+    c, s, w, al = frame[COS], frame[SIN], frame[W], frame[AL]
+    ax = frame[AX] - c * system.gravity[0] - s * system.gravity[1]
+    ay = frame[AY] + s * system.gravity[0] - c * system.gravity[1]
+    Jd, hx, hy = 0.0, 0.0, 0.0
+    for k in range(nq):
+        qk, qdk = z[q + k], v[qd + k]
+        ctx, cty = pool[vec + V_CTX * nq + k], pool[vec + V_CTY * nq + k]
+        j1 = pool[vec + V_J1 * nq + k]
+        mean_x, mean_y = ctx, cty
+        cr = pool[vec + V_CR * nq + k]
+        force = -(pool[vec + V_OE0 * nq + k] * w * w + pool[vec + V_KSIGMA * nq + k])
+        line = k * nq
+        for i in range(nq):
+            qi, qdi = z[q + i], v[qd + i]
+            e = line + i
+            force -= pool[sq + S_KE * n2 + e] * qi + pool[sq + S_DE * n2 + e] * qdi
+            if flags & HAS_CR1:
+                cr += pool[sq + S_CR1 * n2 + e] * qi
+            if flags & HAS_GE:
+                force -= pool[sq + S_GE * n2 + e] * qdi * w
+            if flags & HAS_OE1:
+                force -= pool[sq + S_OE1 * n2 + e] * qi * w * w
+            if flags & HAS_CT1:
+                kx, ky = (
+                    pool[sq + S_CT1X * n2 + e] * qi,
+                    pool[sq + S_CT1Y * n2 + e] * qi,
+                )
+                ctx += kx
+                cty += ky
+                mean_x += 0.5 * kx
+                mean_y += 0.5 * ky
+            if flags & HAS_QUADRATIC_J:
+                J += qk * pool[sq + S_J2 * n2 + e] * qi
+                Jd += 2.0 * qk * pool[sq + S_J2 * n2 + e] * qdi
+            M[block + (rd + k) * nv + rd + i] = pool[sq + S_ME * n2 + e]
+        J += j1 * qk
+        Jd += j1 * qdk
+        mdx += mean_x * qk
+        mdy += mean_y * qk
+        hx += ctx * qdk
+        hy += cty * qdk
+        f[qd + k] = force - ctx * ax - cty * ay - cr * al
+        if rd >= 2:
+            M[block + (rd + k) * nv] = ctx
+            M[block + (rd + k) * nv + 1] = cty
+            M[block + rd + k] = ctx
+            M[block + nv + rd + k] = cty
+        if rd == 3:
+            M[block + (rd + k) * nv + 2] = cr
+            M[block + 2 * nv + rd + k] = cr
+    if rd >= 2:
+        M[block] = mass
+        M[block + 1] = 0.0
+        M[block + nv] = 0.0
+        M[block + nv + 1] = mass
+        f[first] = -mass * ax + w * w * mdx + 2.0 * w * hy
+        f[first + 1] = -mass * ay + w * w * mdy - 2.0 * w * hx
+    if rd == 3:
+        M[block + 2] = -mdy
+        M[block + 2 * nv] = -mdy
+        M[block + nv + 2] = mdx
+        M[block + 2 * nv + 1] = mdx
+        M[block + 2 * nv + 2] = J
+        f[first + 2] = -(mdx * ay - mdy * ax) - Jd * w
+
+
+@njit(types.void(SYSTEM, WORK, F1, int64, int64, float64, float64, float64), **INNER)
+def segment(system, work, out, offset, m, ex, ey, torque):
+    """Adds the generalised force of an inertial force and a torque at a marker.
+
+    The same row maps velocities to the marker's velocity along e plus `torque` times
+    its angular velocity, and variations of position likewise.
+    """
+    b = system.marker[m, M_BODY]
+    row = system.body[b]
+    frame, point = work.frame[b], work.point[m]
+    c, s = frame[COS], frame[SIN]
+    fx, fy = c * ex + s * ey, -s * ex + c * ey
+    rd, nq = row[RD], row[NQ]
+    phi = system.marker[m, M_PHI]
+    psi = system.marker[m, M_DATA] + 3 + 2 * nq
+    if rd >= 2:
+        out[offset] += fx
+        out[offset + 1] += fy
+    if rd == 3:
+        out[offset + 2] += point[DX] * fy - point[DY] * fx + torque
+    for k in range(nq):
+        out[offset + rd + k] += (
+            work.phi[phi + k] * fx
+            + work.phi[phi + nq + k] * fy
+            + system.pool[psi + k] * torque
+        )
+
+
+@njit(EVALUATE, **INNER)
+def evaluate_bodies(system, work, t, z, v):
+    """Frames, markers, mass matrices and forces of all bodies.
+
+    Bodies are sorted so that a prescribed frame comes after its base; markers are
+    sorted by body.
+    """
+    m = 0
+    markers = len(system.marker)
+    for b in range(len(system.body)):
+        if system.body[b, MOTION] == FREE:
+            _free_frame(system, work, b, t, z, v)
+        else:
+            _prescribed_frame(system, work, b, t)
+        while m < markers and system.marker[m, M_BODY] == b:
+            _marker(system, work, m, z, v)
+            m += 1
+        _body(system, work, b, z, v)
+
+
+@njit(types.void(SYSTEM, WORK, int64, F1, F1, F1), **INNER)
+def linearise_body(system, work, b, z, v, acc):
+    """Rp and Rv of one body: derivatives of M z_II' - f by positions and velocities.
+
+    Positions vary in the body frame: z_I + (R dx, dphi, dq).
+    """
+    row = system.body[b]
+    nq, nv, rd, flags = row[NQ], row[NV], row[RD], row[FLAGS]
+    pool, frame, P, D = system.pool, work.frame[b], work.Rp, work.Rv
+    o, block, first = row[DATA], row[BLOCK], row[VEL]
+    for i in range(block, block + nv * nv):
+        P[i] = 0.0
+        D[i] = 0.0
+    if nv == 0:
+        return
+    q, qd = row[POS] + row[NP] - nq, row[VEL] + rd
+    vec, sq, n2 = o + P_VECTORS, o + P_VECTORS + N_VECTORS * nq, nq * nq
+    c, s, w, al = frame[COS], frame[SIN], frame[W], frame[AL]
+    gx = c * system.gravity[0] + s * system.gravity[1]
+    gy = -s * system.gravity[0] + c * system.gravity[1]
+    ax, ay = frame[AX] - gx, frame[AY] - gy
+    if rd >= 2:
+        ax += acc[first]
+        ay += acc[first + 1]
+    if rd == 3:
+        al += acc[first + 2]
+    mass, mdx, mdy = pool[o + P_MASS], pool[o + P_MDX], pool[o + P_MDY]
+    vx, vy = frame[VX], frame[VY]
+    hx, hy, Jd = 0.0, 0.0, 0.0
+    for k in range(nq):
+        qk, qdk = z[q + k], v[qd + k]
+        ctx, cty = pool[vec + V_CTX * nq + k], pool[vec + V_CTY * nq + k]
+        j1 = pool[vec + V_J1 * nq + k]
+        mean_x, mean_y = ctx, cty
+        oe = pool[vec + V_OE0 * nq + k]
+        ge_rate, j2q, j2qd, cr1_acc, ct1x_acc, ct1y_acc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(nq):
+            qi, qdi = z[q + i], v[qd + i]
+            e = k * nq + i
+            stiffness = pool[sq + S_KE * n2 + e]
+            damping = pool[sq + S_DE * n2 + e]
+            if flags & HAS_CR1:
+                stiffness += pool[sq + S_CR1 * n2 + e] * al
+                cr1_acc += pool[sq + S_CR1 * n2 + i * nq + k] * acc[qd + i]
+            if flags & HAS_GE:
+                damping += pool[sq + S_GE * n2 + e] * w
+                ge_rate += pool[sq + S_GE * n2 + e] * qdi
+            if flags & HAS_OE1:
+                stiffness += pool[sq + S_OE1 * n2 + e] * w * w
+                oe += pool[sq + S_OE1 * n2 + e] * qi
+            if flags & HAS_CT1:
+                kx, ky = pool[sq + S_CT1X * n2 + e], pool[sq + S_CT1Y * n2 + e]
+                stiffness += kx * ax + ky * ay
+                ctx += kx * qi
+                cty += ky * qi
+                mean_x += 0.5 * kx * qi
+                mean_y += 0.5 * ky * qi
+                ct1x_acc += kx * acc[qd + i]
+                ct1y_acc += ky * acc[qd + i]
+            if flags & HAS_QUADRATIC_J:
+                j2q += pool[sq + S_J2 * n2 + e] * qi
+                j2qd += pool[sq + S_J2 * n2 + e] * qdi
+            P[block + (rd + k) * nv + rd + i] = stiffness
+            D[block + (rd + k) * nv + rd + i] = damping
+        mdx += mean_x * qk
+        mdy += mean_y * qk
+        hx += ctx * qdk
+        hy += cty * qdk
+        Jd += (j1 + 2.0 * j2q) * qdk
+        if rd >= 2:
+            D[block + (rd + k) * nv] = w * cty
+            D[block + (rd + k) * nv + 1] = -w * ctx
+            P[block + rd + k] = -al * cty - w * w * ctx + ct1x_acc
+            P[block + nv + rd + k] = al * ctx - w * w * cty + ct1y_acc
+            D[block + rd + k] = -2.0 * w * cty
+            D[block + nv + rd + k] = 2.0 * w * ctx
+        if rd == 3:
+            P[block + (rd + k) * nv + 2] = -ctx * gy + cty * gx
+            D[block + (rd + k) * nv + 2] = -ctx * vy + cty * vx + ge_rate + 2.0 * w * oe
+            P[block + 2 * nv + rd + k] = (
+                ctx * ay - cty * ax + (j1 + 2.0 * j2q) * al + cr1_acc + 2.0 * j2qd * w
+            )
+            D[block + 2 * nv + rd + k] = (j1 + 2.0 * j2q) * w
+    if rd >= 2:
+        D[block + 1] = -mass * w
+        D[block + nv] = mass * w
+    if rd == 3:
+        P[block + 2] = -mass * gy
+        P[block + nv + 2] = mass * gx
+        P[block + 2 * nv + 2] = mdx * gx + mdy * gy
+        D[block + 2] = -mass * vy - 2.0 * w * mdx - 2.0 * hy
+        D[block + nv + 2] = mass * vx - 2.0 * w * mdy + 2.0 * hx
+        D[block + 2 * nv] = mdx * w
+        D[block + 2 * nv + 1] = mdy * w
+        D[block + 2 * nv + 2] = mdx * vx + mdy * vy + Jd

@@ -1,0 +1,355 @@
+"""Planar constraints c(z_I, t) = 0, their rates, right-hand sides and derivatives."""
+
+from __future__ import annotations
+
+import math
+
+from numba import float64, int64, njit, types
+
+from .drives import drive_value
+from .layout import (
+    ALONG,
+    ANGLE,
+    BLOCK,
+    C_DATA,
+    C_DRIVE,
+    C_GAMMA,
+    C_RATE,
+    C_VALUE,
+    COINCIDENT,
+    DISTANCE,
+    ENTRY,
+    EVALUATE,
+    F1,
+    INNER,
+    KIND,
+    LINEARISE,
+    M_BODY,
+    M_DATA,
+    M_PHI,
+    M_PHI1,
+    MARKER_A,
+    MARKER_B,
+    NQ,
+    NV,
+    RD,
+    ROW,
+    S_OFFSET,
+    SEG_A,
+    SEG_B,
+    SYSTEM,
+    VEL,
+    WORK,
+)
+from .planar import (
+    COS,
+    DX,
+    DY,
+    PAX,
+    PAY,
+    PVX,
+    PVY,
+    PX,
+    PY,
+    SIN,
+    TA,
+    TH,
+    TW,
+    UX,
+    UY,
+    VX,
+    VY,
+    W,
+    evaluate_bodies,
+    linearise_body,
+    segment,
+)
+
+
+@njit(types.void(SYSTEM, WORK, int64, float64), **INNER)
+def _constraint(system, work, k, t):
+    con = system.constraint[k]
+    kind, r = con[KIND], con[ROW]
+    ma, mb = con[MARKER_A], con[MARKER_B]
+    A, B, row = work.point[ma], work.point[mb], work.row
+    s, sd, sdd = 0.0, 0.0, 0.0
+    if con[C_DRIVE] >= 0:
+        s, sd, sdd = drive_value(system, con[C_DRIVE], work.clock[0], t)
+    data = con[C_DATA]
+    x, y = B[PX] - A[PX], B[PY] - A[PY]
+    vx, vy = B[PVX] - A[PVX], B[PVY] - A[PVY]
+    ax, ay = B[PAX] - A[PAX], B[PAY] - A[PAY]
+    ex, ey, torque_a, torque_b = 1.0, 0.0, 0.0, 0.0
+    if kind == COINCIDENT:
+        row[r, C_VALUE], row[r, C_RATE], row[r, C_GAMMA] = x, vx, -ax
+        row[r + 1, C_VALUE], row[r + 1, C_RATE], row[r + 1, C_GAMMA] = y, vy, -ay
+    elif kind == ALONG:
+        angle = A[TH] + system.pool[data]
+        w, al = A[TW], A[TA]
+        ex, ey = math.cos(angle), math.sin(angle)
+        along, across = ex * x + ey * y, ex * y - ey * x
+        torque_a = across
+        row[r, C_VALUE] = along - s - system.pool[data + 1]
+        row[r, C_RATE] = ex * vx + ey * vy + w * across - sd
+        bias = ex * ax + ey * ay + 2.0 * w * (ex * vy - ey * vx)
+        row[r, C_GAMMA] = sdd - bias - al * across + w * w * along
+    elif kind == ANGLE:
+        ex, torque_a, torque_b = 0.0, -1.0, 1.0
+        row[r, C_VALUE] = B[TH] - A[TH] - s - system.pool[data]
+        row[r, C_RATE] = B[TW] - A[TW] - sd
+        row[r, C_GAMMA] = sdd - (B[TA] - A[TA])
+    elif kind == DISTANCE:
+        length = math.sqrt(x * x + y * y)
+        ex, ey = x / length, y / length
+        along = ex * vx + ey * vy
+        row[r, C_VALUE] = length - s - system.pool[data]
+        row[r, C_RATE] = along - sd
+        bias = ex * ax + ey * ay + (vx * vx + vy * vy - along * along) / length
+        row[r, C_GAMMA] = sdd - bias
+    if con[SEG_A] >= 0:
+        o = system.segment[con[SEG_A], S_OFFSET]
+        segment(system, work, work.C, o, ma, -ex, -ey, torque_a)
+        if kind == COINCIDENT:
+            o = system.segment[con[SEG_A] + 1, S_OFFSET]
+            segment(system, work, work.C, o, ma, 0.0, -1.0, 0.0)
+    if con[SEG_B] >= 0:
+        o = system.segment[con[SEG_B], S_OFFSET]
+        segment(system, work, work.C, o, mb, ex, ey, torque_b)
+        if kind == COINCIDENT:
+            o = system.segment[con[SEG_B] + 1, S_OFFSET]
+            segment(system, work, work.C, o, mb, 0.0, 1.0, 0.0)
+
+
+@njit(EVALUATE, **ENTRY)
+def evaluate(system, work, t, z, v):
+    """Everything that eq. (3) needs at one state: M, f, C, c, dc/dt and gamma."""
+    evaluate_bodies(system, work, t, z, v)
+    for i in range(len(work.C)):
+        work.C[i] = 0.0
+    for k in range(len(system.constraint)):
+        _constraint(system, work, k, t)
+
+
+@njit(types.void(SYSTEM, WORK, int64, float64, float64), **INNER)
+def force_stiffness(system, work, m, fx, fy):
+    """Adds to Rp what an inertial force at a marker changes when its body moves."""
+    b = system.marker[m, M_BODY]
+    row = system.body[b]
+    nv, nq, rd = row[NV], row[NQ], row[RD]
+    frame, point, P, block = work.frame[b], work.point[m], work.Rp, row[BLOCK]
+    c, s = frame[COS], frame[SIN]
+    gx, gy = c * fx + s * fy, -s * fx + c * fy
+    phi, phi1 = system.marker[m, M_PHI], system.marker[m, M_PHI1]
+    if rd == 3:
+        P[block + 2] -= gy
+        P[block + nv + 2] += gx
+        P[block + 2 * nv + 2] += point[DX] * gx + point[DY] * gy
+    for k in range(nq):
+        px, py = work.phi[phi + k], work.phi[phi + nq + k]
+        if rd == 3:
+            P[block + 2 * nv + rd + k] -= px * gy - py * gx
+            P[block + (rd + k) * nv + 2] += py * gx - px * gy
+        if phi1 >= 0:
+            for i in range(nq):
+                kx = system.pool[phi1 + k * nq + i]
+                ky = system.pool[phi1 + nq * nq + k * nq + i]
+                P[block + (rd + k) * nv + rd + i] -= kx * gx + ky * gy
+
+
+@njit(types.void(SYSTEM, WORK, int64, int64, float64, float64), **INNER)
+def vary_velocity(system, work, offset, m, ex, ey):
+    """Adds to Gp and Gv the derivatives of a marker's velocity along e."""
+    b = system.marker[m, M_BODY]
+    row = system.body[b]
+    frame, point = work.frame[b], work.point[m]
+    c, s, w = frame[COS], frame[SIN], frame[W]
+    hx, hy = c * ex + s * ey, -s * ex + c * ey
+    nq, rd = row[NQ], row[RD]
+    phi = system.marker[m, M_PHI]
+    if rd == 3:
+        work.Gp[offset + 2] += ey * point[PVX] - ex * point[PVY]
+    for k in range(nq):
+        px, py = work.phi[phi + k], work.phi[phi + nq + k]
+        work.Gp[offset + rd + k] += w * (hy * px - hx * py)
+    segment(system, work, work.Gv, offset, m, ex, ey, 0.0)
+
+
+@njit(types.UniTuple(float64, 3)(SYSTEM, WORK, int64, F1), **INNER)
+def marker_acceleration(system, work, m, acc):
+    """Inertial acceleration (x, y) and angular acceleration of a marker."""
+    b = system.marker[m, M_BODY]
+    row = system.body[b]
+    frame, point = work.frame[b], work.point[m]
+    first, nq, rd = row[VEL], row[NQ], row[RD]
+    phi = system.marker[m, M_PHI]
+    psi = system.marker[m, M_DATA] + 3 + 2 * nq
+    ax, ay, al = 0.0, 0.0, 0.0
+    if rd >= 2:
+        ax, ay = acc[first], acc[first + 1]
+    if rd == 3:
+        al = acc[first + 2]
+        ax -= al * point[DY]
+        ay += al * point[DX]
+    twist = 0.0
+    for k in range(nq):
+        ax += work.phi[phi + k] * acc[first + rd + k]
+        ay += work.phi[phi + nq + k] * acc[first + rd + k]
+        twist += system.pool[psi + k] * acc[first + rd + k]
+    c, s = frame[COS], frame[SIN]
+    return (
+        point[PAX] + c * ax - s * ay,
+        point[PAY] + s * ax + c * ay,
+        point[TA] + al + twist,
+    )
+
+
+@njit(types.void(SYSTEM, WORK, int64, int64, float64, float64, F1, F1), **INNER)
+def vary_acceleration(system, work, offset, m, ex, ey, v, acc):
+    """Adds to Gp and Gv the derivatives of a marker's acceleration along e."""
+    b = system.marker[m, M_BODY]
+    row = system.body[b]
+    frame, point = work.frame[b], work.point[m]
+    c, s, w = frame[COS], frame[SIN], frame[W]
+    hx, hy = c * ex + s * ey, -s * ex + c * ey
+    nq, rd, first = row[NQ], row[RD], row[VEL]
+    phi, phi1 = system.marker[m, M_PHI], system.marker[m, M_PHI1]
+    ax, ay, al = marker_acceleration(system, work, m, acc)
+    if rd >= 2:
+        work.Gv[offset] += w * hy
+        work.Gv[offset + 1] -= w * hx
+    if rd == 3:
+        dx, dy, ux, uy = point[DX], point[DY], point[UX], point[UY]
+        work.Gp[offset + 2] += ey * ax - ex * ay
+        work.Gv[offset + 2] += hx * (-frame[VY] - 2.0 * w * dx - 2.0 * uy)
+        work.Gv[offset + 2] += hy * (frame[VX] - 2.0 * w * dy + 2.0 * ux)
+    for k in range(nq):
+        px, py = work.phi[phi + k], work.phi[phi + nq + k]
+        work.Gp[offset + rd + k] += al * (hy * px - hx * py) - w * w * (
+            hx * px + hy * py
+        )
+        work.Gv[offset + rd + k] += 2.0 * w * (hy * px - hx * py)
+        if phi1 >= 0:
+            for i in range(nq):
+                kx = system.pool[phi1 + k * nq + i]
+                ky = system.pool[phi1 + nq * nq + k * nq + i]
+                rate, curvature = v[first + rd + i], acc[first + rd + i]
+                work.Gp[offset + rd + k] += (hx * kx + hy * ky) * curvature
+                work.Gp[offset + rd + k] += 2.0 * w * (hy * kx - hx * ky) * rate
+                work.Gv[offset + rd + k] += 2.0 * (hx * kx + hy * ky) * rate
+
+
+@njit(types.void(SYSTEM, WORK, int64, int64, int64, float64), **INNER)
+def _add_outer(system, work, b, left, right, weight):
+    """Rp of a body += weight * scratch[left] scratch[right]^T."""
+    nv, block = system.body[b, NV], system.body[b, BLOCK]
+    for i in range(nv):
+        for j in range(nv):
+            work.Rp[block + i * nv + j] += (
+                weight * work.scratch[left + i] * work.scratch[right + j]
+            )
+
+
+@njit(
+    types.void(SYSTEM, WORK, int64, int64, float64, float64, float64, float64, float64),
+    **INNER,
+)
+def _direction_stiffness(system, work, m, size, ex, ey, force, along, bend):
+    """Rp from a force whose direction depends on the motion of its own body.
+
+    `force` weighs the coupling of direction and angle (ALONG, marker A), `bend` the
+    turning of a connecting line (DISTANCE); e is the unit vector across the force.
+    """
+    b = system.marker[m, M_BODY]
+    for i in range(2 * size):
+        work.scratch[i] = 0.0
+    segment(system, work, work.scratch, 0, m, ex, ey, 0.0)
+    segment(system, work, work.scratch, size, m, 0.0, 0.0, 1.0)
+    if bend != 0.0:
+        _add_outer(system, work, b, 0, 0, bend)
+    if force != 0.0:
+        _add_outer(system, work, b, 0, size, force)
+        _add_outer(system, work, b, size, 0, force)
+        _add_outer(system, work, b, size, size, force * along)
+
+
+@njit(types.void(SYSTEM, WORK, int64, F1, F1, F1), **INNER)
+def _linearise_constraint(system, work, k, v, acc, lam):
+    con = system.constraint[k]
+    kind, r = con[KIND], con[ROW]
+    if kind == ANGLE:
+        return
+    ma, mb = con[MARKER_A], con[MARKER_B]
+    A, B = work.point[ma], work.point[mb]
+    size = len(work.scratch) // 2
+    rows = 2 if kind == COINCIDENT else 1
+    x, y = B[PX] - A[PX], B[PY] - A[PY]
+    vx, vy = B[PVX] - A[PVX], B[PVY] - A[PVY]
+    aax, aay, al = marker_acceleration(system, work, ma, acc)
+    bax, bay, _ = marker_acceleration(system, work, mb, acc)
+    ax, ay = bax - aax, bay - aay
+    ex, ey = 1.0, 0.0
+    fx, fy = lam[r], 0.0
+    velx, vely, posx, posy = 0.0, 0.0, 0.0, 0.0
+    turn, spin, force, along, bend = 0.0, 0.0, 0.0, 0.0, 0.0
+    if kind == COINCIDENT:
+        fy = lam[r + 1]
+    elif kind == ALONG:
+        angle, w = A[TH] + system.pool[con[C_DATA]], A[TW]
+        ex, ey = math.cos(angle), math.sin(angle)
+        along = ex * x + ey * y
+        velx, vely = -2.0 * w * ey, 2.0 * w * ex
+        posx, posy = -al * ey - w * w * ex, al * ex - w * w * ey
+        across = ex * y - ey * x
+        turn = ex * ay - ey * ax - 2.0 * w * (ex * vx + ey * vy)
+        turn -= al * along + w * w * across
+        spin = 2.0 * (ex * vy - ey * vx) - 2.0 * w * along
+        fx, fy, force = lam[r] * ex, lam[r] * ey, lam[r]
+    elif kind == DISTANCE:
+        length = math.sqrt(x * x + y * y)
+        ex, ey = x / length, y / length
+        rate = ex * vx + ey * vy
+        tx, ty = vx - rate * ex, vy - rate * ey
+        velx, vely = 2.0 * tx / length, 2.0 * ty / length
+        pull = ex * ax + ey * ay
+        swing = (tx * tx + ty * ty) / length
+        posx = (ax - pull * ex - velx * rate - swing * ex) / length
+        posy = (ay - pull * ey - vely * rate - swing * ey) / length
+        fx, fy, bend = lam[r] * ex, lam[r] * ey, -lam[r] / length
+    for side in range(2):
+        first = con[SEG_A] if side == 0 else con[SEG_B]
+        if first < 0:
+            continue
+        m = ma if side == 0 else mb
+        sign = -1.0 if side == 0 else 1.0
+        for i in range(rows):
+            o = system.segment[first + i, S_OFFSET]
+            hx, hy = (ex, ey) if i == 0 else (0.0, 1.0)
+            vary_acceleration(system, work, o, m, sign * hx, sign * hy, v, acc)
+        o = system.segment[first, S_OFFSET]
+        if velx != 0.0 or vely != 0.0:
+            vary_velocity(system, work, o, m, sign * velx, sign * vely)
+        if posx != 0.0 or posy != 0.0:
+            segment(system, work, work.Gp, o, m, sign * posx, sign * posy, 0.0)
+        force_stiffness(system, work, m, sign * fx, sign * fy)
+        if side == 0 and kind == ALONG:
+            segment(system, work, work.Gp, o, m, 0.0, 0.0, turn)
+            segment(system, work, work.Gv, o, m, 0.0, 0.0, spin)
+            _direction_stiffness(system, work, m, size, -ey, ex, force, along, 0.0)
+        if kind == DISTANCE:
+            _direction_stiffness(system, work, m, size, -ey, ex, 0.0, 0.0, bend)
+
+
+@njit(LINEARISE, **ENTRY)
+def linearise(system, work, t, z, v, acc, lam):
+    """Rp, Rv, Gp, Gv at a state that was just evaluated.
+
+    Exact, except that Rp leaves out what the motion of one body changes in the
+    constraint force on another; a Newton matrix may do without.
+    """
+    for b in range(len(system.body)):
+        linearise_body(system, work, b, z, v, acc)
+    for i in range(len(work.Gp)):
+        work.Gp[i] = 0.0
+        work.Gv[i] = 0.0
+    for k in range(len(system.constraint)):
+        _linearise_constraint(system, work, k, v, acc, lam)

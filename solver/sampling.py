@@ -1,0 +1,76 @@
+"""Frames, markers, accelerations and multipliers at the recorded states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from formats.sid import Array
+
+from .integrators import stepping
+from .kernels.layout import Work
+from .kernels.newton import Kernels, Memory
+from .scene import System
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """States at nt times and what follows from them.
+
+    z, v : (nt, .) states
+    frames, points : (nt, bodies, .) and (nt, markers, .), as in `kernels.layout.Work`,
+        with accelerations complete
+    multipliers : (nt, rows)
+    """
+
+    z: Array
+    v: Array
+    frames: Array
+    points: Array
+    multipliers: Array
+
+
+def sample(
+    system: System,
+    kernels: Kernels,
+    work: Work,
+    memory: Memory,
+    times: Array,
+    z: Array,
+    v: Array,
+) -> Samples:
+    """Solves eq. (3) at every recorded state."""
+    nt = len(times)
+    frames = np.zeros((nt, *work.frame.shape))
+    points = np.zeros((nt, *work.point.shape))
+    accelerations = np.zeros((nt, system.n_velocities))
+    multipliers = np.zeros((nt, system.n_rows))
+    edges = np.array([system.scene.time.start, *system.breaks])
+    stepping.sample(
+        kernels,
+        system.arrays,
+        work,
+        memory,
+        times,
+        edges,
+        z,
+        v,
+        frames,
+        points,
+        accelerations,
+        multipliers,
+    )
+    complete_accelerations(system, frames, points, accelerations)
+    return Samples(z, v, frames, points, multipliers)
+
+
+def complete_accelerations(
+    system: System, frames: Array, points: Array, accelerations: Array
+) -> None:
+    """Adds what z_II' contributes to the accelerations of frames and markers."""
+    if system.planar:
+        from .sampling_planar import complete
+    else:
+        from .sampling_spatial import complete
+    complete(system, frames, points, accelerations)

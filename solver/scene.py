@@ -1,0 +1,440 @@
+"""A compiled scene: bodies, markers, constraints and drives as flat tables.
+
+Compiling keeps only what the scene needs: a frame whose motion is prescribed has no
+coordinates, a planar body has three, a point mass does not rotate, and terms of the
+SID that are zero are not evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from formats.scene import Joint, SceneFile, as_3d, marker_reference, parse_output
+from formats.scene import coefficients as piece_coefficients
+from formats.sid import SID, Array
+
+from . import bodies as packing
+from .bodies import BodyData, body_data
+from .joints import (
+    Primitive,
+    planar_primitives,
+    spatial_axis,
+    spatial_primitives,
+)
+from .kernels import layout as at
+from .ordering import reverse_cuthill_mckee
+from .pool import Pool
+
+GROUND_NAME = "ground"
+_PRESCRIBED = {"fixed": at.FIXED, "revolute": at.REVOLUTE, "prismatic": at.PRISMATIC}
+
+
+@dataclass(frozen=True)
+class Row:
+    """Where the rows of one joint or drive stand among the constraints."""
+
+    name: str
+    first: int
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A scene, ready to be integrated. Immutable; work arrays are made per run.
+
+    Attributes
+    ----------
+    scene : the scene file
+    arrays : what kernels read
+    bodies : bodies in the order of the tables, the ground first
+    markers : (body, marker) to row of the marker table
+    rows : constraint rows of each joint and drive
+    eliminated : joints and drives that became prescribed frames
+    breaks : times at which a drive is not smooth
+    length : size of the mechanism [m]
+    redundant : constraint rows that follow from the others
+    """
+
+    scene: SceneFile
+    arrays: at.System
+    bodies: tuple[BodyData, ...]
+    markers: Mapping[tuple[str, str], int]
+    rows: tuple[Row, ...]
+    eliminated: Mapping[str, str]
+    breaks: tuple[float, ...]
+    length: float
+    redundant: tuple[int, ...] = field(default=())
+
+    @property
+    def planar(self) -> bool:
+        return self.scene.dimension == "planar"
+
+    @property
+    def n_positions(self) -> int:
+        return int(self.arrays.dims[at.N_POS])
+
+    @property
+    def n_velocities(self) -> int:
+        return int(self.arrays.dims[at.N_VEL])
+
+    @property
+    def n_rows(self) -> int:
+        return int(self.arrays.dims[at.N_ROWS])
+
+    def index(self, body: str) -> int:
+        """Row of a body in the tables."""
+        return next(i for i, b in enumerate(self.bodies) if b.name == body)
+
+
+@dataclass(frozen=True)
+class _Constraint:
+    owner: str
+    primitive: Primitive
+    a: tuple[str, str]
+    b: tuple[str, str]
+    drive: int
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """How a prescribed frame hangs on its base."""
+
+    joint: Joint
+    base: tuple[str, str]
+    tip: tuple[str, str]
+    drive: str | None
+
+
+def build_system(
+    scene: SceneFile, folder: Path, sids: Mapping[str, SID] | None = None
+) -> System:
+    """Flat tables of a scene, before its initial conditions are looked at.
+
+    Raises
+    ------
+    InputError : a SID cannot be read, or a marker does not exist.
+    """
+    return _Builder(scene, folder, dict(sids or {})).build()
+
+
+class _Builder:
+    """Collects the tables of one scene; used once."""
+
+    def __init__(self, scene: SceneFile, folder: Path, sids: dict[str, SID]) -> None:
+        self.scene = scene
+        self.planar = scene.dimension == "planar"
+        self.pool = Pool()
+        self.data = {
+            name: body_data(name, body, folder, sids, self.planar)
+            for name, body in scene.bodies.items()
+        }
+        self.data[GROUND_NAME] = _ground(scene)
+        self.drives = {drive.joint: name for name, drive in scene.drives.items()}
+        self.drive_index = {name: i for i, name in enumerate(scene.drives)}
+        self.frames = self._prescribed_frames()
+        self.order = self._body_order()
+
+    def build(self) -> System:
+        constraints = self._constraints()
+        markers = self._markers(constraints)
+        body = self._body_table()
+        marker, phi = self._marker_table(markers)
+        for name, frame in self.frames.items():
+            row = self.order.index(name)
+            body[row, at.BASE] = markers[frame.base]
+            body[row, at.TIP] = markers[frame.tip]
+        table, segment, rows, bandwidth = self._constraint_tables(
+            constraints, markers, body, marker
+        )
+        drive = self._drive_table()
+        dims = np.zeros(at.N_DIMS, np.int64)
+        dims[at.PLANAR] = int(self.planar)
+        dims[at.N_POS] = body[:, at.NP].sum()
+        dims[at.N_VEL] = body[:, at.NV].sum()
+        dims[at.N_ROWS] = sum(row.count for row in rows)
+        dims[at.BANDWIDTH] = bandwidth
+        dims[at.N_PHI] = phi
+        arrays = at.System(
+            body,
+            marker,
+            table,
+            segment,
+            drive,
+            dims,
+            self.pool.array(),
+            as_3d(self.scene.gravity),
+            np.zeros(int(dims[at.N_ROWS])),
+        )
+        return System(
+            scene=self.scene,
+            arrays=arrays,
+            bodies=tuple(self.data[name] for name in self.order),
+            markers=markers,
+            rows=rows,
+            eliminated=self._eliminated(),
+            breaks=self._breaks(),
+            length=self._length(),
+        )
+
+    # --- what can be left out -----------------------------------------------------
+
+    def _prescribed_frames(self) -> dict[str, _Frame]:
+        """Bodies whose frame follows from the ground by fixed and driven joints."""
+        known = {GROUND_NAME}
+        frames: dict[str, _Frame] = {}
+        wanted = {parse_output(text).owner for text in self.scene.outputs.record}
+        grown = True
+        while grown:
+            grown = False
+            for name, joint in self.scene.joints.items():
+                a, b = (marker_reference(text) for text in joint.markers)
+                kept = name in wanted or self.drives.get(name) in wanted
+                if kept or a[0] not in known or b[0] in known:
+                    continue
+                if self._carries_frame(name, joint, b):
+                    frames[b[0]] = _Frame(joint, a, b, self.drives.get(name))
+                    known.add(b[0])
+                    grown = True
+        return frames
+
+    def _carries_frame(self, name: str, joint: Joint, tip: tuple[str, str]) -> bool:
+        if joint.type not in _PRESCRIBED:
+            return False
+        if joint.type != "fixed" and name not in self.drives:
+            return False
+        node = self.data[tip[0]].node(tip[1])
+        return not (node.phi.m0.any() or node.psi.m0.any())
+
+    def _eliminated(self) -> dict[str, str]:
+        gone = {}
+        for name, joint in self.scene.joints.items():
+            for body, frame in self.frames.items():
+                if frame.joint is joint:
+                    gone[name] = body
+                    if frame.drive is not None:
+                        gone[frame.drive] = body
+        return gone
+
+    def _body_order(self) -> list[str]:
+        """The ground, then prescribed frames after their bases, then the others."""
+        others = [name for name in self.scene.bodies if name not in self.frames]
+        return [GROUND_NAME, *self.frames, *others]
+
+    # --- tables --------------------------------------------------------------------
+
+    def _body_table(self) -> Array:
+        table = np.zeros((len(self.order), at.N_BODY), np.int64)
+        position = velocity = block = 0
+        for i, name in enumerate(self.order):
+            data = self.data[name]
+            nq, row = data.sid.nq, table[i]
+            rigid, turns = self._rigid_coordinates(name, data)
+            row[at.NQ], row[at.RD] = nq, rigid
+            row[at.NV], row[at.NP] = rigid + nq, rigid + nq + turns
+            row[at.POS], row[at.VEL], row[at.BLOCK] = position, velocity, block
+            row[at.FLAGS] = packing.flags(data.sid, data.quadratic_inertia)
+            row[at.DATA] = self.pool.add(self._pack(data))
+            row[at.FRAME], row[at.MOTION] = self._frame_data(name)
+            row[at.DRIVE] = self._frame_drive(name)
+            position += row[at.NP]
+            velocity += row[at.NV]
+            block += row[at.NV] ** 2
+        return table
+
+    def _pack(self, data: BodyData) -> Array:
+        if self.planar:
+            return packing.pack_planar(data)
+        return packing.pack_spatial(data)
+
+    def _rigid_coordinates(self, name: str, data: BodyData) -> tuple[int, int]:
+        """Rigid velocity coordinates, and how many position coordinates come on top."""
+        if name == GROUND_NAME or name in self.frames:
+            return 0, 0
+        if self.planar:
+            return (3, 0) if data.rotates else (2, 0)
+        return (6, 1) if data.rotates else (3, 0)
+
+    def _frame_data(self, name: str) -> tuple[int, int]:
+        if name == GROUND_NAME:
+            return 0, at.GROUND
+        frame = self.frames.get(name)
+        if frame is None:
+            return self.pool.add(self._orientation(name)), at.FREE
+        return self.pool.add(self._slide(frame.joint)), _PRESCRIBED[frame.joint.type]
+
+    def _orientation(self, name: str) -> Array:
+        from formats.scene import rotation
+
+        matrix = rotation(self.scene.bodies[name].initial)
+        if self.planar:
+            return np.array([np.arctan2(matrix[1, 0], matrix[0, 0])])
+        return packing.quaternion(matrix)
+
+    def _slide(self, joint: Joint) -> Array:
+        """Direction of a prescribed joint in its base marker."""
+        if not self.planar:
+            return spatial_axis(joint)
+        axis = getattr(joint, "axis", None) or (1.0, 0.0)
+        return np.array([np.arctan2(axis[1], axis[0])])
+
+    def _frame_drive(self, name: str) -> int:
+        frame = self.frames.get(name)
+        if frame is None or frame.drive is None:
+            return -1
+        return self.drive_index[frame.drive]
+
+    def _constraints(self) -> list[_Constraint]:
+        carried = [frame.joint for frame in self.frames.values()]
+        primitives = planar_primitives if self.planar else spatial_primitives
+        found = []
+        for name, joint in self.scene.joints.items():
+            if any(joint is other for other in carried):
+                continue
+            a, b = (marker_reference(text) for text in joint.markers)
+            drive = self.drives.get(name)
+            for primitive in primitives(joint, drive is not None):
+                owner = drive if primitive.driven and drive else name
+                index = self.drive_index[drive] if primitive.driven and drive else -1
+                found.append(_Constraint(owner, primitive, a, b, index))
+        return found
+
+    def _markers(self, constraints: list[_Constraint]) -> dict[tuple[str, str], int]:
+        """Only markers that something uses, sorted by body."""
+        used = {reference for c in constraints for reference in (c.a, c.b)}
+        used |= {
+            reference for f in self.frames.values() for reference in (f.base, f.tip)
+        }
+        for text in self.scene.outputs.record:
+            name = parse_output(text)
+            if name.marker:
+                used.add((name.owner, name.marker))
+        for body, marker in used:
+            self.data[body].node(marker)
+        ranked = sorted(used, key=lambda ref: (self.order.index(ref[0]), ref[1]))
+        return {reference: i for i, reference in enumerate(ranked)}
+
+    def _marker_table(self, markers: dict[tuple[str, str], int]) -> tuple[Array, int]:
+        axes = 2 if self.planar else 3
+        table = np.zeros((len(markers), at.N_MARKER), np.int64)
+        pack = (
+            packing.pack_planar_marker if self.planar else packing.pack_spatial_marker
+        )
+        phi = 0
+        for (body, marker), i in markers.items():
+            node = self.data[body].node(marker)
+            table[i, at.M_BODY] = self.order.index(body)
+            table[i, at.M_DATA] = self.pool.add(pack(node))
+            table[i, at.M_PHI] = phi
+            stiffening = packing.pack_phi1(node, axes)
+            table[i, at.M_PHI1] = self.pool.add(stiffening) if len(stiffening) else -1
+            phi += axes * self.data[body].sid.nq
+        return table, phi
+
+    def _constraint_tables(
+        self,
+        constraints: list[_Constraint],
+        markers: dict[tuple[str, str], int],
+        body: Array,
+        marker: Array,
+    ) -> tuple[Array, Array, tuple[Row, ...], int]:
+        point = 2 if self.planar else 3
+        counts = [
+            point if c.primitive.kind == at.COINCIDENT else 1 for c in constraints
+        ]
+        ends = [(markers[c.a], markers[c.b]) for c in constraints]
+        owners = [tuple(int(marker[m, at.M_BODY]) for m in pair) for pair in ends]
+        order, bandwidth = reverse_cuthill_mckee(owners, counts, body[:, at.NV])
+        table = np.zeros((len(constraints), at.N_CONSTRAINT), np.int64)
+        first = {}
+        row = 0
+        for i in order:
+            first[i] = row
+            row += counts[i]
+        for i, c in enumerate(constraints):
+            table[i, at.KIND] = c.primitive.kind
+            table[i, at.ROW] = first[i]
+            table[i, [at.MARKER_A, at.MARKER_B]] = ends[i]
+            table[i, at.C_DATA] = self.pool.add(c.primitive.data)
+            table[i, at.C_DRIVE] = c.drive
+        segment = _segments(table, counts, owners, body)
+        return table, segment, _rows(constraints, first, counts), bandwidth
+
+    def _drive_table(self) -> Array:
+        table = np.zeros((len(self.scene.drives), at.N_DRIVE), np.int64)
+        for i, drive in enumerate(self.scene.drives.values()):
+            pieces = drive.function.pieces
+            terms = [piece_coefficients(piece) for piece in pieces]
+            longest = max(map(len, terms))
+            padded = [[*t, *[0.0] * (longest - len(t))] for t in terms]
+            starts = [piece.from_ for piece in pieces]
+            table[i] = len(pieces), longest, self.pool.add([*starts, *sum(padded, [])])
+        return table
+
+    def _breaks(self) -> tuple[float, ...]:
+        time = self.scene.time
+        starts = {
+            p.from_ for d in self.scene.drives.values() for p in d.function.pieces
+        }
+        inside = sorted(t for t in starts if time.start < t < time.end)
+        return (*inside, time.end)
+
+    def _length(self) -> float:
+        """Largest distance in a body or between initial body positions, else 1 m."""
+        sizes = [0.0]
+        places = []
+        for name, data in self.data.items():
+            points = [node.position for node in data.sid.nodes]
+            points += [np.zeros(3), data.sid.mdCM.m0[:, 0] / (data.sid.mass or 1.0)]
+            low, high = np.min(points, axis=0), np.max(points, axis=0)
+            sizes.append(float(np.linalg.norm(high - low)))
+            if name != GROUND_NAME:
+                places.append(as_3d(self.scene.bodies[name].initial.position))
+        spread = np.max(places, axis=0) - np.min(places, axis=0)
+        return max(*sizes, float(np.linalg.norm(spread))) or 1.0
+
+
+def _ground(scene: SceneFile) -> BodyData:
+    from formats.scene import position_3d, rotation
+    from formats.sid import rigid_node, rigid_sid
+
+    nodes = [rigid_node("", np.zeros(3))]
+    for name, placement in scene.ground.markers.items():
+        nodes.append(rigid_node(name, position_3d(placement), rotation(placement)))
+    sid = rigid_sid(0.0, np.zeros(3), np.zeros((3, 3)), tuple(nodes))
+    return BodyData(GROUND_NAME, sid, False, False, {})
+
+
+def _segments(
+    table: Array, counts: list[int], owners: list[tuple[int, ...]], body: Array
+) -> Array:
+    """Entries of the constraint Jacobian by body; fills the references to them."""
+    found = []
+    for i, pair in enumerate(owners):
+        for side, b in enumerate(pair):
+            column = (at.SEG_A, at.SEG_B)[side]
+            table[i, column] = -1
+            if body[b, at.NV] > 0:
+                found += [(b, i, column, k) for k in range(counts[i])]
+    found.sort()
+    segment = np.zeros((len(found), at.N_SEGMENT), np.int64)
+    offset = 0
+    for s, (b, i, column, k) in enumerate(found):
+        segment[s] = table[i, at.ROW] + k, b, offset
+        offset += body[b, at.NV]
+        if k == 0:
+            table[i, column] = s
+    owner = segment[:, at.S_BODY]
+    for b in range(len(body)):
+        body[b, at.SEG0] = np.searchsorted(owner, b)
+        body[b, at.SEG1] = np.searchsorted(owner, b, side="right")
+    return segment
+
+
+def _rows(
+    constraints: list[_Constraint], first: dict[int, int], counts: list[int]
+) -> tuple[Row, ...]:
+    return tuple(Row(c.owner, first[i], counts[i]) for i, c in enumerate(constraints))

@@ -1,0 +1,294 @@
+"""A run: from a compiled scene to a result."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.result import Result
+from formats.scene import output_times
+from formats.sid import Array
+
+from . import assembly, outputs
+from .bodies import amplitudes, frequencies
+from .errors import SimulationError
+from .integrators import INTEGRATORS, Integrator, stepping
+from .kernels import layout as at
+from .kernels import newton
+from .kernels.layout import Work
+from .kernels.newton import Memory
+from .kernels.pointers import kernels
+from .scene import System
+from .storage import new_memory, new_work
+
+#: Steps between two reports of progress.
+CHUNK = 500
+#: Constraints are met when they are open by less than this part of the size.
+CLOSED = 1e-13
+#: Tolerance per step in units of the requested relative error.
+STEP_TOLERANCE = 1.0
+
+Progress = Callable[[float], None]
+
+_FAILURES = {
+    stepping.TOO_SMALL: "the step size fell below what the time resolves: the motion "
+    "is not smooth here, or a body is blocked",
+    stepping.OFF_CONSTRAINTS: "the constraints could not be met at the end of a step; "
+    "a smaller fixed step may help",
+    stepping.NOT_FINITE: "a coordinate became infinite or undefined",
+    stepping.NO_CONVERGENCE: "Newton's iteration did not converge with the fixed step; "
+    "a smaller one may help",
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a run is made: integrator, relative tolerance, or a fixed step [s]."""
+
+    integrator: str
+    rtol: float
+    step: float | None
+
+
+def simulate(
+    system: System,
+    *,
+    integrator: str | None = None,
+    rtol: float | None = None,
+    step: float | None = None,
+    progress: Progress | None = None,
+) -> Result:
+    """Integrates a compiled scene over its time span.
+
+    Parameters
+    ----------
+    integrator : name in `solver.integrators.INTEGRATORS`, default as in the scene
+    rtol : tolerated error relative to the largest motion, default as in the scene
+    step : fixed step [s]; replaces the error control
+    progress : called with the simulated time [s] from time to time
+
+    Raises
+    ------
+    InputError : unknown integrator, or no start position meets the constraints.
+    SimulationError : the run stopped early; its `result` holds what was computed.
+    """
+    settings = _settings(system, integrator, rtol, step)
+    method = INTEGRATORS[settings.integrator]
+    began = time.perf_counter()
+    system, start = assembly.assemble(system)
+    run = _Run(system, method, settings, start)
+    assembled = time.perf_counter()
+    failure = run.go(progress)
+    solved = time.perf_counter()
+    seconds = {"seconds_assembly": assembled - began, "seconds": solved - assembled}
+    result = run.result(seconds, failure)
+    if failure:
+        raise SimulationError(failure, result)
+    return result
+
+
+def _settings(
+    system: System, integrator: str | None, rtol: float | None, step: float | None
+) -> Settings:
+    accuracy = system.scene.accuracy
+    name = integrator or accuracy.integrator
+    if name not in INTEGRATORS:
+        raise InputError(
+            f"there is no integrator {name!r}",
+            place="accuracy.integrator",
+            expected=f"one of {', '.join(INTEGRATORS)}",
+        )
+    rtol = accuracy.rtol if rtol is None else rtol
+    step = accuracy.step if step is None else step
+    if not 1e-13 <= rtol <= 0.1:
+        raise InputError(f"rtol is {rtol:g}", expected="a number from 1e-13 to 0.1")
+    if step is not None and not step > 0.0:
+        raise InputError(f"step is {step:g}", expected="a positive number of seconds")
+    return Settings(name, rtol, step)
+
+
+class _Run:
+    """Storage and step function of one run."""
+
+    def __init__(
+        self,
+        system: System,
+        method: Integrator,
+        settings: Settings,
+        start: assembly.Start,
+    ) -> None:
+        self.system, self.settings = system, settings
+        self.work: Work = new_work(system)
+        self.memory: Memory = new_memory(system, method.pairs)
+        self.kernels = kernels(system.planar)
+        self.times = output_times(system.scene)
+        self.control = _new_control(system, settings, start, self.times)
+        self.begin = system.scene.time.start
+        self.advance = method.prepare(
+            system, self.kernels, self.work, self.memory, self.control
+        )
+
+    def go(self, progress: Progress | None) -> str:
+        """Integrates over all smooth intervals; the reason if one is not finished."""
+        control = self.control
+        now = self.begin
+        for stop in self.system.breaks:
+            self._enter(now, stop)
+            code = stepping.CHUNK
+            while code == stepping.CHUNK:
+                code = self.advance(CHUNK)
+                if progress is not None:
+                    progress(float(control.real[stepping.TIME]))
+            if code != stepping.REACHED:
+                return self._failure(code)
+            now = stop
+        return ""
+
+    def _enter(self, begin: float, end: float) -> None:
+        """Starts a smooth interval: no memory of steps before."""
+        control, real = self.control, self.control.real
+        real[stepping.TIME], real[stepping.STOP] = begin, end
+        real[stepping.OLD_STEP] = 0.0
+        real[stepping.FACTORED_STEP] = 0.0
+        control.whole[stepping.NEEDS_JACOBIAN] = 1
+        control.whole[stepping.PREDICT] = 0
+        self.work.clock[0] = 0.5 * (begin + end)
+        if self.settings.step is not None:
+            count = max(1, int(np.ceil((end - begin) / self.settings.step - 1e-9)))
+            real[stepping.STEP] = (end - begin) / count
+        status = stepping.begin(
+            self.kernels,
+            self.system.arrays,
+            self.work,
+            self.memory,
+            begin,
+            control.z,
+            control.v,
+        )
+        if status != 0:
+            raise SimulationError(_singular(self.system, begin, status))
+
+    def _failure(self, code: int) -> str:
+        t = self.control.real[stepping.TIME]
+        cause = _FAILURES.get(code, f"code {code}")
+        worst = outputs.busiest_body(self.system, self.control)
+        return f"stopped at t = {t:.9g} s: {cause} (fastest change: {worst})"
+
+    def result(self, seconds: dict[str, float], failure: str) -> Result:
+        count = int(self.control.whole[stepping.OUTPUT])
+        recorded = outputs.record(
+            self.system,
+            self.kernels,
+            self.work,
+            self.memory,
+            self.times[:count],
+            self.control.out_z[:count],
+            self.control.out_v[:count],
+        )
+        return Result(
+            title=self.system.scene.title,
+            names=recorded.names,
+            t=self.times[:count],
+            values=recorded.values,
+            positions=self.control.out_z[:count],
+            velocities=self.control.out_v[:count],
+            multipliers=recorded.multipliers,
+            position_names=outputs.position_names(self.system),
+            velocity_names=outputs.velocity_names(self.system),
+            multiplier_names=outputs.multiplier_names(self.system),
+            counters=_counters(self.memory) | seconds,
+            drift={
+                "position": float(self.control.real[stepping.DRIFT]),
+                "velocity": float(self.control.real[stepping.DRIFT_RATE]),
+            },
+            settings={
+                "integrator": self.settings.integrator,
+                "rtol": self.settings.rtol,
+                "step": self.settings.step or 0.0,
+            },
+            scene=self.system.scene.model_dump_json(by_alias=True, exclude_none=True),
+            versions=versions(),
+            completed=not failure,
+            message=failure,
+        )
+
+
+def _singular(system: System, t: float, status: int) -> str:
+    if status == 1:
+        return (
+            f"stopped at t = {t:.9g} s: the mass matrix of a body is singular; a body "
+            "that can rotate needs inertia, a flexible one shape functions with mass"
+        )
+    return (
+        f"stopped at t = {t:.9g} s: the constraints depend on each other here "
+        "(singular position)"
+    )
+
+
+def _new_control(
+    system: System, settings: Settings, start: assembly.Start, times: Array
+) -> stepping.Control:
+    scene = system.scene
+    duration = scene.time.end - scene.time.start
+    real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
+    real[stepping.TOLERANCE] = STEP_TOLERANCE * settings.rtol
+    real[stepping.LENGTH] = system.length
+    real[stepping.PERIOD] = duration
+    real[stepping.NEAR] = CLOSED * system.length
+    real[stepping.STILL] = CLOSED * system.length / duration
+    real[stepping.LARGEST] = 0.1 * duration
+    real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
+    real[stepping.SPEED] = system.length / duration
+    real[stepping.SPIN] = 1.0 / duration
+    whole[stepping.FIXED_STEP] = int(settings.step is not None)
+    n, m, count = system.n_positions, system.n_velocities, len(times)
+    amplitude, frequency = np.ones(m), np.ones(m)
+    axes = 2 if system.planar else 3
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
+        amplitude[elastic] = amplitudes(data.sid, axes)
+        frequency[elastic] = frequencies(data.sid)
+    return stepping.Control(
+        real,
+        whole,
+        start.z.copy(),
+        start.v.copy(),
+        np.zeros(len(system.bodies)),
+        amplitude,
+        frequency,
+        np.ones(n),
+        np.ones(m),
+        times,
+        np.zeros((count, n)),
+        np.zeros((count, m)),
+    )
+
+
+def _counters(memory: Memory) -> dict[str, int | float]:
+    names = {
+        "steps": newton.STEPS,
+        "rejected": newton.REJECTED,
+        "evaluations": newton.EVALUATIONS,
+        "jacobians": newton.JACOBIANS,
+        "factorisations": newton.FACTORISATIONS,
+        "newton_iterations": newton.ITERATIONS,
+        "projections": newton.PROJECTIONS,
+    }
+    return {name: int(memory.counters[i]) for name, i in names.items()}
+
+
+def versions() -> dict[str, str]:
+    """Versions of this program and of what computes under it."""
+    found = {"python": platform.python_version()}
+    for package in ("sidtool", "numpy", "scipy", "numba"):
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

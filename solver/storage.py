@@ -1,0 +1,111 @@
+"""Work arrays of one run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from formats.sid import Array
+
+from .bodies import symmetric
+from .kernels import layout as at
+from .kernels.newton import N_COUNTERS, Memory
+from .kernels.planar import N_FRAME as PLANAR_FRAME
+from .kernels.planar import N_POINT as PLANAR_POINT
+from .kernels.spatial import N_FRAME as SPATIAL_FRAME
+from .kernels.spatial import N_POINT as SPATIAL_POINT
+from .scene import System
+
+#: Weight of stiffness against mass in the metric of projections [s].
+METRIC_TIME = 0.1
+
+
+def new_work(system: System) -> at.Work:
+    """What kernels write, for one run of a system."""
+    body, marker = system.arrays.body, system.arrays.marker
+    blocks = int((body[:, at.NV] ** 2).sum())
+    entries = segment_entries(system)
+    largest = max(1, int(body[:, at.NV].max()))
+    frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
+    point = PLANAR_POINT if system.planar else SPATIAL_POINT
+    work = at.Work(
+        np.zeros((len(body), frame)),
+        np.zeros((len(marker), point)),
+        _shape_functions(system),
+        np.zeros(blocks),
+        np.zeros(blocks),
+        np.zeros(blocks),
+        np.zeros(system.n_velocities),
+        np.zeros(entries),
+        np.zeros(entries),
+        np.zeros(entries),
+        np.zeros((system.n_rows, at.N_ROW)),
+        np.zeros(1),
+        np.zeros(2 * largest),
+    )
+    return work
+
+
+def segment_entries(system: System) -> int:
+    """Stored entries of the constraint Jacobian."""
+    arrays = system.arrays
+    return int(arrays.body[arrays.segment[:, at.S_BODY], at.NV].sum())
+
+
+def _shape_functions(system: System) -> Array:
+    """Phi of all markers at q = 0."""
+    arrays, axes = system.arrays, 2 if system.planar else 3
+    phi = np.zeros(int(arrays.dims[at.N_PHI]))
+    for (body, name), m in system.markers.items():
+        data = system.bodies[arrays.marker[m, at.M_BODY]]
+        assert data.name == body
+        values = data.node(name).phi.m0[:axes].ravel()
+        start = arrays.marker[m, at.M_PHI]
+        phi[start : start + len(values)] = values
+    return phi
+
+
+def new_memory(system: System, pairs: int) -> Memory:
+    """Factors for a method with `pairs` complex eigenvalues."""
+    body = system.arrays.body
+    blocks = int((body[:, at.NV] ** 2).sum())
+    entries, n, m = segment_entries(system), system.n_velocities, system.n_rows
+    frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
+    whole = np.int64
+    return Memory(
+        np.zeros(blocks),
+        np.zeros(entries),
+        np.zeros(entries),
+        np.zeros((m, m)),
+        np.zeros(n, whole),
+        np.zeros(m, whole),
+        np.zeros((pairs, blocks), complex),
+        np.zeros((pairs, entries), complex),
+        np.zeros((pairs, entries), complex),
+        np.zeros((pairs, m, m), complex),
+        np.zeros((pairs, n), whole),
+        np.zeros((pairs, m), whole),
+        np.zeros(blocks),
+        np.zeros(entries),
+        np.zeros((m, m)),
+        np.zeros(n, whole),
+        np.zeros(m, whole),
+        np.zeros(blocks),
+        np.zeros(entries),
+        np.zeros((len(body), frame)),
+        _metric(system, blocks),
+        np.zeros(n),
+        np.zeros(m),
+        np.zeros(N_COUNTERS, whole),
+    )
+
+
+def _metric(system: System, blocks: int) -> Array:
+    """tau^2 Ke in the elastic part of each block."""
+    metric = np.zeros(blocks)
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        nv, rd, start = row[at.NV], row[at.RD], row[at.BLOCK]
+        if data.sid.nq == 0 or nv == 0:
+            continue
+        block = metric[start : start + nv * nv].reshape(nv, nv)
+        block[rd:, rd:] = METRIC_TIME**2 * symmetric(data.sid.Ke.m0)
+    return metric
