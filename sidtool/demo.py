@@ -41,6 +41,8 @@ SETTINGS = {
     "trapezoidal": (1e-3, 1e-4, 1e-5),
 }
 TIGHT = 1e-11
+#: Both rods move at this tolerance, so that their difference is not the integrator's.
+COMPARED = 1e-9
 
 
 def run_demo(folder: Path, say: Say) -> None:
@@ -65,6 +67,7 @@ def run_demo(folder: Path, say: Say) -> None:
     say("2. The slider-crank with either rod\n")
     results = _simulated(examples, sids, folder)
     say(agreement_table(results) + "\n")
+    say(stiffness_remark(sids) + "\n")
     say(known_table(results["Q4"]) + "\n")
     say("3. Speed against error, rod from Q4\n")
     runs = precision_runs(examples, sids["Q4"])
@@ -129,7 +132,7 @@ def _simulated(
 ) -> dict[str, Result]:
     results = {}
     for file, name in SOURCES.items():
-        results[name] = _run(examples, sids[name])
+        results[name] = _run(examples, sids[name], rtol=COMPARED)
         write_result(folder / f"{file}.h5", results[name])
         write_csv(folder / f"{file}.csv", results[name])
     return results
@@ -165,6 +168,16 @@ def agreement_table(results: Mapping[str, Result]) -> str:
         )
     header = ["IGA against Q4", "greatest", "greatest difference", "%"]
     return table(header, rows)
+
+
+def stiffness_remark(sids: Mapping[str, SID]) -> str:
+    """Why the first elastic coordinates differ."""
+    q4, iga = (modes_of(sids[name])[0].frequency for name in ("Q4", "IGA"))
+    share = 100 * ((q4 / iga) ** 2 - 1)
+    return (
+        f"Shear locking makes the Q4 rod {share:.1f} % stiffer in its first bending "
+        "mode; its elastic\ncoordinates are smaller by about as much."
+    )
 
 
 def known_table(result: Result) -> str:

@@ -50,7 +50,7 @@ def _overlay(axes: Any, results: Mapping[str, Result], name: str, label: str) ->
             label=run,
         )
     axes.set_ylabel(label)
-    axes.legend(loc="upper left", ncols=len(results))
+    _legend(axes)
 
 
 def _difference(
@@ -69,4 +69,9 @@ def _difference(
         )
     axes.set_ylabel(f"difference\n{label}")
     axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3))
-    axes.legend(loc="upper left", ncols=len(others))
+    _legend(axes)
+
+
+def _legend(axes: Any) -> None:
+    """Above the axes, where no curve runs."""
+    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0)
