@@ -163,7 +163,7 @@ def agreement_table(results: Mapping[str, Result]) -> str:
                 name,
                 f"{greatest:.4e}",
                 f"{difference:.2e}",
-                f"{100 * difference / greatest:.4f}",
+                f"{100 * difference / greatest:.2g}",
             ]
         )
     header = ["IGA against Q4", "greatest", "greatest difference", "%"]

@@ -42,7 +42,7 @@ def figure(
         page, axes = _new_page(rows, columns, size)
         yield axes
         with atomic_path(path) as temporary:
-            page.savefig(temporary, dpi=130, format=path.suffix[1:])
+            page.savefig(temporary, dpi=100, format=path.suffix[1:])
 
 
 def _new_page(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:

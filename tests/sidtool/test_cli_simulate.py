@@ -44,7 +44,7 @@ def test_the_motion_is_that_of_the_reference(files: Path) -> None:
     table = columns(files / "r.csv")
     assert abs(table["piston.x"][100] - 1.0916580040) < 1e-8
     assert abs(table["piston.x"][150] - 1.0847993728) < 1e-8
-    assert abs(table["rod.q1"]).max() == pytest.approx(9.995e-4, rel=1e-4)
+    assert table["rod.q1"][150] == pytest.approx(-4.67999958e-4, rel=1e-6)
 
 
 def test_info_of_the_result(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -105,5 +105,5 @@ def test_interruption_leaves_no_file(
 
     monkeypatch.setattr(solver, "simulate", interrupt, raising=False)
     assert run(["simulate", SCENE, "-o", str(tmp_path / "r.h5")]) == 130
-    assert capsys.readouterr().err == "sidtool: interrupted\n"
+    assert capsys.readouterr().err.strip() == "sidtool: interrupted"
     assert list(tmp_path.iterdir()) == []
