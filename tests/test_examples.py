@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -43,3 +44,18 @@ def test_scenes_run_to_their_end(path: Path) -> None:
     assert result.completed
     assert result.t[-1] == sidtool.read(path).time.end
     assert result.drift["position"] < 1e-10
+
+
+def test_the_python_of_the_readme_runs(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    readme = (EXAMPLES.parent / "README.md").read_text()
+    (tmp_path / "examples").symlink_to(EXAMPLES)
+    monkeypatch.chdir(tmp_path)
+    for code in re.findall(r"```python\n(.*?)```", readme, re.DOTALL):
+        exec(code, {})
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].startswith("I1 ") and lines[0].endswith("passed")
+    assert lines[-1].startswith("3.0 1.1")
