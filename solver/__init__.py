@@ -1,14 +1,14 @@
 """What moves SIDs: the floating-frame integrator, in the order of the founding paper.
 
-    kernels/planar, spatial        eq. (1), (2): positions, velocities, accelerations of
-                                   frames and markers; eq. (3): M and f of every body
-    kernels/*_constraints          eq. (3): c, its rate, C and the index-1 right-hand side
+    kernels/planar, spatial        eq. (1), (2): motion of frames and markers;
+                                   eq. (3): M and f of every body
+    kernels/*_constraints          eq. (3): c, its rate, C, and its second derivative
     kernels/coordinates            eq. (3): z_I' = Z z_II and the tangent space of z_I
     kernels/saddle, newton         the linear systems of eq. (3)
     integrators/                   eq. (3) in time
-    scene, bodies, joints          from a scene file and SIDs to the tables of the kernels
+    scene, bodies, joints          from a scene and SIDs to the tables of the kernels
     assembly                       consistent initial conditions
-    simulate, sampling, outputs    a run and what is recorded of it
+    run, sampling, outputs         a run and what is recorded of it
 
 Source: A. Held, A. Hildebrandt, "Flexible Multibody Simulations with Global Shape
 Functions Obtained from Isogeometric Finite Element Models".
@@ -24,6 +24,8 @@ from formats.scene import SceneFile
 from formats.sid import SID
 
 if TYPE_CHECKING:
+    from .description import describe as describe
+    from .run import simulate as simulate
     from .scene import System
 
 
@@ -58,11 +60,11 @@ def compile_scene(
 
 def __getattr__(name: str) -> object:
     if name == "simulate":
-        from .simulate import simulate
+        from .run import simulate
 
         return simulate
     if name == "describe":
-        from .describe import describe
+        from .description import describe
 
         return describe
     raise AttributeError(f"module 'solver' has no attribute {name!r}")

@@ -8,6 +8,7 @@ bodies that the user fixed. Redundant constraints are found by rank.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve, qr
@@ -25,6 +26,8 @@ from .scene import GROUND_NAME, System
 from .storage import new_memory, new_work
 
 ITERATIONS = 60
+#: Times of each smooth interval at which prescribed frames are compared.
+SAMPLES = 21
 #: Rows of the constraint Jacobian count as dependent below this relative size.
 RANK_TOLERANCE = 1e-9
 
@@ -101,6 +104,7 @@ def assemble(system: System) -> tuple[System, Start]:
     state = _State(system, start)
     _reach_positions(state)
     _reach_velocities(state)
+    _check_prescribed(state)
     system = _mark_redundant(state)
     return system, Start(state.z, state.v)
 
@@ -113,10 +117,13 @@ class _State:
         self.z, self.v = start.z.copy(), start.v.copy()
         self.work = new_work(system)
         self.memory: Memory = new_memory(system, 0)
-        time = system.scene.time
-        self.t = time.start
-        self.work.clock[0] = time.start + 1e-9 * (time.end - time.start)
+        self.t = system.scene.time.start
         self.free = _free_coordinates(system)
+        self.start()
+
+    def start(self) -> None:
+        """Evaluates at the start, with the drives that hold just after it."""
+        self.work.clock[0] = 0.5 * (self.t + self.system.breaks[0])
         self.evaluate()
 
     def evaluate(self) -> None:
@@ -232,6 +239,33 @@ def _reach_velocities(state: _State) -> None:
             place="joints",
             expected="drives and joints that can move together",
         )
+
+
+def _check_prescribed(state: _State) -> None:
+    """Constraints between prescribed frames must hold all the time: nothing can give.
+
+    Raises
+    ------
+    InputError : drives and joints prescribe different motions.
+    """
+    system, time = state.system, state.system.scene.time
+    held = np.isin(np.arange(system.n_rows), system.arrays.segment[:, at.S_ROW])
+    if held.all():
+        return
+    edges = (time.start, *system.breaks)
+    for begin, end in pairwise(edges):
+        state.work.clock[0] = 0.5 * (begin + end)
+        for t in np.linspace(begin, end, SAMPLES):
+            kernel_calls.evaluate(system, state.work, t, state.z, state.v)
+            open_rows = np.where(held, 0.0, state.residual)
+            if np.max(np.abs(open_rows)) > 1e-8 * system.length:
+                raise InputError(
+                    f"the mechanism is over-constrained: at t = {t:.6g} s "
+                    f"{_worst(system, open_rows)}, and no coordinate can give way",
+                    place="joints",
+                    expected="drives and joints that prescribe the same motion",
+                )
+    state.start()
 
 
 def _mark_redundant(state: _State) -> System:

@@ -155,6 +155,42 @@ def pack_planar(body: BodyData) -> Array:
     return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
 
 
+def pack_spatial(body: BodyData) -> Array:
+    """The reals of a spatial body in the order of `kernels.spatial`."""
+    sid, nq = body.sid, body.sid.nq
+    vectors = [
+        *sid.Ct.m0.T,
+        *sid.Cr.m0.T,
+        *sid.J.first_order(nq)[:, :, 0].T,
+        *sid.Oe.m0.T,
+        sid.ksigma.m0[:, 0],
+    ]
+    squares = [
+        symmetric(sid.Me.m0),
+        sid.Ke.m0,
+        sid.De.m0,
+        *cr1(sid),
+        *oe1(sid),
+        *ct1(sid),
+    ]
+    head = [sid.mass, *sid.mdCM.m0[:, 0], *sid.J.m0[:, 0]]
+    return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
+
+
+def pack_spatial_marker(node: Node) -> Array:
+    """Position, orientation (rows), Phi and Psi of a marker in space."""
+    frame = rotation_part(node.AP.m0)
+    return np.concatenate(
+        [node.position, frame.ravel(), node.phi.m0.ravel(), node.psi.m0.ravel()]
+    )
+
+
+def rotation_part(matrix: Array) -> Array:
+    """The rotation nearest to a matrix."""
+    left, _, right = np.linalg.svd(matrix)
+    return left @ right
+
+
 def pack_planar_marker(node: Node) -> Array:
     """Position, angle, Phi (x then y) and Psi of a marker in the plane."""
     AP = node.AP.m0

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from formats.errors import InputError
 from formats.scene import parse_output
-from formats.sid_mass import coupled_mass_matrix
+from formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
 from .kernels import layout as at
 from .outputs import elastic_range, multiplier_rows
 from .scene import GROUND_NAME, System
-
-#: A mass matrix counts as positive down to this part of its largest eigenvalue.
-DEFINITE = 1e-12
 
 
 def check_outputs(system: System) -> None:
@@ -41,31 +36,14 @@ def check_masses(system: System) -> None:
     InputError : one is not positive definite: no such body can exist.
     """
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if data.name == GROUND_NAME or row[at.NV] == 0:
+        if data.name == GROUND_NAME or row[at.RD] < (3 if system.planar else 6):
             continue
-        matrix = coupled_mass_matrix(data.sid)
-        used = _used_coordinates(system, int(row[at.RD]), data.sid.nq)
-        values = np.linalg.eigvalsh(_balanced(matrix[np.ix_(used, used)]))
-        if values[0] > DEFINITE:
+        motion = free_motion(data.sid, IN_PLANE[2] if system.planar else SPATIAL)
+        if motion.possible:
             continue
         raise InputError(
-            f"the mass matrix is not positive definite (smallest eigenvalue "
-            f"{values[0]:.3g} of the balanced matrix): no such body can exist",
+            f"this body cannot move freely: {motion.reason}",
             place=f"bodies.{data.name}",
-            expected="inertia for every motion that the scene leaves free, or a SID "
-            "that passes identity I14, or --accept-defects",
+            expected="a SID whose coupled mass matrix is positive definite "
+            "(`sidtool validate`, I14), a prescribed frame, or --accept-defects",
         )
-
-
-def _used_coordinates(system: System, rigid: int, nq: int) -> list[int]:
-    spatial = {0: [], 3: [0, 1, 2], 6: [0, 1, 2, 3, 4, 5]}
-    planar = {0: [], 2: [0, 1], 3: [0, 1, 5]}
-    frame = (planar if system.planar else spatial)[rigid]
-    return [*frame, *range(6, 6 + nq)]
-
-
-def _balanced(matrix: np.ndarray) -> np.ndarray:
-    """The matrix with a unit diagonal where that is positive."""
-    diagonal = np.diag(matrix)
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    return matrix * np.outer(scale, scale)

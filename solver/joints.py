@@ -33,7 +33,7 @@ def planar_primitives(joint: Joint, driven: bool) -> list[Primitive]:
 
 
 def spatial_primitives(joint: Joint, driven: bool) -> list[Primitive]:
-    """Primitives of a spatial joint; directions are unit vectors, perpendicular pairs."""
+    """Primitives of a spatial joint; directions are unit vectors."""
     return SPATIAL[joint.type](spatial_axis(joint), driven)
 
 

@@ -24,5 +24,5 @@ def linearise(
     if system.planar:
         from .kernels.planar_constraints import linearise as kernel
     else:
-        from .kernels.spatial_constraints import linearise as kernel
+        from .kernels.spatial_constraints_linear import linearise as kernel
     kernel(system.arrays, work, t, z, v, acc, lam)

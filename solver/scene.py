@@ -26,6 +26,7 @@ from .joints import (
     spatial_primitives,
 )
 from .kernels import layout as at
+from .kernels.layout import IntTable
 from .ordering import reverse_cuthill_mckee
 from .pool import Pool
 
@@ -226,7 +227,7 @@ class _Builder:
 
     # --- tables --------------------------------------------------------------------
 
-    def _body_table(self) -> Array:
+    def _body_table(self) -> IntTable:
         table = np.zeros((len(self.order), at.N_BODY), np.int64)
         position = velocity = block = 0
         for i, name in enumerate(self.order):
@@ -317,7 +318,9 @@ class _Builder:
         ranked = sorted(used, key=lambda ref: (self.order.index(ref[0]), ref[1]))
         return {reference: i for i, reference in enumerate(ranked)}
 
-    def _marker_table(self, markers: dict[tuple[str, str], int]) -> tuple[Array, int]:
+    def _marker_table(
+        self, markers: dict[tuple[str, str], int]
+    ) -> tuple[IntTable, int]:
         axes = 2 if self.planar else 3
         table = np.zeros((len(markers), at.N_MARKER), np.int64)
         pack = (
@@ -338,9 +341,9 @@ class _Builder:
         self,
         constraints: list[_Constraint],
         markers: dict[tuple[str, str], int],
-        body: Array,
-        marker: Array,
-    ) -> tuple[Array, Array, tuple[Row, ...], int]:
+        body: IntTable,
+        marker: IntTable,
+    ) -> tuple[IntTable, IntTable, tuple[Row, ...], int]:
         point = 2 if self.planar else 3
         counts = [
             point if c.primitive.kind == at.COINCIDENT else 1 for c in constraints
@@ -363,7 +366,7 @@ class _Builder:
         segment = _segments(table, counts, owners, body)
         return table, segment, _rows(constraints, first, counts), bandwidth
 
-    def _drive_table(self) -> Array:
+    def _drive_table(self) -> IntTable:
         table = np.zeros((len(self.scene.drives), at.N_DRIVE), np.int64)
         for i, drive in enumerate(self.scene.drives.values()):
             pieces = drive.function.pieces
@@ -409,8 +412,8 @@ def _ground(scene: SceneFile) -> BodyData:
 
 
 def _segments(
-    table: Array, counts: list[int], owners: list[tuple[int, ...]], body: Array
-) -> Array:
+    table: IntTable, counts: list[int], owners: list[tuple[int, ...]], body: IntTable
+) -> IntTable:
     """Entries of the constraint Jacobian by body; fills the references to them."""
     found = []
     for i, pair in enumerate(owners):

@@ -12,11 +12,14 @@ from .kernels.newton import N_COUNTERS, Memory
 from .kernels.planar import N_FRAME as PLANAR_FRAME
 from .kernels.planar import N_POINT as PLANAR_POINT
 from .kernels.spatial import N_FRAME as SPATIAL_FRAME
+from .kernels.spatial import N_MODAL
 from .kernels.spatial import N_POINT as SPATIAL_POINT
 from .scene import System
 
 #: Weight of stiffness against mass in the metric of projections [s].
 METRIC_TIME = 0.1
+#: Intermediate results of one body or marker.
+SCRATCH = 32
 
 
 def new_work(system: System) -> at.Work:
@@ -27,7 +30,7 @@ def new_work(system: System) -> at.Work:
     largest = max(1, int(body[:, at.NV].max()))
     frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
     point = PLANAR_POINT if system.planar else SPATIAL_POINT
-    work = at.Work(
+    return at.Work(
         np.zeros((len(body), frame)),
         np.zeros((len(marker), point)),
         _shape_functions(system),
@@ -40,9 +43,9 @@ def new_work(system: System) -> at.Work:
         np.zeros(entries),
         np.zeros((system.n_rows, at.N_ROW)),
         np.zeros(1),
-        np.zeros(2 * largest),
+        np.zeros(max(2 * largest, SCRATCH)),
+        np.zeros(N_MODAL * int(body[:, at.NQ].max())),
     )
-    return work
 
 
 def segment_entries(system: System) -> int:

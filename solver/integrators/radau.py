@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import float64, int64, njit, types
@@ -74,7 +74,7 @@ from .stepping import (
 
 NEWTON_LIMIT = 8
 SAFETY = 0.9
-#: A Jacobian is kept while each Newton iteration contracts the error at least this much.
+#: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
 
 
@@ -191,12 +191,9 @@ def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stag
     n, m = n_positions, n_velocities
     shapes = [(s, n), (s, m)] * 3 + [n, m, n, m, n, m, m, m, n_rows]
     complex_shapes = [n, m, m, m, n_rows]
-    return Stages(
-        *(np.zeros(shape) for shape in shapes),
-        *(np.zeros(shape, complex) for shape in complex_shapes),
-        np.zeros((s, n)),
-        np.zeros((s, m)),
-    )
+    arrays: list[Any] = [np.zeros(shape) for shape in shapes]
+    arrays += [np.zeros(shape, complex) for shape in complex_shapes]
+    return Stages(*arrays, np.zeros((s, n)), np.zeros((s, m)))
 
 
 @njit(types.void(METHOD, CONTROL, STAGES, float64), **INNER)
@@ -422,7 +419,7 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
     **INNER,
 )
 def _error(kernels, system, work, memory, method, control, stages, h, cautious):
-    """Norm of the error estimate; evaluated once more where it first seems too large."""
+    """Norm of the error estimate, made anew where it first seems too large."""
     s = len(method.c)
     mu = method.real_eigenvalue[0] / h
     for attempt in range(2):
@@ -542,7 +539,7 @@ def _accept(kernels, system, work, memory, method, control, stages, h):
 
 @njit(types.void(METHOD, CONTROL, float64, float64, int64, int64, float64), **INNER)
 def _finish_step(method, control, h, error, iterations, failures, contraction):
-    """Chooses the next step (Gustafsson) and whether Jacobian and factors still serve."""
+    """Chooses the next step (Gustafsson); says whether the Jacobian still serves."""
     real, whole = control.real, control.whole
     whole[PREDICT] = 1
     whole[NEEDS_JACOBIAN] = 1 if contraction > JACOBIAN_SERVES else 0

@@ -155,13 +155,12 @@ def scaled_norm(dz, dv, scale_z, scale_v):
 
 @njit(boolean(F1, F1), **INNER)
 def all_finite(z, v):
-    for x in z:
-        if not math.isfinite(x):
-            return False
-    for x in v:
-        if not math.isfinite(x):
-            return False
-    return True
+    total = 0.0
+    for i in range(len(z)):
+        total += abs(z[i])
+    for i in range(len(v)):
+        total += abs(v[i])
+    return math.isfinite(total)
 
 
 @njit(types.void(F1, F1), **INNER)

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import float64, int64, types
+from numpy.typing import NDArray
 
 from formats.sid import Array
 
-IntTable = np.ndarray
+IntTable = NDArray[np.int64]
 
 # --- columns of System.body -----------------------------------------------
 NQ = 0  # number of elastic coordinates
@@ -139,7 +140,7 @@ class Work(NamedTuple):
         constraint accelerations by positions and velocities
     row : (rows, N_ROW) values, rates and right-hand sides of the constraints
     clock : (1,) a time inside the smooth interval that is being integrated
-    scratch : two rows of one body's coordinates
+    scratch, modal : intermediate results of one body
     """
 
     frame: Array
@@ -155,6 +156,7 @@ class Work(NamedTuple):
     row: Array
     clock: Array
     scratch: Array
+    modal: Array
 
 
 F1 = types.Array(float64, 1, "C")
@@ -167,7 +169,7 @@ I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
 SYSTEM = types.NamedTuple([I2, I2, I2, I2, I2, I1, F1, F1, F1], System)
-WORK = types.NamedTuple([F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F1, F1], Work)
+WORK = types.NamedTuple([F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F1, F1, F1], Work)
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)

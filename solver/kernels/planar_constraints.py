@@ -42,6 +42,7 @@ from .layout import (
     WORK,
 )
 from .planar import (
+    AL,
     COS,
     DX,
     DY,
@@ -156,8 +157,8 @@ def force_stiffness(system, work, m, fx, fy):
                 P[block + (rd + k) * nv + rd + i] -= kx * gx + ky * gy
 
 
-@njit(types.void(SYSTEM, WORK, int64, int64, float64, float64), **INNER)
-def vary_velocity(system, work, offset, m, ex, ey):
+@njit(types.void(SYSTEM, WORK, int64, int64, float64, float64, F1), **INNER)
+def vary_velocity(system, work, offset, m, ex, ey, v):
     """Adds to Gp and Gv the derivatives of a marker's velocity along e."""
     b = system.marker[m, M_BODY]
     row = system.body[b]
@@ -165,12 +166,18 @@ def vary_velocity(system, work, offset, m, ex, ey):
     c, s, w = frame[COS], frame[SIN], frame[W]
     hx, hy = c * ex + s * ey, -s * ex + c * ey
     nq, rd = row[NQ], row[RD]
-    phi = system.marker[m, M_PHI]
+    phi, phi1 = system.marker[m, M_PHI], system.marker[m, M_PHI1]
+    qd = row[VEL] + rd
     if rd == 3:
         work.Gp[offset + 2] += ey * point[PVX] - ex * point[PVY]
     for k in range(nq):
         px, py = work.phi[phi + k], work.phi[phi + nq + k]
         work.Gp[offset + rd + k] += w * (hy * px - hx * py)
+        if phi1 >= 0:
+            for i in range(nq):
+                kx = system.pool[phi1 + k * nq + i]
+                ky = system.pool[phi1 + nq * nq + k * nq + i]
+                work.Gp[offset + rd + k] += (hx * kx + hy * ky) * v[qd + i]
     segment(system, work, work.Gv, offset, m, ex, ey, 0.0)
 
 
@@ -213,7 +220,8 @@ def vary_acceleration(system, work, offset, m, ex, ey, v, acc):
     hx, hy = c * ex + s * ey, -s * ex + c * ey
     nq, rd, first = row[NQ], row[RD], row[VEL]
     phi, phi1 = system.marker[m, M_PHI], system.marker[m, M_PHI1]
-    ax, ay, al = marker_acceleration(system, work, m, acc)
+    ax, ay, _ = marker_acceleration(system, work, m, acc)
+    al = frame[AL] + (acc[first + 2] if rd == 3 else 0.0)
     if rd >= 2:
         work.Gv[offset] += w * hy
         work.Gv[offset + 1] -= w * hx
@@ -327,7 +335,7 @@ def _linearise_constraint(system, work, k, v, acc, lam):
             vary_acceleration(system, work, o, m, sign * hx, sign * hy, v, acc)
         o = system.segment[first, S_OFFSET]
         if velx != 0.0 or vely != 0.0:
-            vary_velocity(system, work, o, m, sign * velx, sign * vely)
+            vary_velocity(system, work, o, m, sign * velx, sign * vely, v)
         if posx != 0.0 or posy != 0.0:
             segment(system, work, work.Gp, o, m, sign * posx, sign * posy, 0.0)
         force_stiffness(system, work, m, sign * fx, sign * fy)

@@ -35,7 +35,8 @@ def kernels(planar: bool) -> newton.Kernels:
     if planar:
         from .planar_constraints import evaluate, linearise
     else:
-        from .spatial_constraints import evaluate, linearise
+        from .spatial_constraints import evaluate
+        from .spatial_constraints_linear import linearise
     functions = (
         evaluate,
         linearise,

@@ -36,7 +36,7 @@ from .layout import (
 
 @njit([int64(A, int64, int64, I1, int64) for A in (F1, C1)], **INNER)
 def lu_factor(A, o, n, pivots, first):
-    """LU with partial pivoting of the n x n block at offset o, in place; 1 if singular."""
+    """LU with partial pivoting of the n x n block at o, in place; 1 if singular."""
     for j in range(n):
         best = j
         size = abs(A[o + j * n + j])
