@@ -15,7 +15,7 @@ from formats.sid import SID, Node, Taylor
 
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.registry import finite_element_model
-from .gram import inertia_blocks, moments
+from .gram import body_inertia
 from .reduction.frames import FRAMES, Frame
 from .reduction.methods import REDUCTIONS, ReducedBasis
 from .vectors import skew
@@ -66,15 +66,14 @@ def assembled_sid(
     title: str = "",
 ) -> SID:
     """The SID of a discretised body with given frame and shape functions."""
-    d, nq = body.dimension, len(basis.labels)
-    shapes = basis.shapes.reshape(-1, d, nq)
-    integrals = moments(body.scalar_mass, body.positions - frame.origin[:d], shapes)
-    blocks: dict[str, Any] = dict(inertia_blocks(integrals))
+    nq = len(basis.labels)
+    mass, inertia = body_inertia(body, frame.origin, basis.shapes)
+    blocks: dict[str, Any] = dict(inertia)
     blocks["ksigma"] = Taylor(np.zeros((nq, 1)))
     blocks["Ke"] = Taylor(basis.stiffness)
     blocks["De"] = Taylor(_damping(blocks["Me"].m0, basis.stiffness, damping))
     return SID(
-        mass=integrals.mass,
+        mass=mass,
         labels=basis.labels,
         nodes=tuple(_node(marker, frame, basis) for marker in body.markers),
         title=title,

@@ -7,7 +7,7 @@ V = [1 | x y z | phi by component] (sid-format, section 5; Wallrapp 1994).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from formats.sid import J_INDICES, OE_INDICES, Taylor, axis_major
 
+from .frontends.finite_element_model import FiniteElementModel
+from .rotary import blocks_of_full_mass, with_rotary_inertia
 from .vectors import LEVI_CIVITA
 
 Array = NDArray[np.float64]
@@ -41,6 +43,51 @@ class Moments:
     phi_c: Array
     phi_phi: Array
 
+    def __add__(self, other: Moments) -> Moments:
+        names = [field.name for field in fields(self)]
+        return Moments(*(getattr(self, n) + getattr(other, n) for n in names))
+
+
+def _no_moments(nq: int) -> Moments:
+    return Moments(
+        mass=0.0,
+        c=np.zeros(3),
+        cc=np.zeros((3, 3)),
+        phi=np.zeros((nq, 3)),
+        phi_c=np.zeros((nq, 3, 3)),
+        phi_phi=np.zeros((nq, 3, nq, 3)),
+    )
+
+
+def body_inertia(
+    body: FiniteElementModel, origin: Array, shapes: Array
+) -> tuple[float, dict[str, Taylor]]:
+    """Mass and inertia blocks of a body of any kind.
+
+    Parameters
+    ----------
+    origin : (3,) of the body frame, whose axes are those of the model [m]
+    shapes : (ndof, nq)
+
+    Returns
+    -------
+    mass [kg] and the blocks mdCM, J, Ct, Cr, Me, Gr, Ge, Oe
+    """
+    if body.full_mass is not None:
+        return blocks_of_full_mass(body, origin, shapes)
+    nq, d = shapes.shape[1], body.dimension
+    total = _no_moments(nq)
+    if body.scalar_mass is not None:
+        solid = body.by_node(shapes)[:, :d]
+        total += moments(body.scalar_mass, body.positions - origin[:d], solid)
+    points = body.inertia_points
+    if points is None:
+        return total.mass, inertia_blocks(total)
+    moved = (points.displacement @ shapes).reshape(-1, 3, nq)
+    weights = sp.csr_matrix(sp.diags_array(points.masses))
+    total += moments(weights, points.positions - origin, moved)
+    return total.mass, with_rotary_inertia(inertia_blocks(total), points, shapes)
+
 
 def moments(mass: sp.csr_matrix, positions: Array, shapes: Array) -> Moments:
     """The moments of a body, exactly, from one product with its mass matrix.
@@ -57,20 +104,13 @@ def moments(mass: sp.csr_matrix, positions: Array, shapes: Array) -> Moments:
     """
     n, d, nq = shapes.shape
     by_mode = np.swapaxes(shapes, 1, 2).reshape(n, nq * d)
-    fields = np.hstack([np.ones((n, 1)), positions, by_mode])
-    gram = fields.T @ (mass @ fields)
+    columns = np.hstack([np.ones((n, 1)), positions, by_mode])
+    gram = columns.T @ (mass @ columns)
     gram = (gram + gram.T) / 2
     c = slice(1, 1 + d)
     phi = slice(1 + d, None)
     plane = slice(0, d)
-    result = Moments(
-        mass=float(gram[0, 0]),
-        c=np.zeros(3),
-        cc=np.zeros((3, 3)),
-        phi=np.zeros((nq, 3)),
-        phi_c=np.zeros((nq, 3, 3)),
-        phi_phi=np.zeros((nq, 3, nq, 3)),
-    )
+    result = replace(_no_moments(nq), mass=float(gram[0, 0]))
     result.c[plane] = gram[0, c]
     result.cc[plane, plane] = gram[c, c]
     result.phi[:, plane] = gram[0, phi].reshape(nq, d)

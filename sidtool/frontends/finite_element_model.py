@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from ..vectors import skew
+from .inertia_points import InertiaPoints
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -34,27 +38,38 @@ class MarkerRows:
 
 @dataclass(frozen=True, eq=False)
 class FiniteElementModel:
-    """Nodes (or control points) with mass and stiffness.
+    """Nodes (or control points) with mass and stiffness, in two or three dimensions.
 
-    Degree of freedom ``d * i + a`` is the displacement of node i along axis a. The
-    field of positions lies in the space of the displacements: a point of the body is
-    sum_i N_i X_i, its displacement sum_i N_i u_i.
+    Without `dof_table`, degree of freedom ``d * i + a`` is the displacement of node i
+    along axis a, and the field of positions lies in the space of the displacements: a
+    point of the body is sum_i N_i X_i, its displacement sum_i N_i u_i.
+
+    The mass is `full_mass` if that is given (an imported matrix), and otherwise the
+    sum of `scalar_mass` and `inertia_points`.
 
     Attributes
     ----------
     positions : (n, d) with d = 2 or 3 [m]
-    scalar_mass : (n, n) sparse, integral of rho N_i N_j dV [kg]; the mass matrix is
-        the Kronecker product with the d x d identity
-    stiffness : (d n, d n) sparse, symmetric [N/m]
-    node_sets : name -> node numbers; the edges among them
+    scalar_mass : (n, n) sparse, integral of rho N_i N_j dV [kg]; its share of the mass
+        matrix is the Kronecker product with the d x d identity
+    stiffness : (ndof, ndof) sparse, symmetric [N/m]
+    node_sets : name -> node numbers; the edges and faces among them
     markers : in the order of the model file
+    full_mass : (ndof, ndof) sparse, symmetric
+    inertia_points : particles with rotary inertia: lumped masses, quadrature points of
+        beams
+    dof_table : (n, 6) number of the degree of freedom that is the displacement along
+        x, y, z and the rotation about x, y, z of every node; -1 where there is none
     """
 
     positions: Array
-    scalar_mass: sp.csr_matrix
+    scalar_mass: sp.csr_matrix | None
     stiffness: sp.csr_matrix
     node_sets: Mapping[str, Indices]
     markers: tuple[MarkerRows, ...]
+    full_mass: sp.csr_matrix | None = None
+    inertia_points: InertiaPoints | None = None
+    dof_table: Indices | None = None
 
     @property
     def dimension(self) -> int:
@@ -64,18 +79,78 @@ class FiniteElementModel:
     @property
     def ndof(self) -> int:
         """Number of degrees of freedom."""
-        return self.positions.size
+        return self.stiffness.shape[0]
 
-    @property
+    @cached_property
     def mass(self) -> sp.csr_matrix:
         """(ndof, ndof) mass matrix."""
-        return sp.csr_matrix(sp.kron(self.scalar_mass, sp.eye_array(self.dimension)))
+        if self.full_mass is not None:
+            return self.full_mass
+        total = sp.csr_matrix((self.ndof, self.ndof))
+        if self.scalar_mass is not None:
+            total = total + self._spread(self.scalar_mass)
+        if self.inertia_points is not None:
+            total = total + self.inertia_points.mass_matrix()
+        return sp.csr_matrix(total)
+
+    @cached_property
+    def table(self) -> Indices:
+        """(n, 6) degrees of freedom by node: displacements, rotations; -1 for none."""
+        if self.dof_table is not None:
+            return self.dof_table
+        n, d = self.positions.shape
+        table = np.full((n, 6), -1, dtype=np.int64)
+        table[:, :d] = np.arange(n * d).reshape(n, d)
+        return table
+
+    @property
+    def has_rotations(self) -> bool:
+        """Whether any node has a rotation of its own."""
+        return self.dof_table is not None and bool((self.dof_table[:, 3:] >= 0).any())
 
     def marker(self, name: str) -> MarkerRows:
         """The marker with this name."""
         return next(marker for marker in self.markers if marker.name == name)
 
     def dofs(self, nodes: Indices) -> Indices:
-        """The degrees of freedom of some nodes, node by node."""
-        axes = np.arange(self.dimension)
-        return (nodes[:, None] * self.dimension + axes).ravel()
+        """The degrees of freedom of some nodes, node by node, rotations included."""
+        numbers = self.table[nodes].ravel()
+        return numbers[numbers >= 0]
+
+    def by_node(self, vectors: Array) -> Array:
+        """(ndof, ...) as (n, 6, ...): displacement and rotation of every node.
+
+        Components that a node does not have are zero.
+        """
+        padded = np.concatenate([vectors, np.zeros((1, *vectors.shape[1:]))])
+        return padded[self.table]
+
+    def rigid_body_modes(self, origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """(ndof, 3 or 6) unit displacements and unit rotations about `origin`.
+
+        Columns: x, y, rotation about z of a plane body; x, y, z and the three
+        rotations of a spatial one.
+        """
+        n, d = self.positions.shape
+        arms = np.pad(self.positions, ((0, 0), (0, 3 - d))) - np.asarray(origin, float)
+        motion = np.zeros((n, 6, 6))
+        motion[:] = np.eye(6)
+        motion[:, :3, 3:] = -skew(arms)
+        modes = np.zeros((self.ndof, 6))
+        there = self.table >= 0
+        modes[self.table[there]] = motion[there]
+        return modes if d == 3 else modes[:, [0, 1, 5]]
+
+    def _spread(self, scalar: sp.csr_matrix) -> sp.csr_matrix:
+        """The scalar mass on every displacement component."""
+        d = self.dimension
+        if self.dof_table is None:
+            return sp.csr_matrix(sp.kron(scalar, sp.eye_array(d)))
+        entries = scalar.tocoo()
+        total = sp.csr_matrix((self.ndof, self.ndof))
+        for axis in range(d):
+            i, j = self.table[entries.row, axis], self.table[entries.col, axis]
+            kept = (i >= 0) & (j >= 0)
+            part = (entries.data[kept], (i[kept], j[kept]))
+            total = total + sp.csr_matrix(part, shape=total.shape)
+        return total
