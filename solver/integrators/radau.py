@@ -13,18 +13,17 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import float64, int64, njit, types
+from numba import float64, int64, types
 
 from formats.sid import Array
 
+from ..kernels.compiling import entry, inner
 from ..kernels.layout import (
     C1,
     C_RATE,
     C_VALUE,
-    ENTRY,
     F1,
     F2,
-    INNER,
     N_ROWS,
     SYSTEM,
     WORK,
@@ -196,7 +195,7 @@ def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stag
     return Stages(*arrays, np.zeros((s, n)), np.zeros((s, m)))
 
 
-@njit(types.void(METHOD, CONTROL, STAGES, float64), **INNER)
+@inner(types.void(METHOD, CONTROL, STAGES, float64))
 def _predict(method, control, stages, h):
     """First guess of Z from the last collocation polynomial.
 
@@ -229,7 +228,7 @@ def _predict(method, control, stages, h):
                 stages.Zv[i, n] += weight * stages.old_Zv[j, n]
 
 
-@njit(types.void(F2, F2, F2), **INNER)
+@inner(types.void(F2, F2, F2))
 def _transform(matrix, source, out):
     """out = matrix source for small matrices."""
     s, n = source.shape
@@ -241,7 +240,7 @@ def _transform(matrix, source, out):
             out[i, k] = total
 
 
-@njit(int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, float64), **INNER)
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, float64))
 def _factor(kernels, system, work, memory, method, h):
     """Factors the Newton matrices of all eigenvalues for the step h."""
     mu = method.real_eigenvalue[0] / h
@@ -275,7 +274,7 @@ def _factor(kernels, system, work, memory, method, h):
     return status
 
 
-@njit(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64), **INNER)
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
 def _solve_real(kernels, system, work, memory, stages, mu):
     """Solves (mu - J) x = (rz, rv) in place with the real factor."""
     kernels.solve_real(
@@ -297,7 +296,7 @@ def _solve_real(kernels, system, work, memory, stages, mu):
     )
 
 
-@njit(types.void(KERNELS, SYSTEM, WORK, MEMORY, METHOD, STAGES, float64), **INNER)
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, METHOD, STAGES, float64))
 def _correct(kernels, system, work, memory, method, stages, h):
     """One Newton correction of W, left in F (which held the transformed slopes)."""
     mu = method.real_eigenvalue[0] / h
@@ -342,10 +341,7 @@ def _correct(kernels, system, work, memory, method, stages, h):
             stages.Fv[b, i] = stages.crv[i].imag
 
 
-@njit(
-    int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, CONTROL, STAGES, float64),
-    **INNER,
-)
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, CONTROL, STAGES, float64))
 def _newton(kernels, system, work, memory, method, control, stages, h):
     """Solves the collocation equations; iterations used, or 0 without convergence."""
     s = len(method.c)
@@ -404,7 +400,7 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
     return 0
 
 
-@njit(
+@inner(
     float64(
         KERNELS,
         SYSTEM,
@@ -415,8 +411,7 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
         STAGES,
         float64,
         int64,
-    ),
-    **INNER,
+    )
 )
 def _error(kernels, system, work, memory, method, control, stages, h, cautious):
     """Norm of the error estimate, made anew where it first seems too large."""
@@ -451,7 +446,7 @@ def _error(kernels, system, work, memory, method, control, stages, h, cautious):
     return error
 
 
-@njit(types.void(METHOD, CONTROL, STAGES, float64), **INNER)
+@inner(types.void(METHOD, CONTROL, STAGES, float64))
 def _write_outputs(method, control, stages, h):
     """Dense output: the collocation polynomial at the output times inside the step."""
     s = len(method.c)
@@ -478,7 +473,7 @@ def _write_outputs(method, control, stages, h):
         control.whole[OUTPUT] += 1
 
 
-@njit(float64(CONTROL, float64), **INNER)
+@inner(float64(CONTROL, float64))
 def _next_step(control, remaining):
     """Proposed step, stretched or halved so that the interval ends without a stub."""
     h = min(control.real[STEP], control.real[LARGEST])
@@ -489,7 +484,7 @@ def _next_step(control, remaining):
     return h
 
 
-@njit(float64(int64, float64, int64), **INNER)
+@inner(float64(int64, float64, int64))
 def _growth(stages, error, iterations):
     """Factor for the next step from the error estimate of order s."""
     if not math.isfinite(error):
@@ -498,10 +493,7 @@ def _growth(stages, error, iterations):
     return min(8.0, max(0.15, safety * max(error, 1e-10) ** (-1.0 / (stages + 1))))
 
 
-@njit(
-    int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, CONTROL, STAGES, float64),
-    **INNER,
-)
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, CONTROL, STAGES, float64))
 def _accept(kernels, system, work, memory, method, control, stages, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
     real = control.real
@@ -537,7 +529,7 @@ def _accept(kernels, system, work, memory, method, control, stages, h):
     return 0
 
 
-@njit(types.void(METHOD, CONTROL, float64, float64, int64, int64, float64), **INNER)
+@inner(types.void(METHOD, CONTROL, float64, float64, int64, int64, float64))
 def _finish_step(method, control, h, error, iterations, failures, contraction):
     """Chooses the next step (Gustafsson); says whether the Jacobian still serves."""
     real, whole = control.real, control.whole
@@ -560,7 +552,7 @@ def _finish_step(method, control, h, error, iterations, failures, contraction):
     real[STEP] = h * growth
 
 
-@njit(
+@entry(
     int64(
         KERNELS,
         SYSTEM,
@@ -570,8 +562,7 @@ def _finish_step(method, control, h, error, iterations, failures, contraction):
         CONTROL,
         STAGES,
         int64,
-    ),
-    **ENTRY,
+    )
 )
 def advance(kernels, system, work, memory, method, control, stages, limit):
     """Steps until the end of the smooth interval or for at most `limit` steps.

@@ -6,19 +6,18 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import boolean, float64, int64, njit, types
+from numba import boolean, float64, int64, types
 
 from formats.sid import Array
 
+from ..kernels.compiling import entry, inner
 from ..kernels.layout import (
     C_RATE,
     C_VALUE,
-    ENTRY,
     F1,
     F2,
     F3,
     I1,
-    INNER,
     N_ROWS,
     NP,
     NQ,
@@ -98,7 +97,7 @@ CONTROL = types.NamedTuple([F1, I1, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2], Con
 SMALLEST_DEFORMATION = 1e-7
 
 
-@njit(types.void(SYSTEM, CONTROL), **INNER)
+@inner(types.void(SYSTEM, CONTROL))
 def update_scales(system, control):
     """Tolerated errors: relative to the largest motion of each kind so far.
 
@@ -142,7 +141,7 @@ def update_scales(system, control):
             control.scale_v[i] = scale * max(control.frequency[i], 1.0 / real[PERIOD])
 
 
-@njit(float64(F1, F1, F1, F1), **INNER)
+@inner(float64(F1, F1, F1, F1))
 def scaled_norm(dz, dv, scale_z, scale_v):
     """Root mean square of an error relative to the tolerated one."""
     total = 0.0
@@ -153,7 +152,7 @@ def scaled_norm(dz, dv, scale_z, scale_v):
     return math.sqrt(total / max(1, len(dz) + len(dv)))
 
 
-@njit(boolean(F1, F1), **INNER)
+@inner(boolean(F1, F1))
 def all_finite(z, v):
     total = 0.0
     for i in range(len(z)):
@@ -163,13 +162,13 @@ def all_finite(z, v):
     return math.isfinite(total)
 
 
-@njit(types.void(F1, F1), **INNER)
+@inner(types.void(F1, F1))
 def copy(source, target):
     for i in range(len(source)):
         target[i] = source[i]
 
 
-@njit(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1), **INNER)
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
 def accelerate(kernels, system, work, memory, t, z, v):
     """z_II' and lambda of eq. (3) with the constraints differentiated twice (index 1).
 
@@ -180,10 +179,7 @@ def accelerate(kernels, system, work, memory, t, z, v):
     return kernels.solve_accelerations(system, work, memory)
 
 
-@njit(
-    int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, float64, float64),
-    **ENTRY,
-)
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, float64, float64))
 def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
     """Brings z and v onto the constraints, then solves for accelerations.
 
@@ -210,7 +206,7 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
     return 3
 
 
-@njit(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1), **INNER)
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
 def take_jacobian(kernels, system, work, memory, t, z, v):
     """Linearises at the state that was just evaluated and solved."""
     kernels.linearise(system, work, t, z, v, memory.acceleration, memory.multiplier)
@@ -218,15 +214,13 @@ def take_jacobian(kernels, system, work, memory, t, z, v):
     memory.counters[JACOBIANS] += 1
 
 
-@njit(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1), **ENTRY)
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
 def begin(kernels, system, work, memory, t, z, v):
     """`accelerate` for callers in Python."""
     return accelerate(kernels, system, work, memory, t, z, v)
 
 
-@njit(
-    types.void(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F3, F3, F2, F2), **ENTRY
-)
+@entry(types.void(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F3, F3, F2, F2))
 def sample(kernels, system, work, memory, times, edges, z, v, frames, points, acc, lam):
     """Evaluates and solves eq. (3) at recorded states; NaN where it is singular."""
     for k in range(len(times)):

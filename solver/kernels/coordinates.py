@@ -13,16 +13,15 @@ from __future__ import annotations
 
 import math
 
-from numba import complex128, float64, int64, njit, types
+from numba import complex128, float64, int64, types
 
 from . import planar, spatial
+from .compiling import entry, inner
 from .layout import (
     C1,
-    ENTRY,
     F1,
     F2,
     FRAME,
-    INNER,
     NP,
     NQ,
     NV,
@@ -41,7 +40,7 @@ RATE = types.void(SYSTEM, F1, F1, F1)
 RETRACT = types.void(SYSTEM, F2, F1, F1)
 
 
-@njit(RATE, **ENTRY)
+@entry(RATE)
 def rate(system, z, v, out):
     """z_I' = Z(z_I) z_II, eq. (3)."""
     for b in range(len(system.body)):
@@ -60,7 +59,7 @@ def rate(system, z, v, out):
             out[p + row[NP] - nq + k] = v[u + rd + k]
 
 
-@njit([types.void(SYSTEM, F2, A, A) for A in (F1, C1)], **INNER)
+@inner(*[types.void(SYSTEM, F2, A, A) for A in (F1, C1)])
 def resolve(system, frame, z, x):
     """A variation of z_I, from coordinates (z) to the tangent space (x)."""
     for b in range(len(system.body)):
@@ -87,10 +86,7 @@ def resolve(system, frame, z, x):
             x[u + rd + k] = z[p + row[NP] - nq + k]
 
 
-@njit(
-    [types.void(SYSTEM, F2, float64, F1), types.void(SYSTEM, F2, complex128, C1)],
-    **INNER,
-)
+@inner(*[types.void(SYSTEM, F2, float64, F1), types.void(SYSTEM, F2, complex128, C1)])
 def respond(system, frame, mu, x):
     """Replaces a tangent vector x by (mu - E)^-1 x."""
     inverse = 1.0 / mu
@@ -122,12 +118,11 @@ def respond(system, frame, mu, x):
             x[k] *= inverse
 
 
-@njit(
-    [
+@inner(
+    *[
         types.void(SYSTEM, F2, int64, float64, F1, int64, F1, int64),
         types.void(SYSTEM, F2, int64, complex128, F1, int64, C1, int64),
-    ],
-    **INNER,
+    ]
 )
 def add_row_response(system, frame, b, mu, source, at, out, to):
     """Adds the row source (mu - E)^-1 of one body to a row of `out`."""
@@ -155,12 +150,11 @@ def add_row_response(system, frame, b, mu, source, at, out, to):
         out[to + 5] += (mu * mu * t3 + mu * (w1 * t2 - w2 * t1) + dot * w3) * scale
 
 
-@njit(
-    [
+@inner(
+    *[
         types.void(SYSTEM, F2, float64, F1, F1, F1),
         types.void(SYSTEM, F2, complex128, C1, C1, C1),
-    ],
-    **INNER,
+    ]
 )
 def lift(system, frame, mu, x, r, out):
     """A variation of z_I, from the tangent space (x) to coordinates (out).
@@ -194,7 +188,7 @@ def lift(system, frame, mu, x, r, out):
             out[p + row[NP] - nq + k] = x[u + rd + k]
 
 
-@njit(RETRACT, **ENTRY)
+@entry(RETRACT)
 def retract(system, frame, z, x):
     """Moves z_I by a small tangent vector x, keeping quaternions of unit length."""
     for b in range(len(system.body)):

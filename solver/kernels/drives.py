@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from numba import float64, int64, njit, types
+from numba import float64, int64, types
 
-from .layout import D_DATA, D_PIECES, D_TERMS, INNER, SYSTEM
+from .compiling import inner
+from .layout import D_DATA, D_PIECES, D_TERMS, SYSTEM
 
 
-@njit(types.UniTuple(float64, 3)(SYSTEM, int64, float64, float64), **INNER)
+@inner(types.UniTuple(float64, 3)(SYSTEM, int64, float64, float64))
 def drive_value(system, drive, clock, t):
     """Value and two time derivatives at t, from the piece that holds `clock`."""
     pieces = system.drive[drive, D_PIECES]

@@ -8,7 +8,7 @@ a run. Kernels are free functions on the two.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import float64, int64, types
@@ -175,8 +175,3 @@ WORK = types.NamedTuple([F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F1, F1, F1]
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)
 #: linearise(system, work, t, z_I, z_II, z_II', lambda), after evaluate at that state
 LINEARISE = types.void(SYSTEM, WORK, float64, F1, F1, F1, F1)
-
-#: Options of kernels: cached on disk, no Python exceptions for division by zero.
-#: `INNER` ones are called by kernels only, so no wrappers are compiled for them.
-ENTRY: dict[str, Any] = {"cache": True, "error_model": "numpy"}
-INNER: dict[str, Any] = ENTRY | {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}

@@ -8,10 +8,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import complex128, float64, int64, njit, types
+from numba import complex128, float64, int64, types
 
 from formats.sid import Array
 
+from .compiling import entry, inner
 from .coordinates import RATE, RETRACT, add_row_response, lift, resolve, respond
 from .layout import (
     BLOCK,
@@ -21,13 +22,11 @@ from .layout import (
     C_GAMMA,
     C_RATE,
     C_VALUE,
-    ENTRY,
     EVALUATE,
     F1,
     F2,
     I1,
     I2,
-    INNER,
     LINEARISE,
     N_ROWS,
     NV,
@@ -139,7 +138,7 @@ STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS
 N_COUNTERS = 7
 
 
-@njit(SOLVE_ACCELERATIONS, **ENTRY)
+@entry(SOLVE_ACCELERATIONS)
 def solve_accelerations(system, work, memory):
     """Accelerations and multipliers of the state in `work`, into `memory`."""
     A = memory.mass_A
@@ -175,7 +174,7 @@ def solve_accelerations(system, work, memory):
     return 0
 
 
-@njit(PROJECT_ONCE, **ENTRY)
+@entry(PROJECT_ONCE)
 def project_once(system, work, memory, dz, dv):
     """Smallest corrections of positions and velocities onto the linearised constraints.
 
@@ -217,7 +216,7 @@ def project_once(system, work, memory, dz, dv):
     return 0
 
 
-@njit(REMEMBER, **ENTRY)
+@entry(REMEMBER)
 def remember(system, work, memory):
     """Keeps M, C and the frames of the state that was just linearised."""
     for i in range(len(work.M)):
@@ -229,12 +228,11 @@ def remember(system, work, memory):
             memory.frame[i, k] = work.frame[i, k]
 
 
-@njit(
-    [
+@inner(
+    *[
         types.void(SYSTEM, WORK, MEMORY, float64, F1, F1),
         types.void(SYSTEM, WORK, MEMORY, complex128, C1, C1),
-    ],
-    **INNER,
+    ]
 )
 def newton_matrix(system, work, memory, mu, A, G):
     """Blocks of mu - J of the index-1 equations, J their Jacobian, in saddle form.
@@ -256,7 +254,7 @@ def newton_matrix(system, work, memory, mu, A, G):
         add_row_response(system, memory.frame, b, mu, work.Gp, at, G, at)
 
 
-@njit([FACTOR_REAL, FACTOR_COMPLEX], **ENTRY)
+@entry(*[FACTOR_REAL, FACTOR_COMPLEX])
 def newton_factor(system, work, memory, mu, A, G, Y, S, pivots, row_pivots):
     """Factors mu - J; see `newton_matrix` and `saddle_factor`."""
     newton_matrix(system, work, memory, mu, A, G)
@@ -264,7 +262,7 @@ def newton_factor(system, work, memory, mu, A, G, Y, S, pivots, row_pivots):
     return saddle_factor(system, A, memory.C, G, Y, S, pivots, row_pivots)
 
 
-@njit([SOLVE_REAL, SOLVE_COMPLEX], **ENTRY)
+@entry(*[SOLVE_REAL, SOLVE_COMPLEX])
 def newton_solve(
     system, work, memory, mu, A, G, Y, S, pivots, row_pivots, r, s, x, p, g
 ):

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 
-from numba import float64, int64, njit, types
+from numba import float64, int64, types
 
+from .compiling import inner
 from .drives import drive_value
 from .layout import (
     BASE,
@@ -29,7 +30,6 @@ from .layout import (
     HAS_GE,
     HAS_OE1,
     HAS_QUADRATIC_J,
-    INNER,
     M_BODY,
     M_DATA,
     M_PHI,
@@ -71,7 +71,7 @@ def pool_size(nq: int) -> int:
     return P_VECTORS + N_VECTORS * nq + N_SQUARES * nq * nq
 
 
-@njit(types.void(SYSTEM, WORK, int64, float64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, float64, F1, F1))
 def _free_frame(system, work, b, t, z, v):
     """Body frame from the coordinates, eq. (1) and (2)."""
     row = system.body[b]
@@ -95,7 +95,7 @@ def _free_frame(system, work, b, t, z, v):
     frame[AL] = 0.0
 
 
-@njit(types.void(SYSTEM, WORK, int64, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, float64))
 def _prescribed_frame(system, work, b, t):
     """Body frame that hangs on a marker of a prescribed body by a driven joint."""
     row = system.body[b]
@@ -143,7 +143,7 @@ def _prescribed_frame(system, work, b, t):
     frame[AX], frame[AY] = c * ax + sn * ay, -sn * ax + c * ay
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1))
 def _marker(system, work, m, z, v):
     """Position, velocity and bias acceleration of a marker, eq. (1) differentiated."""
     b = system.marker[m, M_BODY]
@@ -196,7 +196,7 @@ def _marker(system, work, m, z, v):
     point[DX], point[DY], point[UX], point[UY] = dx, dy, ux, uy
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1))
 def _body(system, work, b, z, v):
     """Mass matrix and generalised force of one body, eq. (3)."""
     row = system.body[b]
@@ -279,7 +279,7 @@ def _body(system, work, b, z, v):
         f[first + 2] = -(mdx * ay - mdy * ax) - Jd * w
 
 
-@njit(types.void(SYSTEM, WORK, F1, int64, int64, float64, float64, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, F1, int64, int64, float64, float64, float64))
 def segment(system, work, out, offset, m, ex, ey, torque):
     """Adds the generalised force of an inertial force and a torque at a marker.
 
@@ -307,7 +307,7 @@ def segment(system, work, out, offset, m, ex, ey, torque):
         )
 
 
-@njit(EVALUATE, **INNER)
+@inner(EVALUATE)
 def evaluate_bodies(system, work, t, z, v):
     """Frames, markers, mass matrices and forces of all bodies.
 
@@ -327,7 +327,7 @@ def evaluate_bodies(system, work, t, z, v):
         _body(system, work, b, z, v)
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))
 def linearise_body(system, work, b, z, v, acc):
     """Rp and Rv of one body: derivatives of M z_II' - f by positions and velocities.
 

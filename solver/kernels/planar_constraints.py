@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from numba import float64, int64, njit, types
+from numba import float64, int64, types
 
+from .compiling import entry, inner
 from .drives import drive_value
 from .layout import (
     ALONG,
@@ -18,10 +19,8 @@ from .layout import (
     C_VALUE,
     COINCIDENT,
     DISTANCE,
-    ENTRY,
     EVALUATE,
     F1,
-    INNER,
     KIND,
     LINEARISE,
     M_BODY,
@@ -67,7 +66,7 @@ from .planar import (
 )
 
 
-@njit(types.void(SYSTEM, WORK, int64, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, float64))
 def _constraint(system, work, k, t):
     con = system.constraint[k]
     kind, r = con[KIND], con[ROW]
@@ -121,7 +120,7 @@ def _constraint(system, work, k, t):
             segment(system, work, work.C, o, mb, 0.0, 1.0, 0.0)
 
 
-@njit(EVALUATE, **ENTRY)
+@entry(EVALUATE)
 def evaluate(system, work, t, z, v):
     """Everything that eq. (3) needs at one state: M, f, C, c, dc/dt and gamma."""
     evaluate_bodies(system, work, t, z, v)
@@ -131,7 +130,7 @@ def evaluate(system, work, t, z, v):
         _constraint(system, work, k, t)
 
 
-@njit(types.void(SYSTEM, WORK, int64, float64, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, float64, float64))
 def force_stiffness(system, work, m, fx, fy):
     """Adds to Rp what an inertial force at a marker changes when its body moves."""
     b = system.marker[m, M_BODY]
@@ -157,7 +156,7 @@ def force_stiffness(system, work, m, fx, fy):
                 P[block + (rd + k) * nv + rd + i] -= kx * gx + ky * gy
 
 
-@njit(types.void(SYSTEM, WORK, int64, int64, float64, float64, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, int64, float64, float64, F1))
 def vary_velocity(system, work, offset, m, ex, ey, v):
     """Adds to Gp and Gv the derivatives of a marker's velocity along e."""
     b = system.marker[m, M_BODY]
@@ -181,7 +180,7 @@ def vary_velocity(system, work, offset, m, ex, ey, v):
     segment(system, work, work.Gv, offset, m, ex, ey, 0.0)
 
 
-@njit(types.UniTuple(float64, 3)(SYSTEM, WORK, int64, F1), **INNER)
+@inner(types.UniTuple(float64, 3)(SYSTEM, WORK, int64, F1))
 def marker_acceleration(system, work, m, acc):
     """Inertial acceleration (x, y) and angular acceleration of a marker."""
     b = system.marker[m, M_BODY]
@@ -210,7 +209,7 @@ def marker_acceleration(system, work, m, acc):
     )
 
 
-@njit(types.void(SYSTEM, WORK, int64, int64, float64, float64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, int64, float64, float64, F1, F1))
 def vary_acceleration(system, work, offset, m, ex, ey, v, acc):
     """Adds to Gp and Gv the derivatives of a marker's acceleration along e."""
     b = system.marker[m, M_BODY]
@@ -246,7 +245,7 @@ def vary_acceleration(system, work, offset, m, ex, ey, v, acc):
                 work.Gv[offset + rd + k] += 2.0 * (hx * kx + hy * ky) * rate
 
 
-@njit(types.void(SYSTEM, WORK, int64, int64, int64, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, int64, int64, float64))
 def _add_outer(system, work, b, left, right, weight):
     """Rp of a body += weight * scratch[left] scratch[right]^T."""
     nv, block = system.body[b, NV], system.body[b, BLOCK]
@@ -257,9 +256,8 @@ def _add_outer(system, work, b, left, right, weight):
             )
 
 
-@njit(
-    types.void(SYSTEM, WORK, int64, int64, float64, float64, float64, float64, float64),
-    **INNER,
+@inner(
+    types.void(SYSTEM, WORK, int64, int64, float64, float64, float64, float64, float64)
 )
 def _direction_stiffness(system, work, m, size, ex, ey, force, along, bend):
     """Rp from a force whose direction depends on the motion of its own body.
@@ -280,7 +278,7 @@ def _direction_stiffness(system, work, m, size, ex, ey, force, along, bend):
         _add_outer(system, work, b, size, size, force * along)
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))
 def _linearise_constraint(system, work, k, v, acc, lam):
     con = system.constraint[k]
     kind, r = con[KIND], con[ROW]
@@ -347,7 +345,7 @@ def _linearise_constraint(system, work, k, v, acc, lam):
             _direction_stiffness(system, work, m, size, -ey, ex, 0.0, 0.0, bend)
 
 
-@njit(LINEARISE, **ENTRY)
+@entry(LINEARISE)
 def linearise(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated.
 

@@ -12,8 +12,9 @@ complex systems.
 
 from __future__ import annotations
 
-from numba import int64, njit, types
+from numba import int64, types
 
+from .compiling import inner
 from .layout import (
     BANDWIDTH,
     BLOCK,
@@ -22,7 +23,6 @@ from .layout import (
     F1,
     F2,
     I1,
-    INNER,
     N_ROWS,
     NV,
     S_OFFSET,
@@ -34,7 +34,7 @@ from .layout import (
 )
 
 
-@njit([int64(A, int64, int64, I1, int64) for A in (F1, C1)], **INNER)
+@inner(*[int64(A, int64, int64, I1, int64) for A in (F1, C1)])
 def lu_factor(A, o, n, pivots, first):
     """LU with partial pivoting of the n x n block at o, in place; 1 if singular."""
     for j in range(n):
@@ -61,7 +61,7 @@ def lu_factor(A, o, n, pivots, first):
     return 0
 
 
-@njit([types.void(A, int64, int64, I1, int64, A, int64) for A in (F1, C1)], **INNER)
+@inner(*[types.void(A, int64, int64, I1, int64, A, int64) for A in (F1, C1)])
 def lu_solve(A, o, n, pivots, first, x, at):
     """Solves with a factor of `lu_factor`; x[at:at+n] is overwritten."""
     for j in range(n):
@@ -80,7 +80,7 @@ def lu_solve(A, o, n, pivots, first, x, at):
         x[at + i] = total / A[o + i * n + i]
 
 
-@njit([int64(A, int64, int64, I1) for A in (F2, C2)], **INNER)
+@inner(*[int64(A, int64, int64, I1) for A in (F2, C2)])
 def band_factor(S, m, width, pivots):
     """LU with partial pivoting of a band matrix in full storage; 1 if singular."""
     for j in range(m):
@@ -108,7 +108,7 @@ def band_factor(S, m, width, pivots):
     return 0
 
 
-@njit([types.void(A, int64, int64, I1, X) for A, X in ((F2, F1), (C2, C1))], **INNER)
+@inner(*[types.void(A, int64, int64, I1, X) for A, X in ((F2, F1), (C2, C1))])
 def band_solve(S, m, width, pivots, x):
     """Solves with a factor of `band_factor`; x is overwritten."""
     for j in range(m):
@@ -124,12 +124,11 @@ def band_solve(S, m, width, pivots, x):
         x[i] = total / S[i, i]
 
 
-@njit(
-    [
+@inner(
+    *[
         int64(SYSTEM, F1, F1, F1, F1, F2, I1, I1),
         int64(SYSTEM, C1, F1, C1, C1, C2, I1, I1),
-    ],
-    **INNER,
+    ]
 )
 def saddle_factor(system, A, C, G, Y, S, pivots, row_pivots):
     """Factors the system in place: A becomes its LU, Y = A^-1 C^T, S its band LU.
@@ -166,10 +165,7 @@ def saddle_factor(system, A, C, G, Y, S, pivots, row_pivots):
     return 0
 
 
-@njit(
-    [types.void(SYSTEM, A, A, A, B, I1, I1, A, A) for A, B in ((F1, F2), (C1, C2))],
-    **INNER,
-)
+@inner(*[types.void(SYSTEM, A, A, A, B, I1, I1, A, A) for A, B in ((F1, F2), (C1, C2))])
 def saddle_solve(system, A, G, Y, S, pivots, row_pivots, x, mu):
     """Solves with a factor of `saddle_factor`; (p, g) in (x, mu) are overwritten."""
     m = system.dims[N_ROWS]

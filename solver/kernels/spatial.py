@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 
-from numba import float64, int64, njit, types
+from numba import float64, int64, types
 
+from .compiling import inner
 from .drives import drive_value
 from .layout import (
     BASE,
@@ -27,7 +28,6 @@ from .layout import (
     HAS_CT1,
     HAS_OE1,
     HAS_QUADRATIC_J,
-    INNER,
     M_BODY,
     M_DATA,
     M_PHI,
@@ -74,17 +74,17 @@ N_MODAL = 17
 VECTOR = types.UniTuple(float64, 3)
 
 
-@njit(VECTOR(F1, int64), **INNER)
+@inner(VECTOR(F1, int64))
 def load(a, at):
     return a[at], a[at + 1], a[at + 2]
 
 
-@njit(types.void(F1, int64, VECTOR), **INNER)
+@inner(types.void(F1, int64, VECTOR))
 def store(a, at, x):
     a[at], a[at + 1], a[at + 2] = x[0], x[1], x[2]
 
 
-@njit(VECTOR(VECTOR, VECTOR), **INNER)
+@inner(VECTOR(VECTOR, VECTOR))
 def cross(a, b):
     return (
         a[1] * b[2] - a[2] * b[1],
@@ -93,27 +93,27 @@ def cross(a, b):
     )
 
 
-@njit(float64(VECTOR, VECTOR), **INNER)
+@inner(float64(VECTOR, VECTOR))
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(VECTOR(VECTOR, VECTOR), **INNER)
+@inner(VECTOR(VECTOR, VECTOR))
 def plus(a, b):
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@njit(VECTOR(VECTOR, VECTOR), **INNER)
+@inner(VECTOR(VECTOR, VECTOR))
 def minus(a, b):
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@njit(VECTOR(float64, VECTOR), **INNER)
+@inner(VECTOR(float64, VECTOR))
 def times(s, a):
     return s * a[0], s * a[1], s * a[2]
 
 
-@njit(VECTOR(F1, int64, VECTOR), **INNER)
+@inner(VECTOR(F1, int64, VECTOR))
 def rotate(m, at, x):
     """The matrix m[at:at+9], by rows, times x."""
     return (
@@ -123,7 +123,7 @@ def rotate(m, at, x):
     )
 
 
-@njit(VECTOR(F1, int64, VECTOR), **INNER)
+@inner(VECTOR(F1, int64, VECTOR))
 def rotate_back(m, at, x):
     """The transpose of the matrix m[at:at+9], by rows, times x."""
     return (
@@ -133,13 +133,13 @@ def rotate_back(m, at, x):
     )
 
 
-@njit(VECTOR(F1, int64, int64, int64), **INNER)
+@inner(VECTOR(F1, int64, int64, int64))
 def column(a, at, stride, k):
     """Entry k of three consecutive vectors of length `stride`."""
     return a[at + k], a[at + stride + k], a[at + 2 * stride + k]
 
 
-@njit(types.void(F1, int64, F1, int64), **INNER)
+@inner(types.void(F1, int64, F1, int64))
 def rotation_matrix(p, at, out, to):
     """Rotation matrix, by rows, of the unit quaternion p[at:at+4]."""
     a, b, c, d = p[at], p[at + 1], p[at + 2], p[at + 3]
@@ -154,7 +154,7 @@ def rotation_matrix(p, at, out, to):
     out[to + 8] = 1.0 - 2.0 * (b * b + c * c)
 
 
-@njit(types.void(SYSTEM, int64, F1, F1, F1), **INNER)
+@inner(types.void(SYSTEM, int64, F1, F1, F1))
 def frame_rate(system, b, z, v, out):
     """Rates of position and quaternion of a body frame: r' = R v, p' = p (0, w) / 2."""
     row = system.body[b]
@@ -192,7 +192,7 @@ def frame_rate(system, b, z, v, out):
         out[p + 6] = a * w3 + b1 * w2 - c * w1
 
 
-@njit(types.void(F1, int64, float64, float64, float64), **INNER)
+@inner(types.void(F1, int64, float64, float64, float64))
 def turn(z, at, t1, t2, t3):
     """Multiplies the quaternion z[at:at+4] by the rotation vector t (body frame)."""
     angle = math.sqrt(t1 * t1 + t2 * t2 + t3 * t3)
@@ -208,7 +208,7 @@ def turn(z, at, t1, t2, t3):
     z[at], z[at + 1], z[at + 2], z[at + 3] = p0 / norm, p1 / norm, p2 / norm, p3 / norm
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1))
 def _free_frame(system, work, b, z, v):
     """Body frame from the coordinates, eq. (1) and (2)."""
     row = system.body[b]
@@ -229,7 +229,7 @@ def _free_frame(system, work, b, z, v):
     store(frame, ALPHA, (0.0, 0.0, 0.0))
 
 
-@njit(types.void(F1, int64, VECTOR, float64, F1, int64), **INNER)
+@inner(types.void(F1, int64, VECTOR, float64, F1, int64))
 def _turned(matrix, at, axis, angle, out, to):
     """The matrix at `at` times the rotation by `angle` about a unit axis."""
     c, s = math.cos(angle), math.sin(angle)
@@ -248,7 +248,7 @@ def _turned(matrix, at, axis, angle, out, to):
         )
 
 
-@njit(types.void(F1, int64, F1), **INNER)
+@inner(types.void(F1, int64, F1))
 def _undo_tip(pool, tip, frame):
     """Frame orientation from that of its tip marker: R <- R AP0^T."""
     for i in range(3):
@@ -256,7 +256,7 @@ def _undo_tip(pool, tip, frame):
         store(frame, R + 3 * i, rotate(pool, tip + 3, r))
 
 
-@njit(types.void(SYSTEM, WORK, int64, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, float64))
 def _prescribed_frame(system, work, b, t):
     """Body frame that hangs on a marker of a prescribed body by a driven joint."""
     row = system.body[b]
@@ -300,7 +300,7 @@ def _prescribed_frame(system, work, b, t):
     store(frame, ALPHA, rotate_back(frame, R, al))
 
 
-@njit(types.void(F1, VECTOR, VECTOR, F1), **INNER)
+@inner(types.void(F1, VECTOR, VECTOR, F1))
 def _rotation_rates(point, theta, rate, out):
     """T(theta) into `point`; T rate and T' rate into out[0:3] and out[3:6].
 
@@ -337,7 +337,7 @@ def _rotation_rates(point, theta, rate, out):
     point[T + 8] = 1.0 - s3 * (x * x + y * y)
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1))
 def _marker(system, work, m, z, v):
     """Position, orientation, their rates and bias accelerations of a marker."""
     b = system.marker[m, M_BODY]
@@ -389,7 +389,7 @@ def _marker(system, work, m, z, v):
         store(point, PR + 3 * i, rotate_back(pool, data + 3, r))
 
 
-@njit(types.void(SYSTEM, WORK, F1, int64, int64, VECTOR, VECTOR), **INNER)
+@inner(types.void(SYSTEM, WORK, F1, int64, int64, VECTOR, VECTOR))
 def segment(system, work, out, offset, m, force, torque):
     """Adds the generalised force of an inertial force and torque at a marker.
 
@@ -416,7 +416,7 @@ def segment(system, work, out, offset, m, force, torque):
         out[offset + rd + k] += dot(column(pool, psi, nq, k), t)
 
 
-@njit(VECTOR(F1, int64, VECTOR), **INNER)
+@inner(VECTOR(F1, int64, VECTOR))
 def inertia_times(six, at, x):
     """The symmetric matrix (xx, yy, zz, xy, xz, yz) at `at` times x."""
     return (
@@ -426,7 +426,7 @@ def inertia_times(six, at, x):
     )
 
 
-@njit(int64(int64), **INNER)
+@inner(int64(int64))
 def quadratic_column(a):
     """Column of Oe that belongs to entry a of J: J has xz before yz, Oe after."""
     if a == 4:
@@ -436,7 +436,7 @@ def quadratic_column(a):
     return a
 
 
-@njit(float64(F1, int64, int64, VECTOR), **INNER)
+@inner(float64(F1, int64, int64, VECTOR))
 def omega_product(a, at, stride, w):
     """A row of Oe (columns `stride` apart) times (wx2, wy2, wz2, wxwy, wywz, wxwz)."""
     return (
@@ -449,7 +449,7 @@ def omega_product(a, at, stride, w):
     )
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1))
 def body_state(system, work, b, z, v):
     """What body and linearise_body share, into Work.modal and Work.scratch.
 
@@ -518,7 +518,7 @@ def body_state(system, work, b, z, v):
             s[9 + a] += modal[at + 6 + a] * qdk
 
 
-@njit(types.void(F1, int64, int64, VECTOR, F1), **INNER)
+@inner(types.void(F1, int64, int64, VECTOR, F1))
 def _rigid_inertia(M, block, nv, md, s):
     """The coupling md~ and the inertia J of a mass matrix."""
     r = block + 3 * nv
@@ -537,7 +537,7 @@ def _rigid_inertia(M, block, nv, md, s):
     M[r + nv + 5] = M[r + 2 * nv + 4] = s[8]
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1))
 def _body(system, work, b, z, v):
     """Mass matrix and generalised force of one body, eq. (3)."""
     row = system.body[b]
@@ -584,7 +584,7 @@ def _body(system, work, b, z, v):
             M[line + 3 + i] = M[block + (3 + i) * nv + rd + k] = cr[i]
 
 
-@njit(types.void(SYSTEM, WORK, float64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, float64, F1, F1))
 def evaluate_bodies(system, work, t, z, v):
     """Frames, markers, mass matrices and forces of all bodies.
 

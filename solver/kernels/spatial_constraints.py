@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from numba import float64, int64, njit, types
+from numba import float64, int64, types
 
+from .compiling import entry, inner
 from .drives import drive_value
 from .layout import (
     ALONG,
@@ -17,9 +18,7 @@ from .layout import (
     C_VALUE,
     COINCIDENT,
     DISTANCE,
-    ENTRY,
     EVALUATE,
-    INNER,
     KIND,
     MARKER_A,
     MARKER_B,
@@ -54,7 +53,7 @@ NONE = (0.0, 0.0, 0.0)
 X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
-@njit(types.void(SYSTEM, WORK, int64, int64, VECTOR, VECTOR, VECTOR, VECTOR), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, int64, VECTOR, VECTOR, VECTOR, VECTOR))
 def _write_row(system, work, k, i, fa, ta, fb, tb):
     """Row i of constraint k in C: force and torque at marker A and at marker B."""
     con = system.constraint[k]
@@ -66,9 +65,7 @@ def _write_row(system, work, k, i, fa, ta, fb, tb):
         segment(system, work, work.C, o, con[MARKER_B], fb, tb)
 
 
-@njit(
-    types.UniTuple(VECTOR, 4)(SYSTEM, WORK, int64, float64, float64, float64), **INNER
-)
+@inner(types.UniTuple(VECTOR, 4)(SYSTEM, WORK, int64, float64, float64, float64))
 def driven_direction(system, work, k, s, sd, sdd):
     """Direction u of marker A in u . b = 0, its rate and acceleration, and b of B.
 
@@ -97,7 +94,7 @@ def driven_direction(system, work, k, s, sd, sdd):
     return u, rate, acc, b
 
 
-@njit(types.void(SYSTEM, WORK, int64, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, float64))
 def _constraint(system, work, k, t):
     con = system.constraint[k]
     kind, r, data, row = con[KIND], con[ROW], con[C_DATA], work.row
@@ -144,7 +141,7 @@ def _constraint(system, work, k, t):
         _write_row(system, work, k, 0, NONE, torque, NONE, times(-1.0, torque))
 
 
-@njit(EVALUATE, **ENTRY)
+@entry(EVALUATE)
 def evaluate(system, work, t, z, v):
     """Everything that eq. (3) needs at one state: M, f, C, c, dc/dt and gamma."""
     evaluate_bodies(system, work, t, z, v)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
-from numba import float64, int64, njit, types
+from numba import float64, int64, types
 
+from .compiling import entry, inner
 from .drives import drive_value
 from .layout import (
     ALONG,
@@ -14,9 +15,7 @@ from .layout import (
     C_DRIVE,
     COINCIDENT,
     DISTANCE,
-    ENTRY,
     F1,
-    INNER,
     KIND,
     LINEARISE,
     M_BODY,
@@ -72,7 +71,7 @@ from .spatial_linear import (
 )
 
 
-@njit(types.UniTuple(VECTOR, 2)(SYSTEM, WORK, int64, F1), **INNER)
+@inner(types.UniTuple(VECTOR, 2)(SYSTEM, WORK, int64, F1))
 def marker_acceleration(system, work, m, acc):
     """Inertial acceleration and angular acceleration of a marker."""
     b = system.marker[m, M_BODY]
@@ -95,7 +94,7 @@ def marker_acceleration(system, work, m, acc):
     return a, plus(load(point, PAL), rotate(frame, R, al))
 
 
-@njit(types.void(SYSTEM, WORK, int64, int64, VECTOR, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, int64, VECTOR, F1, F1))
 def _vary_acceleration(system, work, o, m, e, v, acc):
     """Adds to Gp and Gv the derivatives of a marker's acceleration along e."""
     b = system.marker[m, M_BODY]
@@ -130,7 +129,7 @@ def _vary_acceleration(system, work, o, m, e, v, acc):
                 work.Gv[o + rd + k] += 2.0 * dot(h, bend) * rate
 
 
-@njit(types.void(SYSTEM, WORK, int64, int64, VECTOR, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, int64, VECTOR, F1))
 def _vary_velocity(system, work, o, m, e, v):
     """Adds to Gp and Gv the derivatives of a marker's velocity along e."""
     b = system.marker[m, M_BODY]
@@ -152,7 +151,7 @@ def _vary_velocity(system, work, o, m, e, v):
     segment(system, work, work.Gv, o, m, e, NONE)
 
 
-@njit(types.void(SYSTEM, WORK, int64, VECTOR), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, VECTOR))
 def _elastic_force_stiffness(system, work, m, f):
     """Rp from a body-resolved force f that an elastic coordinate moves or stiffens."""
     row = system.body[system.marker[m, M_BODY]]
@@ -169,7 +168,7 @@ def _elastic_force_stiffness(system, work, m, f):
                 P[block + (rd + k) * nv + rd + i] -= dot(bend, f)
 
 
-@njit(types.void(SYSTEM, WORK, int64, VECTOR), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, VECTOR))
 def _force_stiffness(system, work, m, force):
     """Adds to Rp what an inertial force at a marker changes when its body moves."""
     b = system.marker[m, M_BODY]
@@ -183,7 +182,7 @@ def _force_stiffness(system, work, m, force):
     _elastic_force_stiffness(system, work, m, f)
 
 
-@njit(types.void(SYSTEM, WORK, int64, int64, VECTOR, VECTOR, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, int64, VECTOR, VECTOR, float64))
 def _line_stiffness(system, work, a, b, n, x, force):
     """Rp of ALONG: the direction n turns with marker A, which the other body pulls."""
     _force_stiffness(system, work, b, times(force, n))
@@ -199,7 +198,7 @@ def _line_stiffness(system, work, a, b, n, x, force):
         add_skew(P, block + 3 * nv, nv, direction, force)
 
 
-@njit(types.void(SYSTEM, WORK, int64, VECTOR, VECTOR, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, VECTOR, VECTOR, float64))
 def _torque_stiffness(system, work, m, own, other, torque):
     """Rp of the torque * (own x other), where `own` turns with the marker's body."""
     b = system.marker[m, M_BODY]
@@ -216,7 +215,7 @@ def _torque_stiffness(system, work, m, own, other, torque):
         add_row(work.Rp, block + (rd + k) * nv + 3, times(-torque, arm))
 
 
-@njit(types.void(SYSTEM, WORK, int64, VECTOR, float64), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, VECTOR, float64))
 def _swing_stiffness(system, work, m, n, weight):
     """Rp += weight * sum of p p^T over two directions across n (DISTANCE)."""
     row = system.body[system.marker[m, M_BODY]]
@@ -234,7 +233,7 @@ def _swing_stiffness(system, work, m, n, weight):
                 work.Rp[block + i * nv + j] += weight * s[i] * s[j]
 
 
-@njit(types.void(SYSTEM, WORK, int64, float64, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, float64, F1, F1))
 def _linearise_turn(system, work, k, t, acc, lam):
     """PERPENDICULAR and ANGLE: u . b = 0."""
     con = system.constraint[k]
@@ -270,7 +269,7 @@ def _linearise_turn(system, work, k, t, acc, lam):
         _torque_stiffness(system, work, mb, b, u, force)
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))
 def _linearise_place(system, work, k, v, acc, lam):
     """COINCIDENT, ALONG and DISTANCE."""
     con = system.constraint[k]
@@ -330,7 +329,7 @@ def _linearise_place(system, work, k, v, acc, lam):
         _line_stiffness(system, work, ma, mb, n, x, lam[r])
 
 
-@njit(LINEARISE, **ENTRY)
+@entry(LINEARISE)
 def linearise(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated.
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from numba import float64, int64, njit, types
+from numba import float64, int64, types
 
+from .compiling import inner
 from .layout import (
     BLOCK,
     DATA,
@@ -12,7 +13,6 @@ from .layout import (
     HAS_CR1,
     HAS_CT1,
     HAS_OE1,
-    INNER,
     NP,
     NQ,
     NV,
@@ -53,7 +53,7 @@ from .spatial import (
 )
 
 
-@njit(types.void(F1, int64, int64, VECTOR, float64), **INNER)
+@inner(types.void(F1, int64, int64, VECTOR, float64))
 def add_skew(out, at, stride, x, weight):
     """Adds weight * skew(x) to the 3 x 3 block at `at`."""
     out[at + 1] -= weight * x[2]
@@ -64,7 +64,7 @@ def add_skew(out, at, stride, x, weight):
     out[at + 2 * stride + 1] += weight * x[0]
 
 
-@njit(types.void(F1, int64, int64, VECTOR, VECTOR, float64), **INNER)
+@inner(types.void(F1, int64, int64, VECTOR, VECTOR, float64))
 def add_skew_product(out, at, stride, x, y, weight):
     """Adds weight * skew(x) skew(y) = weight * (y x^T - (x.y) I)."""
     d = dot(x, y)
@@ -74,21 +74,21 @@ def add_skew_product(out, at, stride, x, y, weight):
         out[at + i * stride + i] -= weight * d
 
 
-@njit(types.void(F1, int64, VECTOR), **INNER)
+@inner(types.void(F1, int64, VECTOR))
 def add_row(out, at, x):
     out[at] += x[0]
     out[at + 1] += x[1]
     out[at + 2] += x[2]
 
 
-@njit(types.void(F1, int64, int64, VECTOR), **INNER)
+@inner(types.void(F1, int64, int64, VECTOR))
 def add_column(out, at, stride, x):
     out[at] += x[0]
     out[at + stride] += x[1]
     out[at + 2 * stride] += x[2]
 
 
-@njit(VECTOR(F1, int64, int64, VECTOR), **INNER)
+@inner(VECTOR(F1, int64, int64, VECTOR))
 def omega_gradient(a, at, stride, w):
     """Gradient by w of `omega_product`."""
     xx, yy, zz = a[at], a[at + stride], a[at + 2 * stride]
@@ -100,11 +100,10 @@ def omega_gradient(a, at, stride, w):
     )
 
 
-@njit(
+@inner(
     types.void(
         F1, F1, int64, int64, F1, float64, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR
-    ),
-    **INNER,
+    )
 )
 def _rigid_rotation(P, D, block, nv, s, mass, md, g, velocity, w, bent):
     """Columns of the rotation in the six rows of the frame."""
@@ -125,7 +124,7 @@ def _rigid_rotation(P, D, block, nv, s, mass, md, g, velocity, w, bent):
         add_column(D, r + c + j, nv, turned)
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1, F1, VECTOR, VECTOR), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1, F1, VECTOR, VECTOR))
 def _elastic(system, work, b, z, v, acc, a, al):
     """Rows and columns of the elastic coordinates, and what turns them."""
     row = system.body[b]
@@ -168,7 +167,7 @@ def _elastic(system, work, b, z, v, acc, a, al):
             add_column(P, block + 3 * nv + rd + k, nv, follow)
 
 
-@njit(types.void(SYSTEM, WORK, int64, F1, F1, F1), **INNER)
+@inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))
 def linearise_body(system, work, b, z, v, acc):
     """Rp and Rv of one body: derivatives of M z_II' - f by positions and velocities.
 
