@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from formats.scene import Joint, SceneFile, as_3d, marker_reference, parse_output
-from formats.scene import coefficients as piece_coefficients
 from formats.sid import SID, Array
 
 from . import bodies as packing
 from .bodies import BodyData, body_data
+from .functions import FunctionTable
 from .joints import (
     Primitive,
     planar_primitives,
@@ -135,7 +135,11 @@ class _Builder:
         }
         self.data[GROUND_NAME] = _ground(scene)
         self.drives = {drive.joint: name for name, drive in scene.drives.items()}
-        self.drive_index = {name: i for i, name in enumerate(scene.drives)}
+        self.functions = FunctionTable(self.pool)
+        self.drive_index = {
+            name: self.functions.add(drive.function, f"drives.{name}.function")
+            for name, drive in scene.drives.items()
+        }
         self.frames = self._prescribed_frames()
         self.order = self._body_order()
 
@@ -151,7 +155,6 @@ class _Builder:
         table, segment, rows, bandwidth = self._constraint_tables(
             constraints, markers, body, marker
         )
-        drive = self._drive_table()
         dims = np.zeros(at.N_DIMS, np.int64)
         dims[at.PLANAR] = int(self.planar)
         dims[at.N_POS] = body[:, at.NP].sum()
@@ -164,7 +167,7 @@ class _Builder:
             marker,
             table,
             segment,
-            drive,
+            self.functions.table(),
             dims,
             self.pool.array(),
             as_3d(self.scene.gravity),
@@ -177,7 +180,7 @@ class _Builder:
             markers=markers,
             rows=rows,
             eliminated=self._eliminated(),
-            breaks=self._breaks(),
+            breaks=self.functions.breaks(self.scene.time.start, self.scene.time.end),
             length=self._length(),
         )
 
@@ -365,25 +368,6 @@ class _Builder:
             table[i, at.C_DRIVE] = c.drive
         segment = _segments(table, counts, owners, body)
         return table, segment, _rows(constraints, first, counts), bandwidth
-
-    def _drive_table(self) -> IntTable:
-        table = np.zeros((len(self.scene.drives), at.N_DRIVE), np.int64)
-        for i, drive in enumerate(self.scene.drives.values()):
-            pieces = drive.function.pieces
-            terms = [piece_coefficients(piece) for piece in pieces]
-            longest = max(map(len, terms))
-            padded = [[*t, *[0.0] * (longest - len(t))] for t in terms]
-            starts = [piece.from_ for piece in pieces]
-            table[i] = len(pieces), longest, self.pool.add([*starts, *sum(padded, [])])
-        return table
-
-    def _breaks(self) -> tuple[float, ...]:
-        time = self.scene.time
-        starts = {
-            p.from_ for d in self.scene.drives.values() for p in d.function.pieces
-        }
-        inside = sorted(t for t in starts if time.start < t < time.end)
-        return (*inside, time.end)
 
     def _length(self) -> float:
         """Largest distance in a body or between initial body positions, else 1 m."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from .bodies import RigidBody, SidBody
 from .failures import fail, known_names
+from .function_checks import check_function
 from .joints import Joint
 from .outputs import (
     ELASTIC,
@@ -20,7 +21,6 @@ from .values import (
     check_initial,
     check_length,
     check_markers,
-    check_polynomial,
     check_rigid_body,
     check_time,
 )
@@ -131,7 +131,7 @@ def _check_drives(scene: SceneFile) -> None:
             found = f"{drive.joint} is driven by {driven[drive.joint]} already"
             fail(f"{place}.joint", found, "one drive per joint")
         driven[drive.joint] = name
-        check_polynomial(drive.function, f"{place}.function", scene.time)
+        check_function(drive.function, f"{place}.function", scene.time)
 
 
 def _check_output(text: str, place: str, scene: SceneFile) -> None:

@@ -12,7 +12,6 @@ import numpy as np
 
 from .base import Placement
 from .bodies import Initial, RigidBody
-from .drives import Piece, Polynomial
 from .failures import fail
 
 if TYPE_CHECKING:
@@ -98,33 +97,3 @@ def check_initial(initial: Initial, place: str, dimension: str) -> None:
         wanted = "a number" if dimension == "planar" else "three numbers"
         place = f"{place}.angular_velocity"
         fail(place, f"does not fit a {dimension} scene", wanted)
-
-
-def check_polynomial(function: Polynomial, place: str, time: Time) -> None:
-    pieces = function.pieces
-    for index, piece in enumerate(pieces):
-        _check_piece(piece, f"{place}.pieces[{index}]")
-    for index, (piece, later) in enumerate(zip(pieces, pieces[1:], strict=False)):
-        here = f"{place}.pieces[{index + 1}].from"
-        if piece.to is None:
-            fail(f"{place}.pieces[{index}].to", "is missing", "the end of the piece")
-        elif abs(later.from_ - piece.to) > 1e-12 * max(1.0, abs(piece.to)):
-            fail(here, f"found {later.from_}", f"the end before it, {piece.to}")
-    if pieces[0].from_ > time.start:
-        found = f"begins at {pieces[0].from_}"
-        fail(f"{place}.pieces[0].from", found, f"at most the start, {time.start}")
-    last = pieces[-1].to
-    if last is not None and last < time.end:
-        expected = f"no `to`, or at least the end of the simulation, {time.end}"
-        fail(f"{place}.pieces[{len(pieces) - 1}].to", f"ends at {last}", expected)
-
-
-def _check_piece(piece: Piece, place: str) -> None:
-    hermite = piece.start is not None and piece.end is not None
-    partly = piece.start is not None or piece.end is not None
-    if hermite == (piece.coefficients is not None) or (partly and not hermite):
-        fail(place, "is not one polynomial", "coefficients, or start and end")
-    if hermite and piece.to is None:
-        fail(f"{place}.to", "is missing", "the end of the piece")
-    if piece.to is not None and piece.to <= piece.from_:
-        fail(f"{place}.to", f"found {piece.to}", f"a time after {piece.from_}")

@@ -1,0 +1,115 @@
+"""Functions of time, for drives and forces. A new kind is one class in `Function`."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from .base import Table
+
+Values = tuple[float, ...]
+
+
+class Constant(Table):
+    """The same value at all times."""
+
+    type: Literal["constant"]
+    value: float
+
+
+class Piece(Table):
+    """A polynomial on [from, to]: coefficients, or values and derivatives at the ends.
+
+    `coefficients` are in powers of (t - from), lowest first. `start` and `end` hold
+    the value and its derivatives by time at both ends (Hermite interpolation).
+    """
+
+    from_: float = Field(alias="from", description="begin of the piece [s]")
+    to: float | None = Field(default=None, description="end of the piece [s]")
+    coefficients: Values | None = Field(default=None, min_length=1)
+    start: Values | None = Field(default=None, min_length=1)
+    end: Values | None = Field(default=None, min_length=1)
+
+
+class Polynomial(Table):
+    """A function of time in pieces of polynomials without gaps."""
+
+    type: Literal["polynomial"]
+    pieces: tuple[Piece, ...] = Field(min_length=1)
+
+
+class Harmonic(Table):
+    """offset + amplitude sin(2 pi frequency t + phase)."""
+
+    type: Literal["harmonic"]
+    offset: float = 0.0
+    amplitude: float
+    frequency: float | None = Field(default=None, description="[Hz]")
+    angular_frequency: float | None = Field(default=None, description="[rad/s]")
+    phase: float = Field(default=0.0, description="[rad]")
+
+
+class SmoothStep(Table):
+    """From one value to another by the polynomial that is flat at both ends.
+
+    `continuity` derivatives vanish at `from` and `to`: 2 is a polynomial of degree 5,
+    3 of degree 7. The value is `start` before and `end` after.
+    """
+
+    type: Literal["smooth_step"]
+    from_: float = Field(alias="from", description="begin of the step [s]")
+    to: float = Field(description="end of the step [s]")
+    start: float = 0.0
+    end: float
+    continuity: Literal[2, 3] = 2
+
+
+class Spline(Table):
+    """A table of values, joined by a cubic spline with two continuous derivatives.
+
+    `ends` is what holds at both ends: `not-a-knot` (the outer two pieces are one
+    polynomial), `clamped` (no slope) or `natural` (no curvature).
+    """
+
+    type: Literal["table"]
+    times: Values = Field(min_length=2, description="[s], growing")
+    values: Values = Field(min_length=2, description="as many as there are times")
+    ends: Literal["not-a-knot", "clamped", "natural"] = "not-a-knot"
+
+
+class Given(Table):
+    """A function that a program hands to `compile_scene(..., drives={NAME: f})`."""
+
+    type: Literal["callable"]
+
+
+Function = Annotated[
+    Constant | Polynomial | Harmonic | SmoothStep | Spline | Given,
+    Field(discriminator="type"),
+]
+
+
+def coefficients(piece: Piece) -> Values:
+    """Coefficients of a piece in powers of (t - from), lowest first.
+
+    Hermite data are interpolated by the polynomial of least degree, found in the
+    scaled time (t - from) / (to - from), where the system is well conditioned.
+    """
+    if piece.coefficients is not None:
+        return piece.coefficients
+    assert piece.start is not None and piece.end is not None and piece.to is not None
+    length = piece.to - piece.from_
+    count = len(piece.start) + len(piece.end)
+    matrix = np.zeros((count, count))
+    for row in range(len(piece.start)):
+        matrix[row, row] = math.factorial(row)
+    for row in range(len(piece.end)):
+        for power in range(row, count):
+            matrix[len(piece.start) + row, power] = math.perm(power, row)
+    orders = [*range(len(piece.start)), *range(len(piece.end))]
+    given = np.array([*piece.start, *piece.end]) * length ** np.array(orders, float)
+    scaled = np.linalg.solve(matrix, given)
+    return tuple(float(c) / length**power for power, c in enumerate(scaled))
