@@ -22,6 +22,7 @@ from .bodies import quaternion
 from .kernels import layout as at
 from .kernels.coordinates import retract
 from .kernels.newton import Memory
+from .newton_rows import with_slack
 from .scene import GROUND_NAME, System
 from .storage import new_memory, new_work
 
@@ -284,7 +285,7 @@ def _mark_redundant(state: _State) -> System:
     slack = np.zeros(system.n_rows)
     slack[list(redundant)] = _schur_size(state, C)
     return replace(
-        system, redundant=redundant, arrays=system.arrays._replace(slack=slack)
+        system, redundant=redundant, arrays=with_slack(system.arrays, slack)
     )
 
 

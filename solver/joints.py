@@ -29,7 +29,7 @@ class Primitive:
 
 def planar_primitives(joint: Joint, driven: bool) -> list[Primitive]:
     """Primitives of a planar joint; ALONG holds the angle of its direction."""
-    return PLANAR[joint.type](_planar_axis(joint), driven)
+    return PLANAR[joint.type](planar_axis(joint), driven)
 
 
 def spatial_primitives(joint: Joint, driven: bool) -> list[Primitive]:
@@ -37,7 +37,7 @@ def spatial_primitives(joint: Joint, driven: bool) -> list[Primitive]:
     return SPATIAL[joint.type](spatial_axis(joint), driven)
 
 
-def _planar_axis(joint: Joint) -> float:
+def planar_axis(joint: Joint) -> float:
     axis = getattr(joint, "axis", None)
     return math.atan2(axis[1], axis[0]) if axis else 0.0
 

@@ -11,9 +11,9 @@ from .scene import System
 def evaluate(system: System, work: Work, t: float, z: Array, v: Array) -> None:
     """M, f, C and the constraints of eq. (3) at one state, into `work`."""
     if system.planar:
-        from .kernels.planar_constraints import evaluate as kernel
+        from .kernels.planar_forces import evaluate as kernel
     else:
-        from .kernels.spatial_constraints import evaluate as kernel
+        from .kernels.spatial_forces import evaluate as kernel
     kernel(system.arrays, work, t, z, v)
 
 
@@ -22,7 +22,7 @@ def linearise(
 ) -> None:
     """Derivatives of eq. (3) at the state that was just evaluated, into `work`."""
     if system.planar:
-        from .kernels.planar_constraints import linearise as kernel
+        from .kernels.planar_forces import linearise as kernel
     else:
-        from .kernels.spatial_constraints_linear import linearise as kernel
+        from .kernels.spatial_forces import linearise as kernel
     kernel(system.arrays, work, t, z, v, acc, lam)

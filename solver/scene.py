@@ -18,6 +18,7 @@ from formats.sid import SID, Array
 
 from . import bodies as packing
 from .bodies import BodyData, body_data
+from .forces import Element, compile_forces, force_table
 from .functions import FunctionTable
 from .joints import (
     Primitive,
@@ -27,6 +28,7 @@ from .joints import (
 )
 from .kernels import layout as at
 from .kernels.layout import IntTable
+from .newton_rows import newton_rows
 from .ordering import reverse_cuthill_mckee
 from .pool import Pool
 
@@ -57,6 +59,7 @@ class System:
     eliminated : joints and drives that became prescribed frames
     breaks : times at which a drive is not smooth
     length : size of the mechanism [m]
+    forces : rows of the force table
     redundant : constraint rows that follow from the others
     """
 
@@ -68,6 +71,7 @@ class System:
     eliminated: Mapping[str, str]
     breaks: tuple[float, ...]
     length: float
+    forces: tuple[Element, ...] = field(default=())
     redundant: tuple[int, ...] = field(default=())
 
     @property
@@ -85,6 +89,11 @@ class System:
     @property
     def n_rows(self) -> int:
         return int(self.arrays.dims[at.N_ROWS])
+
+    @property
+    def n_newton_rows(self) -> int:
+        """Constraints and forces, see `newton_rows`."""
+        return int(self.arrays.newton_dims[at.N_ROWS])
 
     def index(self, body: str) -> int:
         """Row of a body in the tables."""
@@ -140,6 +149,7 @@ class _Builder:
             name: self.functions.add(drive.function, f"drives.{name}.function")
             for name, drive in scene.drives.items()
         }
+        self.forces = compile_forces(scene, self.functions, self.planar)
         self.frames = self._prescribed_frames()
         self.order = self._body_order()
 
@@ -162,6 +172,9 @@ class _Builder:
         dims[at.N_ROWS] = sum(row.count for row in rows)
         dims[at.BANDWIDTH] = bandwidth
         dims[at.N_PHI] = phi
+        dims[at.N_ENTRIES] = body[segment[:, at.S_BODY], at.NV].sum()
+        force = force_table(self.forces, markers, self.pool)
+        rows_of_newton = newton_rows(body, marker, segment, dims, force)
         arrays = at.System(
             body,
             marker,
@@ -172,6 +185,8 @@ class _Builder:
             self.pool.array(),
             as_3d(self.scene.gravity),
             np.zeros(int(dims[at.N_ROWS])),
+            force,
+            *rows_of_newton,
         )
         return System(
             scene=self.scene,
@@ -182,6 +197,7 @@ class _Builder:
             eliminated=self._eliminated(),
             breaks=self.functions.breaks(self.scene.time.start, self.scene.time.end),
             length=self._length(),
+            forces=self.forces,
         )
 
     # --- what can be left out -----------------------------------------------------
@@ -312,6 +328,8 @@ class _Builder:
         used |= {
             reference for f in self.frames.values() for reference in (f.base, f.tip)
         }
+        for force in self.forces:
+            used |= {m for m in (force.a, force.b) if m is not None}
         for text in self.scene.outputs.record:
             name = parse_output(text)
             if name.marker:

@@ -49,9 +49,9 @@ def new_work(system: System) -> at.Work:
 
 
 def segment_entries(system: System) -> int:
-    """Stored entries of the constraint Jacobian."""
+    """Stored entries of the constraint Jacobian and of the directions of forces."""
     arrays = system.arrays
-    return int(arrays.body[arrays.segment[:, at.S_BODY], at.NV].sum())
+    return int(arrays.body[arrays.newton_segment[:, at.S_BODY], at.NV].sum())
 
 
 def _shape_functions(system: System) -> Array:
@@ -72,21 +72,22 @@ def new_memory(system: System, pairs: int) -> Memory:
     body = system.arrays.body
     blocks = int((body[:, at.NV] ** 2).sum())
     entries, n, m = segment_entries(system), system.n_velocities, system.n_rows
+    rows = system.n_newton_rows
     frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
     whole = np.int64
     return Memory(
         np.zeros(blocks),
         np.zeros(entries),
         np.zeros(entries),
-        np.zeros((m, m)),
+        np.zeros((rows, rows)),
         np.zeros(n, whole),
-        np.zeros(m, whole),
+        np.zeros(rows, whole),
         np.zeros((pairs, blocks), complex),
         np.zeros((pairs, entries), complex),
         np.zeros((pairs, entries), complex),
-        np.zeros((pairs, m, m), complex),
+        np.zeros((pairs, rows, rows), complex),
         np.zeros((pairs, n), whole),
-        np.zeros((pairs, m), whole),
+        np.zeros((pairs, rows), whole),
         np.zeros(blocks),
         np.zeros(entries),
         np.zeros((m, m)),

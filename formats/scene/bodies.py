@@ -7,6 +7,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
 from .base import AngularVelocity, Inertia, Placement, Table, Vector
+from .damping import Damping
 
 
 def _as_text(value: Any) -> Any:
@@ -73,6 +74,9 @@ class SidBody(Table):
     initial: ElasticInitial = ElasticInitial()
     quadratic_inertia: bool = Field(
         default=False, description="keep the term q.Me.q of the moments of inertia"
+    )
+    damping: Damping | None = Field(
+        default=None, description="of the elastic coordinates, default that of the SID"
     )
 
 

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING
 from ..errors import InputError
 from .bodies import RigidBody, SidBody
 from .failures import fail, known_names
+from .force_checks import check_force
 from .function_checks import check_function
 from .joints import Joint
 from .outputs import (
     ELASTIC,
-    MULTIPLIER,
     NAME,
+    RESERVED,
+    SCENE_QUANTITIES,
+    is_of_joint,
     is_quantity,
     marker_reference,
     parse_output,
@@ -42,18 +45,21 @@ def check(scene: SceneFile) -> None:
     for name, joint in scene.joints.items():
         _check_joint(joint, f"joints.{name}", scene)
     _check_drives(scene)
+    for name, force in scene.forces.items():
+        check_force(force, f"forces.{name}", scene, _check_reference)
     for index, output in enumerate(scene.outputs.record):
         _check_output(output, f"outputs.record[{index}]", scene)
 
 
 def _check_names(scene: SceneFile) -> None:
-    for table in ("bodies", "joints", "drives"):
+    for table in ("bodies", "joints", "drives", "forces"):
         for name in getattr(scene, table):
-            if not NAME.fullmatch(name) or name == "ground":
+            if not NAME.fullmatch(name) or name in RESERVED:
                 fail(
                     f"{table}.{name}",
                     f"{name!r} cannot be a name",
-                    "letters, digits, _ and -, beginning with a letter, not 'ground'",
+                    "letters, digits, _ and -, beginning with a letter, none of "
+                    f"{', '.join(sorted(RESERVED))}",
                 )
     for name in [*scene.joints, *scene.drives]:
         others = [
@@ -139,7 +145,9 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         name = parse_output(text)
     except InputError as error:
         raise InputError(error.problem, place=place, expected=error.expected) from None
-    if not name.marker and MULTIPLIER.fullmatch(name.quantity):
+    if name.owner in SCENE_QUANTITIES:
+        return
+    if not name.marker and is_of_joint(name.quantity):
         if name.owner not in scene.joints and name.owner not in scene.drives:
             expected = known_names(name.owner, scene.joints, "joint")
             fail(place, f"there is no joint {name.owner!r}", expected)

@@ -1,4 +1,4 @@
-"""The scene file: bodies, joints, drives, time, accuracy and outputs."""
+"""The scene file: bodies, joints, drives, forces, time, accuracy and outputs."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from .base import Table, Vector
 from .bodies import Body, Ground
 from .checks import check
 from .drives import Drive
+from .forces import Force
 from .joints import Joint
 
 MOST_OUTPUTS = 10_000_000
@@ -40,7 +41,7 @@ class Accuracy(Table):
 
 
 class Outputs(Table):
-    """What is recorded, as BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.f1."""
+    """What is recorded: BODY.QUANTITY, BODY.MARKER.QUANTITY, JOINT.QUANTITY, energy.*"""
 
     record: tuple[str, ...] = ()
 
@@ -64,6 +65,7 @@ class SceneFile(Table):
     bodies: dict[str, Body] = Field(min_length=1, description="at least one body")
     joints: dict[str, Joint] = Field(default_factory=dict)
     drives: dict[str, Drive] = Field(default_factory=dict)
+    forces: dict[str, Force] = Field(default_factory=dict)
     outputs: Outputs = Outputs()
 
     @model_validator(mode="after")

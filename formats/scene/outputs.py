@@ -1,9 +1,15 @@
 """The grammar of output names.
 
-BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.fK, where BODY may be followed by a marker
-name or, for a SID, a node id. Quantities of a body: x y z, angle, vx vy vz, wx wy wz,
-ax ay az, qN, vqN, and q*, vq* for all of them. Quantities of a marker: x y z,
-vx vy vz, ax ay az. JOINT.fK is the K-th multiplier of a joint, JOINT.f* all of them.
+BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.QUANTITY, where BODY may be followed by a
+marker name or, for a SID, a node id. Quantities of a body: x y z, angle, vx vy vz,
+wx wy wz, ax ay az, qN, vqN, and q*, vq* for all of them. Quantities of a marker: x y z,
+vx vy vz, ax ay az, and ux uy uz for its elastic displacement in the body frame.
+
+Quantities of a joint or a drive: fx fy fz and mx my mz, the force and torque on its
+second marker in inertial axes; fK is its K-th multiplier and f* all of them. Of the
+whole scene: energy.kinetic, .elastic, .potential, .dissipated, .supplied and .balance
+(the first four less the fifth), and constraint.position and .velocity, the largest
+residual of the constraints.
 """
 
 from __future__ import annotations
@@ -13,13 +19,22 @@ from typing import NamedTuple
 
 from ..errors import InputError
 
-MARKER_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"])
-BODY_QUANTITIES = MARKER_QUANTITIES | frozenset(["angle", "wx", "wy", "wz"])
+POINT_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"])
+MARKER_QUANTITIES = POINT_QUANTITIES | frozenset(["ux", "uy", "uz"])
+BODY_QUANTITIES = POINT_QUANTITIES | frozenset(["angle", "wx", "wy", "wz"])
+JOINT_QUANTITIES = frozenset(["fx", "fy", "fz", "mx", "my", "mz"])
+#: Quantities of the whole scene, by what stands in the place of a body.
+SCENE_QUANTITIES = {
+    "energy": ("kinetic", "elastic", "potential", "dissipated", "supplied", "balance"),
+    "constraint": ("position", "velocity"),
+}
+#: Names that no part of a scene may have.
+RESERVED = frozenset(["ground", *SCENE_QUANTITIES])
 ELASTIC = re.compile(r"(q|vq)([1-9]\d*|\*)")
 MULTIPLIER = re.compile(r"f([1-9]\d*|\*)")
 NAME = re.compile(r"[^\W\d][\w-]*")
 
-_EXPECTED = "BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.f1, such as piston.x"
+_EXPECTED = "BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.fx, such as piston.x"
 
 
 class OutputName(NamedTuple):
@@ -42,9 +57,14 @@ def parse_output(name: str) -> OutputName:
         raise InputError(f"found {name!r}", expected=_EXPECTED)
     owner, quantity = parts[0], parts[-1]
     marker = parts[1] if len(parts) == 3 else ""
+    if owner in SCENE_QUANTITIES:
+        if marker or quantity not in SCENE_QUANTITIES[owner]:
+            listed = ", ".join(SCENE_QUANTITIES[owner])
+            raise InputError(f"found {name!r}", expected=f"{owner}. and {listed}")
+        return OutputName(owner, marker, quantity)
     if not is_quantity(quantity, of_marker=bool(marker)):
         known = sorted(MARKER_QUANTITIES if marker else BODY_QUANTITIES)
-        more = "" if marker else ", qN, vqN, q*, vq* or fN"
+        more = "" if marker else ", qN, vqN, q*, vq*, or fN, fx to mz of a joint"
         raise InputError(
             f"found {name!r}", expected=f"a quantity out of {', '.join(known)}{more}"
         )
@@ -56,7 +76,13 @@ def is_quantity(text: str, *, of_marker: bool = False) -> bool:
     if of_marker:
         return text in MARKER_QUANTITIES
     pattern = ELASTIC.fullmatch(text) or MULTIPLIER.fullmatch(text)
-    return text in BODY_QUANTITIES or pattern is not None
+    words = BODY_QUANTITIES | JOINT_QUANTITIES
+    return text in words or pattern is not None
+
+
+def is_of_joint(quantity: str) -> bool:
+    """True for what only a joint or a drive has: multipliers, force and torque."""
+    return quantity in JOINT_QUANTITIES or MULTIPLIER.fullmatch(quantity) is not None
 
 
 def marker_reference(text: str) -> tuple[str, str]:

@@ -41,7 +41,7 @@ def _radau(stages: int) -> Integrator:
 
         method = radau.method(stages)
         storage = radau.new_stages(
-            stages, system.n_positions, system.n_velocities, system.n_rows
+            stages, system.n_positions, system.n_velocities, system.n_newton_rows
         )
         return lambda limit: radau.advance(
             kernels, system.arrays, work, memory, method, control, storage, limit

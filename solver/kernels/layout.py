@@ -89,6 +89,25 @@ D_TERMS = 1  # coefficients per piece
 D_DATA = 2  # pool: starts of the pieces, then coefficients, lowest power first
 N_DRIVE = 3
 
+# --- columns of System.force ----------------------------------------------
+F_KIND = 0
+F_A = 1  # markers: the force acts on B, and backwards on A; -1 for none
+F_B = 2
+F_SEG_A = 3  # entries of Work.C of the force row, -1 where there is none
+F_SEG_B = 4
+F_DATA = 5  # pool: direction, or components of a given force
+F_LAW = 6  # pool: force law, see `forces`
+F_TIME = 7  # function of time that scales what is applied, -1 for none
+N_FORCE = 8
+
+# --- kinds of forces: each belongs to a scalar measure of the markers' motion -----
+GIVEN = 0  # force and torque on marker B, components along inertial axes
+FOLLOWING = 1  # the same, components along the axes of the marker
+SPAN = 2  # along the line between the markers; their distance
+SLIDE = 3  # along a direction fixed in marker A; the displacement of B along it
+TWIST = 4  # torque about an axis fixed in marker A; the angle from A to B
+TILT = 5  # component of the rotation vector from A to B (spatial)
+
 # --- entries of System.dims -----------------------------------------------
 PLANAR = 0
 N_POS = 1
@@ -96,7 +115,8 @@ N_VEL = 2
 N_ROWS = 3
 BANDWIDTH = 4  # of the Schur complement
 N_PHI = 5  # entries of Work.phi
-N_DIMS = 6
+N_ENTRIES = 6  # entries of Work.C that belong to constraints; force rows follow
+N_DIMS = 7
 
 # --- columns of Work.row: one constraint row ------------------------------
 C_VALUE = 0  # c(z_I, t)
@@ -114,6 +134,10 @@ class System(NamedTuple):
     gravity : (3,) acceleration in the inertial frame [m/s2]
     slack : (rows,) added to the diagonal of the Schur complement: positive for a
         redundant constraint, whose multiplier is then zero
+    force : integer table, columns as above
+    newton_body, newton_segment, newton_dims, newton_slack : what replaces body,
+        segment, dims and slack in Newton matrices, whose rows are constraints and
+        forces, see `newton`
     """
 
     body: IntTable
@@ -125,6 +149,11 @@ class System(NamedTuple):
     pool: Array
     gravity: Array
     slack: Array
+    force: IntTable
+    newton_body: IntTable
+    newton_segment: IntTable
+    newton_dims: IntTable
+    newton_slack: Array
 
 
 class Work(NamedTuple):
@@ -137,7 +166,8 @@ class Work(NamedTuple):
         M z_II' - f - C^T lambda by positions and velocities
     f : generalised force
     C, Gp, Gv : segments of the constraint Jacobian and of the derivatives of the
-        constraint accelerations by positions and velocities
+        constraint accelerations by positions and velocities; then those of the force
+        rows: the direction of a force, and minus the derivatives of its size
     row : (rows, N_ROW) values, rates and right-hand sides of the constraints
     clock : (1,) a time inside the smooth interval that is being integrated
     scratch, modal : intermediate results of one body
@@ -168,7 +198,9 @@ C3 = types.Array(types.complex128, 3, "C")
 I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
-SYSTEM = types.NamedTuple([I2, I2, I2, I2, I2, I1, F1, F1, F1], System)
+SYSTEM = types.NamedTuple(
+    [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, I1, F1], System
+)
 WORK = types.NamedTuple([F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F1, F1, F1], Work)
 
 #: evaluate(system, work, t, z_I, z_II)

@@ -1,5 +1,15 @@
 """Steps that every integrator is built from: accelerations, projection, Newton.
 
+A force between two bodies would couple their blocks of the Newton matrix. It gets a row
+among the constraints instead, with its change phi as unknown beside the multipliers:
+with s the direction of the force in the generalised coordinates, and its stiffness k
+and damping d,
+
+    R' - s phi = 0,    (d s + k s (mu - E)^-1) . dz_II + phi = ...,
+
+so that such a row has d s and k s as Gv and Gp, and 1 on the diagonal of the Schur
+complement.
+
 `Memory` holds the factors and vectors that these steps need.
 """
 
@@ -28,6 +38,7 @@ from .layout import (
     I1,
     I2,
     LINEARISE,
+    N_ENTRIES,
     N_ROWS,
     NV,
     S_BODY,
@@ -36,6 +47,7 @@ from .layout import (
     SYSTEM,
     VEL,
     WORK,
+    System,
 )
 from .saddle import saddle_factor, saddle_solve
 
@@ -228,6 +240,27 @@ def remember(system, work, memory):
             memory.frame[i, k] = work.frame[i, k]
 
 
+@inner(SYSTEM(SYSTEM))
+def with_forces(system):
+    """The system whose rows are constraints and forces, for Newton matrices."""
+    return System(
+        system.newton_body,
+        system.marker,
+        system.constraint,
+        system.newton_segment,
+        system.drive,
+        system.newton_dims,
+        system.pool,
+        system.gravity,
+        system.newton_slack,
+        system.force,
+        system.newton_body,
+        system.newton_segment,
+        system.newton_dims,
+        system.newton_slack,
+    )
+
+
 @inner(
     *[
         types.void(SYSTEM, WORK, MEMORY, float64, F1, F1),
@@ -238,12 +271,15 @@ def newton_matrix(system, work, memory, mu, A, G):
     """Blocks of mu - J of the index-1 equations, J their Jacobian, in saddle form.
 
     With dz_I = (mu - E)^-1 (r_I + dz_II) inserted, what is left for dz_II is
-    A = mu M + Rv + Rp (mu - E)^-1 and G = mu C + Gv + Gp (mu - E)^-1.
+    A = mu M + Rv + Rp (mu - E)^-1 and G = mu C + Gv + Gp (mu - E)^-1, without mu C
+    in the rows of forces.
     """
     for i in range(len(A)):
         A[i] = mu * memory.M[i] + work.Rv[i]
     for i in range(len(G)):
-        G[i] = mu * memory.C[i] + work.Gv[i]
+        G[i] = work.Gv[i]
+    for i in range(system.dims[N_ENTRIES]):
+        G[i] += mu * memory.C[i]
     for b in range(len(system.body)):
         n, o = system.body[b, NV], system.body[b, BLOCK]
         for k in range(n):
@@ -257,9 +293,10 @@ def newton_matrix(system, work, memory, mu, A, G):
 @entry(*[FACTOR_REAL, FACTOR_COMPLEX])
 def newton_factor(system, work, memory, mu, A, G, Y, S, pivots, row_pivots):
     """Factors mu - J; see `newton_matrix` and `saddle_factor`."""
-    newton_matrix(system, work, memory, mu, A, G)
+    extended = with_forces(system)
+    newton_matrix(extended, work, memory, mu, A, G)
     memory.counters[FACTORISATIONS] += 1
-    return saddle_factor(system, A, memory.C, G, Y, S, pivots, row_pivots)
+    return saddle_factor(extended, A, memory.C, G, Y, S, pivots, row_pivots)
 
 
 @entry(*[SOLVE_REAL, SOLVE_COMPLEX])
@@ -268,8 +305,9 @@ def newton_solve(
 ):
     """Solves (mu - J) (dz_I, dz_II) = (r, s) in place; x, p and g are scratch.
 
-    x and p have one entry per velocity, g one per constraint row.
+    x and p have one entry per velocity, g one per row of the Newton matrix.
     """
+    system = with_forces(system)
     resolve(system, memory.frame, r, x)
     respond(system, memory.frame, mu, x)
     for i in range(len(g)):
@@ -279,7 +317,9 @@ def newton_solve(
         b = system.segment[k, S_BODY]
         first = system.body[b, VEL]
         for i in range(system.body[b, NV]):
-            g[row] += memory.C[at + i] * s[first + i] - work.Gp[at + i] * x[first + i]
+            g[row] -= work.Gp[at + i] * x[first + i]
+            if at < system.dims[N_ENTRIES]:
+                g[row] += memory.C[at + i] * s[first + i]
     for b in range(len(system.body)):
         n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
         for i in range(n):

@@ -6,7 +6,7 @@ import math
 
 from numba import float64, int64, types
 
-from .compiling import entry, inner
+from .compiling import inner
 from .drives import drive_value
 from .layout import (
     ALONG,
@@ -120,8 +120,8 @@ def _constraint(system, work, k, t):
             segment(system, work, work.C, o, mb, 0.0, 1.0, 0.0)
 
 
-@entry(EVALUATE)
-def evaluate(system, work, t, z, v):
+@inner(EVALUATE)
+def evaluate_constraints(system, work, t, z, v):
     """Everything that eq. (3) needs at one state: M, f, C, c, dc/dt and gamma."""
     evaluate_bodies(system, work, t, z, v)
     for i in range(len(work.C)):
@@ -246,7 +246,7 @@ def vary_acceleration(system, work, offset, m, ex, ey, v, acc):
 
 
 @inner(types.void(SYSTEM, WORK, int64, int64, int64, float64))
-def _add_outer(system, work, b, left, right, weight):
+def add_outer(system, work, b, left, right, weight):
     """Rp of a body += weight * scratch[left] scratch[right]^T."""
     nv, block = system.body[b, NV], system.body[b, BLOCK]
     for i in range(nv):
@@ -259,7 +259,7 @@ def _add_outer(system, work, b, left, right, weight):
 @inner(
     types.void(SYSTEM, WORK, int64, int64, float64, float64, float64, float64, float64)
 )
-def _direction_stiffness(system, work, m, size, ex, ey, force, along, bend):
+def direction_stiffness(system, work, m, size, ex, ey, force, along, bend):
     """Rp from a force whose direction depends on the motion of its own body.
 
     `force` weighs the coupling of direction and angle (ALONG, marker A), `bend` the
@@ -271,11 +271,11 @@ def _direction_stiffness(system, work, m, size, ex, ey, force, along, bend):
     segment(system, work, work.scratch, 0, m, ex, ey, 0.0)
     segment(system, work, work.scratch, size, m, 0.0, 0.0, 1.0)
     if bend != 0.0:
-        _add_outer(system, work, b, 0, 0, bend)
+        add_outer(system, work, b, 0, 0, bend)
     if force != 0.0:
-        _add_outer(system, work, b, 0, size, force)
-        _add_outer(system, work, b, size, 0, force)
-        _add_outer(system, work, b, size, size, force * along)
+        add_outer(system, work, b, 0, size, force)
+        add_outer(system, work, b, size, 0, force)
+        add_outer(system, work, b, size, size, force * along)
 
 
 @inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))
@@ -340,13 +340,13 @@ def _linearise_constraint(system, work, k, v, acc, lam):
         if side == 0 and kind == ALONG:
             segment(system, work, work.Gp, o, m, 0.0, 0.0, turn)
             segment(system, work, work.Gv, o, m, 0.0, 0.0, spin)
-            _direction_stiffness(system, work, m, size, -ey, ex, force, along, 0.0)
+            direction_stiffness(system, work, m, size, -ey, ex, force, along, 0.0)
         if kind == DISTANCE:
-            _direction_stiffness(system, work, m, size, -ey, ex, 0.0, 0.0, bend)
+            direction_stiffness(system, work, m, size, -ey, ex, 0.0, 0.0, bend)
 
 
-@entry(LINEARISE)
-def linearise(system, work, t, z, v, acc, lam):
+@inner(LINEARISE)
+def linearise_constraints(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated.
 
     Exact, except that Rp leaves out what the motion of one body changes in the

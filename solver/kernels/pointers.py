@@ -33,10 +33,9 @@ class Pointer(types.WrapperAddressProtocol):
 def kernels(planar: bool) -> newton.Kernels:
     """The kernels of planar or of spatial scenes; loads or compiles them once."""
     if planar:
-        from .planar_constraints import evaluate, linearise
+        from .planar_forces import evaluate, linearise
     else:
-        from .spatial_constraints import evaluate
-        from .spatial_constraints_linear import linearise
+        from .spatial_forces import evaluate, linearise
     functions = (
         evaluate,
         linearise,

@@ -6,7 +6,7 @@ import math
 
 from numba import float64, int64, types
 
-from .compiling import entry, inner
+from .compiling import inner
 from .drives import drive_value
 from .layout import (
     ALONG,
@@ -141,8 +141,8 @@ def _constraint(system, work, k, t):
         _write_row(system, work, k, 0, NONE, torque, NONE, times(-1.0, torque))
 
 
-@entry(EVALUATE)
-def evaluate(system, work, t, z, v):
+@inner(EVALUATE)
+def evaluate_constraints(system, work, t, z, v):
     """Everything that eq. (3) needs at one state: M, f, C, c, dc/dt and gamma."""
     evaluate_bodies(system, work, t, z, v)
     for i in range(len(work.C)):

@@ -6,7 +6,7 @@ import math
 
 from numba import float64, int64, types
 
-from .compiling import entry, inner
+from .compiling import inner
 from .drives import drive_value
 from .layout import (
     ALONG,
@@ -130,7 +130,7 @@ def _vary_acceleration(system, work, o, m, e, v, acc):
 
 
 @inner(types.void(SYSTEM, WORK, int64, int64, VECTOR, F1))
-def _vary_velocity(system, work, o, m, e, v):
+def vary_velocity(system, work, o, m, e, v):
     """Adds to Gp and Gv the derivatives of a marker's velocity along e."""
     b = system.marker[m, M_BODY]
     row = system.body[b]
@@ -169,7 +169,7 @@ def _elastic_force_stiffness(system, work, m, f):
 
 
 @inner(types.void(SYSTEM, WORK, int64, VECTOR))
-def _force_stiffness(system, work, m, force):
+def force_stiffness(system, work, m, force):
     """Adds to Rp what an inertial force at a marker changes when its body moves."""
     b = system.marker[m, M_BODY]
     row = system.body[b]
@@ -183,9 +183,9 @@ def _force_stiffness(system, work, m, force):
 
 
 @inner(types.void(SYSTEM, WORK, int64, int64, VECTOR, VECTOR, float64))
-def _line_stiffness(system, work, a, b, n, x, force):
+def line_stiffness(system, work, a, b, n, x, force):
     """Rp of ALONG: the direction n turns with marker A, which the other body pulls."""
-    _force_stiffness(system, work, b, times(force, n))
+    force_stiffness(system, work, b, times(force, n))
     row = system.body[system.marker[a, M_BODY]]
     if row[NV] == 0:
         return
@@ -216,7 +216,7 @@ def _torque_stiffness(system, work, m, own, other, torque):
 
 
 @inner(types.void(SYSTEM, WORK, int64, VECTOR, float64))
-def _swing_stiffness(system, work, m, n, weight):
+def swing_stiffness(system, work, m, n, weight):
     """Rp += weight * sum of p p^T over two directions across n (DISTANCE)."""
     row = system.body[system.marker[m, M_BODY]]
     nv, block, s = row[NV], row[BLOCK], work.scratch
@@ -314,23 +314,23 @@ def _linearise_place(system, work, k, v, acc, lam):
             o = system.segment[first + i, S_OFFSET]
             _vary_acceleration(system, work, o, m, times(sign, e), v, acc)
         if kind == COINCIDENT:
-            _force_stiffness(system, work, m, times(sign, force))
+            force_stiffness(system, work, m, times(sign, force))
             continue
         o = system.segment[first, S_OFFSET]
-        _vary_velocity(system, work, o, m, times(sign, by_v), v)
+        vary_velocity(system, work, o, m, times(sign, by_v), v)
         segment(system, work, work.Gp, o, m, times(sign, by_x), NONE)
         if kind == DISTANCE:
-            _force_stiffness(system, work, m, times(sign, force))
-            _swing_stiffness(system, work, m, n, -lam[r] / length)
+            force_stiffness(system, work, m, times(sign, force))
+            swing_stiffness(system, work, m, n, -lam[r] / length)
         elif side == 0:
             segment(system, work, work.Gp, o, m, NONE, turn)
             segment(system, work, work.Gv, o, m, NONE, spin)
     if kind == ALONG:
-        _line_stiffness(system, work, ma, mb, n, x, lam[r])
+        line_stiffness(system, work, ma, mb, n, x, lam[r])
 
 
-@entry(LINEARISE)
-def linearise(system, work, t, z, v, acc, lam):
+@inner(LINEARISE)
+def linearise_constraints(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated.
 
     Exact for rigid bodies, except that Rp leaves out what the motion of one body

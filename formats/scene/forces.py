@@ -1,0 +1,134 @@
+"""Forces of a scene. A new kind is one class and one entry in `Force`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field
+
+from .base import AngularVelocity, Table, Vector
+from .functions import Function
+
+Values = tuple[float, ...]
+
+
+def _numbers(value: Any) -> Any:
+    """One number stands for a sequence of one."""
+    single = isinstance(value, int | float) and not isinstance(value, bool)
+    return (float(value),) if single else value
+
+
+#: Coefficients of powers 1, 2, ...; a number alone is the linear one.
+Powers = Annotated[
+    Values,
+    BeforeValidator(_numbers, json_schema_input_type=float | Values),
+    Field(min_length=1),
+]
+_MARKERS = "two markers: the force acts on the second, and backwards on the first"
+_JOINT = "a revolute or prismatic joint instead of markers: acts on its coordinate"
+
+
+class Characteristic(Table):
+    """A table of forces; between its points without overshoot, beyond them linear.
+
+    Source: F. N. Fritsch, R. E. Carlson, SIAM J. Numer. Anal. 17 (1980): monotone
+    piecewise cubic interpolation.
+    """
+
+    deflection: Values = Field(min_length=2, description="growing, [m] or [rad]")
+    force: Values = Field(min_length=2, description="as many values, [N] or [N m]")
+
+
+class _Force(Table):
+    #: keys that name markers, of which those for a pair may stand for a joint
+    dimensions: ClassVar[tuple[str, ...]] = ("planar", "spatial")
+
+
+class PointForce(_Force):
+    """A force and a torque at a marker, with constant components times a function.
+
+    `axes` are the directions of the components: the inertial ones, or those of the
+    marker, which the force then follows.
+    """
+
+    type: Literal["force"]
+    marker: str = Field(description="where it acts, as BODY.MARKER")
+    force: Vector | None = Field(default=None, description="components [N]")
+    torque: AngularVelocity | None = Field(
+        default=None, description="a number (planar) or three [N m]"
+    )
+    axes: Literal["inertial", "marker"] = "inertial"
+    function: Function | None = Field(
+        default=None, description="function of time that scales both, default 1"
+    )
+
+
+class _Pair(_Force):
+    markers: tuple[str, str] | None = Field(default=None, description=_MARKERS)
+    joint: str | None = Field(default=None, description=_JOINT)
+
+
+class SpringDamper(_Pair):
+    """A spring and a damper along the line between two markers, or in a joint.
+
+    With the deflection x = (length or joint coordinate) - rest the force that pulls
+    back is k1 x + k2 x^2 + ... + d1 x' + d2 x'^2 + ..., or that of a `table`.
+    """
+
+    type: Literal["spring_damper"]
+    rest: float = Field(
+        default=0.0, description="length [m], or coordinate, without force"
+    )
+    stiffness: Powers | None = Field(
+        default=None, description="k1 or [k1, k2, ...] [N/m], [N m/rad]"
+    )
+    table: Characteristic | None = Field(
+        default=None, description="deflection and force, instead of stiffness"
+    )
+    damping: Powers | None = Field(
+        default=None, description="d1 or [d1, d2, ...] [N s/m], [N m s/rad]"
+    )
+
+
+class Actuator(_Pair):
+    """A force that pushes two markers apart, or drives a joint, as a function of time.
+
+    In a joint, a force or torque in the direction in which its coordinate grows.
+    """
+
+    type: Literal["actuator"]
+    function: Function
+
+
+class Bushing(_Force):
+    """Springs and dampers along and about the axes of the first marker.
+
+    Planar: x, y and the angle. Spatial: x, y, z and the three components of the
+    rotation vector from the first to the second marker, below half a turn.
+    """
+
+    type: Literal["bushing"]
+    markers: tuple[str, str] = Field(description=_MARKERS)
+    stiffness: Values = Field(description="3 (planar) or 6 values [N/m], [N m/rad]")
+    damping: Values | None = Field(
+        default=None, description="3 (planar) or 6 values [N s/m], [N m s/rad]"
+    )
+
+
+class Friction(_Force):
+    """Coulomb friction in a joint, regularised: force tanh(rate / speed) + viscous rate.
+
+    Below `speed` a held joint creeps instead of sticking.
+    """
+
+    type: Literal["friction"]
+    joint: str = Field(description="a revolute or prismatic joint")
+    force: float = Field(gt=0, description="limit, [N] or [N m]")
+    speed: float = Field(gt=0, description="width of the regularisation")
+    viscous: float = Field(default=0.0, ge=0, description="[N s/m] or [N m s/rad]")
+
+
+Force = Annotated[
+    PointForce | SpringDamper | Actuator | Bushing | Friction,
+    Field(discriminator="type"),
+]

@@ -1,0 +1,235 @@
+"""Forces of a scene as rows of the kernels' table; bushings become several.
+
+A row acts on one scalar measure of the motion of two markers (`Element`), or is given
+as a function of time. One entry in `_COMPILERS` adds a kind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from formats.scene import (
+    Actuator,
+    Bushing,
+    Characteristic,
+    Force,
+    Friction,
+    Joint,
+    PointForce,
+    SceneFile,
+    SpringDamper,
+    as_3d,
+    marker_reference,
+)
+from formats.sid import Array
+
+from .functions import FunctionTable
+from .joints import normals, planar_axis, spatial_axis
+from .kernels import layout as at
+from .kernels.layout import IntTable
+from .pool import Pool
+
+Reference = tuple[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomials:
+    """A piecewise polynomial: starts (n,) and coefficients (n, terms), lowest first."""
+
+    starts: Array
+    terms: Array
+
+
+NOTHING = Polynomials(np.zeros(0), np.zeros((0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """F = applied(t) - K(g - rest) - D(g') - friction tanh(g' / speed)."""
+
+    rest: float = 0.0
+    applied: float = 0.0
+    friction: float = 0.0
+    speed: float = 1.0
+    stiffness: Polynomials = NOTHING
+    damping: Polynomials = NOTHING
+
+    def packed(self) -> Array:
+        """In the order of `kernels.forces`."""
+        sizes = [*self.stiffness.terms.shape, *self.damping.terms.shape]
+        head = [self.rest, self.applied, self.friction, self.speed, *sizes]
+        parts = [self.stiffness, self.damping]
+        rows = [np.concatenate([p.starts, p.terms.ravel()]) for p in parts]
+        return np.concatenate([head, *rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """One row of the force table.
+
+    kind : see `kernels.layout`
+    a, b : markers; a given force has no `a`
+    data : direction or components
+    function : row of its function of time, -1 for none
+    """
+
+    name: str
+    kind: int
+    a: Reference | None
+    b: Reference
+    data: tuple[float, ...]
+    law: Law
+    function: int = -1
+
+
+def compile_forces(
+    scene: SceneFile, functions: FunctionTable, planar: bool
+) -> tuple[Element, ...]:
+    """The elements of all forces of a scene."""
+    found: list[Element] = []
+    for name, force in scene.forces.items():
+        function, row = getattr(force, "function", None), -1
+        if function is not None:
+            row = functions.add(function, f"forces.{name}.function")
+        context = _Context(name, scene, planar, row)
+        found += _COMPILERS[type(force)](force, context)
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class _Context:
+    name: str
+    scene: SceneFile
+    planar: bool
+    function: int
+
+
+def _point_force(force: PointForce, context: _Context) -> list[Element]:
+    components = as_3d(force.force)
+    torque = np.zeros(3)
+    if force.torque is not None:
+        torque[:] = force.torque if isinstance(force.torque, tuple) else 0.0
+        if context.planar:
+            torque[2] = float(np.ravel(force.torque)[-1])
+    data = [*components[:2], torque[2]] if context.planar else [*components, *torque]
+    kind = at.GIVEN if force.axes == "inertial" else at.FOLLOWING
+    marker = marker_reference(force.marker)
+    values = tuple(map(float, data))
+    return [
+        Element(context.name, kind, None, marker, values, Law(), context.function)
+    ]
+
+
+def _spring_damper(force: SpringDamper, context: _Context) -> list[Element]:
+    stiffness = _powers(force.stiffness)
+    if force.table is not None:
+        stiffness = _characteristic(force.table)
+    law = Law(rest=force.rest, stiffness=stiffness, damping=_powers(force.damping))
+    return [_pair(force.markers, force.joint, law, context)]
+
+
+def _actuator(force: Actuator, context: _Context) -> list[Element]:
+    return [_pair(force.markers, force.joint, Law(applied=1.0), context)]
+
+
+def _friction(force: Friction, context: _Context) -> list[Element]:
+    viscous = _powers((force.viscous,)) if force.viscous else NOTHING
+    law = Law(friction=force.force, speed=force.speed, damping=viscous)
+    return [_pair(None, force.joint, law, context)]
+
+
+def _pair(
+    markers: tuple[str, str] | None, joint: str | None, law: Law, context: _Context
+) -> Element:
+    """A force along the line between two markers, or on the coordinate of a joint."""
+    if joint is None:
+        assert markers is not None
+        kind, data = at.SPAN, ()
+        pair: tuple[str, str] = markers
+    else:
+        pair = context.scene.joints[joint].markers
+        kind, data = _coordinate(context.scene.joints[joint], context.planar)
+    a, b = (marker_reference(text) for text in pair)
+    return Element(context.name, kind, a, b, data, law, context.function)
+
+
+def _coordinate(joint: Joint, planar: bool) -> tuple[int, tuple[float, ...]]:
+    """Kind and direction of the measure that is a joint's coordinate."""
+    if joint.type == "revolute":
+        if planar:
+            return at.TWIST, ()
+        first, second = normals(spatial_axis(joint))
+        return at.TWIST, (*map(float, first), *map(float, second))
+    if planar:
+        return at.SLIDE, (planar_axis(joint),)
+    return at.SLIDE, tuple(map(float, spatial_axis(joint)))
+
+
+def _bushing(force: Bushing, context: _Context) -> list[Element]:
+    a, b = (marker_reference(text) for text in force.markers)
+    damping = force.damping or (0.0,) * len(force.stiffness)
+    measures: list[tuple[int, tuple[float, ...]]]
+    if context.planar:
+        measures = [(at.SLIDE, (0.0,)), (at.SLIDE, (0.5 * math.pi,)), (at.TWIST, ())]
+    else:
+        axes = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+        measures = [(kind, e) for kind in (at.SLIDE, at.TILT) for e in axes]
+    return [
+        Element(
+            context.name,
+            kind,
+            a,
+            b,
+            data,
+            Law(stiffness=_powers((k,)), damping=_powers((d,))),
+        )
+        for (kind, data), k, d in zip(measures, force.stiffness, damping, strict=True)
+        if k != 0.0 or d != 0.0
+    ]
+
+
+_COMPILERS: dict[type[Force], Callable[..., list[Element]]] = {
+    PointForce: _point_force,
+    SpringDamper: _spring_damper,
+    Actuator: _actuator,
+    Bushing: _bushing,
+    Friction: _friction,
+}
+
+
+def _powers(values: tuple[float, ...] | None) -> Polynomials:
+    """A polynomial without constant term."""
+    if values is None:
+        return NOTHING
+    return Polynomials(np.zeros(1), np.array([[0.0, *values]]))
+
+
+def _characteristic(table: Characteristic) -> Polynomials:
+    from scipy.interpolate import PchipInterpolator
+
+    curve = PchipInterpolator(table.deflection, table.force)
+    inside = np.ascontiguousarray(curve.c[::-1].T)
+    slopes = curve.derivative()(curve.x[[0, -1]])
+    before = [table.force[0], slopes[0], 0.0, 0.0]
+    after = [table.force[-1], slopes[1], 0.0, 0.0]
+    starts = np.concatenate([curve.x[:1], curve.x])
+    return Polynomials(starts, np.vstack([before, inside, after]))
+
+
+def force_table(
+    elements: tuple[Element, ...], markers: dict[Reference, int], pool: Pool
+) -> IntTable:
+    """The table of forces, without their rows in Newton matrices."""
+    table = np.full((len(elements), at.N_FORCE), -1, np.int64)
+    for row, element in zip(table, elements, strict=True):
+        row[at.F_KIND] = element.kind
+        row[at.F_A] = -1 if element.a is None else markers[element.a]
+        row[at.F_B] = markers[element.b]
+        row[at.F_DATA] = pool.add(element.data)
+        row[at.F_LAW] = pool.add(element.law.packed())
+        row[at.F_TIME] = element.function
+    return table

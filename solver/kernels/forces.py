@@ -1,0 +1,73 @@
+"""Force laws: what a force between two markers makes of their motion.
+
+The force on a measure g of the motion, positive in the direction in which g grows, is
+
+    F = applied(t) - K(g - rest) - D(g') - friction tanh(g' / speed),
+
+with piecewise polynomials K and D.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import float64, int64, types
+
+from .compiling import inner
+from .drives import drive_value
+from .layout import F1, F_LAW, F_TIME, SYSTEM, WORK
+
+# Entries of a force law in the pool; K and D follow, each as the starts of its pieces
+# and then the coefficients of each, lowest power first.
+REST, APPLIED, FRICTION, SPEED = 0, 1, 2, 3
+K_PIECES, K_TERMS, D_PIECES, D_TERMS = 4, 5, 6, 7
+POLYNOMIALS = 8
+
+TRIPLE = types.UniTuple(float64, 3)
+
+
+@inner(types.UniTuple(float64, 2)(F1, int64, int64, int64, float64))
+def piecewise(pool, at, pieces, terms, x):
+    """Value and slope at x of a piecewise polynomial."""
+    if pieces == 0:
+        return 0.0, 0.0
+    k = 0
+    while k + 1 < pieces and pool[at + k + 1] <= x:
+        k += 1
+    x -= pool[at + k]
+    first = at + pieces + k * terms
+    value, slope = 0.0, 0.0
+    for i in range(terms - 1, -1, -1):
+        slope = slope * x + value
+        value = value * x + pool[first + i]
+    return value, slope
+
+
+@inner(float64(SYSTEM, WORK, int64, float64))
+def time_factor(system, work, k, t):
+    """The function of time of a force, 1 where there is none."""
+    if system.force[k, F_TIME] < 0:
+        return 1.0
+    value, _, _ = drive_value(system, system.force[k, F_TIME], work.clock[0], t)
+    return value
+
+
+@inner(TRIPLE(SYSTEM, WORK, int64, float64, float64, float64))
+def force_law(system, work, k, t, g, rate):
+    """Force, its stiffness -dF/dg and its damping -dF/dg'."""
+    pool, law = system.pool, system.force[k, F_LAW]
+    at = law + POLYNOMIALS
+    pieces, terms = int(pool[law + K_PIECES]), int(pool[law + K_TERMS])
+    spring, stiffness = piecewise(pool, at, pieces, terms, g - pool[law + REST])
+    at += pieces * (1 + terms)
+    pieces, terms = int(pool[law + D_PIECES]), int(pool[law + D_TERMS])
+    damper, damping = piecewise(pool, at, pieces, terms, rate)
+    force = -spring - damper
+    if pool[law + APPLIED] != 0.0:
+        force += pool[law + APPLIED] * time_factor(system, work, k, t)
+    if pool[law + FRICTION] != 0.0:
+        saturation = math.tanh(rate / pool[law + SPEED])
+        force -= pool[law + FRICTION] * saturation
+        slope = (1.0 - saturation * saturation) / pool[law + SPEED]
+        damping += pool[law + FRICTION] * slope
+    return force, stiffness, damping

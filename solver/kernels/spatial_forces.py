@@ -1,0 +1,252 @@
+"""Spatial forces, and with them the complete equations of a spatial scene."""
+
+from __future__ import annotations
+
+import math
+
+from numba import float64, int64, types
+
+from .compiling import entry, inner
+from .forces import REST, force_law, time_factor
+from .layout import (
+    BLOCK,
+    EVALUATE,
+    F1,
+    F_A,
+    F_B,
+    F_DATA,
+    F_KIND,
+    F_LAW,
+    F_SEG_A,
+    F_SEG_B,
+    FOLLOWING,
+    GIVEN,
+    LINEARISE,
+    M_BODY,
+    N_ENTRIES,
+    NV,
+    RD,
+    SLIDE,
+    SPAN,
+    SYSTEM,
+    TWIST,
+    VEL,
+    WORK,
+)
+from .spatial import (
+    PR,
+    PV,
+    PW,
+    PX,
+    VECTOR,
+    R,
+    cross,
+    dot,
+    load,
+    minus,
+    plus,
+    rotate,
+    rotate_back,
+    segment,
+    times,
+)
+from .spatial_constraints import NONE, evaluate_constraints
+from .spatial_constraints_linear import (
+    force_stiffness,
+    line_stiffness,
+    linearise_constraints,
+    swing_stiffness,
+    vary_velocity,
+)
+from .spatial_linear import add_skew
+
+#: Below this rotation the series of the coefficient of the inverse of T is used.
+SMALL_ROTATION = 0.05
+
+
+@inner(VECTOR(F1, F1))
+def relative_rotation(A, B):
+    """Rotation vector from marker A to marker B, in the axes of A; below pi."""
+    x = rotate_back(A, PR, (B[PR], B[PR + 3], B[PR + 6]))
+    y = rotate_back(A, PR, (B[PR + 1], B[PR + 4], B[PR + 7]))
+    z = rotate_back(A, PR, (B[PR + 2], B[PR + 5], B[PR + 8]))
+    axis = (0.5 * (y[2] - z[1]), 0.5 * (z[0] - x[2]), 0.5 * (x[1] - y[0]))
+    sine = math.sqrt(dot(axis, axis))
+    angle = math.atan2(sine, 0.5 * (x[0] + y[1] + z[2] - 1.0))
+    if sine < 1e-8:
+        return axis
+    return times(angle / sine, axis)
+
+
+@inner(VECTOR(VECTOR, VECTOR))
+def tilt_direction(theta, e):
+    """T^-T e: the torque that works on the component of the rotation vector along e."""
+    n2 = dot(theta, theta)
+    if n2 < SMALL_ROTATION * SMALL_ROTATION:
+        c = 1.0 / 12.0 + n2 / 720.0 + n2 * n2 / 30240.0
+    else:
+        n = math.sqrt(n2)
+        c = 1.0 / n2 - (1.0 + math.cos(n)) / (2.0 * n * math.sin(n))
+    turned = cross(theta, e)
+    return plus(e, plus(times(0.5, turned), times(c, cross(theta, turned))))
+
+
+@inner(types.Tuple([float64, VECTOR])(SYSTEM, WORK, int64))
+def _turning(system, work, k):
+    """Angle measure of TWIST or TILT and the inertial axis of its torque."""
+    row, pool = system.force[k], system.pool
+    A, B, data = work.point[row[F_A]], work.point[row[F_B]], row[F_DATA]
+    if row[F_KIND] == TWIST:
+        first, second = load(pool, data), load(pool, data + 3)
+        b = rotate_back(A, PR, rotate(B, PR, first))
+        rest = pool[row[F_LAW] + REST]
+        angle = math.atan2(dot(second, b), dot(first, b)) - rest
+        angle -= 2.0 * math.pi * math.floor(0.5 + angle / (2.0 * math.pi))
+        return rest + angle, rotate(A, PR, cross(first, second))
+    e, theta = load(pool, data), relative_rotation(A, B)
+    return dot(e, theta), rotate(A, PR, tilt_direction(theta, e))
+
+
+@inner(types.Tuple([float64, float64, VECTOR, VECTOR, VECTOR])(SYSTEM, WORK, int64))
+def measure(system, work, k):
+    """Measure g and its rate, and what a unit force on g does.
+
+    That is a force on marker B and its reverse on A, a torque on A, and one on B.
+    """
+    row = system.force[k]
+    A, B = work.point[row[F_A]], work.point[row[F_B]]
+    if row[F_KIND] >= TWIST:
+        g, axis = _turning(system, work, k)
+        rate = dot(axis, minus(load(B, PW), load(A, PW)))
+        return g, rate, NONE, times(-1.0, axis), axis
+    x = minus(load(B, PX), load(A, PX))
+    v = minus(load(B, PV), load(A, PV))
+    if row[F_KIND] == SPAN:
+        length = math.sqrt(dot(x, x))
+        n = times(1.0 / max(length, 1e-300), x)
+        return length, dot(n, v), n, NONE, NONE
+    n = rotate(A, PR, load(system.pool, row[F_DATA]))
+    arm = cross(n, x)
+    return dot(n, x), dot(n, v) + dot(arm, load(A, PW)), n, arm, NONE
+
+
+@inner(types.UniTuple(VECTOR, 2)(SYSTEM, WORK, int64, float64))
+def _given(system, work, k, t):
+    """Inertial force and torque of a given force."""
+    row = system.force[k]
+    data, scale = row[F_DATA], time_factor(system, work, k, t)
+    force = times(scale, load(system.pool, data))
+    torque = times(scale, load(system.pool, data + 3))
+    if row[F_KIND] == FOLLOWING:
+        point = work.point[row[F_B]]
+        return rotate(point, PR, force), rotate(point, PR, torque)
+    return force, torque
+
+
+@inner(types.void(SYSTEM, WORK, int64, VECTOR, VECTOR))
+def _push(system, work, m, force, torque):
+    """Adds an inertial force and a torque at a marker to the generalised forces."""
+    row = system.body[system.marker[m, M_BODY]]
+    if row[NV] > 0:
+        segment(system, work, work.f, row[VEL], m, force, torque)
+
+
+@inner(types.void(SYSTEM, WORK, int64, float64))
+def _force(system, work, k, t):
+    row = system.force[k]
+    if row[F_KIND] <= FOLLOWING:
+        force, torque = _given(system, work, k, t)
+        _push(system, work, row[F_B], force, torque)
+        return
+    g, rate, n, torque_a, torque_b = measure(system, work, k)
+    size, _, _ = force_law(system, work, k, t, g, rate)
+    _push(system, work, row[F_B], times(size, n), times(size, torque_b))
+    _push(system, work, row[F_A], times(-size, n), times(size, torque_a))
+
+
+@entry(EVALUATE)
+def evaluate(system, work, t, z, v):
+    """Everything that eq. (3) needs at one state: M, f, C, c, dc/dt and gamma."""
+    evaluate_constraints(system, work, t, z, v)
+    for k in range(len(system.force)):
+        _force(system, work, k, t)
+
+
+@inner(types.void(SYSTEM, WORK, int64, float64))
+def _linearise_given(system, work, k, t):
+    """Rp of a given force with inertial direction: its arm moves, the body turns."""
+    row = system.force[k]
+    m = row[F_B]
+    body = system.body[system.marker[m, M_BODY]]
+    if row[F_KIND] != GIVEN or body[NV] == 0:
+        return
+    force, torque = _given(system, work, k, t)
+    force_stiffness(system, work, m, force)
+    if body[RD] == 6:
+        torque = rotate_back(work.frame[system.marker[m, M_BODY]], R, torque)
+        at = body[BLOCK] + 3 * body[NV] + 3
+        add_skew(work.Rp, at, body[NV], torque, -1.0)
+
+
+@inner(types.void(SYSTEM, WORK, int64, float64, F1))
+def _linearise_force(system, work, k, t, v):
+    """The row of a force: its direction, its stiffness and its damping."""
+    row = system.force[k]
+    kind = row[F_KIND]
+    ma, mb = row[F_A], row[F_B]
+    A, B = work.point[ma], work.point[mb]
+    g, rate, n, torque_a, torque_b = measure(system, work, k)
+    force, stiffness, damping = force_law(system, work, k, t, g, rate)
+    x, vel = minus(load(B, PX), load(A, PX)), minus(load(B, PV), load(A, PV))
+    position, turn_a = times(stiffness, n), times(stiffness, torque_a)
+    turn_b = times(stiffness, torque_b)
+    if kind == SPAN and g > 1e-12:
+        across = minus(vel, times(rate, n))
+        position = plus(position, times(damping / g, across))
+    elif kind == SLIDE:
+        wn = cross(load(A, PW), n)
+        position = plus(position, times(damping, wn))
+        turn = plus(cross(n, vel), cross(wn, x))
+        turn_a = plus(turn_a, times(damping, turn))
+    elif kind >= TWIST:
+        turn_a = plus(turn_a, times(damping, cross(torque_b, load(B, PW))))
+        turn_b = plus(turn_b, times(damping, cross(load(B, PW), torque_b)))
+    for side in range(2):
+        o = row[F_SEG_A] if side == 0 else row[F_SEG_B]
+        if o < 0:
+            continue
+        m = ma if side == 0 else mb
+        sign = -1.0 if side == 0 else 1.0
+        torque = torque_a if side == 0 else torque_b
+        turn = turn_a if side == 0 else turn_b
+        segment(system, work, work.C, o, m, times(sign, n), torque)
+        segment(system, work, work.Gp, o, m, times(sign, position), turn)
+        segment(system, work, work.Gv, o, m, NONE, times(damping, torque))
+        if kind >= TWIST:
+            continue
+        vary_velocity(system, work, o, m, times(sign * damping, n), v)
+        if kind == SPAN:
+            force_stiffness(system, work, m, times(sign * force, n))
+            if g > 1e-12:
+                swing_stiffness(system, work, m, n, -force / g)
+    if kind == SLIDE:
+        line_stiffness(system, work, ma, mb, n, x, force)
+
+
+@entry(LINEARISE)
+def linearise(system, work, t, z, v, acc, lam):
+    """Rp, Rv, Gp, Gv at a state that was just evaluated.
+
+    Exact for rigid bodies, except that Rp leaves out how the motion of one body turns
+    the constraint force or the force on another, and how forces turn that follow their
+    body; for flexible ones the turning of a marker by the elastic coordinates is
+    linearised. A Newton matrix may do with that.
+    """
+    linearise_constraints(system, work, t, z, v, acc, lam)
+    for i in range(system.dims[N_ENTRIES], len(work.C)):
+        work.C[i] = 0.0
+    for k in range(len(system.force)):
+        if system.force[k, F_KIND] <= FOLLOWING:
+            _linearise_given(system, work, k, t)
+        else:
+            _linearise_force(system, work, k, t, v)
