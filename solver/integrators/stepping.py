@@ -220,15 +220,60 @@ def begin(kernels, system, work, memory, t, z, v):
     return accelerate(kernels, system, work, memory, t, z, v)
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F3, F3, F2, F2))
-def sample(kernels, system, work, memory, times, edges, z, v, frames, points, acc, lam):
-    """Evaluates and solves eq. (3) at recorded states; NaN where it is singular."""
+@entry(
+    types.void(
+        KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2
+    )
+)
+def sample(
+    kernels,
+    system,
+    work,
+    memory,
+    closed,
+    times,
+    edges,
+    z,
+    v,
+    step_z,
+    step_v,
+    frames,
+    points,
+    acc,
+    lam,
+):
+    """Projects recorded states onto the constraints and solves eq. (3) there.
+
+    Dense output meets the constraints to the tolerance of the run only; what is
+    recorded meets them to `closed` (|c|, |dc/dt|). States that cannot be projected stay
+    as they are; accelerations are NaN where eq. (3) is singular. step_z and step_v
+    are scratch, of one and three rows.
+    """
     for k in range(len(times)):
         i = 0
         while i + 2 < len(edges) and edges[i + 1] < times[k]:
             i += 1
         work.clock[0] = 0.5 * (edges[i] + edges[i + 1])
-        status = accelerate(kernels, system, work, memory, times[k], z[k], v[k])
+        copy(z[k], step_z[0])
+        copy(v[k], step_v[0])
+        status = project(
+            kernels,
+            system,
+            work,
+            memory,
+            times[k],
+            step_z[0],
+            step_v[0],
+            step_v[1],
+            step_v[2],
+            closed[0],
+            closed[1],
+        )
+        if status == 0:
+            copy(step_z[0], z[k])
+            copy(step_v[0], v[k])
+        else:
+            status = accelerate(kernels, system, work, memory, times[k], z[k], v[k])
         for b in range(work.frame.shape[0]):
             copy(work.frame[b], frames[k, b])
         for m in range(work.point.shape[0]):
@@ -236,7 +281,7 @@ def sample(kernels, system, work, memory, times, edges, z, v, frames, points, ac
         copy(memory.acceleration, acc[k])
         copy(memory.multiplier, lam[k])
         if status != 0:
-            for n in range(len(acc[k])):
+            for n in range(acc.shape[1]):
                 acc[k, n] = math.nan
-            for n in range(len(lam[k])):
+            for n in range(lam.shape[1]):
                 lam[k, n] = math.nan
