@@ -8,28 +8,47 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from .errors import InputError
+from .model_base import Count, Fraction, NonNegative, Part, Positive
 from .model_checks import check_grid, check_knots, check_name, check_node_numbers
+from .model_reduction import (
+    BuckensFrame,
+    ChordFrame,
+    FrameSettings,
+    ModalReduction,
+    ReductionSettings,
+    Stiffening,
+    StressRecovery,
+    TangentFrame,
+    Tie,
+    check_reduction,
+)
 from .toml_files import load
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
-Count = Annotated[int, Field(ge=1)]
+__all__ = [
+    "BuckensFrame",
+    "ChordFrame",
+    "IgaDiscretisation",
+    "Marker",
+    "Material",
+    "ModalReduction",
+    "ModelFile",
+    "NurbsGeometry",
+    "Q4Discretisation",
+    "RayleighDamping",
+    "Stiffening",
+    "StressRecovery",
+    "TangentFrame",
+    "Tie",
+    "read_model",
+]
+
 Point2 = tuple[float, float]
 
 #: The four sides of a patch with parameters (u, v) in [0, 1]: direction, end.
 SIDES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)}
-
-
-class Part(BaseModel):
-    """What every table of a model file has in common."""
-
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, strict=True
-    )
 
 
 class Material(Part):
@@ -146,24 +165,12 @@ class IgaDiscretisation(Part):
         return self
 
 
-class TangentFrame(Part):
-    """A frame fixed to a marker on clamped edges; its axes are the global ones."""
-
-    type: Literal["tangent"]
-    marker: str
-    clamp: str | tuple[str, ...]
-
-    @property
-    def clamped_edges(self) -> tuple[str, ...]:
-        """The names of the edges that do not deform in this frame."""
-        return (self.clamp,) if isinstance(self.clamp, str) else self.clamp
-
-
 class Marker(Part):
     """A named point that joints and forces can use.
 
     Exactly one of `edge` (with `at`, the fraction of its parameter range),
-    `parameters` (u, v in [0, 1]) and `position` (x, y in m) says where it is.
+    `parameters` (u, v in [0, 1]) and `position` (x, y in m) says where it is; a tied
+    marker may leave it to the centre of what it is tied to.
     """
 
     node: int = Field(ge=1, le=99999, description="its node number in the SID")
@@ -171,13 +178,7 @@ class Marker(Part):
     at: Fraction | None = None
     parameters: tuple[Fraction, Fraction] | None = None
     position: Point2 | None = None
-
-
-class ModalReduction(Part):
-    """The lowest modes, mass-normalised."""
-
-    method: Literal["modal"]
-    modes: Count = Field(description="the number of modes to keep")
+    tie: Tie | None = None
 
 
 class RayleighDamping(Part):
@@ -202,22 +203,32 @@ class ModelFile(Part):
     material: Material
     geometry: NurbsGeometry
     discretisation: Discretisation
-    frame: TangentFrame
+    frame: FrameSettings
     markers: dict[str, Marker] = Field(min_length=1)
-    reduction: ModalReduction
+    reduction: ReductionSettings
     damping: RayleighDamping | None = None
+    stiffening: Stiffening | None = None
+    stress: StressRecovery | None = None
 
     @model_validator(mode="after")
     def _references(self) -> Self:
         edges = self.geometry.edge_names
         for name in self.frame.clamped_edges:
             check_name(name, edges, "edge", "frame.clamp")
-        check_name(self.frame.marker, self.markers, "marker", "frame.marker")
+        for name in self.frame.marker_names:
+            check_name(name, self.markers, "marker", "frame.marker")
+        check_reduction(self.reduction, self.markers, edges)
+        for name in self.stiffening.marker_names if self.stiffening else ():
+            check_name(name, self.markers, "marker", "stiffening")
+        for name in (self.stress and self.stress.markers) or ():
+            check_name(name, self.markers, "marker", "stress.markers")
         for name, marker in self.markers.items():
             place = f"markers.{name}"
             _check_place(marker, place)
             if marker.edge is not None:
                 check_name(marker.edge, edges, "edge", f"{place}.edge")
+            for tied in marker.tie.names if marker.tie else ():
+                check_name(tied, edges, "edge", f"{place}.tie.to")
         check_node_numbers({name: m.node for name, m in self.markers.items()})
         return self
 
@@ -235,7 +246,7 @@ def read_model(path: str | Path) -> ModelFile:
 def _check_place(marker: Marker, place: str) -> None:
     ways = ("edge", "parameters", "position")
     given = [way for way in ways if getattr(marker, way) is not None]
-    if len(given) != 1:
+    if len(given) != 1 and (given or marker.tie is None):
         raise InputError(
             f"gives {' and '.join(given) or 'no place'}",
             place=place,
