@@ -53,4 +53,6 @@ def _radau(stages: int) -> Integrator:
 
 INTEGRATORS: dict[str, Integrator] = {
     "radau5": _radau(3),
+    "radau9": _radau(5),
+    "radau13": _radau(7),
 }
