@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .base import Placement, as_3d, position_3d, rotation
 from .bodies import Body, ElasticInitial, Ground, Initial, Marker, RigidBody, SidBody
-from .drives import Drive
+from .drives import Drive, driven_coordinate
 from .file import Accuracy, Outputs, SceneFile, Time, output_times, read_scene
 from .functions import (
     Constant,
@@ -17,7 +17,24 @@ from .functions import (
     Spline,
     coefficients,
 )
-from .joints import Coincident, Fixed, Joint, PointOnLine, Prismatic, Revolute
+from .joints import (
+    Coincident,
+    Coupling,
+    Cylindrical,
+    Distance,
+    Fixed,
+    Gear,
+    Joint,
+    PlanarJoint,
+    PointOnLine,
+    PointOnPlane,
+    Prismatic,
+    Revolute,
+    Spherical,
+    Universal,
+    coupled_coordinates,
+    marker_names,
+)
 from .outputs import OutputName, marker_reference, parse_output
 
 __all__ = [
@@ -25,10 +42,14 @@ __all__ = [
     "Body",
     "Coincident",
     "Constant",
+    "Coupling",
+    "Cylindrical",
+    "Distance",
     "Drive",
     "ElasticInitial",
     "Fixed",
     "Function",
+    "Gear",
     "Given",
     "Ground",
     "Harmonic",
@@ -39,7 +60,9 @@ __all__ = [
     "Outputs",
     "Piece",
     "Placement",
+    "PlanarJoint",
     "PointOnLine",
+    "PointOnPlane",
     "Polynomial",
     "Prismatic",
     "Revolute",
@@ -47,10 +70,15 @@ __all__ = [
     "SceneFile",
     "SidBody",
     "SmoothStep",
+    "Spherical",
     "Spline",
     "Time",
+    "Universal",
     "as_3d",
     "coefficients",
+    "coupled_coordinates",
+    "driven_coordinate",
+    "marker_names",
     "marker_reference",
     "output_times",
     "parse_output",
