@@ -64,6 +64,7 @@ def simulate(
     step: float | None = None,
     accept_defects: bool = False,
     progress: Callable[[float], None] | None = None,
+    drives: Mapping[str, Any] | None = None,
 ) -> Result:
     """Compile a scene and integrate its motion.
 
@@ -74,6 +75,8 @@ def simulate(
     base_folder : where the scene's relative paths begin; its file's folder by default
     integrator, rtol, step : replace the scene's; `step` [s] is fixed
     accept_defects : simulate bodies whose mass matrix is impossible
+    drives : functions of time f(t), or tuples of f and its first or first two
+        derivatives, that replace those of the scene's drives, by name
 
     Raises
     ------
@@ -95,7 +98,7 @@ def simulate(
         for body, sid in (sids or {}).items()
     }
     try:
-        system = compile_scene(content, folder, swapped, accept_defects=accept_defects)
+        system = compile_scene(content, folder, swapped, accept_defects, drives)
         return run(
             system, integrator=integrator, rtol=rtol, step=step, progress=progress
         )

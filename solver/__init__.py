@@ -24,6 +24,7 @@ from formats.scene import SceneFile
 from formats.sid import SID
 
 if TYPE_CHECKING:
+    from .callables import Derivatives
     from .description import describe as describe
     from .run import simulate as simulate
     from .scene import System
@@ -34,6 +35,7 @@ def compile_scene(
     base_folder: str | Path = ".",
     sids: Mapping[str, SID] | None = None,
     accept_defects: bool = False,
+    drives: Mapping[str, Derivatives] | None = None,
 ) -> System:
     """Compiles a scene into the tables that the kernels integrate.
 
@@ -42,6 +44,8 @@ def compile_scene(
     base_folder : paths of SID files in the scene are relative to it
     sids : SIDs that replace the files of the bodies with these names
     accept_defects : take SIDs whose coupled mass matrix is indefinite
+    drives : callables that replace the functions of the drives with these names:
+        f(t), or a tuple of f and its first, or first two, derivatives
 
     Raises
     ------
@@ -51,7 +55,7 @@ def compile_scene(
     from .checks import check_masses, check_outputs
     from .scene import build_system
 
-    system = build_system(scene, Path(base_folder), sids)
+    system = build_system(scene, Path(base_folder), sids, drives)
     check_outputs(system)
     if not accept_defects:
         check_masses(system)

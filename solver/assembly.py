@@ -104,7 +104,10 @@ def assemble(system: System) -> tuple[System, Start]:
         return system, start
     state = _State(system, start)
     _reach_positions(state)
+    if system.from_start:
+        _measure_start(state)
     _reach_velocities(state)
+    system = state.system
     _check_prescribed(state)
     system = _mark_redundant(state)
     return system, Start(state.z, state.v)
@@ -120,6 +123,8 @@ class _State:
         self.memory: Memory = new_memory(system, 0)
         self.t = system.scene.time.start
         self.free = _free_coordinates(system)
+        self.ignored = np.zeros(system.n_rows, bool)
+        self.ignored[[row for _, row in system.from_start]] = True
         self.start()
 
     def start(self) -> None:
@@ -132,10 +137,12 @@ class _State:
 
     @property
     def residual(self) -> Array:
-        return self.work.row[:, at.C_VALUE].copy()
+        return np.where(self.ignored, 0.0, self.work.row[:, at.C_VALUE])
 
     def jacobian(self) -> Array:
-        return dense_jacobian(self.system, self.work.C)
+        C = dense_jacobian(self.system, self.work.C)
+        C[self.ignored] = 0.0
+        return C
 
     def smallest(self, right: Array) -> tuple[Array, float]:
         """x with C x = right, smallest in the metric, and what remains of right."""
@@ -215,6 +222,17 @@ def _reach_positions(state: _State) -> None:
         )
 
 
+def _measure_start(state: _State) -> None:
+    """Constants of constraints that keep what they are at the start."""
+    system = state.system
+    pool = system.arrays.pool.copy()
+    for entry, row in system.from_start:
+        pool[entry] = state.work.row[row, at.C_VALUE]
+    state.system = replace(system, arrays=system.arrays._replace(pool=pool))
+    state.ignored[:] = False
+    state.evaluate()
+
+
 def _worst(system: System, residual: Array) -> str:
     """Names the constraints with the largest residuals."""
     sizes: dict[str, float] = {}
@@ -284,9 +302,7 @@ def _mark_redundant(state: _State) -> System:
         return system
     slack = np.zeros(system.n_rows)
     slack[list(redundant)] = _schur_size(state, C)
-    return replace(
-        system, redundant=redundant, arrays=with_slack(system.arrays, slack)
-    )
+    return replace(system, redundant=redundant, arrays=with_slack(system.arrays, slack))
 
 
 def _schur_size(state: _State, C: Array) -> float:

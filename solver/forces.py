@@ -18,17 +18,17 @@ from formats.scene import (
     Characteristic,
     Force,
     Friction,
-    Joint,
     PointForce,
     SceneFile,
     SpringDamper,
     as_3d,
+    marker_names,
     marker_reference,
 )
 from formats.sid import Array
 
 from .functions import FunctionTable
-from .joints import normals, planar_axis, spatial_axis
+from .joints import joint_parts
 from .kernels import layout as at
 from .kernels.layout import IntTable
 from .pool import Pool
@@ -119,9 +119,7 @@ def _point_force(force: PointForce, context: _Context) -> list[Element]:
     kind = at.GIVEN if force.axes == "inertial" else at.FOLLOWING
     marker = marker_reference(force.marker)
     values = tuple(map(float, data))
-    return [
-        Element(context.name, kind, None, marker, values, Law(), context.function)
-    ]
+    return [Element(context.name, kind, None, marker, values, Law(), context.function)]
 
 
 def _spring_damper(force: SpringDamper, context: _Context) -> list[Element]:
@@ -129,44 +127,44 @@ def _spring_damper(force: SpringDamper, context: _Context) -> list[Element]:
     if force.table is not None:
         stiffness = _characteristic(force.table)
     law = Law(rest=force.rest, stiffness=stiffness, damping=_powers(force.damping))
-    return [_pair(force.markers, force.joint, law, context)]
+    return [_pair(force.markers, force.joint, force.coordinate, law, context)]
 
 
 def _actuator(force: Actuator, context: _Context) -> list[Element]:
-    return [_pair(force.markers, force.joint, Law(applied=1.0), context)]
+    law = Law(applied=1.0)
+    return [_pair(force.markers, force.joint, force.coordinate, law, context)]
 
 
 def _friction(force: Friction, context: _Context) -> list[Element]:
     viscous = _powers((force.viscous,)) if force.viscous else NOTHING
     law = Law(friction=force.force, speed=force.speed, damping=viscous)
-    return [_pair(None, force.joint, law, context)]
+    return [_pair(None, force.joint, force.coordinate, law, context)]
 
 
 def _pair(
-    markers: tuple[str, str] | None, joint: str | None, law: Law, context: _Context
+    markers: tuple[str, str] | None,
+    joint: str | None,
+    coordinate: str | None,
+    law: Law,
+    context: _Context,
 ) -> Element:
     """A force along the line between two markers, or on the coordinate of a joint."""
     if joint is None:
         assert markers is not None
-        kind, data = at.SPAN, ()
-        pair: tuple[str, str] = markers
-    else:
-        pair = context.scene.joints[joint].markers
-        kind, data = _coordinate(context.scene.joints[joint], context.planar)
-    a, b = (marker_reference(text) for text in pair)
-    return Element(context.name, kind, a, b, data, law, context.function)
+        a, b = (marker_reference(text) for text in markers)
+        return Element(context.name, at.SPAN, a, b, (), law, context.function)
+    connects = context.scene.joints[joint]
+    coordinates = joint_parts(connects, context.planar).coordinates
+    part = coordinates[coordinate or connects.coordinates[0]]
+    a, b = (marker_reference(text) for text in marker_names(connects))
+    data = tuple(map(float, part.data))
+    return Element(
+        context.name, _MEASURES[part.kind], a, b, data, law, context.function
+    )
 
 
-def _coordinate(joint: Joint, planar: bool) -> tuple[int, tuple[float, ...]]:
-    """Kind and direction of the measure that is a joint's coordinate."""
-    if joint.type == "revolute":
-        if planar:
-            return at.TWIST, ()
-        first, second = normals(spatial_axis(joint))
-        return at.TWIST, (*map(float, first), *map(float, second))
-    if planar:
-        return at.SLIDE, (planar_axis(joint),)
-    return at.SLIDE, tuple(map(float, spatial_axis(joint)))
+#: The measure that is the coordinate of a primitive constraint.
+_MEASURES = {at.ANGLE: at.TWIST, at.ALONG: at.SLIDE, at.DISTANCE: at.SPAN}
 
 
 def _bushing(force: Bushing, context: _Context) -> list[Element]:

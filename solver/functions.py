@@ -1,4 +1,4 @@
-"""Functions of time for the kernels: piecewise polynomials, in one table.
+"""Functions of time for the kernels, in one table.
 
 Drives and forces add their functions to one `FunctionTable` and keep the row, which
 `kernels.drives.drive_value` evaluates with two derivatives.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,9 +26,13 @@ from formats.scene import (
 )
 from formats.sid import Array
 
+from .callables import Derivatives, interpolate
 from .kernels import layout as at
 from .kernels.layout import IntTable
 from .pool import Pool
+
+#: A jump of a value or a rate counts as none below this part of the largest one.
+SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,45 +46,157 @@ class Pieces:
     starts: Array
     terms: Array
 
+    kind = at.POLYNOMIAL
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return len(self.starts), self.terms.shape[1]
+
+    def data(self) -> Array:
+        return np.concatenate([self.starts, self.terms.ravel()])
+
+    def breaks(self) -> list[float]:
+        return [float(t) for t in self.starts]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A smooth function in pieces, each a polynomial in x from -1 to 1.
+
+    edges : (n + 1,) growing
+    terms : (n, terms) coefficients of powers of x, lowest first
+    kinks : times at which the curve is not smooth
+    """
+
+    edges: Array
+    terms: Array
+    kinks: tuple[float, ...]
+
+    kind = at.SMOOTH
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return self.terms.shape[0], self.terms.shape[1]
+
+    def data(self) -> Array:
+        return np.concatenate([self.edges, self.terms.ravel()])
+
+    def breaks(self) -> list[float]:
+        return list(self.kinks)
+
+
+@dataclass(frozen=True)
+class Sine:
+    """offset + amplitude sin(omega t + phase)."""
+
+    offset: float
+    amplitude: float
+    omega: float
+    phase: float
+
+    kind = at.HARMONIC
+    shape = (1, 0)
+
+    def data(self) -> Array:
+        return np.array([self.offset, self.amplitude, self.omega, self.phase])
+
+    def breaks(self) -> list[float]:
+        return []
+
+
+Compiled = Pieces | Curve | Sine
+
 
 class FunctionTable:
-    """Collects functions of time; rows in the order of `add`."""
+    """Collects functions of time; rows in the order of `add`.
 
-    def __init__(self, pool: Pool) -> None:
+    Parameters
+    ----------
+    span : times [s] between which functions of a program are evaluated
+    """
+
+    def __init__(self, pool: Pool, span: tuple[float, float]) -> None:
         self._pool = pool
-        self._rows: list[tuple[int, int, int]] = []
+        self._span = span
+        self._rows: list[tuple[int, int, int, int]] = []
         self._breaks: set[float] = set()
 
-    def add(self, function: Function, place: str) -> int:
+    def add(
+        self,
+        function: Function,
+        place: str,
+        program: Derivatives | None = None,
+        smooth: bool = False,
+    ) -> int:
         """Row of a function of time; `place` is its key in the scene.
+
+        Parameters
+        ----------
+        program : callables for value and derivatives that replace the function
+        smooth : the value and the rate must not jump
 
         Raises
         ------
-        InputError : its values are left to a program that did not give them.
+        InputError : it jumps, or its values are left to a program that has none.
         """
-        pieces = compile_function(function, place)
-        data = self._pool.add(np.concatenate([pieces.starts, pieces.terms.ravel()]))
-        self._rows.append((*pieces.terms.shape, data))
-        self._breaks.update(float(t) for t in pieces.starts)
+        if program is not None:
+            compiled: Compiled = Curve(*interpolate(program, self._span, place))
+        else:
+            compiled = compile_function(function, place)
+        if smooth and isinstance(compiled, Pieces):
+            check_jumps(compiled, self._span, place)
+        data = self._pool.add(compiled.data())
+        self._rows.append((*compiled.shape, data, compiled.kind))
+        self._breaks.update(compiled.breaks())
         return len(self._rows) - 1
 
     def table(self) -> IntTable:
         """What kernels read."""
         return np.array(self._rows, np.int64).reshape(-1, at.N_DRIVE)
 
-    def breaks(self, start: float, end: float) -> tuple[float, ...]:
-        """Times inside (start, end) at which a function is not smooth, then the end."""
+    def breaks(self) -> tuple[float, ...]:
+        """Times inside the span at which a function is not smooth, then its end."""
+        start, end = self._span
         return (*sorted(t for t in self._breaks if start < t < end), end)
 
 
-def compile_function(function: Function, place: str) -> Pieces:
-    """A function of time as pieces of polynomials.
+def compile_function(function: Function, place: str) -> Compiled:
+    """A function of time in the form that kernels evaluate.
 
     Raises
     ------
-    InputError : its values are left to a program that did not give them.
+    InputError : its values are left to a program.
     """
     return _COMPILERS[type(function)](function, place)
+
+
+def check_jumps(pieces: Pieces, span: tuple[float, float], place: str) -> None:
+    """Refuses jumps of the value and of the rate inside a time span.
+
+    A jump of a prescribed position cannot be followed; a jump of its rate would need
+    an impact, which no smooth equation of motion describes.
+
+    Raises
+    ------
+    InputError : names the time and the size of the jump.
+    """
+    curves = [np.polynomial.Polynomial(c) for c in pieces.terms]
+    for order, what in enumerate(("jumps", "jumps in its rate")):
+        ends = [*pieces.starts[1:], max(span[1], pieces.starts[-1])]
+        values = [
+            (float(p.deriv(order)(0.0)), float(p.deriv(order)(end - start)))
+            for p, start, end in zip(curves, pieces.starts, ends, strict=True)
+        ]
+        largest = max(abs(v) for pair in values for v in pair)
+        for t, (left, right) in zip(pieces.starts[1:], pairwise(values), strict=True):
+            jump = right[0] - left[1]
+            if span[0] < t < span[1] and abs(jump) > SAME * largest:
+                raise InputError(
+                    f"{what} by {jump:.6g} at t = {t:.9g} s",
+                    place=place,
+                    expected="a drive whose value and rate are continuous; "
+                    "a jump in acceleration is fine",
+                )
 
 
 def _constant(function: Constant, place: str) -> Pieces:
@@ -114,8 +231,12 @@ def _spline(function: Spline, place: str) -> Pieces:
     return Pieces(spline.x[:-1], np.ascontiguousarray(spline.c[::-1].T))
 
 
-def _harmonic(function: Harmonic, place: str) -> Pieces:
-    raise InputError("harmonic functions are not compiled", place=place)
+def _harmonic(function: Harmonic, place: str) -> Sine:
+    omega = function.angular_frequency
+    if omega is None:
+        assert function.frequency is not None
+        omega = 2.0 * math.pi * function.frequency
+    return Sine(function.offset, function.amplitude, omega, function.phase)
 
 
 def _given(function: Given, place: str) -> Pieces:
@@ -126,7 +247,7 @@ def _given(function: Given, place: str) -> Pieces:
     )
 
 
-_COMPILERS: dict[type, Callable[..., Pieces]] = {
+_COMPILERS: dict[type, Callable[..., Compiled]] = {
     Constant: _constant,
     Polynomial: _polynomial,
     Harmonic: _harmonic,

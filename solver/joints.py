@@ -1,51 +1,73 @@
 """Joints as short tables of primitive constraints between two markers.
 
-A `Row` is one primitive of `kernels.layout`. One entry in `JOINTS` adds a joint.
-Directions are given in the frame of the first marker.
+One entry in `PLANAR` or `SPATIAL` adds a joint: its constraints, and for each
+coordinate that a drive may prescribe the primitive that does so. Directions are given
+in the frame of the first marker.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from formats.scene import Joint, as_3d
 from formats.sid import Array
 
-from .kernels.layout import ALONG, ANGLE, COINCIDENT, PERPENDICULAR
+from .kernels.layout import ALONG, ANGLE, COINCIDENT, DISTANCE, PERPENDICULAR
 
 
 @dataclass(frozen=True)
 class Primitive:
-    """A primitive constraint: its kind, its numbers, and whether a drive moves it."""
+    """A primitive constraint.
+
+    kind : see `kernels.layout`
+    data : its numbers
+    swapped : from the second marker to the first
+    from_start : entry of `data` that the assembled start decides, -1 for none
+    """
 
     kind: int
     data: tuple[float, ...] = ()
-    driven: bool = False
+    swapped: bool = False
+    from_start: int = -1
 
 
-def planar_primitives(joint: Joint, driven: bool) -> list[Primitive]:
-    """Primitives of a planar joint; ALONG holds the angle of its direction."""
-    return PLANAR[joint.type](planar_axis(joint), driven)
+@dataclass(frozen=True)
+class Parts:
+    """Constraints of a joint, and the primitive that measures each coordinate."""
+
+    constraints: list[Primitive]
+    coordinates: dict[str, Primitive] = field(default_factory=dict)
 
 
-def spatial_primitives(joint: Joint, driven: bool) -> list[Primitive]:
-    """Primitives of a spatial joint; directions are unit vectors."""
-    return SPATIAL[joint.type](spatial_axis(joint), driven)
+def joint_parts(joint: Joint, planar: bool) -> Parts:
+    """Primitives of a joint; in the plane ALONG holds the angle of its direction."""
+    if planar:
+        return PLANAR[joint.type](joint, planar_axis(joint))
+    return SPATIAL[joint.type](joint, spatial_axis(joint))
+
+
+def marker_coordinate(name: str, planar: bool) -> Primitive:
+    """The coordinate x, y, z or angle of a marker seen from another one."""
+    if name == "angle":
+        return Primitive(ANGLE, (0.0, 0.0))
+    if planar:
+        return _planar_along(0.0 if name == "x" else 0.5 * math.pi)
+    return _along(np.eye(3)["xyz".index(name)])
 
 
 def planar_axis(joint: Joint) -> float:
+    """Angle of a joint's direction in the first marker's frame, default x."""
     axis = getattr(joint, "axis", None)
     return math.atan2(axis[1], axis[0]) if axis else 0.0
 
 
 def spatial_axis(joint: Joint) -> Array:
     """Unit direction of a joint, in the first marker's frame."""
-    default = (0.0, 0.0, 1.0) if joint.type == "revolute" else (1.0, 0.0, 0.0)
-    axis = as_3d(getattr(joint, "axis", None) or default)
+    axis = as_3d(getattr(joint, "axis", None) or getattr(joint, "default_axis", (1.0,)))
     return axis / np.linalg.norm(axis)
 
 
@@ -57,61 +79,111 @@ def normals(axis: Array) -> tuple[Array, Array]:
     return first, np.cross(axis, first)
 
 
-_POINT = [Primitive(COINCIDENT)]
+_POINT = Primitive(COINCIDENT)
+_PLANAR_ANGLE = Primitive(ANGLE, (0.0, 0.0))
 
 
-def _planar_revolute(axis: float, driven: bool) -> list[Primitive]:
-    turn = [Primitive(ANGLE, (0.0,), driven=True)] if driven else []
-    return _POINT + turn
+def _distance(joint: Joint, axis: object) -> Parts:
+    """The driven length replaces the constant one."""
+    length = joint.length  # type: ignore[union-attr]
+    known = Primitive(DISTANCE, (length or 0.0,), from_start=-1 if length else 0)
+    return Parts([known], {"length": Primitive(DISTANCE, (0.0,))})
 
 
-def _planar_prismatic(axis: float, driven: bool) -> list[Primitive]:
-    slide = [Primitive(ALONG, (axis, 0.0), driven=True)] if driven else []
-    guide = Primitive(ALONG, (axis + 0.5 * math.pi, 0.0))
-    return [guide, Primitive(ANGLE, (0.0,)), *slide]
+def _planar_along(angle: float) -> Primitive:
+    return Primitive(ALONG, (angle, 0.0))
 
 
-PLANAR: dict[str, Callable[[float, bool], list[Primitive]]] = {
-    "fixed": lambda axis, driven: [*_POINT, Primitive(ANGLE, (0.0,))],
-    "revolute": _planar_revolute,
+def _planar_prismatic(joint: Joint, axis: float) -> Parts:
+    guide = _planar_along(axis + 0.5 * math.pi)
+    return Parts([guide, _PLANAR_ANGLE], {"displacement": _planar_along(axis)})
+
+
+def _planar_line(joint: Joint, axis: float) -> Parts:
+    guide = _planar_along(axis + 0.5 * math.pi)
+    return Parts([guide], {"displacement": _planar_along(axis)})
+
+
+PLANAR: dict[str, Callable[[Joint, float], Parts]] = {
+    "fixed": lambda joint, axis: Parts([_POINT, _PLANAR_ANGLE]),
+    "revolute": lambda joint, axis: Parts([_POINT], {"angle": _PLANAR_ANGLE}),
     "prismatic": _planar_prismatic,
-    "point_on_line": lambda axis, driven: [
-        Primitive(ALONG, (axis + 0.5 * math.pi, 0.0))
-    ],
-    "coincident": lambda axis, driven: list(_POINT),
+    "point_on_line": _planar_line,
+    "coincident": lambda joint, axis: Parts([_POINT]),
+    "distance": _distance,
 }
 
 
-def _no_rotation(about: Array | None = None) -> list[Primitive]:
-    """Perpendicular axes: all three rotations locked, or all but one about an axis."""
-    if about is None:
-        x, y, z = np.eye(3)
-        pairs = [(x, y), (y, z), (z, x)]
-    else:
-        first, second = normals(about)
-        pairs = [(first, about), (second, about)]
+def _along(axis: Array) -> Primitive:
+    return Primitive(ALONG, (*axis, 0.0, 0.0, 0.0))
+
+
+def _angle(first: Array, second: Array, swapped: bool = False) -> Primitive:
+    """Angle of the first direction of B in the plane of both directions of A."""
+    return Primitive(ANGLE, (*first, *second), swapped)
+
+
+def _perpendicular(pairs: list[tuple[Array, Array]]) -> list[Primitive]:
     return [Primitive(PERPENDICULAR, (*a, *b)) for a, b in pairs]
 
 
-def _spatial_revolute(axis: Array, driven: bool) -> list[Primitive]:
-    first, second = normals(axis)
-    turn = [Primitive(ANGLE, (*first, *second), driven=True)] if driven else []
-    return [*_POINT, *_no_rotation(axis), *turn]
+def _no_rotation() -> list[Primitive]:
+    x, y, z = np.eye(3)
+    return _perpendicular([(x, y), (y, z), (z, x)])
 
 
-def _spatial_prismatic(axis: Array, driven: bool) -> list[Primitive]:
-    slide = [Primitive(ALONG, (*axis, 0.0), driven=True)] if driven else []
-    return [*_on_line(axis), *_no_rotation(), *slide]
+def _rotation_about(axis: Array) -> list[Primitive]:
+    return _perpendicular([(normal, axis) for normal in normals(axis)])
 
 
 def _on_line(axis: Array) -> list[Primitive]:
-    return [Primitive(ALONG, (*normal, 0.0)) for normal in normals(axis)]
+    return [_along(normal) for normal in normals(axis)]
 
 
-SPATIAL: dict[str, Callable[[Array, bool], list[Primitive]]] = {
-    "fixed": lambda axis, driven: [*_POINT, *_no_rotation()],
-    "revolute": _spatial_revolute,
-    "prismatic": _spatial_prismatic,
-    "point_on_line": lambda axis, driven: _on_line(axis),
-    "coincident": lambda axis, driven: list(_POINT),
+def _revolute(joint: Joint, axis: Array) -> Parts:
+    return Parts([_POINT, *_rotation_about(axis)], {"angle": _angle(*normals(axis))})
+
+
+def _prismatic(joint: Joint, axis: Array) -> Parts:
+    return Parts([*_on_line(axis), *_no_rotation()], {"displacement": _along(axis)})
+
+
+def _cylindrical(joint: Joint, axis: Array) -> Parts:
+    coordinates = {"angle": _angle(*normals(axis)), "displacement": _along(axis)}
+    return Parts([*_on_line(axis), *_rotation_about(axis)], coordinates)
+
+
+def _universal(joint: Joint, axis: Array) -> Parts:
+    """The cross turns by angle_1 about `axis`, the second body by angle_2 on it."""
+    second = as_3d(joint.second_axis or (0.0, 1.0, 0.0))  # type: ignore[union-attr]
+    second = second / np.linalg.norm(second)
+    third = np.cross(axis, second)
+    coordinates = {
+        "angle_1": _angle(second, third),
+        "angle_2": _angle(axis, third, swapped=True),
+    }
+    return Parts([_POINT, *_perpendicular([(axis, second)])], coordinates)
+
+
+def _planar_joint(joint: Joint, axis: Array) -> Parts:
+    constraints = [_along(axis), *_rotation_about(axis)]
+    return Parts(constraints, {"angle": _angle(*normals(axis))})
+
+
+def _point_on_line(joint: Joint, axis: Array) -> Parts:
+    return Parts(_on_line(axis), {"displacement": _along(axis)})
+
+
+SPATIAL: dict[str, Callable[[Joint, Array], Parts]] = {
+    "fixed": lambda joint, axis: Parts([_POINT, *_no_rotation()]),
+    "revolute": _revolute,
+    "prismatic": _prismatic,
+    "cylindrical": _cylindrical,
+    "spherical": lambda joint, axis: Parts([_POINT]),
+    "universal": _universal,
+    "planar": _planar_joint,
+    "point_on_line": _point_on_line,
+    "point_on_plane": lambda joint, axis: Parts([_along(axis)]),
+    "coincident": lambda joint, axis: Parts([_POINT]),
+    "distance": _distance,
 }

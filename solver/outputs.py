@@ -36,9 +36,10 @@ def record(
     times: Array,
     z: Array,
     v: Array,
+    closed: Array,
 ) -> Recorded:
     """Evaluates the outputs of the scene at the given states."""
-    samples = sample(system, kernels, work, memory, times, z, v)
+    samples = sample(system, kernels, work, memory, times, z, v, closed)
     names: list[str] = []
     columns: list[Array] = []
     for text in system.scene.outputs.record:

@@ -190,6 +190,7 @@ class _Run:
             self.times[:count],
             self.control.out_z[:count],
             self.control.out_v[:count],
+            self.control.real[[stepping.NEAR, stepping.STILL]],
         )
         return Result(
             title=self.system.scene.title,

@@ -39,8 +39,12 @@ def sample(
     times: Array,
     z: Array,
     v: Array,
+    closed: Array,
 ) -> Samples:
-    """Solves eq. (3) at every recorded state."""
+    """Projects every recorded state and solves eq. (3) there.
+
+    closed : (2,) constraints are met when |c| and |dc/dt| are below
+    """
     nt = len(times)
     frames = np.zeros((nt, *work.frame.shape))
     points = np.zeros((nt, *work.point.shape))
@@ -52,10 +56,13 @@ def sample(
         system.arrays,
         work,
         memory,
+        closed,
         times,
         edges,
         z,
         v,
+        np.zeros((1, system.n_positions)),
+        np.zeros((3, system.n_velocities)),
         frames,
         points,
         accelerations,

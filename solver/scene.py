@@ -13,18 +13,32 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.scene import Joint, SceneFile, as_3d, marker_reference, parse_output
+from formats.errors import InputError
+from formats.scene import (
+    Coupling,
+    Gear,
+    Joint,
+    SceneFile,
+    as_3d,
+    driven_coordinate,
+    marker_names,
+    marker_reference,
+    parse_output,
+)
 from formats.sid import SID, Array
 
 from . import bodies as packing
 from .bodies import BodyData, body_data
+from .callables import Derivatives
+from .couplings import coupling_terms
 from .forces import Element, compile_forces, force_table
 from .functions import FunctionTable
 from .joints import (
     Primitive,
-    planar_primitives,
+    joint_parts,
+    marker_coordinate,
+    planar_axis,
     spatial_axis,
-    spatial_primitives,
 )
 from .kernels import layout as at
 from .kernels.layout import IntTable
@@ -60,6 +74,8 @@ class System:
     breaks : times at which a drive is not smooth
     length : size of the mechanism [m]
     forces : rows of the force table
+    from_start : (entry of the pool, constraint row) of constants that the assembled
+        start decides
     redundant : constraint rows that follow from the others
     """
 
@@ -72,6 +88,7 @@ class System:
     breaks: tuple[float, ...]
     length: float
     forces: tuple[Element, ...] = field(default=())
+    from_start: tuple[tuple[int, int], ...] = field(default=())
     redundant: tuple[int, ...] = field(default=())
 
     @property
@@ -106,7 +123,8 @@ class _Constraint:
     primitive: Primitive
     a: tuple[str, str]
     b: tuple[str, str]
-    drive: int
+    drive: int = -1
+    continues: bool = False  # another term of the row before
 
 
 @dataclass(frozen=True)
@@ -120,7 +138,10 @@ class _Frame:
 
 
 def build_system(
-    scene: SceneFile, folder: Path, sids: Mapping[str, SID] | None = None
+    scene: SceneFile,
+    folder: Path,
+    sids: Mapping[str, SID] | None = None,
+    drives: Mapping[str, Derivatives] | None = None,
 ) -> System:
     """Flat tables of a scene, before its initial conditions are looked at.
 
@@ -128,13 +149,19 @@ def build_system(
     ------
     InputError : a SID cannot be read, or a marker does not exist.
     """
-    return _Builder(scene, folder, dict(sids or {})).build()
+    return _Builder(scene, folder, dict(sids or {}), dict(drives or {})).build()
 
 
 class _Builder:
     """Collects the tables of one scene; used once."""
 
-    def __init__(self, scene: SceneFile, folder: Path, sids: dict[str, SID]) -> None:
+    def __init__(
+        self,
+        scene: SceneFile,
+        folder: Path,
+        sids: dict[str, SID],
+        drives: dict[str, Derivatives],
+    ) -> None:
         self.scene = scene
         self.planar = scene.dimension == "planar"
         self.pool = Pool()
@@ -143,12 +170,9 @@ class _Builder:
             for name, body in scene.bodies.items()
         }
         self.data[GROUND_NAME] = _ground(scene)
-        self.drives = {drive.joint: name for name, drive in scene.drives.items()}
-        self.functions = FunctionTable(self.pool)
-        self.drive_index = {
-            name: self.functions.add(drive.function, f"drives.{name}.function")
-            for name, drive in scene.drives.items()
-        }
+        self.driven = _driven_coordinates(scene)
+        self.functions = FunctionTable(self.pool, (scene.time.start, scene.time.end))
+        self.drive_index = self._drive_functions(drives)
         self.forces = compile_forces(scene, self.functions, self.planar)
         self.frames = self._prescribed_frames()
         self.order = self._body_order()
@@ -195,10 +219,27 @@ class _Builder:
             markers=markers,
             rows=rows,
             eliminated=self._eliminated(),
-            breaks=self.functions.breaks(self.scene.time.start, self.scene.time.end),
+            breaks=self.functions.breaks(),
             length=self._length(),
             forces=self.forces,
+            from_start=_from_start(constraints, table),
         )
+
+    def _drive_functions(self, programs: dict[str, Derivatives]) -> dict[str, int]:
+        """Row of the function of each drive."""
+        for name in programs:
+            if name not in self.scene.drives:
+                raise InputError(
+                    f"there is no drive {name!r} for a callable",
+                    place="drives",
+                    expected=", ".join(self.scene.drives) or "a drive in the scene",
+                )
+        return {
+            name: self.functions.add(
+                drive.function, f"drives.{name}.function", programs.get(name), True
+            )
+            for name, drive in self.scene.drives.items()
+        }
 
     # --- what can be left out -----------------------------------------------------
 
@@ -211,20 +252,23 @@ class _Builder:
         while grown:
             grown = False
             for name, joint in self.scene.joints.items():
-                a, b = (marker_reference(text) for text in joint.markers)
-                kept = name in wanted or self.drives.get(name) in wanted
+                if joint.type not in _PRESCRIBED:
+                    continue
+                a, b = (marker_reference(text) for text in marker_names(joint))
+                drive = next(iter(self.driven[name].values()), None)
+                kept = name in wanted or drive in wanted
                 if kept or a[0] not in known or b[0] in known:
                     continue
-                if self._carries_frame(name, joint, b):
-                    frames[b[0]] = _Frame(joint, a, b, self.drives.get(name))
+                if self._carries_frame(joint, b, drive):
+                    frames[b[0]] = _Frame(joint, a, b, drive)
                     known.add(b[0])
                     grown = True
         return frames
 
-    def _carries_frame(self, name: str, joint: Joint, tip: tuple[str, str]) -> bool:
-        if joint.type not in _PRESCRIBED:
-            return False
-        if joint.type != "fixed" and name not in self.drives:
+    def _carries_frame(
+        self, joint: Joint, tip: tuple[str, str], drive: str | None
+    ) -> bool:
+        if joint.type != "fixed" and drive is None:
             return False
         node = self.data[tip[0]].node(tip[1])
         return not (node.phi.m0.any() or node.psi.m0.any())
@@ -298,8 +342,7 @@ class _Builder:
         """Direction of a prescribed joint in its base marker."""
         if not self.planar:
             return spatial_axis(joint)
-        axis = getattr(joint, "axis", None) or (1.0, 0.0)
-        return np.array([np.arctan2(axis[1], axis[0])])
+        return np.array([planar_axis(joint)])
 
     def _frame_drive(self, name: str) -> int:
         frame = self.frames.get(name)
@@ -309,17 +352,40 @@ class _Builder:
 
     def _constraints(self) -> list[_Constraint]:
         carried = [frame.joint for frame in self.frames.values()]
-        primitives = planar_primitives if self.planar else spatial_primitives
         found = []
         for name, joint in self.scene.joints.items():
-            if any(joint is other for other in carried):
+            if isinstance(joint, Gear | Coupling):
+                found += self._coupling(name, joint)
+            elif not any(joint is other for other in carried):
+                found += self._joint(name, joint)
+        for name, drive in self.scene.drives.items():
+            if drive.marker is None:
                 continue
-            a, b = (marker_reference(text) for text in joint.markers)
-            drive = self.drives.get(name)
-            for primitive in primitives(joint, drive is not None):
-                owner = drive if primitive.driven and drive else name
-                index = self.drive_index[drive] if primitive.driven and drive else -1
-                found.append(_Constraint(owner, primitive, a, b, index))
+            part = marker_coordinate(drive.coordinate or "", self.planar)
+            a, b = marker_reference(drive.reference), marker_reference(drive.marker)
+            found.append(_Constraint(name, part, a, b, self.drive_index[name]))
+        return found
+
+    def _joint(self, name: str, joint: Joint) -> list[_Constraint]:
+        a, b = (marker_reference(text) for text in marker_names(joint))
+        parts, drives = joint_parts(joint, self.planar), self.driven[name]
+        found = [_Constraint(name, part, a, b) for part in parts.constraints]
+        if "length" in drives:
+            found = []
+        for coordinate, drive in drives.items():
+            part = parts.coordinates[coordinate]
+            first, second = (b, a) if part.swapped else (a, b)
+            index = self.drive_index[drive]
+            found.append(_Constraint(drive, part, first, second, index))
+        return found
+
+    def _coupling(self, name: str, joint: Gear | Coupling) -> list[_Constraint]:
+        found: list[_Constraint] = []
+        for other, part in coupling_terms(name, joint, self.scene.joints, self.planar):
+            texts = marker_names(self.scene.joints[other])
+            a, b = (marker_reference(text) for text in texts)
+            first, second = (b, a) if part.swapped else (a, b)
+            found.append(_Constraint(name, part, first, second, continues=bool(found)))
         return found
 
     def _markers(self, constraints: list[_Constraint]) -> dict[tuple[str, str], int]:
@@ -371,13 +437,18 @@ class _Builder:
         ]
         ends = [(markers[c.a], markers[c.b]) for c in constraints]
         owners = [tuple(int(marker[m, at.M_BODY]) for m in pair) for pair in ends]
-        order, bandwidth = reverse_cuthill_mckee(owners, counts, body[:, at.NV])
+        groups = _groups(constraints)
+        order, bandwidth = reverse_cuthill_mckee(
+            [tuple(b for i in group for b in owners[i]) for group in groups],
+            [counts[group[0]] for group in groups],
+            body[:, at.NV],
+        )
         table = np.zeros((len(constraints), at.N_CONSTRAINT), np.int64)
-        first = {}
+        first: dict[int, int] = {}
         row = 0
-        for i in order:
-            first[i] = row
-            row += counts[i]
+        for g in order:
+            first |= dict.fromkeys(groups[g], row)
+            row += counts[groups[g][0]]
         for i, c in enumerate(constraints):
             table[i, at.KIND] = c.primitive.kind
             table[i, at.ROW] = first[i]
@@ -442,4 +513,38 @@ def _segments(
 def _rows(
     constraints: list[_Constraint], first: dict[int, int], counts: list[int]
 ) -> tuple[Row, ...]:
-    return tuple(Row(c.owner, first[i], counts[i]) for i, c in enumerate(constraints))
+    return tuple(
+        Row(c.owner, first[i], counts[i])
+        for i, c in enumerate(constraints)
+        if not c.continues
+    )
+
+
+def _driven_coordinates(scene: SceneFile) -> dict[str, dict[str, str]]:
+    """Drive of each driven coordinate, for all joints."""
+    found: dict[str, dict[str, str]] = {name: {} for name in scene.joints}
+    for name, drive in scene.drives.items():
+        if drive.joint is not None:
+            found[drive.joint][driven_coordinate(drive, scene.joints)] = name
+    return found
+
+
+def _groups(constraints: list[_Constraint]) -> list[list[int]]:
+    """Constraints that share their rows."""
+    groups: list[list[int]] = []
+    for i, constraint in enumerate(constraints):
+        if constraint.continues:
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    return groups
+
+
+def _from_start(
+    constraints: list[_Constraint], table: IntTable
+) -> tuple[tuple[int, int], ...]:
+    return tuple(
+        (int(row[at.C_DATA]) + c.primitive.from_start, int(row[at.ROW]))
+        for c, row in zip(constraints, table, strict=True)
+        if c.primitive.from_start >= 0
+    )

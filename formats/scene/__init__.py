@@ -11,7 +11,7 @@ from .damping import (
     RayleighDamping,
     SidDamping,
 )
-from .drives import Drive
+from .drives import Drive, driven_coordinate
 from .file import Accuracy, Outputs, SceneFile, Time, output_times, read_scene
 from .forces import (
     Actuator,
@@ -33,7 +33,24 @@ from .functions import (
     Spline,
     coefficients,
 )
-from .joints import Coincident, Fixed, Joint, PointOnLine, Prismatic, Revolute
+from .joints import (
+    Coincident,
+    Coupling,
+    Cylindrical,
+    Distance,
+    Fixed,
+    Gear,
+    Joint,
+    PlanarJoint,
+    PointOnLine,
+    PointOnPlane,
+    Prismatic,
+    Revolute,
+    Spherical,
+    Universal,
+    coupled_coordinates,
+    marker_names,
+)
 from .outputs import OutputName, is_of_joint, marker_reference, parse_output
 
 __all__ = [
@@ -44,7 +61,10 @@ __all__ = [
     "Characteristic",
     "Coincident",
     "Constant",
+    "Coupling",
+    "Cylindrical",
     "Damping",
+    "Distance",
     "Drive",
     "ElasticInitial",
     "Fixed",
@@ -52,6 +72,7 @@ __all__ = [
     "FrequencyDamping",
     "Friction",
     "Function",
+    "Gear",
     "Given",
     "Ground",
     "Harmonic",
@@ -63,8 +84,10 @@ __all__ = [
     "Outputs",
     "Piece",
     "Placement",
+    "PlanarJoint",
     "PointForce",
     "PointOnLine",
+    "PointOnPlane",
     "Polynomial",
     "Prismatic",
     "RayleighDamping",
@@ -74,12 +97,17 @@ __all__ = [
     "SidBody",
     "SidDamping",
     "SmoothStep",
+    "Spherical",
     "Spline",
     "SpringDamper",
     "Time",
+    "Universal",
     "as_3d",
     "coefficients",
+    "coupled_coordinates",
+    "driven_coordinate",
     "is_of_joint",
+    "marker_names",
     "marker_reference",
     "output_times",
     "parse_output",

@@ -41,7 +41,7 @@ class Accuracy(Table):
 
 
 class Outputs(Table):
-    """What is recorded: BODY.QUANTITY, BODY.MARKER.QUANTITY, JOINT.QUANTITY, energy.*"""
+    """What is recorded: BODY.QUANTITY, BODY.MARKER.QUANTITY, JOINT.QUANTITY, ..."""
 
     record: tuple[str, ...] = ()
 

@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from .failures import fail, known_names
-from .forces import Bushing, Characteristic, Force, Friction, PointForce, SpringDamper
+from .forces import (
+    FORCED,
+    Bushing,
+    Characteristic,
+    Force,
+    Friction,
+    PointForce,
+    SpringDamper,
+)
 from .function_checks import check_function
+from .references import check_reference
 from .values import check_length
 
 if TYPE_CHECKING:
     from .file import SceneFile
 
-CheckReference = Callable[[str, str, "SceneFile"], None]
 
-
-def check_force(
-    force: Force, place: str, scene: SceneFile, check_reference: CheckReference
-) -> None:
+def check_force(force: Force, place: str, scene: SceneFile) -> None:
     """Raise what does not fit in a force as `InputError` with its key."""
     if isinstance(force, PointForce):
         check_reference(force.marker, f"{place}.marker", scene)
         _check_components(force, place, scene)
     elif isinstance(force, Friction):
-        _check_joint(force.joint, f"{place}.joint", scene)
+        _check_joint(force.joint, force.coordinate, place, scene)
     else:
-        _check_pair(force, place, scene, check_reference)
+        _check_pair(force, place, scene)
     if isinstance(force, SpringDamper):
         _check_spring(force, place)
     if isinstance(force, Bushing):
@@ -47,15 +51,13 @@ def _check_components(force: PointForce, place: str, scene: SceneFile) -> None:
         fail(f"{place}.torque", f"does not fit a {scene.dimension} scene", wanted)
 
 
-def _check_pair(
-    force: Force, place: str, scene: SceneFile, check_reference: CheckReference
-) -> None:
+def _check_pair(force: Force, place: str, scene: SceneFile) -> None:
     markers, joint = getattr(force, "markers", None), getattr(force, "joint", None)
     if (markers is None) == (joint is None):
         found = "both are given" if joint is not None else "neither is given"
         fail(place, found, "one of markers and joint")
     if joint is not None:
-        _check_joint(joint, f"{place}.joint", scene)
+        _check_joint(joint, getattr(force, "coordinate", None), place, scene)
         return
     assert markers is not None
     for index, text in enumerate(markers):
@@ -64,14 +66,20 @@ def _check_pair(
         fail(f"{place}.markers", "are the same", "two different markers")
 
 
-def _check_joint(name: str, place: str, scene: SceneFile) -> None:
+def _check_joint(
+    name: str, coordinate: str | None, place: str, scene: SceneFile
+) -> None:
     joint = scene.joints.get(name)
     if joint is None:
         expected = known_names(name, scene.joints, "joint")
-        fail(place, f"there is no joint {name!r}", expected)
-    if joint.type not in ("revolute", "prismatic"):
+        fail(f"{place}.joint", f"there is no joint {name!r}", expected)
+    known = [c for c in joint.coordinates if c in FORCED]
+    if not known:
         found = f"{name} is of type {joint.type}"
-        fail(place, found, "a revolute or prismatic joint")
+        fail(f"{place}.joint", found, f"a joint with {', '.join(FORCED)}")
+    if coordinate is not None and coordinate not in known:
+        found = f"{name} has no {coordinate!r} that a force can act on"
+        fail(f"{place}.coordinate", found, f"one of {', '.join(known)}")
 
 
 def _check_spring(force: SpringDamper, place: str) -> None:

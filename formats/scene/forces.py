@@ -25,7 +25,10 @@ Powers = Annotated[
     Field(min_length=1),
 ]
 _MARKERS = "two markers: the force acts on the second, and backwards on the first"
-_JOINT = "a revolute or prismatic joint instead of markers: acts on its coordinate"
+_JOINT = "a joint instead of markers: the force acts on its coordinate"
+_COORDINATE = "angle, displacement or length of the joint, default the first it has"
+#: Coordinates of joints that a force may act on.
+FORCED = ("angle", "displacement", "length")
 
 
 class Characteristic(Table):
@@ -66,6 +69,7 @@ class PointForce(_Force):
 class _Pair(_Force):
     markers: tuple[str, str] | None = Field(default=None, description=_MARKERS)
     joint: str | None = Field(default=None, description=_JOINT)
+    coordinate: str | None = Field(default=None, description=_COORDINATE)
 
 
 class SpringDamper(_Pair):
@@ -116,13 +120,14 @@ class Bushing(_Force):
 
 
 class Friction(_Force):
-    """Coulomb friction in a joint, regularised: force tanh(rate / speed) + viscous rate.
+    """Regularised Coulomb friction in a joint: force tanh(rate / speed) + viscous rate.
 
     Below `speed` a held joint creeps instead of sticking.
     """
 
     type: Literal["friction"]
-    joint: str = Field(description="a revolute or prismatic joint")
+    joint: str = Field(description="a joint with a coordinate")
+    coordinate: str | None = Field(default=None, description=_COORDINATE)
     force: float = Field(gt=0, description="limit, [N] or [N m]")
     speed: float = Field(gt=0, description="width of the regularisation")
     viscous: float = Field(default=0.0, ge=0, description="[N s/m] or [N m s/rad]")

@@ -12,21 +12,28 @@ _MARKERS = "two markers, as BODY.MARKER or ground or ground.MARKER"
 
 
 class _Joint(Table):
-    #: what the joint leaves free that a drive may prescribe
-    coordinate: ClassVar[str | None] = None
+    #: what the joint leaves free that a drive may prescribe; the first is the default
+    coordinates: ClassVar[tuple[str, ...]] = ()
     #: kinds of scene that know it
     dimensions: ClassVar[tuple[str, ...]] = ("planar", "spatial")
 
+
+class _Pair(_Joint):
     markers: tuple[str, str] = Field(description=_MARKERS)
 
 
-class _AxialJoint(_Joint):
+class _AxialJoint(_Pair):
+    #: where the axis points if the file does not say
+    default_axis: ClassVar[tuple[float, float, float]] = (1.0, 0.0, 0.0)
+    #: planar scenes know the axis already: it is z
+    axis_is_normal: ClassVar[bool] = False
+
     axis: Vector | None = Field(
         default=None, description="direction in the first marker's frame"
     )
 
 
-class Fixed(_Joint):
+class Fixed(_Pair):
     """No relative motion of the two markers."""
 
     type: Literal["fixed"]
@@ -35,30 +42,156 @@ class Fixed(_Joint):
 class Revolute(_AxialJoint):
     """Rotation about `axis`, default z. The coordinate is the angle [rad]."""
 
-    coordinate: ClassVar[str | None] = "angle"
+    coordinates: ClassVar[tuple[str, ...]] = ("angle",)
+    default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
+    axis_is_normal: ClassVar[bool] = True
     type: Literal["revolute"]
 
 
 class Prismatic(_AxialJoint):
     """Translation along `axis`, default x, no rotation; displacement [m]."""
 
-    coordinate: ClassVar[str | None] = "displacement"
+    coordinates: ClassVar[tuple[str, ...]] = ("displacement",)
     type: Literal["prismatic"]
+
+
+class Cylindrical(_AxialJoint):
+    """Rotation about and translation along `axis`, default z."""
+
+    coordinates: ClassVar[tuple[str, ...]] = ("angle", "displacement")
+    default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
+    dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
+    type: Literal["cylindrical"]
+
+
+class Spherical(_Pair):
+    """The two origins coincide; all rotations are free."""
+
+    dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
+    type: Literal["spherical"]
+
+
+class Universal(_AxialJoint):
+    """The origins coincide; `axis` of the first marker stays at right angles to
+    `second_axis` of the second one (Cardan, Hooke).
+
+    With the frames of the markers aligned both angles are zero: `angle_1` turns about
+    `axis`, `angle_2` about `second_axis`. Defaults are x and y.
+    """
+
+    coordinates: ClassVar[tuple[str, ...]] = ("angle_1", "angle_2")
+    dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
+    type: Literal["universal"]
+    second_axis: Vector | None = Field(
+        default=None,
+        description="direction in the second marker's frame, at right angles to `axis`",
+    )
+
+
+class PlanarJoint(_AxialJoint):
+    """The second marker slides on the plane through the first one across `axis`,
+    default z, and turns about it."""
+
+    coordinates: ClassVar[tuple[str, ...]] = ("angle",)
+    default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
+    dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
+    type: Literal["planar"]
 
 
 class PointOnLine(_AxialJoint):
     """The second marker's origin stays on the first one's `axis`, default x."""
 
+    coordinates: ClassVar[tuple[str, ...]] = ("displacement",)
     type: Literal["point_on_line"]
 
 
-class Coincident(_Joint):
+class PointOnPlane(_AxialJoint):
+    """The second marker's origin stays on the plane through the first one across
+    `axis`, default z; all rotations are free."""
+
+    default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
+    dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
+    type: Literal["point_on_plane"]
+
+
+class Coincident(_Pair):
     """The two origins coincide; all rotations are free."""
 
     type: Literal["coincident"]
 
 
+class Distance(_Pair):
+    """The two origins keep their distance: a massless rod with ball joints.
+
+    The distance is `length`, or that of the assembled start.
+    """
+
+    coordinates: ClassVar[tuple[str, ...]] = ("length",)
+    type: Literal["distance"]
+    length: float | None = Field(default=None, gt=0, description="[m]")
+
+
+class _Coupled(_Joint):
+    """Coordinates of other joints, angles and displacements, depend on each other."""
+
+    coordinate: tuple[str, ...] | None = Field(
+        default=None, description="one for each joint, default the first it has"
+    )
+    offset: float | None = Field(
+        default=None, description="constant of the sum, default that of the start"
+    )
+
+
+class Gear(_Coupled):
+    """The coordinate of the second joint is `ratio` times that of the first plus
+    `offset`, which is taken from the assembled start if it is not given.
+
+    Angles in spatial scenes need a ratio of whole numbers, such as of teeth.
+    """
+
+    type: Literal["gear"]
+    joints: tuple[str, str] = Field(description="names of two joints")
+    ratio: float = Field(description="negative for wheels that mesh outside")
+
+
+class Coupling(_Coupled):
+    """The sum of the coordinates of `joints`, times `weights`, is `offset`: a
+    differential, a planetary gear, a rack, a screw."""
+
+    type: Literal["coupling"]
+    joints: tuple[str, ...] = Field(min_length=2, description="names of joints")
+    weights: tuple[float, ...] = Field(description="one for each joint")
+
+
 Joint = Annotated[
-    Fixed | Revolute | Prismatic | PointOnLine | Coincident,
+    Fixed
+    | Revolute
+    | Prismatic
+    | Cylindrical
+    | Spherical
+    | Universal
+    | PlanarJoint
+    | PointOnLine
+    | PointOnPlane
+    | Coincident
+    | Distance
+    | Gear
+    | Coupling,
     Field(discriminator="type"),
 ]
+
+
+def marker_names(joint: Joint) -> tuple[str, ...]:
+    """The markers that a joint connects; a coupling has those of its joints."""
+    return getattr(joint, "markers", ())
+
+
+def coupled_coordinates(
+    joint: Gear | Coupling, joints: dict[str, Joint]
+) -> list[tuple[str, str, float]]:
+    """(joint, coordinate, weight) of each term of a coupling."""
+    weights = (-joint.ratio, 1.0) if isinstance(joint, Gear) else joint.weights
+    names = joint.coordinate or tuple(
+        joints[name].coordinates[0] for name in joint.joints
+    )
+    return list(zip(joint.joints, names, weights, strict=True))

@@ -96,13 +96,19 @@ def check_orientation(
 
 
 def elasticity(material: Material, state: str) -> Array:
-    """Isotropic elasticity matrix for the strains (xx, yy, 2 xy), (3, 3) [Pa].
+    """Isotropic elasticity matrix D [Pa].
 
     Parameters
     ----------
-    state : "plane_stress" or "plane_strain"
+    state : "plane_stress" or "plane_strain", strains (xx, yy, 2 xy), D (3, 3); or
+        "solid", strains (xx, yy, zz, 2 xy, 2 yz, 2 xz), D (6, 6)
     """
     e, nu = material.youngs_modulus, material.poissons_ratio
+    if state == "solid":
+        shear = e / (2 * (1 + nu))
+        law = np.diag([2 * shear] * 3 + [shear] * 3)
+        law[:3, :3] += 2 * shear * nu / (1 - 2 * nu)
+        return law
     if state == "plane_strain":
         e, nu = e / (1 - nu**2), nu / (1 - nu)
     shear = (1 - nu) / 2
@@ -110,20 +116,27 @@ def elasticity(material: Material, state: str) -> Array:
 
 
 def strain_matrix(gradients: Array) -> Array:
-    """(..., 3, 2 m) strains (xx, yy, 2 xy) per displacement, from (..., m, 2)."""
-    *lead, m, _ = gradients.shape
-    b = np.zeros((*lead, 3, m, 2))
-    b[..., 0, :, 0] = b[..., 2, :, 1] = gradients[..., 0]
-    b[..., 1, :, 1] = b[..., 2, :, 0] = gradients[..., 1]
-    return b.reshape(*lead, 3, 2 * m)
+    """(..., 3 or 6, d m) strains per displacement, from gradients (..., m, d).
+
+    The order of the strains is that of `elasticity`.
+    """
+    *lead, m, d = gradients.shape
+    shears = ((0, 1),) if d == 2 else ((0, 1), (1, 2), (0, 2))
+    b = np.zeros((*lead, d + len(shears), m, d))
+    for i in range(d):
+        b[..., i, :, i] = gradients[..., i]
+    for row, (i, j) in enumerate(shears, start=d):
+        b[..., row, :, i] = gradients[..., j]
+        b[..., row, :, j] = gradients[..., i]
+    return b.reshape(*lead, d + len(shears), d * m)
 
 
 def element_stiffness(batch: ElementBatch, law: Array) -> Array:
-    """(ne, 2 m, 2 m) integral of B^T D B.
+    """(ne, d m, d m) integral of B^T D B.
 
     Parameters
     ----------
-    law : (3, 3) elasticity matrix D times thickness [N/m]
+    law : elasticity matrix D [Pa], of a plane body times thickness [N/m]
     """
     b = strain_matrix(batch.gradients)
     stress = (law @ b) * batch.measures[..., None, None]
@@ -145,27 +158,51 @@ def assembled(
     density: float,
     law: Array,
     stiffness: Callable[[ElementBatch, Array], Array] = element_stiffness,
+    dimension: int = 2,
 ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Scalar mass (n, n) and stiffness (2 n, 2 n) of a plane body.
+    """Scalar mass (n, n) and stiffness (d n, d n) of a body.
 
     Parameters
     ----------
     count : number of nodes n
-    density : mass per area [kg/m^2]
-    law : (3, 3) elasticity matrix times thickness [N/m]
+    density : mass per volume [kg/m^3], of a plane body per area [kg/m^2]
+    law : elasticity matrix [Pa], of a plane body times thickness [N/m]
     stiffness : the element stiffness of a batch
+    dimension : d
     """
-    m = sp.csr_matrix((count, count))
-    k = sp.csr_matrix((2 * count, 2 * count))
+    d = dimension
+    masses, stiffnesses = _Sum(count), _Sum(d * count)
     for batch in batches:
-        m = m + _scattered(element_mass(batch, density), batch.nodes, count)
-        dofs = (2 * batch.nodes[..., None] + np.arange(2)).reshape(len(batch.nodes), -1)
-        k = k + _scattered(stiffness(batch, law), dofs, 2 * count)
-    return m, k
+        masses.add(_scattered(element_mass(batch, density), batch.nodes, count))
+        dofs = (d * batch.nodes[..., None] + np.arange(d)).reshape(len(batch.nodes), -1)
+        stiffnesses.add(_scattered(stiffness(batch, law), dofs, d * count))
+    return masses.total(), stiffnesses.total()
+
+
+class _Sum:
+    """Sparse matrices added in pairs of like size, so that none is copied often."""
+
+    def __init__(self, size: int) -> None:
+        self._parts: list[tuple[int, sp.csr_matrix]] = []
+        self._size = size
+
+    def add(self, matrix: sp.csr_matrix) -> None:
+        rank = 0
+        while self._parts and self._parts[-1][0] == rank:
+            matrix = self._parts.pop()[1] + matrix
+            rank += 1
+        self._parts.append((rank, matrix))
+
+    def total(self) -> sp.csr_matrix:
+        result = sp.csr_matrix((self._size, self._size))
+        while self._parts:
+            result = result + self._parts.pop()[1]
+        return result
 
 
 def _scattered(matrices: Array, rows: Indices, size: int) -> sp.csr_matrix:
     """Element matrices (ne, m, m) added up at their rows (ne, m)."""
-    i = np.broadcast_to(rows[:, :, None], matrices.shape).ravel()
-    j = np.broadcast_to(rows[:, None, :], matrices.shape).ravel()
+    small = rows.astype(np.int32)
+    i = np.broadcast_to(small[:, :, None], matrices.shape).ravel()
+    j = np.broadcast_to(small[:, None, :], matrices.shape).ravel()
     return sp.csr_matrix((matrices.ravel(), (i, j)), shape=(size, size))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -60,6 +60,7 @@ class FiniteElementModel:
         beams
     dof_table : (n, 6) number of the degree of freedom that is the displacement along
         x, y, z and the rotation about x, y, z of every node; -1 where there is none
+    rigid_sets : marker name -> nodes that move as one rigid piece around the marker
     """
 
     positions: Array
@@ -70,6 +71,7 @@ class FiniteElementModel:
     full_mass: sp.csr_matrix | None = None
     inertia_points: InertiaPoints | None = None
     dof_table: Indices | None = None
+    rigid_sets: Mapping[str, Indices] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
@@ -10,6 +12,9 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from formats.errors import InputError
 
+from ..frontends.finite_element_model import Indices
+from ..vectors import LEVI_CIVITA
+
 Array = NDArray[np.float64]
 
 #: Up to this size LAPACK is faster than factorisation and Lanczos.
@@ -17,7 +22,12 @@ _DENSE = 300
 
 
 def lowest_eigenpairs(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, *, shift: float = 0.0
+    stiffness: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    count: int,
+    *,
+    shift: float = 0.0,
+    constraints: Array | None = None,
 ) -> tuple[Array, Array]:
     """The `count` lowest eigenvalues, rising, and M-orthonormal eigenvectors.
 
@@ -29,6 +39,7 @@ def lowest_eigenpairs(
     ----------
     stiffness, mass : (n, n); mass positive definite, stiffness semidefinite
     shift : negative for a singular stiffness, see `free_body_shift` [1/s^2]
+    constraints : (k, n) independent conditions ``constraints @ v = 0``
 
     Returns
     -------
@@ -39,15 +50,16 @@ def lowest_eigenpairs(
     InputError : more eigenpairs than degrees of freedom are asked for, or the matrices
         are no stiffness and mass.
     """
+    rows = np.zeros((0, stiffness.shape[0])) if constraints is None else constraints
     n = stiffness.shape[0]
-    if count > n:
+    if count > n - len(rows):
         raise InputError(
-            f"{count} modes of a model with {n} free degrees of freedom",
-            expected=f"at most {n}",
+            f"{count} modes of a model with {n - len(rows)} free degrees of freedom",
+            expected=f"at most {n - len(rows)}",
         )
     solve = _dense if n <= _DENSE or count > n // 3 else _shift_invert
     try:
-        return solve(stiffness, mass, count, shift)
+        return solve(stiffness, mass, count, shift, rows)
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"the eigenproblem has no solution ({error})",
@@ -55,39 +67,67 @@ def lowest_eigenpairs(
         ) from error
 
 
-def _dense(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, _: float
-) -> tuple[Array, Array]:
-    return scipy.linalg.eigh(
-        stiffness.toarray(), mass.toarray(), subset_by_index=[0, count - 1]
-    )
-
-
-def _shift_invert(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, shift: float
-) -> tuple[Array, Array]:
-    n = stiffness.shape[0]
-    factors = splu(
-        sp.csc_matrix(stiffness - shift * mass),
+def symmetric_factors(matrix: sp.csr_matrix) -> Any:
+    """LU factors (SuperLU) of a positive definite matrix, in symmetric mode."""
+    return splu(
+        sp.csc_matrix(matrix),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
+
+
+def _dense(
+    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, _: float, rows: Array
+) -> tuple[Array, Array]:
+    basis = scipy.linalg.null_space(rows) if len(rows) else None
+    k, m = stiffness.toarray(), mass.toarray()
+    if basis is None:
+        return scipy.linalg.eigh(k, m, subset_by_index=[0, count - 1])
+    values, vectors = scipy.linalg.eigh(
+        basis.T @ k @ basis, basis.T @ m @ basis, subset_by_index=[0, count - 1]
+    )
+    return values, basis @ vectors
+
+
+def _shift_invert(
+    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, shift: float, rows: Array
+) -> tuple[Array, Array]:
+    n = stiffness.shape[0]
+    start = np.random.default_rng(0).standard_normal(n)
+    solve = _constrained_solver(symmetric_factors(stiffness - shift * mass), rows)
     _, vectors = eigsh(
         stiffness,
         k=count,
         M=mass,
         sigma=shift,
-        OPinv=LinearOperator((n, n), matvec=factors.solve, dtype=float),
-        v0=np.random.default_rng(0).standard_normal(n),
+        OPinv=LinearOperator((n, n), matvec=solve, dtype=float),
+        v0=solve(start) if len(rows) else start,
     )
     small = [vectors.T @ (matrix @ vectors) for matrix in (stiffness, mass)]
     values, mixing = scipy.linalg.eigh(*small)
     return values, vectors @ mixing
 
 
+def _constrained_solver(factors: Any, rows: Array) -> Any:
+    """b -> y with A y + rows^T lambda = b and rows y = 0, from the factors of A."""
+    if not len(rows):
+        return factors.solve
+    reactions = factors.solve(np.ascontiguousarray(rows.T))
+    flexibility = rows @ reactions
+
+    def solve(load: Array) -> Array:
+        y = factors.solve(load)
+        return y - reactions @ np.linalg.solve(flexibility, rows @ y)
+
+    return solve
+
+
 def free_body_shift(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, positions: Array
+    stiffness: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    positions: Array,
+    table: Indices | None = None,
 ) -> float:
     """A negative shift of the size of the first elastic eigenvalue [1/s^2].
 
@@ -96,14 +136,43 @@ def free_body_shift(
 
     Parameters
     ----------
-    positions : (n, d); the matrices are (d n, d n)
+    positions : (n, d)
+    table : (n, 6) degrees of freedom by node as in `FiniteElementModel.table`; by
+        default d displacements per node
     """
-    d = positions.shape[1]
-    x = (positions - positions.mean(axis=0)) / np.ptp(positions, axis=0).max()
-    squares = [x[:, a] * x[:, b] for a in range(d) for b in range(a, d)]
-    fields = np.column_stack([np.ones(len(x)), x, *squares])
-    ansatz = np.kron(fields, np.eye(d))
+    n, d = positions.shape
+    if table is None:
+        table = np.full((n, 6), -1)
+        table[:, :d] = np.arange(n * d).reshape(n, d)
+    ansatz = _quadratic_fields(positions, table, stiffness.shape[0])
     small = [ansatz.T @ (matrix @ ansatz) for matrix in (stiffness, mass)]
-    values = scipy.linalg.eigvalsh(*small)
-    rigid = d * (d + 1) // 2
-    return -float(values[rigid])
+    values, vectors = scipy.linalg.eigh(small[1])
+    kept = values > 1e-12 * values[-1]
+    basis = vectors[:, kept] / np.sqrt(values[kept])
+    values = scipy.linalg.eigvalsh(basis.T @ small[0] @ basis)
+    return -float(values[d * (d + 1) // 2])
+
+
+def _quadratic_fields(positions: Array, table: Indices, ndof: int) -> Array:
+    """(ndof, count) all quadratic displacement fields and their rotations."""
+    d = positions.shape[1]
+    length = np.ptp(positions, axis=0).max() or 1.0
+    x = (positions - positions.mean(axis=0)) / length
+    pairs = [(a, b) for a in range(d) for b in range(a, d)]
+    values = np.column_stack(
+        [np.ones(len(x)), x, *(x[:, a] * x[:, b] for a, b in pairs)]
+    )
+    slopes = np.zeros((len(x), values.shape[1], 3))
+    slopes[:, range(1, d + 1), range(d)] = 1.0 / length
+    for k, (a, b) in enumerate(pairs, d + 1):
+        slopes[:, k, a] += x[:, b] / length
+        slopes[:, k, b] += x[:, a] / length
+    motion = np.zeros((len(x), 6, values.shape[1], d))
+    for axis in range(d):
+        motion[:, axis, :, axis] = values
+        curl = np.einsum("abc,nkb->nakc", LEVI_CIVITA, slopes)[..., axis]
+        motion[:, 3:, :, axis] = curl / 2
+    fields = np.zeros((ndof, motion[0, 0].size))
+    there = table >= 0
+    fields[table[there]] = motion.reshape(*table.shape, -1)[there]
+    return fields

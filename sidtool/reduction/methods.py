@@ -1,47 +1,41 @@
-"""Reduction methods by the `reduction.method` of a model file."""
+"""Reduction methods by the `reduction.method` of a model file.
+
+A reductor takes a body, its frame and the settings, and reduces the body to a
+`ReducedBasis`, whose `reconstruct` goes back to the displacement of the whole body.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import ModalReduction
+from formats.model_reduction import (
+    AttachmentReduction,
+    CraigBamptonReduction,
+    HertingReduction,
+    KrylovReduction,
+    ModalReduction,
+)
 
 from ..frontends.finite_element_model import FiniteElementModel
-from .eigen import free_body_shift, lowest_eigenpairs
-from .frames import Frame
+from .basis import Family, ReducedBasis, finished, hertz, oriented
+from .frames import Frame, motion_names, motion_rows
+from .krylov import krylov_vectors
+from .space import Space, admissible
+from .user import user_shapes
+
+__all__ = ["REDUCTIONS", "ReducedBasis", "modal_truncation", "oriented"]
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class ReducedBasis:
-    """Shape functions of a body.
-
-    Attributes
-    ----------
-    shapes : (ndof, nq)
-    stiffness : (nq, nq) shapes^T K shapes
-    labels : nq texts for the SID
-    """
-
-    shapes: Array
-    stiffness: Array
-    labels: tuple[str, ...]
-
-    def reconstruct(self, q: ArrayLike) -> Array:
-        """The displacement of every degree of freedom, (ndof,), for q (nq,)."""
-        return self.shapes @ np.asarray(q, float)
 
 
 def modal_truncation(
     model: FiniteElementModel, frame: Frame, settings: ModalReduction
 ) -> ReducedBasis:
-    """The lowest modes of the body held in its frame, mass-normalised.
+    """The lowest elastic modes of the body as it is held, or free; mass-normalised.
 
     See `oriented` for their signs.
 
@@ -49,56 +43,135 @@ def modal_truncation(
     ------
     InputError : the model has fewer degrees of freedom than modes are asked for.
     """
-    free = np.flatnonzero(~frame.held)
-    stiffness = model.stiffness[free][:, free]
-    mass = model.mass[free][:, free]
-    shift = 0.0
-    if free.size == model.ndof:
-        shift = free_body_shift(stiffness, mass, model.positions)
-    try:
-        values, vectors = lowest_eigenpairs(
-            stiffness, mass, settings.modes, shift=shift
-        )
-    except InputError as error:
-        raise InputError(
-            error.problem, place="reduction.modes", expected=error.expected
-        ) from None
-    shapes = np.zeros((model.ndof, settings.modes))
-    shapes[free] = vectors
+    space = admissible(model, frame, settings.fixed_names)
+    values, shapes = space.modes(settings.modes)
+    if frame.rows is not None:
+        normal = Family("normal", shapes)
+        return finished(model, frame, [normal], "Eigen Mode")
     return ReducedBasis(
         shapes=oriented(shapes, model),
         stiffness=np.diag(values),
-        labels=tuple(_label(i + 1, value) for i, value in enumerate(values)),
+        labels=tuple(
+            f"Eigen Mode{i:5d} :{f:13.3f} Hz" for i, f in enumerate(hertz(values), 1)
+        ),
+        shares={"normal": np.ones(len(values))},
     )
 
 
-def oriented(shapes: Array, model: FiniteElementModel) -> Array:
-    """The same shape functions with signs that do not depend on the solver.
+def craig_bampton(
+    model: FiniteElementModel, frame: Frame, settings: CraigBamptonReduction
+) -> ReducedBasis:
+    """Constraint modes of the interfaces and modes with fixed interfaces.
 
-    A shape function is positive in the largest component of its displacement at the
-    last marker of the model file at which it moves; if it moves at none, in the
-    largest component of all.
+    Source: R. Craig, M. Bampton, "Coupling of substructures for dynamic analyses",
+    AIAA J. 6 (7), 1968.
     """
-    signs = [_sign(shape, model) for shape in shapes.T]
-    return shapes * signs
+    outer = admissible(model, frame, settings.fixed_names)
+    inner, constraint = _constraint_modes(model, outer, settings)
+    _, normal = inner.modes(settings.modes)
+    families = [Family("fixed-interface mode", normal), constraint]
+    return finished(model, frame, families, "Craig-Bampton")
 
 
-def _sign(shape: Array, model: FiniteElementModel) -> float:
-    visible = 1e-6 * np.abs(shape).max()
-    for marker in reversed(model.markers):
-        motion = marker.displacement @ shape
-        largest = motion[np.argmax(np.abs(motion))]
-        if abs(largest) > visible:
-            return np.sign(largest)
-    return np.sign(shape[np.argmax(np.abs(shape))])
+def attachment(
+    model: FiniteElementModel, frame: Frame, settings: AttachmentReduction
+) -> ReducedBasis:
+    """Normal modes, static answers to unit loads at markers, inertia-relief modes.
+
+    Source: R. Craig, "Structural Dynamics", Wiley 1981, chapter 19.
+    """
+    space = admissible(model, frame, settings.fixed_names)
+    _, normal = space.modes(settings.modes)
+    rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
+    families = [
+        Family("normal mode", normal),
+        Family("attachment mode", space.static(rows.T), names),
+    ]
+    if settings.inertia_relief:
+        families.append(_inertia_relief(model, frame, space))
+    return finished(model, frame, families, "Attachment")
 
 
-def _label(number: int, eigenvalue: float) -> str:
-    hertz = np.sqrt(max(eigenvalue, 0.0)) / (2 * np.pi)
-    return f"Eigen Mode{number:5d} :{hertz:13.3f} Hz"
+def herting(
+    model: FiniteElementModel, frame: Frame, settings: HertingReduction
+) -> ReducedBasis:
+    """Constraint modes, inertia-relief modes, and modes with free interfaces.
+
+    The normal modes enter relative to the constraint modes, which does not change the
+    space.
+
+    Source: D. Herting, "A general purpose, multi-stage, component modal synthesis
+    method", Finite Elements in Analysis and Design 1, 1985.
+    """
+    outer = admissible(model, frame, settings.fixed_names)
+    inner, constraint = _constraint_modes(model, outer, settings)
+    _, normal = outer.modes(settings.modes)
+    relief = _inertia_relief(model, frame, inner)
+    families = [Family("free-interface mode", normal), constraint, relief]
+    return finished(model, frame, families, "Herting")
 
 
-Reduction = Callable[[FiniteElementModel, Frame, ModalReduction], ReducedBasis]
+def krylov(
+    model: FiniteElementModel, frame: Frame, settings: KrylovReduction
+) -> ReducedBasis:
+    """Rational Krylov vectors that match the transfer functions between markers.
+
+    See `krylov_vectors`. Of a body that its frame accelerates, the answers to uniform
+    accelerations are matched as well.
+    """
+    space = admissible(model, frame, settings.fixed_names)
+    rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
+    loads = [rows.T]
+    if not space.rigid.shape[1]:
+        loads.append(model.mass @ model.rigid_body_modes(frame.origin))
+        names += tuple(f"acceleration {i + 1}" for i in range(loads[1].shape[1]))
+    families = [
+        Family(f"at {f:g} Hz", shapes, tuple(f"{n} at {f:g} Hz" for n in names) * m)
+        for f, shapes, m in krylov_vectors(space, np.hstack(loads), settings)
+    ]
+    return finished(model, frame, families, "Krylov")
+
+
+def _interface_rows(
+    model: FiniteElementModel, interfaces: tuple[str, ...], rotations: bool
+) -> tuple[Array, tuple[str, ...]]:
+    markers = [model.marker(name) for name in interfaces]
+    rows = [motion_rows(model, marker, rotations=rotations) for marker in markers]
+    names = [motion_names(model, marker, rotations=rotations) for marker in markers]
+    return np.vstack(rows), tuple(name for group in names for name in group)
+
+
+def _constraint_modes(
+    model: FiniteElementModel,
+    outer: Space,
+    settings: CraigBamptonReduction | HertingReduction,
+) -> tuple[Space, Family]:
+    """The space with fixed interfaces, and static answers to unit motions of these."""
+    rows, _ = _interface_rows(model, settings.interfaces, settings.rotations)
+    inner = outer.with_constraints(rows)
+    count, before = len(inner.constraints), len(outer.constraints)
+    motions = np.eye(count)[:, before:]
+    shapes = inner.static(np.zeros((model.ndof, count - before)), motions)
+    return inner, Family("constraint mode", shapes)
+
+
+def _inertia_relief(model: FiniteElementModel, frame: Frame, space: Space) -> Family:
+    """Static answers to uniform accelerations; none of a body that is free."""
+    shapes = np.zeros((model.ndof, 0))
+    if not space.rigid.shape[1]:
+        rigid = model.rigid_body_modes(frame.origin)
+        shapes = space.static(model.mass @ rigid)
+    return Family("inertia-relief mode", shapes)
+
+
+Reduction = Callable[[FiniteElementModel, Frame, Any], ReducedBasis]
 
 #: One line adds a method.
-REDUCTIONS: dict[str, Reduction] = {"modal": modal_truncation}
+REDUCTIONS: dict[str, Reduction] = {
+    "modal": modal_truncation,
+    "craig_bampton": craig_bampton,
+    "attachment": attachment,
+    "herting": herting,
+    "krylov": krylov,
+    "user": user_shapes,
+}

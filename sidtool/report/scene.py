@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from formats.scene import Body, Drive, Joint, SceneFile, SidBody, output_times
+from formats.scene import (
+    Body,
+    Drive,
+    Joint,
+    Polynomial,
+    SceneFile,
+    SidBody,
+    driven_coordinate,
+    marker_names,
+    output_times,
+)
 
 from .tables import named, plural, table
 
@@ -38,8 +48,8 @@ def describe_scene(scene: SceneFile) -> str:
         joints = [[name, *_joint(joint)] for name, joint in scene.joints.items()]
         parts.append(table(["joint", "kind", "markers", "axis"], joints))
     if scene.drives:
-        drives = [[name, *_drive(drive)] for name, drive in scene.drives.items()]
-        parts.append(table(["drive", "joint", "function"], drives))
+        drives = [[name, *_drive(drive, scene)] for name, drive in scene.drives.items()]
+        parts.append(table(["drive", "of", "coordinate", "function"], drives))
     return "\n\n".join(parts)
 
 
@@ -53,13 +63,16 @@ def _body(body: Body) -> list[str]:
 
 def _joint(joint: Joint) -> list[str]:
     axis = getattr(joint, "axis", None)
-    between = " - ".join(joint.markers)
+    between = " - ".join(marker_names(joint) or getattr(joint, "joints", ()))
     return [joint.type, between, _vector(axis) if axis else ""]
 
 
-def _drive(drive: Drive) -> list[str]:
-    pieces = plural(len(drive.function.pieces), "piece")
-    return [drive.joint, f"{drive.function.type}, {pieces}"]
+def _drive(drive: Drive, scene: SceneFile) -> list[str]:
+    function: str = drive.function.type
+    if isinstance(drive.function, Polynomial):
+        function += f", {plural(len(drive.function.pieces), 'piece')}"
+    of = drive.joint or drive.marker or ""
+    return [of, driven_coordinate(drive, scene.joints), function]
 
 
 def _vector(vector: tuple[float, ...]) -> str:

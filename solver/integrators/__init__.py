@@ -51,6 +51,24 @@ def _radau(stages: int) -> Integrator:
     return Integrator(title, 2 * stages - 1, (stages - 1) // 2, prepare)
 
 
+def _trapezoidal(
+    system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
+) -> Advance:
+    from . import trapezoidal
+
+    storage = trapezoidal.new_slopes(
+        system.n_positions, system.n_velocities, system.n_newton_rows
+    )
+    return lambda limit: trapezoidal.advance(
+        kernels, system.arrays, work, memory, control, storage, limit
+    )
+
+
 INTEGRATORS: dict[str, Integrator] = {
     "radau5": _radau(3),
+    "radau9": _radau(5),
+    "radau13": _radau(7),
+    "trapezoidal": Integrator(
+        "Trapezoidal rule, index 1, projected", 2, 0, _trapezoidal
+    ),
 }

@@ -20,11 +20,8 @@ from formats.sid import Array
 from ..kernels.compiling import entry, inner
 from ..kernels.layout import (
     C1,
-    C_RATE,
-    C_VALUE,
     F1,
     F2,
-    N_ROWS,
     SYSTEM,
     WORK,
 )
@@ -39,42 +36,39 @@ from .stepping import (
     CHUNK,
     CONTRACTION,
     CONTROL,
-    DRIFT,
-    DRIFT_RATE,
     FACTORED_STEP,
     FIXED_STEP,
-    LARGEST,
     NEAR,
     NEEDS_JACOBIAN,
+    NEWTON_LIMIT,
     NO_CONVERGENCE,
     NOT_FINITE,
     OFF_CONSTRAINTS,
-    OLD_ERROR,
     OLD_STEP,
-    OUTPUT,
-    PERIOD,
     PREDICT,
     REACHED,
     STAGE_STEP,
-    STEP,
     STILL,
-    STOP,
     TIME,
-    TOLERANCE,
     TOO_SMALL,
     accelerate,
+    after_divergence,
     all_finite,
     copy,
+    factor_real,
+    finish_step,
+    growth,
+    judge,
+    move,
+    next_step,
+    output_due,
     project,
     scaled_norm,
+    solve_real,
     take_jacobian,
+    too_small,
     update_scales,
 )
-
-NEWTON_LIMIT = 8
-SAFETY = 0.9
-#: A Jacobian is kept while Newton's iteration contracts the error this much.
-JACOBIAN_SERVES = 1e-2
 
 
 class Method(NamedTuple):
@@ -244,18 +238,7 @@ def _transform(matrix, source, out):
 def _factor(kernels, system, work, memory, method, h):
     """Factors the Newton matrices of all eigenvalues for the step h."""
     mu = method.real_eigenvalue[0] / h
-    status = kernels.factor_real(
-        system,
-        work,
-        memory,
-        mu,
-        memory.real_A,
-        memory.real_G,
-        memory.real_Y,
-        memory.real_S,
-        memory.real_pivots,
-        memory.real_row_pivots,
-    )
+    status = factor_real(kernels, system, work, memory, mu)
     for k in range(len(method.complex_eigenvalues)):
         if status != 0:
             return status
@@ -276,18 +259,13 @@ def _factor(kernels, system, work, memory, method, h):
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
 def _solve_real(kernels, system, work, memory, stages, mu):
-    """Solves (mu - J) x = (rz, rv) in place with the real factor."""
-    kernels.solve_real(
+    """Solves (mu - J) x = (rz, rv) in place."""
+    solve_real(
+        kernels,
         system,
         work,
         memory,
         mu,
-        memory.real_A,
-        memory.real_G,
-        memory.real_Y,
-        memory.real_S,
-        memory.real_pivots,
-        memory.real_row_pivots,
         stages.rz,
         stages.rv,
         stages.x,
@@ -346,13 +324,11 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
     """Solves the collocation equations; iterations used, or 0 without convergence."""
     s = len(method.c)
     t = control.real[TIME]
-    goal = max(
-        1e-14 / control.real[TOLERANCE], min(0.03, math.sqrt(control.real[TOLERANCE]))
-    )
+    control.real[CONTRACTION] = 1.0
     _predict(method, control, stages, h)
     _transform(method.TI, stages.Zz, stages.Wz)
     _transform(method.TI, stages.Zv, stages.Wv)
-    old_norm, contraction = 0.0, 0.0
+    old_norm = 0.0
     for iteration in range(NEWTON_LIMIT):
         for i in range(s):
             for k in range(len(stages.z1)):
@@ -375,15 +351,9 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
             )
             norm += size * size / s
         norm = math.sqrt(norm)
-        if not math.isfinite(norm):
+        verdict = judge(control, iteration, norm, old_norm)
+        if verdict < 0:
             return 0
-        if iteration > 0:
-            contraction = norm / old_norm
-            left = NEWTON_LIMIT - 1 - iteration
-            if contraction >= 1.0:
-                return 0
-            if contraction**left / (1.0 - contraction) * norm > goal:
-                return 0
         for i in range(s):
             for k in range(len(stages.z1)):
                 stages.Wz[i, k] += stages.Fz[i, k]
@@ -391,10 +361,7 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
                 stages.Wv[i, k] += stages.Fv[i, k]
         _transform(method.T, stages.Wz, stages.Zz)
         _transform(method.T, stages.Wv, stages.Zv)
-        if norm == 0.0 or (
-            iteration > 0 and contraction / (1.0 - contraction) * norm < goal
-        ):
-            control.real[CONTRACTION] = contraction
+        if verdict == 1:
             return iteration + 1
         old_norm = norm
     return 0
@@ -450,13 +417,11 @@ def _error(kernels, system, work, memory, method, control, stages, h, cautious):
 def _write_outputs(method, control, stages, h):
     """Dense output: the collocation polynomial at the output times inside the step."""
     s = len(method.c)
-    t = control.real[TIME]
-    slack = 1e-12 * max(h, abs(t))
-    while control.whole[OUTPUT] < len(control.times):
-        k = control.whole[OUTPUT]
-        at = (control.times[k] - t) / h
-        if control.times[k] > t + h + slack:
+    while True:
+        k = output_due(control, h)
+        if k < 0:
             return
+        at = (control.times[k] - control.real[TIME]) / h
         for n in range(len(control.z)):
             control.out_z[k, n] = control.z[n]
         for n in range(len(control.v)):
@@ -470,27 +435,6 @@ def _write_outputs(method, control, stages, h):
                 control.out_z[k, n] += weight * stages.Zz[i, n]
             for n in range(len(control.v)):
                 control.out_v[k, n] += weight * stages.Zv[i, n]
-        control.whole[OUTPUT] += 1
-
-
-@inner(float64(CONTROL, float64))
-def _next_step(control, remaining):
-    """Proposed step, stretched or halved so that the interval ends without a stub."""
-    h = min(control.real[STEP], control.real[LARGEST])
-    if h >= remaining * (1.0 - 1e-9):
-        return remaining
-    if h > 0.5 * remaining and control.whole[FIXED_STEP] == 0:
-        return 0.5 * remaining
-    return h
-
-
-@inner(float64(int64, float64, int64))
-def _growth(stages, error, iterations):
-    """Factor for the next step from the error estimate of order s."""
-    if not math.isfinite(error):
-        return 0.1
-    safety = SAFETY * (2 * NEWTON_LIMIT + 1) / (2 * NEWTON_LIMIT + iterations)
-    return min(8.0, max(0.15, safety * max(error, 1e-10) ** (-1.0 / (stages + 1))))
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, CONTROL, STAGES, float64))
@@ -518,38 +462,8 @@ def _accept(kernels, system, work, memory, method, control, stages, h):
     if status != 0:
         return status
     _write_outputs(method, control, stages, h)
-    copy(stages.z1, control.z)
-    copy(stages.v1, control.v)
-    real[TIME] += h
-    if real[STOP] - real[TIME] <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
-        real[TIME] = real[STOP]
-    for i in range(system.dims[N_ROWS]):
-        real[DRIFT] = max(real[DRIFT], abs(work.row[i, C_VALUE]))
-        real[DRIFT_RATE] = max(real[DRIFT_RATE], abs(work.row[i, C_RATE]))
+    move(system, work, control, h, stages.z1, stages.v1)
     return 0
-
-
-@inner(types.void(METHOD, CONTROL, float64, float64, int64, int64, float64))
-def _finish_step(method, control, h, error, iterations, failures, contraction):
-    """Chooses the next step (Gustafsson); says whether the Jacobian still serves."""
-    real, whole = control.real, control.whole
-    whole[PREDICT] = 1
-    whole[NEEDS_JACOBIAN] = 1 if contraction > JACOBIAN_SERVES else 0
-    if whole[FIXED_STEP] == 1:
-        real[OLD_STEP] = h
-        return
-    growth = _growth(len(method.c), error, iterations)
-    if real[OLD_STEP] > 0.0 and real[OLD_ERROR] > 0.0:
-        ratio = h / real[OLD_STEP]
-        change = (real[OLD_ERROR] / max(error, 1e-10)) ** (1.0 / (len(method.c) + 1))
-        growth = min(growth, max(0.15, growth * ratio * change))
-    if failures > 0:
-        growth = min(growth, 1.0)
-    real[OLD_STEP] = h
-    real[OLD_ERROR] = max(1e-2, error)
-    if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= growth < 1.2:
-        growth = 1.0
-    real[STEP] = h * growth
 
 
 @entry(
@@ -571,24 +485,20 @@ def advance(kernels, system, work, memory, method, control, stages, limit):
     memory. Returns one of the codes of `stepping`.
     """
     real, whole = control.real, control.whole
+    order = len(method.c)
     for _ in range(limit):
-        remaining = real[STOP] - real[TIME]
-        if remaining <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
+        h = next_step(control)
+        if h == 0.0:
             return REACHED
         update_scales(system, control)
         kernels.rate(system, control.z, control.v, stages.rate0)
         copy(memory.acceleration, stages.acc0)
-        h = _next_step(control, remaining)
-        fresh = 0
-        if whole[NEEDS_JACOBIAN] == 1:
-            take_jacobian(
-                kernels, system, work, memory, real[TIME], control.z, control.v
-            )
-            fresh = 1
-            real[FACTORED_STEP] = 0.0
+        fresh = whole[NEEDS_JACOBIAN]
+        if fresh == 1:
+            take_jacobian(kernels, system, work, memory, control)
         failures = 0
         while True:
-            if h <= 1e-13 * max(abs(real[TIME]), real[PERIOD]):
+            if too_small(control, h):
                 return TOO_SMALL
             status = 0
             if real[FACTORED_STEP] != h:
@@ -603,22 +513,14 @@ def advance(kernels, system, work, memory, method, control, stages, limit):
             if iterations == 0:
                 failures += 1
                 whole[PREDICT] = 0
-                if whole[FIXED_STEP] == 1 and (failures > 1 or fresh == 1):
+                factor = after_divergence(
+                    kernels, system, work, memory, control, fresh, failures
+                )
+                if factor == 0.0:
                     return NO_CONVERGENCE
-                if fresh == 1:
-                    h *= 0.5
-                    memory.counters[REJECTED] += 1
-                    continue
-                accelerate(
-                    kernels, system, work, memory, real[TIME], control.z, control.v
-                )
-                take_jacobian(
-                    kernels, system, work, memory, real[TIME], control.z, control.v
-                )
                 fresh = 1
-                real[FACTORED_STEP] = 0.0
+                h *= factor
                 continue
-            contraction = real[CONTRACTION]
             cautious = 1 if failures > 0 or real[OLD_STEP] == 0.0 else 0
             error = 0.0
             if whole[FIXED_STEP] == 0:
@@ -629,7 +531,7 @@ def advance(kernels, system, work, memory, method, control, stages, limit):
                 failures += 1
                 memory.counters[REJECTED] += 1
                 whole[PREDICT] = 2 if math.isfinite(error) else 0
-                h *= _growth(len(method.c), error, iterations)
+                h *= growth(order, error, iterations)
                 continue
             if _accept(kernels, system, work, memory, method, control, stages, h) == 0:
                 break
@@ -639,7 +541,8 @@ def advance(kernels, system, work, memory, method, control, stages, limit):
             if whole[FIXED_STEP] == 1:
                 return OFF_CONSTRAINTS
             h *= 0.5
-        _finish_step(method, control, h, error, iterations, failures, contraction)
+        whole[PREDICT] = 1
+        finish_step(control, order, h, error, iterations, failures)
         memory.counters[STEPS] += 1
         if not all_finite(control.z, control.v):
             return NOT_FINITE

@@ -27,7 +27,14 @@ from ..kernels.layout import (
     VEL,
     WORK,
 )
-from ..kernels.newton import EVALUATIONS, JACOBIANS, KERNELS, MEMORY, PROJECTIONS
+from ..kernels.newton import (
+    EVALUATIONS,
+    JACOBIANS,
+    KERNELS,
+    MEMORY,
+    PROJECTIONS,
+    REJECTED,
+)
 
 # Entries of Control.real
 TIME = 0  # current time
@@ -91,6 +98,11 @@ class Control(NamedTuple):
 
 
 CONTROL = types.NamedTuple([F1, I1, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2], Control)
+
+NEWTON_LIMIT = 8
+SAFETY = 0.9
+#: A Jacobian is kept while Newton's iteration contracts the error this much.
+JACOBIAN_SERVES = 1e-2
 
 #: Relative to the size of the mechanism: the elastic displacement below which the
 #: error of a deformation is not resolved any further.
@@ -168,6 +180,112 @@ def copy(source, target):
         target[i] = source[i]
 
 
+@inner(float64(CONTROL))
+def next_step(control):
+    """Proposed step, stretched or halved so that the interval ends without a stub.
+
+    Zero when the end of the interval is reached.
+    """
+    real = control.real
+    remaining = real[STOP] - real[TIME]
+    if remaining <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
+        return 0.0
+    h = min(real[STEP], real[LARGEST])
+    if h >= remaining * (1.0 - 1e-9):
+        return remaining
+    if h > 0.5 * remaining and control.whole[FIXED_STEP] == 0:
+        return 0.5 * remaining
+    return h
+
+
+@inner(boolean(CONTROL, float64))
+def too_small(control, h):
+    """Whether the time does not resolve a step."""
+    return h <= 1e-13 * max(abs(control.real[TIME]), control.real[PERIOD])
+
+
+@inner(int64(CONTROL, int64, float64, float64))
+def judge(control, iteration, norm, old_norm):
+    """What a Newton correction of scaled size `norm` says: 1 done, 0 go on, -1 stop.
+
+    The contraction of the iteration is kept in the control; 1 or more is unknown.
+    """
+    real = control.real
+    if not math.isfinite(norm):
+        return -1
+    goal = max(1e-14 / real[TOLERANCE], min(0.03, math.sqrt(real[TOLERANCE])))
+    if norm == 0.0:
+        real[CONTRACTION] = 0.0
+        return 1
+    if iteration > 0:
+        real[CONTRACTION] = norm / old_norm
+    contraction = real[CONTRACTION]
+    if contraction < 1.0 and contraction / (1.0 - contraction) * norm < goal:
+        return 1
+    if iteration == 0:
+        return 0
+    left = NEWTON_LIMIT - 1 - iteration
+    if contraction >= 1.0 or contraction**left / (1.0 - contraction) * norm > goal:
+        return -1
+    return 0
+
+
+@inner(float64(int64, float64, int64))
+def growth(order, error, iterations):
+    """Factor for the next step from an error estimate of size h^(order + 1)."""
+    if not math.isfinite(error):
+        return 0.1
+    safety = SAFETY * (2 * NEWTON_LIMIT + 1) / (2 * NEWTON_LIMIT + iterations)
+    return min(8.0, max(0.15, safety * max(error, 1e-10) ** (-1.0 / (order + 1))))
+
+
+@inner(types.void(CONTROL, int64, float64, float64, int64, int64))
+def finish_step(control, order, h, error, iterations, failures):
+    """Chooses the next step (Gustafsson); says whether the Jacobian still serves."""
+    real, whole = control.real, control.whole
+    whole[NEEDS_JACOBIAN] = 1 if real[CONTRACTION] > JACOBIAN_SERVES else 0
+    if whole[FIXED_STEP] == 1:
+        real[OLD_STEP] = h
+        return
+    factor = growth(order, error, iterations)
+    if real[OLD_STEP] > 0.0 and real[OLD_ERROR] > 0.0:
+        ratio = h / real[OLD_STEP]
+        change = (real[OLD_ERROR] / max(error, 1e-10)) ** (1.0 / (order + 1))
+        factor = min(factor, max(0.15, factor * ratio * change))
+    if failures > 0:
+        factor = min(factor, 1.0)
+    real[OLD_STEP] = h
+    real[OLD_ERROR] = max(1e-2, error)
+    if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= factor < 1.2:
+        factor = 1.0
+    real[STEP] = h * factor
+
+
+@inner(int64(CONTROL, float64))
+def output_due(control, h):
+    """The next output time inside the step, as its number, or -1."""
+    k, t = control.whole[OUTPUT], control.real[TIME]
+    slack = 1e-12 * max(h, abs(t))
+    if k == len(control.times) or control.times[k] > t + h + slack:
+        return -1
+    control.whole[OUTPUT] += 1
+    return k
+
+
+@inner(types.void(SYSTEM, WORK, CONTROL, float64, F1, F1))
+def move(system, work, control, h, z, v):
+    """Makes the state at the end of a step, just evaluated, the current one."""
+    real = control.real
+    copy(z, control.z)
+    copy(v, control.v)
+    real[TIME] += h
+    if real[STOP] - real[TIME] <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
+        real[TIME] = real[STOP]
+    for i in range(system.dims[N_ROWS]):
+        real[DRIFT] = max(real[DRIFT], abs(work.row[i, C_VALUE]))
+        real[DRIFT_RATE] = max(real[DRIFT_RATE], abs(work.row[i, C_RATE]))
+
+
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
 def accelerate(kernels, system, work, memory, t, z, v):
     """z_II' and lambda of eq. (3) with the constraints differentiated twice (index 1).
@@ -206,12 +324,69 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
     return 3
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
-def take_jacobian(kernels, system, work, memory, t, z, v):
-    """Linearises at the state that was just evaluated and solved."""
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
+def take_jacobian(kernels, system, work, memory, control):
+    """Linearises at the current state, which was just evaluated and solved."""
+    t, z, v = control.real[TIME], control.z, control.v
     kernels.linearise(system, work, t, z, v, memory.acceleration, memory.multiplier)
     kernels.remember(system, work, memory)
     memory.counters[JACOBIANS] += 1
+    control.real[FACTORED_STEP] = 0.0
+
+
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, int64, int64))
+def after_divergence(kernels, system, work, memory, control, fresh, failures):
+    """Factor for the step after Newton's iteration failed; 0 when nothing helps.
+
+    A Jacobian that is not fresh is renewed first; then the step is halved.
+    """
+    if control.whole[FIXED_STEP] == 1 and (failures > 1 or fresh == 1):
+        return 0.0
+    if fresh == 1:
+        memory.counters[REJECTED] += 1
+        return 0.5
+    accelerate(kernels, system, work, memory, control.real[TIME], control.z, control.v)
+    take_jacobian(kernels, system, work, memory, control)
+    return 1.0
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64))
+def factor_real(kernels, system, work, memory, mu):
+    """Factors mu - J for a real mu; 0 on success."""
+    return kernels.factor_real(
+        system,
+        work,
+        memory,
+        mu,
+        memory.real_A,
+        memory.real_G,
+        memory.real_Y,
+        memory.real_S,
+        memory.real_pivots,
+        memory.real_row_pivots,
+    )
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F1))
+def solve_real(kernels, system, work, memory, mu, rz, rv, x, p, g):
+    """Solves (mu - J) (dz, dv) = (rz, rv) in place with that factor."""
+    kernels.solve_real(
+        system,
+        work,
+        memory,
+        mu,
+        memory.real_A,
+        memory.real_G,
+        memory.real_Y,
+        memory.real_S,
+        memory.real_pivots,
+        memory.real_row_pivots,
+        rz,
+        rv,
+        x,
+        p,
+        g,
+    )
 
 
 @entry(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
@@ -220,15 +395,60 @@ def begin(kernels, system, work, memory, t, z, v):
     return accelerate(kernels, system, work, memory, t, z, v)
 
 
-@entry(types.void(KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F2, F2, F3, F3, F2, F2))
-def sample(kernels, system, work, memory, times, edges, z, v, frames, points, acc, lam):
-    """Evaluates and solves eq. (3) at recorded states; NaN where it is singular."""
+@entry(
+    types.void(
+        KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2
+    )
+)
+def sample(
+    kernels,
+    system,
+    work,
+    memory,
+    closed,
+    times,
+    edges,
+    z,
+    v,
+    step_z,
+    step_v,
+    frames,
+    points,
+    acc,
+    lam,
+):
+    """Projects recorded states onto the constraints and solves eq. (3) there.
+
+    Dense output meets the constraints to the tolerance of the run only; what is
+    recorded meets them to `closed` (|c|, |dc/dt|). States that cannot be projected stay
+    as they are; accelerations are NaN where eq. (3) is singular. step_z and step_v
+    are scratch, of one and three rows.
+    """
     for k in range(len(times)):
         i = 0
         while i + 2 < len(edges) and edges[i + 1] < times[k]:
             i += 1
         work.clock[0] = 0.5 * (edges[i] + edges[i + 1])
-        status = accelerate(kernels, system, work, memory, times[k], z[k], v[k])
+        copy(z[k], step_z[0])
+        copy(v[k], step_v[0])
+        status = project(
+            kernels,
+            system,
+            work,
+            memory,
+            times[k],
+            step_z[0],
+            step_v[0],
+            step_v[1],
+            step_v[2],
+            closed[0],
+            closed[1],
+        )
+        if status == 0:
+            copy(step_z[0], z[k])
+            copy(step_v[0], v[k])
+        else:
+            status = accelerate(kernels, system, work, memory, times[k], z[k], v[k])
         for b in range(work.frame.shape[0]):
             copy(work.frame[b], frames[k, b])
         for m in range(work.point.shape[0]):
@@ -236,7 +456,7 @@ def sample(kernels, system, work, memory, times, edges, z, v, frames, points, ac
         copy(memory.acceleration, acc[k])
         copy(memory.multiplier, lam[k])
         if status != 0:
-            for n in range(len(acc[k])):
+            for n in range(acc.shape[1]):
                 acc[k, n] = math.nan
-            for n in range(len(lam[k])):
+            for n in range(lam.shape[1]):
                 lam[k, n] = math.nan

@@ -75,7 +75,18 @@ ALONG = 1  # n_A . (x_B - x_A) = s(t), direction n fixed in marker A
 ANGLE = 2  # angle from A to B about their common axis = s(t)
 DISTANCE = 3  # |x_B - x_A| = L(t)
 PERPENDICULAR = 4  # a_A . b_B = 0, directions fixed in the markers (spatial)
-COUPLING = 5  # weighted sum of angles and displacements of two pairs is constant
+# Terms of one row: a weighted sum of angles and displacements is constant. The
+# constraints that share a row follow each other in System.constraint.
+COUPLED_ANGLE = 5
+COUPLED_ALONG = 6
+
+# --- numbers of a term of a coupling, after those of the direction in the pool
+W_WEIGHT = 0
+W_CONSTANT = 1  # subtracted
+W_PERIOD = 2  # the sum is known up to multiples of it, 0 for exactly
+W_FIRST = 3  # 1: the first term of its row
+TERM_PLANAR = 2  # where the term stands in the data of a constraint
+TERM_SPATIAL = 6
 
 # --- columns of System.segment: the entries of one row of C that belong to
 S_ROW = 0
@@ -83,11 +94,17 @@ S_BODY = 1
 S_OFFSET = 2  # first entry in Work.C and its likes
 N_SEGMENT = 3
 
-# --- columns of System.drive: a piecewise polynomial ----------------------
+# --- columns of System.drive: functions of time ---------------------------
 D_PIECES = 0
 D_TERMS = 1  # coefficients per piece
-D_DATA = 2  # pool: starts of the pieces, then coefficients, lowest power first
-N_DRIVE = 3
+D_DATA = 2  # pool, see the kinds
+D_KIND = 3
+N_DRIVE = 4
+
+# --- kinds of functions of time -------------------------------------------
+POLYNOMIAL = 0  # starts of the pieces, coefficients of (t - start), lowest power first
+SMOOTH = 1  # edges of the pieces, coefficients on each as on [-1, 1]: one smooth curve
+HARMONIC = 2  # offset, amplitude, angular frequency, phase
 
 # --- columns of System.force ----------------------------------------------
 F_KIND = 0

@@ -14,10 +14,9 @@ from .layout import (
     BLOCK,
     C_DATA,
     C_DRIVE,
-    C_GAMMA,
-    C_RATE,
-    C_VALUE,
     COINCIDENT,
+    COUPLED_ALONG,
+    COUPLED_ANGLE,
     DISTANCE,
     EVALUATE,
     F1,
@@ -37,7 +36,9 @@ from .layout import (
     SEG_A,
     SEG_B,
     SYSTEM,
+    TERM_PLANAR,
     VEL,
+    W_WEIGHT,
     WORK,
 )
 from .planar import (
@@ -64,6 +65,7 @@ from .planar import (
     linearise_body,
     segment,
 )
+from .rows import add_term, is_coupled, write_row
 
 
 @inner(types.void(SYSTEM, WORK, int64, float64))
@@ -71,7 +73,7 @@ def _constraint(system, work, k, t):
     con = system.constraint[k]
     kind, r = con[KIND], con[ROW]
     ma, mb = con[MARKER_A], con[MARKER_B]
-    A, B, row = work.point[ma], work.point[mb], work.row
+    A, B = work.point[ma], work.point[mb]
     s, sd, sdd = 0.0, 0.0, 0.0
     if con[C_DRIVE] >= 0:
         s, sd, sdd = drive_value(system, con[C_DRIVE], work.clock[0], t)
@@ -80,32 +82,40 @@ def _constraint(system, work, k, t):
     vx, vy = B[PVX] - A[PVX], B[PVY] - A[PVY]
     ax, ay = B[PAX] - A[PAX], B[PAY] - A[PAY]
     ex, ey, torque_a, torque_b = 1.0, 0.0, 0.0, 0.0
+    value, rate, gamma = x, vx, -ax
     if kind == COINCIDENT:
-        row[r, C_VALUE], row[r, C_RATE], row[r, C_GAMMA] = x, vx, -ax
-        row[r + 1, C_VALUE], row[r + 1, C_RATE], row[r + 1, C_GAMMA] = y, vy, -ay
-    elif kind == ALONG:
+        write_row(work, r + 1, y, vy, -ay)
+    elif kind in (ALONG, COUPLED_ALONG):
         angle = A[TH] + system.pool[data]
         w, al = A[TW], A[TA]
         ex, ey = math.cos(angle), math.sin(angle)
         along, across = ex * x + ey * y, ex * y - ey * x
         torque_a = across
-        row[r, C_VALUE] = along - s - system.pool[data + 1]
-        row[r, C_RATE] = ex * vx + ey * vy + w * across - sd
+        value = along - s - system.pool[data + 1]
+        rate = ex * vx + ey * vy + w * across - sd
         bias = ex * ax + ey * ay + 2.0 * w * (ex * vy - ey * vx)
-        row[r, C_GAMMA] = sdd - bias - al * across + w * w * along
-    elif kind == ANGLE:
+        gamma = sdd - bias - al * across + w * w * along
+    elif kind in (ANGLE, COUPLED_ANGLE):
         ex, torque_a, torque_b = 0.0, -1.0, 1.0
-        row[r, C_VALUE] = B[TH] - A[TH] - s - system.pool[data]
-        row[r, C_RATE] = B[TW] - A[TW] - sd
-        row[r, C_GAMMA] = sdd - (B[TA] - A[TA])
+        value = B[TH] - A[TH] - s - system.pool[data]
+        rate = B[TW] - A[TW] - sd
+        gamma = sdd - (B[TA] - A[TA])
     elif kind == DISTANCE:
         length = math.sqrt(x * x + y * y)
         ex, ey = x / length, y / length
         along = ex * vx + ey * vy
-        row[r, C_VALUE] = length - s - system.pool[data]
-        row[r, C_RATE] = along - sd
+        value = length - s - system.pool[data]
+        rate = along - sd
         bias = ex * ax + ey * ay + (vx * vx + vy * vy - along * along) / length
-        row[r, C_GAMMA] = sdd - bias
+        gamma = sdd - bias
+    if is_coupled(kind):
+        term = data + TERM_PLANAR
+        add_term(system, work, r, term, value, rate, gamma)
+        weight = system.pool[term + W_WEIGHT]
+        ex, ey = weight * ex, weight * ey
+        torque_a, torque_b = weight * torque_a, weight * torque_b
+    else:
+        write_row(work, r, value, rate, gamma)
     if con[SEG_A] >= 0:
         o = system.segment[con[SEG_A], S_OFFSET]
         segment(system, work, work.C, o, ma, -ex, -ey, torque_a)
@@ -282,8 +292,11 @@ def direction_stiffness(system, work, m, size, ex, ey, force, along, bend):
 def _linearise_constraint(system, work, k, v, acc, lam):
     con = system.constraint[k]
     kind, r = con[KIND], con[ROW]
-    if kind == ANGLE:
+    if kind in (ANGLE, COUPLED_ANGLE):
         return
+    weight = 1.0
+    if kind == COUPLED_ALONG:
+        weight = system.pool[con[C_DATA] + TERM_PLANAR + W_WEIGHT]
     ma, mb = con[MARKER_A], con[MARKER_B]
     A, B = work.point[ma], work.point[mb]
     size = len(work.scratch) // 2
@@ -294,12 +307,13 @@ def _linearise_constraint(system, work, k, v, acc, lam):
     bax, bay, _ = marker_acceleration(system, work, mb, acc)
     ax, ay = bax - aax, bay - aay
     ex, ey = 1.0, 0.0
-    fx, fy = lam[r], 0.0
+    load = weight * lam[r]
+    fx, fy = load, 0.0
     velx, vely, posx, posy = 0.0, 0.0, 0.0, 0.0
     turn, spin, force, along, bend = 0.0, 0.0, 0.0, 0.0, 0.0
     if kind == COINCIDENT:
         fy = lam[r + 1]
-    elif kind == ALONG:
+    elif kind in (ALONG, COUPLED_ALONG):
         angle, w = A[TH] + system.pool[con[C_DATA]], A[TW]
         ex, ey = math.cos(angle), math.sin(angle)
         along = ex * x + ey * y
@@ -309,7 +323,7 @@ def _linearise_constraint(system, work, k, v, acc, lam):
         turn = ex * ay - ey * ax - 2.0 * w * (ex * vx + ey * vy)
         turn -= al * along + w * w * across
         spin = 2.0 * (ex * vy - ey * vx) - 2.0 * w * along
-        fx, fy, force = lam[r] * ex, lam[r] * ey, lam[r]
+        fx, fy, force = load * ex, load * ey, load
     elif kind == DISTANCE:
         length = math.sqrt(x * x + y * y)
         ex, ey = x / length, y / length
@@ -320,26 +334,27 @@ def _linearise_constraint(system, work, k, v, acc, lam):
         swing = (tx * tx + ty * ty) / length
         posx = (ax - pull * ex - velx * rate - swing * ex) / length
         posy = (ay - pull * ey - vely * rate - swing * ey) / length
-        fx, fy, bend = lam[r] * ex, lam[r] * ey, -lam[r] / length
+        fx, fy, bend = load * ex, load * ey, -load / length
     for side in range(2):
         first = con[SEG_A] if side == 0 else con[SEG_B]
         if first < 0:
             continue
         m = ma if side == 0 else mb
         sign = -1.0 if side == 0 else 1.0
+        part = sign * weight
         for i in range(rows):
             o = system.segment[first + i, S_OFFSET]
             hx, hy = (ex, ey) if i == 0 else (0.0, 1.0)
-            vary_acceleration(system, work, o, m, sign * hx, sign * hy, v, acc)
+            vary_acceleration(system, work, o, m, part * hx, part * hy, v, acc)
         o = system.segment[first, S_OFFSET]
         if velx != 0.0 or vely != 0.0:
-            vary_velocity(system, work, o, m, sign * velx, sign * vely, v)
+            vary_velocity(system, work, o, m, part * velx, part * vely, v)
         if posx != 0.0 or posy != 0.0:
-            segment(system, work, work.Gp, o, m, sign * posx, sign * posy, 0.0)
+            segment(system, work, work.Gp, o, m, part * posx, part * posy, 0.0)
         force_stiffness(system, work, m, sign * fx, sign * fy)
-        if side == 0 and kind == ALONG:
-            segment(system, work, work.Gp, o, m, 0.0, 0.0, turn)
-            segment(system, work, work.Gv, o, m, 0.0, 0.0, spin)
+        if side == 0 and (kind in (ALONG, COUPLED_ALONG)):
+            segment(system, work, work.Gp, o, m, 0.0, 0.0, weight * turn)
+            segment(system, work, work.Gv, o, m, 0.0, 0.0, weight * spin)
             direction_stiffness(system, work, m, size, -ey, ex, force, along, 0.0)
         if kind == DISTANCE:
             direction_stiffness(system, work, m, size, -ey, ex, 0.0, 0.0, bend)

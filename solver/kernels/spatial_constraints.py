@@ -10,13 +10,11 @@ from .compiling import inner
 from .drives import drive_value
 from .layout import (
     ALONG,
-    ANGLE,
     C_DATA,
     C_DRIVE,
-    C_GAMMA,
-    C_RATE,
-    C_VALUE,
     COINCIDENT,
+    COUPLED_ALONG,
+    COUPLED_ANGLE,
     DISTANCE,
     EVALUATE,
     KIND,
@@ -28,8 +26,11 @@ from .layout import (
     SEG_A,
     SEG_B,
     SYSTEM,
+    TERM_SPATIAL,
+    W_WEIGHT,
     WORK,
 )
+from .rows import add_term, is_coupled, write_row
 from .spatial import (
     PA,
     PAL,
@@ -94,10 +95,27 @@ def driven_direction(system, work, k, s, sd, sdd):
     return u, rate, acc, b
 
 
+@inner(types.Tuple((VECTOR, float64))(SYSTEM, WORK, int64))
+def turned_angle(system, work, k):
+    """Axis of a coupled angle, and the angle in (-pi, pi].
+
+    It is measured from the first direction of marker A to that of marker B about the
+    axis fixed in A. Its rate is the axis times the relative angular velocity as long
+    as the direction in B stays at right angles to the axis.
+    """
+    con = system.constraint[k]
+    A, B = work.point[con[MARKER_A]], work.point[con[MARKER_B]]
+    first = load(system.pool, con[C_DATA])
+    u = rotate(A, PR, first)
+    w = rotate(A, PR, load(system.pool, con[C_DATA] + 3))
+    b = rotate(B, PR, first)
+    return cross(u, w), math.atan2(dot(w, b), dot(u, b))
+
+
 @inner(types.void(SYSTEM, WORK, int64, float64))
 def _constraint(system, work, k, t):
     con = system.constraint[k]
-    kind, r, data, row = con[KIND], con[ROW], con[C_DATA], work.row
+    kind, r, data = con[KIND], con[ROW], con[C_DATA]
     A, B, pool = work.point[con[MARKER_A]], work.point[con[MARKER_B]], system.pool
     s, sd, sdd = 0.0, 0.0, 0.0
     if con[C_DRIVE] >= 0:
@@ -108,37 +126,52 @@ def _constraint(system, work, k, t):
     wa, wb = load(A, PW), load(B, PW)
     if kind == COINCIDENT:
         for i in range(3):
-            row[r + i, C_VALUE] = x[i]
-            row[r + i, C_RATE] = v[i]
-            row[r + i, C_GAMMA] = -a[i]
+            write_row(work, r + i, x[i], v[i], -a[i])
             e = X_AXIS if i == 0 else (Y_AXIS if i == 1 else Z_AXIS)
             _write_row(system, work, k, i, times(-1.0, e), NONE, e, NONE)
-    elif kind == ALONG:
+        return
+    value, rate, gamma = 0.0, 0.0, 0.0
+    fa, ta, fb, tb = NONE, NONE, NONE, NONE
+    if kind in (ALONG, COUPLED_ALONG):
         n = rotate(A, PR, load(pool, data))
         wn = cross(wa, n)
-        row[r, C_VALUE] = dot(n, x) - s - pool[data + 3]
-        row[r, C_RATE] = dot(n, v) + dot(wn, x) - sd
+        value = dot(n, x) - s - pool[data + 3]
+        rate = dot(n, v) + dot(wn, x) - sd
         turn = plus(cross(load(A, PAL), n), cross(wa, wn))
-        row[r, C_GAMMA] = sdd - dot(n, a) - 2.0 * dot(wn, v) - dot(turn, x)
-        _write_row(system, work, k, 0, times(-1.0, n), cross(n, x), n, NONE)
+        gamma = sdd - dot(n, a) - 2.0 * dot(wn, v) - dot(turn, x)
+        fa, ta, fb = times(-1.0, n), cross(n, x), n
     elif kind == DISTANCE:
         length = math.sqrt(dot(x, x))
         n = times(1.0 / length, x)
         along = dot(n, v)
-        row[r, C_VALUE] = length - s - pool[data]
-        row[r, C_RATE] = along - sd
+        value = length - s - pool[data]
+        rate = along - sd
         swing = (dot(v, v) - along * along) / length
-        row[r, C_GAMMA] = sdd - dot(n, a) - swing
-        _write_row(system, work, k, 0, times(-1.0, n), NONE, n, NONE)
-    elif kind in (PERPENDICULAR, ANGLE):
+        gamma = sdd - dot(n, a) - swing
+        fa, fb = times(-1.0, n), n
+    elif kind == COUPLED_ANGLE:
+        n, value = turned_angle(system, work, k)
+        rate = dot(n, minus(wb, wa))
+        gamma = dot(n, minus(load(A, PAL), load(B, PAL))) - dot(cross(wa, n), wb)
+        ta, tb = times(-1.0, n), n
+    else:
         u, ud, udd, b = driven_direction(system, work, k, s, sd, sdd)
         bd = cross(wb, b)
         bdd = plus(cross(load(B, PAL), b), cross(wb, bd))
-        torque = cross(u, b)
-        row[r, C_VALUE] = dot(u, b)
-        row[r, C_RATE] = dot(ud, b) + dot(u, bd)
-        row[r, C_GAMMA] = -dot(udd, b) - 2.0 * dot(ud, bd) - dot(u, bdd)
-        _write_row(system, work, k, 0, NONE, torque, NONE, times(-1.0, torque))
+        ta = cross(u, b)
+        tb = times(-1.0, ta)
+        value = dot(u, b)
+        rate = dot(ud, b) + dot(u, bd)
+        gamma = -dot(udd, b) - 2.0 * dot(ud, bd) - dot(u, bdd)
+    if is_coupled(kind):
+        term = data + TERM_SPATIAL
+        weight = pool[term + W_WEIGHT]
+        add_term(system, work, r, term, value, rate, gamma)
+        fa, ta = times(weight, fa), times(weight, ta)
+        fb, tb = times(weight, fb), times(weight, tb)
+    else:
+        write_row(work, r, value, rate, gamma)
+    _write_row(system, work, k, 0, fa, ta, fb, tb)
 
 
 @inner(EVALUATE)

@@ -14,6 +14,8 @@ from .layout import (
     C_DATA,
     C_DRIVE,
     COINCIDENT,
+    COUPLED_ALONG,
+    COUPLED_ANGLE,
     DISTANCE,
     F1,
     KIND,
@@ -32,7 +34,9 @@ from .layout import (
     SEG_A,
     SEG_B,
     SYSTEM,
+    TERM_SPATIAL,
     VEL,
+    W_WEIGHT,
     WORK,
 )
 from .spatial import (
@@ -61,7 +65,14 @@ from .spatial import (
     segment,
     times,
 )
-from .spatial_constraints import NONE, X_AXIS, Y_AXIS, Z_AXIS, driven_direction
+from .spatial_constraints import (
+    NONE,
+    X_AXIS,
+    Y_AXIS,
+    Z_AXIS,
+    driven_direction,
+    turned_angle,
+)
 from .spatial_linear import (
     add_column,
     add_row,
@@ -271,7 +282,7 @@ def _linearise_turn(system, work, k, t, acc, lam):
 
 @inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))
 def _linearise_place(system, work, k, v, acc, lam):
-    """COINCIDENT, ALONG and DISTANCE."""
+    """COINCIDENT, ALONG and DISTANCE, and a displacement that is coupled."""
     con = system.constraint[k]
     kind, r = con[KIND], con[ROW]
     ma, mb = con[MARKER_A], con[MARKER_B]
@@ -282,10 +293,14 @@ def _linearise_place(system, work, k, v, acc, lam):
     ba, _ = marker_acceleration(system, work, mb, acc)
     a = minus(ba, aa)
     rows = 3 if kind == COINCIDENT else 1
+    weight = 1.0
+    if kind == COUPLED_ALONG:
+        weight = system.pool[con[C_DATA] + TERM_SPATIAL + W_WEIGHT]
+    single = weight * lam[r]
     n, by_v, by_x, turn, spin, length, force = X_AXIS, NONE, NONE, NONE, NONE, 1.0, NONE
     if kind == COINCIDENT:
         force = load(lam, r)
-    elif kind == ALONG:
+    elif kind in (ALONG, COUPLED_ALONG):
         n = rotate(A, PR, load(system.pool, con[C_DATA]))
         w = load(A, PW)
         wn = cross(w, n)
@@ -303,7 +318,7 @@ def _linearise_place(system, work, k, v, acc, lam):
         by_x = minus(a, plus(times(pull, n), times(along, by_v)))
         by_x = minus(by_x, times(dot(across, across) / length, n))
         by_x = times(1.0 / length, by_x)
-        force = times(lam[r], n)
+        force = times(single, n)
     for side in range(2):
         first = con[SEG_A] if side == 0 else con[SEG_B]
         if first < 0:
@@ -312,21 +327,54 @@ def _linearise_place(system, work, k, v, acc, lam):
         for i in range(rows):
             e = n if i == 0 else (Y_AXIS if i == 1 else Z_AXIS)
             o = system.segment[first + i, S_OFFSET]
-            _vary_acceleration(system, work, o, m, times(sign, e), v, acc)
+            _vary_acceleration(system, work, o, m, times(sign * weight, e), v, acc)
         if kind == COINCIDENT:
             force_stiffness(system, work, m, times(sign, force))
             continue
         o = system.segment[first, S_OFFSET]
-        vary_velocity(system, work, o, m, times(sign, by_v), v)
-        segment(system, work, work.Gp, o, m, times(sign, by_x), NONE)
+        vary_velocity(system, work, o, m, times(sign * weight, by_v), v)
+        segment(system, work, work.Gp, o, m, times(sign * weight, by_x), NONE)
         if kind == DISTANCE:
             force_stiffness(system, work, m, times(sign, force))
             swing_stiffness(system, work, m, n, -lam[r] / length)
         elif side == 0:
-            segment(system, work, work.Gp, o, m, NONE, turn)
-            segment(system, work, work.Gv, o, m, NONE, spin)
-    if kind == ALONG:
-        line_stiffness(system, work, ma, mb, n, x, lam[r])
+            segment(system, work, work.Gp, o, m, NONE, times(weight, turn))
+            segment(system, work, work.Gv, o, m, NONE, times(weight, spin))
+    if kind in (ALONG, COUPLED_ALONG):
+        line_stiffness(system, work, ma, mb, n, x, single)
+
+
+@inner(types.void(SYSTEM, WORK, int64, F1, F1))
+def _linearise_angle(system, work, k, acc, lam):
+    """A coupled angle: acceleration n . (al_B - al_A) + (w_A x n) . w_B."""
+    con = system.constraint[k]
+    ma, mb = con[MARKER_A], con[MARKER_B]
+    A, B = work.point[ma], work.point[mb]
+    weight = system.pool[con[C_DATA] + TERM_SPATIAL + W_WEIGHT]
+    n, _ = turned_angle(system, work, k)
+    _, al_b = marker_acceleration(system, work, mb, acc)
+    wb, wn = load(B, PW), cross(load(A, PW), n)
+    turn = times(weight, plus(cross(n, al_b), cross(wn, wb)))
+    if con[SEG_A] >= 0:
+        o = system.segment[con[SEG_A], S_OFFSET]
+        segment(system, work, work.Gp, o, ma, NONE, turn)
+        segment(system, work, work.Gv, o, ma, NONE, times(weight, cross(n, wb)))
+    if con[SEG_B] < 0:
+        return
+    o = system.segment[con[SEG_B], S_OFFSET]
+    segment(system, work, work.Gp, o, mb, NONE, times(-1.0, turn))
+    segment(system, work, work.Gv, o, mb, NONE, times(weight, wn))
+    b = system.marker[mb, M_BODY]
+    row = system.body[b]
+    nv, nq, rd, block = row[NV], row[NQ], row[RD], row[BLOCK]
+    if rd != 6:
+        return
+    torque = times(weight * lam[con[ROW]], rotate_back(work.frame[b], R, n))
+    add_skew(work.Rp, block + 3 * nv + 3, nv, torque, -1.0)
+    psi = system.marker[mb, M_DATA] + 12 + 3 * nq
+    for i in range(nq):
+        arm = cross(column(system.pool, psi, nq, i), torque)
+        add_row(work.Rp, block + (rd + i) * nv + 3, times(-1.0, arm))
 
 
 @inner(LINEARISE)
@@ -344,7 +392,9 @@ def linearise_constraints(system, work, t, z, v, acc, lam):
         work.Gv[i] = 0.0
     for k in range(len(system.constraint)):
         kind = system.constraint[k, KIND]
-        if kind in (COINCIDENT, ALONG, DISTANCE):
+        if kind in (COINCIDENT, ALONG, COUPLED_ALONG, DISTANCE):
             _linearise_place(system, work, k, v, acc, lam)
+        elif kind == COUPLED_ANGLE:
+            _linearise_angle(system, work, k, acc, lam)
         else:
             _linearise_turn(system, work, k, t, acc, lam)

@@ -63,7 +63,7 @@ def test_further_names_of_edges_and_several_clamps() -> None:
         ("material.poissons_ratio", -1, "material.poissons_ratio", "-1"),
         ("material.colour", "red", "material.colour", "not a known key"),
         ("geometry.thickness", -0.01, "geometry.thickness", "-0.01"),
-        ("geometry.type", "mesh", "geometry.type", "mesh"),
+        ("geometry.type", "sheet", "geometry.type", "sheet"),
         ("geometry.degrees", [0, 1], "geometry.degrees[0]", "0"),
         ("geometry.degrees", [2.5, 1], "geometry.degrees[0]", "2.5"),
         ("geometry.degrees", [3, 1], "geometry.knots[0]", "3 functions of degree 3"),

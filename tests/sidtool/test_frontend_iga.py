@@ -24,9 +24,9 @@ def free_hertz(model: ModelFile, count: int) -> np.ndarray:
     """The lowest elastic frequencies of the body that nothing holds."""
     body = finite_element_model(model)
     frame = Frame(np.zeros(3), np.zeros(body.ndof, bool))
-    settings = ModalReduction(method="modal", modes=count + 3)
+    settings = ModalReduction(method="modal", modes=count)
     basis = modal_truncation(body, frame, settings)
-    return np.sqrt(np.diag(basis.stiffness)[3:]) / (2 * np.pi)
+    return np.sqrt(np.diag(basis.stiffness)) / (2 * np.pi)
 
 
 def test_rod_gives_the_reference_numbers() -> None:

@@ -57,17 +57,16 @@ def test_the_same_matrices_give_the_same_vectors(body: FiniteElementModel) -> No
 
 @pytest.mark.parametrize("elements", [[12, 2], [60, 6]])
 def test_a_free_body_is_never_factored_unshifted(elements: list[int]) -> None:
-    """Three rigid motions at zero, then the elastic ones of LAPACK."""
+    """The elastic modes of LAPACK, without the three rigid motions."""
     body = finite_element_model(rod({"type": "q4", "elements": elements}))
     frame = Frame(np.zeros(3), np.zeros(body.ndof, bool))
-    settings = ModalReduction(method="modal", modes=6)
+    settings = ModalReduction(method="modal", modes=3)
     basis = REDUCTIONS["modal"](body, frame, settings)
-    eigenvalues = np.diag(basis.stiffness)
-    assert (np.abs(eigenvalues[:3]) < 1e-7 * eigenvalues[3]).all()
     dense = scipy.linalg.eigvalsh(
-        body.stiffness.toarray(), body.mass.toarray(), subset_by_index=[3, 5]
+        body.stiffness.toarray(), body.mass.toarray(), subset_by_index=[0, 5]
     )
-    assert_allclose(eigenvalues[3:], dense, rtol=1e-7)
+    assert (np.abs(dense[:3]) < 1e-7 * dense[3]).all()
+    assert_allclose(np.diag(basis.stiffness), dense[3:], rtol=1e-7)
 
 
 def test_the_shift_belongs_to_the_body_not_to_the_mesh() -> None:

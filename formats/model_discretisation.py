@@ -1,0 +1,128 @@
+"""How a geometry becomes degrees of freedom."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from .errors import InputError
+from .model_base import Count, Part
+
+Formulation = Literal["full_integration", "incompatible_modes"]
+Counts = tuple[Count, Count] | tuple[Count, Count, Count]
+
+
+class Q4Discretisation(Part):
+    """Bilinear quadrilaterals that sample the geometry at equal parameter steps.
+
+    `full_integration` uses 2 x 2 Gauss points; `incompatible_modes` adds the four
+    internal modes of QM6 (Taylor, Beresford & Wilson 1976), which remove the shear
+    locking in bending.
+    """
+
+    type: Literal["q4"]
+    elements: tuple[Count, Count]
+    state: Literal["plane_stress", "plane_strain"] = "plane_stress"
+    formulation: Formulation = "full_integration"
+
+
+class IgaDiscretisation(Part):
+    """The patches themselves as the basis, refined without changing the geometry.
+
+    Exactly one of these says how far each is refined; `degrees` are those of the
+    refined patch, two of a plane patch and three of a volume:
+
+    functions : basis functions per direction, on open uniform knots
+    elements : equal knot spans per direction
+    knots : the knot vectors themselves
+    """
+
+    type: Literal["iga"]
+    degrees: Counts
+    functions: Counts | None = None
+    elements: Counts | None = None
+    knots: tuple[tuple[float, ...], ...] | None = None
+    state: Literal["plane_stress", "plane_strain"] = "plane_stress"
+
+    @model_validator(mode="after")
+    def _one_target(self) -> Self:
+        targets = ("functions", "elements", "knots")
+        given = [name for name in targets if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise InputError(
+                f"gives {' and '.join(given) or 'none of ' + ', '.join(targets)}",
+                place="discretisation",
+                expected="exactly one of functions, elements, knots",
+            )
+        count = len(getattr(self, given[0]))
+        if count != len(self.degrees):
+            raise InputError(
+                f"has {count} directions, degrees has {len(self.degrees)}",
+                place=f"discretisation.{given[0]}",
+                expected="as many entries as degrees",
+            )
+        return self
+
+
+class SolidDiscretisation(Part):
+    """Solid elements that sample a volume at equal parameter steps.
+
+    `elements` counts boxes per direction; tetrahedra are six to a box. Incompatible
+    modes are for hex8.
+    """
+
+    type: Literal["hex8", "hex20", "tet4", "tet10"]
+    elements: tuple[Count, Count, Count]
+    formulation: Formulation = "full_integration"
+
+
+class BeamDiscretisation(Part):
+    """Straight two-node beam elements with cubic bending shapes.
+
+    `mass` is consistent (that of the displacement field and the turning
+    cross-sections) or lumped (half of an element as a particle with rotary inertia at
+    each of its nodes).
+    """
+
+    type: Literal["beam"]
+    elements: Count
+    theory: Literal["euler_bernoulli", "timoshenko"] = "euler_bernoulli"
+    mass: Literal["consistent", "lumped"] = "consistent"
+
+
+class MeshDiscretisation(Part):
+    """The elements of a mesh as they are."""
+
+    type: Literal["mesh"]
+    state: Literal["plane_stress", "plane_strain"] | None = Field(
+        None, description="of plane elements that do not say it themselves"
+    )
+    formulation: Formulation = "full_integration"
+
+
+class MatricesDiscretisation(Part):
+    """The matrices of a file as they are."""
+
+    type: Literal["matrices"]
+
+
+Discretisation = Annotated[
+    Q4Discretisation
+    | IgaDiscretisation
+    | SolidDiscretisation
+    | BeamDiscretisation
+    | MeshDiscretisation
+    | MatricesDiscretisation,
+    Field(discriminator="type"),
+]
+
+#: Which discretisations a geometry has.
+FITTING: dict[str, tuple[str, ...]] = {
+    "nurbs": ("q4", "iga"),
+    "nurbs_volume": ("iga", "hex8", "hex20", "tet4", "tet10"),
+    "patches": ("iga",),
+    "beam": ("beam",),
+    "mesh": ("mesh",),
+    "matrices": ("matrices",),
+}

@@ -1,0 +1,334 @@
+"""The shapes a model file can describe: patches, volumes, beams, meshes, matrices.
+
+Every geometry knows the names of its edges or faces (`edge_names`); those of a file are
+known only when it is read, so that every name is accepted here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, model_validator
+
+from .errors import InputError
+from .model_base import Count, Part, Positive
+from .model_checks import check_grid, check_knots
+
+Point2 = tuple[float, float]
+Point3 = tuple[float, float, float]
+Knots = tuple[float, ...]
+
+#: The four sides of a patch with parameters (u, v) in [0, 1]: direction, end.
+SIDES = {"left": (0, 0), "right": (0, 1), "bottom": (1, 0), "top": (1, 1)}
+#: The six faces of a volume with parameters (u, v, w).
+FACES = SIDES | {"back": (2, 0), "front": (2, 1)}
+
+
+class NamesOfFile(Mapping[str, Any]):
+    """The names in a file that has not been read yet: any name may be among them."""
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str)
+
+    def __getitem__(self, name: str) -> Any:
+        raise KeyError(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
+class NurbsGeometry(Part):
+    """A plane NURBS patch of constant thickness.
+
+    The patch maps (u, v) to (x, y). Its sides are called left (u = 0), right (u = 1),
+    bottom (v = 0) and top (v = 1), whatever the range of the knots; `edges` gives them
+    further names.
+
+    Attributes
+    ----------
+    degrees : of the two parametric directions
+    knots : per direction; open, i.e. the end knots appear degree + 1 times
+    control_points : [i][j] -> [x, y] in m; i runs along u, j along v
+    weights : [i][j], all 1 by default
+    thickness : [m]
+    edges : further name -> side
+    """
+
+    type: Literal["nurbs"]
+    degrees: tuple[Count, Count]
+    knots: tuple[Knots, Knots]
+    control_points: tuple[tuple[Point2, ...], ...] = Field(min_length=2)
+    weights: tuple[tuple[Positive, ...], ...] | None = None
+    thickness: Positive = Field(description="the thickness in m")
+    edges: dict[str, Literal["left", "right", "bottom", "top"]] = {}
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        columns = len(self.control_points[0])
+        check_grid(self.control_points, columns, "geometry.control_points")
+        if self.weights is not None:
+            rows = len(self.control_points)
+            if len(self.weights) != rows:
+                raise InputError(
+                    f"has {len(self.weights)} rows",
+                    place="geometry.weights",
+                    expected=f"{rows} rows, as control_points has",
+                )
+            check_grid(self.weights, columns, "geometry.weights")
+        counts = (len(self.control_points), columns)
+        for i in range(2):
+            place = f"geometry.knots[{i}]"
+            check_knots(self.knots[i], self.degrees[i], counts[i], place)
+        return self
+
+    @model_validator(mode="after")
+    def _sides_keep_their_names(self) -> Self:
+        _check_new_names(self.edges, SIDES)
+        return self
+
+    @property
+    def edge_names(self) -> dict[str, tuple[int, int]]:
+        """Every name of a side as (parametric direction, end)."""
+        return SIDES | {name: SIDES[side] for name, side in self.edges.items()}
+
+
+class VolumeGeometry(Part):
+    """A NURBS volume that maps (u, v, w) to (x, y, z).
+
+    Its faces are called left (u = 0), right (u = 1), bottom (v = 0), top (v = 1),
+    back (w = 0) and front (w = 1); `edges` gives them further names.
+
+    Attributes
+    ----------
+    degrees, knots : of the three parametric directions; knots as of `NurbsGeometry`
+    control_points : [i][j][k] -> [x, y, z] in m; i runs along u, j along v, k along w
+    weights : [i][j][k], all 1 by default
+    """
+
+    type: Literal["nurbs_volume"]
+    degrees: tuple[Count, Count, Count]
+    knots: tuple[Knots, Knots, Knots]
+    control_points: tuple[tuple[tuple[Point3, ...], ...], ...] = Field(min_length=2)
+    weights: tuple[tuple[tuple[Positive, ...], ...], ...] | None = None
+    edges: dict[str, Literal["left", "right", "bottom", "top", "back", "front"]] = {}
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        points = self.control_points
+        counts = (len(points), len(points[0]), len(points[0][0] if points[0] else ()))
+        for name in ("control_points", "weights"):
+            grid = getattr(self, name)
+            if grid is not None:
+                _check_box(grid, counts, f"geometry.{name}")
+        for i in range(3):
+            place = f"geometry.knots[{i}]"
+            check_knots(self.knots[i], self.degrees[i], counts[i], place)
+        _check_new_names(self.edges, FACES)
+        return self
+
+    @property
+    def edge_names(self) -> dict[str, tuple[int, int]]:
+        """Every name of a face as (parametric direction, end)."""
+        return FACES | {name: FACES[face] for name, face in self.edges.items()}
+
+
+class PatchesGeometry(Part):
+    """Several NURBS patches of one file, joined along matching sides.
+
+    The file is a patch file of ours, a geomdl JSON file or a G+Smo XML file; see
+    `sidtool.importers.patches`. The sides of patch NAME are called NAME.left and so
+    on; `edges` gives names to one or several of them.
+
+    Attributes
+    ----------
+    thickness : of plane patches [m]
+    tolerance : control points closer than this, relative to the size of the part, are
+        the same
+    """
+
+    type: Literal["patches"]
+    file: str
+    thickness: Positive | None = None
+    edges: dict[str, tuple[str, ...]] = {}
+    tolerance: Positive = 1e-9
+
+    @property
+    def edge_names(self) -> Mapping[str, Any]:
+        """Those of the file, which is not read here."""
+        return NamesOfFile()
+
+
+class RectangularSection(Part):
+    """A rectangular cross-section that may vary along a beam.
+
+    One number holds everywhere; several, at equal steps from start to end, are
+    interpolated by the polynomial through them.
+
+    Attributes
+    ----------
+    height : along the local y axis [m]
+    width : along the local z axis [m]
+    """
+
+    shape: Literal["rectangle"]
+    height: Positive | tuple[Positive, ...]
+    width: Positive | tuple[Positive, ...]
+
+
+class GeneralSection(Part):
+    """A constant cross-section given by its properties.
+
+    Attributes
+    ----------
+    area [m^2]; iy, iz : second moments of area about the local y and z axes [m^4];
+    torsion : torsion constant [m^4], by default iy + iz
+    shear_y, shear_z : shear areas divided by the area
+    """
+
+    shape: Literal["general"]
+    area: Positive
+    iy: Positive
+    iz: Positive
+    torsion: Positive | None = None
+    shear_y: Positive = 5 / 6
+    shear_z: Positive = 5 / 6
+
+
+class LumpedMass(Part):
+    """A rigid particle fixed to a beam.
+
+    Attributes
+    ----------
+    at : fraction of the length of the beam
+    mass : [kg]
+    inertia : [xx, yy, zz] about its own centre [kg m^2]
+    """
+
+    at: float = Field(ge=0, le=1)
+    mass: Positive
+    inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class BeamGeometry(Part):
+    """A straight beam. Its ends are called start and end.
+
+    Attributes
+    ----------
+    start, end : [x, y, z] in m
+    y_axis : direction of the local y axis, made perpendicular to the beam
+    """
+
+    type: Literal["beam"]
+    start: Point3
+    end: Point3
+    y_axis: Point3 = (0.0, 1.0, 0.0)
+    section: Annotated[
+        RectangularSection | GeneralSection, Field(discriminator="shape")
+    ]
+    masses: tuple[LumpedMass, ...] = ()
+
+    @property
+    def edge_names(self) -> dict[str, tuple[int, int]]:
+        """start and end."""
+        return {"start": (0, 0), "end": (0, 1)}
+
+
+class MeshGeometry(Part):
+    """A mesh of another program: .inp, .msh, .bdf or .cdb, told by its ending.
+
+    Attributes
+    ----------
+    file : relative to the model file
+    unit : length of one unit of the mesh [m]
+    thickness : of plane elements [m]
+    """
+
+    type: Literal["mesh"]
+    file: str
+    unit: Positive = 1.0
+    thickness: Positive | None = None
+
+    @property
+    def edge_names(self) -> Mapping[str, Any]:
+        """Those of the file, which is not read here."""
+        return NamesOfFile()
+
+
+class MatricesGeometry(Part):
+    """Mass and stiffness matrices of another program with a table of nodes.
+
+    Attributes
+    ----------
+    stiffness, mass : CalculiX .sti/.mas, Abaqus .mtx, MatrixMarket .mtx
+    nodes : the nodes: a mesh file, or a table of lines `number x y z`
+    dofs : CalculiX .dof, which names the rows; not needed where rows name themselves
+    file : instead of all these, an .npz or .h5 file with the arrays stiffness, mass,
+        nodes and dofs
+    expected_mass : [kg], checked against the matrix
+    """
+
+    type: Literal["matrices"]
+    stiffness: str | None = None
+    mass: str | None = None
+    nodes: str | None = None
+    dofs: str | None = None
+    file: str | None = None
+    expected_mass: Positive | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        parts = (self.stiffness, self.mass, self.nodes)
+        given = [part is not None for part in parts]
+        if self.file is None and all(given):
+            return self
+        if self.file is not None and not any(given) and self.dofs is None:
+            return self
+        raise InputError(
+            "the files do not make a set",
+            place="geometry",
+            expected="either file, or stiffness, mass and nodes",
+        )
+
+    @property
+    def edge_names(self) -> Mapping[str, Any]:
+        """Those of the file, which is not read here."""
+        return NamesOfFile()
+
+
+Geometry = Annotated[
+    NurbsGeometry
+    | VolumeGeometry
+    | PatchesGeometry
+    | BeamGeometry
+    | MeshGeometry
+    | MatricesGeometry,
+    Field(discriminator="type"),
+]
+
+
+def _check_new_names(names: Iterable[str], taken: Mapping[str, object]) -> None:
+    for name in names:
+        if name in taken:
+            raise InputError(
+                "is the name of a side already",
+                place=f"geometry.edges.{name}",
+                expected=f"a name other than {', '.join(taken)}",
+            )
+
+
+def _check_box(
+    grid: tuple[tuple[tuple[Any, ...], ...], ...],
+    counts: tuple[int, int, int],
+    place: str,
+) -> None:
+    if len(grid) != counts[0]:
+        raise InputError(
+            f"has {len(grid)} layers", place=place, expected=f"{counts[0]} layers"
+        )
+    check_grid(grid, counts[1], place)
+    for i, layer in enumerate(grid):
+        check_grid(layer, counts[2], f"{place}[{i}]")

@@ -1,0 +1,307 @@
+"""The tables of a model file that choose shape functions and their frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from .model_base import Count, Names, NonNegative, Part, several
+from .model_checks import check_name
+
+Modes = Annotated[int, Field(ge=0, description="the number of modes, 0 or more")]
+
+
+class TangentFrame(Part):
+    """A frame that moves and turns with a marker; its axes are the global ones.
+
+    Attributes
+    ----------
+    marker : where the frame sits
+    clamp : edges or node sets that rest in the frame, the marker among them. Without
+        them the marker's own displacement and rotation define the frame.
+    """
+
+    type: Literal["tangent"]
+    marker: str
+    clamp: Names = ()
+
+    @property
+    def clamped_edges(self) -> tuple[str, ...]:
+        """The names of the edges that do not deform in this frame."""
+        return several(self.clamp)
+
+    @property
+    def marker_names(self) -> tuple[str, ...]:
+        """The markers that define the frame."""
+        return (self.marker,)
+
+
+class ChordFrame(Part):
+    """A frame on the first marker whose direction to the second one stays fixed.
+
+    In space it does not turn about that direction relative to the first marker.
+    """
+
+    type: Literal["chord"]
+    markers: tuple[str, str]
+
+    @property
+    def clamped_edges(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    @property
+    def marker_names(self) -> tuple[str, ...]:
+        """The markers that define the frame."""
+        return self.markers
+
+
+class BuckensFrame(Part):
+    """Mean axes (Buckens, Tisserand): deforming carries no momentum relative to them.
+
+    Attributes
+    ----------
+    marker : the frame's origin is where this marker is in the undeformed body; the
+        centre of mass by default
+    """
+
+    type: Literal["buckens"]
+    marker: str | None = None
+
+    @property
+    def clamped_edges(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    @property
+    def marker_names(self) -> tuple[str, ...]:
+        """The markers that define the frame."""
+        return () if self.marker is None else (self.marker,)
+
+
+FrameSettings = Annotated[
+    TangentFrame | ChordFrame | BuckensFrame, Field(discriminator="type")
+]
+
+
+class ReductionPart(Part):
+    """What all reduction methods have in common.
+
+    Attributes
+    ----------
+    fix : edges, node sets or markers that do not move while shape functions are
+        computed, besides those that the frame clamps
+    """
+
+    fix: Names = ()
+
+    @property
+    def fixed_names(self) -> tuple[str, ...]:
+        """The names in `fix`."""
+        return several(self.fix)
+
+    @property
+    def interface_names(self) -> tuple[str, ...]:
+        """The markers that the method loads or moves."""
+        return ()
+
+
+class ModalReduction(ReductionPart):
+    """The lowest modes of the body as its frame (and `fix`) hold it, or free."""
+
+    method: Literal["modal"]
+    modes: Count = Field(description="the number of modes to keep")
+
+
+class InterfaceReduction(ReductionPart):
+    """A method with static shape functions for markers.
+
+    Attributes
+    ----------
+    interfaces : the markers that joints and forces will use
+    modes : normal modes in addition
+    rotations : whether the rotations of the markers are interface coordinates too
+    """
+
+    interfaces: tuple[str, ...] = Field(min_length=1)
+    modes: Modes = 0
+    rotations: bool = True
+
+    @property
+    def interface_names(self) -> tuple[str, ...]:
+        """The markers that the method loads or moves."""
+        return self.interfaces
+
+
+class CraigBamptonReduction(InterfaceReduction):
+    """Constraint modes of the interfaces and modes with fixed interfaces."""
+
+    method: Literal["craig_bampton"]
+
+
+class AttachmentReduction(InterfaceReduction):
+    """Static answers to unit loads at markers, inertia-relief and normal modes.
+
+    Attributes
+    ----------
+    inertia_relief : whether to add the static answers to uniform accelerations, which
+        only a body that is held somewhere has
+    """
+
+    method: Literal["attachment"]
+    inertia_relief: bool = True
+
+
+class HertingReduction(InterfaceReduction):
+    """Constraint modes, inertia-relief modes and modes with free interfaces."""
+
+    method: Literal["herting"]
+
+
+class KrylovReduction(ReductionPart):
+    """Answers to loads at markers around given frequencies, and their derivatives.
+
+    Attributes
+    ----------
+    interfaces : the markers whose transfer functions are matched
+    frequencies : expansion points [Hz]
+    moments : vectors per load and expansion point
+    rotations : whether moments at the markers are loads too
+    """
+
+    method: Literal["krylov"]
+    interfaces: tuple[str, ...] = Field(min_length=1)
+    frequencies: tuple[NonNegative, ...] = Field(min_length=1)
+    moments: Count = 1
+    rotations: bool = True
+
+    @property
+    def interface_names(self) -> tuple[str, ...]:
+        """The markers that the method loads or moves."""
+        return self.interfaces
+
+
+class UserReduction(ReductionPart):
+    """Shape functions from a file, one per column, one row per degree of freedom.
+
+    Attributes
+    ----------
+    file : .npy, .npz, .mtx, .h5 or .hdf5; relative to the model file
+    name : of the array in an .npz or HDF5 file with several
+    """
+
+    method: Literal["user"]
+    file: str
+    name: str | None = None
+
+
+ReductionSettings = Annotated[
+    ModalReduction
+    | CraigBamptonReduction
+    | AttachmentReduction
+    | HertingReduction
+    | KrylovReduction
+    | UserReduction,
+    Field(discriminator="method"),
+]
+
+
+class Tie(Part):
+    """A marker that follows many nodes instead of the material at one point.
+
+    Attributes
+    ----------
+    type : "rigid" makes the nodes one rigid piece (RBE2); "distributing" takes their
+        mean motion and spreads loads over them (RBE3)
+    to : edges or node sets
+    """
+
+    type: Literal["rigid", "distributing"]
+    to: Names
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names in `to`."""
+        return several(self.to)
+
+
+Vector = tuple[float, ...]
+
+
+class Prestress(Part):
+    """A stress state of the undeformed body.
+
+    Attributes
+    ----------
+    stress : uniform stress (xx, yy, xy), in space (xx, yy, zz, xy, xz, yz) [Pa]
+    forces : marker -> constant force, which a scene applies as well [N]
+    moments : marker -> constant moment: about z, in space about x, y, z [N m]
+    """
+
+    stress: Vector | None = None
+    forces: Mapping[str, Vector] = {}
+    moments: Mapping[str, Vector] = {}
+
+    @property
+    def marker_names(self) -> tuple[str, ...]:
+        """The loaded markers."""
+        return (*self.forces, *self.moments)
+
+
+class Stiffening(Part):
+    """Geometric stiffening: which loads change the stiffness of the body.
+
+    Attributes
+    ----------
+    acceleration : of the frame, and gravity (Ct m1)
+    angular_acceleration : of the frame (Cr m1)
+    centrifugal : rotation of the frame (Oe m1)
+    markers : at which forces and moments stiffen (phi m1, psi m1); all by default
+    prestress : stress of the undeformed body (ksigma, Ke)
+    """
+
+    acceleration: bool = True
+    angular_acceleration: bool = True
+    centrifugal: bool = True
+    markers: tuple[str, ...] | None = None
+    prestress: Prestress | None = None
+
+    @property
+    def marker_names(self) -> tuple[str, ...]:
+        """Every marker that is named here."""
+        loaded = () if self.prestress is None else self.prestress.marker_names
+        return (*(self.markers or ()), *loaded)
+
+
+class StressRecovery(Part):
+    """Where a simulation can tell the stress.
+
+    Attributes
+    ----------
+    markers : that carry sigma rows; all by default
+    peak_points : further nodes where the stress can be largest, for the peak over the
+        body
+    first_node : number of the first of them
+    """
+
+    markers: tuple[str, ...] | None = None
+    peak_points: Modes = 0
+    first_node: int = Field(default=10001, ge=1, le=99999)
+
+
+def check_reduction(
+    reduction: ReductionPart, markers: Iterable[str], sets: Iterable[str]
+) -> None:
+    """Whether a reduction names markers and sets that there are.
+
+    Raises
+    ------
+    InputError : it does not.
+    """
+    known = tuple(markers)
+    for name in reduction.interface_names:
+        check_name(name, known, "marker", "reduction.interfaces")
+    for name in reduction.fixed_names:
+        check_name(name, (*sets, *known), "edge, node set or marker", "reduction.fix")

@@ -1,0 +1,191 @@
+"""Meshes of solid elements, and what must hold before they are integrated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from formats.errors import InputError
+
+from .reference_elements import edge_nodes, reference_element
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class ElementBlock:
+    """Elements of one kind.
+
+    Attributes
+    ----------
+    kind : one of `ELEMENT_KINDS`
+    nodes : (ne, m) rows of the mesh's positions
+    labels : (ne,) element numbers in the file they came from
+    material : name of their material, if the mesh names materials
+    """
+
+    kind: str
+    nodes: Indices
+    labels: Indices
+    material: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Nodes, blocks of elements and named node sets.
+
+    Attributes
+    ----------
+    positions : (n, d) [m]
+    labels : (n,) node numbers in the file the mesh came from
+    """
+
+    positions: Array
+    blocks: tuple[ElementBlock, ...]
+    node_sets: Mapping[str, Indices] = field(default_factory=dict)
+    labels: Indices = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    @property
+    def dimension(self) -> int:
+        """Of the space."""
+        return self.positions.shape[1]
+
+
+def check_mesh(mesh: Mesh, place: str = "geometry") -> None:
+    """Whether a mesh is one body of sound elements.
+
+    Raises
+    ------
+    InputError : there are free nodes, unconnected parts, elements that use a node
+        twice, or elements that are inverted, folded or have no volume.
+    """
+    for block in mesh.blocks:
+        _check_distinct(block, place)
+        _check_shape(mesh, block, place)
+    used = np.zeros(len(mesh.positions), bool)
+    for block in mesh.blocks:
+        used[block.nodes] = True
+    free = np.flatnonzero(~used)
+    if free.size:
+        raise InputError(
+            f"{free.size} nodes belong to no element, the first is node "
+            f"{_label(mesh, free[0])}",
+            place=place,
+            expected="a mesh without free nodes",
+        )
+    _check_connected(mesh, place)
+
+
+def without_free_nodes(mesh: Mesh) -> Mesh:
+    """The mesh with only the nodes that elements use."""
+    used = np.zeros(len(mesh.positions), bool)
+    for block in mesh.blocks:
+        used[block.nodes] = True
+    number = np.cumsum(used) - 1
+    return Mesh(
+        positions=mesh.positions[used],
+        blocks=tuple(
+            ElementBlock(b.kind, number[b.nodes], b.labels, b.material)
+            for b in mesh.blocks
+        ),
+        node_sets={k: number[s[used[s]]] for k, s in mesh.node_sets.items()},
+        labels=mesh.labels[used] if mesh.labels.size else mesh.labels,
+    )
+
+
+def with_middle_nodes(mesh: Mesh, kind: str) -> Mesh:
+    """A mesh of one block of corner elements with nodes in the middle of its edges."""
+    (block,) = mesh.blocks
+    pairs = np.sort(block.nodes[:, np.array(edge_nodes(kind))], axis=2)
+    edges, number = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
+    middle = number.reshape(pairs.shape[:2]) + len(mesh.positions)
+    halves = mesh.positions[edges].mean(axis=1)
+    sets = {
+        name: np.concatenate([s, _inner(edges, s) + len(mesh.positions)])
+        for name, s in mesh.node_sets.items()
+    }
+    nodes = np.hstack([block.nodes, middle])
+    return Mesh(
+        positions=np.vstack([mesh.positions, halves]),
+        blocks=(ElementBlock(kind, nodes, block.labels, block.material),),
+        node_sets=sets,
+    )
+
+
+def _inner(edges: Indices, nodes: Indices) -> Indices:
+    return np.flatnonzero(np.isin(edges, nodes).all(axis=1))
+
+
+def _label(mesh: Mesh, node: int) -> int:
+    return int(mesh.labels[node]) if mesh.labels.size else int(node) + 1
+
+
+def _check_distinct(block: ElementBlock, place: str) -> None:
+    ordered = np.sort(block.nodes, axis=1)
+    bad = np.flatnonzero((np.diff(ordered, axis=1) == 0).any(axis=1))
+    if bad.size:
+        raise InputError(
+            f"element {block.labels[bad[0]]} ({block.kind}) uses a node twice "
+            f"(in {bad.size} of {len(block.nodes)} elements)",
+            place=place,
+            expected="distinct nodes in every element",
+        )
+
+
+def _check_shape(mesh: Mesh, block: ElementBlock, place: str) -> None:
+    element = reference_element(block.kind)
+    points = np.vstack([element.points, element.nodes[: element.corners]])
+    _, gradients = element.at(points)
+    inner = len(element.points)
+    for start in range(0, len(block.nodes), 20_000):
+        part = block.nodes[start : start + 20_000]
+        corners = mesh.positions[part]
+        jacobians = np.einsum("emd,gmk->egdk", corners, gradients)
+        determinants = np.linalg.det(jacobians)
+        lengths = np.linalg.norm(jacobians, axis=2).prod(axis=2)
+        ratio = determinants / np.maximum(lengths, np.finfo(float).tiny)
+        folded = (ratio[:, :inner] <= 1e-10).any(axis=1)
+        folded |= (ratio[:, inner:] < -1e-6).any(axis=1)
+        bad = np.flatnonzero(folded)
+        if bad.size:
+            _refuse(mesh, block, start + int(bad[0]), ratio[bad[0]], place)
+
+
+def _refuse(
+    mesh: Mesh, block: ElementBlock, row: int, ratio: Array, place: str
+) -> None:
+    where = mesh.positions[block.nodes[row]].mean(axis=0)
+    near = ", ".join(f"{x:.4g}" for x in where)
+    if (ratio <= 1e-10).all():
+        flat = np.abs(ratio).max() <= 1e-10
+        what = "has no volume" if flat else "is inverted"
+    else:
+        what = "is folded"
+    raise InputError(
+        f"element {block.labels[row]} ({block.kind}) near ({near}) {what}",
+        place=place,
+        expected="elements whose Jacobian determinant is positive everywhere",
+    )
+
+
+def _check_connected(mesh: Mesh, place: str) -> None:
+    n = len(mesh.positions)
+    first = [np.repeat(b.nodes[:, 0], b.nodes.shape[1] - 1) for b in mesh.blocks]
+    others = [b.nodes[:, 1:].ravel() for b in mesh.blocks]
+    i, j = np.concatenate(first), np.concatenate(others)
+    graph = sp.csr_matrix((np.ones(len(i), np.int8), (i, j)), shape=(n, n))
+    count, part = connected_components(graph, directed=False)
+    if count > 1:
+        lost = int(np.flatnonzero(part == np.argmin(np.bincount(part)))[0])
+        raise InputError(
+            f"the mesh falls into {count} unconnected parts; the smallest holds node "
+            f"{_label(mesh, lost)}",
+            place=place,
+            expected="one connected body (are nodes at the same place merged?)",
+        )

@@ -1,0 +1,188 @@
+"""From candidate shape functions to a basis: independent, in the frame, orthonormal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike, NDArray
+
+from formats.errors import InputError
+
+from ..frontends.finite_element_model import FiniteElementModel
+from .frames import Frame
+
+Array = NDArray[np.float64]
+
+#: A candidate is dependent if less than this share of it is new.
+DEPENDENT = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Candidates of one kind.
+
+    Attributes
+    ----------
+    kind : "normal", "constraint", "attachment", "inertia relief", ...
+    shapes : (ndof, n)
+    names : n texts, for the report on those that are left out
+    """
+
+    kind: str
+    shapes: Array
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedBasis:
+    """Shape functions of a body.
+
+    Attributes
+    ----------
+    shapes : (ndof, nq)
+    stiffness : (nq, nq) shapes^T K shapes
+    labels : nq texts for the SID
+    shares : kind of candidate -> (nq,) its share of each shape function's kinetic
+        energy; the shares of one shape function add up to 1
+    report : sentences about candidates that were left out
+    """
+
+    shapes: Array
+    stiffness: Array
+    labels: tuple[str, ...]
+    shares: Mapping[str, Array] = field(default_factory=dict)
+    report: tuple[str, ...] = ()
+
+    def reconstruct(self, q: ArrayLike) -> Array:
+        """The displacement of every degree of freedom, (ndof,), for q (nq,)."""
+        return self.shapes @ np.asarray(q, float)
+
+    @property
+    def frequencies(self) -> Array:
+        """(nq,) of the shape functions one by one [Hz]; they are mass-normalised."""
+        return hertz(np.diag(self.stiffness))
+
+
+def finished(
+    model: FiniteElementModel,
+    frame: Frame,
+    families: Sequence[Family],
+    title: str,
+) -> ReducedBasis:
+    """The space of all candidates in the frame, in its natural modes.
+
+    The rigid motion that the frame takes over is removed, then what is linearly
+    dependent; the Ritz vectors of stiffness and mass in the rest make Me the identity
+    and Ke diagonal, however close to each other the candidates were.
+
+    Raises
+    ------
+    InputError : no deformation is left.
+    """
+    candidates = np.hstack([family.shapes for family in families])
+    kinds = [family.kind for family in families for _ in family.shapes.T]
+    names = [name for family in families for name in _names(family)]
+    sizes = _norms(model, candidates)
+    inside = frame.without_rigid_motion(model, candidates)
+    basis, kept = _orthonormal(model, inside, sizes)
+    if not kept:
+        raise InputError(
+            "no deformation is left in this frame",
+            place="reduction",
+            expected="shape functions other than rigid motions",
+        )
+    small = basis.T @ (model.stiffness @ basis)
+    values, mixing = scipy.linalg.eigh((small + small.T) / 2)
+    shapes = basis @ mixing
+    origin = np.array([kinds[i] for i in kept])
+    shares = {kind: (mixing[origin == kind] ** 2).sum(axis=0) for kind in set(kinds)}
+    return ReducedBasis(
+        shapes=oriented(shapes, model),
+        stiffness=np.diag(values),
+        labels=tuple(
+            f"{title}{i:5d} :{f:13.3f} Hz{_share_text(shares, i - 1)}"
+            for i, f in enumerate(hertz(values), 1)
+        ),
+        shares=shares,
+        report=_report(names, kept),
+    )
+
+
+def hertz(eigenvalues: Array) -> Array:
+    """Squared circular frequencies as frequencies [Hz]."""
+    return np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi)
+
+
+def oriented(shapes: Array, model: FiniteElementModel) -> Array:
+    """The same shape functions with signs that do not depend on the solver.
+
+    A shape function is positive in the largest component of its displacement at the
+    last marker of the model file at which it moves; if it moves at none, in the
+    largest component of all.
+    """
+    signs = [_sign(shape, model) for shape in shapes.T]
+    return shapes * signs
+
+
+def _sign(shape: Array, model: FiniteElementModel) -> float:
+    visible = 1e-6 * np.abs(shape).max()
+    for marker in reversed(model.markers):
+        motion = marker.displacement @ shape
+        largest = motion[np.argmax(np.abs(motion))]
+        if abs(largest) > visible:
+            return np.sign(largest)
+    return np.sign(shape[np.argmax(np.abs(shape))])
+
+
+def _names(family: Family) -> tuple[str, ...]:
+    count = family.shapes.shape[1]
+    return family.names or tuple(f"{family.kind} {i + 1}" for i in range(count))
+
+
+def _norms(model: FiniteElementModel, shapes: Array) -> Array:
+    return np.sqrt(np.einsum("ij,ij->j", shapes, model.mass @ shapes))
+
+
+def _orthonormal(
+    model: FiniteElementModel, shapes: Array, sizes: Array
+) -> tuple[Array, list[int]]:
+    """Gram-Schmidt in the metric of the mass, twice for every column.
+
+    Parameters
+    ----------
+    sizes : (n,) what the new part of each column is measured by
+    """
+    count = shapes.shape[1]
+    basis, momenta = np.zeros((len(shapes), count)), np.zeros((len(shapes), count))
+    kept: list[int] = []
+    for i in range(count):
+        rest = shapes[:, i]
+        k = len(kept)
+        for _ in range(2):
+            rest = rest - basis[:, :k] @ (momenta[:, :k].T @ rest)
+        momentum = model.mass @ rest
+        size = np.sqrt(max(rest @ momentum, 0.0))
+        if size > DEPENDENT * sizes[i]:
+            basis[:, k], momenta[:, k] = rest / size, momentum / size
+            kept.append(i)
+    return basis[:, : len(kept)], kept
+
+
+def _share_text(shares: Mapping[str, Array], i: int) -> str:
+    if len(shares) == 1:
+        return ""
+    kind = max(shares, key=lambda name: shares[name][i])
+    return f", {100 * shares[kind][i]:.0f} % {kind}"
+
+
+def _report(names: list[str], kept: list[int]) -> tuple[str, ...]:
+    left_out = [name for i, name in enumerate(names) if i not in set(kept)]
+    if not left_out:
+        return ()
+    return (
+        f"{len(left_out)} of {len(names)} shape functions follow from the others and "
+        f"the rigid motion, and were left out: {', '.join(left_out)}",
+    )

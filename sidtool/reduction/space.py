@@ -1,0 +1,258 @@
+"""The displacements that are left when some places are held and others are rigid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from formats.errors import InputError
+
+from ..frontends.finite_element_model import FiniteElementModel
+from .eigen import free_body_shift, lowest_eigenpairs, symmetric_factors
+from .frames import Frame, held_dofs, motion_rows
+
+Array = NDArray[np.float64]
+
+_NO_MOTION = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Space:
+    """Admissible displacements u = transform @ y with constraints @ y = 0.
+
+    Attributes
+    ----------
+    transform : (ndof, n) sparse
+    stiffness, mass : (n, n)
+    constraints : (k, n) further conditions, of fixed or interface markers
+    rigid : (n, r) the rigid motions that are admissible
+    shift : a negative number below which K - shift M is positive definite [1/s^2]
+    """
+
+    transform: sp.csr_matrix
+    stiffness: sp.csr_matrix
+    mass: sp.csr_matrix
+    constraints: Array
+    rigid: Array
+    shift: float
+
+    def loads(self, loads: Array) -> Array:
+        """Loads (ndof, n) on the model as loads on y."""
+        return self.transform.T @ loads
+
+    def displacements(self, y: Array) -> Array:
+        """y as displacements of the model, (ndof, n)."""
+        return self.transform @ y
+
+    def with_constraints(self, rows: Array) -> Space:
+        """The same space with further conditions ``rows @ u = 0``, rows (k, ndof)."""
+        more = np.asarray((self.transform.T @ rows.T).T)
+        constraints = np.vstack([self.constraints, more])
+        left = self.rigid @ _null_space(more @ self.rigid)
+        return Space(
+            self.transform,
+            self.stiffness,
+            self.mass,
+            independent_rows(constraints),
+            left,
+            self.shift,
+        )
+
+    def modes(self, count: int) -> tuple[Array, Array]:
+        """The lowest elastic modes: eigenvalues and displacements (ndof, count).
+
+        Rigid motions are not among them.
+
+        Raises
+        ------
+        InputError : there are not so many.
+        """
+        skipped = self.rigid.shape[1]
+        available = self.stiffness.shape[0] - len(self.constraints) - skipped
+        if count > available:
+            raise InputError(
+                f"{count} modes of a model with {available} free degrees of freedom",
+                place="reduction.modes",
+                expected=f"at most {available}",
+            )
+        if count == 0:
+            return np.zeros(0), np.zeros((self.transform.shape[0], 0))
+        values, vectors = lowest_eigenpairs(
+            self.stiffness,
+            self.mass,
+            count + skipped,
+            shift=self.shift if skipped or len(self.constraints) else 0.0,
+            constraints=self.constraints,
+        )
+        return values[skipped:], self.displacements(vectors[:, skipped:])
+
+    def static(self, loads: Array, motions: Array | None = None) -> Array:
+        """Static displacements (ndof, n) under loads (ndof, n).
+
+        A body that can move rigidly is accelerated by the loads: they are balanced by
+        the inertia of that motion, and the displacement is M-orthogonal to it
+        (inertia relief).
+
+        Parameters
+        ----------
+        motions : (k, n) values of the constraints instead of zero
+        """
+        return self.displacements(self._static.solve(self.loads(loads), motions))
+
+    @cached_property
+    def _static(self) -> _StaticSolver:
+        return _StaticSolver(self)
+
+
+class _StaticSolver:
+    """Factors of K with springs on what would make it singular.
+
+    Springs on the constraints and on as many degrees of freedom as there are rigid
+    motions change nothing when the constraints hold and the loads are balanced.
+    """
+
+    def __init__(self, space: Space) -> None:
+        self._space = space
+        stiffness, rigid = space.stiffness, space.rigid
+        stiff = float(abs(stiffness.diagonal()).mean())
+        rows = space.constraints
+        if rows.size:
+            sizes = np.linalg.norm(rows, axis=1)
+            springs = sp.csr_matrix(rows / sizes[:, None])
+            stiffness = stiffness + stiff * (springs.T @ springs)
+        if rigid.shape[1]:
+            stiffness = stiffness + stiff * sp.diags_array(_pins(rigid))
+        self._factors = symmetric_factors(stiffness)
+        self._inertia = space.mass @ rigid
+        self._gram = rigid.T @ self._inertia
+        self._reactions = np.zeros((rows.shape[1], 0))
+        if len(rows):
+            self._reactions = self._factors.solve(np.ascontiguousarray(rows.T))
+        self._flexibility = rows @ self._reactions
+
+    def solve(self, loads: Array, motions: Array | None) -> Array:
+        rigid, rows = self._space.rigid, self._space.constraints
+        if rigid.shape[1]:
+            balance = np.linalg.solve(self._gram, rigid.T @ loads)
+            loads = loads - self._inertia @ balance
+        y = self._factors.solve(np.ascontiguousarray(loads))
+        if len(rows):
+            gap = rows @ y - (0.0 if motions is None else motions)
+            y = y - self._reactions @ np.linalg.solve(self._flexibility, gap)
+        if rigid.shape[1]:
+            y = y - rigid @ np.linalg.solve(self._gram, self._inertia.T @ y)
+        return y
+
+
+def admissible(
+    model: FiniteElementModel, frame: Frame, fixed: tuple[str, ...] = ()
+) -> Space:
+    """The displacements that frame, rigid ties and fixed places leave.
+
+    Parameters
+    ----------
+    fixed : edges, node sets and markers that do not move
+
+    Raises
+    ------
+    InputError : nothing is left, or a rigid piece is held in part.
+    """
+    known = {marker.name for marker in model.markers}
+    sets = tuple(name for name in fixed if name not in known)
+    held = frame.held | held_dofs(model, sets, "reduction.fix")
+    transform = _transform(model, held)
+    stiffness = sp.csr_matrix(transform.T @ model.stiffness @ transform)
+    mass = sp.csr_matrix(transform.T @ model.mass @ transform)
+    if stiffness.shape[0] == 0:
+        raise InputError("nothing is left that could move", place="reduction.fix")
+    whole = model.rigid_body_modes(frame.origin)
+    rigid = _coordinates(transform, whole @ _null_space(whole[held]))
+    space = Space(
+        transform=transform,
+        stiffness=stiffness,
+        mass=mass,
+        constraints=np.zeros((0, stiffness.shape[0])),
+        rigid=rigid,
+        shift=free_body_shift(
+            model.stiffness, model.mass, model.positions, model.table
+        ),
+    )
+    markers = [motion_rows(model, model.marker(n)) for n in fixed if n in known]
+    return space.with_constraints(np.vstack(markers)) if markers else space
+
+
+def _transform(model: FiniteElementModel, held: NDArray[np.bool_]) -> sp.csr_matrix:
+    """Free degrees of freedom one to one, rigid pieces by their rigid motions."""
+    free = ~held
+    columns = []
+    for name, nodes in model.rigid_sets.items():
+        dofs = model.dofs(nodes)
+        if held[dofs].all():
+            continue
+        if not free[dofs].all():
+            raise InputError(
+                f"the rigid piece at marker {name} is held or tied in part",
+                place=f"markers.{name}.tie",
+                expected="rigid pieces apart from each other and from what is clamped",
+            )
+        free[dofs] = False
+        motion = np.zeros((model.ndof, 3 if model.dimension == 2 else 6))
+        centre = model.marker(name).position
+        motion[dofs] = model.rigid_body_modes(centre)[dofs]
+        columns.append(sp.csr_matrix(motion))
+    numbers = np.flatnonzero(free)
+    entries = (np.ones(numbers.size), (numbers, np.arange(numbers.size)))
+    plain = sp.csr_matrix(entries, shape=(model.ndof, numbers.size))
+    return sp.csr_matrix(sp.hstack([plain, *columns]))
+
+
+def _coordinates(transform: sp.csr_matrix, displacements: Array) -> Array:
+    if displacements.shape[1] == 0:
+        return np.zeros((transform.shape[1], 0))
+    gram = sp.csc_matrix(transform.T @ transform)
+    return splu(gram).solve(np.ascontiguousarray(transform.T @ displacements))
+
+
+def _null_space(rows: Array) -> Array:
+    """(n, r) orthonormal columns that the rows (k, n) annihilate, scaled per column."""
+    n = rows.shape[1]
+    sizes = np.abs(rows).max(axis=0, initial=0.0)
+    scale = 1.0 / np.where(sizes > 0, sizes, 1.0)
+    if rows.shape[0] == 0 or n == 0:
+        return np.eye(n)
+    gram = (rows * scale).T @ (rows * scale)
+    values, vectors = np.linalg.eigh(gram)
+    kept = values <= _NO_MOTION**1.5 * max(values[-1], 1e-300)
+    return scale[:, None] * vectors[:, kept]
+
+
+def independent_rows(rows: Array) -> Array:
+    """Unit rows less those that follow from the ones before."""
+    kept: list[Array] = []
+    basis = np.zeros((0, rows.shape[1]))
+    for row in rows:
+        size = np.linalg.norm(row)
+        if size == 0:
+            continue
+        rest = row / size
+        for _ in range(2):
+            rest = rest - basis.T @ (basis @ rest)
+        if np.linalg.norm(rest) > _NO_MOTION:
+            kept.append(row / size)
+            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+    return np.array(kept).reshape(-1, rows.shape[1])
+
+
+def _pins(rigid: Array) -> Array:
+    """(n,) ones at degrees of freedom that hold every rigid motion, zeros elsewhere."""
+    scaled = rigid / np.abs(rigid).max(axis=0)
+    _, _, order = scipy.linalg.qr(scaled.T, mode="economic", pivoting=True)
+    pins = np.zeros(len(rigid))
+    pins[order[: rigid.shape[1]]] = 1.0
+    return pins

@@ -1,0 +1,292 @@
+"""The paper's method: the trapezoidal rule on the index-1 equations, variable step.
+
+Sources: MATLAB's ode23t, as described by L. F. Shampine, M. W. Reichelt, J. A.
+Kierzenka, "Solving Index-1 DAEs in MATLAB and Simulink", SIAM Review 41 (1999), and
+M. E. Hosea, L. F. Shampine, "Analysis and implementation of TR-BDF2", Applied
+Numerical Mathematics 20 (1996): simplified Newton iteration, local error h^3 y''' / 12
+from divided differences of slopes, filtered so that stiff components do not spoil it.
+Here with the Jacobian kept in saddle-point form and with a projection of positions and
+velocities after every accepted step.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import float64, int64, types
+
+from formats.sid import Array
+
+from ..kernels.compiling import entry, inner
+from ..kernels.layout import F1, SYSTEM, WORK
+from ..kernels.newton import ITERATIONS, KERNELS, MEMORY, REJECTED, STEPS
+from .stepping import (
+    CHUNK,
+    CONTRACTION,
+    CONTROL,
+    FACTORED_STEP,
+    FIXED_STEP,
+    NEAR,
+    NEEDS_JACOBIAN,
+    NEWTON_LIMIT,
+    NO_CONVERGENCE,
+    NOT_FINITE,
+    OFF_CONSTRAINTS,
+    OLD_STEP,
+    REACHED,
+    STILL,
+    TIME,
+    TOO_SMALL,
+    accelerate,
+    after_divergence,
+    all_finite,
+    copy,
+    factor_real,
+    finish_step,
+    growth,
+    judge,
+    move,
+    next_step,
+    output_due,
+    project,
+    scaled_norm,
+    solve_real,
+    take_jacobian,
+    too_small,
+    update_scales,
+)
+
+ORDER = 2
+#: Trust in a known contraction of Newton's iteration fades from step to step.
+FADING = 0.8
+LEAST_CONTRACTION = 1e-10
+
+
+class Slopes(NamedTuple):
+    """Slopes at the beginning of this step and of the last one, and scratch vectors."""
+
+    rate0: Array
+    acc0: Array
+    old_rate: Array
+    old_acc: Array
+    z1: Array
+    v1: Array
+    rz: Array
+    rv: Array
+    x: Array
+    p: Array
+    g: Array
+
+
+SLOPES = types.NamedUniTuple(F1, 11, Slopes)
+
+
+def new_slopes(n_positions: int, n_velocities: int, n_rows: int) -> Slopes:
+    """Storage for a run."""
+    n, m = n_positions, n_velocities
+    return Slopes(*(np.zeros(k) for k in (n, m, n, m, n, m, n, m, m, m, n_rows)))
+
+
+@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, SLOPES))
+def _begin_step(kernels, system, memory, control, slopes):
+    """Shifts the slopes by one step."""
+    copy(slopes.rate0, slopes.old_rate)
+    copy(slopes.acc0, slopes.old_acc)
+    kernels.rate(system, control.z, control.v, slopes.rate0)
+    copy(memory.acceleration, slopes.acc0)
+
+
+@inner(types.void(CONTROL, SLOPES, float64))
+def _predict(control, slopes, h):
+    """First guess of the end of the step: slopes go on as they changed so far."""
+    old = control.real[OLD_STEP]
+    bend = 0.5 * h * h / old if old > 0.0 else 0.0
+    for i in range(len(slopes.z1)):
+        change = slopes.rate0[i] - slopes.old_rate[i]
+        slopes.z1[i] = control.z[i] + h * slopes.rate0[i] + bend * change
+    for i in range(len(slopes.v1)):
+        change = slopes.acc0[i] - slopes.old_acc[i]
+        slopes.v1[i] = control.v[i] + h * slopes.acc0[i] + bend * change
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
+def _newton(kernels, system, work, memory, control, slopes, h):
+    """Solves y1 = y0 + h (y0' + y1') / 2; iterations used, or 0 without convergence."""
+    real = control.real
+    mu = 2.0 / h
+    _predict(control, slopes, h)
+    real[CONTRACTION] = max(real[CONTRACTION], LEAST_CONTRACTION) ** FADING
+    old_norm = 0.0
+    for iteration in range(NEWTON_LIMIT):
+        z1, v1 = slopes.z1, slopes.v1
+        if accelerate(kernels, system, work, memory, real[TIME] + h, z1, v1) != 0:
+            return 0
+        kernels.rate(system, z1, v1, slopes.rz)
+        for i in range(len(z1)):
+            slopes.rz[i] += slopes.rate0[i] - mu * (z1[i] - control.z[i])
+        for i in range(len(v1)):
+            slope = memory.acceleration[i] + slopes.acc0[i]
+            slopes.rv[i] = slope - mu * (v1[i] - control.v[i])
+        _solve(kernels, system, work, memory, slopes, mu)
+        memory.counters[ITERATIONS] += 1
+        norm = scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
+        verdict = judge(control, iteration, norm, old_norm)
+        if verdict < 0:
+            return 0
+        for i in range(len(z1)):
+            z1[i] += slopes.rz[i]
+        for i in range(len(v1)):
+            v1[i] += slopes.rv[i]
+        if verdict == 1:
+            return iteration + 1
+        old_norm = norm
+    return 0
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, SLOPES, float64))
+def _solve(kernels, system, work, memory, slopes, mu):
+    """Solves (mu - J) x = (rz, rv) in place."""
+    solve_real(
+        kernels,
+        system,
+        work,
+        memory,
+        mu,
+        slopes.rz,
+        slopes.rv,
+        slopes.x,
+        slopes.p,
+        slopes.g,
+    )
+
+
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
+def _error(kernels, system, work, memory, control, slopes, h):
+    """Norm of the local error h^3 y''' / 12, passed through (1 - h J / 2)^-1.
+
+    y''' / 2 is the second divided difference of the slopes; that at the end of the
+    step follows from the rule itself. In a first step, the slope before is missing:
+    h y''' counts as y''.
+    """
+    old, mu = control.real[OLD_STEP], 2.0 / h
+    weight, before = h / 6.0, 0.0
+    if old > 0.0:
+        weight, before = h * h / (6.0 * (h + old)), h / old
+    for i in range(len(slopes.rz)):
+        change = 2.0 * ((slopes.z1[i] - control.z[i]) / h - slopes.rate0[i])
+        change -= before * (slopes.rate0[i] - slopes.old_rate[i])
+        slopes.rz[i] = mu * weight * change
+    for i in range(len(slopes.rv)):
+        change = 2.0 * ((slopes.v1[i] - control.v[i]) / h - slopes.acc0[i])
+        change -= before * (slopes.acc0[i] - slopes.old_acc[i])
+        slopes.rv[i] = mu * weight * change
+    _solve(kernels, system, work, memory, slopes, mu)
+    return scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
+
+
+@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, SLOPES, float64))
+def _write_outputs(kernels, system, memory, control, slopes, h):
+    """Dense output: the cubic with the states and slopes at both ends of the step."""
+    k = output_due(control, h)
+    if k < 0:
+        return
+    kernels.rate(system, slopes.z1, slopes.v1, slopes.rz)
+    copy(memory.acceleration, slopes.rv)
+    while k >= 0:
+        s = (control.times[k] - control.real[TIME]) / h
+        end = s * s * (3.0 - 2.0 * s)
+        first, last = h * s * (1.0 - s) * (1.0 - s), h * s * s * (s - 1.0)
+        for i in range(len(control.z)):
+            control.out_z[k, i] = (1.0 - end) * control.z[i] + end * slopes.z1[i]
+            control.out_z[k, i] += first * slopes.rate0[i] + last * slopes.rz[i]
+        for i in range(len(control.v)):
+            control.out_v[k, i] = (1.0 - end) * control.v[i] + end * slopes.v1[i]
+            control.out_v[k, i] += first * slopes.acc0[i] + last * slopes.rv[i]
+        k = output_due(control, h)
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
+def _accept(kernels, system, work, memory, control, slopes, h):
+    """Moves to the end of the step, projected onto the constraints; 0 on success."""
+    real = control.real
+    status = project(
+        kernels,
+        system,
+        work,
+        memory,
+        real[TIME] + h,
+        slopes.z1,
+        slopes.v1,
+        slopes.x,
+        slopes.p,
+        real[NEAR],
+        real[STILL],
+    )
+    if status != 0:
+        return status
+    _write_outputs(kernels, system, memory, control, slopes, h)
+    move(system, work, control, h, slopes.z1, slopes.v1)
+    return 0
+
+
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, int64))
+def advance(kernels, system, work, memory, control, slopes, limit):
+    """Steps until the end of the smooth interval or for at most `limit` steps.
+
+    Entered and left with (z, v) on the constraints and evaluated, accelerations in
+    memory. Returns one of the codes of `stepping`.
+    """
+    real, whole = control.real, control.whole
+    for _ in range(limit):
+        h = next_step(control)
+        if h == 0.0:
+            return REACHED
+        update_scales(system, control)
+        _begin_step(kernels, system, memory, control, slopes)
+        fresh = whole[NEEDS_JACOBIAN]
+        if fresh == 1:
+            take_jacobian(kernels, system, work, memory, control)
+            real[CONTRACTION] = 1.0
+        failures = 0
+        while True:
+            if too_small(control, h):
+                return TOO_SMALL
+            status = 0
+            if real[FACTORED_STEP] != h:
+                status = factor_real(kernels, system, work, memory, 2.0 / h)
+                real[FACTORED_STEP] = h
+            iterations = 0
+            if status == 0:
+                iterations = _newton(kernels, system, work, memory, control, slopes, h)
+            if iterations == 0:
+                failures += 1
+                factor = after_divergence(
+                    kernels, system, work, memory, control, fresh, failures
+                )
+                if factor == 0.0:
+                    return NO_CONVERGENCE
+                fresh = 1
+                h *= factor
+                real[CONTRACTION] = 1.0
+                continue
+            error = 0.0
+            if whole[FIXED_STEP] == 0:
+                error = _error(kernels, system, work, memory, control, slopes, h)
+            if not error < 1.0:
+                failures += 1
+                memory.counters[REJECTED] += 1
+                h *= growth(ORDER, error, iterations)
+                continue
+            if _accept(kernels, system, work, memory, control, slopes, h) == 0:
+                break
+            failures += 1
+            memory.counters[REJECTED] += 1
+            if whole[FIXED_STEP] == 1:
+                return OFF_CONSTRAINTS
+            h *= 0.5
+        finish_step(control, ORDER, h, error, iterations, failures)
+        memory.counters[STEPS] += 1
+        if not all_finite(control.z, control.v):
+            return NOT_FINITE
+    return CHUNK
