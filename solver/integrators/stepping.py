@@ -100,6 +100,10 @@ class Control(NamedTuple):
 CONTROL = types.NamedTuple([F1, I1, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2], Control)
 
 NEWTON_LIMIT = 8
+#: With a fixed step there is no smaller one to fall back to.
+PATIENT_NEWTON_LIMIT = 40
+#: Corrections below this part of the tolerance that do not shrink are rounding.
+STAGNATION = 0.03
 SAFETY = 0.9
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
@@ -204,6 +208,12 @@ def too_small(control, h):
     return h <= 1e-13 * max(abs(control.real[TIME]), control.real[PERIOD])
 
 
+@inner(int64(CONTROL))
+def newton_limit(control):
+    """Iterations after which Newton's iteration is given up."""
+    return PATIENT_NEWTON_LIMIT if control.whole[FIXED_STEP] == 1 else NEWTON_LIMIT
+
+
 @inner(int64(CONTROL, int64, float64, float64))
 def judge(control, iteration, norm, old_norm):
     """What a Newton correction of scaled size `norm` says: 1 done, 0 go on, -1 stop.
@@ -224,7 +234,9 @@ def judge(control, iteration, norm, old_norm):
         return 1
     if iteration == 0:
         return 0
-    left = NEWTON_LIMIT - 1 - iteration
+    if contraction >= 1.0 and norm < STAGNATION:
+        return 1
+    left = newton_limit(control) - 1 - iteration
     if contraction >= 1.0 or contraction**left / (1.0 - contraction) * norm > goal:
         return -1
     return 0
