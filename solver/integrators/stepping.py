@@ -64,6 +64,9 @@ NEEDS_JACOBIAN = 2
 PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected one
 N_WHOLE = 4
 
+#: Most attempts of a projection.
+PROJECTIONS_LIMIT = 6
+
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, SINGULAR, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = (
     range(7)
@@ -313,17 +316,19 @@ def accelerate(kernels, system, work, memory, t, z, v):
 def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
     """Brings z and v onto the constraints, then solves for accelerations.
 
-    Done when every |c| <= near and |dc/dt| <= still. dz and dv are scratch.
+    Done when every |c| <= near and |dc/dt| <= still, at the last attempt (close to a
+    singular position) a hundred times that. dz and dv are scratch.
     Returns 0, or a code when the constraints are singular or cannot be met.
     """
     m = system.dims[N_ROWS]
-    for _ in range(6):
+    for attempt in range(PROJECTIONS_LIMIT):
         kernels.evaluate(system, work, t, z, v)
         memory.counters[EVALUATIONS] += 1
+        loose = 1.0 if attempt + 1 < PROJECTIONS_LIMIT else 100.0
         met = True
         for i in range(m):
-            met = met and abs(work.row[i, C_VALUE]) <= near
-            met = met and abs(work.row[i, C_RATE]) <= still
+            met = met and abs(work.row[i, C_VALUE]) <= loose * near
+            met = met and abs(work.row[i, C_RATE]) <= loose * still
         if met:
             return kernels.solve_accelerations(system, work, memory)
         memory.counters[PROJECTIONS] += 1
