@@ -235,7 +235,7 @@ class Prestress(Part):
 
     Attributes
     ----------
-    stress : uniform stress (xx, yy, xy), in space (xx, yy, zz, xy, xz, yz) [Pa]
+    stress : uniform stress (xx, yy, xy), in space (xx, yy, zz, xy, yz, xz) [Pa]
     forces : marker -> constant force, which a scene applies as well [N]
     moments : marker -> constant moment: about z, in space about x, y, z [N m]
     """

@@ -18,6 +18,7 @@ from formats.scene import as_3d, rotation
 from formats.sid import Array
 
 from . import kernel_calls
+from .alignment import align, check_alignment
 from .bodies import quaternion
 from .kernels import layout as at
 from .kernels.coordinates import retract
@@ -103,7 +104,11 @@ def assemble(system: System) -> tuple[System, Start]:
     if system.n_rows == 0:
         return system, start
     state = _State(system, start)
+    align(system, state.work, state.z)
+    state.evaluate()
+    _check_rods(state)
     _reach_positions(state)
+    check_alignment(system, state.work)
     if system.from_start:
         _measure_start(state)
     _reach_velocities(state)
@@ -228,9 +233,22 @@ def _measure_start(state: _State) -> None:
     pool = system.arrays.pool.copy()
     for entry, row in system.from_start:
         pool[entry] = state.work.row[row, at.C_VALUE]
+    _check_rods(state)
     state.system = replace(system, arrays=system.arrays._replace(pool=pool))
     state.ignored[:] = False
     state.evaluate()
+
+
+def _check_rods(state: _State) -> None:
+    """Raises constraints without a direction: the two ends of a rod coincide."""
+    for row in state.system.rows:
+        values = state.work.row[row.first : row.first + row.count]
+        if not np.isfinite(values).all():
+            raise InputError(
+                f"the markers of {row.name} coincide at the start",
+                place=f"joints.{row.name}",
+                expected="two points at a distance",
+            )
 
 
 def _worst(system: System, residual: Array) -> str:

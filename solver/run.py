@@ -29,8 +29,9 @@ from .storage import new_memory, new_work
 
 #: Steps between two reports of progress.
 CHUNK = 500
-#: Constraints are met when they are open by less than this part of the size.
-CLOSED = 1e-13
+#: Constraints are met when they are open by less than this part of the size: at least
+#: what rounding allows, at most what keeps the drift invisible.
+CLOSED = (1e-13, 1e-11)
 #: Tolerance per step in units of the requested relative error.
 STEP_TOLERANCE = 1.0
 
@@ -241,8 +242,9 @@ def _new_control(
     real[stepping.TOLERANCE] = STEP_TOLERANCE * settings.rtol
     real[stepping.LENGTH] = system.length
     real[stepping.PERIOD] = duration
-    real[stepping.NEAR] = CLOSED * system.length
-    real[stepping.STILL] = CLOSED * system.length / duration
+    closed = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
+    real[stepping.NEAR] = closed * system.length
+    real[stepping.STILL] = CLOSED[0] * system.length / duration
     real[stepping.LARGEST] = 0.1 * duration
     real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
     real[stepping.SPEED] = system.length / duration

@@ -99,6 +99,8 @@ def new_memory(system: System, pairs: int) -> Memory:
         _metric(system, blocks),
         np.zeros(n),
         np.zeros(m),
+        np.zeros(n),
+        np.zeros(m),
         np.zeros(N_COUNTERS, whole),
     )
 

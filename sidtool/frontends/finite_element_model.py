@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from ..vectors import skew
+from .continuum import Continuum
 from .inertia_points import InertiaPoints
 
 Array = NDArray[np.float64]
@@ -27,6 +28,7 @@ class MarkerRows:
     position : (3,) in the axes of the model [m]
     displacement : (3, ndof) sparse; displacement of the point = rows @ u
     rotation : (3, ndof) sparse; right-handed small rotation of the point = rows @ u
+    gradient : (9, ndof) sparse; derivative of u_a by x_b = row 3 a + b
     """
 
     name: str
@@ -34,6 +36,7 @@ class MarkerRows:
     position: Array
     displacement: sp.csr_matrix
     rotation: sp.csr_matrix
+    gradient: sp.csr_matrix | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,8 @@ class FiniteElementModel:
     dof_table : (n, 6) number of the degree of freedom that is the displacement along
         x, y, z and the rotation about x, y, z of every node; -1 where there is none
     rigid_sets : marker name -> nodes that move as one rigid piece around the marker
+    continua : the material of solid elements, for stresses
+    edge_mass : name of an edge or face -> (n, n) sparse integral of N_i N_j over it
     """
 
     positions: Array
@@ -72,6 +77,8 @@ class FiniteElementModel:
     inertia_points: InertiaPoints | None = None
     dof_table: Indices | None = None
     rigid_sets: Mapping[str, Indices] = field(default_factory=dict)
+    continua: tuple[Continuum, ...] = ()
+    edge_mass: Mapping[str, sp.csr_matrix] = field(default_factory=dict)
 
     @property
     def dimension(self) -> int:

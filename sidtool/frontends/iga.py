@@ -6,13 +6,16 @@ Source: Hughes, Cottrell & Bazilevs 2005, Comput. Methods Appl. Mech. Engrg. 194
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from formats.errors import InputError
 from formats.model import IgaDiscretisation, ModelFile
 from formats.model_checks import check_knots
+from formats.model_geometry import NurbsGeometry, VolumeGeometry
 
 from ..geometry.bspline import (
     LocalBasis,
@@ -22,9 +25,10 @@ from ..geometry.bspline import (
 )
 from ..geometry.patch import NurbsPatch, patch_from_model, rational
 from ..geometry.refine import refined
-from .elements import ElementBatch, assembled, elasticity, mapped_batch
+from .continuum import Continuum, continuum_of
+from .elements import ElementBatch, assembled, mapped_batch
 from .finite_element_model import FiniteElementModel
-from .patch_markers import edge_sets, marker_rows
+from .patch_markers import edge_masses, edge_sets, marker_rows
 
 Array = NDArray[np.float64]
 
@@ -40,24 +44,52 @@ def iga_model(model: ModelFile) -> FiniteElementModel:
     InputError : the refined knots do not hold the geometry, the geometry folds, or a
         marker lies outside.
     """
-    settings = model.discretisation
-    assert isinstance(settings, IgaDiscretisation)
-    exact = patch_from_model(model.geometry)
-    patch = _refined(exact, settings)
-    points = quadrature_points(exact.degrees, patch.degrees)
-    thickness = model.geometry.thickness
-    mass, stiffness = assembled(
-        knot_span_batches(patch, points),
-        len(patch.points),
-        density=model.material.density * thickness,
-        law=elasticity(model.material, settings.state) * thickness,
-    )
+    geometry = model.geometry
+    assert isinstance(geometry, NurbsGeometry | VolumeGeometry)
+    exact = patch_from_model(geometry)
+    patch = refined_for(model, exact)
+    mass, stiffness = patch_matrices(model, exact, patch)
     return FiniteElementModel(
         positions=patch.points,
         scalar_mass=mass,
         stiffness=stiffness,
-        node_sets=edge_sets(model.geometry, patch),
+        node_sets=edge_sets(geometry, patch),
         markers=marker_rows(model, exact, patch),
+        continua=(patch_continuum(model, exact, patch),),
+        edge_mass=edge_masses(geometry, patch),
+    )
+
+
+def patch_continuum(
+    model: ModelFile, exact: NurbsPatch, patch: NurbsPatch
+) -> Continuum:
+    """The material of one refined patch of a model, at its Gauss points."""
+    settings, material = model.discretisation, model.material
+    assert isinstance(settings, IgaDiscretisation) and material is not None
+    plane = len(patch.degrees) == 2
+    thickness = getattr(model.geometry, "thickness", None) if plane else 1.0
+    if thickness is None:
+        raise InputError(
+            "is missing", place="geometry.thickness", expected="that of plane patches"
+        )
+    points = quadrature_points(exact.degrees, patch.degrees)
+    batches = partial(knot_span_batches, patch, points)
+    state = settings.state if plane else "solid"
+    return continuum_of(batches, material, state, thickness)
+
+
+def patch_matrices(
+    model: ModelFile, exact: NurbsPatch, patch: NurbsPatch
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """Scalar mass and stiffness of one refined patch of a model."""
+    assert model.material is not None
+    continuum = patch_continuum(model, exact, patch)
+    return assembled(
+        continuum.batches(),
+        len(patch.points),
+        dimension=len(patch.degrees),
+        density=model.material.density * continuum.thickness,
+        law=continuum.law * continuum.thickness,
     )
 
 
@@ -68,7 +100,7 @@ def target_knots(settings: IgaDiscretisation) -> tuple[Array, ...]:
     ------
     InputError : they do not fit the degrees.
     """
-    return tuple(_target(settings, i) for i in range(2))
+    return tuple(_target(settings, i) for i in range(len(settings.degrees)))
 
 
 def _target(settings: IgaDiscretisation, i: int) -> Array:
@@ -92,7 +124,21 @@ def _target(settings: IgaDiscretisation, i: int) -> Array:
     return open_uniform_knots(degree, count - degree)
 
 
-def _refined(exact: NurbsPatch, settings: IgaDiscretisation) -> NurbsPatch:
+def refined_for(model: ModelFile, exact: NurbsPatch) -> NurbsPatch:
+    """A patch refined as the model asks.
+
+    Raises
+    ------
+    InputError : the refined basis does not hold the geometry.
+    """
+    settings = model.discretisation
+    assert isinstance(settings, IgaDiscretisation)
+    if len(settings.degrees) != len(exact.degrees):
+        raise InputError(
+            f"has {len(settings.degrees)} entries",
+            place="discretisation.degrees",
+            expected=f"{len(exact.degrees)}, one per direction of the geometry",
+        )
     knots = target_knots(settings)
     try:
         return refined(exact, settings.degrees, knots)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from formats.errors import InputError
-from formats.model import Marker, ModelFile, NurbsGeometry
+from formats.model import Marker, ModelFile
+from formats.model_geometry import NurbsGeometry, VolumeGeometry
 
+from ..geometry.bspline import gauss_points
 from ..geometry.locate import locate
 from ..geometry.patch import NurbsPatch, PointBasis, point_basis, side_nodes
 from ..vectors import LEVI_CIVITA
@@ -18,16 +23,49 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-def edge_sets(geometry: NurbsGeometry, patch: NurbsPatch) -> dict[str, Indices]:
-    """The nodes of every named edge."""
+def edge_sets(
+    geometry: NurbsGeometry | VolumeGeometry, patch: NurbsPatch
+) -> dict[str, Indices]:
+    """The nodes of every named edge or face."""
     names = geometry.edge_names
     return {name: side_nodes(patch, *side) for name, side in names.items()}
+
+
+def edge_masses(
+    geometry: NurbsGeometry | VolumeGeometry, patch: NurbsPatch
+) -> dict[str, sp.csr_matrix]:
+    """(n, n) integral of N_i N_j over every named edge [m] or face [m^2]."""
+    names = geometry.edge_names
+    return {name: side_mass(patch, *side) for name, side in names.items()}
+
+
+def side_mass(patch: NurbsPatch, direction: int, end: int) -> sp.csr_matrix:
+    """(n, n) integral of N_i N_j over the side where a parameter is 0 or 1."""
+    along = [i for i in range(len(patch.degrees)) if i != direction]
+    rules = [gauss_points(patch.knots[i], patch.degrees[i] + 1) for i in along]
+    places = np.meshgrid(*(points.ravel() for points, _ in rules))
+    factors = np.meshgrid(*(weights.ravel() for _, weights in rules))
+    weights = np.prod([factor.ravel() for factor in factors], axis=0)
+    where = np.insert(
+        np.stack([place.ravel() for place in places], axis=1), direction, end, axis=1
+    )
+    rows, columns, data = [], [], []
+    for i, x in enumerate(where):
+        basis = point_basis(patch, x)
+        tangents = basis.gradients[:, along].T @ patch.points[basis.nodes]
+        measure = np.sqrt(np.linalg.det(tangents @ tangents.T)) * weights[i]
+        rows.append(np.full(basis.nodes.size, i))
+        columns.append(basis.nodes)
+        data.append(basis.values * np.sqrt(measure))
+    entries = (np.concatenate(data), (np.concatenate(rows), np.concatenate(columns)))
+    values = sp.csr_matrix(entries, shape=(len(where), patch.weights.size))
+    return sp.csr_matrix(values.T @ values)
 
 
 def marker_rows(
     model: ModelFile, exact: NurbsPatch, patch: NurbsPatch
 ) -> tuple[MarkerRows, ...]:
-    """Displacement and rotation rows of all markers.
+    """Displacement and rotation rows of all markers that have a place of their own.
 
     Parameters
     ----------
@@ -40,38 +78,76 @@ def marker_rows(
     InputError : a marker lies outside the geometry, or where the patch degenerates.
     """
     rows = []
-    for name, marker in model.markers.items():
-        try:
-            where = _parameters(marker, model.geometry, exact)
-            rows.append(_rows(name, marker.node, patch, where))
-        except InputError as error:
-            raise InputError(
-                error.problem, place=f"markers.{name}", expected=error.expected
-            ) from None
+    for name, marker in placed(model.markers):
+        with at_marker(name):
+            where = marker_parameters(marker, model.geometry.edge_names, exact)
+            rows.append(rows_at(name, marker.node, patch, where))
     return tuple(rows)
 
 
-def _parameters(marker: Marker, geometry: NurbsGeometry, exact: NurbsPatch) -> Array:
+def placed(markers: Mapping[str, Marker]) -> Iterator[tuple[str, Marker]]:
+    """The markers that say where they are; a tie may place the others."""
+    ways = ("edge", "parameters", "position", "mesh_node")
+    for name, marker in markers.items():
+        if any(getattr(marker, way) is not None for way in ways):
+            yield name, marker
+
+
+@contextmanager
+def at_marker(name: str) -> Iterator[None]:
+    """Errors inside name this marker."""
+    try:
+        yield
+    except InputError as error:
+        place = f"markers.{name}" + (f".{error.place}" if error.place else "")
+        raise InputError(error.problem, place=place, expected=error.expected) from None
+
+
+def marker_parameters(
+    marker: Marker, edges: Mapping[str, tuple[int, int]], exact: NurbsPatch
+) -> Array:
+    """The parameters (k,) of a marker on a patch.
+
+    Raises
+    ------
+    InputError : it lies outside, or its numbers do not fit the patch.
+    """
+    k = len(exact.degrees)
+    if marker.mesh_node is not None:
+        raise InputError("is for meshes", place="mesh_node", expected="another place")
     if marker.position is not None:
+        check_length(marker.position, k, "position")
         return locate(exact, marker.position)
     if marker.parameters is not None:
+        check_length(marker.parameters, k, "parameters")
         return np.array(marker.parameters)
-    assert marker.edge is not None
-    direction, end = geometry.edge_names[marker.edge]
-    where = np.full(2, marker.at, dtype=float)
-    where[direction] = end
-    return where
+    assert marker.edge is not None and marker.at is not None
+    direction, end = edges[marker.edge]
+    at = marker.at if isinstance(marker.at, tuple) else (marker.at,)
+    check_length(at, k - 1, "at")
+    return np.insert(np.array(at, float), direction, end)
 
 
-def _rows(name: str, node: int, patch: NurbsPatch, where: Array) -> MarkerRows:
+def check_length(values: tuple[float, ...], count: int, place: str) -> None:
+    """Whether a marker gives as many numbers as the body has directions."""
+    if len(values) != count:
+        raise InputError(
+            f"has {len(values)} numbers", place=place, expected=f"{count} of them"
+        )
+
+
+def rows_at(name: str, node: int, patch: NurbsPatch, where: Array) -> MarkerRows:
+    """The rows of a marker at parameters (k,) of a patch."""
     basis = point_basis(patch, where)
+    gradient = _gradient(patch, where)
     position = basis.values @ patch.points[basis.nodes]
     return MarkerRows(
         name=name,
         node=node,
         position=np.pad(position, (0, 3 - position.size)),
         displacement=_displacement(basis, patch),
-        rotation=_rotation(patch, where),
+        rotation=sp.csr_matrix(_HALF_CURL @ gradient),
+        gradient=gradient,
     )
 
 
@@ -82,18 +158,22 @@ def _displacement(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
     return _sparse(rows, basis.nodes, patch)
 
 
-def _rotation(patch: NurbsPatch, where: Array) -> sp.csr_matrix:
-    """Half the curl of the displacement, averaged over the spans that meet there."""
+#: (3, 9) rotation from the displacement gradient: half the curl.
+_HALF_CURL = sp.csr_matrix(0.5 * np.swapaxes(LEVI_CIVITA, 1, 2).reshape(3, 9))
+
+
+def _gradient(patch: NurbsPatch, where: Array) -> sp.csr_matrix:
+    """(9, ndof) row 3 a + b: derivative of u_a by x_b, averaged over adjacent spans."""
     sides = [(False, True) if 0 < x < 1 else (False,) for x in where]
     choices = np.array(np.meshgrid(*sides)).reshape(len(sides), -1).T
-    total = sp.csr_matrix((3, patch.points.size))
+    total = sp.csr_matrix((9, patch.points.size))
     for lefts in choices:
         basis = point_basis(patch, where, tuple(lefts))
-        total = total + _half_curl(basis, patch)
+        total = total + _span_gradient(basis, patch)
     return sp.csr_matrix(total / len(choices))
 
 
-def _half_curl(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
+def _span_gradient(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
     nodes = patch.points[basis.nodes]
     jacobian = nodes.T @ basis.gradients
     scale = np.linalg.norm(jacobian, axis=0).prod()
@@ -104,15 +184,17 @@ def _half_curl(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
         )
     gradients = basis.gradients @ np.linalg.inv(jacobian)
     d = nodes.shape[1]
-    rows = 0.5 * np.einsum("abc,mb->amc", LEVI_CIVITA[:, :d, :d], gradients)
-    return _sparse(rows, basis.nodes, patch)
+    rows = np.zeros((3, 3, basis.nodes.size, d))
+    for axis in range(d):
+        rows[axis, :d, :, axis] = gradients.T
+    return _sparse(rows.reshape(9, -1, d), basis.nodes, patch)
 
 
 def _sparse(rows: Array, nodes: Indices, patch: NurbsPatch) -> sp.csr_matrix:
-    """(3, m, d) coefficients at some nodes as (3, ndof)."""
-    d = rows.shape[2]
+    """(k, m, d) coefficients at some nodes as (k, ndof)."""
+    k, _, d = rows.shape
     columns = (nodes[:, None] * d + np.arange(d)).ravel()
-    index = (np.repeat(np.arange(3), columns.size), np.tile(columns, 3))
-    matrix = sp.csr_matrix((rows.ravel(), index), shape=(3, patch.points.size))
+    index = (np.repeat(np.arange(k), columns.size), np.tile(columns, k))
+    matrix = sp.csr_matrix((rows.ravel(), index), shape=(k, patch.points.size))
     matrix.eliminate_zeros()
     return matrix

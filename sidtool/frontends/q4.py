@@ -11,19 +11,21 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from formats.model import ModelFile, Q4Discretisation
+from formats.model_geometry import NurbsGeometry
 
 from ..geometry.bspline import open_uniform_knots
 from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
+from .continuum import continuum_of
 from .elements import (
     ElementBatch,
     assembled,
     check_orientation,
-    elasticity,
     element_stiffness,
     mapped_batch,
 )
 from .finite_element_model import FiniteElementModel
-from .patch_markers import edge_sets, marker_rows
+from .patch_markers import edge_masses, edge_sets, marker_rows
+from .solids import check_locking
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -42,23 +44,32 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
     InputError : the geometry folds, or a marker lies outside.
     """
     settings = model.discretisation
-    assert isinstance(settings, Q4Discretisation)
-    exact = patch_from_model(model.geometry)
+    geometry, material = model.geometry, model.material
+    assert isinstance(settings, Q4Discretisation) and material is not None
+    assert isinstance(geometry, NurbsGeometry)
+    relieved = settings.formulation == "incompatible_modes"
+    check_locking("quad4", material, settings.state, relieved)
+    exact = patch_from_model(geometry)
     mesh = sampled_patch(exact, settings.elements)
-    thickness = model.geometry.thickness
+    thickness, quads = geometry.thickness, quadrilaterals(mesh.shape)
+    continuum = continuum_of(
+        partial(_batches, mesh.points, quads), material, settings.state, thickness
+    )
     mass, stiffness = q4_matrices(
         mesh.points,
-        quadrilaterals(mesh.shape),
-        density=model.material.density * thickness,
-        law=elasticity(model.material, settings.state) * thickness,
-        incompatible_modes=settings.formulation == "incompatible_modes",
+        quads,
+        density=material.density * thickness,
+        law=continuum.law * thickness,
+        incompatible_modes=relieved,
     )
     return FiniteElementModel(
         positions=mesh.points,
         scalar_mass=mass,
         stiffness=stiffness,
-        node_sets=edge_sets(model.geometry, mesh),
+        node_sets=edge_sets(geometry, mesh),
         markers=marker_rows(model, exact, mesh),
+        continua=(continuum,),
+        edge_mass=edge_masses(geometry, mesh),
     )
 
 

@@ -16,7 +16,9 @@ Array = NDArray[np.float64]
 
 _SQUARE = ((0, 1), (1, 2), (2, 3), (3, 0))
 _CUBE = (
-    _SQUARE + tuple((a + 4, b + 4) for a, b in _SQUARE) + tuple((i, i + 4) for i in range(4))
+    _SQUARE
+    + tuple((a + 4, b + 4) for a, b in _SQUARE)
+    + tuple((i, i + 4) for i in range(4))
 )
 _TRIANGLE = ((0, 1), (1, 2), (2, 0))
 _TETRAHEDRON = (*_TRIANGLE, (0, 3), (1, 3), (2, 3))

@@ -1,4 +1,4 @@
-"""The frontends by the `discretisation.type` of a model file."""
+"""The frontends by the `geometry.type` and `discretisation.type` of a model file."""
 
 from __future__ import annotations
 
@@ -6,14 +6,28 @@ from collections.abc import Callable
 
 from formats.model import ModelFile
 
+from ..interfaces import tied
+from .beam import beam_model
 from .finite_element_model import FiniteElementModel
 from .iga import iga_model
+from .patches import patches_model
 from .q4 import q4_model
+from .sampled_volume import sampled_volume_model
 
 Frontend = Callable[[ModelFile], FiniteElementModel]
 
 #: One line adds a frontend.
-FRONTENDS: dict[str, Frontend] = {"q4": q4_model, "iga": iga_model}
+FRONTENDS: dict[tuple[str, str], Frontend] = {
+    ("nurbs", "q4"): q4_model,
+    ("nurbs", "iga"): iga_model,
+    ("nurbs_volume", "iga"): iga_model,
+    ("nurbs_volume", "hex8"): sampled_volume_model,
+    ("nurbs_volume", "hex20"): sampled_volume_model,
+    ("nurbs_volume", "tet4"): sampled_volume_model,
+    ("nurbs_volume", "tet10"): sampled_volume_model,
+    ("patches", "iga"): patches_model,
+    ("beam", "beam"): beam_model,
+}
 
 
 def finite_element_model(model: ModelFile) -> FiniteElementModel:
@@ -23,4 +37,5 @@ def finite_element_model(model: ModelFile) -> FiniteElementModel:
     ------
     InputError : names the key that is wrong.
     """
-    return FRONTENDS[model.discretisation.type](model)
+    body = FRONTENDS[model.geometry.type, model.discretisation.type](model)
+    return tied(body, model)

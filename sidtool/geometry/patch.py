@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from formats.model import NurbsGeometry
+from formats.model_geometry import NurbsGeometry, VolumeGeometry
 
 from .bspline import LocalBasis, local_basis, local_basis_from_left
 
@@ -43,7 +43,7 @@ class NurbsPatch:
         return self.control_points.reshape(-1, self.control_points.shape[-1])
 
 
-def patch_from_model(geometry: NurbsGeometry) -> NurbsPatch:
+def patch_from_model(geometry: NurbsGeometry | VolumeGeometry) -> NurbsPatch:
     """The patch of a model file, its parameters scaled to [0, 1]."""
     points = np.array(geometry.control_points, float)
     weights = geometry.weights

@@ -40,7 +40,6 @@ from .stepping import (
     FIXED_STEP,
     NEAR,
     NEEDS_JACOBIAN,
-    NEWTON_LIMIT,
     NO_CONVERGENCE,
     NOT_FINITE,
     OFF_CONSTRAINTS,
@@ -60,6 +59,7 @@ from .stepping import (
     growth,
     judge,
     move,
+    newton_limit,
     next_step,
     output_due,
     project,
@@ -329,7 +329,7 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
     _transform(method.TI, stages.Zz, stages.Wz)
     _transform(method.TI, stages.Zv, stages.Wv)
     old_norm = 0.0
-    for iteration in range(NEWTON_LIMIT):
+    for iteration in range(newton_limit(control)):
         for i in range(s):
             for k in range(len(stages.z1)):
                 stages.z1[k] = control.z[k] + stages.Zz[i, k]

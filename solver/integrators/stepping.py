@@ -64,6 +64,9 @@ NEEDS_JACOBIAN = 2
 PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected one
 N_WHOLE = 4
 
+#: Most attempts of a projection.
+PROJECTIONS_LIMIT = 6
+
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, SINGULAR, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = (
     range(7)
@@ -100,6 +103,10 @@ class Control(NamedTuple):
 CONTROL = types.NamedTuple([F1, I1, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2], Control)
 
 NEWTON_LIMIT = 8
+#: With a fixed step there is no smaller one to fall back to.
+PATIENT_NEWTON_LIMIT = 40
+#: Corrections below this part of the tolerance that do not shrink are rounding.
+STAGNATION = 0.03
 SAFETY = 0.9
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
@@ -204,6 +211,12 @@ def too_small(control, h):
     return h <= 1e-13 * max(abs(control.real[TIME]), control.real[PERIOD])
 
 
+@inner(int64(CONTROL))
+def newton_limit(control):
+    """Iterations after which Newton's iteration is given up."""
+    return PATIENT_NEWTON_LIMIT if control.whole[FIXED_STEP] == 1 else NEWTON_LIMIT
+
+
 @inner(int64(CONTROL, int64, float64, float64))
 def judge(control, iteration, norm, old_norm):
     """What a Newton correction of scaled size `norm` says: 1 done, 0 go on, -1 stop.
@@ -224,7 +237,9 @@ def judge(control, iteration, norm, old_norm):
         return 1
     if iteration == 0:
         return 0
-    left = NEWTON_LIMIT - 1 - iteration
+    if contraction >= 1.0 and norm < STAGNATION:
+        return 1
+    left = newton_limit(control) - 1 - iteration
     if contraction >= 1.0 or contraction**left / (1.0 - contraction) * norm > goal:
         return -1
     return 0
@@ -301,17 +316,19 @@ def accelerate(kernels, system, work, memory, t, z, v):
 def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
     """Brings z and v onto the constraints, then solves for accelerations.
 
-    Done when every |c| <= near and |dc/dt| <= still. dz and dv are scratch.
+    Done when every |c| <= near and |dc/dt| <= still, at the last attempt (close to a
+    singular position) a hundred times that. dz and dv are scratch.
     Returns 0, or a code when the constraints are singular or cannot be met.
     """
     m = system.dims[N_ROWS]
-    for _ in range(6):
+    for attempt in range(PROJECTIONS_LIMIT):
         kernels.evaluate(system, work, t, z, v)
         memory.counters[EVALUATIONS] += 1
+        loose = 1.0 if attempt + 1 < PROJECTIONS_LIMIT else 100.0
         met = True
         for i in range(m):
-            met = met and abs(work.row[i, C_VALUE]) <= near
-            met = met and abs(work.row[i, C_RATE]) <= still
+            met = met and abs(work.row[i, C_VALUE]) <= loose * near
+            met = met and abs(work.row[i, C_RATE]) <= loose * still
         if met:
             return kernels.solve_accelerations(system, work, memory)
         memory.counters[PROJECTIONS] += 1

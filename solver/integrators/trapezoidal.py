@@ -29,7 +29,6 @@ from .stepping import (
     FIXED_STEP,
     NEAR,
     NEEDS_JACOBIAN,
-    NEWTON_LIMIT,
     NO_CONVERGENCE,
     NOT_FINITE,
     OFF_CONSTRAINTS,
@@ -47,6 +46,7 @@ from .stepping import (
     growth,
     judge,
     move,
+    newton_limit,
     next_step,
     output_due,
     project,
@@ -118,7 +118,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
     _predict(control, slopes, h)
     real[CONTRACTION] = max(real[CONTRACTION], LEAST_CONTRACTION) ** FADING
     old_norm = 0.0
-    for iteration in range(NEWTON_LIMIT):
+    for iteration in range(newton_limit(control)):
         z1, v1 = slopes.z1, slopes.v1
         if accelerate(kernels, system, work, memory, real[TIME] + h, z1, v1) != 0:
             return 0

@@ -51,6 +51,11 @@ from .layout import (
 )
 from .saddle import saddle_factor, saddle_solve
 
+#: Most corrections of accelerations for the regularisation of the constraints.
+REFINEMENTS = 8
+#: They stop below this relative defect, or when they no longer halve it.
+DEFECT = 1e-12
+
 
 class Memory(NamedTuple):
     """Factors and vectors of one run.
@@ -62,6 +67,7 @@ class Memory(NamedTuple):
         where the Newton matrix was made
     metric : blocks of tau^2 K, the stiffness part of the projection metric
     acceleration, multiplier : solution of eq. (3) at the last evaluated state
+    dx, dmu : scratch of one entry per velocity and per constraint row
     counters : see `N_COUNTERS`
     """
 
@@ -88,6 +94,8 @@ class Memory(NamedTuple):
     metric: Array
     acceleration: Array
     multiplier: Array
+    dx: Array
+    dmu: Array
     counters: np.ndarray
 
 
@@ -95,7 +103,7 @@ MEMORY = types.NamedTuple(
     [F1, F1, F1, F2, I1, I1]
     + [C2, C2, C2, C3, I2, I2]
     + [F1, F1, F2, I1, I1]
-    + [F1, F1, F2, F1, F1, F1, I1],
+    + [F1, F1, F2, F1, F1, F1, F1, F1, I1],
     Memory,
 )
 
@@ -150,6 +158,42 @@ STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS
 N_COUNTERS = 7
 
 
+@inner(types.void(SYSTEM, WORK, MEMORY, F1, F1))
+def _solve_mass(system, work, memory, x, mu):
+    saddle_solve(
+        system,
+        memory.mass_A,
+        work.C,
+        memory.mass_Y,
+        memory.mass_S,
+        memory.mass_pivots,
+        memory.mass_row_pivots,
+        x,
+        mu,
+    )
+
+
+@inner(float64(SYSTEM, WORK, MEMORY))
+def _constraint_defect(system, work, memory):
+    """What gamma - C z_II' leaves, into dmu; its size relative to the terms."""
+    m = system.dims[N_ROWS]
+    size = 0.0
+    for i in range(m):
+        memory.dmu[i] = work.row[i, C_GAMMA]
+    for k in range(len(system.segment)):
+        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
+        b = system.segment[k, S_BODY]
+        first = system.body[b, VEL]
+        for i in range(system.body[b, NV]):
+            term = work.C[at + i] * memory.acceleration[first + i]
+            memory.dmu[row] -= term
+            size = max(size, abs(term))
+    worst = 0.0
+    for i in range(m):
+        worst = max(worst, abs(memory.dmu[i]))
+    return worst / max(size, 1e-300)
+
+
 @entry(SOLVE_ACCELERATIONS)
 def solve_accelerations(system, work, memory):
     """Accelerations and multipliers of the state in `work`, into `memory`."""
@@ -172,17 +216,22 @@ def solve_accelerations(system, work, memory):
         memory.acceleration[i] = work.f[i]
     for i in range(system.dims[N_ROWS]):
         memory.multiplier[i] = work.row[i, C_GAMMA]
-    saddle_solve(
-        system,
-        A,
-        work.C,
-        memory.mass_Y,
-        memory.mass_S,
-        memory.mass_pivots,
-        memory.mass_row_pivots,
-        memory.acceleration,
-        memory.multiplier,
-    )
+    _solve_mass(system, work, memory, memory.acceleration, memory.multiplier)
+    defect = _constraint_defect(system, work, memory)
+    for _ in range(REFINEMENTS):
+        if defect < DEFECT:
+            break
+        for i in range(len(memory.dx)):
+            memory.dx[i] = 0.0
+        _solve_mass(system, work, memory, memory.dx, memory.dmu)
+        for i in range(len(memory.dx)):
+            memory.acceleration[i] += memory.dx[i]
+        for i in range(len(memory.dmu)):
+            memory.multiplier[i] += memory.dmu[i]
+        before = defect
+        defect = _constraint_defect(system, work, memory)
+        if defect > 0.5 * before:
+            break
     return 0
 
 

@@ -363,6 +363,7 @@ def linearise_body(system, work, b, z, v, acc):
         mean_x, mean_y = ctx, cty
         oe = pool[vec + V_OE0 * nq + k]
         ge_rate, j2q, j2qd, cr1_acc, ct1x_acc, ct1y_acc = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        ct1x_rate, ct1y_rate = 0.0, 0.0
         for i in range(nq):
             qi, qdi = z[q + i], v[qd + i]
             e = k * nq + i
@@ -386,6 +387,8 @@ def linearise_body(system, work, b, z, v, acc):
                 mean_y += 0.5 * ky * qi
                 ct1x_acc += kx * acc[qd + i]
                 ct1y_acc += ky * acc[qd + i]
+                ct1x_rate += kx * qdi
+                ct1y_rate += ky * qdi
             if flags & HAS_QUADRATIC_J:
                 j2q += pool[sq + S_J2 * n2 + e] * qi
                 j2qd += pool[sq + S_J2 * n2 + e] * qdi
@@ -399,6 +402,8 @@ def linearise_body(system, work, b, z, v, acc):
         if rd >= 2:
             D[block + (rd + k) * nv] = w * cty
             D[block + (rd + k) * nv + 1] = -w * ctx
+            ct1x_acc -= 2.0 * w * ct1y_rate
+            ct1y_acc += 2.0 * w * ct1x_rate
             P[block + rd + k] = -al * cty - w * w * ctx + ct1x_acc
             P[block + nv + rd + k] = al * ctx - w * w * cty + ct1y_acc
             D[block + rd + k] = -2.0 * w * cty

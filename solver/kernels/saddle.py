@@ -33,6 +33,11 @@ from .layout import (
     VEL,
 )
 
+#: Added to the diagonal of the Schur complement, relative to it. Where constraints
+#: become dependent (a singular position) it stands in for what they leave open;
+#: elsewhere refinement removes its effect.
+REGULARISATION = 1e-13
+
 
 @inner(*[int64(A, int64, int64, I1, int64) for A in (F1, C1)])
 def lu_factor(A, o, n, pivots, first):
@@ -160,6 +165,8 @@ def saddle_factor(system, A, C, G, Y, S, pivots, row_pivots):
                 for k in range(1, n):
                     total += G[g + k] * Y[at + k]
                 S[segment[r, S_ROW], column] += total
+    for i in range(m):
+        S[i, i] *= 1.0 + REGULARISATION
     if m > 0 and band_factor(S, m, width, row_pivots) != 0:
         return 2
     return 0

@@ -1,0 +1,147 @@
+"""Isogeometric analysis of several patches joined along matching sides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from formats.errors import InputError
+from formats.model import Marker, ModelFile
+from formats.model_geometry import FACES, PatchesGeometry
+
+from ..geometry.multipatch import Joined, joined
+from ..geometry.patch import NurbsPatch, side_nodes
+from ..importers.patches import read_patches
+from .finite_element_model import FiniteElementModel, MarkerRows
+from .iga import patch_matrices, refined_for
+from .named_sets import NamedSets
+from .patch_markers import at_marker, marker_parameters, placed, rows_at
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def patches_model(model: ModelFile) -> FiniteElementModel:
+    """The body of a model file whose geometry is a patch file.
+
+    Raises
+    ------
+    InputError : names the file, the patch or the key that is wrong.
+    """
+    geometry = model.geometry
+    assert isinstance(geometry, PatchesGeometry)
+    exact = read_patches(geometry.file)
+    if len({len(patch.degrees) for patch in exact.values()}) > 1:
+        raise InputError(
+            "holds plane patches and volumes",
+            source=geometry.file,
+            expected="patches of one kind",
+        )
+    try:
+        joined(exact, geometry.tolerance)
+        fine = {name: refined_for(model, patch) for name, patch in exact.items()}
+        numbering = joined(fine, geometry.tolerance)
+    except InputError as error:
+        raise error.located(geometry.file) from None
+    d = len(next(iter(fine.values())).degrees)
+    n = numbering.count
+    mass, stiffness = sp.csr_matrix((n, n)), sp.csr_matrix((d * n, d * n))
+    positions = np.zeros((n, d))
+    for name, patch in fine.items():
+        m, k = patch_matrices(model, exact[name], patch)
+        once, spread = _gathering(numbering, name, d)
+        mass, stiffness = mass + once.T @ m @ once, stiffness + spread.T @ k @ spread
+        positions[numbering.numbers[name]] = patch.points
+    return FiniteElementModel(
+        positions=positions,
+        scalar_mass=sp.csr_matrix(mass),
+        stiffness=sp.csr_matrix(stiffness),
+        node_sets=_side_sets(geometry, fine, numbering),
+        markers=_markers(model, exact, fine, numbering),
+    )
+
+
+def _gathering(
+    numbering: Joined, name: str, d: int
+) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """From common control points, and degrees of freedom, to those of one patch."""
+    numbers = numbering.numbers[name]
+    local = np.arange(len(numbers))
+    shape = (len(numbers), numbering.count)
+    once = sp.csr_matrix((np.ones(len(numbers)), (local, numbers)), shape=shape)
+    return once, sp.csr_matrix(sp.kron(once, sp.eye_array(d)))
+
+
+def _side_sets(
+    geometry: PatchesGeometry, patches: Mapping[str, NurbsPatch], numbering: Joined
+) -> NamedSets:
+    sets = NamedSets()
+    for name, patch in patches.items():
+        for side, (direction, end) in FACES.items():
+            if direction < len(patch.degrees):
+                nodes = numbering.numbers[name][side_nodes(patch, direction, end)]
+                sets[f"{name}.{side}"] = np.unique(nodes)
+    for name, members in geometry.edges.items():
+        try:
+            sets[name] = np.unique(np.concatenate([sets[m] for m in members]))
+        except InputError as error:
+            raise InputError(
+                error.problem,
+                place=f"geometry.edges.{name}",
+                expected=error.expected,
+            ) from None
+    return sets
+
+
+def _markers(
+    model: ModelFile,
+    exact: Mapping[str, NurbsPatch],
+    fine: Mapping[str, NurbsPatch],
+    numbering: Joined,
+) -> tuple[MarkerRows, ...]:
+    rows = []
+    for name, marker in placed(model.markers):
+        with at_marker(name):
+            patch, where = _place(marker, exact)
+            local = rows_at(name, marker.node, fine[patch], where)
+            _, spread = _gathering(numbering, patch, fine[patch].points.shape[1])
+            rows.append(
+                MarkerRows(
+                    name=name,
+                    node=marker.node,
+                    position=local.position,
+                    displacement=sp.csr_matrix(local.displacement @ spread),
+                    rotation=sp.csr_matrix(local.rotation @ spread),
+                )
+            )
+    return tuple(rows)
+
+
+def _place(marker: Marker, exact: Mapping[str, NurbsPatch]) -> tuple[str, Array]:
+    if marker.edge is not None:
+        patch, _, side = marker.edge.rpartition(".")
+        if patch not in exact or side not in FACES:
+            raise InputError(
+                f"there is no side {marker.edge!r}",
+                place="edge",
+                expected=f"PATCH.SIDE with a patch among {', '.join(exact)}",
+            )
+        return patch, marker_parameters(
+            marker, {marker.edge: FACES[side]}, exact[patch]
+        )
+    if marker.position is None:
+        raise InputError(
+            "parameters do not say in which patch",
+            expected="edge (with at) or position",
+        )
+    problem: InputError | None = None
+    for name, patch in exact.items():
+        try:
+            return name, marker_parameters(marker, {}, patch)
+        except InputError as error:
+            problem = error
+    assert problem is not None
+    raise problem

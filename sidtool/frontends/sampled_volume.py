@@ -1,0 +1,133 @@
+"""Hexahedra and tetrahedra that sample a NURBS volume."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.model import ModelFile
+from formats.model_discretisation import SolidDiscretisation
+from formats.model_geometry import VolumeGeometry
+
+from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
+from .finite_element_model import FiniteElementModel
+from .mesh import ElementBlock, Mesh, check_mesh
+from .mesh_points import MeshPoints
+from .patch_markers import at_marker, marker_parameters, placed
+from .reference_elements import edge_nodes
+from .solids import mesh_matrices
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
+    """The body of a model file as a regular mesh of solid elements.
+
+    Raises
+    ------
+    InputError : the geometry folds, the elements would lock, or a marker lies outside.
+    """
+    settings, geometry, material = model.discretisation, model.geometry, model.material
+    assert isinstance(settings, SolidDiscretisation)
+    assert isinstance(geometry, VolumeGeometry) and material is not None
+    exact = patch_from_model(geometry)
+    mesh = sampled_volume(exact, settings.elements, settings.type)
+    names = geometry.edge_names
+    sets = {name: mesh.node_sets[_key(side)] for name, side in names.items()}
+    check_mesh(mesh)
+    mass, stiffness = mesh_matrices(
+        mesh,
+        {None: material},
+        "solid",
+        incompatible_modes=settings.formulation == "incompatible_modes",
+    )
+    points = MeshPoints(mesh)
+    markers = []
+    for name, marker in placed(model.markers):
+        with at_marker(name):
+            where = marker_parameters(marker, names, exact)
+            axes = tuple(np.array([x]) for x in where)
+            position = evaluate_grid(exact, axes).ravel()
+            markers.append(points.rows(name, marker.node, points.snapped(position)))
+    return FiniteElementModel(
+        positions=mesh.positions,
+        scalar_mass=mass,
+        stiffness=stiffness,
+        node_sets=sets,
+        markers=tuple(markers),
+    )
+
+
+def sampled_volume(
+    patch: NurbsPatch, elements: tuple[int, int, int], kind: str
+) -> Mesh:
+    """Points of a volume at equal parameter steps, joined by elements of one kind.
+
+    Middle nodes lie on the exact geometry. The node sets are called "i.e" with
+    direction i and end e.
+    """
+    boxes = _boxes(elements)
+    simplices = kind.startswith("tet")
+    cells = _tetrahedra(boxes) if simplices else boxes
+    quadratic = kind in ("hex20", "tet10")
+    fine = tuple(2 * n for n in elements) if quadratic else elements
+    index = _grid_index(elements, 2 if quadratic else 1)[cells]
+    if quadratic:
+        pairs = np.array(edge_nodes(kind))
+        middles = (index[:, pairs[:, 0]] + index[:, pairs[:, 1]]) // 2
+        index = np.concatenate([index, middles], axis=1)
+    shape = tuple(n + 1 for n in fine)
+    axes = tuple(np.linspace(0, 1, n) for n in shape)
+    flat = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), shape)
+    used, nodes = np.unique(flat, return_inverse=True)
+    positions = evaluate_grid(patch, axes).reshape(-1, 3)[used]
+    block = ElementBlock(kind, nodes.reshape(flat.shape), np.arange(1, len(flat) + 1))
+    return Mesh(positions, (block,), _sides(used, shape))
+
+
+def _boxes(elements: tuple[int, int, int]) -> Indices:
+    """(ne, 8) corners of the boxes, as numbers in the grid of corners."""
+    n = np.arange(np.prod([k + 1 for k in elements])).reshape([k + 1 for k in elements])
+    square = ((0, 0), (1, 0), (1, 1), (0, 1))
+    ends = (slice(None, -1), slice(1, None))
+    corners = [n[ends[i], ends[j], ends[k]] for k in (0, 1) for i, j in square]
+    return np.stack(corners, axis=-1).reshape(-1, 8)
+
+
+def _tetrahedra(boxes: Indices) -> Indices:
+    """Six tetrahedra to a box along its diagonal (Kuhn), which match across boxes."""
+    number = {(0, 0, 0): 0, (1, 0, 0): 1, (1, 1, 0): 2, (0, 1, 0): 3}
+    number |= {(i, j, 1): v + 4 for (i, j, _), v in number.items()}
+    paths = []
+    for order in permutations(range(3)):
+        corner = [0, 0, 0]
+        path = [0]
+        for axis in order:
+            corner[axis] = 1
+            path.append(number[corner[0], corner[1], corner[2]])
+        even = np.linalg.det(np.eye(3)[list(order)]) > 0
+        paths.append(path if even else [path[0], path[2], path[1], path[3]])
+    return boxes[:, np.array(paths)].reshape(-1, 4)
+
+
+def _grid_index(elements: tuple[int, int, int], step: int) -> Indices:
+    """(ncorners, 3) indices of the corners in the grid of all nodes."""
+    axes = [np.arange(n + 1) * step for n in elements]
+    grid = np.meshgrid(*axes, indexing="ij")
+    return np.stack(grid, axis=-1).reshape(-1, 3)
+
+
+def _sides(used: Indices, shape: tuple[int, ...]) -> dict[str, Indices]:
+    place = np.unravel_index(used, shape)
+    return {
+        _key((i, e)): np.flatnonzero(place[i] == e * (shape[i] - 1))
+        for i in range(3)
+        for e in (0, 1)
+    }
+
+
+def _key(side: tuple[int, int]) -> str:
+    return f"{side[0]}.{side[1]}"

@@ -1,0 +1,1 @@
+"""Readers of meshes, patches and matrices that other programs wrote."""

@@ -1,0 +1,184 @@
+"""Orientations at the start: the right one of the ways in which axes are aligned.
+
+Constraints of orientation in space say that axes are at right angles, which also holds
+when a body is turned upside down. Before the assembly, bodies that are turned far away
+from what a joint wants are turned to it; after it, what was found is checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.scene import (
+    Placement,
+    SceneFile,
+    driven_coordinate,
+    marker_names,
+    marker_reference,
+    rotation,
+)
+from formats.sid import Array
+
+from .bodies import quaternion, rotation_part
+from .joints import joint_parts
+from .kernels import layout as at
+from .kernels.drives import drive_value
+from .kernels.layout import Work
+from .kernels.spatial import PR, R
+from .scene import System
+
+#: Bodies are turned beforehand when they are off by more than this angle [rad].
+FAR = 1.0
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What a joint wants of the orientation Q of its second marker in the first.
+
+    axis : Q leaves it where it is; None when all of Q is wanted
+    angle : wanted rotation about it, if it is driven
+    """
+
+    name: str
+    a: tuple[str, str]
+    b: tuple[str, str]
+    axis: Array | None
+    angle: float | None
+
+    def correction(self, Q: Array) -> Array:
+        """The rotation C, in the frame of the first marker, for which C Q is right."""
+        if self.axis is None:
+            return Q.T
+        turn = _shortest(Q @ self.axis, self.axis)
+        if self.angle is None:
+            return turn
+        now = _rotation_vector(turn @ Q) @ self.axis
+        left = (self.angle - now + np.pi) % (2.0 * np.pi) - np.pi
+        return _rotation(left * self.axis) @ turn
+
+
+def align(system: System, work: Work, z: Array) -> None:
+    """Turns bodies of a spatial guess to their joints, where they are far away.
+
+    `work` holds the frames of that guess. Each body is turned once, after those that
+    lie between it and the ground.
+    """
+    if system.planar:
+        return
+    frames = {
+        body.name: work.frame[b, R : R + 9].reshape(3, 3)
+        for b, body in enumerate(system.bodies)
+    }
+    known = {system.bodies[0].name, *system.eliminated.values(), *_held(system.scene)}
+    wishes = list(_wishes(system))
+    while wishes:
+        ready = [w for w in wishes if w.a[0] in known or w.b[0] in known]
+        wish = ready[0] if ready else wishes[0]
+        if not ready:
+            known.add(wish.a[0])
+        turned = wish.b[0] if wish.b[0] not in known else wish.a[0]
+        if turned not in known:
+            _turn(system, z, frames, wish, turned)
+        known |= {wish.a[0], wish.b[0]}
+        wishes.remove(wish)
+
+
+def check_alignment(system: System, work: Work) -> None:
+    """Raises joints that were assembled the wrong way round.
+
+    Raises
+    ------
+    InputError : names the joint and the angle by which it is off.
+    """
+    if system.planar:
+        return
+    for wish in _wishes(system):
+        if wish.a not in system.markers or wish.b not in system.markers:
+            continue
+        A, B = (
+            work.point[system.markers[m], PR : PR + 9].reshape(3, 3)
+            for m in (wish.a, wish.b)
+        )
+        off = float(np.linalg.norm(_rotation_vector(wish.correction(A.T @ B))))
+        if off > FAR:
+            raise InputError(
+                f"the start is assembled with {wish.name} turned by {off:.3g} rad",
+                place="bodies.*.initial",
+                expected="initial orientations nearer to what the joints want",
+            )
+
+
+def _shortest(source: Array, target: Array) -> Array:
+    """The smallest rotation of one unit vector onto another."""
+    across = np.cross(source, target)
+    size = np.linalg.norm(across)
+    angle = np.arctan2(size, source @ target)
+    if size < 1e-12:
+        across = np.cross(target, np.eye(3)[int(np.argmin(abs(target)))])
+        size = np.linalg.norm(across)
+    return _rotation(angle * across / size)
+
+
+def _rotation(vector: Array) -> Array:
+    return rotation(Placement(axis_angle=tuple(vector)))
+
+
+def _rotation_vector(matrix: Array) -> Array:
+    q = quaternion(matrix)
+    size = float(np.linalg.norm(q[1:]))
+    return q[1:] * (2.0 * np.arctan2(size, q[0]) / size if size > 0.0 else 2.0)
+
+
+def _wishes(system: System) -> Iterator[_Wish]:
+    """Joints that want an orientation, and are not carried by a prescribed frame."""
+    scene = system.scene
+    for name, joint in scene.joints.items():
+        texts = marker_names(joint)
+        if not texts or name in system.eliminated:
+            continue
+        constraints = joint_parts(joint, system.planar).constraints
+        across = [p for p in constraints if p.kind == at.PERPENDICULAR]
+        if len(across) < 2:
+            continue
+        axis = np.array(across[0].data[3:]) if len(across) == 2 else None
+        a, b = (marker_reference(text) for text in texts)
+        yield _Wish(name, a, b, axis, _driven_angle(system, name))
+
+
+def _driven_angle(system: System, joint: str) -> float | None:
+    scene = system.scene
+    for row, drive in enumerate(scene.drives.values()):
+        if drive.joint != joint or driven_coordinate(drive, scene.joints) != "angle":
+            continue
+        start = scene.time.start
+        clock = 0.5 * (start + system.breaks[0])
+        return float(drive_value.py_func(system.arrays, row, clock, start)[0])
+    return None
+
+
+def _held(scene: SceneFile) -> set[str]:
+    return {name for name, body in scene.bodies.items() if body.initial.fixed}
+
+
+def _turn(
+    system: System, z: Array, frames: dict[str, Array], wish: _Wish, body: str
+) -> None:
+    """Turns one of the two bodies if it is far from what the joint wants."""
+    first, second = (
+        rotation_part(system.bodies[system.index(name)].node(marker).AP.m0)
+        for name, marker in (wish.a, wish.b)
+    )
+    A, B = frames[wish.a[0]] @ first, frames[wish.b[0]] @ second
+    correction = wish.correction(A.T @ B)
+    row = system.arrays.body[system.index(body)]
+    if np.linalg.norm(_rotation_vector(correction)) < FAR or row[at.RD] != 6:
+        return
+    Q = correction @ A.T @ B
+    turned = A @ Q @ second.T if body == wish.b[0] else B @ Q.T @ first.T
+    frames[body] = turned
+    p = row[at.POS] + 3
+    z[p : p + 4] = quaternion(turned)

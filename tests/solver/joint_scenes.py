@@ -1,0 +1,122 @@
+"""Two bodies and one joint, rigid or flexible, and what every such pair conserves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from formats.scene import SceneFile
+from formats.sid import SID, Array, Taylor
+from formats.toml_files import validated
+from solver import kernel_calls
+from solver.kernels import layout as at
+from solver.kernels import planar, spatial
+from solver.kernels.layout import Work
+from solver.scene import System
+from solver.storage import new_work
+from tests.bodies import particle_body
+
+
+def scene(dimension: str, end: float = 1.0, **tables: Any) -> SceneFile:
+    """A scene from its tables, with no gravity unless told."""
+    head = {"format": "sidtool scene", "version": 1, "dimension": dimension}
+    time = {"end": end, "output_step": end / 20}
+    return validated({**head, "time": time, **tables}, SceneFile)
+
+
+def soft_body(planar_scene: bool, seed: int) -> SID:
+    """An undamped cloud of particles with two slow modes and turning nodes."""
+    sid = particle_body(2, 8, planar=planar_scene, seed=seed)
+    small = [
+        replace(n, psi=Taylor(0.2 * n.psi.m0), AP=Taylor(n.AP.m0)) for n in sid.nodes
+    ]
+    return replace(
+        sid,
+        nodes=tuple(small),
+        Ke=Taylor(np.diag([400.0, 900.0])),
+        De=Taylor(np.zeros((2, 2))),
+    )
+
+
+def pair(dimension: str, joint: dict[str, Any], flexible: bool) -> tuple[Any, Any]:
+    """A scene of two moving bodies with one joint between them, and its SIDs."""
+    plane = dimension == "planar"
+    axes = 2 if plane else 3
+    rng = np.random.default_rng(5)
+    bodies: dict[str, Any] = {}
+    sids = {}
+    for k, name in enumerate(("left", "right")):
+        spin = rng.normal(size=3)
+        initial: dict[str, Any] = {
+            "position": rng.normal(size=axes).tolist(),
+            "velocity": rng.normal(size=axes).tolist(),
+            "angular_velocity": spin[2] if plane else spin.tolist(),
+        }
+        if flexible:
+            sids[name] = soft_body(plane, seed=k)
+            bodies[name] = {"sid": name, "markers": {"end": "1"}, "initial": initial}
+            bodies[name]["quadratic_inertia"] = True
+            continue
+        place = rng.normal(size=axes).tolist()
+        turn = {"angle": 0.4} if plane else {"axis_angle": rng.normal(size=3).tolist()}
+        bodies[name] = {
+            "mass": 1.0 + k,
+            "inertia": 0.5 if plane else [0.3, 0.4, 0.5],
+            "centre_of_mass": rng.normal(size=axes).tolist(),
+            "markers": {"end": {"position": place, **turn}},
+            "initial": initial,
+        }
+    joints = {"joint": {"markers": ["left.end", "right.end"], **joint}}
+    return scene(dimension, bodies=bodies, joints=joints), sids
+
+
+def evaluated(system: System, t: float, z: Array, v: Array) -> Work:
+    """Frames, markers, M and constraints at a state."""
+    work = new_work(system)
+    work.clock[0] = t
+    kernel_calls.evaluate(system, work, t, z.copy(), v.copy())
+    return work
+
+
+def conserved(system: System, work: Work, z: Array, v: Array) -> Array:
+    """Energy without potentials, linear and angular momentum about the origin."""
+    total = np.zeros(7)
+    for b, row in enumerate(system.arrays.body):
+        n, first, rd = row[at.NV], row[at.VEL], row[at.RD]
+        if n == 0:
+            continue
+        M = work.M[row[at.BLOCK] : row[at.BLOCK] + n * n].reshape(n, n)
+        speed = v[first : first + n]
+        q = z[row[at.POS] + row[at.NP] - row[at.NQ] : row[at.POS] + row[at.NP]]
+        elastic = q @ system.bodies[b].sid.Ke.m0 @ q if len(q) else 0.0
+        total[0] += 0.5 * (speed @ M @ speed + elastic)
+        x, R = frame(system, work, b)
+        own = np.zeros(6)
+        own[[0, 1, 5] if system.planar else slice(0, 6)] = (M @ speed)[:rd]
+        linear = R @ own[:3]
+        total[1:4] += linear
+        total[4:] += R @ own[3:] + np.cross(x, linear)
+    return total
+
+
+def frame(system: System, work: Work, b: int) -> tuple[Array, Array]:
+    """Position and orientation of a body."""
+    f = work.frame[b]
+    if not system.planar:
+        return f[spatial.X : spatial.X + 3], f[spatial.R : spatial.R + 9].reshape(3, 3)
+    c, s = f[planar.COS], f[planar.SIN]
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.array([f[planar.X], f[planar.Y], 0.0]), R
+
+
+def marker(system: System, work: Work, name: tuple[str, str]) -> tuple[Array, Array]:
+    """Position and orientation of a marker."""
+    p = work.point[system.markers[name]]
+    if not system.planar:
+        x, R = p[spatial.PX : spatial.PX + 3], p[spatial.PR : spatial.PR + 9]
+        return x, R.reshape(3, 3)
+    c, s = np.cos(p[planar.TH]), np.sin(p[planar.TH])
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.array([p[planar.PX], p[planar.PY], 0.0]), R
