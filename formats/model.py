@@ -161,6 +161,10 @@ def _with_paths(model: ModelFile, folder: Path) -> ModelFile:
         for name, value in given.items()
         if isinstance(value, str)
     }
+    shapes = getattr(model.reduction, "file", None)
+    if isinstance(shapes, str):
+        reduction = model.reduction.model_copy(update={"file": str(folder / shapes)})
+        model = model.model_copy(update={"reduction": reduction})
     if not located:
         return model
     geometry = model.geometry.model_copy(update=located)

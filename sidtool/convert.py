@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from .frontends.registry import finite_element_model
 from .gram import body_inertia
 from .reduction.frames import FRAMES, Frame
 from .reduction.methods import REDUCTIONS, ReducedBasis
+from .stiffening import prestressed, stiffened
+from .stress import with_stress
 from .vectors import skew
 
 __all__ = ["finite_element_model", "sid_from_model"]
@@ -53,8 +56,23 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
     frame = FRAMES[model.frame.type](body, model.frame)
     progress(f"reducing {body.ndof} degrees of freedom")
     basis = REDUCTIONS[model.reduction.method](body, frame, model.reduction)
+    for sentence in basis.report:
+        progress(sentence)
+    stiffening, initial = model.stiffening, None
+    if stiffening and stiffening.prestress:
+        initial = prestressed(body, frame, basis, stiffening.prestress)
+        basis = initial.basis
     progress("integrating the inertia")
-    return assembled_sid(body, frame, basis, model.damping, title=model.title)
+    sid = assembled_sid(body, frame, basis, model.damping, title=model.title)
+    if initial is not None:
+        sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
+    if stiffening:
+        progress("geometric stiffening")
+        sid = stiffened(sid, body, frame, basis, stiffening)
+    if model.stress:
+        progress("stress")
+        sid = with_stress(sid, body, frame, basis, model.stress, initial)
+    return sid
 
 
 def assembled_sid(

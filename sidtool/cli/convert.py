@@ -32,8 +32,19 @@ DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
 @click.option(
     "--units", metavar="FROM:TO", help="Rescale every block, for example mm-t-s:SI."
 )
+@click.option(
+    "--frame",
+    metavar="FRAME",
+    help="Refer to another body frame: tangent:NODE, chord:NODE,NODE, buckens or "
+    "buckens:NODE.",
+)
 def convert(
-    source: Path, output: Path, dialect: str, repair: bool, units: str | None
+    source: Path,
+    output: Path,
+    dialect: str,
+    repair: bool,
+    units: str | None,
+    frame: str | None,
 ) -> None:
     """Convert a model file to a SID, or a SID to another SID file.
 
@@ -47,6 +58,7 @@ def convert(
       sidtool convert beam.SID_FEM -o better.SID_FEM --repair
       sidtool convert beam.SID_FEM -o beam_si.SID_FEM --units mm-t-s:SI
       sidtool convert rod.h5 -o rod.SID_FEM --dialect pysid
+      sidtool convert rod.SID_FEM -o mean.SID_FEM --frame buckens
     """
     from formats.sid_files import write_sid
 
@@ -54,6 +66,7 @@ def convert(
     sid = _sid(source)
     sid = _repaired(sid) if repair else sid
     sid = _rescaled(sid, units) if units else sid
+    sid = _rereferenced(sid, frame) if frame else sid
     write_sid(output, sid, dialect)
     click.echo(f"{output}: {_summary(sid)}")
 
@@ -66,6 +79,19 @@ def _sid(source: Path) -> Any:
     from ..convert import sid_from_model
 
     return sid_from_model(source)
+
+
+def _rereferenced(sid: Any, frame: str) -> Any:
+    from formats.errors import InputError
+
+    from ..rereference import rereferenced
+
+    try:
+        return rereferenced(sid, frame)
+    except InputError as error:
+        raise InputError(
+            error.problem, place="--frame", expected=error.expected
+        ) from None
 
 
 def _summary(sid: Any) -> str:

@@ -10,6 +10,8 @@ from ..interfaces import tied
 from .beam import beam_model
 from .finite_element_model import FiniteElementModel
 from .iga import iga_model
+from .imported_matrices import imported_matrices_model
+from .imported_mesh import imported_mesh_model
 from .patches import patches_model
 from .q4 import q4_model
 from .sampled_volume import sampled_volume_model
@@ -27,6 +29,8 @@ FRONTENDS: dict[tuple[str, str], Frontend] = {
     ("nurbs_volume", "tet10"): sampled_volume_model,
     ("patches", "iga"): patches_model,
     ("beam", "beam"): beam_model,
+    ("mesh", "mesh"): imported_mesh_model,
+    ("matrices", "matrices"): imported_matrices_model,
 }
 
 

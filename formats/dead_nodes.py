@@ -1,0 +1,57 @@
+"""Nodes at which a flexible body cannot be felt, because no shape function moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import InputError
+from .sid import SID, Node
+
+#: Relative size below which a shape function counts as zero.
+_NOTHING = 1e-9
+
+
+def dead_nodes(sid: SID) -> tuple[str, ...]:
+    """Ids of nodes where all shape functions vanish though the frame is elsewhere.
+
+    A node at the origin of the body frame rests in it by definition: what acts there
+    moves the frame. At any other such node a force or a joint never deforms the body,
+    as happens when modes were computed with the node held.
+    """
+    if sid.nq == 0 or not sid.nodes:
+        return ()
+    size = max(np.abs(node.position).max() for node in sid.nodes)
+    return tuple(
+        node.id
+        for node in sid.nodes
+        if _rests(sid, node) and np.abs(node.position).max() > _NOTHING * size
+    )
+
+
+def check_alive(sid: SID, node_id: str | int, what: str, body: str = "") -> None:
+    """Whether a load or a joint at a node can deform the body.
+
+    Parameters
+    ----------
+    what : "the force push", "the joint pin", ...
+    body : its name in the scene
+
+    Raises
+    ------
+    InputError : all shape functions vanish there.
+    """
+    if str(node_id) in dead_nodes(sid):
+        owner = f" of {body}" if body else ""
+        raise InputError(
+            f"{what} acts on node {node_id}{owner}, where all shape functions vanish: "
+            "the body would stay rigid against it",
+            expected="shape functions that move the node, for example with the node "
+            "among the interfaces of craig_bampton or attachment",
+        )
+
+
+def _rests(sid: SID, node: Node) -> bool:
+    phi = max(np.abs(other.phi.m0).max(initial=0.0) for other in sid.nodes)
+    psi = max(np.abs(other.psi.m0).max(initial=0.0) for other in sid.nodes)
+    still = np.abs(node.phi.m0).max(initial=0.0) <= _NOTHING * phi
+    return bool(still and np.abs(node.psi.m0).max(initial=0.0) <= _NOTHING * psi)

@@ -1,0 +1,166 @@
+"""Nastran .bdf and ANSYS .cdb meshes, through packages made for them."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from formats.errors import InputError
+from formats.model import Material
+
+from .imported import ImportedMesh, RawElement, assembled_mesh, read_lines
+
+_NASTRAN = {
+    "CTETRA4": "tet4",
+    "CTETRA10": "tet10",
+    "CHEXA8": "hex8",
+    "CHEXA20": "hex20",
+    "CPENTA6": "wedge6",
+    "CQUAD4": "quad4",
+    "CTRIA3": "tri3",
+    "CQUAD8": "quad8",
+    "CTRIA6": "tri6",
+}
+#: Corners, then edges of the base, of the top, upright: our order of Nastran's nodes.
+_CHEXA20 = (*range(12), *range(16, 20), *range(12, 16))
+#: ANSYS element type -> corners-only kind, kind with middle nodes.
+_ANSYS = {
+    185: ("hex8", "hex8"),
+    45: ("hex8", "hex8"),
+    186: ("hex20", "hex20"),
+    95: ("hex20", "hex20"),
+    187: ("tet10", "tet10"),
+    92: ("tet10", "tet10"),
+    285: ("tet4", "tet4"),
+    182: ("quad4", "quad4"),
+    42: ("quad4", "quad4"),
+    183: ("quad8", "quad8"),
+}
+
+
+def read_bdf(path: str | Path) -> ImportedMesh:
+    """The mesh of a Nastran bulk data file; needs pyNastran.
+
+    Raises
+    ------
+    InputError : pyNastran is not installed, or the file is no sound mesh.
+    """
+    read_lines(path)
+    module = _needed("pyNastran.bdf.bdf", "pyNastran", path)
+    data = _guarded(
+        lambda: module.read_bdf(str(path), xref=False, punch=None, debug=None), path
+    )
+    nodes = {}
+    for label, node in data.nodes.items():
+        if node.Cp() != 0:
+            raise InputError(
+                f"node {label} is given in coordinate system {node.Cp()}",
+                source=path,
+                expected="nodes in the basic system",
+            )
+        nodes[int(label)] = tuple(float(x) for x in node.xyz)
+    material_of = {
+        int(i): str(p.mid if hasattr(p, "mid") else p.mid1)
+        for i, p in data.properties.items()
+        if hasattr(p, "mid") or hasattr(p, "mid1")
+    }
+    raw = []
+    for label, element in data.elements.items():
+        listed = [int(n) for n in element.node_ids if n]
+        name = element.type if element.type in _NASTRAN else ""
+        name = name or f"{element.type}{len(listed)}"
+        if name not in _NASTRAN:
+            raise InputError(
+                f"element {label} is a {element.type} of {len(listed)} nodes",
+                source=path,
+                expected=", ".join(_NASTRAN),
+            )
+        if name == "CHEXA20":
+            listed = [listed[i] for i in _CHEXA20]
+        place = f"element {label}"
+        material = material_of.get(int(element.pid))
+        raw.append(RawElement(int(label), _NASTRAN[name], listed, place, material))
+    sets = {f"SET{i}": list(s.ids) for i, s in data.sets.items()}
+    for i, group in data.spcs.items():
+        members = [int(n) for card in group for n in getattr(card, "nodes", [])]
+        sets[f"SPC{i}"] = members
+    materials = {}
+    for i, m in data.materials.items():
+        if m.type == "MAT1" and m.e and m.rho and -1 < m.nu < 0.5:
+            materials[str(i)] = Material(
+                youngs_modulus=float(m.e),
+                poissons_ratio=float(m.nu),
+                density=float(m.rho),
+            )
+    try:
+        return ImportedMesh(assembled_mesh(nodes, raw, sets), materials)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def read_cdb(path: str | Path) -> ImportedMesh:
+    """The mesh of an ANSYS archive; needs mapdl-archive.
+
+    Raises
+    ------
+    InputError : mapdl-archive is not installed, or the file is no sound mesh.
+    """
+    read_lines(path)
+    module = _needed("mapdl_archive", "mapdl-archive", path)
+    data = _guarded(lambda: module.Archive(str(path), parse_vtk=False), path)
+    nodes = {
+        int(label): tuple(float(x) for x in xyz)
+        for label, xyz in zip(data.nnum, data.nodes, strict=True)
+    }
+    types = {int(key): int(kind) for key, kind in data.ekey}
+    raw = []
+    for entry in data.elem:
+        material, key, label = int(entry[0]), int(entry[1]), int(entry[8])
+        listed = [int(n) for n in entry[10:] if n]
+        if types.get(key) not in _ANSYS:
+            raise InputError(
+                f"element {label} is of type {types.get(key)}",
+                source=path,
+                expected="one of " + ", ".join(map(str, _ANSYS)),
+            )
+        kind, listed = _collapsed(_ANSYS[types[key]][0], listed)
+        raw.append(RawElement(label, kind, listed, f"element {label}", str(material)))
+    sets = {name: [int(n) for n in ids] for name, ids in data.node_components.items()}
+    try:
+        return ImportedMesh(assembled_mesh(nodes, raw, sets))
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def _collapsed(kind: str, nodes: list[int]) -> tuple[str, list[int]]:
+    """Hexahedra whose nodes coincide, as ANSYS writes prisms and tetrahedra."""
+    distinct = list(dict.fromkeys(nodes))
+    if kind == "hex8" and len(distinct) == 4:
+        return "tet4", distinct
+    if kind == "hex8" and len(distinct) == 6:
+        return "wedge6", distinct
+    return kind, nodes
+
+
+def _needed(module: str, package: str, path: str | Path) -> Any:
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise InputError(
+            f"needs the package {package}, which is not installed",
+            source=path,
+            expected=f"pip install {package}, or the mesh as .inp or .msh",
+        ) from None
+
+
+def _guarded(read: Callable[[], Any], path: str | Path) -> Any:
+    """Whatever a foreign reader raises, as one message."""
+    try:
+        return read()
+    except (Exception, SystemExit) as error:  # noqa: BLE001
+        text = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(
+            f"cannot be read ({text})", source=path, expected="a valid file"
+        ) from None

@@ -1,0 +1,180 @@
+"""What a mesh file yields, whatever program wrote it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.errors import InputError
+from formats.model import Material
+
+from ..frontends.mesh import ElementBlock, Mesh
+from ..frontends.reference_elements import reference_element
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedMesh:
+    """A mesh with what its file says beyond it.
+
+    Attributes
+    ----------
+    mesh : in the units of the file; plane meshes in two dimensions
+    materials : by the names in the blocks of the mesh; incomplete ones are left out
+    state : "plane_stress" or "plane_strain" if the element types say it
+    thickness : of plane elements if the file says it
+    """
+
+    mesh: Mesh
+    materials: Mapping[str, Material] = field(default_factory=dict)
+    state: str | None = None
+    thickness: float | None = None
+
+
+@dataclass(frozen=True)
+class RawElement:
+    """One element as the file has it: where it stands and the labels of its nodes."""
+
+    label: int
+    kind: str
+    nodes: Sequence[int]
+    place: str
+    material: str | None = None
+
+
+def read_lines(path: str | Path) -> list[str]:
+    """The lines of a text file.
+
+    Raises
+    ------
+    InputError : it cannot be read, is empty, or is no text.
+    """
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"cannot be read ({error.strerror})", source=path, expected="a file"
+        ) from None
+    if not data.strip():
+        raise InputError("is empty", source=path, expected="a mesh or a matrix")
+    try:
+        return data.decode("utf-8").splitlines()
+    except UnicodeDecodeError:
+        pass
+    if b"\0" in data:
+        raise InputError("holds binary data", source=path, expected="the text format")
+    return data.decode("latin-1").splitlines()
+
+
+def assembled_mesh(
+    nodes: Mapping[int, tuple[float, float, float]],
+    elements: Iterable[RawElement],
+    sets: Mapping[str, Iterable[int]],
+) -> Mesh:
+    """A mesh from labelled nodes and elements; a plane one in two dimensions.
+
+    Raises
+    ------
+    InputError : an element names an unknown node or has too few, a label appears
+        twice, or plane and solid elements are mixed.
+    """
+    labels = np.fromiter(nodes, np.int64, len(nodes))
+    row = {label: i for i, label in enumerate(nodes)}
+    groups: dict[tuple[str, str | None], list[RawElement]] = {}
+    seen: set[int] = set()
+    for element in elements:
+        if element.label in seen:
+            raise InputError(
+                f"element {element.label} is defined twice",
+                place=element.place,
+                expected="one definition",
+            )
+        seen.add(element.label)
+        _check_nodes(element, row)
+        groups.setdefault((element.kind, element.material), []).append(element)
+    if not groups:
+        raise InputError("holds no solid element", expected="a mesh of solid elements")
+    dimensions = {reference_element(kind).dimension for kind, _ in groups}
+    if len(dimensions) > 1:
+        raise InputError(
+            "mixes plane and solid elements", expected="elements of one dimension"
+        )
+    d = dimensions.pop()
+    positions = np.array(list(nodes.values()), float).reshape(-1, 3)
+    blocks = tuple(
+        ElementBlock(
+            kind,
+            np.array([[row[n] for n in e.nodes] for e in group], np.int64),
+            np.array([e.label for e in group], np.int64),
+            material,
+        )
+        for (kind, material), group in groups.items()
+    )
+    if d == 2:
+        used = np.unique(np.concatenate([b.nodes.ravel() for b in blocks]))
+        if np.ptp(positions[used, 2]) > 1e-9 * np.ptp(positions[used], axis=0).max():
+            raise InputError(
+                "has plane elements outside a plane z = constant",
+                expected="a plane mesh in the xy plane",
+            )
+    members = {
+        name: np.array(sorted({row[n] for n in group if n in row}), np.int64)
+        for name, group in sets.items()
+    }
+    return Mesh(positions[:, :d], blocks, members, labels)
+
+
+def _check_nodes(element: RawElement, row: Mapping[int, int]) -> None:
+    needed = len(reference_element(element.kind).nodes)
+    if len(element.nodes) != needed:
+        raise InputError(
+            f"element {element.label} ({element.kind}) has {len(element.nodes)} nodes",
+            place=element.place,
+            expected=f"{needed} nodes",
+        )
+    for node in element.nodes:
+        if node not in row:
+            raise InputError(
+                f"element {element.label} names node {node}, which is not defined",
+                place=element.place,
+                expected="a node of this file",
+            )
+
+
+def numbers(words: Sequence[str], place: str, what: str = "numbers") -> list[float]:
+    """Finite numbers from words.
+
+    Raises
+    ------
+    InputError : one is not.
+    """
+    result = []
+    for word in words:
+        try:
+            value = float(word.replace("D", "E").replace("d", "e"))
+        except ValueError:
+            value = np.nan
+        if not np.isfinite(value):
+            raise InputError(f"found {word.strip()!r}", place=place, expected=what)
+        result.append(value)
+    return result
+
+
+def integers(words: Sequence[str], place: str, what: str = "integers") -> list[int]:
+    """Integers from words.
+
+    Raises
+    ------
+    InputError : one is not.
+    """
+    try:
+        return [int(word) for word in words]
+    except ValueError:
+        found = " ".join(words)[:60]
+        raise InputError(f"found {found!r}", place=place, expected=what) from None

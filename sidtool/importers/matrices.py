@@ -1,0 +1,332 @@
+"""Mass and stiffness matrices of other programs, with a table of nodes.
+
+Formats: CalculiX .sti/.mas (lines ``row column value``) with .dof (lines
+``node.direction``), Abaqus .mtx (lines ``node, direction, node, direction, value``),
+MatrixMarket, and .npz or .h5 with the arrays
+
+- ``stiffness``, ``mass``: dense (ndof, ndof), or (entries, 3) of row, column, value
+  counted from 0
+- ``nodes``: (n, 4) number, x, y, z
+- ``dofs``: (ndof, 2) node number and direction 1 to 6 of every row
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from formats.errors import InputError
+
+from .imported import integers, numbers, read_lines
+from .meshes import MESH_READERS, read_mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedMatrices:
+    """Matrices as they are in their files.
+
+    Attributes
+    ----------
+    stiffness, mass : (ndof, ndof) sparse
+    labels : (n,) node numbers
+    positions : (n, 3)
+    dofs : (ndof, 2) node number and direction 1 to 6 of every row
+    node_sets : name -> rows of `positions`
+    """
+
+    stiffness: sp.csr_matrix
+    mass: sp.csr_matrix
+    labels: Indices
+    positions: Array
+    dofs: Indices
+    node_sets: dict[str, Indices]
+
+
+def read_matrices(
+    stiffness: str, mass: str, nodes: str, dofs: str | None
+) -> ImportedMatrices:
+    """Matrices, nodes and degrees of freedom from text files.
+
+    Raises
+    ------
+    InputError : names file and line.
+    """
+    labels, positions, sets = read_nodes(nodes)
+    k, k_dofs = _read_matrix(stiffness)
+    m, m_dofs = _read_matrix(mass)
+    if k_dofs is not None and m_dofs is not None:
+        k, m, table = _aligned(k, k_dofs, m, m_dofs)
+    elif dofs is not None:
+        table = _read_dofs(dofs)
+        size = len(table)
+        k, m = _sized(k, size, stiffness), _sized(m, size, mass)
+    else:
+        size = max(k.shape[0], m.shape[0])
+        k, m = _sized(k, size, stiffness), _sized(m, size, mass)
+        table = _regular(labels, size, nodes)
+    return ImportedMatrices(k, m, labels, positions, table, sets)
+
+
+def read_arrays(path: str) -> ImportedMatrices:
+    """Matrices, nodes and degrees of freedom from an .npz or .h5 file.
+
+    Raises
+    ------
+    InputError : an array is missing or misshapen.
+    """
+    arrays = _load_arrays(path)
+    nodes = _checked(arrays, "nodes", path, 4)
+    dofs = _checked(arrays, "dofs", path, 2).astype(np.int64)
+    size = len(dofs)
+    matrices = []
+    for name in ("stiffness", "mass"):
+        value = _checked(arrays, name, path, None)
+        if value.shape == (size, size):
+            matrices.append(sp.csr_matrix(value))
+        elif value.shape[1] == 3:
+            i, j = value[:, :2].astype(np.int64).T
+            _check_range(i, j, size, name, path)
+            shape = (size, size)
+            matrices.append(sp.csr_matrix((value[:, 2], (i, j)), shape=shape))
+        else:
+            raise InputError(
+                f"{name} has shape {value.shape}",
+                source=path,
+                expected=f"({size}, {size}) or (entries, 3)",
+            )
+    return ImportedMatrices(
+        matrices[0], matrices[1], nodes[:, 0].astype(np.int64), nodes[:, 1:], dofs, {}
+    )
+
+
+def read_nodes(path: str) -> tuple[Indices, Array, dict[str, Indices]]:
+    """Node numbers (n,), positions (n, 3) and node sets.
+
+    The file is a mesh, or holds lines ``number x y z``.
+
+    Raises
+    ------
+    InputError : names file and line.
+    """
+    if Path(path).suffix.lower() in MESH_READERS:
+        mesh = read_mesh(path).mesh
+        pad = ((0, 0), (0, 3 - mesh.dimension))
+        return mesh.labels, np.pad(mesh.positions, pad), dict(mesh.node_sets)
+    labels, positions = [], []
+    for place, words in _rows(path):
+        if len(words) != 4:
+            raise InputError(
+                f"has {len(words)} entries",
+                source=path,
+                place=place,
+                expected="number x y z",
+            )
+        with_source = _Sourced(path)
+        labels.append(with_source.integers(words[:1], place)[0])
+        positions.append(with_source.numbers(words[1:], place))
+    return np.array(labels, np.int64), np.array(positions).reshape(-1, 3), {}
+
+
+class _Sourced:
+    """Words to numbers, with the file in the message."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+
+    def integers(self, words: list[str], place: str) -> list[int]:
+        try:
+            return integers(words, place)
+        except InputError as error:
+            raise error.located(self._path) from None
+
+    def numbers(self, words: list[str], place: str) -> list[float]:
+        try:
+            return numbers(words, place)
+        except InputError as error:
+            raise error.located(self._path) from None
+
+
+def _rows(path: str) -> list[tuple[str, list[str]]]:
+    rows = []
+    for number, line in enumerate(read_lines(path), start=1):
+        text = line.strip()
+        if text and not text.startswith(("*", "#", "%")):
+            rows.append((f"line {number}", text.replace(",", " ").split()))
+    return rows
+
+
+def _read_matrix(path: str) -> tuple[sp.csr_matrix, Indices | None]:
+    """A matrix and, where rows name themselves, node and direction of each."""
+    first = read_lines(path)[0]
+    if first.startswith("%%MatrixMarket"):
+        return _matrix_market(path), None
+    rows = _rows(path)
+    width = len(rows[0][1]) if rows else 0
+    if width not in (3, 5):
+        raise InputError(
+            f"has {width} entries in a line",
+            source=path,
+            place=rows[0][0] if rows else None,
+            expected="row column value, or node direction node direction value",
+        )
+    for place, words in rows:
+        if len(words) != width:
+            raise InputError(
+                f"has {len(words)} entries",
+                source=path,
+                place=place,
+                expected=f"{width}, as the lines before (is the file cut off?)",
+            )
+    table = _as_array(rows, path)
+    if width == 3:
+        i, j = table[:, :2].astype(np.int64).T - 1
+        size = int(max(i.max(), j.max())) + 1
+        _check_range(i, j, size, "the matrix", path)
+        return sp.csr_matrix((table[:, 2], (i, j)), shape=(size, size)), None
+    keys = table[:, :4].astype(np.int64)
+    dofs, inverse = np.unique(
+        np.vstack([keys[:, :2], keys[:, 2:]]), axis=0, return_inverse=True
+    )
+    i, j = inverse.ravel()[: len(keys)], inverse.ravel()[len(keys) :]
+    shape = (len(dofs), len(dofs))
+    return sp.csr_matrix((table[:, 4], (i, j)), shape=shape), dofs
+
+
+def _as_array(rows: list[tuple[str, list[str]]], path: str) -> Array:
+    try:
+        table = np.array([words for _, words in rows], dtype=float)
+        if np.isfinite(table).all():
+            return table
+    except ValueError:
+        pass
+    convert = _Sourced(path)
+    return np.array([convert.numbers(words, place) for place, words in rows])
+
+
+def _matrix_market(path: str) -> sp.csr_matrix:
+    from scipy.io import mmread
+
+    try:
+        matrix = sp.csr_matrix(mmread(path))
+    except (ValueError, TypeError, IndexError, OverflowError) as error:
+        raise InputError(
+            str(error), source=path, expected="a MatrixMarket file"
+        ) from None
+    if np.iscomplexobj(matrix.data) or not np.isfinite(matrix.data).all():
+        raise InputError(
+            "holds complex or infinite numbers", source=path, expected="real numbers"
+        )
+    return sp.csr_matrix(matrix, dtype=float)
+
+
+def _read_dofs(path: str) -> Indices:
+    result = []
+    for place, words in _rows(path):
+        node, _, direction = words[0].partition(".")
+        if not (node.isdigit() and direction.isdigit()) or not 1 <= int(direction) <= 6:
+            raise InputError(
+                f"found {words[0]!r}",
+                source=path,
+                place=place,
+                expected="node.direction with a direction from 1 to 6",
+            )
+        result.append((int(node), int(direction)))
+    return np.array(result, np.int64).reshape(-1, 2)
+
+
+def _aligned(
+    k: sp.csr_matrix, k_dofs: Indices, m: sp.csr_matrix, m_dofs: Indices
+) -> tuple[sp.csr_matrix, sp.csr_matrix, Indices]:
+    """Both matrices on the union of their degrees of freedom."""
+    table, inverse = np.unique(np.vstack([k_dofs, m_dofs]), axis=0, return_inverse=True)
+    rows = inverse.ravel()
+    parts = []
+    for matrix, row in ((k, rows[: len(k_dofs)]), (m, rows[len(k_dofs) :])):
+        c = matrix.tocoo()
+        shape = (len(table), len(table))
+        parts.append(sp.csr_matrix((c.data, (row[c.row], row[c.col])), shape=shape))
+    return parts[0], parts[1], table
+
+
+def _regular(labels: Indices, size: int, path: str) -> Indices:
+    for per_node in (2, 3, 6):
+        if size == per_node * len(labels):
+            directions = np.tile(np.arange(1, per_node + 1), len(labels))
+            return np.column_stack([np.repeat(labels, per_node), directions])
+    raise InputError(
+        f"{size} rows do not fit {len(labels)} nodes",
+        source=path,
+        expected="2, 3 or 6 rows to a node, or a file of dofs",
+    )
+
+
+def _sized(matrix: sp.csr_matrix, size: int, path: str) -> sp.csr_matrix:
+    if matrix.shape[0] > size or matrix.shape[0] != matrix.shape[1]:
+        raise InputError(
+            f"has {matrix.shape[0]} x {matrix.shape[1]} entries",
+            source=path,
+            expected=f"{size} x {size}, as there are degrees of freedom",
+        )
+    result = matrix.copy()
+    result.resize(size, size)
+    return result
+
+
+def _check_range(i: Indices, j: Indices, size: int, name: str, path: str) -> None:
+    if len(i) and (min(i.min(), j.min()) < 0 or max(i.max(), j.max()) >= size):
+        raise InputError(
+            f"{name} has a row or column outside its size",
+            source=path,
+            expected=f"{size} rows and columns",
+        )
+
+
+def _load_arrays(path: str) -> dict[str, Any]:
+    names = ("stiffness", "mass", "nodes", "dofs")
+    try:
+        if Path(path).suffix == ".npz":
+            with np.load(path, allow_pickle=False) as data:
+                return {name: data[name] for name in names if name in data}
+        import h5py
+
+        with h5py.File(path, "r") as file:
+            return {name: np.array(file[name]) for name in names if name in file}
+    except Exception as error:
+        text = " ".join(str(error).split())[:160]
+        raise InputError(
+            f"cannot be read ({text})", source=path, expected="an .npz or .h5 file"
+        ) from None
+
+
+def _checked(
+    arrays: dict[str, Any], name: str, path: str, columns: int | None
+) -> Array:
+    if name not in arrays:
+        raise InputError(
+            "is missing",
+            source=path,
+            place=name,
+            expected="the arrays stiffness, mass, nodes and dofs",
+        )
+    value = arrays[name]
+    numeric = value.dtype.kind in "iuf" and value.ndim == 2 and value.size
+    if not numeric or (columns and value.shape[1] != columns):
+        raise InputError(
+            f"has shape {value.shape}",
+            source=path,
+            place=name,
+            expected=f"(rows, {columns or 'columns'}) of numbers",
+        )
+    if not np.isfinite(value).all():
+        raise InputError(
+            "is not finite", source=path, place=name, expected="finite numbers"
+        )
+    return np.asarray(value, float)

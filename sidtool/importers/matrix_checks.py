@@ -1,0 +1,137 @@
+"""What must hold of imported matrices; all raise `InputError`."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from formats.errors import InputError
+
+Array = NDArray[np.float64]
+
+_ASYMMETRY = 1e-8
+#: Force of a unit rigid motion relative to the forces inside the elements. Text files
+#: of six digits are worse than rounding.
+_RIGID = 1e-5
+_MOTIONS = ("x", "y", "z", "rotation about x", "rotation about y", "rotation about z")
+
+
+def symmetric(matrix: sp.csr_matrix, name: str) -> sp.csr_matrix:
+    """The whole matrix; one that has only one triangle is completed.
+
+    Raises
+    ------
+    InputError : it is not symmetric.
+    """
+    lower, upper = sp.tril(matrix, -1), sp.triu(matrix, 1)
+    if lower.count_nonzero() == 0 or upper.count_nonzero() == 0:
+        return sp.csr_matrix(matrix + lower.T + upper.T)
+    scale = np.abs(matrix.data).max()
+    off = abs(matrix - matrix.T)
+    if off.nnz and off.max() > _ASYMMETRY * scale:
+        raise InputError(
+            f"the {name} matrix is not symmetric: entries differ by "
+            f"{off.max() / scale:.1e} of the largest",
+            place=name,
+            expected="a symmetric matrix, or one triangle of it",
+        )
+    return sp.csr_matrix((matrix + matrix.T) / 2)
+
+
+def check_definite(mass: sp.csr_matrix, stiffness: sp.csr_matrix) -> None:
+    """Whether the mass is positive definite and the stiffness semidefinite.
+
+    Raises
+    ------
+    InputError : one is not; by the signs of its pivots (Sylvester's law of inertia).
+    """
+    bare = np.flatnonzero(mass.diagonal() <= 0)
+    if bare.size:
+        raise InputError(
+            f"{bare.size} degrees of freedom have no mass, the first in row "
+            f"{bare[0] + 1}",
+            place="mass",
+            expected="a positive definite mass matrix (a beam needs polar inertia too)",
+        )
+    scale = stiffness.diagonal().max() / mass.diagonal().max()
+    if _negative_pivots(mass):
+        raise InputError(
+            "the mass matrix is not positive definite",
+            place="mass",
+            expected="a positive definite mass matrix",
+        )
+    if _negative_pivots(sp.csr_matrix(stiffness + 1e-6 * scale * mass)):
+        raise InputError(
+            "the stiffness matrix has negative eigenvalues",
+            place="stiffness",
+            expected="a positive semidefinite matrix",
+        )
+
+
+def _negative_pivots(matrix: sp.csr_matrix) -> bool:
+    try:
+        factors = splu(
+            sp.csc_matrix(matrix),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError:
+        return True
+    return bool((factors.U.diagonal() < 0).any())
+
+
+def check_rigid_motion(stiffness: sp.csr_matrix, rigid: Array) -> None:
+    """Whether the stiffness leaves rigid motion free.
+
+    Parameters
+    ----------
+    rigid : (ndof, 3 or 6) rigid motions
+
+    Raises
+    ------
+    InputError : it does not: the body is held, or the nodes are not where the matrix
+        was made.
+    """
+    sizes = abs(stiffness) @ np.abs(rigid)
+    forces = np.abs(stiffness @ rigid).max(axis=0) / sizes.max(axis=0)
+    bad = np.flatnonzero(forces > _RIGID)
+    if bad.size == 0:
+        return
+    moves = _MOTIONS if rigid.shape[1] == 6 else ("x", "y", "rotation about z")
+    names = ", ".join(moves[i] for i in bad)
+    turned = all("rotation" in moves[i] for i in bad)
+    raise InputError(
+        f"the stiffness resists rigid motion ({names})",
+        place="stiffness",
+        expected="node positions that fit the matrix"
+        if turned
+        else "the matrix of the free body, without supports; the frame of the model "
+        "file says what is held",
+    )
+
+
+def scalar_part(mass: sp.csr_matrix, table: NDArray[np.int64]) -> sp.csr_matrix | None:
+    """m (n, n) if the mass matrix is m on every displacement component, else None.
+
+    Parameters
+    ----------
+    table : (n, 6) degrees of freedom by node, -1 for none
+    """
+    if (table[:, 3:] >= 0).any():
+        return None
+    axes = [a for a in range(3) if (table[:, a] >= 0).all()]
+    if len(axes) * len(table) != mass.shape[0]:
+        return None
+    blocks = [mass[table[:, a]][:, table[:, a]] for a in axes]
+    scale = 1e-9 * np.abs(mass.data).max()
+    for block in blocks[1:]:
+        difference = abs(block - blocks[0])
+        if difference.nnz and difference.max() > scale:
+            return None
+    inside = sum(abs(block).sum() for block in blocks)
+    if abs(mass).sum() - inside > 1e-9 * inside:
+        return None
+    return sp.csr_matrix(blocks[0])

@@ -1,0 +1,40 @@
+"""Mesh files by their endings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from formats.errors import InputError
+
+from .bulk import read_bdf, read_cdb
+from .imported import ImportedMesh
+from .inp import read_inp
+from .msh import read_msh
+
+#: One line adds a format.
+MESH_READERS: dict[str, Callable[[str | Path], ImportedMesh]] = {
+    ".inp": read_inp,
+    ".msh": read_msh,
+    ".bdf": read_bdf,
+    ".nas": read_bdf,
+    ".dat": read_bdf,
+    ".cdb": read_cdb,
+}
+
+
+def read_mesh(path: str | Path) -> ImportedMesh:
+    """The mesh of a file.
+
+    Raises
+    ------
+    InputError : the ending is unknown, or names file, line and expectation.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in MESH_READERS:
+        raise InputError(
+            f"files ending in {ending or 'nothing'} are not known as meshes",
+            source=path,
+            expected=", ".join(MESH_READERS),
+        )
+    return MESH_READERS[ending](path)

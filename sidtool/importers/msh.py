@@ -1,0 +1,258 @@
+"""Gmsh meshes (.msh), text, versions 2.2 and 4.1.
+
+Physical names become node sets. Solid elements make the body; if there are none, the
+plane ones do. Elements of lower dimension only serve the sets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from formats.errors import InputError
+
+from .imported import (
+    ImportedMesh,
+    RawElement,
+    assembled_mesh,
+    integers,
+    numbers,
+    read_lines,
+)
+
+#: Gmsh type -> dimension, nodes, our name, our order of its nodes.
+_TYPES: dict[int, tuple[int, int, str | None, tuple[int, ...] | None]] = {
+    1: (1, 2, None, None),
+    2: (2, 3, "tri3", None),
+    3: (2, 4, "quad4", None),
+    4: (3, 4, "tet4", None),
+    5: (3, 8, "hex8", None),
+    6: (3, 6, "wedge6", None),
+    8: (1, 3, None, None),
+    9: (2, 6, "tri6", None),
+    10: (2, 9, None, None),
+    11: (3, 10, "tet10", (0, 1, 2, 3, 4, 5, 6, 7, 9, 8)),
+    15: (0, 1, None, None),
+    16: (2, 8, "quad8", None),
+    17: (
+        3,
+        20,
+        "hex20",
+        (*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15),
+    ),
+}
+
+
+class _Lines:
+    """The lines of one section, in order."""
+
+    def __init__(self, name: str, lines: list[tuple[str, str]]) -> None:
+        self.name = name
+        self._lines: Iterator[tuple[str, str]] = iter(lines)
+
+    def next(self) -> tuple[list[str], str]:
+        for text, place in self._lines:
+            return text.split(), place
+        raise InputError(
+            f"${self.name} ends early", expected=f"more lines before $End{self.name}"
+        )
+
+    def integers(self, count: int) -> tuple[list[int], str]:
+        words, place = self.next()
+        if len(words) < count:
+            raise InputError(
+                f"has {len(words)} entries", place=place, expected=f"{count} of them"
+            )
+        return integers(words, place), place
+
+
+@dataclass
+class _Content:
+    names: dict[tuple[int, int], str] = field(default_factory=dict)
+    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    #: label, type, nodes, physical tags, place
+    elements: list[tuple[int, int, list[int], list[int], str]] = field(
+        default_factory=list
+    )
+    physical: dict[tuple[int, int], list[int]] = field(default_factory=dict)
+
+
+def read_msh(path: str | Path) -> ImportedMesh:
+    """The mesh of a Gmsh file.
+
+    Raises
+    ------
+    InputError : names file, line and expectation.
+    """
+    try:
+        sections = _sections(read_lines(path))
+        version = _version(sections)
+        content = _Content()
+        _physical_names(content, sections)
+        if version == 2:
+            _nodes_2(content, _section(sections, "Nodes"))
+            _elements_2(content, _section(sections, "Elements"))
+        else:
+            if "Entities" in sections:
+                _entities(content, _section(sections, "Entities"))
+            _nodes_4(content, _section(sections, "Nodes"))
+            _elements_4(content, _section(sections, "Elements"))
+        return _imported(content)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def _sections(lines: list[str]) -> dict[str, list[tuple[str, str]]]:
+    sections: dict[str, list[tuple[str, str]]] = {}
+    current: str | None = None
+    for number, line in enumerate(lines, start=1):
+        text, place = line.strip(), f"line {number}"
+        if text.startswith("$End"):
+            if text[4:] != current:
+                raise InputError(
+                    f"found {text}", place=place, expected=f"$End{current or '...'}"
+                )
+            current = None
+        elif text.startswith("$"):
+            if current is not None:
+                raise InputError(
+                    f"found {text}", place=place, expected=f"$End{current}"
+                )
+            current = text[1:]
+            sections[current] = []
+        elif current is not None and text:
+            sections[current].append((text, place))
+    if current is not None:
+        raise InputError(f"the file ends inside ${current}", expected=f"$End{current}")
+    return sections
+
+
+def _section(sections: dict[str, list[tuple[str, str]]], name: str) -> _Lines:
+    if name not in sections:
+        raise InputError(f"has no ${name}", expected=f"a section ${name}")
+    return _Lines(name, sections[name])
+
+
+def _version(sections: dict[str, list[tuple[str, str]]]) -> int:
+    words, place = _section(sections, "MeshFormat").next()
+    if words[:2] == ["2.2", "0"]:
+        return 2
+    if words[:2] == ["4.1", "0"]:
+        return 4
+    raise InputError(
+        f"is of version {words[0]}, file type {' '.join(words[1:2])}",
+        place=place,
+        expected="version 2.2 or 4.1 as text (file type 0)",
+    )
+
+
+def _physical_names(
+    content: _Content, sections: dict[str, list[tuple[str, str]]]
+) -> None:
+    for text, place in sections.get("PhysicalNames", [])[1:]:
+        words = text.split(maxsplit=2)
+        dimension, tag = integers(words[:2], place)
+        content.names[dimension, tag] = (words[2] if len(words) > 2 else "").strip('"')
+
+
+def _nodes_2(content: _Content, lines: _Lines) -> None:
+    (count,), _ = lines.integers(1)
+    for _ in range(count):
+        words, place = lines.next()
+        _add_node(content, integers(words[:1], place)[0], words[1:], place)
+
+
+def _add_node(content: _Content, label: int, words: list[str], place: str) -> None:
+    values = numbers(words, place, "x y z")
+    if len(values) < 3 or label in content.nodes:
+        problem = "is defined twice" if len(values) > 2 else "is cut off"
+        raise InputError(f"node {label} {problem}", place=place, expected="x y z, once")
+    content.nodes[label] = (values[0], values[1], values[2])
+
+
+def _elements_2(content: _Content, lines: _Lines) -> None:
+    (count,), _ = lines.integers(1)
+    for _ in range(count):
+        values, place = lines.integers(3)
+        label, kind, ntags = values[:3]
+        tags = values[3 : 3 + ntags][:1]
+        _add_element(content, label, kind, values[3 + ntags :], tags, place)
+
+
+def _add_element(
+    content: _Content,
+    label: int,
+    kind: int,
+    nodes: list[int],
+    tags: list[int],
+    place: str,
+) -> None:
+    if kind not in _TYPES:
+        raise InputError(
+            f"element {label} is of type {kind}, which is not supported",
+            place=place,
+            expected="a Gmsh type among " + ", ".join(map(str, _TYPES)),
+        )
+    if len(nodes) != _TYPES[kind][1]:
+        raise InputError(
+            f"element {label} has {len(nodes)} nodes",
+            place=place,
+            expected=f"{_TYPES[kind][1]} nodes",
+        )
+    content.elements.append((label, kind, nodes, tags, place))
+
+
+def _entities(content: _Content, lines: _Lines) -> None:
+    counts, _ = lines.integers(4)
+    for dimension, count in enumerate(counts[:4]):
+        for _ in range(count):
+            words, place = lines.next()
+            skip = 4 if dimension == 0 else 7
+            (tag,) = integers(words[:1], place)
+            (n,) = integers(words[skip : skip + 1] or ["0"], place)
+            tags = integers(words[skip + 1 : skip + 1 + n], place)
+            content.physical[dimension, tag] = tags
+
+
+def _nodes_4(content: _Content, lines: _Lines) -> None:
+    (blocks, *_), _ = lines.integers(4)
+    for _ in range(blocks):
+        (_, _, parametric, count, *_), place = lines.integers(4)
+        labels = [lines.integers(1)[0][0] for _ in range(count)]
+        for label in labels:
+            words, place = lines.next()
+            _add_node(content, label, words[:3] if parametric else words, place)
+
+
+def _elements_4(content: _Content, lines: _Lines) -> None:
+    (blocks, *_), _ = lines.integers(4)
+    for _ in range(blocks):
+        (dimension, entity, kind, count, *_), _ = lines.integers(4)
+        tags = content.physical.get((dimension, entity), [])
+        for _ in range(count):
+            (label, *nodes), place = lines.integers(1)
+            _add_element(content, label, kind, nodes, tags, place)
+
+
+def _imported(content: _Content) -> ImportedMesh:
+    top = max((_TYPES[kind][0] for _, kind, *_ in content.elements), default=0)
+    if top < 2:
+        raise InputError("has no plane or solid element", expected="a mesh of a body")
+    raw, sets = [], {name: set[int]() for name in content.names.values()}
+    for label, kind, nodes, tags, place in content.elements:
+        dimension, _, ours, order = _TYPES[kind]
+        names = [content.names.get((dimension, t), f"{dimension}.{t}") for t in tags]
+        for name in names:
+            sets.setdefault(name, set()).update(nodes)
+        if dimension < top:
+            continue
+        if ours is None:
+            raise InputError(
+                f"element {label} is of type {kind}, which makes no body here",
+                place=place,
+                expected="serendipity elements (Mesh.SecondOrderIncomplete = 1)",
+            )
+        listed = nodes if order is None else [nodes[i] for i in order]
+        raw.append(RawElement(label, ours, listed, place))
+    return ImportedMesh(assembled_mesh(content.nodes, raw, sets))

@@ -1,0 +1,306 @@
+"""The same body and elastic coordinates, seen from another body frame.
+
+The new frame moves relative to the old one by the small rigid motion
+xi_l(c) = t_l + theta_l x c per elastic coordinate, so that the shape functions become
+phi_l - xi_l. A body with geometric stiffening has a displacement field of second order;
+there the motion is the screw exp(sum_l xi_l q_l), whose inverse is that of -xi:
+
+    Phi1'_kl = Phi1_kl - theta_k x phi_l - theta_l x phi_k
+               + (theta_k x xi_l + theta_l x xi_k) / 2
+
+Every block is changed by what these fields change in its integral (sid-format, section
+5), so that going there and back is the identity.
+
+Source: R. Schwertassek, O. Wallrapp, A. Shabana, "Flexible multibody simulation and
+choice of shape functions", Nonlinear Dynamics 20, 1999.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.sid import (
+    J_INDICES,
+    SID,
+    Array,
+    Node,
+    Taylor,
+    axis_major,
+    symmetric_3x3,
+)
+from formats.sid_mass import centre_of_mass, coupled_mass_matrix
+
+from .relabel import relabelled
+from .stiffening import CENTRIFUGAL
+from .validate.measures import has_stiffening
+from .vectors import LEVI_CIVITA, skew
+
+_RIGID = slice(0, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class FrameChange:
+    """Where a new frame is in the old one.
+
+    Attributes
+    ----------
+    origin : (3,) its origin in the undeformed body, old frame [m]
+    shift : (nq, 3) t_l, motion of the point that is the old origin [m/[q]]
+    turn : (nq, 3) theta_l [rad/[q]]
+    """
+
+    origin: Array
+    shift: Array
+    turn: Array
+
+    def at(self, position: Array) -> Array:
+        """(nq, 3) the rigid motion at a point."""
+        return self.shift + np.cross(self.turn, position)
+
+
+def rereferenced(sid: SID, frame: str) -> SID:
+    """A SID in another frame.
+
+    Parameters
+    ----------
+    frame : "tangent:NODE", "chord:NODE,NODE", "buckens" or "buckens:NODE"
+
+    Raises
+    ------
+    InputError : the frame is unknown, a node is missing or tells no rotation.
+    """
+    return changed(sid, frame_change(sid, frame))
+
+
+def frame_change(sid: SID, frame: str) -> FrameChange:
+    """The motion of a frame that is given in words; see `rereferenced`."""
+    kind, _, text = frame.partition(":")
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    counts = {"tangent": (1,), "chord": (2,), "buckens": (0, 1)}
+    if len(names) not in counts.get(kind, ()):
+        raise InputError(
+            f"found {frame!r}",
+            place="frame",
+            expected="tangent:NODE, chord:NODE,NODE, buckens or buckens:NODE",
+        )
+    nodes = [sid.node(name) for name in names]
+    if sid.nq == 0:
+        origin = nodes[0].position if nodes else centre_of_mass(sid)
+        return FrameChange(origin, np.zeros((0, 3)), np.zeros((0, 3)))
+    if kind == "tangent":
+        return _tangent(nodes[0])
+    if kind == "chord":
+        return _chord(nodes[0], nodes[1])
+    return _buckens(sid, nodes[0] if nodes else None)
+
+
+def _tangent(node: Node) -> FrameChange:
+    if node.phi.m0.any() and not node.psi.m0.any():
+        raise _no_rotation(node)
+    turn = node.psi.m0.T
+    shift = node.phi.m0.T - np.cross(turn, node.position)
+    return FrameChange(node.position, shift, turn)
+
+
+def _chord(first: Node, second: Node) -> FrameChange:
+    chord = second.position - first.position
+    length = np.linalg.norm(chord)
+    if length == 0:
+        raise InputError(
+            f"nodes {first.id} and {second.id} are at the same place",
+            place="frame",
+            expected="two nodes at a distance",
+        )
+    along = chord / length
+    gap = (second.phi.m0 - first.phi.m0).T
+    twist = first.psi.m0.T @ along
+    turn = np.cross(along, gap) / length + np.outer(twist, along)
+    shift = first.phi.m0.T - np.cross(turn, first.position)
+    return FrameChange(first.position, shift, turn)
+
+
+def _buckens(sid: SID, node: Node | None) -> FrameChange:
+    mass = coupled_mass_matrix(sid)
+    motion = np.linalg.lstsq(mass[_RIGID, _RIGID], mass[_RIGID, 6:], rcond=1e-12)[0].T
+    origin = centre_of_mass(sid) if node is None else node.position
+    return FrameChange(origin, motion[:, :3], motion[:, 3:])
+
+
+def _no_rotation(node: Node) -> InputError:
+    return InputError(
+        f"node {node.id} moves but tells no rotation",
+        place="frame",
+        expected="a node with psi, whose turning the frame can follow",
+    )
+
+
+def changed(sid: SID, change: FrameChange) -> SID:
+    """A SID in the frame that a change describes; all blocks consistent."""
+    second = has_stiffening(sid)
+    old = _Integrals.of(sid)
+    d_phi, d_phi_c, d_pairs, d_second = _differences(sid, old, change, second)
+    d_rigid = _rigid_differences(sid, old, change)
+    blocks = _blocks(sid, d_phi, d_phi_c, d_pairs, d_second, d_rigid)
+    blocks["Me"] = _added(sid.Me, _modal_mass_difference(sid, change))
+    damping = _rayleigh(sid)
+    if damping is not None:
+        alpha, beta = damping
+        blocks["De"] = replace(sid.De, m0=alpha * blocks["Me"].m0 + beta * sid.Ke.m0)
+    nodes = tuple(_node(node, change, second) for node in sid.nodes)
+    return relabelled(replace(sid, nodes=nodes, **blocks))
+
+
+@dataclass(frozen=True, eq=False)
+class _Integrals:
+    """int dm: c (3,), c c^T (3, 3), phi (nq, 3), phi c^T (nq, 3, 3)."""
+
+    c: Array
+    cc: Array
+    phi: Array
+    phi_c: Array
+
+    @classmethod
+    def of(cls, sid: SID) -> _Integrals:
+        inertia = symmetric_3x3(sid.J.m0[:, 0])
+        rate = symmetric_3x3(sid.J.first_order(sid.nq)[:, :, 0])
+        c4 = -0.5 * (rate - skew(sid.Cr.m0))
+        trace = np.einsum("laa->l", c4)[:, None, None]
+        return cls(
+            c=sid.mdCM.m0[:, 0],
+            cc=np.trace(inertia) / 2 * np.eye(3) - inertia,
+            phi=sid.Ct.m0,
+            phi_c=c4 - trace / 2 * np.eye(3),
+        )
+
+
+def _differences(
+    sid: SID, old: _Integrals, change: FrameChange, second: bool
+) -> tuple[Array, Array, Array, tuple[Array, Array]]:
+    """What changes in int phi, phi c^T, phi_i phi_l^T, and Phi1, Phi1 c^T."""
+    t, turn, c0 = change.shift, skew(change.turn), change.origin
+    xi = sid.mass * t + turn @ old.c
+    xi_c = np.einsum("la,b->lab", t, old.c) + turn @ old.cc
+    phi_xi = np.einsum("ia,lb->ilab", old.phi, t) + np.einsum(
+        "iac,lbc->ilab", old.phi_c, turn
+    )
+    xi_xi = np.einsum("ia,lb->ilab", xi, t) + np.einsum("iac,lbc->ilab", xi_c, turn)
+    xi_phi = np.swapaxes(np.swapaxes(phi_xi, 0, 1), 2, 3)
+    d_pairs = xi_xi - phi_xi - xi_phi
+    new_phi = old.phi - xi
+    d_phi_c = -xi_c - np.einsum("la,b->lab", new_phi, c0)
+    nq = sid.nq
+    d_one, d_one_c = np.zeros((nq, nq, 3)), np.zeros((nq, nq, 3, 3))
+    if second:
+        xi_moved = xi_c - np.einsum("la,b->lab", xi, c0)
+        phi_moved = old.phi_c - np.einsum("la,b->lab", old.phi, c0)
+        half, half_c = xi / 2 - old.phi, xi_moved / 2 - phi_moved
+        d_one = np.einsum("kab,lb->kla", turn, half)
+        d_one = d_one + np.swapaxes(d_one, 0, 1)
+        d_one_c = np.einsum("kab,lbc->klac", turn, half_c)
+        d_one_c = d_one_c + np.swapaxes(d_one_c, 0, 1)
+        first = sid.Ct.first_order(nq)
+        d_one_c = d_one_c - np.einsum("kla,b->klab", first, c0)
+    return -xi, d_phi_c, d_pairs, (d_one, d_one_c)
+
+
+def _rigid_differences(
+    sid: SID, old: _Integrals, change: FrameChange
+) -> tuple[Array, Array]:
+    """What changes in int c dm and int c c^T dm."""
+    c0 = change.origin
+    mixed = np.outer(old.c, c0)
+    return -sid.mass * c0, sid.mass * np.outer(c0, c0) - mixed - mixed.T
+
+
+def _blocks(
+    sid: SID,
+    d_phi: Array,
+    d_phi_c: Array,
+    d_pairs: Array,
+    d_second: tuple[Array, Array],
+    d_rigid: tuple[Array, Array],
+) -> dict[str, Any]:
+    """The inertia blocks of section 5, each with the difference in its integral."""
+    d_c, d_cc = d_rigid
+    d_one, d_one_c = d_second
+    d_c4 = d_phi_c - np.einsum("lcc,ab->lab", d_phi_c, np.eye(3))
+    cross = np.einsum("abc,lbic->lia", LEVI_CIVITA, np.moveaxis(d_pairs, 2, 1))
+    arm = np.einsum("abc,licb->lia", LEVI_CIVITA, d_one_c)
+    d_j = np.trace(d_cc) * np.eye(3) - d_cc
+    d_j1 = -(d_c4 + np.swapaxes(d_c4, 1, 2))
+    first_gr = None
+    if sid.Gr.m1 is not None:
+        trace = np.einsum("klaa->kl", d_pairs)[..., None, None] * np.eye(3)
+        products = -2 * (np.swapaxes(d_pairs, 2, 3) - trace)
+        first_gr = np.stack([axis_major(part) for part in products])
+    return {
+        "mdCM": _added(sid.mdCM, d_c[:, None], d_phi[:, :, None]),
+        "J": _added(sid.J, _six(d_j)[:, None], _six(d_j1)[..., None]),
+        "Ct": _added(sid.Ct, d_phi, d_one if d_one.any() else None),
+        "Cr": _added(
+            sid.Cr, np.einsum("abc,lcb->la", LEVI_CIVITA, d_phi_c), cross + arm
+        ),
+        "Gr": _added(sid.Gr, axis_major(-2 * d_c4), first_gr),
+        "Ge": _added(sid.Ge, axis_major(2 * cross)),
+        "Oe": _added(
+            sid.Oe,
+            np.einsum("kab,iab->ik", CENTRIFUGAL, d_phi_c),
+            np.einsum("kab,liab->lik", CENTRIFUGAL, d_pairs + d_one_c),
+        ),
+    }
+
+
+def _modal_mass_difference(sid: SID, change: FrameChange) -> Array:
+    """-X R - R^T X^T + R^T M R with couplings X and rigid mass matrix M."""
+    mass = coupled_mass_matrix(sid)
+    motion = np.hstack([change.shift, change.turn])
+    shared = mass[6:, _RIGID] @ motion.T
+    return motion @ mass[_RIGID, _RIGID] @ motion.T - shared - shared.T
+
+
+def _node(node: Node, change: FrameChange, second: bool) -> Node:
+    xi, nq = change.at(node.position), len(change.turn)
+    phi, psi, turn = node.phi.m0.T, node.psi.m0.T, change.turn
+    more_phi = more_psi = None
+    if second:
+        arm = np.einsum("kab,lb->kla", skew(turn), xi / 2 - phi)
+        more_phi = np.swapaxes(arm + np.swapaxes(arm, 0, 1), 1, 2)
+        cross = np.einsum("kab,lb->kla", skew(turn), -psi) / 2
+        more_psi = np.swapaxes(cross + np.swapaxes(cross, 0, 1), 1, 2)
+    frame = node.AP.m0
+    return replace(
+        node,
+        origin=_added(node.origin, -change.origin[:, None], -xi[:, :, None]),
+        phi=_added(node.phi, -xi.T, more_phi),
+        psi=_added(node.psi, -turn.T, more_psi),
+        AP=_added(node.AP, np.zeros((3, 3)), -skew(turn).reshape(nq, 3, 3) @ frame),
+    )
+
+
+def _added(block: Taylor, m0: Array, m1: Array | None = None) -> Taylor:
+    if m1 is None:
+        return replace(block, m0=block.m0 + m0)
+    first = block.first_order(len(m1)) + m1
+    return replace(block, m0=block.m0 + m0, m1=first)
+
+
+def _rayleigh(sid: SID) -> tuple[float, float] | None:
+    """alpha and beta of De = alpha Me + beta Ke, if De is of that kind."""
+    if not sid.De.m0.any():
+        return None
+    parts = np.stack([sid.Me.m0.ravel(), sid.Ke.m0.ravel()], axis=1)
+    sizes = np.linalg.norm(parts, axis=0)
+    if not sizes.all():
+        return None
+    wanted = sid.De.m0.ravel()
+    found = np.linalg.lstsq(parts / sizes, wanted, rcond=None)[0] / sizes
+    error = np.abs(parts @ found - wanted).max()
+    return (found[0], found[1]) if error <= 1e-9 * np.abs(wanted).max() else None
+
+
+def _six(tensors: Array) -> Array:
+    return np.stack([tensors[..., a, b] for a, b in J_INDICES], axis=-1)

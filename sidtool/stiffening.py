@@ -1,0 +1,375 @@
+"""Geometric stiffening from the stress states of unit loads.
+
+Every load that a moving body feels makes a stress state; its geometric stiffness enters
+the SID as a first-order term that multiplies the load (sid-format, section 6).
+
+Source: O. Wallrapp, R. Schwertassek, "Representation of geometric stiffening in
+multibody system simulation", Int. J. Numer. Methods Eng. 32, 1991.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.errors import InputError
+from formats.model_reduction import Prestress, Stiffening
+from formats.sid import OE_INDICES, SID, Taylor
+
+from .frontends.continuum import stress_from_gradient
+from .frontends.finite_element_model import FiniteElementModel, MarkerRows
+from .reduction.basis import ReducedBasis, hertz, oriented
+from .reduction.frames import Frame
+from .reduction.space import admissible
+
+Array = NDArray[np.float64]
+
+#: (6, 3, 3) coefficients W of the products of omega in omega~ omega~, in Oe's order.
+CENTRIFUGAL = np.zeros((6, 3, 3))
+for _k, (_a, _b) in enumerate(OE_INDICES):
+    CENTRIFUGAL[_k, _a, _b] += 1
+    CENTRIFUGAL[_k, _b, _a] += _a != _b
+    CENTRIFUGAL[_k] -= np.eye(3) * (_a == _b)
+CENTRIFUGAL.setflags(write=False)
+
+
+def stiffened(
+    sid: SID,
+    body: FiniteElementModel,
+    frame: Frame,
+    basis: ReducedBasis,
+    settings: Stiffening,
+) -> SID:
+    """The SID with the geometric stiffening that the settings ask for.
+
+    Raises
+    ------
+    InputError : the body came without elements, so that no stress is known.
+    """
+    loads = _Loads(body, frame)
+    names = settings.markers
+    marked = [m for m in body.markers if names is None or m.name in names]
+    acceleration = loads.acceleration() if settings.acceleration else None
+    angular = loads.angular_acceleration() if settings.angular_acceleration else None
+    centrifugal = loads.centrifugal() if settings.centrifugal else None
+    forces = {m.node: m.displacement.T.toarray() for m in marked}
+    moments = {m.node: m.rotation.T.toarray() for m in marked}
+    parts = [acceleration, angular, centrifugal, *forces.values(), *moments.values()]
+    results = iter(geometric_stiffness(body, frame, basis.shapes, parts))
+    blocks: dict[str, Taylor] = {}
+    for name in ("Ct", "Cr", "Oe"):
+        blocks[name] = _added(getattr(sid, name), next(results))
+    phi1 = {node: next(results) for node in forces}
+    psi1 = {node: next(results) for node in moments}
+    nodes = []
+    for node in sid.nodes:
+        number = int(node.id)
+        if number in phi1:
+            phi = _loaded(node.phi, phi1[number])
+            psi = _loaded(node.psi, psi1[number])
+            node = replace(node, phi=phi, psi=psi)
+        nodes.append(node)
+    changes: dict[str, Any] = {**blocks, "nodes": tuple(nodes)}
+    return replace(sid, **changes)
+
+
+def geometric_stiffness(
+    body: FiniteElementModel,
+    frame: Frame,
+    shapes: Array,
+    groups: list[Array | None],
+) -> list[Array | None]:
+    """Phi^T Kg Phi for the stress states of loads that the frame supports.
+
+    Parameters
+    ----------
+    shapes : (ndof, nq)
+    groups : load vectors (ndof, n) in groups; None stays None
+
+    Returns
+    -------
+    (n, nq, nq) per group, symmetric in the modes; positive for tension
+
+    Raises
+    ------
+    InputError : the body came without elements.
+    """
+    given = [group for group in groups if group is not None]
+    if not given:
+        return [None for _ in groups]
+    states = supported(body, frame, np.hstack(given))
+    total = projected_stiffness(body, states, shapes)
+    results: list[Array | None] = []
+    start = 0
+    for group in groups:
+        count = 0 if group is None else group.shape[1]
+        results.append(None if group is None else total[start : start + count])
+        start += count
+    return results
+
+
+def supported(body: FiniteElementModel, frame: Frame, loads: Array) -> Array:
+    """Static displacements (ndof, n) of the body that its frame supports.
+
+    A frame that is defined by conditions reacts with the forces that do no work on
+    admissible displacements.
+    """
+    if frame.rows is not None:
+        rigid = body.rigid_body_modes(frame.origin)
+        reactions = np.linalg.solve((frame.rows @ rigid).T, rigid.T @ loads)
+        loads = loads - frame.rows.T @ reactions
+    return admissible(body, frame).static(loads)
+
+
+def projected_stiffness(
+    body: FiniteElementModel, states: Array, shapes: Array
+) -> Array:
+    """(n, nq, nq) geometric stiffness of the stresses of displacements (ndof, n).
+
+    The integral of sigma_ab d(phi_k)_c/dx_a d(phi_l)_c/dx_b over the body.
+
+    Raises
+    ------
+    InputError : the body came without elements.
+    """
+    nq = shapes.shape[1]
+    total = np.zeros((states.shape[1], nq, nq))
+    for part in quadrature(body):
+        stress = stress_from_gradient(part.gradients(states), part.law)
+        slopes = part.gradients(shapes)
+        total += _contracted(stress * part.weights[:, None, None, None], slopes)
+    return (total + np.swapaxes(total, 1, 2)) / 2
+
+
+def _contracted(stress: Array, slopes: Array) -> Array:
+    """sum over points of stress (p, n, d, d) with slopes (p, nq, c, d) twice."""
+    p, n, d, _ = stress.shape
+    nq = slopes.shape[1]
+    result = np.zeros((n, nq, nq))
+    for a in range(d):
+        for b in range(d):
+            for k in range(nq):
+                pairs = np.einsum("pc,plc->pl", slopes[:, k, :, a], slopes[..., b])
+                result[:, k] += stress[..., a, b].T @ pairs
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraturePart:
+    """Some quadrature points of a body, flat.
+
+    Attributes
+    ----------
+    nodes : (p, m) nodes whose functions reach each point
+    values : (p, m) of the functions
+    slopes : (p, m, d) of the functions in space [1/m]
+    weights : (p,) volume of each point [m^3]
+    law : elasticity matrix [Pa]
+    transverse : see `Continuum`
+    table : (n, d) degrees of freedom by node
+    """
+
+    nodes: NDArray[np.int64]
+    values: Array
+    slopes: Array
+    weights: Array
+    law: Array
+    transverse: float
+    table: NDArray[np.int64]
+
+    def gradients(self, fields: Array) -> Array:
+        """(p, n, d, d) displacement gradients [c, b] = du_c/dx_b of (ndof, n)."""
+        at_nodes = fields[self.table][self.nodes]
+        return np.einsum("pmb,pmcn->pncb", self.slopes, at_nodes, optimize=True)
+
+
+def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
+    """The quadrature points of all elements, at most about `points` at a time.
+
+    Raises
+    ------
+    InputError : the body came without elements.
+    """
+    if not body.continua:
+        raise InputError(
+            "this body came without its elements, so that stresses are not known",
+            place="geometry",
+            expected="a body from Q4, IGA or another mesh of solid elements",
+        )
+    d = body.dimension
+    for continuum in body.continua:
+        for batch in continuum.batches():
+            ne, ng = batch.measures.shape
+            step = max(1, points // ng)
+            values = np.broadcast_to(batch.values, (ne, *batch.values.shape[1:]))
+            for start in range(0, ne, step):
+                cut = slice(start, start + step)
+                yield QuadraturePart(
+                    nodes=np.repeat(batch.nodes[cut], ng, axis=0),
+                    values=values[cut].reshape(-1, values.shape[2]),
+                    slopes=batch.gradients[cut].reshape(-1, values.shape[2], d),
+                    weights=batch.measures[cut].ravel() * continuum.thickness,
+                    law=continuum.law,
+                    transverse=continuum.transverse,
+                    table=body.table[:, :d],
+                )
+
+
+class _Loads:
+    """D'Alembert loads of a unit motion of the frame, (ndof, n) each."""
+
+    def __init__(self, body: FiniteElementModel, frame: Frame) -> None:
+        self._body, self._origin = body, frame.origin
+
+    def acceleration(self) -> Array:
+        """-rho e_a; in the plane the third one is zero."""
+        return -self._body.mass @ self._rigid()[:, :3]
+
+    def angular_acceleration(self) -> Array:
+        """-rho e_a x c."""
+        return -self._body.mass @ self._rigid()[:, 3:]
+
+    def centrifugal(self) -> Array:
+        """-rho W_k c."""
+        d = self._body.dimension
+        arms = self._body.positions - self._origin[:d]
+        fields = np.zeros((self._body.ndof, 6))
+        for k, products in enumerate(CENTRIFUGAL):
+            for axis in range(d):
+                numbers = self._body.table[:, axis]
+                there = numbers >= 0
+                fields[numbers[there], k] = (arms @ products[axis, :d])[there]
+        return -self._body.mass @ fields
+
+    def _rigid(self) -> Array:
+        rigid = self._body.rigid_body_modes(self._origin)
+        if self._body.dimension == 3:
+            return rigid
+        full = np.zeros((len(rigid), 6))
+        full[:, [0, 1, 5]] = rigid
+        return full
+
+
+def _added(block: Taylor, stiffness: Array | None) -> Taylor:
+    """First-order terms plus stiffness (columns, nq, nq): m1[l, k, column]."""
+    if stiffness is None:
+        return block
+    first = block.first_order(stiffness.shape[1])
+    return replace(block, m1=first + np.moveaxis(stiffness, 0, -1), order=1)
+
+
+def _loaded(block: Taylor, stiffness: Array | None) -> Taylor:
+    """phi or psi on the side of the load: m1[l, axis, k] = -Kg."""
+    if stiffness is None or not stiffness.any():
+        return block
+    return replace(block, m1=-np.moveaxis(stiffness, 0, 1), order=1)
+
+
+@dataclass(frozen=True, eq=False)
+class InitialStress:
+    """The stress of the undeformed body, by its generalised effects.
+
+    Attributes
+    ----------
+    basis : shape functions of the prestressed body
+    force : (nq,) generalised elastic force at q = 0 (ksigma)
+    displacement : (ndof, 1) whose stress it is; None for a uniform stress
+    uniform : (d, d) uniform stress [Pa]
+    """
+
+    basis: ReducedBasis
+    force: Array
+    displacement: Array
+    uniform: Array
+
+
+def prestressed(
+    body: FiniteElementModel, frame: Frame, basis: ReducedBasis, settings: Prestress
+) -> InitialStress:
+    """Adds the geometric stiffness of an initial stress to Ke, in natural modes.
+
+    Raises
+    ------
+    InputError : numbers do not fit the dimension, or the body buckles.
+    """
+    uniform = _uniform(settings, body.dimension)
+    loads = np.zeros((body.ndof, 1))
+    for name, values in settings.forces.items():
+        loads[:, 0] += _load(body.marker(name), values, body.dimension, "forces")
+    for name, values in settings.moments.items():
+        loads[:, 0] += _load(body.marker(name), values, body.dimension, "moments")
+    state = supported(body, frame, loads) if loads.any() else np.zeros_like(loads)
+    extra, force = _effects(body, state, uniform, basis.shapes)
+    values, mixing = np.linalg.eigh(basis.stiffness + extra)
+    if values[0] <= 0:
+        raise InputError(
+            "the body buckles under its prestress",
+            place="stiffening.prestress",
+            expected="a prestress below the buckling load",
+        )
+    shapes = oriented(basis.shapes @ mixing, body)
+    labels = tuple(
+        re.sub(r":\s*[\d.]+ Hz.*", f":{f:13.3f} Hz", label)
+        for label, f in zip(basis.labels, hertz(values), strict=True)
+    )
+    shares = {
+        kind: np.einsum("ij,ij,i->j", mixing, mixing, share)
+        for kind, share in basis.shares.items()
+    }
+    new = ReducedBasis(shapes, np.diag(values), labels, shares, basis.report)
+    signs = np.sign(np.sum(shapes * (basis.shapes @ mixing), axis=0))
+    return InitialStress(new, signs * (mixing.T @ force), state, uniform)
+
+
+def _effects(
+    body: FiniteElementModel, state: Array, uniform: Array, shapes: Array
+) -> tuple[Array, Array]:
+    """Geometric stiffness (nq, nq) and generalised force (nq,) of a stress."""
+    nq = shapes.shape[1]
+    stiffness, force = np.zeros((1, nq, nq)), np.zeros(nq)
+    for part in quadrature(body):
+        stress = stress_from_gradient(part.gradients(state), part.law) + uniform
+        weighted = stress * part.weights[:, None, None, None]
+        slopes = part.gradients(shapes)
+        stiffness += _contracted(weighted, slopes)
+        force += np.einsum("pab,pkab->k", weighted[:, 0], slopes)
+    return (stiffness[0] + stiffness[0].T) / 2, force
+
+
+def _uniform(settings: Prestress, d: int) -> Array:
+    if settings.stress is None:
+        return np.zeros((d, d))
+    place, count = "stiffening.prestress.stress", 3 if d == 2 else 6
+    _check_count(settings.stress, count, place)
+    pairs = [(0, 0), (1, 1), (0, 1)]
+    if d == 3:
+        pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)]
+    tensor = np.zeros((d, d))
+    for value, (a, b) in zip(settings.stress, pairs, strict=True):
+        tensor[a, b] = tensor[b, a] = value
+    return tensor
+
+
+def _load(marker: MarkerRows, values: tuple[float, ...], d: int, kind: str) -> Array:
+    place = f"stiffening.prestress.{kind}.{marker.name}"
+    count = 1 if (d, kind) == (2, "moments") else d
+    _check_count(values, count, place)
+    full = np.zeros(3)
+    if count == 1:
+        full[2] = values[0]
+    else:
+        full[:d] = values
+    rows = marker.displacement if kind == "forces" else marker.rotation
+    return rows.T @ full
+
+
+def _check_count(values: tuple[float, ...], count: int, place: str) -> None:
+    if len(values) != count:
+        raise InputError(
+            f"has {len(values)} numbers", place=place, expected=f"{count} of them"
+        )

@@ -1,0 +1,196 @@
+"""Stress recovery: sigma rows of nodes, and the points where the peak can be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from formats.errors import InputError
+from formats.model_reduction import StressRecovery
+from formats.sid import SID, Array, Node, Taylor
+from formats.stress import von_mises
+
+from .frontends.continuum import stress_from_gradient, stress_rows, stress_six
+from .frontends.finite_element_model import FiniteElementModel, MarkerRows
+from .reduction.basis import ReducedBasis
+from .reduction.frames import Frame
+from .stiffening import InitialStress, QuadraturePart, quadrature
+from .vectors import LEVI_CIVITA, skew
+
+#: Random states of equal energy that the peak points are chosen from.
+_STATES = 400
+
+
+def with_stress(
+    sid: SID,
+    body: FiniteElementModel,
+    frame: Frame,
+    basis: ReducedBasis,
+    settings: StressRecovery,
+    initial: InitialStress | None = None,
+) -> SID:
+    """The SID with sigma rows at its markers, and with nodes for the peak.
+
+    sigma holds xx, yy, zz, xy, yz, xz: m0 the prestress, m1 per elastic coordinate.
+
+    Raises
+    ------
+    InputError : a marker has no stress, or the body came without elements.
+    """
+    nodes = []
+    for node in sid.nodes:
+        marker = next(m for m in body.markers if str(m.node) == node.id)
+        if _wanted(marker, settings):
+            rows = _rows(body, marker)
+            fixed = np.zeros(6) if initial is None else _initial(rows, initial)
+            sigma = Taylor(fixed[:, None], (rows @ basis.shapes).T[:, :, None])
+            node = replace(node, sigma=sigma)
+        nodes.append(node)
+    if settings.peak_points:
+        points = peak_points(body, basis, settings.peak_points, initial)
+        taken = {node.id for node in nodes}
+        for number, point in enumerate(points, settings.first_node):
+            if str(number) in taken:
+                raise InputError(
+                    f"node {number} belongs to a marker already",
+                    place="stress.first_node",
+                    expected="the first of a range of free node numbers",
+                )
+            nodes.append(_node(number, point, frame))
+    return replace(sid, nodes=tuple(nodes))
+
+
+def _wanted(marker: MarkerRows, settings: StressRecovery) -> bool:
+    if settings.markers is None:
+        return marker.gradient is not None
+    if marker.name not in settings.markers:
+        return False
+    if marker.gradient is None:
+        raise InputError(
+            f"there is no stress at marker {marker.name}",
+            place="stress.markers",
+            expected="a marker at a point of the material, not one tied to node sets",
+        )
+    return True
+
+
+def _rows(body: FiniteElementModel, marker: MarkerRows) -> NDArray[np.float64]:
+    if len({id(part.law) for part in body.continua}) != 1:
+        raise InputError(
+            "the body has no material, or several",
+            place="stress.markers",
+            expected="stress at markers of a body of one material; peak_points works "
+            "for several",
+        )
+    assert marker.gradient is not None
+    return stress_rows(marker.gradient, body.continua[0]).toarray()
+
+
+def _initial(rows: Array, initial: InitialStress) -> Array:
+    uniform = stress_six(initial.uniform)
+    return (rows @ initial.displacement)[:, 0] + uniform
+
+
+@dataclass(frozen=True, eq=False)
+class StressPoint:
+    """A point inside the body.
+
+    Attributes
+    ----------
+    position : (3,) in the axes of the model [m]
+    phi, psi : (3, nq)
+    sigma : (6, nq) stress per elastic coordinate
+    initial : (6,) prestress [Pa]
+    """
+
+    position: Array
+    phi: Array
+    psi: Array
+    sigma: Array
+    initial: Array
+
+
+def peak_points(
+    body: FiniteElementModel,
+    basis: ReducedBasis,
+    count: int,
+    initial: InitialStress | None = None,
+) -> list[StressPoint]:
+    """The quadrature points that carry the largest von Mises stress most often.
+
+    Tried are every shape function alone and random states in which every shape
+    function has the same strain energy on average.
+
+    Raises
+    ------
+    InputError : the body came without elements.
+    """
+    nq = basis.shapes.shape[1]
+    energy = np.sqrt(np.maximum(np.diag(basis.stiffness), 1e-300))
+    random = np.random.default_rng(0).standard_normal((nq, _STATES))
+    states = np.hstack([np.eye(nq), random]) / energy[:, None]
+    best = np.full(states.shape[1], -1.0)
+    where: list[tuple[int, int]] = [(0, 0)] * states.shape[1]
+    parts = list(quadrature(body))
+    for number, part in enumerate(parts):
+        sigma = _sigma(part, basis.shapes)
+        mises = von_mises(np.einsum("pnk,ns->psk", sigma, states))
+        rows = mises.argmax(axis=0)
+        for state in np.flatnonzero(mises.max(axis=0) > best):
+            best[state] = mises[rows[state], state]
+            where[state] = (number, int(rows[state]))
+    votes = {place: where.count(place) for place in dict.fromkeys(where)}
+    chosen = sorted(votes, key=lambda place: -votes[place])[:count]
+    return [_point(body, basis, parts[i], j, initial) for i, j in chosen]
+
+
+def _sigma(part: QuadraturePart, shapes: Array) -> Array:
+    """(p, n, 6)."""
+    stress = stress_from_gradient(part.gradients(shapes), part.law)
+    return stress_six(stress, part.transverse)
+
+
+def _point(
+    body: FiniteElementModel,
+    basis: ReducedBasis,
+    part: QuadraturePart,
+    row: int,
+    initial: InitialStress | None,
+) -> StressPoint:
+    one = QuadraturePart(
+        nodes=part.nodes[row : row + 1],
+        values=part.values[row : row + 1],
+        slopes=part.slopes[row : row + 1],
+        weights=part.weights[row : row + 1],
+        law=part.law,
+        transverse=part.transverse,
+        table=part.table,
+    )
+    d, nq = body.dimension, basis.shapes.shape[1]
+    position = np.zeros(3)
+    position[:d] = one.values[0] @ body.positions[one.nodes[0]]
+    phi = np.zeros((3, nq))
+    phi[:d] = np.einsum(
+        "m,mcn->cn", one.values[0], basis.shapes[one.table][one.nodes[0]]
+    )
+    gradient = np.zeros((nq, 3, 3))
+    gradient[:, :d, :d] = one.gradients(basis.shapes)[0]
+    psi = 0.5 * np.einsum("abc,ncb->an", LEVI_CIVITA, gradient)
+    fixed = np.zeros(6)
+    if initial is not None:
+        fixed = _sigma(one, initial.displacement)[0, 0] + stress_six(initial.uniform)
+    return StressPoint(position, phi, psi, _sigma(one, basis.shapes)[0].T, fixed)
+
+
+def _node(number: int, point: StressPoint, frame: Frame) -> Node:
+    origin = (point.position - frame.origin)[:, None]
+    return Node(
+        id=str(number),
+        origin=Taylor(origin, point.phi.T[:, :, None]),
+        phi=Taylor(point.phi),
+        psi=Taylor(point.psi),
+        AP=Taylor(np.eye(3), skew(point.psi.T)),
+        sigma=Taylor(point.initial[:, None], point.sigma.T[:, :, None]),
+    )
