@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from formats.result import Result
 from formats.scene import output_times
 from formats.sid import Array
 
-from . import assembly, outputs
+from . import assembly, outputs, warmup
 from .bodies import amplitudes, frequencies
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Integrator, stepping
@@ -81,6 +82,7 @@ def simulate(
     """
     settings = _settings(system, integrator, rtol, step)
     method = INTEGRATORS[settings.integrator]
+    warmup.ensure(system.planar, method.step_loop, say_compiling)
     began = time.perf_counter()
     system, start = assembly.assemble(system)
     run = _Run(system, method, settings, start)
@@ -92,6 +94,11 @@ def simulate(
     if failure:
         raise SimulationError(failure, result)
     return result
+
+
+def say_compiling(text: str) -> None:
+    """Tells a person who waits why."""
+    print(f"sidtool: {text}", file=sys.stderr, flush=True)
 
 
 def _settings(

@@ -8,12 +8,15 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from formats.errors import InputError
 
 from ..frontends.finite_element_model import Indices
 from ..vectors import LEVI_CIVITA
+from .factors import symmetric_factors
+
+__all__ = ["free_body_shift", "lowest_eigenpairs", "symmetric_factors"]
 
 Array = NDArray[np.float64]
 
@@ -65,16 +68,6 @@ def lowest_eigenpairs(
             f"the eigenproblem has no solution ({error})",
             expected="a body with positive mass and stiffness of ordinary size",
         ) from error
-
-
-def symmetric_factors(matrix: sp.csr_matrix) -> Any:
-    """LU factors (SuperLU) of a positive definite matrix, in symmetric mode."""
-    return splu(
-        sp.csc_matrix(matrix),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
 
 
 def _dense(

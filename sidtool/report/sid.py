@@ -19,6 +19,8 @@ AXES = "xyz"
 _DOMINANT = 0.5
 #: A body is slender if its smallest central inertia is below this share of the largest.
 _SLENDER = 0.3
+#: Part of the body's length over which a node's rotation counts as displacement.
+_SLOPE = 0.1
 #: Relative size below which shape functions and couplings count as zero.
 _NOTHING = 1e-9
 
@@ -32,12 +34,17 @@ class Mode:
     frequency : [Hz]
     kind : "bending y", "axial x", "torsion x", ...
     effective_mass : (3,) effective modal mass along x, y, z [kg]
+    boundary : how the body is held where the mode has this frequency: "held",
+        "chord", "free" (mean axes), "other"
+    contribution : share of the mode in the static compliance of all nodes
     label : of the elastic coordinate that the mode consists of, if of one
     """
 
     frequency: float
     kind: str
     effective_mass: Array
+    boundary: str
+    contribution: float
     label: str
 
 
@@ -50,8 +57,10 @@ def modes_of(sid: SID) -> tuple[Mode, ...]:
         return ()
     squares, shapes = _natural_modes(sid)
     long_axis = _long_axis(sid)
+    boundary = boundary_of(sid)
+    shares = _compliance_shares(sid, squares, shapes)
     modes = []
-    for square, shape in zip(squares, shapes.T, strict=True):
+    for square, shape, share in zip(squares, shapes.T, shares, strict=True):
         modal_mass = float(shape @ sid.Me.m0 @ shape)
         coupling = shape @ sid.Ct.m0
         modes.append(
@@ -59,6 +68,8 @@ def modes_of(sid: SID) -> tuple[Mode, ...]:
                 frequency=float(hertz(np.array([square]))[0]),
                 kind=_kind(sid, shape, long_axis),
                 effective_mass=coupling**2 / modal_mass if modal_mass else coupling * 0,
+                boundary=boundary,
+                contribution=float(share),
                 label=_label(sid, shape),
             )
         )
@@ -69,20 +80,77 @@ def frame_of(sid: SID) -> str:
     """The kind of body frame, judged by the couplings and the nodes."""
     if sid.nq == 0:
         return "rigid body"
+    kind, nodes = _frame_kind(sid)
+    return {
+        "free": "mean axes (Buckens): no coupling to the rigid motion",
+        "held": f"tangent frame, fixed to node {nodes} at its origin",
+        "held away": f"fixed to node {nodes}, away from its origin",
+        "chord": f"chord frame between nodes {nodes}",
+        "other": "another frame: coupled, and no node rests in it",
+    }[kind]
+
+
+def boundary_of(sid: SID) -> str:
+    """How the natural modes of (Ke, Me) are held: "held", "chord", "free", "other"."""
+    return _frame_kind(sid)[0].split()[0]
+
+
+def _frame_kind(sid: SID) -> tuple[str, str]:
     scale = np.sqrt(sid.mass * np.abs(np.diag(sid.Me.m0)).max()) or 1.0
     size = max((np.abs(node.position).max() for node in sid.nodes), default=0.0) or 1.0
     if (
         np.abs(sid.Ct.m0).max() <= 1e-6 * scale
         and np.abs(sid.Cr.m0).max() <= 1e-6 * scale * size
     ):
-        return "mean axes (Buckens): no coupling to the rigid motion"
-    held = [node for node in sid.nodes if _at_rest(node, sid)]
-    at_origin = [node for node in held if np.abs(node.position).max() <= 1e-9 * size]
+        return "free", ""
+    still = [node for node in sid.nodes if _at_rest(node, sid)]
+    turning = [node for node in still if node.psi.m0.any() and not _unturned(node, sid)]
+    held = [node for node in still if node not in turning]
+    at_origin = [n for n in still if np.abs(n.position).max() <= 1e-9 * size]
+    if at_origin and at_origin[0] in turning:
+        end = _end_of_chord(sid, at_origin[0])
+        if end is not None:
+            return "chord", f"{at_origin[0].id} and {end}"
+        return "other", ""
     if at_origin:
-        return f"tangent frame, fixed to node {at_origin[0].id} at its origin"
+        return "held", str(at_origin[0].id)
     if held:
-        return f"fixed to node {held[0].id}, away from its origin"
-    return "another frame: coupled, and no node rests in it"
+        return "held away", str(held[0].id)
+    return "other", ""
+
+
+def _unturned(node: Any, sid: SID) -> bool:
+    scale = max(np.abs(n.psi.m0).max(initial=0.0) for n in sid.nodes)
+    return bool(np.abs(node.psi.m0).max(initial=0.0) <= _NOTHING * scale)
+
+
+def _end_of_chord(sid: SID, start: Any) -> str | None:
+    """The node whose direction from the start stays the same."""
+    scale = max(np.abs(n.phi.m0).max(initial=0.0) for n in sid.nodes)
+    for node in sid.nodes:
+        chord = node.position - start.position
+        length = np.linalg.norm(chord)
+        if length == 0:
+            continue
+        across = np.cross(chord / length, node.phi.m0.T)
+        if np.abs(across).max() <= _NOTHING * (scale or 1.0):
+            return str(node.id)
+    return None
+
+
+def _compliance_shares(sid: SID, squares: Array, shapes: Array) -> Array:
+    """(nq,) sum over nodes of phi^2 / w^2, as shares of the total.
+
+    Rotations count by the displacement they make over a part of the body's length.
+    """
+    arm = _SLOPE * _length(sid)
+    motion = np.zeros(sid.nq)
+    for node in sid.nodes:
+        rows = np.vstack([node.phi.m0, arm * node.psi.m0])
+        motion += ((rows @ shapes) ** 2).sum(axis=0)
+    soft = motion / np.where(squares > 0, squares, np.inf)
+    total = soft.sum()
+    return soft / total if total else soft
 
 
 def describe_sid(sid: SID) -> str:
@@ -91,7 +159,8 @@ def describe_sid(sid: SID) -> str:
     modes = modes_of(sid)
     if modes:
         rows = [_mode_row(number, mode, sid) for number, mode in enumerate(modes, 1)]
-        header = ["mode", "Hz", "kind", "m_eff x %", "y %", "z %", "label"]
+        header = ["mode", "Hz", "kind", "boundary", "m_eff x %", "y %", "z %"]
+        header += ["share %", "label"]
         parts.append(table(header, rows))
     if sid.nodes:
         parts.append(_nodes(sid))
@@ -133,7 +202,9 @@ def _mode_row(number: int, mode: Mode, sid: SID) -> list[str]:
         str(number),
         f"{mode.frequency:.4f}",
         mode.kind,
+        mode.boundary,
         *(f"{share:.2f}" for share in shares),
+        f"{100 * mode.contribution:.2f}",
         mode.label,
     ]
 
@@ -204,7 +275,7 @@ def _second_moments(sid: SID) -> Array | None:
 
 def _kind(sid: SID, shape: Array, long_axis: int | None) -> str:
     """By the largest displacement at the nodes, or by the effective mass without."""
-    motion = _motion_by_axis(sid, shape)
+    motion = _motion_by_axis(sid, shape) + _slopes_by_axis(sid, shape, long_axis)
     rotation = max(
         (np.abs(n.psi.m0 @ shape).max(initial=0.0) for n in sid.nodes), default=0.0
     )
@@ -217,6 +288,23 @@ def _kind(sid: SID, shape: Array, long_axis: int | None) -> str:
     if long_axis is None:
         return f"mainly {name}"
     return f"axial {name}" if axis == long_axis else f"bending {name}"
+
+
+def _length(sid: SID) -> float:
+    places = np.array([node.position for node in sid.nodes]).reshape(-1, 3)
+    return float(np.ptp(places, axis=0).max()) if len(places) else 0.0
+
+
+def _slopes_by_axis(sid: SID, shape: Array, long_axis: int | None) -> Array:
+    """(3,) squares of the bending that node rotations tell where no node moves."""
+    if long_axis is None:
+        return np.zeros(3)
+    length = _length(sid)
+    slopes = np.zeros(3)
+    for node in sid.nodes:
+        sideways = np.cross(node.psi.m0 @ shape, np.eye(3)[long_axis])
+        slopes += (_SLOPE * length * sideways) ** 2
+    return slopes
 
 
 def _motion_by_axis(sid: SID, shape: Array) -> Array:

@@ -24,12 +24,14 @@ class Integrator:
 
     order : order of convergence of positions
     pairs : complex eigenvalues of its Newton matrix
+    step_loop : its entry kernel, as module:name in `solver`
     prepare : makes the step function of a run
     """
 
     title: str
     order: int
     pairs: int
+    step_loop: str
     prepare: Callable[[System, Kernels, Work, Memory, Control], Advance]
 
 
@@ -48,7 +50,8 @@ def _radau(stages: int) -> Integrator:
         )
 
     title = f"Radau IIA of order {2 * stages - 1}, index 1, projected"
-    return Integrator(title, 2 * stages - 1, (stages - 1) // 2, prepare)
+    loop = "integrators.radau:advance"
+    return Integrator(title, 2 * stages - 1, (stages - 1) // 2, loop, prepare)
 
 
 def _trapezoidal(
@@ -69,6 +72,10 @@ INTEGRATORS: dict[str, Integrator] = {
     "radau9": _radau(5),
     "radau13": _radau(7),
     "trapezoidal": Integrator(
-        "Trapezoidal rule, index 1, projected", 2, 0, _trapezoidal
+        "Trapezoidal rule, index 1, projected",
+        2,
+        0,
+        "integrators.trapezoidal:advance",
+        _trapezoidal,
     ),
 }

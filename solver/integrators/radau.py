@@ -186,7 +186,8 @@ def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stag
     complex_shapes = [n, m, m, m, n_rows]
     arrays: list[Any] = [np.zeros(shape) for shape in shapes]
     arrays += [np.zeros(shape, complex) for shape in complex_shapes]
-    return Stages(*arrays, np.zeros((s, n)), np.zeros((s, m)))
+    arrays += [np.zeros((s, n)), np.zeros((s, m))]
+    return Stages(*arrays)
 
 
 @inner(types.void(METHOD, CONTROL, STAGES, float64))

@@ -312,7 +312,7 @@ def accelerate(kernels, system, work, memory, t, z, v):
     return kernels.solve_accelerations(system, work, memory)
 
 
-@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, float64, float64))
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, float64, float64))
 def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
     """Brings z and v onto the constraints, then solves for accelerations.
 

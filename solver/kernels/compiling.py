@@ -1,4 +1,4 @@
-"""How kernels are compiled: entry kernels eagerly and cached, inner ones with them.
+"""How kernels are compiled: entry kernels at first use, inner ones with them.
 
 An entry kernel has explicit signatures and a place in the cache on disk. Inner kernels
 are compiled into the entry kernels that call them, and only then: a program that finds
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from functools import cached_property
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -18,24 +19,55 @@ from numba import njit, types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.typeinfer import register_dispatcher
 
+_njit: Any = njit  # its stubs know no private options
 #: Division by zero gives infinity, as in C. Kernels allocate nothing, so that views of
 #: arrays need no reference counts: half the time of a call.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 
 
-def entry(*signatures: Any) -> Callable[[Any], Any]:
-    """Compiles a kernel for the given signatures now, or loads it from the cache."""
+class Entry:
+    """A kernel that Python calls, or that other kernels call through a pointer."""
 
-    def compile_now(function: FunctionType) -> Any:
-        dispatcher = njit(**OPTIONS)(function)
-        dispatcher._cache = _KernelCache(function, signatures)
-        with register_dispatcher(dispatcher):
-            for signature in signatures:
-                dispatcher.compile(signature)
-            dispatcher.disable_compile()
+    def __init__(self, function: FunctionType, signatures: tuple[Any, ...]) -> None:
+        self.signatures = signatures
+        self._function = function
+
+    @cached_property
+    def _dispatcher(self) -> Any:
+        dispatcher = _njit(**OPTIONS)(self._function)
+        dispatcher._cache = _KernelCache(self._function, self.signatures)
         return dispatcher
 
-    return compile_now
+    def compiled(self, signature: Any) -> Any:
+        """The machine code for one signature; compiles or loads it once."""
+        dispatcher = self._dispatcher
+        arguments = tuple(signature.args)
+        if arguments not in dispatcher.overloads:
+            with register_dispatcher(dispatcher):
+                dispatcher.compile(signature)
+        return dispatcher.overloads[arguments]
+
+    def is_cached(self, signature: Any) -> bool:
+        """Whether the machine code is on disk already."""
+        cache = self._dispatcher._cache
+        codegen = self._dispatcher.targetctx.codegen()
+        saved = cache._cache_file._load_index()
+        return cache._index_key(signature, codegen) in saved
+
+    @cached_property
+    def _callable(self) -> Any:
+        for signature in self.signatures:
+            self.compiled(signature)
+        self._dispatcher.disable_compile()
+        return self._dispatcher
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._callable(*arguments)
+
+
+def entry(*signatures: Any) -> Callable[[Any], Entry]:
+    """An entry kernel for the given signatures."""
+    return lambda function: Entry(function, signatures)
 
 
 def inner(*signatures: Any) -> Callable[[Any], Any]:
@@ -47,7 +79,7 @@ def inner(*signatures: Any) -> Callable[[Any], Any]:
 
     def compile_later(function: FunctionType) -> Any:
         wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        dispatcher = njit(**OPTIONS, **wrappers)(function)
+        dispatcher = _njit(**OPTIONS, **wrappers)(function)
         template = dispatcher.get_call_template
 
         def plain_template(args: tuple[Any, ...], kws: Any) -> Any:

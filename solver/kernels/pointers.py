@@ -8,14 +8,15 @@ from typing import Any
 from numba import types
 
 from . import newton
+from .compiling import Entry
 from .coordinates import rate, retract
 
 
 class Pointer(types.WrapperAddressProtocol):
     """The address of one compiled signature of a kernel."""
 
-    def __init__(self, kernel: Any, signature: Any) -> None:
-        compiled = kernel.overloads[tuple(signature.args)]
+    def __init__(self, kernel: Entry, signature: Any) -> None:
+        compiled = kernel.compiled(signature)
         self._kernel = kernel
         self._signature = signature
         self._address = compiled.library.get_pointer_to_function(
@@ -29,14 +30,14 @@ class Pointer(types.WrapperAddressProtocol):
         return self._signature
 
 
-@cache
-def kernels(planar: bool) -> newton.Kernels:
-    """The kernels of planar or of spatial scenes; loads or compiles them once."""
+def entries(planar: bool) -> tuple[Entry, ...]:
+    """The kernels of planar or of spatial scenes, in the order of `newton.Kernels`."""
     if planar:
         from .planar_forces import evaluate, linearise
     else:
-        from .spatial_forces import evaluate, linearise
-    functions = (
+        from .spatial_constraints import evaluate
+        from .spatial_constraints_linear import linearise
+    return (
         evaluate,
         linearise,
         newton.solve_accelerations,
@@ -49,6 +50,10 @@ def kernels(planar: bool) -> newton.Kernels:
         rate,
         retract,
     )
-    return newton.Kernels(
-        *(Pointer(f, s) for f, s in zip(functions, newton.SIGNATURES, strict=True))
-    )
+
+
+@cache
+def kernels(planar: bool) -> newton.Kernels:
+    """Pointers to the kernels; loads or compiles them once."""
+    pairs = zip(entries(planar), newton.SIGNATURES, strict=True)
+    return newton.Kernels(*(Pointer(kernel, signature) for kernel, signature in pairs))

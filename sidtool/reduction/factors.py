@@ -1,0 +1,115 @@
+"""Factors of symmetric positive definite matrices, by the fastest library there is.
+
+CHOLMOD (scikit-sparse) and PARDISO (pypardiso) are used when they are installed;
+SuperLU, which comes with SciPy, is always there. The environment variable
+SIDTOOL_FACTORS names one of `ENGINES` to insist on it.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import splu
+
+from formats.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+class Factors(Protocol):
+    """What can be solved with."""
+
+    def solve(self, load: Array) -> Array:
+        """A^-1 b for b (n,) or (n, k)."""
+
+
+def symmetric_factors(matrix: sp.csr_matrix) -> Factors:
+    """Factors of a symmetric positive definite matrix.
+
+    Raises
+    ------
+    InputError : SIDTOOL_FACTORS names a library that is not there.
+    RuntimeError, ValueError : the matrix is singular.
+    """
+    return ENGINES[engine_name()][1](matrix)
+
+
+def engine_name() -> str:
+    """The library that will be used, one of `ENGINES`.
+
+    Raises
+    ------
+    InputError : SIDTOOL_FACTORS names a library that is not there.
+    """
+    asked = os.environ.get("SIDTOOL_FACTORS")
+    there = [n for n, (module, _) in ENGINES.items() if _is_there(module)]
+    if asked is None:
+        return there[0]
+    if asked not in there:
+        raise InputError(
+            f"SIDTOOL_FACTORS is {asked!r}", expected=f"one of {', '.join(there)}"
+        )
+    return asked
+
+
+def _is_there(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def _superlu(matrix: sp.csr_matrix) -> Any:
+    return splu(
+        sp.csc_matrix(matrix),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
+class _Cholmod:
+    """Supernodal Cholesky factors (scikit-sparse below 0.5)."""
+
+    def __init__(self, matrix: sp.csr_matrix) -> None:
+        from sksparse.cholmod import CholmodError, cholesky
+
+        try:
+            self._factor = cholesky(sp.csc_matrix(matrix), mode="supernodal")
+        except CholmodError as error:
+            raise RuntimeError(str(error)) from None
+
+    def solve(self, load: Array) -> Array:
+        return self._factor(load)
+
+
+class _Pardiso:
+    """Cholesky factors of the upper triangle (mtype 2)."""
+
+    def __init__(self, matrix: sp.csr_matrix) -> None:
+        from pypardiso import PyPardisoSolver
+        from pypardiso.pardiso_wrapper import PyPardisoError
+
+        self._solver = PyPardisoSolver(mtype=2)
+        self._upper = sp.csr_matrix(sp.triu(matrix, format="csr"))
+        try:
+            self._solver.factorize(self._upper)
+        except PyPardisoError as error:
+            raise RuntimeError(str(error)) from None
+
+    def solve(self, load: Array) -> Array:
+        return self._solver.solve(self._upper, load)
+
+
+#: Name -> module that must be there, factorisation; the first that is there is used.
+ENGINES: dict[str, tuple[str, Callable[[sp.csr_matrix], Factors]]] = {
+    "cholmod": ("sksparse.cholmod", _Cholmod),
+    "pardiso": ("pypardiso", _Pardiso),
+    "superlu": ("scipy", _superlu),
+}

@@ -1,0 +1,130 @@
+"""Compiling kernels once, side by side, before they are needed.
+
+Kernels are compiled at first use and kept on disk. Whoever is about to use many of
+them asks for all at once, so that every processor compiles a part.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from queue import Empty, Queue
+
+Say = Callable[[str], None]
+
+#: Entry kernels of every run, as module:name, the slowest to compile first.
+COMMON = (
+    "kernels.newton:newton_factor",
+    "kernels.newton:newton_solve",
+    "kernels.newton:solve_accelerations",
+    "integrators.stepping:sample",
+    "kernels.newton:project_once",
+    "kernels.coordinates:rate",
+    "kernels.coordinates:retract",
+    "integrators.stepping:begin",
+    "kernels.newton:remember",
+)
+PLANAR = ("kernels.planar_constraints:linearise", "kernels.planar_constraints:evaluate")
+SPATIAL = (
+    "kernels.spatial_constraints_linear:linearise",
+    "kernels.spatial_constraints:evaluate",
+)
+#: Fewer kernels than this are compiled where they are used.
+WORTH_PROCESSES = 3
+
+
+def ensure(planar: bool, step_loop: str, say: Say | None = None) -> None:
+    """Compiles what a run needs and is not on disk yet, on all processors.
+
+    Parameters
+    ----------
+    step_loop : the entry kernel of the integrator, as module:name
+    say : told once, and only when something has to be compiled
+    """
+    names = (step_loop, *(PLANAR if planar else SPATIAL), *COMMON)
+    _compile([name for name in names if not _is_cached(name)], say)
+
+
+def warm_up(say: Say | None = None) -> int:
+    """Compiles all kernels of all integrators; the number that had to be compiled."""
+    from .integrators import INTEGRATORS
+
+    loops = dict.fromkeys(method.step_loop for method in INTEGRATORS.values())
+    names = (*loops, *SPATIAL, *PLANAR, *COMMON)
+    missing = [name for name in names if not _is_cached(name)]
+    _compile(missing, say, at_least=1)
+    return len(missing)
+
+
+def _compile(
+    names: list[str], say: Say | None, at_least: int = WORTH_PROCESSES
+) -> None:
+    if len(names) < at_least:
+        return
+    if say is not None:
+        say(f"compiling {len(names)} kernels, once (half a minute or less)")
+    queue: Queue[str] = Queue()
+    for name in names:
+        queue.put(name)
+    workers = [
+        threading.Thread(target=_work, args=(queue,))
+        for _ in range(min(len(names), os.cpu_count() or 1))
+    ]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+
+
+def _work(queue: Queue[str]) -> None:
+    """Feeds one process with names until none is left.
+
+    A process that dies is no harm: what it did not compile is compiled at first use.
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-m", __name__],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        while True:
+            process.stdin.write(queue.get_nowait() + "\n")
+            process.stdin.flush()
+            if not process.stdout.readline():
+                return
+    except (Empty, BrokenPipeError):
+        return
+    finally:
+        process.stdin.close()
+        process.stdout.close()
+        process.wait()
+
+
+def _is_cached(name: str) -> bool:
+    kernel = _find(name)
+    return all(kernel.is_cached(signature) for signature in kernel.signatures)
+
+
+def _find(name: str):  # type: ignore[no-untyped-def]
+    module, _, kernel = name.partition(":")
+    return getattr(import_module(f"solver.{module}"), kernel)
+
+
+def _serve(lines: Iterable[str]) -> None:
+    """Compiles the kernels named on standard input, answering each with a line."""
+    for line in lines:
+        kernel = _find(line.strip())
+        for signature in kernel.signatures:
+            kernel.compiled(signature)
+        print("done", flush=True)
+
+
+if __name__ == "__main__":
+    _serve(sys.stdin)
