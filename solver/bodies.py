@@ -13,6 +13,7 @@ from formats.scene import Body, RigidBody, SidBody, as_3d, position_3d, rotation
 from formats.sid import SID, Array, Node, rigid_node, rigid_sid, symmetric_3x3
 from formats.sid_files import read_sid
 
+from .damping import damped
 from .kernels.layout import (
     HAS_CR1,
     HAS_CT1,
@@ -71,6 +72,7 @@ def _flexible_body(
                 expected=error.expected,
             ) from None
     nodes = dict(body.markers)
+    sid = damped(sid, body.damping, name)
     return BodyData(name, sid, True, body.quadratic_inertia, nodes)
 
 

@@ -28,11 +28,8 @@ COMMON = (
     "integrators.stepping:begin",
     "kernels.newton:remember",
 )
-PLANAR = ("kernels.planar_constraints:linearise", "kernels.planar_constraints:evaluate")
-SPATIAL = (
-    "kernels.spatial_constraints_linear:linearise",
-    "kernels.spatial_constraints:evaluate",
-)
+PLANAR = ("kernels.planar_forces:linearise", "kernels.planar_forces:evaluate")
+SPATIAL = ("kernels.spatial_forces:linearise", "kernels.spatial_forces:evaluate")
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
 

@@ -35,8 +35,7 @@ def entries(planar: bool) -> tuple[Entry, ...]:
     if planar:
         from .planar_forces import evaluate, linearise
     else:
-        from .spatial_constraints import evaluate
-        from .spatial_constraints_linear import linearise
+        from .spatial_forces import evaluate, linearise
     return (
         evaluate,
         linearise,
