@@ -102,7 +102,8 @@ def connecting_rod() -> SID:
 
 def _node(name: str, x: float, phi: Array) -> Node:
     origin = Taylor(np.array([[x], [0.0], [0.0]]), phi.T[:, :, None])
-    return Node(name, origin, Taylor(phi), Taylor(np.zeros_like(phi)), Taylor(np.eye(3)))
+    psi, frame = np.zeros_like(phi), np.eye(3)
+    return Node(name, origin, Taylor(phi), Taylor(psi), Taylor(frame))
 
 
 def scene(quadratic_inertia: bool) -> SceneFile:
@@ -134,7 +135,8 @@ def scene(quadratic_inertia: bool) -> SceneFile:
         "mass": M3,
         "initial": {"position": [0.450016933, 0.0], "velocity": [qd[3], 0.0]},
     }
-    drive = {"type": "polynomial", "pieces": [{"from": 0.0, "coefficients": [0, SPEED]}]}
+    steady = {"from": 0.0, "coefficients": [0.0, SPEED]}
+    drive = {"type": "polynomial", "pieces": [steady]}
     data = {
         "format": "sidtool scene",
         "version": 1,
@@ -188,7 +190,7 @@ def test_elastic_velocities_as_published(published_model: Result, name: str) -> 
 
 
 def test_multipliers_as_published(published_model: Result) -> None:
-    """Forces of the guide (y) and the tip (x) on the rod and the torque of the drive."""
+    """Forces of the guide (y) and at the tip (x), and the torque of the drive."""
     names = ("guide.f1", "tip.f1", "turn.f1")
     measured = np.abs([end(published_model, name) for name in names])
     assert measured == pytest.approx(np.abs(LAMBDA), rel=1e-8)
