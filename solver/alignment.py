@@ -8,7 +8,8 @@ from what a joint wants are turned to it; after it, what was found is checked.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -39,26 +40,29 @@ FAR = 1.0
 class _Wish:
     """What a joint wants of the orientation Q of its second marker in the first.
 
-    axis : Q leaves it where it is; None when all of Q is wanted
-    angle : wanted rotation about it, if it is driven
+    whole : Q itself, or None when it is wanted only that
+    source, target : Q takes one direction to the other
+    angle : wanted rotation about them, if it is driven and they are the same
     """
 
     name: str
     a: tuple[str, str]
     b: tuple[str, str]
-    axis: Array | None
-    angle: float | None
+    whole: Array | None = None
+    source: Array = field(default_factory=lambda: np.zeros(3))
+    target: Array = field(default_factory=lambda: np.zeros(3))
+    angle: float | None = None
 
     def correction(self, Q: Array) -> Array:
         """The rotation C, in the frame of the first marker, for which C Q is right."""
-        if self.axis is None:
-            return Q.T
-        turn = _shortest(Q @ self.axis, self.axis)
+        if self.whole is not None:
+            return self.whole @ Q.T
+        turn = _shortest(Q @ self.source, self.target)
         if self.angle is None:
             return turn
-        now = _rotation_vector(turn @ Q) @ self.axis
+        now = _rotation_vector(turn @ Q) @ self.target
         left = (self.angle - now + np.pi) % (2.0 * np.pi) - np.pi
-        return _rotation(left * self.axis) @ turn
+        return _rotation(left * self.target) @ turn
 
 
 def align(system: System, work: Work, z: Array) -> None:
@@ -142,22 +146,42 @@ def _wishes(system: System) -> Iterator[_Wish]:
             continue
         constraints = joint_parts(joint, system.planar).constraints
         across = [p for p in constraints if p.kind == at.PERPENDICULAR]
-        if len(across) < 2:
-            continue
-        axis = np.array(across[0].data[3:]) if len(across) == 2 else None
         a, b = (marker_reference(text) for text in texts)
-        yield _Wish(name, a, b, axis, _driven_angle(system, name))
+        driven = _driven_angles(system, name)
+        if len(across) == 3:
+            yield _Wish(name, a, b, whole=np.eye(3))
+        elif len(across) == 2:
+            axis = np.array(across[0].data[3:])
+            yield _Wish(name, a, b, source=axis, target=axis, angle=driven.get("angle"))
+        elif across and driven:
+            first, second = np.reshape(across[0].data, (2, 3))
+            yield _Wish(name, a, b, **_cross(first, second, driven))
 
 
-def _driven_angle(system: System, joint: str) -> float | None:
-    scene = system.scene
+def _cross(first: Array, second: Array, angles: dict[str, float]) -> dict[str, Any]:
+    """What a universal joint wants with one or both of its angles driven."""
+    inner = _rotation(angles.get("angle_1", 0.0) * first)
+    outer = _rotation(angles.get("angle_2", 0.0) * second)
+    if len(angles) == 2:
+        return {"whole": inner @ outer}
+    if "angle_1" in angles:
+        return {"source": second, "target": inner @ second}
+    return {"source": outer.T @ first, "target": first}
+
+
+def _driven_angles(system: System, joint: str) -> dict[str, float]:
+    """Driven angles of a joint at the start."""
+    scene, found = system.scene, {}
+    start = scene.time.start
+    clock = 0.5 * (start + system.breaks[0])
     for row, drive in enumerate(scene.drives.values()):
-        if drive.joint != joint or driven_coordinate(drive, scene.joints) != "angle":
+        if drive.joint != joint:
             continue
-        start = scene.time.start
-        clock = 0.5 * (start + system.breaks[0])
-        return float(drive_value.py_func(system.arrays, row, clock, start)[0])
-    return None
+        name = driven_coordinate(drive, scene.joints)
+        if name.startswith("angle"):
+            value = drive_value.py_func(system.arrays, row, clock, start)[0]
+            found[name] = float(value)
+    return found
 
 
 def _held(scene: SceneFile) -> set[str]:

@@ -22,8 +22,8 @@ DEGREE = 14
 #: Tolerated error relative to the largest value.
 ERROR = 1e-13
 MOST_PIECES = 20_000
-#: Pieces shorter than this part of the time span surround a kink.
-SHORT = 1e-5
+#: Pieces shorter than this part of the longest one surround a kink.
+SHORT = 1e-4
 SHORTEST = 1e-9
 #: Tolerated difference of given derivatives from those of the interpolant.
 CONSISTENT = (1e-10, 1e-7, 1e-4)
@@ -49,12 +49,12 @@ def interpolate(
             expected="a function of time, and at most two derivatives",
         )
     edges, series = _halved(functions[0], span, place)
-    _check_rates(edges, series, span, place)
+    _check_rates(edges, series, place)
     _check_derivatives(functions[1:], edges, series, place)
     terms = np.array(
         [np.pad(p, (0, DEGREE + 1 - len(p))) for p in map(_powers, series)]
     )
-    return edges, terms, _kinks(edges, span)
+    return edges, terms, _kinks(edges)
 
 
 def _powers(series: Array) -> Array:
@@ -135,43 +135,47 @@ def _check_closed(
         )
 
 
-def _clusters(edges: Array, span: tuple[float, float]) -> list[tuple[int, int]]:
+def _clusters(edges: Array) -> list[tuple[int, int]]:
     """First and last piece of each group of very short ones."""
-    short = np.diff(edges) < SHORT * (span[1] - span[0])
+    lengths = np.diff(edges)
+    short = lengths < SHORT * lengths.max()
     steps = np.diff(np.concatenate([[0], short.astype(int), [0]]))
     starts, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
     return [(int(a), int(b) - 1) for a, b in zip(starts, ends, strict=True)]
 
 
-def _kinks(edges: Array, span: tuple[float, float]) -> tuple[float, ...]:
-    """The middle of the shortest piece of each group."""
-    found = []
-    for first, last in _clusters(edges, span):
-        lengths = np.diff(edges[first : last + 2])
-        k = first + int(np.argmin(lengths))
-        found.append(float(0.5 * (edges[k] + edges[k + 1])))
-    return tuple(found)
+def _kinks(edges: Array) -> tuple[float, ...]:
+    return tuple(_middle(edges, *cluster) for cluster in _clusters(edges))
 
 
-def _rate(edges: Array, series: list[Array], piece: int, x: float) -> float:
+def _middle(edges: Array, first: int, last: int) -> float:
+    """The middle of the shortest piece of a group."""
+    k = first + int(np.argmin(np.diff(edges[first : last + 2])))
+    return float(0.5 * (edges[k] + edges[k + 1]))
+
+
+def _derivative(
+    edges: Array, series: list[Array], piece: int, x: float, order: int = 1
+) -> float:
     half = 0.5 * (edges[piece + 1] - edges[piece])
-    return float(chebyshev.chebval(x, chebyshev.chebder(series[piece]))) / half
+    found = chebyshev.chebval(x, chebyshev.chebder(series[piece], order))
+    return float(found) / half**order
 
 
-def _check_rates(
-    edges: Array, series: list[Array], span: tuple[float, float], place: str
-) -> None:
-    """A rate that changes within a group of very short pieces jumps there."""
-    largest = max(abs(_rate(edges, series, k, 0.0)) for k in range(len(series)))
-    for first, last in _clusters(edges, span):
+def _check_rates(edges: Array, series: list[Array], place: str) -> None:
+    """Raises rates that change in a group of short pieces more than by acceleration."""
+    largest = max(abs(_derivative(edges, series, k, 0.0)) for k in range(len(series)))
+    for first, last in _clusters(edges):
         if first == 0 or last + 1 == len(series):
             continue
-        before = _rate(edges, series, first - 1, 1.0)
-        jump = _rate(edges, series, last + 1, -1.0) - before
-        if abs(jump) > 1e-3 * largest:
+        sides = ((first - 1, 1.0), (last + 1, -1.0))
+        left, right = (_derivative(edges, series, *side) for side in sides)
+        bend = max(abs(_derivative(edges, series, *side, order=2)) for side in sides)
+        smooth = 4.0 * bend * (edges[last + 1] - edges[first]) + 1e-6 * largest
+        if abs(right - left) > smooth:
             raise InputError(
-                f"the callable jumps in its rate by {jump:.6g} at "
-                f"t = {0.5 * (edges[first] + edges[last + 1]):.9g} s",
+                f"the callable jumps in its rate by {right - left:.6g} at "
+                f"t = {_middle(edges, first, last):.9g} s",
                 place=place,
                 expected="a function whose value and rate are continuous",
             )
@@ -193,7 +197,7 @@ def _check_derivatives(
             own = chebyshev.chebval(x, chebyshev.chebder(found, order)) / half**order
             values = _evaluate(function, times, place)
             size = max(size, float(np.max(np.abs(values))))
-            if half > SHORT * (edges[-1] - edges[0]):
+            if half > SHORT * np.diff(edges).max():
                 gap = float(np.max(np.abs(values - own)))
                 worst, when = max((worst, when), (gap, float(times[1])))
         if worst > CONSISTENT[order] * max(size, 1e-300):

@@ -187,7 +187,10 @@ def check_jumps(pieces: Pieces, span: tuple[float, float], place: str) -> None:
             (float(p.deriv(order)(0.0)), float(p.deriv(order)(end - start)))
             for p, start, end in zip(curves, pieces.starts, ends, strict=True)
         ]
-        largest = max(abs(v) for pair in values for v in pair)
+        largest = max(
+            float(np.max(np.abs(p.deriv(order)(np.linspace(0.0, end - start, 5)))))
+            for p, start, end in zip(curves, pieces.starts, ends, strict=True)
+        )
         for t, (left, right) in zip(pieces.starts[1:], pairwise(values), strict=True):
             jump = right[0] - left[1]
             if span[0] < t < span[1] and abs(jump) > SAME * largest:

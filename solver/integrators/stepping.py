@@ -197,10 +197,11 @@ def next_step(control):
     remaining = real[STOP] - real[TIME]
     if remaining <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
         return 0.0
-    h = min(real[STEP], real[LARGEST])
+    fixed = control.whole[FIXED_STEP] == 1
+    h = real[STEP] if fixed else min(real[STEP], real[LARGEST])
     if h >= remaining * (1.0 - 1e-9):
         return remaining
-    if h > 0.5 * remaining and control.whole[FIXED_STEP] == 0:
+    if h > 0.5 * remaining and not fixed:
         return 0.5 * remaining
     return h
 
