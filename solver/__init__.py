@@ -36,6 +36,7 @@ def compile_scene(
     sids: Mapping[str, SID] | None = None,
     accept_defects: bool = False,
     drives: Mapping[str, Derivatives] | None = None,
+    keep_joints: bool = False,
 ) -> System:
     """Compiles a scene into the tables that the kernels integrate.
 
@@ -46,6 +47,8 @@ def compile_scene(
     accept_defects : take SIDs whose coupled mass matrix is indefinite
     drives : callables that replace the functions of the drives with these names:
         f(t), or a tuple of f and its first, or first two, derivatives
+    keep_joints : keep all joints as constraints, whose forces are then known, also
+        those that prescribe a frame
 
     Raises
     ------
@@ -55,7 +58,7 @@ def compile_scene(
     from .checks import check_masses, check_outputs
     from .scene import build_system
 
-    system = build_system(scene, Path(base_folder), sids, drives)
+    system = build_system(scene, Path(base_folder), sids, drives, keep_joints)
     check_outputs(system)
     if not accept_defects:
         check_masses(system)

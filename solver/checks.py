@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from formats.errors import InputError
-from formats.scene import parse_output
+from formats.scene import SCENE_QUANTITIES, parse_output
 from formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
+from .joint_forces import COMPONENTS, second_marker
 from .kernels import layout as at
 from .outputs import elastic_range, multiplier_rows
 from .scene import GROUND_NAME, System
@@ -20,7 +21,10 @@ def check_outputs(system: System) -> None:
     """
     for text in system.scene.outputs.record:
         name = parse_output(text)
-        if name.marker:
+        if name.marker or name.owner in SCENE_QUANTITIES:
+            continue
+        if name.quantity in COMPONENTS:
+            second_marker(system, name.owner)
             continue
         if name.owner not in system.scene.bodies:
             multiplier_rows(system, name.owner, name.quantity)

@@ -7,16 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from formats.errors import InputError
-from formats.scene import parse_output
+from formats.scene import SCENE_QUANTITIES, parse_output
 from formats.sid import Array
 
+from .energy_history import History
 from .integrators import stepping
+from .joint_forces import COMPONENTS, wrench
 from .kernels import layout as at
 from .kernels import planar, spatial
 from .kernels.layout import Work
 from .kernels.newton import Kernels, Memory
+from .motion import place
 from .sampling import Samples, sample
 from .scene import GROUND_NAME, System
+from .scene_outputs import SceneQuantities
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +41,24 @@ def record(
     z: Array,
     v: Array,
     closed: Array,
+    history: History | None = None,
 ) -> Recorded:
-    """Evaluates the outputs of the scene at the given states."""
+    """Evaluates the outputs of the scene at the given states.
+
+    history : the steps of the run, for energies that are integrals
+    """
     samples = sample(system, kernels, work, memory, times, z, v, closed)
+    whole = SceneQuantities(
+        system, kernels, work, memory, times, samples, closed, history
+    )
     names: list[str] = []
     columns: list[Array] = []
     for text in system.scene.outputs.record:
+        parsed = parse_output(text)
+        if parsed.owner in SCENE_QUANTITIES:
+            names.append(text)
+            columns.append(whole.column(parsed.owner, parsed.quantity))
+            continue
         for name, column in _columns(system, samples, text):
             names.append(name)
             columns.append(column)
@@ -55,6 +71,9 @@ def _columns(system: System, samples: Samples, text: str) -> list[tuple[str, Arr
     if name.marker:
         m = system.markers[name.owner, name.marker]
         return [(text, _marker_column(system, samples, m, name.quantity))]
+    if name.quantity in COMPONENTS:
+        wrenches = wrench(system, samples, name.owner)
+        return [(text, wrenches[:, COMPONENTS.index(name.quantity)])]
     if name.owner not in system.scene.bodies:
         return _multiplier_columns(system, samples, name.owner, name.quantity)
     if name.quantity[-1] == "*" or name.quantity[-1].isdigit():
@@ -164,12 +183,21 @@ def _spatial_body(frame: Array, quantity: str) -> Array:
 def _marker_column(system: System, samples: Samples, m: int, quantity: str) -> Array:
     point = samples.points[:, m]
     axis = "xyz".index(quantity[-1])
+    if quantity[0] == "u":
+        return _displacement(system, samples, m)[:, axis]
     order = {1: 0, 2: 1 if quantity[0] == "v" else 2}[len(quantity)]
     if system.planar:
         starts = (planar.PX, planar.PVX, planar.PAX)
         return np.zeros(len(point)) if axis == 2 else point[:, starts[order] + axis]
     starts = (spatial.PX, spatial.PV, spatial.PA)
     return point[:, starts[order] + axis]
+
+
+def _displacement(system: System, samples: Samples, m: int) -> Array:
+    """Elastic displacement of a marker in the body frame, (nt, 3)."""
+    reference = next(key for key, row in system.markers.items() if row == m)
+    body = system.bodies[int(system.arrays.marker[m, at.M_BODY])]
+    return place(system, samples, m) - body.node(reference[1]).position
 
 
 def position_names(system: System) -> tuple[str, ...]:

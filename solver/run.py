@@ -18,6 +18,7 @@ from formats.sid import Array
 
 from . import assembly, outputs, warmup
 from .bodies import amplitudes, frequencies
+from .energy_history import History, is_wanted
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Integrator, stepping
 from .kernels import layout as at
@@ -137,6 +138,7 @@ class _Run:
         self.kernels = kernels(system.planar)
         self.times = output_times(system.scene)
         self.control = _new_control(system, settings, start, self.times)
+        self.history = History() if is_wanted(system.scene) else None
         self.begin = system.scene.time.start
         self.advance = method.prepare(
             system, self.kernels, self.work, self.memory, self.control
@@ -148,15 +150,23 @@ class _Run:
         now = self.begin
         for stop in self.system.breaks:
             self._enter(now, stop)
+            self._remember()
             code = stepping.CHUNK
             while code == stepping.CHUNK:
-                code = self.advance(CHUNK)
+                code = self.advance(CHUNK if self.history is None else 1)
+                self._remember()
                 if progress is not None:
                     progress(float(control.real[stepping.TIME]))
             if code != stepping.REACHED:
                 return self._failure(code)
             now = stop
         return ""
+
+    def _remember(self) -> None:
+        """Keeps the state at the end of a step when powers are to be integrated."""
+        if self.history is not None:
+            t = float(self.control.real[stepping.TIME])
+            self.history.add(t, self.control.z, self.control.v)
 
     def _enter(self, begin: float, end: float) -> None:
         """Starts a smooth interval: no memory of steps before."""
@@ -199,6 +209,7 @@ class _Run:
             self.control.out_z[:count],
             self.control.out_v[:count],
             self.control.real[[stepping.NEAR, stepping.STILL]],
+            self.history,
         )
         return Result(
             title=self.system.scene.title,

@@ -21,6 +21,7 @@ class Samples:
     z, v : (nt, .) states
     frames, points : (nt, bodies, .) and (nt, markers, .), as in `kernels.layout.Work`,
         with accelerations complete
+    accelerations : (nt, .) z_II'
     multipliers : (nt, rows)
     """
 
@@ -28,6 +29,7 @@ class Samples:
     v: Array
     frames: Array
     points: Array
+    accelerations: Array
     multipliers: Array
 
 
@@ -69,7 +71,7 @@ def sample(
         multipliers,
     )
     complete_accelerations(system, frames, points, accelerations)
-    return Samples(z, v, frames, points, multipliers)
+    return Samples(z, v, frames, points, accelerations, multipliers)
 
 
 def complete_accelerations(

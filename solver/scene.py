@@ -47,6 +47,8 @@ from .ordering import reverse_cuthill_mckee
 from .pool import Pool
 
 GROUND_NAME = "ground"
+#: Energies that need the forces of all joints and drives.
+_OF_ALL_JOINTS = ("supplied", "balance")
 _PRESCRIBED = {"fixed": at.FIXED, "revolute": at.REVOLUTE, "prismatic": at.PRISMATIC}
 
 
@@ -142,14 +144,18 @@ def build_system(
     folder: Path,
     sids: Mapping[str, SID] | None = None,
     drives: Mapping[str, Derivatives] | None = None,
+    keep_joints: bool = False,
 ) -> System:
     """Flat tables of a scene, before its initial conditions are looked at.
+
+    keep_joints : joints stay constraints even where they prescribe a frame
 
     Raises
     ------
     InputError : a SID cannot be read, or a marker does not exist.
     """
-    return _Builder(scene, folder, dict(sids or {}), dict(drives or {})).build()
+    builder = _Builder(scene, folder, dict(sids or {}), dict(drives or {}), keep_joints)
+    return builder.build()
 
 
 class _Builder:
@@ -161,8 +167,9 @@ class _Builder:
         folder: Path,
         sids: dict[str, SID],
         drives: dict[str, Derivatives],
+        keep_joints: bool,
     ) -> None:
-        self.scene = scene
+        self.scene, self.keep_joints = scene, keep_joints
         self.planar = scene.dimension == "planar"
         self.pool = Pool()
         self.data = {
@@ -247,7 +254,10 @@ class _Builder:
         """Bodies whose frame follows from the ground by fixed and driven joints."""
         known = {GROUND_NAME}
         frames: dict[str, _Frame] = {}
-        wanted = {parse_output(text).owner for text in self.scene.outputs.record}
+        outputs = [parse_output(text) for text in self.scene.outputs.record]
+        wanted = {output.owner for output in outputs}
+        if self.keep_joints or any(o.quantity in _OF_ALL_JOINTS for o in outputs):
+            return frames
         grown = True
         while grown:
             grown = False

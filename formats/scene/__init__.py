@@ -51,7 +51,13 @@ from .joints import (
     coupled_coordinates,
     marker_names,
 )
-from .outputs import OutputName, is_of_joint, marker_reference, parse_output
+from .outputs import (
+    SCENE_QUANTITIES,
+    OutputName,
+    is_of_joint,
+    marker_reference,
+    parse_output,
+)
 
 __all__ = [
     "Accuracy",
@@ -93,6 +99,7 @@ __all__ = [
     "RayleighDamping",
     "Revolute",
     "RigidBody",
+    "SCENE_QUANTITIES",
     "SceneFile",
     "SidBody",
     "SidDamping",

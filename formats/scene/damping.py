@@ -27,7 +27,9 @@ class RayleighDamping(Table):
 
 def _numbers(value: Any) -> Any:
     single = isinstance(value, int | float) and not isinstance(value, bool)
-    return (float(value),) if single else value
+    if single:
+        return (float(value),)
+    return tuple(value) if isinstance(value, list) else value
 
 
 class ModalDamping(Table):

@@ -15,7 +15,9 @@ Values = tuple[float, ...]
 def _numbers(value: Any) -> Any:
     """One number stands for a sequence of one."""
     single = isinstance(value, int | float) and not isinstance(value, bool)
-    return (float(value),) if single else value
+    if single:
+        return (float(value),)
+    return tuple(value) if isinstance(value, list) else value
 
 
 #: Coefficients of powers 1, 2, ...; a number alone is the linear one.

@@ -1,0 +1,83 @@
+"""What forces depend on at recorded states: their measures, and functions of time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from formats.sid import Array
+
+from .kernels import layout as at
+from .kernels.drives import drive_value
+from .motion import Motion, marker_motion
+from .sampling import Samples
+from .scene import System
+
+
+class Measured(NamedTuple):
+    """A measure of the motion of two markers and its rate, (nt,)."""
+
+    g: Array
+    rate: Array
+
+
+def measured(system: System, samples: Samples, k: int) -> Measured:
+    """The measure of row k of the force table, as in `kernels.planar_forces`."""
+    row, element = system.arrays.force[k], system.forces[k]
+    A = marker_motion(system, samples, int(row[at.F_A]))
+    B = marker_motion(system, samples, int(row[at.F_B]))
+    if element.kind in (at.TWIST, at.TILT):
+        return _turning(system, k, A, B)
+    x, v = B.x - A.x, B.v - A.v
+    if element.kind == at.SPAN:
+        length = np.linalg.norm(x, axis=1)
+        along = np.sum(x * v, axis=1)
+        return Measured(length, along / np.maximum(length, 1e-300))
+    local = np.array(element.data[:3])
+    if system.planar:
+        local = np.array([np.cos(local[0]), np.sin(local[0]), 0.0])
+    n = A.R @ local
+    rate = np.sum(n * v, axis=1) + np.sum(np.cross(A.w, n) * x, axis=1)
+    return Measured(np.sum(n * x, axis=1), rate)
+
+
+def _turning(system: System, k: int, A: Motion, B: Motion) -> Measured:
+    element = system.forces[k]
+    if system.planar:
+        return Measured(B.angle - A.angle, (B.w - A.w)[:, 2])
+    relative = np.einsum("tji,tjk->tik", A.R, B.R)
+    spin = np.einsum("tji,tj->ti", A.R, B.w - A.w)
+    data = np.array(element.data)
+    if element.kind == at.TWIST:
+        first, second = data[:3], data[3:6]
+        b = relative @ first
+        rest = element.law.rest
+        angle = np.arctan2(b @ second, b @ first) - rest
+        angle -= 2.0 * np.pi * np.floor(0.5 + angle / (2.0 * np.pi))
+        return Measured(rest + angle, spin @ np.cross(first, second))
+    from scipy.spatial.transform import Rotation
+
+    theta = Rotation.from_matrix(relative).as_rotvec()
+    size = np.maximum(np.linalg.norm(theta, axis=1), 1e-9)
+    c = 1.0 / size**2 - (1.0 + np.cos(size)) / (2.0 * size * np.sin(size))
+    c = np.where(size < 1e-3, 1.0 / 12.0, c)
+    turned = np.cross(theta, spin)
+    rate = spin - 0.5 * turned + c[:, None] * np.cross(theta, turned)
+    return Measured(theta @ data, rate @ data)
+
+
+def function_values(system: System, function: int, times: Array) -> Array:
+    """Values of a row of the table of functions, 1 for no function."""
+    if function < 0:
+        return np.ones(len(times))
+    edges = np.array([system.scene.time.start, *system.breaks])
+    part = np.clip(np.searchsorted(edges, times) - 1, 0, len(edges) - 2)
+    clocks = 0.5 * (edges[part] + edges[part + 1])
+    evaluate = drive_value.py_func
+    return np.array(
+        [
+            evaluate(system.arrays, function, clock, t)[0]
+            for clock, t in zip(clocks, times, strict=True)
+        ]
+    )

@@ -1,0 +1,101 @@
+"""Outputs of the whole scene: energies, their balance, residuals of constraints."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from formats.sid import Array
+
+from . import energies, kernel_calls
+from .energy_history import History, integrated_energies
+from .kernels import layout as at
+from .kernels.layout import Work
+from .kernels.newton import Kernels, Memory
+from .sampling import Samples
+from .scene import System
+
+
+class SceneQuantities:
+    """Columns energy.X and constraint.X at the recorded times; each made once."""
+
+    def __init__(
+        self,
+        system: System,
+        kernels: Kernels,
+        work: Work,
+        memory: Memory,
+        times: Array,
+        samples: Samples,
+        closed: Array,
+        history: History | None,
+    ) -> None:
+        self.system, self.kernels, self.work, self.memory = (
+            system,
+            kernels,
+            work,
+            memory,
+        )
+        self.times, self.samples, self.closed = times, samples, closed
+        self.history = history
+
+    def column(self, owner: str, quantity: str) -> Array:
+        """Values (nt,) of one quantity of `formats.scene.outputs.SCENE_QUANTITIES`."""
+        if owner == "constraint":
+            return self._residuals[quantity]
+        return getattr(self, quantity)  # type: ignore[no-any-return]
+
+    @cached_property
+    def kinetic(self) -> Array:
+        return energies.kinetic(self.system, self.samples)
+
+    @cached_property
+    def elastic(self) -> Array:
+        return energies.elastic(self.system, self.samples)
+
+    @cached_property
+    def potential(self) -> Array:
+        return energies.potential(self.system, self.samples)
+
+    @property
+    def dissipated(self) -> Array:
+        return self._integrals[0]
+
+    @property
+    def supplied(self) -> Array:
+        return self._integrals[1]
+
+    @property
+    def balance(self) -> Array:
+        kept = self.kinetic + self.elastic + self.potential
+        return kept + self.dissipated - self.supplied
+
+    @cached_property
+    def _integrals(self) -> tuple[Array, Array]:
+        if self.history is None or len(self.history.t) < 2:
+            unknown = np.full(len(self.times), np.nan)
+            return unknown, unknown
+        return integrated_energies(
+            self.system,
+            self.kernels,
+            self.work,
+            self.memory,
+            self.history,
+            self.closed,
+            self.times,
+        )
+
+    @cached_property
+    def _residuals(self) -> dict[str, Array]:
+        """Largest |c| and |dc/dt|."""
+        found = np.zeros((len(self.times), 2))
+        edges = np.array([self.system.scene.time.start, *self.system.breaks])
+        for i, t in enumerate(self.times):
+            part = max(int(np.searchsorted(edges, t)) - 1, 0)
+            self.work.clock[0] = 0.5 * (edges[part] + edges[part + 1])
+            z, v = self.samples.z[i], self.samples.v[i]
+            kernel_calls.evaluate(self.system, self.work, t, z, v)
+            rows = np.abs(self.work.row[:, [at.C_VALUE, at.C_RATE]])
+            found[i] = rows.max(axis=0, initial=0.0)
+        return {"position": found[:, 0], "velocity": found[:, 1]}
