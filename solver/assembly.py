@@ -267,7 +267,8 @@ def _reach_velocities(state: _State) -> None:
     change, left = state.smallest(-rates)
     state.v += change
     state.evaluate()
-    size = max(1.0, float(np.max(np.abs(rates))), float(np.max(np.abs(state.v))))
+    moving = float(np.max(np.abs(state.v), initial=0.0))
+    size = max(1.0, float(np.max(np.abs(rates))), moving)
     if left > 1e-8 * size:
         residual = state.work.row[:, at.C_RATE]
         raise InputError(

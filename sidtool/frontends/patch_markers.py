@@ -13,11 +13,11 @@ from formats.errors import InputError
 from formats.model import Marker, ModelFile
 from formats.model_geometry import NurbsGeometry, VolumeGeometry
 
-from ..geometry.bspline import gauss_points
 from ..geometry.locate import locate
 from ..geometry.patch import NurbsPatch, PointBasis, point_basis, side_nodes
 from ..vectors import LEVI_CIVITA
 from .finite_element_model import MarkerRows
+from .side_mass import SideMasses
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -33,33 +33,9 @@ def edge_sets(
 
 def edge_masses(
     geometry: NurbsGeometry | VolumeGeometry, patch: NurbsPatch
-) -> dict[str, sp.csr_matrix]:
+) -> Mapping[str, sp.csr_matrix]:
     """(n, n) integral of N_i N_j over every named edge [m] or face [m^2]."""
-    names = geometry.edge_names
-    return {name: side_mass(patch, *side) for name, side in names.items()}
-
-
-def side_mass(patch: NurbsPatch, direction: int, end: int) -> sp.csr_matrix:
-    """(n, n) integral of N_i N_j over the side where a parameter is 0 or 1."""
-    along = [i for i in range(len(patch.degrees)) if i != direction]
-    rules = [gauss_points(patch.knots[i], patch.degrees[i] + 1) for i in along]
-    places = np.meshgrid(*(points.ravel() for points, _ in rules))
-    factors = np.meshgrid(*(weights.ravel() for _, weights in rules))
-    weights = np.prod([factor.ravel() for factor in factors], axis=0)
-    where = np.insert(
-        np.stack([place.ravel() for place in places], axis=1), direction, end, axis=1
-    )
-    rows, columns, data = [], [], []
-    for i, x in enumerate(where):
-        basis = point_basis(patch, x)
-        tangents = basis.gradients[:, along].T @ patch.points[basis.nodes]
-        measure = np.sqrt(np.linalg.det(tangents @ tangents.T)) * weights[i]
-        rows.append(np.full(basis.nodes.size, i))
-        columns.append(basis.nodes)
-        data.append(basis.values * np.sqrt(measure))
-    entries = (np.concatenate(data), (np.concatenate(rows), np.concatenate(columns)))
-    values = sp.csr_matrix(entries, shape=(len(where), patch.weights.size))
-    return sp.csr_matrix(values.T @ values)
+    return SideMasses(geometry.edge_names, patch)
 
 
 def marker_rows(

@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: Up to this size LAPACK is faster than factorisation and Lanczos.
 _DENSE = 300
+#: The lowest eigenvalue in units of its rounding error that still counts as known.
+_RESOLUTION = 100.0
 
 
 def lowest_eigenpairs(
@@ -62,12 +64,35 @@ def lowest_eigenpairs(
         )
     solve = _dense if n <= _DENSE or count > n // 3 else _shift_invert
     try:
-        return solve(stiffness, mass, count, shift, rows)
+        values, vectors = solve(stiffness, mass, count, shift, rows)
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"the eigenproblem has no solution ({error})",
             expected="a body with positive mass and stiffness of ordinary size",
         ) from error
+    if shift == 0.0:
+        _check_resolution(stiffness, values, vectors)
+    return values, vectors
+
+
+def _check_resolution(stiffness: sp.csr_matrix, values: Array, vectors: Array) -> None:
+    """Whether rounding in the stiffness leaves the lowest eigenvalue of a held body.
+
+    Terms of size |v|^T |K| |v| cancel in v^T K v, so that its rounding error is of
+    that size times the unit roundoff.
+    """
+    sizes = sp.csr_matrix(
+        (np.abs(stiffness.data), stiffness.indices, stiffness.indptr),
+        shape=stiffness.shape,
+    )
+    first = np.abs(vectors[:, 0])
+    noise = float(np.finfo(float).eps * first @ (sizes @ first))
+    if values[0] < _RESOLUTION * noise:
+        raise InputError(
+            f"the lowest eigenvalue, {values[0]:.2e} 1/s^2, is lost in the rounding of "
+            f"the stiffness, {noise:.2e} 1/s^2",
+            expected="a held body, and elements that are less thin or fewer",
+        )
 
 
 def _dense(

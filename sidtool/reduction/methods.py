@@ -125,9 +125,12 @@ def krylov(
     if not space.rigid.shape[1]:
         loads.append(model.mass @ model.rigid_body_modes(frame.origin))
         names += tuple(f"acceleration {i + 1}" for i in range(loads[1].shape[1]))
+    columns = np.hstack(loads)
+    felt = np.linalg.norm(space.loads(columns), axis=0) > 0
+    names = tuple(name for name, there in zip(names, felt, strict=True) if there)
     families = [
         Family(f"at {f:g} Hz", shapes, tuple(f"{n} at {f:g} Hz" for n in names) * m)
-        for f, shapes, m in krylov_vectors(space, np.hstack(loads), settings)
+        for f, shapes, m in krylov_vectors(space, columns[:, felt], settings)
     ]
     return finished(model, frame, families, "Krylov")
 

@@ -93,7 +93,8 @@ def _hdf5(path: Path, name: str | None) -> Any:
 
     with h5py.File(path, "r") as file:
         arrays = [key for key, part in file.items() if isinstance(part, h5py.Dataset)]
-        return file[name if name in file else _chosen(path, arrays, name)][()]
+        known = name is not None and name in file
+        return file[name if known else _chosen(path, arrays, name)][()]
 
 
 def _chosen(path: Path, names: list[str], name: str | None) -> str:

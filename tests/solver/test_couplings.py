@@ -226,3 +226,32 @@ def test_a_coupled_carrier_conserves_energy(dimension: str) -> None:
             total += 0.5 * v[u : u + n] @ M @ v[u : u + n]
         energy.append(total)
     assert energy[1] == pytest.approx(energy[0], rel=1e-7)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_the_force_of_a_coupling_is_linearised_exactly(dimension: str) -> None:
+    """Rp of each body against central differences of its own -C^T lambda."""
+    system, z, v, acc, lam = assembled(carrier(dimension))
+    row = next(r.first for r in system.rows if r.name == "sum")
+    force = np.where(np.arange(system.n_rows) == row, lam, 0.0)
+    work = new_work(system)
+    kernel_calls.evaluate(system, work, 0.0, z, v)
+    frames = work.frame.copy()
+    kernel_calls.linearise(system, work, 0.0, z, v, acc, force)
+    with_force = work.Rp.copy()
+    kernel_calls.linearise(system, work, 0.0, z, v, acc, 0.0 * force)
+    stiffness = with_force - work.Rp
+    step = 1e-5
+    for body in system.arrays.body:
+        n, o, u = int(body[at.NV]), int(body[at.BLOCK]), int(body[at.VEL])
+        for k in range(n):
+            ends = []
+            for sign in (step, -step):
+                moved = z.copy()
+                unit = np.eye(system.n_velocities)[u + k]
+                retract(system.arrays, frames, moved, sign * unit)
+                kernel_calls.evaluate(system, work, 0.0, moved, v)
+                ends.append(-(dense_jacobian(system, work.C).T @ force)[u : u + n])
+            slope = (ends[0] - ends[1]) / (2.0 * step)
+            exact = stiffness[o : o + n * n].reshape(n, n)[:, k]
+            assert np.abs(slope - exact).max() < 1e-9

@@ -1,0 +1,147 @@
+"""Time and memory from a geometry to a SID, by the number of degrees of freedom.
+
+    python benchmarks/scale.py [--plane N] [--solid N] [--engine NAME ...]
+
+Every case runs in a process of its own, so that its peak memory is its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from typing import Any
+
+MODES = 10
+
+
+def plane_case(ndof: int) -> dict[str, Any]:
+    """The piston rod by Q4 with about that many degrees of freedom."""
+    rows = max(4, round((ndof / 2 / 15) ** 0.5))
+    return _model({"type": "q4", "elements": [15 * rows, rows]}, plane=True)
+
+
+def solid_case(ndof: int) -> dict[str, Any]:
+    """A block of 4 x 1 x 1 by hex8 with about that many degrees of freedom."""
+    side = max(3, round((ndof / 3 / 4) ** (1 / 3)))
+    elements = [4 * side, side, side]
+    return _model({"type": "hex8", "elements": elements}, plane=False)
+
+
+def _model(discretisation: dict[str, Any], *, plane: bool) -> dict[str, Any]:
+    outline = [[[x, -h], [x, h]] for x, h in ((0.0, 0.03), (0.5, 0.0), (1.0, 0.03))]
+    block = [
+        [[[x, y, -0.125], [x, y, 0.125]] for y in (-0.125, 0.125)] for x in (0.0, 1.0)
+    ]
+    geometry: dict[str, Any] = {
+        "type": "nurbs_volume",
+        "degrees": [1, 1, 1],
+        "knots": [[0, 0, 1, 1]] * 3,
+        "control_points": block,
+    }
+    if plane:
+        geometry = {
+            "type": "nurbs",
+            "degrees": [2, 1],
+            "knots": [[0, 0, 0, 1, 1, 1], [0, 0, 1, 1]],
+            "control_points": outline,
+            "thickness": 0.01,
+        }
+    at = 0.5 if plane else [0.5, 0.5]
+    return {
+        "format": "sidtool model",
+        "version": 1,
+        "material": {
+            "youngs_modulus": 2.1e11,
+            "poissons_ratio": 0.3,
+            "density": 7850.0,
+        },
+        "geometry": geometry,
+        "discretisation": discretisation,
+        "frame": {"type": "tangent", "marker": "foot", "clamp": "left"},
+        "markers": {
+            "foot": {"node": 1, "edge": "left", "at": at},
+            "tip": {"node": 2, "edge": "right", "at": at},
+        },
+        "reduction": {"method": "modal", "modes": MODES},
+    }
+
+
+def run(data: dict[str, Any]) -> dict[str, Any]:
+    """Convert one model in this process; seconds, peak memory and frequencies."""
+    import numpy as np
+
+    from formats.model import ModelFile
+    from formats.toml_files import validated
+    from sidtool.convert import sid_from_model
+
+    stages: list[tuple[float, str]] = []
+    start = time.perf_counter()
+    sid = sid_from_model(
+        validated(data, ModelFile),
+        lambda text: stages.append((time.perf_counter() - start, text)),
+    )
+    seconds = time.perf_counter() - start
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
+    hertz = np.sqrt(np.diag(sid.Ke.m0)) / (2 * np.pi)
+    return {
+        "seconds": seconds,
+        "gigabytes": peak,
+        "stages": stages,
+        "frequencies": hertz[:3].tolist(),
+    }
+
+
+def _in_own_process(data: dict[str, Any], engine: str) -> dict[str, Any]:
+    environment = os.environ | {
+        "SIDTOOL_FACTORS": engine,
+        "OPENBLAS_NUM_THREADS": "1",
+        "OMP_NUM_THREADS": "1",
+        "MKL_NUM_THREADS": "1",
+    }
+    result = subprocess.run(
+        [sys.executable, __file__, "--case", json.dumps(data)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if result.returncode:
+        return {"failed": result.stderr.strip().splitlines()[-1:]}
+    return dict(json.loads(result.stdout.splitlines()[-1]))
+
+
+def main() -> None:
+    """Print one line per case and engine."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plane", type=int, nargs="*", default=[10**5, 10**6])
+    parser.add_argument("--solid", type=int, nargs="*", default=[20_000, 160_000])
+    parser.add_argument("--engine", nargs="*", default=["superlu"])
+    parser.add_argument("--case", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.case:
+        print(json.dumps(run(json.loads(options.case))))
+        return
+    print(f"{'case':>18} {'engine':>8} {'seconds':>8} {'GB':>6}  stages (s)")
+    cases = [(f"plane {n}", plane_case(n)) for n in options.plane]
+    cases += [(f"hex8 {n}", solid_case(n)) for n in options.solid]
+    for name, data in cases:
+        for engine in options.engine:
+            found = _in_own_process(data, engine)
+            if "failed" in found:
+                print(f"{name:>18} {engine:>8} {found['failed']}")
+                continue
+            stages = "; ".join(f"{text} {at:.1f}" for at, text in found["stages"])
+            print(
+                f"{name:>18} {engine:>8} {found['seconds']:8.1f} "
+                f"{found['gigabytes']:6.2f}  {stages}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""Initial conditions: what may move moves, what is fixed stays, the rest is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from formats.errors import InputError
+from formats.scene import SceneFile
+from solver import simulate
+from solver.assembly import assemble
+from tests.solver.scenes import Probe, compiled, polynomial, scene, slender_rod
+
+
+def hinge(a: str, b: str) -> dict[str, Any]:
+    return {"type": "revolute", "markers": [a, b]}
+
+
+def two_rods(first: dict[str, Any], second: dict[str, Any]) -> SceneFile:
+    bodies = {"one": slender_rod(1.0, **first), "two": slender_rod(1.0, **second)}
+    joints = {"base": hinge("ground", "one.a"), "elbow": hinge("one.b", "two.a")}
+    return scene(bodies, joints)
+
+
+def four_bar(end: float = 0.5, **third: Any) -> SceneFile:
+    """A parallelogram of three rods on the ground; marker b of the last one is free."""
+    bodies = {
+        "left": slender_rod(1.0, angle=1.0),
+        "top": slender_rod(1.0, position=[0.5, 0.8], velocity=[-1.0, 0.6]),
+        "right": slender_rod(1.0, position=[1.0, 0.0], angle=1.0),
+    }
+    joints = {
+        "foot_left": hinge("ground", "left.a"),
+        "head_left": hinge("left.b", "top.a"),
+        "foot_right": hinge("ground.right", "right.a"),
+        "head_right": hinge("right.b", "top.b"),
+    }
+    ground = {"markers": {"right": {"position": [1.0, 0.0]}}}
+    return scene(
+        bodies,
+        joints,
+        end=end,
+        gravity=[0.0, -9.81],
+        ground=ground,
+        record=["top.x", "top.y", "left.angle"],
+        **third,
+    )
+
+
+def test_bodies_move_onto_their_joints_and_velocities_follow() -> None:
+    described = two_rods(
+        {"angle": 0.2, "angular_velocity": 1.0}, {"position": [0.8, 0.4], "angle": 1.0}
+    )
+    system, start = assemble(compiled(described))
+    probe = Probe(system, 0.0, start.z, start.v)
+    assert abs(probe.work.row[:, :2]).max() < 1e-12
+
+
+def test_a_fixed_body_stays_where_it_is() -> None:
+    described = two_rods(
+        {"angle": 0.2, "fixed": True}, {"position": [0.8, 0.4], "angle": 1.0}
+    )
+    system, start = assemble(compiled(described))
+    probe = Probe(system, 0.0, start.z, start.v)
+    assert start.z[:3] == pytest.approx([0.0, 0.0, 0.2], abs=0)
+    assert start.z[3:5] == pytest.approx([np.cos(0.2), np.sin(0.2)], abs=1e-12)
+    assert abs(probe.work.row[:, 0]).max() < 1e-12
+
+
+def test_a_consistent_start_is_not_changed() -> None:
+    described = two_rods({"angle": 0.5}, {"position": [np.cos(0.5), np.sin(0.5)]})
+    system = compiled(described)
+    _, start = assemble(system)
+    expected = [0.0, 0.0, 0.5, np.cos(0.5), np.sin(0.5), 0.0]
+    assert start.z == pytest.approx(expected, abs=1e-14)
+    assert not start.v.any()
+
+
+def test_a_position_out_of_reach_is_refused_with_the_joint_that_is_open() -> None:
+    bodies = {"one": slender_rod(1.0), "two": slender_rod(1.0, position=[2.0, 0.0])}
+    joints = {
+        "base": hinge("ground", "one.a"),
+        "elbow": hinge("one.b", "two.a"),
+        "far": hinge("two.b", "ground.far"),
+    }
+    ground = {"markers": {"far": {"position": [3.0, 0.0]}}}
+    with pytest.raises(InputError, match="cannot be assembled") as caught:
+        assemble(compiled(scene(bodies, joints, ground=ground)))
+    text = str(caught.value)
+    assert any(name in text for name in joints)
+
+
+def test_fixed_bodies_that_do_not_fit_are_refused() -> None:
+    described = two_rods({"fixed": True}, {"position": [1.5, 0.0], "fixed": True})
+    with pytest.raises(InputError, match="elbow is open by 0.5"):
+        assemble(compiled(described))
+
+
+def test_contradicting_drives_are_refused() -> None:
+    bodies = {"one": slender_rod(1.0)}
+    joints = {"base": hinge("ground", "one.a"), "twin": hinge("ground", "one.a")}
+    drives = {
+        "slow": {"joint": "base", "function": polynomial(0.0, 1.0)},
+        "fast": {"joint": "twin", "function": polynomial(0.0, 2.0)},
+    }
+    with pytest.raises(InputError):
+        assemble(compiled(scene(bodies, joints, drives)))
+
+
+def test_a_second_joint_on_the_same_axis_is_found_named_and_changes_nothing() -> None:
+    """Two revolute joints at one pin: two rows depend on the others."""
+    single = compiled(four_bar())
+    described = four_bar()
+    described.joints["twin"] = described.joints["head_left"].model_copy()
+    double, _ = assemble(compiled(described))
+    assert len(double.redundant) == 2
+    owners = {
+        row.name
+        for row in double.rows
+        for i in double.redundant
+        if row.first <= i < row.first + row.count
+    }
+    assert owners <= {"twin", "head_left"}
+    expected, found = simulate(single, rtol=1e-9), simulate(double, rtol=1e-9)
+    assert found.values == pytest.approx(expected.values, abs=1e-8)
+
+
+def test_a_third_parallel_rod_is_redundant_and_changes_the_motion_by_its_mass() -> None:
+    """A parallelogram with three legs: one row depends on the others at every angle."""
+    described = four_bar().model_dump(by_alias=True, exclude_none=True)
+    described["bodies"]["top"]["markers"]["middle"] = {"position": [0.5, 0.0]}
+    described["bodies"]["leg"] = slender_rod(1.0, 1e-9, position=[0.5, 0.0], angle=1.0)
+    described["ground"]["markers"]["middle"] = {"position": [0.5, 0.0]}
+    described["joints"]["foot"] = hinge("ground.middle", "leg.a")
+    described["joints"]["head"] = hinge("leg.b", "top.middle")
+    system, _ = assemble(compiled(SceneFile.model_validate(described)))
+    assert len(system.redundant) == 1
+    found = simulate(system, rtol=1e-9)
+    expected = simulate(compiled(four_bar()), rtol=1e-9)
+    assert found.values == pytest.approx(expected.values, abs=1e-7)
+    assert found.drift["position"] < 1e-10
+
+
+@pytest.mark.parametrize("integrator", ["radau5", "trapezoidal"])
+def test_a_prescribed_frame_moves_as_with_its_constraints(integrator: str) -> None:
+    """Asking for the torque of the drive keeps the crank's coordinates."""
+    bodies = {
+        "crank": slender_rod(0.3),
+        "rod": slender_rod(1.0, position=[0.3, 0.0]),
+        "piston": {"mass": 2.0, "initial": {"position": [1.3, 0.0]}},
+    }
+    joints = {
+        "bearing": hinge("ground", "crank.a"),
+        "pin": hinge("crank.b", "rod.a"),
+        "wrist": hinge("rod.b", "piston"),
+        "guide": {"type": "point_on_line", "markers": ["ground", "piston"]},
+    }
+    drive = {"turn": {"joint": "bearing", "function": polynomial(0.0, 1.0, 2.0, 1.0)}}
+    record = ["crank.b.x", "crank.b.ay", "rod.angle", "piston.x", "piston.ax"]
+    runs = []
+    for more in ([], ["turn.f1"]):
+        system = compiled(scene(bodies, joints, drive, record=record + more))
+        runs.append((system, simulate(system, integrator=integrator, rtol=1e-9)))
+    (without, moved), (kept, constrained) = runs
+    assert without.n_velocities == kept.n_velocities - 3
+    assert "bearing" in without.eliminated
+    assert not kept.eliminated
+    columns = constrained.values[:, : len(record)]
+    assert moved.values == pytest.approx(columns, abs=2e-6)
+
+
+def test_the_torque_of_a_drive_gives_the_power_that_moves_the_mechanism() -> None:
+    """A rod turned about its end: torque = J alpha + m g l/2 cos(angle)."""
+    rod = {"rod": slender_rod(1.0, mass=3.0)}
+    joints = {"bearing": hinge("ground", "rod.a")}
+    drives = {"turn": {"joint": "bearing", "function": polynomial(0.0, 0.0, 0.5)}}
+    described = scene(
+        rod, joints, drives, record=["turn.f1", "rod.angle"], gravity=[0.0, -10.0]
+    )
+    result = simulate(compiled(described), rtol=1e-9)
+    torque = 1.0 + 15.0 * np.cos(0.5 * result.t**2)
+    assert result["rod.angle"] == pytest.approx(0.5 * result.t**2, abs=1e-12)
+    assert result["turn.f1"] == pytest.approx(torque, rel=1e-9)
