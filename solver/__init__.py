@@ -8,6 +8,9 @@
     integrators/                   eq. (3) in time
     scene, bodies, joints          from a scene and SIDs to the tables of the kernels
     assembly                       consistent initial conditions
+    forces, newton_rows            forces between markers, and their Newton matrices
+    energies, joint_forces         what is told beside the motion
+    analyses/                      equilibrium, natural modes, inverse dynamics
     run, sampling, outputs         a run and what is recorded of it
 
 Source: A. Held, A. Hildebrandt, "Flexible Multibody Simulations with Global Shape
@@ -17,6 +20,7 @@ Functions Obtained from Isogeometric Finite Element Models".
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,6 +28,9 @@ from formats.scene import SceneFile
 from formats.sid import SID
 
 if TYPE_CHECKING:
+    from .analyses.inverse import inverse_dynamics as inverse_dynamics
+    from .analyses.linear import linearise as linearise
+    from .analyses.static import static_equilibrium as static_equilibrium
     from .callables import Derivatives
     from .description import describe as describe
     from .run import simulate as simulate
@@ -65,6 +72,13 @@ def compile_scene(
     return system
 
 
+_ANALYSES = {
+    "static_equilibrium": "solver.analyses.static",
+    "linearise": "solver.analyses.linear",
+    "inverse_dynamics": "solver.analyses.inverse",
+}
+
+
 def __getattr__(name: str) -> object:
     if name == "simulate":
         from .run import simulate
@@ -74,4 +88,6 @@ def __getattr__(name: str) -> object:
         from .description import describe
 
         return describe
+    if name in _ANALYSES:
+        return getattr(import_module(_ANALYSES[name]), name)
     raise AttributeError(f"module 'solver' has no attribute {name!r}")

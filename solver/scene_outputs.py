@@ -74,8 +74,8 @@ class SceneQuantities:
     @cached_property
     def _integrals(self) -> tuple[Array, Array]:
         if self.history is None or len(self.history.t) < 2:
-            unknown = np.full(len(self.times), np.nan)
-            return unknown, unknown
+            nothing = np.zeros(len(self.times))
+            return nothing, nothing
         return integrated_energies(
             self.system,
             self.kernels,

@@ -1,4 +1,4 @@
-"""Energies: what is kept, lost and supplied adds up, for any kind of force and joint."""
+"""Energies: kept, lost and supplied ones add up, for any kind of force and joint."""
 
 from __future__ import annotations
 

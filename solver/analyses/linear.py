@@ -1,0 +1,174 @@
+"""Linearisation of an assembled mechanism: frequencies, damping ratios, mode shapes.
+
+The state is perturbed within the constraints: positions by N y and velocities by
+V y + N w, with N the null space of the constraint Jacobian and V what keeps the
+velocities consistent. Then
+
+    y' = N^T E N y + w,    w' = N^T (da/dz N + da/dv V) y + N^T da/dv N w,
+
+with E as in `kernels.coordinates`, and accelerations a differentiated by central
+differences. The state should be an equilibrium, or a steady motion such as a constant
+rotation, where these matrices do not depend on time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.sid import Array
+
+from ..assembly import assemble
+from ..kernels import layout as at
+from ..kernels import planar, spatial
+from ..outputs import velocity_names
+from ..scene import System
+from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
+from .static import extents, static_equilibrium
+
+#: Perturbation, relative to the size of the mechanism.
+PERTURBATION = 1e-6
+STATES = ("static", "start")
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """Natural modes about a state.
+
+    eigenvalues : (n,) [1/s], one of each complex pair, by growing frequency
+    frequencies : (n,) |eigenvalue| / 2 pi [Hz]
+    damping_ratios : (n,) -Re / |eigenvalue|; 1 or more (in size) without oscillation
+    shapes : (n, velocity coordinates) complex, displacements in the body frames, the
+        largest entry 1
+    names : of the velocity coordinates
+    z, v : the state
+    """
+
+    eigenvalues: np.ndarray
+    frequencies: Array
+    damping_ratios: Array
+    shapes: np.ndarray
+    names: tuple[str, ...]
+    z: Array
+    v: Array
+
+
+def linearise(
+    system: System,
+    about: str = "static",
+    state: tuple[Array, Array] | None = None,
+    time: float | None = None,
+) -> Linearisation:
+    """Natural modes of a scene.
+
+    Parameters
+    ----------
+    about : "static", the static equilibrium, or "start", the assembled start with its
+        velocities
+    state : (z_I, z_II) instead, as in a result's positions and velocities
+    time : of the drives [s], default the start
+
+    Raises
+    ------
+    InputError : there is no such state, or the start cannot be assembled.
+    SimulationError : there is no static equilibrium.
+    """
+    refuse_prescribed(system)
+    if about not in STATES:
+        raise InputError(f"found {about!r}", expected=f"one of {', '.join(STATES)}")
+    if state is not None:
+        system, _ = assemble(system)
+        z, v = (np.array(part, float) for part in state)
+    elif about == "static":
+        found = static_equilibrium(system)
+        system, z = found.system, found.z
+        v = np.zeros(system.n_velocities)
+    else:
+        system, start = assemble(system)
+        z, v = start.z, start.v
+    t = system.scene.time.start if time is None else time
+    edges = np.array([system.scene.time.start, *system.breaks])
+    part = int(np.clip(np.searchsorted(edges, t) - 1, 0, len(edges) - 2))
+    mechanics = Mechanics(system, t, 0.5 * (edges[part] + edges[part + 1]))
+    mechanics.set_scale(z)
+    matrix, motion = state_matrix(mechanics, z, v)
+    return _modes(mechanics, matrix, motion, z, v)
+
+
+def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array]:
+    """(2 d, 2 d) matrix of (y, w) and the (n, d) scaled free directions N."""
+    mechanics.evaluate(z, v)
+    C, E = mechanics.jacobian, _frame_motion(mechanics)
+    N = null_space(C)
+    d = N.shape[1]
+    size = extents(mechanics.system) / mechanics.scale
+    matrix = np.zeros((2 * d, 2 * d))
+    matrix[:d, :d] = N.T @ E @ N
+    matrix[:d, d:] = np.eye(d)
+    for j, direction in enumerate(N.T):
+        delta = PERTURBATION / np.max(np.abs(direction) / size)
+        moved = [mechanics.moved(z, sign * delta * direction) for sign in (1.0, -1.0)]
+        rates = []
+        for position in moved:
+            mechanics.evaluate(position, v)
+            rates.append(mechanics.rates)
+        change = (rates[1] - rates[0]) / (2.0 * delta)
+        follow = least_squares(C, change) if len(C) else 0.0 * N[:, 0]
+        pairs = [
+            mechanics.accelerations(p, v + sign * delta * follow * mechanics.scale)[0]
+            for p, sign in zip(moved, (1.0, -1.0), strict=True)
+        ]
+        matrix[d:, j] = N.T @ ((pairs[0] - pairs[1]) / (2.0 * delta * mechanics.scale))
+        pairs = [
+            mechanics.accelerations(z, v + sign * delta * direction * mechanics.scale)[
+                0
+            ]
+            for sign in (1.0, -1.0)
+        ]
+        column = (pairs[0] - pairs[1]) / (2.0 * delta * mechanics.scale)
+        matrix[d:, d + j] = N.T @ column
+    return matrix, N
+
+
+def _frame_motion(mechanics: Mechanics) -> Array:
+    """E in z_I' = E z_I + z_II of tangents, scaled: frames that move on."""
+    system, n = mechanics.system, mechanics.system.n_velocities
+    E = np.zeros((n, n))
+    for row, frame in zip(system.arrays.body, mechanics.work.frame, strict=True):
+        u, rd = int(row[at.VEL]), int(row[at.RD])
+        if rd == 3 and system.planar:
+            E[u, u + 2], E[u + 1, u + 2] = -frame[planar.VY], frame[planar.VX]
+        elif rd == 6:
+            V = frame[spatial.V : spatial.V + 3]
+            W = frame[spatial.OMEGA : spatial.OMEGA + 3]
+            E[u : u + 3, u + 3 : u + 6] = -_skew(V)
+            E[u + 3 : u + 6, u + 3 : u + 6] = -_skew(W)
+    return E * mechanics.scale / mechanics.scale[:, None]
+
+
+def _skew(a: Array) -> Array:
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+def _modes(
+    mechanics: Mechanics, matrix: Array, motion: Array, z: Array, v: Array
+) -> Linearisation:
+    values, vectors = np.linalg.eig(matrix)
+    kept = [k for k in np.argsort(np.abs(values)) if values[k].imag >= 0.0]
+    values = values[kept]
+    shapes = (motion @ vectors[: motion.shape[1], kept]).T * mechanics.scale
+    for shape in shapes:
+        largest = shape[np.argmax(np.abs(shape))] if len(shape) else 1.0
+        shape /= largest if largest != 0.0 else 1.0
+    size = np.abs(values)
+    return Linearisation(
+        eigenvalues=values,
+        frequencies=size / (2.0 * np.pi),
+        damping_ratios=-values.real / np.where(size > 0.0, size, 1.0),
+        shapes=shapes,
+        names=velocity_names(mechanics.system),
+        z=z,
+        v=v,
+    )

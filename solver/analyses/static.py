@@ -1,0 +1,159 @@
+"""Static equilibrium: no velocity, no acceleration, all joints closed.
+
+On the null space N of the constraint Jacobian the applied forces vanish, N^T f = 0,
+and the constraint forces balance the rest. Newton's method with the exact stiffness of
+f + C^T lambda by central differences; where that stiffness is not positive, its
+absolute value (Y. Dauphin et al., NIPS 2014: saddle-free Newton), so that stable
+equilibria attract and unstable ones do not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from formats.result import Result
+from formats.sid import Array
+
+from ..assembly import Start, assemble
+from ..errors import SimulationError
+from ..scene import System
+from .mechanics import Mechanics, least_squares, null_space, recorded, refuse_prescribed
+
+ITERATIONS = 300
+#: Forces that drive the motion vanish when below this part of all forces.
+BALANCED = 1e-10
+#: Perturbation of positions, relative to the size of the mechanism.
+PERTURBATION = 1e-5
+#: Largest rotation [rad], and displacement in sizes of the mechanism, of one step.
+LARGEST_STEP = 0.3
+#: Scaled stiffnesses are kept above this part of the largest one and of the forces.
+SOFTEST = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A state of rest.
+
+    z : (n positions,)
+    multipliers : (rows,) forces of the joints and drives
+    residual : what is left of the forces, relative to them
+    iterations : Newton steps taken
+    system : the assembled scene
+    """
+
+    z: Array
+    multipliers: Array
+    residual: float
+    iterations: int
+    system: System
+
+    def result(self) -> Result:
+        """The scene's outputs in equilibrium, as a result of one time."""
+        rest = Start(self.z, np.zeros(self.system.n_velocities))
+        times = np.array([self.system.scene.time.start])
+        return recorded(self.system, "static equilibrium", times, [rest])
+
+
+def static_equilibrium(system: System) -> Equilibrium:
+    """The static equilibrium nearest downhill from the start of a scene.
+
+    Drives and functions of time hold their values at the start.
+
+    Raises
+    ------
+    InputError : the start position cannot be assembled.
+    SimulationError : there is no equilibrium near; a body may fall freely.
+    """
+    refuse_prescribed(system)
+    system, start = assemble(system)
+    t = system.scene.time.start
+    mechanics = Mechanics(system, t, 0.5 * (t + system.breaks[0]))
+    mechanics.set_scale(start.z)
+    z = mechanics.closed(start.z)
+    best = np.inf
+    for iteration in range(ITERATIONS):
+        motion, force, left, size = _balance(mechanics, z)
+        residual = float(np.linalg.norm(force) / max(size, 1e-300))
+        if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
+            return Equilibrium(z, left, residual, iteration, system)
+        step = motion @ _newton_step(mechanics, z, motion, force, left)
+        z = _line_search(mechanics, z, step, motion @ force)
+        best = min(best, residual)
+    raise SimulationError(
+        f"no static equilibrium found in {ITERATIONS} steps: the unbalanced part of "
+        f"the forces is {best:.1e}; a body may be free to fall or to fly away"
+    )
+
+
+def _balance(mechanics: Mechanics, z: Array) -> tuple[Array, Array, Array, float]:
+    """Free directions, force along them, multipliers, and the size of all forces."""
+    mechanics.evaluate(z, np.zeros(mechanics.system.n_velocities))
+    C, f = mechanics.jacobian, mechanics.force
+    motion = null_space(C)
+    multipliers = least_squares(C.T, -f) if len(C) else np.zeros(0)
+    return motion, motion.T @ f, multipliers, float(np.linalg.norm(f))
+
+
+def _newton_step(
+    mechanics: Mechanics, z: Array, motion: Array, force: Array, multipliers: Array
+) -> Array:
+    stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
+    values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
+    softest = SOFTEST * max(np.max(np.abs(values)), float(np.linalg.norm(force)))
+    if values[0] > softest:
+        return np.asarray(np.linalg.solve(stiffness, force), np.float64)
+    positive = np.maximum(np.abs(values), softest)
+    return vectors @ ((vectors.T @ force) / positive)
+
+
+def tangent_stiffness(
+    mechanics: Mechanics, z: Array, motion: Array, multipliers: Array
+) -> Array:
+    """-N^T d(f + C^T lambda)/dz N at rest, by central differences."""
+    system = mechanics.system
+    rest = np.zeros(system.n_velocities)
+    columns = []
+    for direction in motion.T:
+        delta = PERTURBATION / max(_extent(mechanics, direction), 1e-300)
+        forces = []
+        for sign in (1.0, -1.0):
+            moved = mechanics.moved(z, sign * delta * direction)
+            mechanics.evaluate(moved, rest)
+            forces.append(mechanics.force + mechanics.jacobian.T @ multipliers)
+        columns.append((forces[1] - forces[0]) / (2.0 * delta))
+    return motion.T @ np.column_stack(columns)
+
+
+def _extent(mechanics: Mechanics, x: Array) -> float:
+    """Largest share of the size of the mechanism, or of a radian, in a tangent."""
+    return float(np.max(np.abs(x * mechanics.scale) / extents(mechanics.system)))
+
+
+def extents(system: System) -> Array:
+    """What is large for each velocity coordinate: a length, a radian, a deformation."""
+    from ..bodies import amplitudes
+    from ..kernels import layout as at
+
+    sizes = np.full(system.n_velocities, system.length)
+    axes = 2 if system.planar else 3
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        u, rd = int(row[at.VEL]), int(row[at.RD])
+        sizes[u + axes : u + rd] = 1.0
+        sizes[u + rd : u + row[at.NV]] = system.length / amplitudes(data.sid, axes)
+    return sizes
+
+
+def _line_search(mechanics: Mechanics, z: Array, step: Array, force: Array) -> Array:
+    """A step that is not too large, and at whose end the force is not reversed."""
+    step = step * min(1.0, LARGEST_STEP / max(_extent(mechanics, step), 1e-300))
+    work = float(force @ step)
+    moved = z
+    for _ in range(12):
+        moved = mechanics.closed(mechanics.moved(z, step))
+        motion, left, _, _ = _balance(mechanics, moved)
+        if float((motion @ left) @ step) > -0.5 * abs(work) or work <= 0.0:
+            return moved
+        step, work = 0.5 * step, 0.5 * work
+    return moved
