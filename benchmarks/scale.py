@@ -141,7 +141,8 @@ def main() -> None:
             stages = "; ".join(f"{text} {at:.1f}" for at, text in found["stages"])
             print(
                 f"{name:>18} {engine:>8} {found['seconds']:8.1f} "
-                f"{found['processor_seconds']:8.1f} {found['gigabytes']:6.2f}  {stages}",
+                f"{found['processor_seconds']:8.1f} {found['gigabytes']:6.2f}  "
+                f"{stages}",
                 flush=True,
             )
 
