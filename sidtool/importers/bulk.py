@@ -153,6 +153,13 @@ def _needed(module: str, package: str, path: str | Path) -> Any:
             source=path,
             expected=f"pip install {package}, or the mesh as .inp or .msh",
         ) from None
+    except Exception as error:
+        raise InputError(
+            f"needs the package {package}, which does not work here ({error})",
+            source=path,
+            expected=f"a {package} that fits this Python and NumPy, or the mesh as "
+            ".inp or .msh",
+        ) from None
 
 
 def _guarded(read: Callable[[], Any], path: str | Path) -> Any:

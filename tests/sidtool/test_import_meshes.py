@@ -1,0 +1,313 @@
+"""Meshes of other programs: the same body from every format; clear messages."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from formats.errors import InputError
+from formats.model import read_model
+from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.frontends.mesh import Mesh, check_mesh
+from sidtool.frontends.sampled_volume import sampled_volume
+from sidtool.geometry.patch import patch_from_model
+from sidtool.importers.meshes import MESH_READERS, read_mesh
+
+from .bodies import volume, volume_data
+
+ABAQUS = {"hex8": "C3D8I", "hex20": "C3D20R", "tet4": "C3D4", "tet10": "C3D10"}
+GMSH = {"hex8": 5, "hex20": 17, "tet4": 4, "tet10": 11}
+GMSH_ORDER = {
+    "tet10": [0, 1, 2, 3, 4, 5, 6, 7, 9, 8],
+    "hex20": [*range(8), 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14],
+}
+
+
+def rod_mesh(kind: str) -> Mesh:
+    geometry = volume({"type": kind, "elements": [6, 1, 1]}).geometry
+    return sampled_volume(patch_from_model(geometry), (6, 1, 1), kind)
+
+
+def inp_text(mesh: Mesh) -> str:
+    (block,) = mesh.blocks
+    lines = ["*HEADING", "a rod", "** a comment", "*Node, nset=Nall"]
+    for i, x in enumerate(mesh.positions):
+        lines.append(f"{i + 10}, " + ", ".join(repr(float(v)) for v in x))
+    lines.append(f"*ELEMENT, TYPE={ABAQUS[block.kind]}, ELSET=Eall")
+    for label, nodes in zip(block.labels, block.nodes, strict=True):
+        words = [str(label), *(str(n + 10) for n in nodes)]
+        for start in range(0, len(words), 8):
+            more = "," if start + 8 < len(words) else ""
+            lines.append(", ".join(words[start : start + 8]) + more)
+    left = mesh.node_sets["0.0"] + 10
+    lines += ["*NSET, NSET=LEFT", ", ".join(map(str, left))]
+    lines += ["*NSET, NSET=All, GENERATE", f"10, {len(mesh.positions) + 9}"]
+    lines += ["*MATERIAL, NAME=Steel", "*ELASTIC", "2.1e11, 0.3", "*DENSITY", "7850."]
+    lines += ["*SOLID SECTION, ELSET=eall, MATERIAL=STEEL", "*STEP", "*STATIC"]
+    return "\n".join([*lines, "*END STEP", ""])
+
+
+def msh_2(mesh: Mesh) -> str:
+    (block,) = mesh.blocks
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "2"]
+    lines += ['0 1 "left"', '3 2 "rod"', "$EndPhysicalNames", "$Nodes"]
+    lines.append(str(len(mesh.positions)))
+    for i, x in enumerate(mesh.positions):
+        lines.append(f"{i + 10} " + " ".join(repr(float(v)) for v in x))
+    lines += ["$EndNodes", "$Elements"]
+    left = mesh.node_sets["0.0"] + 10
+    order = GMSH_ORDER.get(block.kind, list(range(block.nodes.shape[1])))
+    lines.append(str(len(left) + len(block.nodes)))
+    lines += [f"{1000 + n} 15 2 1 1 {n}" for n in left]
+    for label, nodes in zip(block.labels, block.nodes[:, order] + 10, strict=True):
+        listed = " ".join(map(str, nodes))
+        lines.append(f"{label} {GMSH[block.kind]} 2 2 1 {listed}")
+    return "\n".join([*lines, "$EndElements", ""])
+
+
+def msh_4(mesh: Mesh) -> str:
+    (block,) = mesh.blocks
+    n, left = len(mesh.positions), mesh.node_sets["0.0"] + 10
+    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", "2"]
+    lines += ['0 1 "left"', '3 2 "rod"', "$EndPhysicalNames", "$Entities", "1 0 0 1"]
+    lines += ["1 0 0 0 1 1", "1 0 0 0 1 1 1 1 2 0", "$EndEntities", "$Nodes"]
+    lines += [f"1 {n} 10 {n + 9}", f"3 1 0 {n}"]
+    lines += [str(i + 10) for i in range(n)]
+    lines += [" ".join(repr(float(v)) for v in x) for x in mesh.positions]
+    lines += ["$EndNodes", "$Elements", f"2 {len(left) + len(block.nodes)} 1 2000"]
+    lines += [f"0 1 15 {len(left)}", *(f"{1000 + k} {k}" for k in left)]
+    order = GMSH_ORDER.get(block.kind, list(range(block.nodes.shape[1])))
+    lines.append(f"3 1 {GMSH[block.kind]} {len(block.nodes)}")
+    for label, nodes in zip(block.labels, block.nodes[:, order] + 10, strict=True):
+        lines.append(f"{label} " + " ".join(map(str, nodes)))
+    return "\n".join([*lines, "$EndElements", ""])
+
+
+FORMATS: dict[str, tuple[str, Callable[[Mesh], str]]] = {
+    "inp": ("rod.inp", inp_text),
+    "msh 2.2": ("rod.msh", msh_2),
+    "msh 4.1": ("rod.msh", msh_4),
+}
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10"])
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_holds_the_same_mesh(tmp_path: Path, name: str, kind: str) -> None:
+    mesh = rod_mesh(kind)
+    file, writer = FORMATS[name]
+    (tmp_path / file).write_text(writer(mesh))
+    imported = read_mesh(tmp_path / file)
+    assert_allclose(imported.mesh.positions, mesh.positions, atol=1e-15)
+    assert (imported.mesh.blocks[0].nodes == mesh.blocks[0].nodes).all()
+    assert imported.mesh.blocks[0].kind == kind
+    sets = {k.lower(): v for k, v in imported.mesh.node_sets.items()}
+    assert set(sets["left"]) == set(mesh.node_sets["0.0"])
+    check_mesh(imported.mesh)
+
+
+def mesh_model(folder: Path, file: str, **changes: Any) -> Path:
+    data = volume_data({"type": "mesh"}, 5)
+    data["geometry"] = {"type": "mesh", "file": file}
+    data["frame"] = {"type": "tangent", "marker": "crank_pin", "clamp": "left"}
+    data["markers"] = {
+        "crank_pin": {"node": 1, "position": [0.0, -0.03, -0.005]},
+        "piston_pin": {"node": 2, "mesh_node": 33},
+    }
+    (folder / "model.json").write_text(json.dumps(data | changes))
+    return folder / "model.json"
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_an_imported_rod_is_the_sampled_rod(tmp_path: Path, name: str) -> None:
+    file, writer = FORMATS[name]
+    (tmp_path / file).write_text(writer(rod_mesh("hex20")))
+    clamp = {"type": "tangent", "marker": "crank_pin", "clamp": "LEFT"}
+    changes = {"frame": clamp} if name == "inp" else {}
+    sid = sid_from_model(mesh_model(tmp_path, file, **changes))
+    own = sid_from_model(volume({"type": "hex20", "elements": [6, 1, 1]}, 5))
+    assert_allclose(np.diag(sid.Ke.m0), np.diag(own.Ke.m0), rtol=1e-9)
+    assert sid.mass == pytest.approx(3.14, rel=1e-12)
+
+
+def test_the_file_s_own_material_is_used(tmp_path: Path) -> None:
+    (tmp_path / "rod.inp").write_text(inp_text(rod_mesh("hex8")))
+    clamp = {"type": "tangent", "marker": "crank_pin", "clamp": "LEFT"}
+    with_own = mesh_model(tmp_path, "rod.inp", frame=clamp, material=None)
+    data = json.loads(with_own.read_text())
+    del data["material"]
+    with_own.write_text(json.dumps(data))
+    own = finite_element_model(read_model(with_own))
+    given = finite_element_model(
+        read_model(mesh_model(tmp_path, "rod.inp", frame=clamp))
+    )
+    assert abs(own.stiffness - given.stiffness).max() == 0
+    assert abs(own.mass - given.mass).max() == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message", "place"),
+    [
+        ("C3D8I", "S4R", "S4R is not supported", "line 33"),
+        ("10, 0.0", "10, zero", "'zero'", "line 5"),
+        ("11, 0.0", "10, 0.0", "node 10 is defined twice", "line 6"),
+        ("1, 10, 14, 16", "1, 10, 14, 999", "node 999, which is not defined", ""),
+        ("MATERIAL=STEEL", "MATERIAL=Wood", "'Wood', which is not defined", ""),
+        ("ELSET=eall,", "ELSET=other,", "'other', which is not defined", ""),
+        ("0.3\n", "0.6\n", "nu between -1 and 0.5", ""),
+        ("*ELASTIC\n", "*ELASTIC, TYPE=ORTHO\n", "isotropic", ""),
+    ],
+)
+def test_mistakes_in_inp(
+    tmp_path: Path, old: str, new: str, message: str, place: str
+) -> None:
+    text = inp_text(rod_mesh("hex8"))
+    assert old in text
+    path = tmp_path / "rod.inp"
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_mesh(path)
+    assert caught.value.source == str(path)
+    assert message in str(caught.value)
+    assert caught.value.place is None or place in caught.value.place
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("4.1 0 8", "4.1 1 8", "version 2.2 or 4.1 as text"),
+        ("$EndNodes", "$EndNoodles", "expected $EndNodes"),
+        ("$EndElements", "", "ends inside $Elements"),
+        ("3 1 5 6", "3 1 12 6", "type 12, which is not supported"),
+        ("3 1 5 6", "3 1 5 7", "$Elements ends early"),
+    ],
+)
+def test_mistakes_in_msh(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = msh_4(rod_mesh("hex8"))
+    assert old in text
+    path = tmp_path / "rod.msh"
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError) as caught:
+        read_mesh(path)
+    assert message in str(caught.value) and caught.value.source == str(path)
+
+
+@given(data=st.data(), name=st.sampled_from(list(FORMATS)))
+@settings(
+    max_examples=150,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_damaged_files_end_in_a_message(
+    tmp_path: Path, data: st.DataObject, name: str
+) -> None:
+    """Cut off or with a character changed: a sound mesh, or one `InputError`."""
+    file, writer = FORMATS[name]
+    text = writer(rod_mesh("hex8"))
+    at = data.draw(st.integers(0, len(text) - 1))
+    cut = data.draw(st.booleans())
+    letter = data.draw(st.sampled_from("0 9,.-*$\nxé"))
+    spoiled = text[:at] + ("" if cut else letter + text[at + 1 :])
+    path = tmp_path / file
+    path.write_text(spoiled)
+    try:
+        check_mesh(read_mesh(path).mesh)
+    except InputError as error:
+        assert str(error)
+
+
+def test_what_a_model_asks_of_a_mesh_must_be_there(tmp_path: Path) -> None:
+    (tmp_path / "rod.msh").write_text(msh_2(rod_mesh("hex8")))
+    frame = {"type": "tangent", "marker": "crank_pin", "clamp": "top"}
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"frame": frame}, "one of left, rod"),
+        ({"geometry": {"type": "mesh", "file": "no.msh"}}, "cannot be read"),
+        ({"geometry": {"type": "mesh", "file": "rod.stl"}}, "not known as meshes"),
+    ]
+    for changes, message in cases:
+        with pytest.raises(InputError, match=message):
+            sid_from_model(mesh_model(tmp_path, "rod.msh", **changes))
+    markers = {"crank_pin": {"node": 1, "mesh_node": 7}}
+    with pytest.raises(InputError, match="has no node 7") as caught:
+        sid_from_model(mesh_model(tmp_path, "rod.msh", markers=markers))
+    assert caught.value.place == "markers.crank_pin.mesh_node"
+
+
+def importable(module: str) -> bool:
+    """Whether a package is there and works with this NumPy."""
+    try:
+        importlib.import_module(module)
+    except Exception:
+        return False
+    return True
+
+
+BDF = """BEGIN BULK
+GRID,1,,0.,0.,0.
+GRID,2,,1.,0.,0.
+GRID,3,,0.,1.,0.
+GRID,4,,0.,0.,1.
+CTETRA,1,7,1,2,3,4
+PSOLID,7,5
+MAT1,5,2.1+11,,0.3,7850.
+SPC1,9,123,1,2,3
+ENDDATA
+"""
+
+
+def test_nastran(tmp_path: Path) -> None:
+    """With pyNastran one tetrahedron with its material; without, what is missing."""
+    path = tmp_path / "one.bdf"
+    path.write_text(BDF)
+    if not importable("pyNastran.bdf.bdf"):
+        with pytest.raises(InputError, match="needs the package pyNastran"):
+            read_mesh(path)
+        return
+    imported = read_mesh(path)
+    assert imported.mesh.blocks[0].kind == "tet4"
+    assert imported.materials["5"].density == 7850.0
+    assert set(imported.mesh.node_sets["SPC9"]) == {0, 1, 2}
+
+
+def cdb_text() -> str:
+    """A unit cube as ANSYS writes it."""
+    corners = [(x ^ (y & 1), y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    lines = ["/PREP7", "ET,        1,185", "NBLOCK,6,SOLID,         8,         8"]
+    lines.append("(3i9,6e21.13e3)")
+    for i, corner in enumerate(corners):
+        numbers = "".join(f"{x:.13f}E+000".rjust(21) for x in corner)
+        lines.append(f"{i + 1:9d}{0:9d}{0:9d}" + numbers)
+    lines += ["N,R5.3,LOC,       -1,", "EBLOCK,19,SOLID,         1,         1"]
+    row = [1, 1, 1, 1, 0, 0, 0, 0, 8, 0, 1, *range(1, 9)]
+    return "\n".join(
+        [*lines, "(19i9)", "".join(f"{x:9d}" for x in row), "       -1", ""]
+    )
+
+
+def test_ansys(tmp_path: Path) -> None:
+    """With mapdl-archive one brick; without, what is missing."""
+    path = tmp_path / "one.cdb"
+    path.write_text(cdb_text())
+    if not importable("mapdl_archive"):
+        with pytest.raises(InputError, match="needs the package mapdl-archive"):
+            read_mesh(path)
+        return
+    imported = read_mesh(path)
+    assert imported.mesh.blocks[0].kind == "hex8"
+    check_mesh(imported.mesh)
+
+
+@pytest.mark.parametrize("ending", MESH_READERS)
+def test_no_reader_lets_an_empty_file_pass(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"empty{ending}"
+    path.write_text("\n")
+    with pytest.raises(InputError, match="is empty"):
+        read_mesh(path)
