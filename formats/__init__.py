@@ -1,1 +1,1 @@
-"""What a SID is, and how everything is stored. Imports nothing of the other packages."""
+"""What a SID is, and how all is stored. Imports nothing of the other packages."""

@@ -108,7 +108,7 @@ def _damping(me: Array, ke: Array, damping: RayleighDamping | None) -> Array:
 def _node(marker: MarkerRows, frame: Frame, basis: ReducedBasis) -> Node:
     phi = marker.displacement @ basis.shapes
     psi = marker.rotation @ basis.shapes
-    if frame.held[marker.displacement.indices].all():
+    if _held_around(marker, basis):
         psi = np.zeros_like(psi)
     return Node(
         id=str(marker.node),
@@ -117,6 +117,17 @@ def _node(marker: MarkerRows, frame: Frame, basis: ReducedBasis) -> Node:
         psi=Taylor(psi),
         AP=Taylor(np.eye(3), skew(psi.T)),
     )
+
+
+def _held_around(marker: MarkerRows, basis: ReducedBasis) -> bool:
+    """Whether the marker lies on an edge that no shape function moves.
+
+    The gradient beside a clamped edge turns a point on it, which the edge does not.
+    """
+    point, around = marker.displacement.indices, marker.rotation.indices
+    beside = np.setdiff1d(around, point)
+    still = ~basis.shapes.any(axis=1)
+    return bool(still[point].all() and still[beside].any())
 
 
 def _silent(_: str) -> None:

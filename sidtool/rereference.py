@@ -40,6 +40,8 @@ from .validate.measures import has_stiffening
 from .vectors import LEVI_CIVITA, skew
 
 _RIGID = slice(0, 6)
+#: Displacements below this share of the largest are rounding.
+_NO_MOTION = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +94,16 @@ def frame_change(sid: SID, frame: str) -> FrameChange:
         origin = nodes[0].position if nodes else centre_of_mass(sid)
         return FrameChange(origin, np.zeros((0, 3)), np.zeros((0, 3)))
     if kind == "tangent":
-        return _tangent(nodes[0])
+        return _tangent(sid, nodes[0])
     if kind == "chord":
         return _chord(nodes[0], nodes[1])
     return _buckens(sid, nodes[0] if nodes else None)
 
 
-def _tangent(node: Node) -> FrameChange:
-    if node.phi.m0.any() and not node.psi.m0.any():
+def _tangent(sid: SID, node: Node) -> FrameChange:
+    most = max(np.abs(other.phi.m0).max() for other in sid.nodes)
+    moves = np.abs(node.phi.m0).max() > _NO_MOTION * most
+    if moves and not node.psi.m0.any():
         raise _no_rotation(node)
     turn = node.psi.m0.T
     shift = node.phi.m0.T - np.cross(turn, node.position)

@@ -182,6 +182,17 @@ class QuadraturePart:
     transverse: float
     table: NDArray[np.int64]
 
+    def only(self, row: int) -> QuadraturePart:
+        """One of the points."""
+        cut = slice(row, row + 1)
+        return replace(
+            self,
+            nodes=self.nodes[cut],
+            values=self.values[cut],
+            slopes=self.slopes[cut],
+            weights=self.weights[cut],
+        )
+
     def gradients(self, fields: Array) -> Array:
         """(p, n, d, d) displacement gradients [c, b] = du_c/dx_b of (ndof, n)."""
         at_nodes = fields[self.table][self.nodes]

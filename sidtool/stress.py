@@ -118,10 +118,11 @@ def peak_points(
     count: int,
     initial: InitialStress | None = None,
 ) -> list[StressPoint]:
-    """The quadrature points that carry the largest von Mises stress most often.
+    """Quadrature points among which the largest von Mises stress is, for any state.
 
     Tried are every shape function alone and random states in which every shape
-    function has the same strain energy on average.
+    function has the same strain energy on average. Points are taken one by one, each
+    where the peak of the state that is worst served so far is.
 
     Raises
     ------
@@ -131,19 +132,35 @@ def peak_points(
     energy = np.sqrt(np.maximum(np.diag(basis.stiffness), 1e-300))
     random = np.random.default_rng(0).standard_normal((nq, _STATES))
     states = np.hstack([np.eye(nq), random]) / energy[:, None]
+    parts = list(quadrature(body))
+    where, peaks = _peaks(parts, basis.shapes, states)
+    candidates = list(dict.fromkeys(where))
+    sigma = np.stack([_sigma(parts[i].only(j), basis.shapes)[0] for i, j in candidates])
+    mises = von_mises(np.einsum("cnk,ns->csk", sigma, states))
+    covered = np.zeros(len(peaks))
+    chosen: list[tuple[int, int]] = []
+    while len(chosen) < min(count, len(candidates)):
+        worst = int((covered / np.maximum(peaks, 1e-300)).argmin())
+        fresh = [k for k, place in enumerate(candidates) if place not in chosen]
+        best = max(fresh, key=lambda k: mises[k, worst])
+        chosen.append(candidates[best])
+        covered = np.maximum(covered, mises[best])
+    return [_point(body, basis, parts[i], j, initial) for i, j in chosen]
+
+
+def _peaks(
+    parts: list[QuadraturePart], shapes: Array, states: Array
+) -> tuple[list[tuple[int, int]], Array]:
+    """Part and point of the peak of every state, and the peaks themselves."""
     best = np.full(states.shape[1], -1.0)
     where: list[tuple[int, int]] = [(0, 0)] * states.shape[1]
-    parts = list(quadrature(body))
     for number, part in enumerate(parts):
-        sigma = _sigma(part, basis.shapes)
-        mises = von_mises(np.einsum("pnk,ns->psk", sigma, states))
+        mises = von_mises(np.einsum("pnk,ns->psk", _sigma(part, shapes), states))
         rows = mises.argmax(axis=0)
         for state in np.flatnonzero(mises.max(axis=0) > best):
             best[state] = mises[rows[state], state]
             where[state] = (number, int(rows[state]))
-    votes = {place: where.count(place) for place in dict.fromkeys(where)}
-    chosen = sorted(votes, key=lambda place: -votes[place])[:count]
-    return [_point(body, basis, parts[i], j, initial) for i, j in chosen]
+    return where, best
 
 
 def _sigma(part: QuadraturePart, shapes: Array) -> Array:
@@ -159,15 +176,7 @@ def _point(
     row: int,
     initial: InitialStress | None,
 ) -> StressPoint:
-    one = QuadraturePart(
-        nodes=part.nodes[row : row + 1],
-        values=part.values[row : row + 1],
-        slopes=part.slopes[row : row + 1],
-        weights=part.weights[row : row + 1],
-        law=part.law,
-        transverse=part.transverse,
-        table=part.table,
-    )
+    one = part.only(row)
     d, nq = body.dimension, basis.shapes.shape[1]
     position = np.zeros(3)
     position[:d] = one.values[0] @ body.positions[one.nodes[0]]

@@ -113,7 +113,8 @@ def _shift_invert(
 ) -> tuple[Array, Array]:
     n = stiffness.shape[0]
     start = np.random.default_rng(0).standard_normal(n)
-    solve = _constrained_solver(symmetric_factors(stiffness - shift * mass), rows)
+    shifted = stiffness - shift * mass if shift else stiffness
+    solve = _constrained_solver(symmetric_factors(shifted), rows)
     _, vectors = eigsh(
         stiffness,
         k=count,

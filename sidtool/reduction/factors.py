@@ -65,9 +65,14 @@ def _is_there(module: str) -> bool:
         return False
 
 
+def _by_columns(matrix: sp.csr_matrix) -> sp.csc_matrix:
+    """The same symmetric matrix by columns, without a copy."""
+    return sp.csc_matrix(matrix.T)
+
+
 def _superlu(matrix: sp.csr_matrix) -> Any:
     return splu(
-        sp.csc_matrix(matrix),
+        _by_columns(matrix),
         permc_spec="MMD_AT_PLUS_A",
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
@@ -81,7 +86,7 @@ class _Cholmod:
         from sksparse.cholmod import CholmodError, cholesky
 
         try:
-            self._factor = cholesky(sp.csc_matrix(matrix), mode="supernodal")
+            self._factor = cholesky(_by_columns(matrix), mode="supernodal")
         except CholmodError as error:
             raise RuntimeError(str(error)) from None
 

@@ -1,0 +1,28 @@
+"""How much memory an eigenproblem will take."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .factors import engine_name
+
+#: Bytes per unknown of the matrices and vectors, and of the factors: in the plane times
+#: log2(n), in space times n^(1/3). Fitted to benchmarks/scale.py.
+_MATRICES = {2: 1100.0, 3: 1900.0}
+_FACTORS = {
+    "superlu": {2: 125.0, 3: 330.0},
+    "cholmod": {2: 55.0, 3: 120.0},
+    "pardiso": {2: 55.0, 3: 120.0},
+}
+#: Interpreter and libraries.
+_BASE = 0.15e9
+
+
+def expected_gigabytes(ndof: int, dimension: int) -> float:
+    """Peak memory of a modal reduction, to a factor of about 1.5 for compact parts.
+
+    Slender parts take less: their separators are small.
+    """
+    growth = np.log2(ndof) if dimension == 2 else ndof ** (1 / 3)
+    per_unknown = _MATRICES[dimension] + _FACTORS[engine_name()][dimension] * growth
+    return float(_BASE + ndof * per_unknown) / 1e9

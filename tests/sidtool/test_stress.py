@@ -1,0 +1,159 @@
+"""Stress recovery: against beam theory and the full finite-element stress."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from formats.errors import InputError
+from formats.sid_files import read_sid, write_sid
+from formats.stress import node_stress, peak_stress, stress_nodes, von_mises
+from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.frontends.continuum import stress_rows
+from sidtool.reduction.frames import FRAMES
+from sidtool.reduction.methods import REDUCTIONS
+from sidtool.reduction.space import admissible
+from sidtool.stress import peak_points
+from sidtool.validate import check
+
+from .beams import beam
+from .models import IGA, Q4, rod
+
+TOP = {
+    "root": {"node": 1, "edge": "left", "at": 0.5},
+    "tip": {"node": 2, "edge": "right", "at": 0.5},
+    "top": {"node": 3, "edge": "top", "at": 0.5},
+}
+TIP_LOAD = {"method": "attachment", "interfaces": ["tip"], "modes": 3}
+MESHES = {
+    "q4": {"type": "q4", "elements": [80, 4], "formulation": "incompatible_modes"},
+    "iga": {"type": "iga", "degrees": [3, 2], "elements": [12, 1]},
+}
+
+
+def tip_loaded(sid: Any, force: float) -> np.ndarray:
+    return np.linalg.solve(sid.Ke.m0, sid.node(2).phi.m0[1] * force)
+
+
+def test_tip_loaded_cantilever() -> None:
+    """sigma_xx = F (L - x) h / (2 I) on the upper edge, compressed by a lift."""
+    model = beam(MESHES["iga"], markers=TOP, reduction=TIP_LOAD, stress={})
+    sid = sid_from_model(model)
+    height, inertia = 0.01, 0.01 * 0.01**3 / 12
+    expected = -1e-3 * 0.5 * height / 2 / inertia
+    sigma = node_stress(sid, 3, tip_loaded(sid, 1e-3))
+    assert sigma[0] == pytest.approx(expected, rel=2e-3)
+    assert np.abs(sigma[1:]).max() < 0.02 * abs(expected)
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_spanned_states_have_the_stress_of_the_full_model(mesh: str) -> None:
+    """The static state is among the shape functions: 1e-9."""
+    model = beam(MESHES[mesh], markers=TOP, reduction=TIP_LOAD, stress={})
+    sid, body = sid_from_model(model), finite_element_model(model)
+    frame = FRAMES["tangent"](body, model.frame)
+    load = body.marker("tip").displacement[1].T.toarray()
+    full = admissible(body, frame).static(load)[:, 0]
+    rows = stress_rows(body.marker("top").gradient, body.continua[0])
+    expected = rows @ full
+    found = node_stress(sid, 3, tip_loaded(sid, 1.0))
+    assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_other_states_converge_with_the_shape_functions() -> None:
+    """Modes alone: the static stress comes closer with their number."""
+    errors = []
+    for count in (2, 8, 32):
+        modes = {"method": "modal", "modes": count}
+        sid = sid_from_model(
+            beam(MESHES["iga"], markers=TOP, reduction=modes, stress={})
+        )
+        exact = -1e-3 * 0.5 * 0.01 / 2 / (0.01 * 0.01**3 / 12)
+        found = node_stress(sid, 3, tip_loaded(sid, 1e-3))[0]
+        errors.append(abs(found / exact - 1))
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+    assert errors[2] < 0.03
+
+
+@pytest.mark.parametrize("discretisation", [Q4, IGA], ids=["q4", "iga"])
+def test_rod_stress_is_that_of_the_reconstructed_displacement(
+    discretisation: dict[str, Any],
+) -> None:
+    """The slider-crank's rod in any state that its modes span."""
+    model = rod(discretisation, stress={"peak_points": 20})
+    sid, body = sid_from_model(model), finite_element_model(model)
+    basis = REDUCTIONS["modal"](
+        body, FRAMES["tangent"](body, model.frame), model.reduction
+    )
+    q = np.array([1e-3, -2e-5, 3e-6, 1e-6, -2e-7])
+    u = basis.reconstruct(q)
+    for marker in body.markers:
+        full = stress_rows(marker.gradient, body.continua[0]) @ u
+        found = node_stress(sid, marker.node, q)
+        assert_allclose(found, full, atol=1e-9 * np.abs(full).max())
+    assert [c.id for c in check(sid) if c.failed] == []
+
+
+def test_peak_points_find_the_peak_of_the_body() -> None:
+    """Over random states, the peak over the chosen nodes is that over all points."""
+    model = rod(Q4)
+    body = finite_element_model(model)
+    basis = REDUCTIONS["modal"](
+        body, FRAMES["tangent"](body, model.frame), model.reduction
+    )
+    everywhere = peak_points(body, basis, 10_000)
+    few = peak_points(body, basis, 30)
+    random = np.random.default_rng(5).standard_normal((200, 5))
+    states = random / np.sqrt(np.diag(basis.stiffness))
+    peaks = [
+        np.max([von_mises(states @ p.sigma.T) for p in points], axis=0)
+        for points in (few, everywhere)
+    ]
+    assert (peaks[0] >= 0.9 * peaks[1]).all()
+    assert len(few) == 30
+
+
+def test_peak_stress_and_files(tmp_path: Any) -> None:
+    model = rod(IGA, stress={"peak_points": 5, "first_node": 500})
+    sid = sid_from_model(model)
+    assert stress_nodes(sid) == ("1", "2", "500", "501", "502", "503", "504")
+    q = np.array([[1e-3, 0, 0, 0, 0], [0, 0, 0, 0, 0]])
+    peak = peak_stress(sid, q)
+    assert peak[0] > 1e6 and peak[1] == 0
+    write_sid(tmp_path / "rod.SID_FEM", sid)
+    back = read_sid(tmp_path / "rod.SID_FEM")
+    assert_allclose(peak_stress(back, q), peak, rtol=1e-10)
+
+
+def test_prestress_is_the_constant_part() -> None:
+    pull = {"prestress": {"forces": {"tip": [2.0, 0.0]}}}
+    model = beam(MESHES["iga"], markers=TOP, stiffening=pull, stress={})
+    sid = sid_from_model(model)
+    assert_allclose(sid.node(3).sigma.m0[0, 0], 2.0 / 1e-4, rtol=1e-3)
+
+
+def test_plane_strain_has_a_transverse_stress() -> None:
+    settings = {**Q4, "state": "plane_strain"}
+    sid = sid_from_model(rod(settings, stress={}))
+    sigma = node_stress(sid, 2, [0, 0, 0, 0, 1e-3])
+    assert_allclose(sigma[2], 0.3 * (sigma[0] + sigma[1]), rtol=1e-9)
+
+
+def test_von_mises() -> None:
+    assert von_mises([3.0, 0, 0, 0, 0, 0]) == pytest.approx(3)
+    assert von_mises([0, 0, 0, 2.0, 0, 0]) == pytest.approx(2 * np.sqrt(3))
+    assert von_mises([5.0, 5, 5, 0, 0, 0]) == 0
+
+
+def test_stress_that_is_not_there_is_refused() -> None:
+    sid = sid_from_model(rod(Q4))
+    with pytest.raises(InputError, match="node 2 carries no stress"):
+        node_stress(sid, 2, np.zeros(5))
+    with pytest.raises(InputError, match=r"expected a table \[stress\]"):
+        peak_stress(sid, np.zeros(5))
+    clash = {"peak_points": 3, "first_node": 1}
+    with pytest.raises(InputError, match="stress.first_node"):
+        sid_from_model(rod(Q4, stress=clash))
