@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from formats.result import Result as Result
     from formats.sid import SID as SID
 
+    from .analysing import inverse_dynamics as inverse_dynamics
+    from .analysing import linearise as linearise
+    from .analysing import static_equilibrium as static_equilibrium
     from .api import compare as compare
     from .api import convert as convert
     from .api import repair as repair
@@ -36,9 +39,12 @@ _HOME = {
     "SimulationError": "solver.errors",
     "compare": "sidtool.api",
     "convert": "sidtool.api",
+    "inverse_dynamics": "sidtool.analysing",
+    "linearise": "sidtool.analysing",
     "read": "sidtool.kinds",
     "repair": "sidtool.api",
     "simulate": "sidtool.api",
+    "static_equilibrium": "sidtool.analysing",
     "validate": "sidtool.api",
     "write": "sidtool.api",
 }

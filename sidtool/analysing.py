@@ -1,0 +1,141 @@
+"""Analyses of scenes for scripts: equilibrium, natural modes, inverse dynamics."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from formats.errors import InputError
+from formats.result import Result
+from formats.scene import SceneFile, read_scene
+from formats.sid import SID
+from formats.sid_files import read_sid
+
+from .kinds import expect_kind
+
+if TYPE_CHECKING:
+    from solver.analyses.linear import Linearisation
+    from solver.analyses.static import Equilibrium
+    from solver.scene import System
+
+Path_ = str | os.PathLike[str]
+Sids = Mapping[str, SID | Path_]
+
+
+def static_equilibrium(
+    scene: SceneFile | Path_,
+    *,
+    sids: Sids | None = None,
+    base_folder: Path_ | None = None,
+    accept_defects: bool = False,
+) -> Equilibrium:
+    """The state of rest downhill from the start of a scene.
+
+    Its `result()` holds the outputs of the scene and the forces of all joints. The
+    other arguments are those of `simulate`.
+
+    Raises
+    ------
+    InputError : the scene or one of its SIDs cannot be used.
+    solver.errors.SimulationError : no equilibrium was found.
+    """
+    from solver.analyses.static import static_equilibrium as analyse
+
+    with _Compiled(scene, sids, base_folder, accept_defects) as system:
+        return analyse(system)
+
+
+def linearise(
+    scene: SceneFile | Path_,
+    *,
+    about: str = "static",
+    sids: Sids | None = None,
+    base_folder: Path_ | None = None,
+    accept_defects: bool = False,
+) -> Linearisation:
+    """Frequencies, damping ratios and shapes of the natural modes of a scene.
+
+    about : "static", its static equilibrium, or "start", its start with velocities
+
+    Raises
+    ------
+    InputError : the scene or one of its SIDs cannot be used.
+    solver.errors.SimulationError : no equilibrium was found.
+    """
+    from solver.analyses.linear import linearise as analyse
+
+    with _Compiled(scene, sids, base_folder, accept_defects) as system:
+        return analyse(system, about)
+
+
+def inverse_dynamics(
+    scene: SceneFile | Path_,
+    *,
+    sids: Sids | None = None,
+    base_folder: Path_ | None = None,
+    accept_defects: bool = False,
+) -> Result:
+    """Motion and joint forces of a scene whose drives prescribe everything.
+
+    Raises
+    ------
+    InputError : something can move freely, or the scene cannot be used.
+    solver.errors.SimulationError : the drives demand what the mechanism cannot do; its
+        `result` holds what comes before.
+    """
+    from solver.analyses.inverse import inverse_dynamics as analyse
+
+    with _Compiled(scene, sids, base_folder, accept_defects) as system:
+        return analyse(system)
+
+
+class _Compiled:
+    """Compiles a scene with all its joints; input errors name its file."""
+
+    def __init__(
+        self,
+        scene: SceneFile | Path_,
+        sids: Sids | None,
+        base_folder: Path_ | None,
+        accept_defects: bool,
+    ) -> None:
+        self.path = None if isinstance(scene, SceneFile) else Path(scene)
+        self.scene = scene
+        self.sids = sids or {}
+        self.folder = base_folder
+        self.accept_defects = accept_defects
+
+    def __enter__(self) -> System:
+        from solver import compile_scene
+
+        if isinstance(self.scene, SceneFile):
+            content, folder = self.scene, Path(self.folder or ".")
+        else:
+            path = Path(self.scene)
+            expect_kind(path, "scene")
+            content, folder = read_scene(path), Path(self.folder or path.parent)
+        swapped = {
+            body: sid if isinstance(sid, SID) else read_sid(sid)
+            for body, sid in self.sids.items()
+        }
+        try:
+            return compile_scene(
+                content,
+                folder,
+                swapped,
+                accept_defects=self.accept_defects,
+                keep_joints=True,
+            )
+        except InputError as error:
+            raise self._located(error) from None
+
+    def __exit__(
+        self, kind: object, error: BaseException | None, trace: object
+    ) -> None:
+        if isinstance(error, InputError):
+            raise self._located(error) from None
+
+    def _located(self, error: InputError) -> InputError:
+        return error if self.path is None else error.located(self.path)

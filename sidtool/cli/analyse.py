@@ -1,0 +1,140 @@
+"""``sidtool analyse``: what a scene says without integrating its motion."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from .common import check_target, existing, target
+
+_ACCEPT = click.option(
+    "--accept-defects",
+    is_flag=True,
+    help="Use bodies with an impossible mass matrix, which are refused otherwise.",
+)
+
+
+@click.group()
+def analyse() -> None:
+    """Analyse a SCENE without integrating its motion.
+
+    \b
+    static   where it comes to rest, and the forces of its joints there
+    modes    natural frequencies, damping ratios and mode shapes
+    inverse  the forces of a motion that drives prescribe completely
+
+    \b
+    Examples:
+      sidtool analyse static crane.toml
+      sidtool analyse modes --help
+    """
+
+
+@analyse.command()
+@click.argument("scene", metavar="SCENE", type=existing)
+@click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
+@_ACCEPT
+def static(scene: Path, output: Path | None, accept_defects: bool) -> None:
+    """Find the static equilibrium of a SCENE, downhill from its start.
+
+    Drives and forces keep the values that they have at the start. Shown are the
+    scene's outputs and the forces of all joints and drives.
+
+    \b
+    Example:
+      sidtool analyse static crane.toml -o rest.h5
+
+    Exit status: 0 found, 1 there is none (a body can fall), 2 the input is wrong.
+    """
+    from ..analysing import static_equilibrium
+    from ..report.analysis import describe_equilibrium
+
+    check_target(output)
+    found = _attempt(static_equilibrium, scene, accept_defects=accept_defects)
+    _write_result(output, found.result())
+    click.echo(describe_equilibrium(found))
+
+
+@analyse.command()
+@click.argument("scene", metavar="SCENE", type=existing)
+@click.option(
+    "--about",
+    type=click.Choice(["static", "start"]),
+    default="static",
+    show_default=True,
+    help="The state: static equilibrium, or the start with its velocities.",
+)
+@click.option("-o", "--output", type=target, help="Modes with their shapes (JSON).")
+@_ACCEPT
+def modes(scene: Path, about: str, output: Path | None, accept_defects: bool) -> None:
+    """Find the natural modes of the assembled SCENE.
+
+    The equations are linearised about the static equilibrium, or about the start, for
+    example that of a rotor at its speed.
+
+    \b
+    Examples:
+      sidtool analyse modes crane.toml
+      sidtool analyse modes rotor.toml --about start -o modes.json
+
+    Exit status: 0 found, 1 there is no equilibrium, 2 the input is wrong.
+    """
+    from ..analysing import linearise
+    from ..report.analysis import describe_modes, modes_as_data
+
+    check_target(output)
+    found = _attempt(linearise, scene, about=about, accept_defects=accept_defects)
+    if output is not None:
+        from formats.atomic import atomic_path
+
+        with atomic_path(output) as path:
+            Path(path).write_text(json.dumps(modes_as_data(found), indent=1) + "\n")
+        click.echo(f"{output} written")
+    click.echo(describe_modes(found))
+
+
+@analyse.command()
+@click.argument("scene", metavar="SCENE", type=existing)
+@click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
+@_ACCEPT
+def inverse(scene: Path, output: Path | None, accept_defects: bool) -> None:
+    """Find the forces of a SCENE whose motion is prescribed completely.
+
+    Needs as many drives as the mechanism has degrees of freedom, and rigid bodies.
+    Record outputs such as JOINT.fx or DRIVE.f1 to get forces and drive torques.
+
+    \b
+    Example:
+      sidtool analyse inverse press.toml -o forces.csv
+
+    Exit status: 0 done, 1 the motion is impossible, 2 the input is wrong.
+    """
+    from ..analysing import inverse_dynamics
+    from ..report.analysis import describe_inverse
+
+    check_target(output)
+    result = _attempt(inverse_dynamics, scene, accept_defects=accept_defects)
+    _write_result(output, result)
+    click.echo(describe_inverse(result))
+
+
+def _attempt(analysis: Any, scene: Path, **settings: Any) -> Any:
+    """Runs an analysis; one line and status 1 when physics does not allow it."""
+    from solver.errors import SimulationError
+
+    try:
+        return analysis(scene, **settings)
+    except SimulationError as error:
+        click.echo(f"sidtool: {scene}: {error}", err=True)
+        raise click.exceptions.Exit(1) from None
+
+
+def _write_result(output: Path | None, result: Any) -> None:
+    from ..api import write
+
+    if output is not None:
+        write(output, result)
+        click.echo(f"{output} written")

@@ -1,0 +1,85 @@
+"""What analyses found, as tables; natural modes as data for other programs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from formats.result import Result
+
+from .tables import named, table
+
+if TYPE_CHECKING:
+    from solver.analyses.linear import Linearisation
+    from solver.analyses.static import Equilibrium
+
+#: Coordinates named beside a mode: those that move most.
+LEADING = 3
+
+
+def describe_equilibrium(found: Equilibrium) -> str:
+    """Iterations, residual, outputs and multipliers."""
+    result = found.result()
+    parts = [
+        named(
+            [
+                ("equilibrium", f"after {found.iterations} steps"),
+                ("unbalanced", f"{found.residual:.1e} of the forces"),
+            ]
+        )
+    ]
+    if result.names:
+        rows = zip(result.names, result.values[0], strict=True)
+        parts.append(table(["output", "value"], [[n, f"{x:.10g}"] for n, x in rows]))
+    if result.multiplier_names:
+        rows = zip(result.multiplier_names, result.multipliers[0], strict=True)
+        parts.append(table(["force", "N, N m"], [[n, f"{x:.10g}"] for n, x in rows]))
+    return "\n\n".join(parts)
+
+
+def describe_modes(modes: Linearisation) -> str:
+    """A table of the natural modes and the coordinates that lead each."""
+    rows = []
+    for k, (hertz, ratio) in enumerate(
+        zip(modes.frequencies, modes.damping_ratios, strict=True)
+    ):
+        order = np.argsort(-np.abs(modes.shapes[k]))[:LEADING]
+        lead = ", ".join(modes.names[i] for i in order)
+        rows.append([str(k + 1), f"{hertz:.6g}", f"{ratio:.4g}", lead])
+    if not rows:
+        return "no natural modes: nothing can move"
+    return table(["mode", "Hz", "damping ratio", "moved most by"], rows)
+
+
+def modes_as_data(modes: Linearisation) -> dict[str, Any]:
+    """Natural modes as JSON holds them; complex numbers are pairs."""
+    return {
+        "coordinates": list(modes.names),
+        "position": modes.z.tolist(),
+        "velocity": modes.v.tolist(),
+        "modes": [
+            {
+                "frequency": float(modes.frequencies[k]),
+                "damping_ratio": float(modes.damping_ratios[k]),
+                "eigenvalue": _pair(value),
+                "shape": [_pair(entry) for entry in modes.shapes[k]],
+            }
+            for k, value in enumerate(modes.eigenvalues)
+        ],
+    }
+
+
+def describe_inverse(result: Result) -> str:
+    """The largest force of each constraint."""
+    rows = [
+        [name, f"{np.min(column):.10g}", f"{np.max(column):.10g}"]
+        for name, column in zip(
+            result.multiplier_names, result.multipliers.T, strict=True
+        )
+    ]
+    return table(["force", "least", "greatest"], rows)
+
+
+def _pair(value: complex) -> list[float]:
+    return [float(np.real(value)), float(np.imag(value))]

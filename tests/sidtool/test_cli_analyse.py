@@ -1,0 +1,94 @@
+"""``sidtool analyse``: what is printed and written, and how it fails."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sidtool
+from formats.result import read_result
+from sidtool.cli import run
+
+PENDULUM = """
+format = "sidtool scene"
+version = 1
+dimension = "planar"
+gravity = [0, -9.81]
+time = { end = 1, output_step = 0.1 }
+[bodies.bob]
+mass = 2
+inertia = 0.1
+markers.top = { position = [0, 1] }
+initial = { position = [0.8, -0.6], angle = 0.9 }
+[joints.hinge]
+type = "revolute"
+markers = ["ground", "bob.top"]
+[outputs]
+record = ["bob.y", "hinge.fy"]
+"""
+DRIVEN = (
+    PENDULUM
+    + """
+[drives.turn]
+joint = "hinge"
+function = { type = "smooth_step", from = 0, to = 1, end = 1.5, continuity = 3 }
+"""
+)
+
+
+@pytest.fixture
+def pendulum(tmp_path: Path) -> Path:
+    path = tmp_path / "pendulum.toml"
+    path.write_text(PENDULUM)
+    return path
+
+
+def test_static_tells_outputs_and_forces(
+    pendulum: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = pendulum.with_name("rest.h5")
+    assert run(["analyse", "static", str(pendulum), "-o", str(target)]) == 0
+    text = capsys.readouterr().out
+    assert "bob.y" in text and "hinge.f2" in text and "19.62" in text
+    assert read_result(target)["bob.y"][0] == pytest.approx(-1.0, abs=1e-9)
+
+
+def test_modes_are_written_with_their_shapes(
+    pendulum: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = pendulum.with_name("modes.json")
+    assert run(["analyse", "modes", str(pendulum), "-o", str(target)]) == 0
+    (mode,) = json.loads(target.read_text())["modes"]
+    hertz = np.sqrt(2 * 9.81 / 2.1) / (2 * np.pi)
+    assert mode["frequency"] == pytest.approx(hertz, rel=1e-7)
+    assert len(mode["shape"]) == 3
+    assert f"{hertz:.5g}" in capsys.readouterr().out
+    same = sidtool.linearise(pendulum)
+    assert same.frequencies == pytest.approx([hertz], rel=1e-7)
+
+
+def test_inverse_needs_a_prescribed_motion(
+    pendulum: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["analyse", "inverse", str(pendulum)]) == 2
+    message = capsys.readouterr().err
+    assert "pendulum.toml" in message and "1 of 3 coordinates" in message
+    pendulum.write_text(DRIVEN)
+    target = pendulum.with_name("forces.csv")
+    assert run(["analyse", "inverse", str(pendulum), "-o", str(target)]) == 0
+    assert "turn.f1" in capsys.readouterr().out
+    assert len(target.read_text().splitlines()) == 12
+
+
+def test_a_body_that_can_fall_is_said_in_one_line(
+    pendulum: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pendulum.write_text(PENDULUM.replace("[joints.hinge]", "[joints.gone]"))
+    text = pendulum.read_text()
+    start, end = text.index("[joints.gone]"), text.index("[outputs]")
+    pendulum.write_text(text[:start] + text[end:].replace(', "hinge.fy"', ""))
+    assert run(["analyse", "static", str(pendulum)]) == 1
+    assert "no static equilibrium" in capsys.readouterr().err
