@@ -69,7 +69,7 @@ def _materials(model: ModelFile, imported: ImportedMesh) -> dict[str | None, Mat
         return dict.fromkeys(names, model.material)
     result: dict[str | None, Material] = {}
     for name in names:
-        if name not in imported.materials:
+        if name is None or name not in imported.materials:
             what = "elements without a material" if name is None else f"material {name}"
             raise InputError(
                 f"has {what}, of which E, nu and density are not known",

@@ -138,9 +138,9 @@ def _place(marker: Marker, exact: Mapping[str, NurbsPatch]) -> tuple[str, Array]
             expected="edge (with at) or position",
         )
     problem: InputError | None = None
-    for name, patch in exact.items():
+    for name, candidate in exact.items():
         try:
-            return name, marker_parameters(marker, {}, patch)
+            return name, marker_parameters(marker, {}, candidate)
         except InputError as error:
             problem = error
     assert problem is not None

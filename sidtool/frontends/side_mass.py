@@ -60,7 +60,10 @@ def side_mass(patch: NurbsPatch, direction: int, end: int) -> sp.csr_matrix:
         tangents.append((derived @ weighted - drift) / total[:, None])
     t = np.stack(tangents, axis=1)
     measure = np.sqrt(np.linalg.det(t @ np.swapaxes(t, 1, 2)))
-    measure *= reduce(np.kron, weights)
+    for i, rule in enumerate(weights):
+        before = int(np.prod([len(w) for w in weights[:i]]))
+        after = len(measure) // (before * len(rule))
+        measure *= np.tile(np.repeat(rule, after), before)
     scaled = sp.diags_array(np.sqrt(measure) / total) @ rows @ sp.diags_array(w)
     entries = sp.coo_matrix(scaled.T @ scaled)
     shape = (patch.weights.size,) * 2

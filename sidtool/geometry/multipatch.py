@@ -68,8 +68,8 @@ def joined(patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9) -> Joined
     pairs = cKDTree(points[outside]).query_pairs(near, output_type="ndarray")
     i, j = outside[pairs[:, 0]], outside[pairs[:, 1]]
     graph = csr_matrix((np.ones(len(i)), (i, j)), shape=(len(points),) * 2)
-    count, number = connected_components(graph, directed=False)
-    number = _in_order(number)
+    count, classes = connected_components(graph, directed=False)
+    number = _in_order(classes.astype(np.int64))
     _check_sides(sides, patches, number, weights)
     parts = {
         name: number[a:b]

@@ -52,7 +52,7 @@ def read_bdf(path: str | Path) -> ImportedMesh:
     data = _guarded(
         lambda: module.read_bdf(str(path), xref=False, punch=None, debug=None), path
     )
-    nodes = {}
+    nodes: dict[int, tuple[float, float, float]] = {}
     for label, node in data.nodes.items():
         if node.Cp() != 0:
             raise InputError(
@@ -60,7 +60,8 @@ def read_bdf(path: str | Path) -> ImportedMesh:
                 source=path,
                 expected="nodes in the basic system",
             )
-        nodes[int(label)] = tuple(float(x) for x in node.xyz)
+        x, y, z = (float(value) for value in node.xyz)
+        nodes[int(label)] = (x, y, z)
     material_of = {
         int(i): str(p.mid if hasattr(p, "mid") else p.mid1)
         for i, p in data.properties.items()
@@ -111,7 +112,7 @@ def read_cdb(path: str | Path) -> ImportedMesh:
     module = _needed("mapdl_archive", "mapdl-archive", path)
     data = _guarded(lambda: module.Archive(str(path), parse_vtk=False), path)
     nodes = {
-        int(label): tuple(float(x) for x in xyz)
+        int(label): (float(xyz[0]), float(xyz[1]), float(xyz[2]))
         for label, xyz in zip(data.nnum, data.nodes, strict=True)
     }
     types = {int(key): int(kind) for key, kind in data.ekey}

@@ -275,9 +275,8 @@ def _sized(matrix: sp.csr_matrix, size: int, path: str) -> sp.csr_matrix:
             source=path,
             expected=f"{size} x {size}, as there are degrees of freedom",
         )
-    result = matrix.copy()
-    result.resize(size, size)
-    return result
+    c = matrix.tocoo()
+    return sp.csr_matrix((c.data, (c.row, c.col)), shape=(size, size))
 
 
 def _check_range(i: Indices, j: Indices, size: int, name: str, path: str) -> None:

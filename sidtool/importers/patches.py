@@ -119,7 +119,7 @@ def _from_gismo(path: Path) -> dict[str, NurbsPatch]:
         raise InputError(
             f"cannot be read ({error.strerror})", expected="a file"
         ) from None
-    result = {}
+    result: dict[str, NurbsPatch] = {}
     for node in root.iter("Geometry"):
         kind, name = node.get("type", ""), f"patch{node.get('id', len(result))}"
         directions = kind[-1:]

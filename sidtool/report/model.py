@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from formats.model import Marker, ModelFile
+from typing import Any
+
+from formats.model import Marker, Material, ModelFile
+from formats.model_geometry import NurbsGeometry, VolumeGeometry
 
 from .tables import named, plural, table
 
 
 def describe_model(model: ModelFile) -> str:
     """Lines and a table of markers."""
-    material, geometry = model.material, model.geometry
     entries = [
         ("title", model.title or "(none)"),
         ("geometry", _geometry(model)),
-        ("thickness", f"{geometry.thickness:g} m"),
-        (
-            "material",
-            f"E = {material.youngs_modulus:g} Pa, nu = {material.poissons_ratio:g}, "
-            f"rho = {material.density:g} kg/m3",
-        ),
+        ("thickness", _thickness(model)),
+        ("material", _material(model.material)),
         ("discretisation", _discretisation(model)),
         ("frame", _frame(model)),
-        (
-            "reduction",
-            f"{model.reduction.method}, {plural(model.reduction.modes, 'mode')}",
-        ),
+        ("reduction", _reduction(model)),
         ("damping", _damping(model)),
     ]
     rows = [
@@ -34,14 +29,41 @@ def describe_model(model: ModelFile) -> str:
     return named(entries) + "\n\n" + table(["marker", "node", "place"], rows)
 
 
+def _thickness(model: ModelFile) -> str:
+    thickness = getattr(model.geometry, "thickness", None)
+    return "(none)" if thickness is None else f"{thickness:g} m"
+
+
+def _material(material: Material | None) -> str:
+    if material is None:
+        return "that of the file"
+    return (
+        f"E = {material.youngs_modulus:g} Pa, nu = {material.poissons_ratio:g}, "
+        f"rho = {material.density:g} kg/m3"
+    )
+
+
+def _reduction(model: ModelFile) -> str:
+    modes = getattr(model.reduction, "modes", None)
+    counted = "" if modes is None else f", {plural(modes, 'mode')}"
+    return f"{model.reduction.method}{counted}"
+
+
 def _geometry(model: ModelFile) -> str:
     geometry = model.geometry
-    points = f"{len(geometry.control_points)} x {len(geometry.control_points[0])}"
+    if not isinstance(geometry, NurbsGeometry | VolumeGeometry):
+        file = getattr(geometry, "file", None) or getattr(geometry, "stiffness", None)
+        return geometry.type + (f" of {file}" if file else "")
+    net: Any = geometry.control_points
+    counts = []
+    for _ in geometry.degrees:
+        counts.append(str(len(net)))
+        net = net[0]
+    points = " x ".join(counts)
     degrees = " and ".join(map(str, geometry.degrees))
     rational = "" if geometry.weights is None else ", with weights"
-    return (
-        f"{geometry.type} patch, degrees {degrees}, {points} control points{rational}"
-    )
+    kind = geometry.type.replace("_", " ")
+    return f"{kind} patch, degrees {degrees}, {points} control points{rational}"
 
 
 def _discretisation(model: ModelFile) -> str:
@@ -58,8 +80,11 @@ def _by(value: object) -> str:
 
 
 def _frame(model: ModelFile) -> str:
-    edges = " and ".join(model.frame.clamped_edges)
-    return f"{model.frame.type} at {model.frame.marker}, clamped edge: {edges}"
+    frame = model.frame
+    markers = " and ".join(frame.marker_names)
+    edges = " and ".join(frame.clamped_edges)
+    at = f" at {markers}" if markers else ""
+    return f"{frame.type}{at}" + (f", clamped: {edges}" if edges else "")
 
 
 def _damping(model: ModelFile) -> str:
@@ -71,7 +96,16 @@ def _damping(model: ModelFile) -> str:
 
 def _place(marker: Marker) -> str:
     if marker.edge is not None:
-        return f"edge {marker.edge} at {marker.at:g}"
+        at = marker.at if isinstance(marker.at, tuple) else (marker.at,)
+        return f"edge {marker.edge} at {_listed(at)}"
     if marker.parameters is not None:
-        return "parameters {:g}, {:g}".format(*marker.parameters)
-    return "position {:g}, {:g} m".format(*marker.position or ())
+        return f"parameters {_listed(marker.parameters)}"
+    if marker.mesh_node is not None:
+        return f"mesh node {marker.mesh_node}"
+    if marker.position is None:
+        return "where it is tied"
+    return f"position {_listed(marker.position)} m"
+
+
+def _listed(values: tuple[float | None, ...]) -> str:
+    return ", ".join("" if value is None else f"{value:g}" for value in values)
