@@ -12,6 +12,7 @@ import click
 from formats.errors import InputError
 
 from .. import __version__
+from .analyse import analyse
 from .convert import convert
 from .demo import demo
 from .info import info
@@ -40,7 +41,7 @@ def cli() -> None:
     """
 
 
-for command in (convert, simulate, validate, info, demo, schema):
+for command in (convert, simulate, analyse, validate, info, demo, schema):
     cli.add_command(command)
 
 
