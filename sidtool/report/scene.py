@@ -5,6 +5,7 @@ from __future__ import annotations
 from formats.scene import (
     Body,
     Drive,
+    Force,
     Joint,
     Polynomial,
     SceneFile,
@@ -73,6 +74,12 @@ def _drive(drive: Drive, scene: SceneFile) -> list[str]:
         function += f", {plural(len(drive.function.pieces), 'piece')}"
     of = drive.joint or drive.marker or ""
     return [of, driven_coordinate(drive, scene.joints), function]
+
+
+def _force(force: Force) -> list[str]:
+    pair = getattr(force, "markers", None) or (getattr(force, "marker", None),)
+    joint = getattr(force, "joint", None)
+    return [force.type, joint if joint else " - ".join(map(str, pair))]
 
 
 def _vector(vector: tuple[float, ...]) -> str:
