@@ -51,6 +51,9 @@ def describe_scene(scene: SceneFile) -> str:
     if scene.drives:
         drives = [[name, *_drive(drive, scene)] for name, drive in scene.drives.items()]
         parts.append(table(["drive", "of", "coordinate", "function"], drives))
+    if scene.forces:
+        forces = [[name, *_force(force)] for name, force in scene.forces.items()]
+        parts.append(table(["force", "kind", "acts on"], forces))
     return "\n\n".join(parts)
 
 
