@@ -27,7 +27,7 @@ def plane_case(ndof: int) -> dict[str, Any]:
 
 def solid_case(ndof: int) -> dict[str, Any]:
     """A block of 4 x 1 x 1 by hex8 with about that many degrees of freedom."""
-    side = max(3, round((ndof / 3 / 4) ** (1 / 3)))
+    side = max(3, round((ndof / 3 / 4) ** (1 / 3) - 0.75))
     elements = [4 * side, side, side]
     return _model({"type": "hex8", "elements": elements}, plane=False)
 

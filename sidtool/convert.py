@@ -18,6 +18,7 @@ from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.registry import finite_element_model
 from .gram import body_inertia
 from .reduction.frames import FRAMES, Frame
+from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
 from .stiffening import prestressed, stiffened
 from .stress import with_stress
@@ -54,7 +55,10 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
     progress("discretising")
     body = finite_element_model(model)
     frame = FRAMES[model.frame.type](body, model.frame)
-    progress(f"reducing {body.ndof} degrees of freedom")
+    gigabytes = expected_gigabytes(body.ndof, body.dimension)
+    progress(
+        f"reducing {body.ndof} degrees of freedom, which may take {gigabytes:.1f} GB"
+    )
     basis = REDUCTIONS[model.reduction.method](body, frame, model.reduction)
     for sentence in basis.report:
         progress(sentence)
@@ -126,7 +130,7 @@ def _held_around(marker: MarkerRows, basis: ReducedBasis) -> bool:
     """
     point, around = marker.displacement.indices, marker.rotation.indices
     beside = np.setdiff1d(around, point)
-    still = ~basis.shapes.any(axis=1)
+    still = np.all(basis.shapes == 0, axis=1)
     return bool(still[point].all() and still[beside].any())
 
 

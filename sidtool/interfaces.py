@@ -88,8 +88,8 @@ def _tied_rows(
             expected="nodes in more places: not one point, and in space not one line",
         )
     fit = np.zeros((6, body.ndof))
-    which = [0, 1, 5] if d == 2 else list(range(6))
-    fit[np.ix_(which, dofs)] = np.linalg.solve(gram, momentum.T)
+    which = np.array([0, 1, 5] if d == 2 else range(6))
+    fit[which[:, None], dofs] = np.linalg.solve(gram, momentum.T)
     rows = sp.csr_matrix(fit)
     return MarkerRows(name, node, position, rows[:3], rows[3:])
 

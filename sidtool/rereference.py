@@ -129,7 +129,8 @@ def _chord(first: Node, second: Node) -> FrameChange:
 
 def _buckens(sid: SID, node: Node | None) -> FrameChange:
     mass = coupled_mass_matrix(sid)
-    motion = np.linalg.lstsq(mass[_RIGID, _RIGID], mass[_RIGID, 6:], rcond=1e-12)[0].T
+    found = np.linalg.lstsq(mass[_RIGID, _RIGID], mass[_RIGID, 6:], rcond=1e-12)[0]
+    motion: Array = found.T.astype(np.float64)
     origin = centre_of_mass(sid) if node is None else node.position
     return FrameChange(origin, motion[:, :3], motion[:, 3:])
 

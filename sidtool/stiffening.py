@@ -310,10 +310,10 @@ def prestressed(
     """
     uniform = _uniform(settings, body.dimension)
     loads = np.zeros((body.ndof, 1))
-    for name, values in settings.forces.items():
-        loads[:, 0] += _load(body.marker(name), values, body.dimension, "forces")
-    for name, values in settings.moments.items():
-        loads[:, 0] += _load(body.marker(name), values, body.dimension, "moments")
+    for name, force in settings.forces.items():
+        loads[:, 0] += _load(body.marker(name), force, body.dimension, "forces")
+    for name, moment in settings.moments.items():
+        loads[:, 0] += _load(body.marker(name), moment, body.dimension, "moments")
     state = supported(body, frame, loads) if loads.any() else np.zeros_like(loads)
     extra, force = _effects(body, state, uniform, basis.shapes)
     values, mixing = np.linalg.eigh(basis.stiffness + extra)

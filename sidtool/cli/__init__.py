@@ -18,7 +18,9 @@ from .demo import demo
 from .info import info
 from .schema import schema
 from .simulate import simulate
+from .study import study
 from .validate import validate
+from .warmup import warmup
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 
@@ -41,7 +43,17 @@ def cli() -> None:
     """
 
 
-for command in (convert, simulate, analyse, validate, info, demo, schema):
+for command in (
+    convert,
+    simulate,
+    analyse,
+    validate,
+    info,
+    study,
+    demo,
+    schema,
+    warmup,
+):
     cli.add_command(command)
 
 

@@ -11,8 +11,8 @@ from .factors import engine_name
 _MATRICES = {2: 1100.0, 3: 1900.0}
 _FACTORS = {
     "superlu": {2: 125.0, 3: 330.0},
-    "cholmod": {2: 55.0, 3: 120.0},
-    "pardiso": {2: 55.0, 3: 120.0},
+    "cholmod": {2: 50.0, 3: 180.0},
+    "pardiso": {2: 70.0, 3: 180.0},
 }
 #: Interpreter and libraries.
 _BASE = 0.15e9

@@ -60,7 +60,7 @@ def block(discretisation: dict[str, Any], tie: dict[str, Any]) -> ModelFile:
 
 
 SOLIDS = {
-    "hex8": {"type": "hex8", "elements": [10, 2, 2]},
+    "hex20": {"type": "hex20", "elements": [8, 1, 1]},
     "iga": {"type": "iga", "degrees": [2, 2, 2], "elements": [6, 1, 1]},
 }
 

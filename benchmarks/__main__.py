@@ -1,0 +1,51 @@
+"""``python -m benchmarks [NAME ...]``: measure, print, plot and write the page."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+import click
+
+from .machine import use_one_thread
+
+#: Modules with `run(folder, name, say) -> Report`, in the order of the page.
+BENCHMARKS = ("slider_crank", "simeon", "four_bars", "spatial", "chain", "elastic")
+ROOT = Path(__file__).parents[1]
+
+
+@click.command()
+@click.argument("names", nargs=-1, type=click.Choice(BENCHMARKS))
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    default=ROOT / "benchmarks" / "results",
+    help="Folder of the results, default benchmarks/results.",
+)
+@click.option("--readme", is_flag=True, help="Write the section of README.md, too.")
+def main(names: tuple[str, ...], output: Path, readme: bool) -> None:
+    """Measure speed against error beside other programs, one thread.
+
+    All benchmarks, or those that are named. The page results.md holds the newest run
+    of each. Programs that are not installed are left out.
+    """
+    use_one_thread()
+    output.mkdir(parents=True, exist_ok=True)
+    from .report import load, save, write_page, write_readme
+
+    for name in names or BENCHMARKS:
+        click.echo(f"{name}:")
+        report = import_module(f"benchmarks.{name}").run(output, name, click.echo)
+        save(output, name, report)
+        click.echo(f"\n{report.text()}\n")
+        reports = load(output, BENCHMARKS)
+        write_page(output / "results.md", reports)
+    click.echo(f"{output / 'results.md'} written")
+    if readme:
+        write_readme(ROOT / "README.md", reports, "benchmarks/results/results.md")
+        click.echo("README.md updated")
+
+
+if __name__ == "__main__":
+    main()

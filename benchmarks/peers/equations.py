@@ -1,0 +1,95 @@
+"""The equations of a scene for solvers of ordinary differential equations.
+
+z_I' = Z z_II and z_II' from the index-1 equations, on sidtool's own kernels; outputs
+are evaluated after projection onto the constraints. Called from Python, the kernels
+spend most of their time on their arguments: `cost` says how much a call takes.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from formats.result import Result
+from formats.scene import output_times
+from formats.sid import Array
+from solver import assembly, outputs
+from solver.kernel_calls import evaluate
+from solver.kernels.coordinates import rate
+from solver.kernels.newton import solve_accelerations
+from solver.kernels.pointers import kernels
+from solver.scene import System
+from solver.storage import new_memory, new_work
+
+
+class Equations:
+    """Right-hand side f(t, y) of an assembled scene, y = (z_I, z_II).
+
+    Attributes
+    ----------
+    start : (n,) consistent initial state
+    times : output times [s]
+    """
+
+    def __init__(self, system: System) -> None:
+        self.system, begin = assembly.assemble(system)
+        self.work, self.memory = new_work(self.system), new_memory(self.system, 0)
+        self.kernels = kernels(self.system.planar)
+        self.start: Array = np.concatenate([begin.z, begin.v])
+        self.times = output_times(system.scene)
+        duration = system.scene.time.end - system.scene.time.start
+        near = 1e-11 * system.length
+        self._closed = np.array([near, near / duration])
+        self._edges = np.array([system.scene.time.start, *self.system.breaks])
+        self._n = self.system.n_positions
+
+    def intervals(self) -> list[tuple[float, float]]:
+        """Begin and end of the smooth pieces of the motion."""
+        return list(zip(self._edges[:-1], self._edges[1:], strict=True))
+
+    def enter(self, begin: float, end: float) -> None:
+        """Evaluates drives as in the smooth piece from begin to end."""
+        self.work.clock[0] = 0.5 * (begin + end)
+
+    def __call__(self, t: float, y: Array) -> Array:
+        """y', (n,), a new array."""
+        slope = np.empty_like(self.start)
+        z, v = y[: self._n].copy(), y[self._n :].copy()
+        evaluate(self.system, self.work, t, z, v)
+        solve_accelerations(self.system.arrays, self.work, self.memory)
+        rate(self.system.arrays, z, v, slope[: self._n])
+        slope[self._n :] = self.memory.acceleration
+        return slope
+
+    def cost(self, calls: int = 200) -> float:
+        """Time of one call [s], the least of five tries."""
+        self.enter(*self.intervals()[0])
+        seconds = []
+        for _ in range(5):
+            began = time.perf_counter()
+            for _ in range(calls):
+                self(float(self._edges[0]), self.start)
+            seconds.append(time.perf_counter() - began)
+        return min(seconds) / calls
+
+    def values(self, states: Array) -> dict[str, Array]:
+        """The outputs of the scene at states (nt, n) of the output times."""
+        recorded = outputs.record(
+            self.system,
+            self.kernels,
+            self.work,
+            self.memory,
+            self.times,
+            np.ascontiguousarray(states[:, : self._n]),
+            np.ascontiguousarray(states[:, self._n :]),
+            self._closed,
+        )
+        return dict(zip(recorded.names, recorded.values.T, strict=True))
+
+
+def sizes(result: Result) -> Array:
+    """(n,) greatest magnitude of every entry of y in a known motion."""
+    states = np.hstack([result.positions, result.velocities])
+    found = np.abs(states).max(axis=0)
+    return np.where(found > 1e-12 * found.max(), found, found.max())

@@ -1,0 +1,107 @@
+"""What a benchmark found, as text, as a page and as a section of the README."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from formats.atomic import atomic_path
+from sidtool.report.tables import table
+
+START, END = "<!-- bench:begin -->", "<!-- bench:end -->"
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table; `summary` ones go to the README."""
+
+    caption: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    summary: bool = False
+
+    def text(self) -> str:
+        return f"{self.caption}\n\n{table(self.header, self.rows)}"
+
+    def markdown(self) -> str:
+        lines = [self.header, ["---"] * len(self.header), *self.rows]
+        grid = "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+        return f"{self.caption}\n\n{grid}"
+
+
+@dataclass(frozen=True)
+class Report:
+    """Tables and remarks of one benchmark; `plot` is the name of a picture beside."""
+
+    title: str
+    tables: Sequence[Table]
+    remarks: Sequence[str] = ()
+    plot: str = ""
+    machine: str = ""
+
+    def text(self) -> str:
+        parts = [self.title, "=" * len(self.title)]
+        parts += [t.text() for t in self.tables]
+        return "\n\n".join([*parts, *self.remarks])
+
+    def markdown(self) -> str:
+        parts = [f"## {self.title}", *(t.markdown() for t in self.tables)]
+        parts += self.remarks
+        if self.plot:
+            parts.append(f"![{self.title}]({self.plot})")
+        parts.append(f"Measured on: {self.machine}")
+        return "\n\n".join(parts)
+
+    def summary(self) -> str:
+        """The part for the README; empty when no table asks for it."""
+        chosen = [t.markdown() for t in self.tables if t.summary]
+        if not chosen:
+            return ""
+        return "\n\n".join([f"**{self.title}**", *chosen, f"({self.machine})"])
+
+
+def save(folder: Path, name: str, report: Report) -> None:
+    """Keeps what was measured beside its picture."""
+    with atomic_path(folder / f"{name}.json") as temporary:
+        temporary.write_text(json.dumps(asdict(report), indent=1) + "\n")
+
+
+def load(folder: Path, names: Iterable[str]) -> dict[str, Report]:
+    """The newest report of every benchmark that has run, in the order of the names."""
+    reports = {}
+    for name in names:
+        path = folder / f"{name}.json"
+        if path.is_file():
+            content = json.loads(path.read_text())
+            content["tables"] = [Table(**entry) for entry in content["tables"]]
+            reports[name] = Report(**content)
+    return reports
+
+
+def write_page(path: Path, reports: Mapping[str, Report]) -> None:
+    """All reports as one page of markdown."""
+    head = "# Speed against error\n\nWritten by `python -m benchmarks`."
+    with atomic_path(path) as temporary:
+        pages = [head, *(report.markdown() for report in reports.values())]
+        temporary.write_text("\n\n".join(pages) + "\n")
+
+
+def write_readme(path: Path, reports: Mapping[str, Report], page: str) -> None:
+    """Replaces what stands between the markers of a README.
+
+    Raises
+    ------
+    ValueError : the markers are not there.
+    """
+    text = path.read_text()
+    if text.count(START) != 1 or text.count(END) != 1:
+        raise ValueError(f"{path} needs {START} and {END} once")
+    before, rest = text.split(START)
+    after = rest.split(END)[1]
+    parts = [report.summary() for report in reports.values()]
+    parts.append(f"All tables and plots: [{page}]({page}).")
+    body = "\n\n".join(part for part in parts if part)
+    with atomic_path(path) as temporary:
+        temporary.write_text(f"{before}{START}\n{body}\n{END}{after}")

@@ -1,0 +1,109 @@
+"""The founding slider-crank: error of q1 and of the piston beside time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from formats.sid import Array
+
+from . import scenes
+from .machine import describe_machine
+from .precision import (
+    Run,
+    at_equal_error,
+    errors_of,
+    line,
+    ode_runs,
+    own_runs,
+    plot_runs,
+    remark_on_callers,
+    runs_table,
+    truth_of,
+)
+from .report import Report
+
+WANTED = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+FIXED_STEPS = (1e-2, 5e-3, 2e-3, 1e-3)
+#: Exudyn's steps [s], tolerances of its Newton iteration, and how often it is run.
+EXUDYN = (
+    (1e-2, (1e-3, 1e-5, 1e-8), 5),
+    (5e-3, (1e-3, 1e-5, 1e-8), 5),
+    (2e-3, (1e-3, 1e-5, 1e-8), 3),
+    (1e-3, (1e-3, 1e-5, 1e-8), 3),
+    (5e-4, (1e-4, 1e-8), 2),
+    (2e-4, (1e-4, 1e-8), 2),
+    (1e-4, (1e-5, 1e-8), 1),
+    (5e-5, (1e-5, 1e-8), 1),
+    (2e-5, (1e-6,), 1),
+)
+EXUDYN_NAME = "Exudyn generalised-alpha"
+PEERS = (EXUDYN_NAME, "scipy Radau", "scipy BDF", "IDA (scikit-sundae)")
+
+
+def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
+    """Measure all programs; the plot goes to `folder`."""
+    system = scenes.slider_crank()
+    truth, uncertainty = truth_of(system)
+    truth = {key: truth[key] for key in ("rod.q1", "piston.x")}
+    runs = own_runs(system, truth, say, FIXED_STEPS)
+    runs += ode_runs(system, truth, say)
+    runs += _exudyn_runs(say)
+    plot_runs(folder / f"{name}.png", runs, "max |dq1| / max |q1|")
+    return Report(
+        title="Founding slider-crank, 3 s, five modes",
+        tables=[
+            at_equal_error(
+                runs,
+                WANTED,
+                PEERS,
+                "Seconds to reach an error of q1 (max |dq1| / max |q1|), and how many "
+                "times as long the others take with their best setting:",
+            ),
+            runs_table(runs, truth, "All runs that no faster one of the method beats:"),
+        ],
+        remarks=[
+            f"The reference is good to {uncertainty:.0e}. Exudyn keeps the moments of "
+            "inertia quadratic in q and is compared with a reference that does, too. "
+            + remark_on_callers(system)
+        ],
+        plot=f"{name}.png",
+        machine=describe_machine(),
+    )
+
+
+def _exudyn_runs(say: Callable[[str], None]) -> list[Run]:
+    from .peers.exudyn_slider_crank import run as solve
+
+    system = scenes.slider_crank(quadratic_inertia=True)
+    truth, _ = truth_of(system)
+    truth = {key: truth[key] for key in ("rod.q1", "piston.x")}
+    runs = []
+    for step, tolerances, repeats in EXUDYN:
+        for tolerance in tolerances:
+            try:
+                runs.append(_exudyn_run(solve, step, tolerance, repeats, truth))
+            except ImportError:
+                say("Exudyn is not installed: left out")
+                return runs
+            say(line(runs[-1]))
+    return runs
+
+
+def _exudyn_run(
+    solve: Callable[..., tuple[Array, Array, float]],
+    step: float,
+    tolerance: float,
+    repeats: int,
+    truth: Mapping[str, Array],
+) -> Run:
+    seconds = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        q1, x, taken = solve(scenes.rod(), step, 3.0, 0.01, tolerance)
+        seconds.append(taken)
+        if time.perf_counter() - began > 2.0:
+            break
+    errors = errors_of({"rod.q1": q1, "piston.x": x}, truth)
+    return Run(EXUDYN_NAME, f"{step:g} s", errors, min(seconds))

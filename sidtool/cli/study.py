@@ -1,0 +1,150 @@
+"""``sidtool study``: error against time for one's own scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from .common import existing, target
+
+if TYPE_CHECKING:
+    from solver.scene import System
+
+    from ..study import Study
+
+
+@click.command()
+@click.argument("scene", metavar="SCENE", type=existing)
+@click.option(
+    "-o", "--output", type=target, help="Folder for the plot and the tables as text."
+)
+@click.option(
+    "--wanted",
+    type=float,
+    multiple=True,
+    help="Wanted relative error; may be given several times. Default 1e-3, 1e-6, 1e-9.",
+)
+@click.option(
+    "--integrator", "integrators", metavar="NAME", multiple=True, help="Default all."
+)
+@click.option(
+    "--rtol", "tolerances", type=float, multiple=True, help="Default 1e-2 to 1e-9."
+)
+@click.option(
+    "--step", "steps", type=float, multiple=True, help="Fixed steps in seconds."
+)
+@click.option(
+    "--of",
+    "outputs",
+    metavar="NAME",
+    multiple=True,
+    help="Output that counts, such as piston.x. Default all that the scene records.",
+)
+def study(
+    scene: Path,
+    output: Path | None,
+    wanted: tuple[float, ...],
+    integrators: tuple[str, ...],
+    tolerances: tuple[float, ...],
+    steps: tuple[float, ...],
+    outputs: tuple[str, ...],
+) -> None:
+    """Measure error against time for a SCENE and recommend a setting.
+
+    Runs integrators and tolerances over the scene and compares each run with a
+    reference of tight tolerance at the output times. The error is relative to the
+    greatest value of each output; the worst output counts.
+
+    \b
+    Examples:
+      sidtool study slider_crank.toml --wanted 1e-6
+      sidtool study slider_crank.toml -o study --of rod.q1
+      sidtool study slider_crank.toml --integrator radau5 --integrator radau9
+    """
+    from formats.errors import InputError
+    from solver.errors import SimulationError
+
+    from ..study import default_settings
+    from ..study import study as run
+
+    for option, numbers in (("--wanted", wanted), ("--rtol", tolerances)):
+        _check(option, numbers, 1e-13, 1.0 if option == "--wanted" else 0.1)
+    _check("--step", steps, 1e-12, 1e12)
+    settings = default_settings(integrators, tolerances, steps)
+    if output is not None:
+        _make_folder(output)
+    try:
+        result = run(_compiled(scene), settings, outputs, _say)
+    except InputError as error:
+        raise error.located(scene) from None
+    except SimulationError as error:
+        click.echo(f"sidtool: {scene}: the reference {error}", err=True)
+        raise click.exceptions.Exit(1) from None
+    text = _report(result, wanted or (1e-3, 1e-6, 1e-9))
+    click.echo(text)
+    if output is not None:
+        _write(output, result, text, scene.stem)
+
+
+def _say(line: str) -> None:
+    click.echo(line, err=True)
+
+
+def _check(option: str, numbers: tuple[float, ...], least: float, most: float) -> None:
+    from formats.errors import InputError
+
+    for number in numbers:
+        if not least <= number <= most:
+            raise InputError(
+                f"found {number:g}", place=option, expected=f"{least:g} to {most:g}"
+            )
+
+
+def _compiled(path: Path) -> System:
+    from formats.scene import read_scene
+    from solver import compile_scene
+
+    from ..kinds import expect_kind
+
+    expect_kind(path, "scene")
+    return compile_scene(read_scene(path), path.parent)
+
+
+def _make_folder(folder: Path) -> None:
+    from formats.errors import InputError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"cannot be a folder ({error.strerror})", source=folder
+        ) from None
+
+
+def _report(result: Study, wanted: tuple[float, ...]) -> str:
+    from ..study import recommendation_table, study_table
+
+    reference = result.reference
+    parts = [study_table(result)]
+    parts.append(recommendation_table(result.points, wanted))
+    parts.append(
+        f"Errors are relative, of the worst of: {', '.join(reference.names)}.\n"
+        f"The reference is good to {reference.uncertainty:.0e}; smaller errors cannot "
+        "be told."
+    )
+    if reference.left_out:
+        parts.append(f"Left out, rounding only: {', '.join(reference.left_out)}.")
+    return "\n\n".join(parts)
+
+
+def _write(folder: Path, result: Study, text: str, title: str) -> None:
+    from formats.atomic import atomic_path
+
+    from ..study import plot_study
+
+    with atomic_path(folder / "study.txt") as temporary:
+        temporary.write_text(text + "\n")
+    plot_study(folder / "study.png", result, title)
+    click.echo(f"{folder / 'study.txt'} and {folder / 'study.png'} written")

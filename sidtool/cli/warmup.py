@@ -1,0 +1,24 @@
+"""``sidtool warmup``: compile now what simulations would compile at their first use."""
+
+from __future__ import annotations
+
+import time
+
+import click
+
+
+@click.command()
+def warmup() -> None:
+    """Compile all kernels once, so that no simulation has to wait for it.
+
+    Planar and spatial equations and all integrators, on all processors. The result is
+    kept on disk; a changed scene compiles nothing, a new version of sidtool does.
+    """
+    from solver.warmup import warm_up
+
+    begin = time.perf_counter()
+    count = warm_up(lambda line: click.echo(line, err=True))
+    if count == 0:
+        click.echo("all kernels are ready; there was nothing to compile")
+        return
+    click.echo(f"{count} kernels compiled in {time.perf_counter() - begin:.1f} s")

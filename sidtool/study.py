@@ -1,0 +1,301 @@
+"""Error against time: integrators and tolerances over one scene.
+
+The error of a run is its greatest difference to a reference of tight tolerance at the
+output times, relative to the greatest value of each output. The difference of two
+references by different integrators says how far errors can be told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from formats.errors import InputError
+
+from .report.tables import table
+
+if TYPE_CHECKING:
+    from formats.result import Result
+    from solver.scene import System
+
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
+#: Integrators and tolerances of the two references.
+TIGHT = (("radau13", 1e-12), ("radau9", 1e-11))
+#: Outputs whose references differ by more than this part of their size are left out.
+TRUSTED = 1e-3
+#: Runs are repeated until they have taken this long in all [s], or this often.
+ENOUGH, REPEATS = 0.3, 5
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How one run is made; `step` [s] replaces the error control by `rtol`."""
+
+    integrator: str
+    rtol: float | None = None
+    step: float | None = None
+
+    @property
+    def value(self) -> str:
+        return f"{self.rtol:.0e}" if self.step is None else f"{self.step:g} s"
+
+    @property
+    def key(self) -> str:
+        """The lines of `[accuracy]` that ask for it."""
+        kind, number = ("rtol", self.rtol) if self.step is None else ("step", self.step)
+        return f'integrator = "{self.integrator}", {kind} = {number:g}'
+
+
+@dataclass(frozen=True)
+class Point:
+    """What one setting costs and gives; `message` is not empty when it failed."""
+
+    setting: Setting
+    error: float
+    seconds: float
+    steps: int
+    message: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The motion that errors are measured against.
+
+    Attributes
+    ----------
+    names : outputs that are compared
+    values : (nt, n) their course
+    scale : (n,) greatest magnitude
+    uncertainty : relative difference of two references
+    left_out : outputs that cannot be told from rounding
+    seconds : solve time of the tighter one
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    scale: np.ndarray
+    uncertainty: float
+    left_out: tuple[str, ...]
+    seconds: float
+
+    def error(self, result: Result) -> float:
+        """Greatest relative difference of the outputs of a run."""
+        found = np.column_stack([result[name] for name in self.names])
+        return float((np.abs(found - self.values).max(axis=0) / self.scale).max())
+
+
+@dataclass(frozen=True)
+class Study:
+    """All points of a scene and their reference."""
+
+    points: tuple[Point, ...]
+    reference: Reference
+
+
+def study(
+    system: System,
+    settings: Iterable[Setting] | None = None,
+    outputs: Sequence[str] = (),
+    say: Say | None = None,
+) -> Study:
+    """Run every setting over a compiled scene.
+
+    Parameters
+    ----------
+    settings : default all integrators at `TOLERANCES`
+    outputs : names of the outputs that count, default all that the scene records
+    say : called with a line before every run
+
+    Raises
+    ------
+    InputError : the scene records nothing, or not what `outputs` asks for.
+    SimulationError : the reference stopped early.
+    """
+    say = say or _silent
+    reference = make_reference(system, outputs, say)
+    chosen = list(default_settings() if settings is None else settings)
+    for integrator in dict.fromkeys(s.integrator for s in chosen):
+        _warm(system, next(s for s in chosen if s.integrator == integrator), say)
+    points = []
+    for setting in chosen:
+        say(f"{setting.integrator} {setting.value}")
+        points.append(measure(system, setting, reference))
+    return Study(tuple(points), reference)
+
+
+def _silent(_: str) -> None:
+    return None
+
+
+def default_settings(
+    integrators: Sequence[str] = (),
+    tolerances: Sequence[float] = (),
+    steps: Sequence[float] = (),
+) -> list[Setting]:
+    """Every integrator with every tolerance and fixed step.
+
+    Raises
+    ------
+    InputError : an integrator is not known.
+    """
+    from solver.integrators import INTEGRATORS
+
+    for name in integrators:
+        if name not in INTEGRATORS:
+            raise InputError(
+                f"there is no integrator {name!r}",
+                expected=f"one of {', '.join(INTEGRATORS)}",
+            )
+    chosen = integrators or tuple(INTEGRATORS)
+    if not tolerances and not steps:
+        tolerances = TOLERANCES
+    return [Setting(name, rtol=rtol) for name in chosen for rtol in tolerances] + [
+        Setting(name, step=step) for name in chosen for step in steps
+    ]
+
+
+def make_reference(
+    system: System, outputs: Sequence[str] = (), say: Say = _silent
+) -> Reference:
+    """The tight reference and what it is good for; see `study`."""
+    from solver import simulate
+
+    if not system.scene.outputs.record:
+        raise InputError(
+            "the scene records no outputs, so that there is nothing to compare",
+            place="outputs.record",
+            expected='names such as ["piston.x"]',
+        )
+    runs = []
+    for integrator, rtol in TIGHT:
+        say(f"reference by {integrator} {rtol:.0e}")
+        runs.append(simulate(system, integrator=integrator, rtol=rtol))
+    tight, check = runs
+    names = _known(tight, outputs)
+    values = np.column_stack([tight[name] for name in names])
+    others = np.column_stack([check[name] for name in names])
+    scale = np.abs(values).max(axis=0)
+    differences = np.abs(values - others).max(axis=0)
+    good = (scale > 0.0) & (differences <= TRUSTED * scale)
+    if not good.any():
+        raise InputError(
+            "no output can be told from rounding",
+            place="outputs.record",
+            expected="outputs that move, over a time in which the motion is "
+            "predictable",
+        )
+    return Reference(
+        names=tuple(n for n, g in zip(names, good, strict=True) if g),
+        values=values[:, good],
+        scale=scale[good],
+        uncertainty=float((differences[good] / scale[good]).max()),
+        left_out=tuple(n for n, g in zip(names, good, strict=True) if not g),
+        seconds=float(tight.counters["seconds"]),
+    )
+
+
+def _known(result: Result, outputs: Sequence[str]) -> tuple[str, ...]:
+    for name in outputs:
+        result[name]
+    return tuple(outputs) or result.names
+
+
+def _warm(system: System, setting: Setting, say: Say) -> None:
+    """Loads the kernels, which must not count as the time of the first run."""
+    say(f"loading {setting.integrator}")
+    measure(system, setting, None, repeats=1)
+
+
+def measure(
+    system: System,
+    setting: Setting,
+    reference: Reference | None,
+    repeats: int = REPEATS,
+) -> Point:
+    """The cost of one setting, the least of several runs, and its error."""
+    from solver.errors import SimulationError
+
+    try:
+        result, seconds = timed(system, setting, repeats)
+    except SimulationError as failure:
+        return Point(setting, np.inf, np.inf, 0, str(failure))
+    error = reference.error(result) if reference else np.nan
+    return Point(setting, error, seconds, int(result.counters["steps"]))
+
+
+def timed(
+    system: System, setting: Setting, repeats: int = REPEATS
+) -> tuple[Result, float]:
+    """A run and its least solve time out of several [s].
+
+    Raises
+    ------
+    SimulationError : the run stopped early.
+    """
+    from solver import simulate
+
+    seconds: list[float] = []
+    while len(seconds) < repeats and sum(seconds) < ENOUGH:
+        result = simulate(
+            system,
+            integrator=setting.integrator,
+            rtol=setting.rtol,
+            step=setting.step,
+        )
+        seconds.append(float(result.counters["seconds"]))
+    return result, min(seconds)
+
+
+def recommended(points: Iterable[Point], wanted: float) -> Point | None:
+    """The fastest point whose error is at most `wanted`; None if there is none."""
+    good = [p for p in points if p.error <= wanted]
+    return min(good, key=lambda p: p.seconds, default=None)
+
+
+def study_table(result: Study) -> str:
+    """All points, one line each."""
+    rows = [
+        [
+            p.setting.integrator,
+            p.setting.value,
+            str(p.steps) if not p.message else "",
+            f"{p.seconds:.4f}" if not p.message else "",
+            f"{p.error:.1e}" if not p.message else p.message,
+        ]
+        for p in result.points
+    ]
+    return table(["integrator", "setting", "steps", "seconds", "error"], rows)
+
+
+def recommendation_table(points: Sequence[Point], wanted: Iterable[float]) -> str:
+    """The recommended setting for each wanted error."""
+    rows = []
+    for error in wanted:
+        best = recommended(points, error)
+        if best is None:
+            rows.append([f"{error:.0e}", "", "", "none of these settings reaches it"])
+            continue
+        rows.append(
+            [f"{error:.0e}", f"{best.error:.1e}", f"{best.seconds:.4f}"]
+            + [best.setting.key]
+        )
+    return table(["wanted", "error", "seconds", "[accuracy]"], rows)
+
+
+def plot_study(path: Path, result: Study, title: str) -> None:
+    """Work against precision, one line per integrator."""
+    from .plot.precision import plot_precision
+
+    lines: dict[str, list[tuple[float, float]]] = {}
+    for p in result.points:
+        if not p.message and p.error > 0.0:
+            kind = "" if p.setting.step is None else ", fixed step"
+            name = p.setting.integrator + kind
+            lines.setdefault(name, []).append((p.error, p.seconds))
+    plot_precision(path, lines, f"relative error, {title}")

@@ -1,0 +1,143 @@
+"""`sidtool study`: errors against a reference, recommendations, and the command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from formats.errors import InputError
+from sidtool.cli import run
+from sidtool.study import (
+    Point,
+    Setting,
+    default_settings,
+    make_reference,
+    recommended,
+    study,
+)
+from solver.integrators import INTEGRATORS
+from solver.scene import System
+from tests.solver.scenes import compiled, scene
+
+SCENE = """
+format = "sidtool scene"
+version = 1
+title = "Pendulum"
+dimension = "planar"
+gravity = [0.0, -9.81]
+
+[time]
+end = 0.5
+output_step = 0.05
+
+[bodies.bob]
+mass = 1.0
+initial = { position = [1.0, 0.0] }
+
+[joints.rod]
+type = "distance"
+markers = ["ground", "bob"]
+length = 1.0
+
+[outputs]
+record = ["bob.x", "bob.y"]
+"""
+
+
+def pendulum(*more: str) -> System:
+    """A point mass on a massless rod, at rest and level at first."""
+    ball: dict[str, Any] = {"mass": 1.0, "initial": {"position": [1.0, 0.0]}}
+    rod = {"type": "distance", "markers": ["ground", "ball"], "length": 1.0}
+    record = ["ball.x", "ball.y", *more]
+    return compiled(
+        scene({"ball": ball}, {"rod": rod}, gravity=[0.0, -9.81], record=record)
+    )
+
+
+def test_the_reference_knows_the_pendulum() -> None:
+    """x^2 + y^2 = 1, and the fall of a bob that starts level: v^2 = 2 g (-y)."""
+    reference = make_reference(pendulum("ball.vx", "ball.vy"))
+    x, y, vx, vy = reference.values.T
+    assert x**2 + y**2 == pytest.approx(1.0, abs=1e-10)
+    assert vx**2 + vy**2 == pytest.approx(-2 * 9.81 * y, abs=1e-8)
+    assert reference.uncertainty < 1e-8
+
+
+def test_tighter_tolerances_cost_steps_and_gain_digits() -> None:
+    settings = default_settings(["radau5"], [1e-3, 1e-6, 1e-9])
+    points = study(pendulum(), settings).points
+    assert points[0].error > 10 * points[1].error > 100 * points[2].error
+    assert points[0].steps < points[1].steps < points[2].steps
+
+
+def test_fixed_steps_gain_the_order_of_the_method() -> None:
+    settings = default_settings(["trapezoidal"], (), [0.02, 0.01])
+    coarse, fine = study(pendulum(), settings).points
+    assert coarse.error / fine.error == pytest.approx(4.0, rel=0.2)
+
+
+def test_outputs_that_stay_zero_are_left_out() -> None:
+    system = compiled(
+        scene(
+            {"ball": {"mass": 1.0, "initial": {"velocity": [1.0, 0.0]}}},
+            record=["ball.x", "ball.y"],
+        )
+    )
+    reference = make_reference(system)
+    assert reference.names == ("ball.x",)
+    assert reference.left_out == ("ball.y",)
+
+
+def test_a_scene_without_outputs_cannot_be_studied() -> None:
+    system = compiled(scene({"ball": {"mass": 1.0}}))
+    with pytest.raises(InputError, match="records no outputs"):
+        study(system)
+
+
+def test_all_integrators_are_studied_unless_told() -> None:
+    assert {s.integrator for s in default_settings()} == set(INTEGRATORS)
+    with pytest.raises(InputError, match="no integrator 'euler'"):
+        default_settings(["euler"])
+
+
+def test_the_fastest_setting_that_is_good_enough_is_recommended() -> None:
+    points = [
+        Point(Setting("radau5", rtol=1e-3), 1e-3, 1.0, 10),
+        Point(Setting("radau5", rtol=1e-6), 1e-6, 3.0, 30),
+        Point(Setting("trapezoidal", rtol=1e-6), 1e-5, 2.0, 20),
+        Point(Setting("trapezoidal", step=1e-3), np.inf, np.inf, 0, "stopped"),
+    ]
+    assert recommended(points, 1e-2) is points[0]
+    assert recommended(points, 2e-5) is points[2]
+    assert recommended(points, 2e-6) is points[1]
+    assert recommended(points, 1e-9) is None
+    assert points[1].setting.key == 'integrator = "radau5", rtol = 1e-06'
+
+
+def test_the_command_recommends_and_draws(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "pendulum.toml"
+    path.write_text(SCENE)
+    arguments = ["study", str(path), "--wanted", "1e-4", "-o", str(tmp_path / "out")]
+    arguments += ["--integrator", "radau5", "--rtol", "1e-4", "--rtol", "1e-6"]
+    assert run(arguments) == 0
+    text = capsys.readouterr().out
+    assert 'integrator = "radau5", rtol = ' in text
+    assert (tmp_path / "out" / "study.txt").read_text().strip() in text
+    assert (tmp_path / "out" / "study.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--wanted", "-1"], ["--rtol", "7"], ["--of", "bob.q1"]]
+)
+def test_wrong_wishes_are_refused(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "pendulum.toml"
+    path.write_text(SCENE)
+    assert run(["study", str(path), *arguments]) == 2
+    assert "expected" in capsys.readouterr().err
