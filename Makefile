@@ -9,6 +9,7 @@ demo: $(READY)
 	$(BIN)/sidtool demo
 
 test: $(READY) lint
+	$(BIN)/sidtool warmup
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(READY)

@@ -98,8 +98,9 @@ def simulate(
 
 
 def say_compiling(text: str) -> None:
-    """Tells a person who waits why."""
-    print(f"sidtool: {text}", file=sys.stderr, flush=True)
+    """Tells a person who waits why; nobody waits where there is no terminal."""
+    if sys.stderr.isatty():
+        print(f"sidtool: {text}", file=sys.stderr, flush=True)
 
 
 def _settings(
