@@ -50,8 +50,17 @@ def check_alive(sid: SID, node_id: str | int, what: str, body: str = "") -> None
         )
 
 
+def motion_scale(sid: SID) -> float:
+    """What counts as a large entry of phi [m/[q]], also if no node moves.
+
+    The largest one at any node, or the mean displacement that Me tells.
+    """
+    at_nodes = max((np.abs(n.phi.m0).max(initial=0.0) for n in sid.nodes), default=0.0)
+    mean = np.sqrt(np.abs(np.diag(sid.Me.m0)).max(initial=0.0) / abs(sid.mass or 1.0))
+    return float(max(at_nodes, mean))
+
+
 def _rests(sid: SID, node: Node) -> bool:
-    phi = max(np.abs(other.phi.m0).max(initial=0.0) for other in sid.nodes)
     psi = max(np.abs(other.psi.m0).max(initial=0.0) for other in sid.nodes)
-    still = np.abs(node.phi.m0).max(initial=0.0) <= _NOTHING * phi
+    still = np.abs(node.phi.m0).max(initial=0.0) <= _NOTHING * motion_scale(sid)
     return bool(still and np.abs(node.psi.m0).max(initial=0.0) <= _NOTHING * psi)

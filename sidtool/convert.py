@@ -131,7 +131,8 @@ def _held_around(marker: MarkerRows, basis: ReducedBasis) -> bool:
     point, around = marker.displacement.indices, marker.rotation.indices
     beside = np.setdiff1d(around, point)
     still = np.all(basis.shapes == 0, axis=1)
-    return bool(still[point].all() and still[beside].any())
+    several = marker.displacement.getnnz(axis=1).max() > 1
+    return bool(still[point].all() and (several or still[beside].any()))
 
 
 def _silent(_: str) -> None:

@@ -315,7 +315,7 @@ def prestressed(
     for name, moment in settings.moments.items():
         loads[:, 0] += _load(body.marker(name), moment, body.dimension, "moments")
     state = supported(body, frame, loads) if loads.any() else np.zeros_like(loads)
-    extra, force = _effects(body, state, uniform, basis.shapes)
+    extra, generalised = _effects(body, state, uniform, basis.shapes)
     values, mixing = np.linalg.eigh(basis.stiffness + extra)
     if values[0] <= 0:
         raise InputError(
@@ -334,7 +334,7 @@ def prestressed(
     }
     new = ReducedBasis(shapes, np.diag(values), labels, shares, basis.report)
     signs = np.sign(np.sum(shapes * (basis.shapes @ mixing), axis=0))
-    return InitialStress(new, signs * (mixing.T @ force), state, uniform)
+    return InitialStress(new, signs * (mixing.T @ generalised), state, uniform)
 
 
 def _effects(

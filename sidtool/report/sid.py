@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from formats.dead_nodes import motion_scale
 from formats.sid import SID, symmetric_3x3
 
 from ..validate.frequencies import held_modes, hertz
@@ -126,14 +127,13 @@ def _unturned(node: Any, sid: SID) -> bool:
 
 def _end_of_chord(sid: SID, start: Any) -> str | None:
     """The node whose direction from the start stays the same."""
-    scale = max(np.abs(n.phi.m0).max(initial=0.0) for n in sid.nodes)
     for node in sid.nodes:
         chord = node.position - start.position
         length = np.linalg.norm(chord)
         if length == 0:
             continue
         across = np.cross(chord / length, node.phi.m0.T)
-        if np.abs(across).max() <= _NOTHING * (scale or 1.0):
+        if np.abs(across).max() <= _NOTHING * motion_scale(sid):
             return str(node.id)
     return None
 
@@ -230,8 +230,7 @@ def _node_note(node: Any, sid: SID) -> str:
 
 
 def _at_rest(node: Any, sid: SID) -> bool:
-    scale = max(np.abs(n.phi.m0).max(initial=0.0) for n in sid.nodes)
-    return bool(np.abs(node.phi.m0).max(initial=0.0) <= _NOTHING * scale)
+    return bool(np.abs(node.phi.m0).max(initial=0.0) <= _NOTHING * motion_scale(sid))
 
 
 def _natural_modes(sid: SID) -> tuple[Array, Array]:
