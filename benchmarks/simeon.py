@@ -20,6 +20,7 @@ from .precision import (
     plot_runs,
     remark_on_callers,
     runs_table,
+    settled,
     truth_of,
 )
 from .report import Report
@@ -34,6 +35,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     truth, uncertainty = truth_of(system)
     last = {key: abs(truth[key][-1] - source.END[key]) for key in truth}
     runs = own_runs(system, truth, say) + ode_runs(system, truth, say)
+    runs = settled(runs, WANTED)
     plot_runs(folder / f"{name}.png", runs, "max |dq1| / max |q1|")
     return Report(
         title="Slider-crank of the IVP test set (Simeon), 0.1 s",

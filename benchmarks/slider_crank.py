@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from .precision import (
     plot_runs,
     remark_on_callers,
     runs_table,
+    settled,
     truth_of,
 )
 from .report import Report
@@ -49,7 +49,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     truth = {key: truth[key] for key in ("rod.q1", "piston.x")}
     runs = own_runs(system, truth, say, FIXED_STEPS)
     runs += ode_runs(system, truth, say)
-    runs += _exudyn_runs(say)
+    runs = settled(runs + _exudyn_runs(say), WANTED)
     plot_runs(folder / f"{name}.png", runs, "max |dq1| / max |q1|")
     return Report(
         title="Founding slider-crank, 3 s, five modes",
@@ -98,12 +98,11 @@ def _exudyn_run(
     repeats: int,
     truth: Mapping[str, Array],
 ) -> Run:
-    seconds = []
-    for _ in range(repeats):
-        began = time.perf_counter()
-        q1, x, taken = solve(scenes.rod(), step, 3.0, 0.01, tolerance)
-        seconds.append(taken)
-        if time.perf_counter() - began > 2.0:
-            break
+    def again() -> float:
+        return solve(scenes.rod(), step, 3.0, 0.01, tolerance)[2]
+
+    q1, x, seconds = solve(scenes.rod(), step, 3.0, 0.01, tolerance)
+    least = min([seconds, *(again() for _ in range(repeats - 1))])
     errors = errors_of({"rod.q1": q1, "piston.x": x}, truth)
-    return Run(EXUDYN_NAME, f"{step:g} s", errors, min(seconds))
+    setting = f"{step:g} s, {tolerance:.0e}"
+    return Run(EXUDYN_NAME, setting, errors, least, again)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -42,6 +43,10 @@ def _scipy(name: str) -> Solver:
     def run(equations: Equations, rtol: float, scale: Array) -> Array:
         from scipy.integrate import solve_ivp
 
+        options: dict[str, Any] = {}
+        if name != "DOP853":
+            options["jac"] = lambda t, y: equations.jacobian(t, y, scale)
+
         def piece(begin: float, end: float, y: Array, times: Array) -> Array:
             solution = solve_ivp(
                 equations,
@@ -51,6 +56,7 @@ def _scipy(name: str) -> Solver:
                 t_eval=times,
                 rtol=rtol,
                 atol=rtol * scale,
+                **options,
             )
             if not solution.success:
                 raise RuntimeError(solution.message)
