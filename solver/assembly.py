@@ -257,7 +257,9 @@ def _worst(system: System, residual: Array) -> str:
     for row in system.rows:
         part = np.abs(residual[row.first : row.first + row.count])
         sizes[row.name] = max(sizes.get(row.name, 0.0), float(part.max()))
+    largest = max(sizes.values())
     worst = sorted(sizes, key=lambda name: -sizes[name])[:3]
+    worst = [name for name in worst if sizes[name] > 1e-6 * largest]
     return ", ".join(f"{name} is open by {sizes[name]:.3g}" for name in worst)
 
 

@@ -197,7 +197,12 @@ class _Run:
         t = self.control.real[stepping.TIME]
         cause = _FAILURES.get(code, f"code {code}")
         worst = outputs.busiest_body(self.system, self.control)
-        return f"stopped at t = {t:.9g} s: {cause} (fastest change: {worst})"
+        text = f"stopped at t = {t:.9g} s: {cause} (fastest change: {worst})"
+        if self.system.redundant:
+            rows = assembly.names_of_rows(self.system, self.system.redundant)
+            names = ", ".join(dict.fromkeys(rows))
+            text += f"; redundant at the start, perhaps contradicting now: {names}"
+        return text
 
     def result(self, seconds: dict[str, float], failure: str) -> Result:
         count = int(self.control.whole[stepping.OUTPUT])
