@@ -67,6 +67,21 @@ def _trapezoidal(
     )
 
 
+def _generalised_alpha(rho: float) -> Integrator:
+    def prepare(
+        system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
+    ) -> Advance:
+        from . import generalised_alpha
+
+        storage = generalised_alpha.new_alpha(system.arrays, rho)
+        return lambda limit: generalised_alpha.advance(
+            kernels, system.arrays, work, memory, control, storage, limit
+        )
+
+    title = f"Generalised-alpha, index 3, spectral radius {rho:g}"
+    return Integrator(title, 2, 0, "integrators.generalised_alpha:advance", prepare)
+
+
 INTEGRATORS: dict[str, Integrator] = {
     "radau5": _radau(3),
     "radau9": _radau(5),
@@ -78,4 +93,5 @@ INTEGRATORS: dict[str, Integrator] = {
         "integrators.trapezoidal:advance",
         _trapezoidal,
     ),
+    "generalised_alpha": _generalised_alpha(0.8),
 }

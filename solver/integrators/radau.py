@@ -59,6 +59,7 @@ from .stepping import (
     growth,
     judge,
     move,
+    newton_goal,
     newton_limit,
     next_step,
     output_due,
@@ -69,6 +70,9 @@ from .stepping import (
     too_small,
     update_scales,
 )
+
+#: A Jacobian is kept while Newton's iteration contracts the error this much.
+JACOBIAN_SERVES = 1e-2
 
 
 class Method(NamedTuple):
@@ -352,7 +356,7 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
             )
             norm += size * size / s
         norm = math.sqrt(norm)
-        verdict = judge(control, iteration, norm, old_norm)
+        verdict = judge(control, newton_goal(control), iteration, norm, old_norm)
         if verdict < 0:
             return 0
         for i in range(s):
@@ -543,7 +547,7 @@ def advance(kernels, system, work, memory, method, control, stages, limit):
                 return OFF_CONSTRAINTS
             h *= 0.5
         whole[PREDICT] = 1
-        finish_step(control, order, h, error, iterations, failures)
+        finish_step(control, order, JACOBIAN_SERVES, h, error, iterations, failures)
         memory.counters[STEPS] += 1
         if not all_finite(control.z, control.v):
             return NOT_FINITE

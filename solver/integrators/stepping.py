@@ -103,13 +103,16 @@ class Control(NamedTuple):
 CONTROL = types.NamedTuple([F1, I1, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2], Control)
 
 NEWTON_LIMIT = 8
-#: With a fixed step there is no smaller one to fall back to.
+#: Trust in a known contraction of Newton's iteration fades from step to step.
+FADING = 0.8
+LEAST_CONTRACTION = 1e-10
+#: With a fixed step there is no smaller one to fall back to: more iterations, and the
+#: first ones may go astray.
 PATIENT_NEWTON_LIMIT = 40
+PATIENCE = 4
 #: Corrections below this part of the tolerance that do not shrink are rounding.
 STAGNATION = 0.03
 SAFETY = 0.9
-#: A Jacobian is kept while Newton's iteration contracts the error this much.
-JACOBIAN_SERVES = 1e-2
 
 #: Relative to the size of the mechanism: the elastic displacement below which the
 #: error of a deformation is not resolved any further.
@@ -218,8 +221,15 @@ def newton_limit(control):
     return PATIENT_NEWTON_LIMIT if control.whole[FIXED_STEP] == 1 else NEWTON_LIMIT
 
 
-@inner(int64(CONTROL, int64, float64, float64))
-def judge(control, iteration, norm, old_norm):
+@inner(float64(CONTROL))
+def newton_goal(control):
+    """What Newton's iteration may leave of the tolerance (Hairer, Wanner, IV.8)."""
+    tolerance = control.real[TOLERANCE]
+    return max(1e-14 / tolerance, min(0.03, math.sqrt(tolerance)))
+
+
+@inner(int64(CONTROL, float64, int64, float64, float64))
+def judge(control, goal, iteration, norm, old_norm):
     """What a Newton correction of scaled size `norm` says: 1 done, 0 go on, -1 stop.
 
     The contraction of the iteration is kept in the control; 1 or more is unknown.
@@ -227,7 +237,6 @@ def judge(control, iteration, norm, old_norm):
     real = control.real
     if not math.isfinite(norm):
         return -1
-    goal = max(1e-14 / real[TOLERANCE], min(0.03, math.sqrt(real[TOLERANCE])))
     if norm == 0.0:
         real[CONTRACTION] = 0.0
         return 1
@@ -240,10 +249,19 @@ def judge(control, iteration, norm, old_norm):
         return 0
     if contraction >= 1.0 and norm < STAGNATION:
         return 1
+    if control.whole[FIXED_STEP] == 1 and iteration < PATIENCE:
+        return 0
     left = newton_limit(control) - 1 - iteration
     if contraction >= 1.0 or contraction**left / (1.0 - contraction) * norm > goal:
         return -1
     return 0
+
+
+@inner(types.void(CONTROL))
+def fade_contraction(control):
+    """Lets a single iteration do as long as the contraction was seen lately."""
+    known = max(control.real[CONTRACTION], LEAST_CONTRACTION)
+    control.real[CONTRACTION] = known**FADING
 
 
 @inner(float64(int64, float64, int64))
@@ -255,11 +273,14 @@ def growth(order, error, iterations):
     return min(8.0, max(0.15, safety * max(error, 1e-10) ** (-1.0 / (order + 1))))
 
 
-@inner(types.void(CONTROL, int64, float64, float64, int64, int64))
-def finish_step(control, order, h, error, iterations, failures):
-    """Chooses the next step (Gustafsson); says whether the Jacobian still serves."""
+@inner(types.void(CONTROL, int64, float64, float64, float64, int64, int64))
+def finish_step(control, order, serves, h, error, iterations, failures):
+    """Chooses the next step (Gustafsson); says whether the Jacobian still serves.
+
+    It does while Newton's iteration contracts the error by `serves`.
+    """
     real, whole = control.real, control.whole
-    whole[NEEDS_JACOBIAN] = 1 if real[CONTRACTION] > JACOBIAN_SERVES else 0
+    whole[NEEDS_JACOBIAN] = 1 if real[CONTRACTION] > serves else 0
     if whole[FIXED_STEP] == 1:
         real[OLD_STEP] = h
         return
@@ -405,6 +426,45 @@ def solve_real(kernels, system, work, memory, mu, rz, rv, x, p, g):
         p,
         g,
     )
+
+
+@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1))
+def write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rate1):
+    """Dense output: the cubic with the states and slopes at both ends of the step."""
+    k = output_due(control, h)
+    if k < 0:
+        return
+    kernels.rate(system, z1, v1, rate1)
+    acc1 = memory.acceleration
+    while k >= 0:
+        s = (control.times[k] - control.real[TIME]) / h
+        end = s * s * (3.0 - 2.0 * s)
+        first, last = h * s * (1.0 - s) * (1.0 - s), h * s * s * (s - 1.0)
+        for i in range(len(z1)):
+            control.out_z[k, i] = (1.0 - end) * control.z[i] + end * z1[i]
+            control.out_z[k, i] += first * rate0[i] + last * rate1[i]
+        for i in range(len(v1)):
+            control.out_v[k, i] = (1.0 - end) * control.v[i] + end * v1[i]
+            control.out_v[k, i] += first * acc0[i] + last * acc1[i]
+        k = output_due(control, h)
+
+
+@inner(
+    int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1, F1, F1)
+)
+def land(kernels, system, work, memory, control, h, z1, v1, rate0, acc0, rz, dz, dv):
+    """Ends a step at (z1, v1), projected onto the constraints; 0 on success.
+
+    rate0 and acc0 are the slopes at its beginning; rz, dz and dv are scratch.
+    """
+    real = control.real
+    at, near, still = real[TIME] + h, real[NEAR], real[STILL]
+    status = project(kernels, system, work, memory, at, z1, v1, dz, dv, near, still)
+    if status != 0:
+        return status
+    write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rz)
+    move(system, work, control, h, z1, v1)
+    return 0
 
 
 @entry(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))

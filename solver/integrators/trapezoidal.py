@@ -27,14 +27,12 @@ from .stepping import (
     CONTROL,
     FACTORED_STEP,
     FIXED_STEP,
-    NEAR,
     NEEDS_JACOBIAN,
     NO_CONVERGENCE,
     NOT_FINITE,
     OFF_CONSTRAINTS,
     OLD_STEP,
     REACHED,
-    STILL,
     TIME,
     TOO_SMALL,
     accelerate,
@@ -42,14 +40,14 @@ from .stepping import (
     all_finite,
     copy,
     factor_real,
+    fade_contraction,
     finish_step,
     growth,
     judge,
-    move,
+    land,
+    newton_goal,
     newton_limit,
     next_step,
-    output_due,
-    project,
     scaled_norm,
     solve_real,
     take_jacobian,
@@ -58,9 +56,8 @@ from .stepping import (
 )
 
 ORDER = 2
-#: Trust in a known contraction of Newton's iteration fades from step to step.
-FADING = 0.8
-LEAST_CONTRACTION = 1e-10
+#: A Jacobian is kept while Newton's iteration contracts the error this much.
+JACOBIAN_SERVES = 1e-2
 
 
 class Slopes(NamedTuple):
@@ -116,7 +113,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
     real = control.real
     mu = 2.0 / h
     _predict(control, slopes, h)
-    real[CONTRACTION] = max(real[CONTRACTION], LEAST_CONTRACTION) ** FADING
+    fade_contraction(control)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
         z1, v1 = slopes.z1, slopes.v1
@@ -131,7 +128,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
         _solve(kernels, system, work, memory, slopes, mu)
         memory.counters[ITERATIONS] += 1
         norm = scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
-        verdict = judge(control, iteration, norm, old_norm)
+        verdict = judge(control, newton_goal(control), iteration, norm, old_norm)
         if verdict < 0:
             return 0
         for i in range(len(z1)):
@@ -185,49 +182,24 @@ def _error(kernels, system, work, memory, control, slopes, h):
     return scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
 
 
-@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, SLOPES, float64))
-def _write_outputs(kernels, system, memory, control, slopes, h):
-    """Dense output: the cubic with the states and slopes at both ends of the step."""
-    k = output_due(control, h)
-    if k < 0:
-        return
-    kernels.rate(system, slopes.z1, slopes.v1, slopes.rz)
-    copy(memory.acceleration, slopes.rv)
-    while k >= 0:
-        s = (control.times[k] - control.real[TIME]) / h
-        end = s * s * (3.0 - 2.0 * s)
-        first, last = h * s * (1.0 - s) * (1.0 - s), h * s * s * (s - 1.0)
-        for i in range(len(control.z)):
-            control.out_z[k, i] = (1.0 - end) * control.z[i] + end * slopes.z1[i]
-            control.out_z[k, i] += first * slopes.rate0[i] + last * slopes.rz[i]
-        for i in range(len(control.v)):
-            control.out_v[k, i] = (1.0 - end) * control.v[i] + end * slopes.v1[i]
-            control.out_v[k, i] += first * slopes.acc0[i] + last * slopes.rv[i]
-        k = output_due(control, h)
-
-
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
 def _accept(kernels, system, work, memory, control, slopes, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
-    real = control.real
-    status = project(
+    return land(
         kernels,
         system,
         work,
         memory,
-        real[TIME] + h,
+        control,
+        h,
         slopes.z1,
         slopes.v1,
+        slopes.rate0,
+        slopes.acc0,
+        slopes.rz,
         slopes.x,
         slopes.p,
-        real[NEAR],
-        real[STILL],
     )
-    if status != 0:
-        return status
-    _write_outputs(kernels, system, memory, control, slopes, h)
-    move(system, work, control, h, slopes.z1, slopes.v1)
-    return 0
 
 
 @entry(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, int64))
@@ -285,7 +257,7 @@ def advance(kernels, system, work, memory, control, slopes, limit):
             if whole[FIXED_STEP] == 1:
                 return OFF_CONSTRAINTS
             h *= 0.5
-        finish_step(control, ORDER, h, error, iterations, failures)
+        finish_step(control, ORDER, JACOBIAN_SERVES, h, error, iterations, failures)
         memory.counters[STEPS] += 1
         if not all_finite(control.z, control.v):
             return NOT_FINITE

@@ -1,0 +1,426 @@
+"""Generalised-alpha on the equations of index 3, fixed or variable step.
+
+Sources: J. Chung, G. M. Hulbert, "A time integration algorithm for structural dynamics
+with improved numerical dissipation: the generalized-alpha method", Journal of Applied
+Mechanics 60 (1993), for the coefficients; M. Arnold, O. Bruels, "Convergence of the
+generalized-alpha scheme for constrained mechanical systems", Multibody System Dynamics
+18 (2007), for constraints; O. Bruels, A. Cardona, M. Arnold, "Lie group generalized-
+alpha time integration of constrained flexible multibody systems", Mechanism and Machine
+Theory 48 (2012), for frames whose velocities are resolved in them. Positions and
+velocities are brought onto the constraints after every step.
+
+A step finds accelerations with M z_II' - C^T lambda = f and c = 0 at its end, where
+
+    z_I   = z_I0 moved with h z_II0 + h^2 ((1/2 - beta) a0 + beta a1) for one unit,
+    z_II  = z_II0 + h ((1 - gamma) a0 + gamma a1),
+    (1 - alpha_m) a1 + alpha_m a0 = (1 - alpha_f) z_II' + alpha_f z_II0'.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import float64, int64, types
+
+from formats.sid import Array
+
+from ..kernels.compiling import entry, inner
+from ..kernels.index3 import (
+    add_mass_times,
+    index3_factor,
+    index3_residual,
+    index3_solve,
+)
+from ..kernels.layout import (
+    F1,
+    I1,
+    N_POS,
+    N_ROWS,
+    N_VEL,
+    NP,
+    NQ,
+    POS,
+    RD,
+    S_OFFSET,
+    S_ROW,
+    SYSTEM,
+    VEL,
+    WORK,
+    System,
+)
+from ..kernels.newton import (
+    EVALUATIONS,
+    ITERATIONS,
+    KERNELS,
+    MEMORY,
+    REJECTED,
+    STEPS,
+)
+from .stepping import (
+    CHUNK,
+    CONTRACTION,
+    CONTROL,
+    FACTORED_STEP,
+    FIXED_STEP,
+    NEEDS_JACOBIAN,
+    NO_CONVERGENCE,
+    NOT_FINITE,
+    OFF_CONSTRAINTS,
+    OLD_STEP,
+    REACHED,
+    TIME,
+    TOO_SMALL,
+    after_divergence,
+    all_finite,
+    copy,
+    fade_contraction,
+    finish_step,
+    growth,
+    judge,
+    land,
+    newton_limit,
+    next_step,
+    scaled_norm,
+    take_jacobian,
+    too_small,
+    update_scales,
+)
+
+ORDER = 2
+#: A Jacobian is kept while Newton's iteration contracts the error this much.
+JACOBIAN_SERVES = 0.1
+#: For what errors of the multipliers, left out here, do to elastic coordinates.
+CAUTION = 2.0
+#: After a break, part of the step before it: the lag of a is not known yet.
+FIRST_STEP = 0.05
+#: What Newton's iteration may leave of the tolerance.
+NEWTON_GOAL = 0.03
+
+# Entries of Alpha.weights
+ALPHA_M, ALPHA_F, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR, N_WEIGHTS = range(7)
+
+
+class Alpha(NamedTuple):
+    """Coefficients, the state between steps, and scratch vectors.
+
+    place : row of each constraint in the Newton matrix, -1 for none
+    weights : see the entries above
+    a, v, acc : accelerations, velocities and z_II' of the algorithm
+    old_a : a one step before
+    a0, v0 : a and v as they are for the length of the step ahead
+    rate0, acc0 : z_I' and z_II' at the beginning of the step, on the constraints
+    lam, old_lam : lambda at the beginning of this step and one before
+    lam1 : at the end of the step
+    a1, z1, v1, acc1 : at the end of the step
+    dx : motion during the step, in the tangent space
+    rz : scratch like z_I
+    p, g : right-hand side and solution of a correction
+    scale : tolerated error of tangent vectors
+    """
+
+    place: np.ndarray
+    weights: Array
+    a: Array
+    v: Array
+    acc: Array
+    old_a: Array
+    a0: Array
+    v0: Array
+    rate0: Array
+    acc0: Array
+    lam: Array
+    old_lam: Array
+    lam1: Array
+    a1: Array
+    z1: Array
+    v1: Array
+    acc1: Array
+    dx: Array
+    rz: Array
+    p: Array
+    g: Array
+    scale: Array
+
+
+ALPHA = types.NamedTuple([I1] + [F1] * 21, Alpha)
+
+
+def coefficients(rho: float) -> Array:
+    """Weights for a spectral radius rho at infinite frequency, 0 to 1.
+
+    The errors are those of one step with the exact acceleration z_II' + (alpha_m -
+    alpha_f) h z_II'' + ... as a: h^3 z_II'' and h^3 z_II''' times the last two.
+    """
+    alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+    shift = alpha_m - alpha_f
+    gamma = 0.5 - shift
+    beta = 0.25 * (gamma + 0.5) ** 2
+    bend = 0.5 * (1.0 - alpha_f) - (1.0 - alpha_m) * (0.5 + shift)
+    position = beta + 0.5 * shift - 1.0 / 6.0
+    velocity = bend + gamma * (0.5 + shift) - 1.0 / 6.0
+    return np.array([alpha_m, alpha_f, beta, gamma, position, velocity])
+
+
+def new_alpha(system: System, rho: float) -> Alpha:
+    """Storage for a run."""
+    n, m = int(system.dims[N_POS]), int(system.dims[N_VEL])
+    rows, newton_rows = int(system.dims[N_ROWS]), int(system.newton_dims[N_ROWS])
+    sizes = [m] * 6 + [n, m, rows, rows, rows, m, n, m, m, m, n, m, newton_rows, m]
+    vectors = (np.zeros(size) for size in sizes)
+    return Alpha(newton_places(system), coefficients(rho), *vectors)
+
+
+def newton_places(system: System) -> np.ndarray:
+    """Row of each constraint in the Newton matrix, (rows,), -1 for none."""
+    places = np.full(int(system.dims[N_ROWS]), -1, np.int64)
+    newton_row = dict(system.newton_segment[:, [S_OFFSET, S_ROW]].tolist())
+    for row, offset in system.segment[:, [S_ROW, S_OFFSET]].tolist():
+        places[row] = newton_row[offset]
+    return places
+
+
+@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, ALPHA))
+def _begin_step(kernels, system, memory, control, alpha):
+    """Slopes at the beginning; after a break the algorithm starts anew."""
+    kernels.rate(system, control.z, control.v, alpha.rate0)
+    copy(memory.acceleration, alpha.acc0)
+    if control.real[OLD_STEP] == 0.0:
+        copy(memory.acceleration, alpha.a)
+        copy(memory.acceleration, alpha.old_a)
+        copy(memory.acceleration, alpha.acc)
+        copy(control.v, alpha.v)
+        copy(memory.multiplier, alpha.lam)
+        copy(memory.multiplier, alpha.old_lam)
+    for b in range(len(system.body)):
+        row = system.body[b]
+        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
+        for k in range(rd):
+            alpha.scale[u + k] = control.scale_z[p + k]
+        for k in range(nq):
+            alpha.scale[u + rd + k] = control.scale_z[p + row[NP] - nq + k]
+
+
+@inner(types.void(CONTROL, ALPHA, float64))
+def _fit_to_step(control, alpha, h):
+    """What the algorithm's a and v are off grows with h and h^2: a step that changes.
+
+    The lag of a is a part of the step ahead; v meets the constraints to second order.
+    Also the first guess of a1 and lambda: they go on as they changed so far.
+    """
+    old = control.real[OLD_STEP]
+    ratio = h / old if old > 0.0 else 1.0
+    for i in range(len(alpha.a)):
+        alpha.a0[i] = alpha.acc[i] + ratio * (alpha.a[i] - alpha.acc[i])
+        alpha.v0[i] = control.v[i] + ratio * ratio * (alpha.v[i] - control.v[i])
+        alpha.a1[i] = alpha.a0[i] + ratio * (alpha.a[i] - alpha.old_a[i])
+    for i in range(len(alpha.lam)):
+        alpha.lam1[i] = alpha.lam[i] + ratio * (alpha.lam[i] - alpha.old_lam[i])
+
+
+@inner(types.void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
+def _place(kernels, system, control, alpha, h):
+    """z_I, z_II and z_II' at the end of the step from a1.
+
+    The motion during the step is followed by the midpoint rule, which for frames is
+    the exponential map to second order.
+    """
+    w = alpha.weights
+    beta, gamma, am, af = w[BETA], w[GAMMA], w[ALPHA_M], w[ALPHA_F]
+    for i in range(len(alpha.a1)):
+        a0, a1, v0 = alpha.a0[i], alpha.a1[i], alpha.v0[i]
+        alpha.dx[i] = h * (v0 + h * ((0.5 - beta) * a0 + beta * a1))
+        alpha.v1[i] = v0 + h * ((1.0 - gamma) * a0 + gamma * a1)
+        change = (1.0 - am) * a1 + am * a0 - af * alpha.acc[i]
+        alpha.acc1[i] = change / (1.0 - af)
+    kernels.rate(system, control.z, alpha.dx, alpha.rz)
+    for i in range(len(alpha.z1)):
+        alpha.z1[i] = control.z[i] + 0.5 * alpha.rz[i]
+    kernels.rate(system, alpha.z1, alpha.dx, alpha.rz)
+    for i in range(len(alpha.z1)):
+        alpha.z1[i] = control.z[i] + alpha.rz[i]
+
+
+@inner(float64(ALPHA))
+def _inertia(alpha):
+    """h^2 beta'."""
+    w = alpha.weights
+    return (1.0 - w[ALPHA_M]) / (w[BETA] * (1.0 - w[ALPHA_F]))
+
+
+@inner(int64(SYSTEM, WORK, MEMORY, ALPHA, float64))
+def _factor(system, work, memory, alpha, h):
+    damping = h * alpha.weights[GAMMA] / alpha.weights[BETA]
+    return index3_factor(system, work, memory, _inertia(alpha), damping, h * h)
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
+def _newton(kernels, system, work, memory, control, alpha, h):
+    """Finds a1 and lambda; iterations used, or 0 without convergence."""
+    real = control.real
+    h2 = h * h
+    by_a = 1.0 / (alpha.weights[BETA] * h2)
+    _fit_to_step(control, alpha, h)
+    fade_contraction(control)
+    old_norm = 0.0
+    for iteration in range(newton_limit(control)):
+        _place(kernels, system, control, alpha, h)
+        kernels.evaluate(system, work, real[TIME] + h, alpha.z1, alpha.v1)
+        memory.counters[EVALUATIONS] += 1
+        index3_residual(
+            system,
+            work,
+            alpha.place,
+            alpha.acc1,
+            alpha.lam1,
+            h2,
+            alpha.p,
+            alpha.g,
+        )
+        index3_solve(system, memory, alpha.p, alpha.g)
+        memory.counters[ITERATIONS] += 1
+        by_v = alpha.weights[GAMMA] * h * by_a
+        for i in range(len(alpha.p)):
+            alpha.a1[i] += by_a * alpha.p[i]
+            alpha.v1[i] = by_v * alpha.p[i]
+        for i in range(len(alpha.place)):
+            if alpha.place[i] >= 0:
+                alpha.lam1[i] += alpha.g[alpha.place[i]] / h2
+        norm = scaled_norm(alpha.p, alpha.v1, alpha.scale, control.scale_v)
+        verdict = judge(control, NEWTON_GOAL, iteration, norm, old_norm)
+        if verdict < 0:
+            return 0
+        if verdict == 1:
+            _place(kernels, system, control, alpha, h)
+            return iteration + 1
+        old_norm = norm
+    return 0
+
+
+@inner(types.void(SYSTEM, MEMORY, ALPHA))
+def _filter(system, memory, alpha):
+    """Passes the tangent vector v1 through the Newton matrix, into p."""
+    for i in range(len(alpha.p)):
+        alpha.p[i] = 0.0
+    for i in range(len(alpha.g)):
+        alpha.g[i] = 0.0
+    add_mass_times(system, memory.M, alpha.v1, _inertia(alpha), alpha.p)
+    index3_solve(system, memory, alpha.p, alpha.g)
+
+
+@inner(float64(SYSTEM, MEMORY, CONTROL, ALPHA, float64))
+def _error(system, memory, control, alpha, h):
+    """Norm of the local error, passed through Newton's matrix for stiff coordinates.
+
+    Position: h^3 z_II'' from the change of a. Velocity: h^3 z_II''' from its second
+    divided difference; in a first step h z_II''' counts as z_II''.
+    """
+    old, w = control.real[OLD_STEP], alpha.weights
+    n = len(alpha.p)
+    for i in range(n):
+        change = alpha.a1[i] - alpha.a0[i]
+        alpha.v1[i] = w[POSITION_ERROR] * h * h * change
+    _filter(system, memory, alpha)
+    copy(alpha.p, alpha.dx)
+    for i in range(n):
+        change = alpha.a1[i] - alpha.a0[i]
+        if old > 0.0:
+            before = (alpha.a[i] - alpha.old_a[i]) * h / old
+            change = 2.0 * h * (change - before) / (h + old)
+        alpha.v1[i] = w[VELOCITY_ERROR] * h * change
+    _filter(system, memory, alpha)
+    return CAUTION * scaled_norm(alpha.dx, alpha.p, alpha.scale, control.scale_v)
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
+def _accept(kernels, system, work, memory, control, alpha, h):
+    """Moves to the end of the step, projected onto the constraints; 0 on success."""
+    _place(kernels, system, control, alpha, h)
+    copy(alpha.v1, alpha.v0)
+    status = land(
+        kernels,
+        system,
+        work,
+        memory,
+        control,
+        h,
+        alpha.z1,
+        alpha.v1,
+        alpha.rate0,
+        alpha.acc0,
+        alpha.rz,
+        alpha.dx,
+        alpha.p,
+    )
+    if status == 0:
+        copy(alpha.v0, alpha.v)
+        copy(alpha.a0, alpha.old_a)
+        copy(alpha.a1, alpha.a)
+        copy(alpha.acc1, alpha.acc)
+        copy(alpha.lam, alpha.old_lam)
+        copy(alpha.lam1, alpha.lam)
+    return status
+
+
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, int64))
+def advance(kernels, system, work, memory, control, alpha, limit):
+    """Steps until the end of the smooth interval or for at most `limit` steps.
+
+    Entered and left with (z, v) on the constraints and evaluated, accelerations in
+    memory. Returns one of the codes of `stepping`.
+    """
+    real, whole = control.real, control.whole
+    for _ in range(limit):
+        h = next_step(control)
+        if h == 0.0:
+            return REACHED
+        update_scales(system, control)
+        if real[OLD_STEP] == 0.0 and whole[FIXED_STEP] == 0:
+            h *= FIRST_STEP
+        _begin_step(kernels, system, memory, control, alpha)
+        fresh = whole[NEEDS_JACOBIAN]
+        if fresh == 1:
+            take_jacobian(kernels, system, work, memory, control)
+            real[CONTRACTION] = 1.0
+        failures = 0
+        while True:
+            if too_small(control, h):
+                return TOO_SMALL
+            status = 0
+            if real[FACTORED_STEP] != h:
+                status = _factor(system, work, memory, alpha, h)
+                real[FACTORED_STEP] = h
+            iterations = 0
+            if status == 0:
+                iterations = _newton(kernels, system, work, memory, control, alpha, h)
+            if iterations == 0:
+                failures += 1
+                factor = after_divergence(
+                    kernels, system, work, memory, control, fresh, failures
+                )
+                if factor == 0.0:
+                    return NO_CONVERGENCE
+                fresh = 1
+                h *= factor
+                real[CONTRACTION] = 1.0
+                continue
+            error = 0.0
+            if whole[FIXED_STEP] == 0:
+                error = _error(system, memory, control, alpha, h)
+            if not error < 1.0:
+                failures += 1
+                memory.counters[REJECTED] += 1
+                h *= growth(ORDER, error, iterations)
+                continue
+            if _accept(kernels, system, work, memory, control, alpha, h) == 0:
+                break
+            failures += 1
+            memory.counters[REJECTED] += 1
+            if whole[FIXED_STEP] == 1:
+                return OFF_CONSTRAINTS
+            h *= 0.5
+        finish_step(control, ORDER, JACOBIAN_SERVES, h, error, iterations, failures)
+        memory.counters[STEPS] += 1
+        if not all_finite(control.z, control.v):
+            return NOT_FINITE
+    return CHUNK
