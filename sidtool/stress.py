@@ -77,7 +77,8 @@ def _wanted(marker: MarkerRows, settings: StressRecovery) -> bool:
 
 
 def _rows(body: FiniteElementModel, marker: MarkerRows) -> NDArray[np.float64]:
-    if len({id(part.law) for part in body.continua}) != 1:
+    laws = {(part.law.tobytes(), part.transverse) for part in body.continua}
+    if len(laws) != 1:
         raise InputError(
             "the body has no material, or several",
             place="stress.markers",

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from formats.model import Material
 
+from ..vectors import LEVI_CIVITA
 from .elements import ElementBatch, elasticity
 
 Array = NDArray[np.float64]
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 #: Rows of a stress: xx, yy, zz, xy, yz, xz.
 VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 _PLANE = (0, 1, 3)
+_HALF_CURL = sp.csr_matrix(0.5 * np.swapaxes(LEVI_CIVITA, 1, 2).reshape(3, 9))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +90,11 @@ def stress_six(stress: Array, transverse: float = 0.0) -> Array:
     if d == 2:
         six[..., 2] = transverse * (six[..., 0] + six[..., 1])
     return six
+
+
+def half_curl(gradient: sp.csr_matrix) -> sp.csr_matrix:
+    """(3, ndof) rows of the rotation, from those of the displacement gradient."""
+    return sp.csr_matrix(_HALF_CURL @ gradient)
 
 
 def stress_rows(gradient: sp.csr_matrix, continuum: Continuum) -> sp.csr_matrix:

@@ -16,7 +16,7 @@ from .mesh import check_mesh, without_free_nodes
 from .mesh_points import MeshPoints
 from .named_sets import NamedSets
 from .patch_markers import at_marker, placed
-from .solids import mesh_matrices
+from .solids import mesh_continua, mesh_matrices
 
 
 def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
@@ -39,11 +39,13 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     try:
         check_mesh(mesh, "mesh")
         materials = _materials(model, imported)
+        state = _state(settings, imported) if plane else "solid"
+        thickness = _thickness(geometry, imported) if plane else 1.0
         mass, stiffness = mesh_matrices(
             mesh,
             materials,
-            _state(settings, imported) if plane else "solid",
-            thickness=_thickness(geometry, imported) if plane else 1.0,
+            state,
+            thickness=thickness,
             incompatible_modes=settings.formulation == "incompatible_modes",
         )
     except InputError as error:
@@ -60,6 +62,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         stiffness=stiffness,
         node_sets=NamedSets(mesh.node_sets),
         markers=tuple(markers),
+        continua=mesh_continua(mesh, materials, state, thickness=thickness),
     )
 
 

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from formats.errors import InputError
 from formats.model import Marker
 
-from ..vectors import LEVI_CIVITA
+from .continuum import half_curl
 from .finite_element_model import MarkerRows
 from .mesh import ElementBlock, Mesh
 from .reference_elements import ReferenceElement, reference_element
@@ -84,15 +84,17 @@ class MeshPoints:
         nodes = block.nodes[row]
         coefficients = np.zeros((3, len(nodes), d))
         coefficients[range(d), :, range(d)] = values[0]
-        rotation = sp.csr_matrix((3, ndof))
+        gradient = sp.csr_matrix((9, ndof))
         for holder in found:
-            rotation = rotation + _half_curl(self.mesh, *holder)
+            gradient = gradient + _gradient(self.mesh, *holder)
+        gradient = sp.csr_matrix(gradient * (1 / len(found)))
         return MarkerRows(
             name=name,
             node=node,
             position=np.pad(values[0] @ self.mesh.positions[nodes], (0, 3 - d)),
             displacement=_sparse(coefficients, nodes, ndof),
-            rotation=sp.csr_matrix(rotation / len(found)),
+            rotation=half_curl(gradient),
+            gradient=gradient,
         )
 
     def _holders(self, target: Array) -> list[tuple[ElementBlock, int, Array]]:
@@ -148,24 +150,24 @@ def _inverse(
     return where, float(np.linalg.norm(target - values[0] @ corners))
 
 
-def _half_curl(
-    mesh: Mesh, block: ElementBlock, row: int, where: Array
-) -> sp.csr_matrix:
+def _gradient(mesh: Mesh, block: ElementBlock, row: int, where: Array) -> sp.csr_matrix:
     nodes = block.nodes[row]
     _, gradients = reference_element(block.kind).at(where[None])
     jacobian = mesh.positions[nodes].T @ gradients[0]
     slopes = gradients[0] @ np.linalg.inv(jacobian)
     d = mesh.dimension
-    rows = 0.5 * np.einsum("abc,mb->amc", LEVI_CIVITA[:, :d, :d], slopes)
-    return _sparse(rows, nodes, mesh.positions.size)
+    rows = np.zeros((3, 3, len(nodes), d))
+    for axis in range(d):
+        rows[axis, :d, :, axis] = slopes.T
+    return _sparse(rows.reshape(9, -1, d), nodes, mesh.positions.size)
 
 
 def _sparse(rows: Array, nodes: Indices, ndof: int) -> sp.csr_matrix:
-    """(3, m, d) coefficients at some nodes as (3, ndof)."""
-    d = rows.shape[2]
+    """(k, m, d) coefficients at some nodes as (k, ndof)."""
+    k, _, d = rows.shape
     rows = np.where(np.abs(rows) < 1e-12 * np.abs(rows).max(), 0.0, rows)
     columns = (nodes[:, None] * d + np.arange(d)).ravel()
-    index = (np.repeat(np.arange(3), columns.size), np.tile(columns, 3))
-    matrix = sp.csr_matrix((rows.ravel(), index), shape=(3, ndof))
+    index = (np.repeat(np.arange(k), columns.size), np.tile(columns, k))
+    matrix = sp.csr_matrix((rows.ravel(), index), shape=(k, ndof))
     matrix.eliminate_zeros()
     return matrix

@@ -15,7 +15,7 @@ from formats.model_geometry import NurbsGeometry, VolumeGeometry
 
 from ..geometry.locate import locate
 from ..geometry.patch import NurbsPatch, PointBasis, point_basis, side_nodes
-from ..vectors import LEVI_CIVITA
+from .continuum import half_curl
 from .finite_element_model import MarkerRows
 from .side_mass import SideMasses
 
@@ -122,7 +122,7 @@ def rows_at(name: str, node: int, patch: NurbsPatch, where: Array) -> MarkerRows
         node=node,
         position=np.pad(position, (0, 3 - position.size)),
         displacement=_displacement(basis, patch),
-        rotation=sp.csr_matrix(_HALF_CURL @ gradient),
+        rotation=half_curl(gradient),
         gradient=gradient,
     )
 
@@ -132,10 +132,6 @@ def _displacement(basis: PointBasis, patch: NurbsPatch) -> sp.csr_matrix:
     rows = np.zeros((3, basis.nodes.size, d))
     rows[range(d), :, range(d)] = basis.values
     return _sparse(rows, basis.nodes, patch)
-
-
-#: (3, 9) rotation from the displacement gradient: half the curl.
-_HALF_CURL = sp.csr_matrix(0.5 * np.swapaxes(LEVI_CIVITA, 1, 2).reshape(3, 9))
 
 
 def _gradient(patch: NurbsPatch, where: Array) -> sp.csr_matrix:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,8 +16,10 @@ from formats.model_geometry import FACES, PatchesGeometry
 from ..geometry.multipatch import Joined, joined
 from ..geometry.patch import NurbsPatch, side_nodes
 from ..importers.patches import read_patches
+from .continuum import Continuum
+from .elements import ElementBatch
 from .finite_element_model import FiniteElementModel, MarkerRows
-from .iga import patch_matrices, refined_for
+from .iga import patch_continuum, patch_matrices, refined_for
 from .named_sets import NamedSets
 from .patch_markers import at_marker, marker_parameters, placed, rows_at
 
@@ -61,7 +64,23 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
         stiffness=sp.csr_matrix(stiffness),
         node_sets=_side_sets(geometry, fine, numbering),
         markers=_markers(model, exact, fine, numbering),
+        continua=tuple(
+            _joined_continuum(
+                patch_continuum(model, exact[name], patch), numbering.numbers[name]
+            )
+            for name, patch in fine.items()
+        ),
     )
+
+
+def _joined_continuum(continuum: Continuum, numbers: Indices) -> Continuum:
+    """The material of a patch on the common control points."""
+
+    def batches() -> Iterator[ElementBatch]:
+        for batch in continuum.batches():
+            yield replace(batch, nodes=numbers[batch.nodes])
+
+    return replace(continuum, batches=batches)
 
 
 def _gathering(
@@ -107,6 +126,7 @@ def _markers(
         with at_marker(name):
             patch, where = _place(marker, exact)
             local = rows_at(name, marker.node, fine[patch], where)
+            assert local.gradient is not None
             _, spread = _gathering(numbering, patch, fine[patch].points.shape[1])
             rows.append(
                 MarkerRows(
@@ -115,6 +135,7 @@ def _markers(
                     position=local.position,
                     displacement=sp.csr_matrix(local.displacement @ spread),
                     rotation=sp.csr_matrix(local.rotation @ spread),
+                    gradient=sp.csr_matrix(local.gradient @ spread),
                 )
             )
     return tuple(rows)

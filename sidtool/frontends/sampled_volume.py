@@ -17,7 +17,7 @@ from .mesh import ElementBlock, Mesh, check_mesh
 from .mesh_points import MeshPoints
 from .patch_markers import at_marker, marker_parameters, placed
 from .reference_elements import edge_nodes
-from .solids import mesh_matrices
+from .solids import mesh_continua, mesh_matrices
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -58,6 +58,7 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
         stiffness=stiffness,
         node_sets=sets,
         markers=tuple(markers),
+        continua=mesh_continua(mesh, {None: material}, "solid"),
     )
 
 

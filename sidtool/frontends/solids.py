@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from formats.errors import InputError
 from formats.model import Material
 
+from .continuum import Continuum, continuum_of
 from .elements import (
     ElementBatch,
     assembled,
@@ -74,6 +75,22 @@ def mesh_matrices(
         )
         mass, stiffness = mass + m, stiffness + k
     return sp.csr_matrix(mass), sp.csr_matrix(stiffness)
+
+
+def mesh_continua(
+    mesh: Mesh,
+    materials: Mapping[str | None, Material],
+    state: str,
+    *,
+    thickness: float = 1.0,
+) -> tuple[Continuum, ...]:
+    """The material of every block; the parameters are those of `mesh_matrices`."""
+    return tuple(
+        continuum_of(
+            partial(_batches, mesh, block), materials[block.material], state, thickness
+        )
+        for block in mesh.blocks
+    )
 
 
 def check_locking(kind: str, material: Material, state: str, relieved: bool) -> None:

@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from formats.errors import InputError
 from formats.model import ModelFile
 from formats.model_reduction import Tie
+from formats.stress import node_stress
 from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.frontends.finite_element_model import FiniteElementModel
@@ -171,6 +172,22 @@ def test_solids_have_six_interface_coordinates(name: str, tie: str) -> None:
     compliance = motion @ np.linalg.solve(sid.Ke.m0, motion.T)
     inertia = 0.2 * 0.1**3 / 12
     assert compliance[1, 1] == pytest.approx(1 / (3 * 2.1e11 * inertia), rel=0.25)
+
+
+@pytest.mark.parametrize("name", SOLIDS)
+def test_solids_have_stress_and_stiffening(name: str) -> None:
+    """A lift F at the tip: F (L - x) h / (2 I) half-way on the upper face."""
+    lift = {"method": "attachment", "interfaces": ["tip"], "modes": 2}
+    model = block(SOLIDS[name], {"type": "distributing", "to": "right"})
+    data = model.model_dump(mode="json", exclude_none=True)
+    data["markers"]["upper"] = {"node": 3, "edge": "top", "at": [0.5, 0.5]}
+    data |= {"reduction": lift, "stress": {"peak_points": 3}, "stiffening": {}}
+    sid = sid_from_model(validated(data, ModelFile))
+    assert [(c.id, c.measured) for c in check(sid) if c.failed] == []
+    q = np.linalg.solve(sid.Ke.m0, sid.node(2).phi.m0[1])
+    upper = -0.5 * 0.05 / (0.2 * 0.1**3 / 12)
+    assert node_stress(sid, 3, q)[0] == pytest.approx(upper, rel=0.05)
+    assert sid.Oe.m1[0, 0, 2] > -1
 
 
 def test_ties_that_do_not_work_are_refused() -> None:
