@@ -21,6 +21,7 @@ from ..kernels.layout import (
     N_ROWS,
     NP,
     NQ,
+    PLANAR,
     POS,
     RD,
     SYSTEM,
@@ -340,9 +341,14 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
 
     Done when every |c| <= near and |dc/dt| <= still, at the last attempt (close to a
     singular position) a hundred times that. dz and dv are scratch.
+    Quaternions get unit length even where no constraint moves their body.
     Returns 0, or a code when the constraints are singular or cannot be met.
     """
     m = system.dims[N_ROWS]
+    if system.dims[PLANAR] == 0:
+        for i in range(len(dz)):
+            dz[i] = 0.0
+        kernels.retract(system, work.frame, z, dz)
     for attempt in range(PROJECTIONS_LIMIT):
         kernels.evaluate(system, work, t, z, v)
         memory.counters[EVALUATIONS] += 1

@@ -91,3 +91,13 @@ def test_damping_takes_energy_and_leaves_momentum() -> None:
     found = invariants(system, simulate(system, rtol=1e-8))
     assert (np.diff(found[:, 3]) < 0.0).all()
     assert abs(found[:, :3] - found[0, :3]).max() < 1e-6 * abs(found[0]).max()
+
+
+@pytest.mark.parametrize("name", sorted(INTEGRATORS))
+def test_quaternions_of_a_body_without_joints_keep_unit_length(name: str) -> None:
+    """A body that tumbles about its middle axis, with a coarse tolerance."""
+    initial = {"angular_velocity": [0.1, 3.0, 0.1]}
+    body = {"mass": 1.0, "inertia": [1.0, 2.0, 3.0 - 1e-9], "initial": initial}
+    system = compiled(scene({"top": body}, end=5.0, dimension="spatial"))
+    result = simulate(system, integrator=name, rtol=1e-3)
+    assert abs(np.linalg.norm(result.positions[:, 3:], axis=1) - 1.0).max() < 1e-14
