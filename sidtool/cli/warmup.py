@@ -13,6 +13,10 @@ def warmup() -> None:
 
     Planar and spatial equations and all integrators, on all processors. The result is
     kept on disk; a changed scene compiles nothing, a new version of sidtool does.
+
+    \b
+    Example, after an installation:
+      sidtool warmup && sidtool simulate slider_crank.toml --csv motion.csv
     """
     from solver.warmup import warm_up
 
