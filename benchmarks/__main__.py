@@ -11,6 +11,8 @@ from .machine import use_one_thread
 
 #: Modules with `run(folder, name, say) -> Report`, in the order of the page.
 BENCHMARKS = ("slider_crank", "simeon", "four_bars", "spatial", "chain", "elastic")
+#: Those whose summary stands in the README.
+SHORT = ("slider_crank", "chain")
 ROOT = Path(__file__).parents[1]
 
 
@@ -24,7 +26,8 @@ ROOT = Path(__file__).parents[1]
     help="Folder of the results, default benchmarks/results.",
 )
 @click.option("--readme", is_flag=True, help="Write the section of README.md, too.")
-def main(names: tuple[str, ...], output: Path, readme: bool) -> None:
+@click.option("--keep", is_flag=True, help="Measure nothing: write the last results.")
+def main(names: tuple[str, ...], output: Path, readme: bool, keep: bool) -> None:
     """Measure speed against error beside other programs, one thread.
 
     All benchmarks, or those that are named. The page results.md holds the newest run
@@ -34,15 +37,16 @@ def main(names: tuple[str, ...], output: Path, readme: bool) -> None:
     output.mkdir(parents=True, exist_ok=True)
     from .report import load, save, write_page, write_readme
 
-    for name in names or BENCHMARKS:
+    for name in () if keep else names or BENCHMARKS:
         click.echo(f"{name}:")
         report = import_module(f"benchmarks.{name}").run(output, name, click.echo)
         save(output, name, report)
         click.echo(f"\n{report.text()}\n")
-        reports = load(output, BENCHMARKS)
-        write_page(output / "results.md", reports)
+        write_page(output / "results.md", load(output, BENCHMARKS))
+    write_page(output / "results.md", load(output, BENCHMARKS))
     click.echo(f"{output / 'results.md'} written")
     if readme:
+        reports = load(output, SHORT)
         write_readme(ROOT / "README.md", reports, "benchmarks/results/results.md")
         click.echo("README.md updated")
 

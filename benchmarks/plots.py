@@ -1,4 +1,4 @@
-"""Cost over size on logarithmic axes."""
+"""Cost over size, and cost over error, on logarithmic axes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sidtool.plot.figure import figure
+
+MARKS = "osD^vP*X<"
 
 
 def plot_scaling(
@@ -21,3 +23,19 @@ def plot_scaling(
         axes.set_xlabel(size)
         axes.set_ylabel(cost)
         axes.legend()
+
+
+def plot_lines(
+    path: Path, lines: Mapping[str, Sequence[tuple[float, float]]], error: str
+) -> None:
+    """One line per program through its (error, seconds), those of peers dashed."""
+    with figure(path, size=(7.5, 4.0)) as axes:
+        for number, (name, pairs) in enumerate(lines.items()):
+            style = "-" if name.startswith("sidtool") else "--"
+            axes.loglog(
+                *zip(*pairs, strict=True), f"{MARKS[number % 9]}{style}", label=name
+            )
+        axes.invert_xaxis()
+        axes.set_xlabel(error)
+        axes.set_ylabel("wall time [s]")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))

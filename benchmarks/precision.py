@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from formats.sid import Array
-from sidtool.plot.precision import plot_precision
 from sidtool.study import Setting, make_reference, measure, timed
 from solver import simulate
 from solver.scene import System
 
 from .peers.equations import Equations, sizes
 from .peers.ode import LONGEST, METHODS, solve
+from .plots import plot_lines
 from .report import Table
 
 Say = Callable[[str], None]
@@ -230,4 +230,4 @@ def plot_runs(path: Path, runs: Sequence[Run], label: str) -> None:
         points = front(r for r in runs if r.method == method and 0 < r.errors[0] < 1)
         if points:
             lines[method] = [(run.errors[0], run.seconds) for run in points]
-    plot_precision(path, lines, label)
+    plot_lines(path, lines, label)
