@@ -10,6 +10,15 @@ from pathlib import Path
 from formats.atomic import atomic_path
 from sidtool.report.tables import table
 
+NOTE = (
+    "Ratios compare the best settings found, ours out of more settings than the others'. "
+    "The line of scipy and IDA ends after a run of more than 4 s, Exudyn's with its "
+    "smallest step here: *not reached* gives the longest run made and does not say that "
+    "the program cannot. What decides a ratio is timed again by turns unless it takes "
+    "more than 4 s, which then rests on one or two runs. scipy and IDA call kernels "
+    "from Python, which costs them most of their time. On a machine with other load "
+    "ratios of short runs vary, up to a factor of two."
+)
 START, END = "<!-- bench:begin -->", "<!-- bench:end -->"
 
 
@@ -82,7 +91,7 @@ def load(folder: Path, names: Iterable[str]) -> dict[str, Report]:
 
 def write_page(path: Path, reports: Mapping[str, Report]) -> None:
     """All reports as one page of markdown."""
-    head = "# Speed against error\n\nWritten by `python -m benchmarks`."
+    head = "# Speed against error\n\nWritten by `python -m benchmarks`. " + NOTE
     with atomic_path(path) as temporary:
         pages = [head, *(report.markdown() for report in reports.values())]
         temporary.write_text("\n\n".join(pages) + "\n")
@@ -101,6 +110,7 @@ def write_readme(path: Path, reports: Mapping[str, Report], page: str) -> None:
     before, rest = text.split(START)
     after = rest.split(END)[1]
     parts = [report.summary() for report in reports.values()]
+    parts.append(NOTE)
     parts.append(f"All tables and plots: [{page}]({page}).")
     body = "\n\n".join(part for part in parts if part)
     with atomic_path(path) as temporary:
