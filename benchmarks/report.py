@@ -12,12 +12,12 @@ from sidtool.report.tables import table
 
 NOTE = (
     "Ratios compare the best settings found, ours out of more settings than the "
-    "others'. The line of scipy and IDA ends after a run of more than 4 s, Exudyn's with its "
-    "smallest step here: *not reached* gives the longest run made and does not say "
-    "that the program cannot. What decides a ratio is timed again by turns unless it takes "
-    "more than 4 s, which then rests on one or two runs. scipy and IDA call kernels "
-    "from Python, which costs them most of their time. On a machine with other load "
-    "ratios of short runs vary, up to a factor of two."
+    "others'. The line of scipy and IDA ends after a run of more than 4 s, Exudyn's "
+    "with its smallest step here: *not reached* gives the longest run made and does "
+    "not say that the program cannot. What decides a ratio is timed again by turns "
+    "unless it takes more than 4 s, which then rests on one or two runs. scipy and "
+    "IDA call kernels from Python, which costs them most of their time. On a "
+    "machine with other load ratios of short runs vary, up to a factor of two."
 )
 START, END = "<!-- bench:begin -->", "<!-- bench:end -->"
 
