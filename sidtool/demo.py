@@ -60,6 +60,7 @@ def run_demo(folder: Path, say: Say) -> None:
         raise InputError(
             f"cannot be a folder ({error.strerror})", source=folder
         ) from None
+    _prepare_kernels(say)
     say("1. The rod, from its geometry to Standard Input Data (SID)\n")
     sids = _converted(examples, folder)
     reference = read_reference(examples / "frequencies.toml")
@@ -75,6 +76,14 @@ def run_demo(folder: Path, say: Say) -> None:
     _plots(examples, folder, results, runs)
     seconds = time.perf_counter() - begin
     say(f"Plots, SIDs and results are in {folder} ({seconds:.1f} s in all).")
+
+
+def _prepare_kernels(say: Say) -> None:
+    """Compiles what the demo needs at once, so that no time below includes it."""
+    from solver.integrators import INTEGRATORS
+    from solver.warmup import ensure
+
+    ensure(True, [INTEGRATORS[name].step_loop for name in SETTINGS], say)
 
 
 def example_folder() -> Path:

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import block_diag, cho_factor, cho_solve, qr
 
 from formats.errors import InputError
 from formats.scene import as_3d, rotation
@@ -153,8 +152,7 @@ class _State:
         """x with C x = right, smallest in the metric, and what remains of right."""
         C = self.jacobian()[:, self.free]
         W = self.weight()[np.ix_(self.free, self.free)]
-        factor = cho_factor(W)
-        compliance = cho_solve(factor, C.T)
+        compliance = np.linalg.solve(W, C.T)
         S = C @ compliance
         scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
         scale[np.diag(S) <= 1e-300] = 0.0
@@ -166,13 +164,11 @@ class _State:
         return x, left
 
     def weight(self) -> Array:
-        blocks = []
+        W = np.zeros((self.system.n_velocities, self.system.n_velocities))
         for row in self.system.arrays.body:
-            n, o = row[at.NV], row[at.BLOCK]
-            if n:
-                entries = self.work.M[o : o + n * n] + self.memory.metric[o : o + n * n]
-                blocks.append(entries.reshape(n, n))
-        W = block_diag(*blocks)
+            n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
+            entries = self.work.M[o : o + n * n] + self.memory.metric[o : o + n * n]
+            W[first : first + n, first : first + n] = entries.reshape(n, n)
         return W + 1e-14 * np.trace(W) / len(W) * np.eye(len(W))
 
 
@@ -314,16 +310,28 @@ def _mark_redundant(state: _State) -> System:
     C = state.jacobian()
     norms = np.linalg.norm(C, axis=1)
     scaled = C / np.where(norms > 0.0, norms, 1.0)[:, None]
-    _, R, order = qr(scaled.T, mode="economic", pivoting=True)
-    sizes = np.abs(np.diag(R)) if R.size else np.zeros(0)
-    rank = int(np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))))
-    redundant = tuple(sorted(int(i) for i in order[rank:]))
+    redundant = _dependent_rows(scaled)
     _check_accelerations(state, redundant)
     if not redundant:
         return system
     slack = np.zeros(system.n_rows)
     slack[list(redundant)] = _schur_size(state, C)
     return replace(system, redundant=redundant, arrays=with_slack(system.arrays, slack))
+
+
+def _dependent_rows(matrix: Array) -> tuple[int, ...]:
+    """Rows that follow from the others: those that pivoting leaves for the last."""
+    rows, columns = matrix.shape
+    sizes = np.linalg.svd(matrix, compute_uv=False)
+    bound = RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))
+    if rows <= columns and np.all(sizes > bound):
+        return ()
+    from scipy.linalg import qr  # a third of a second that few scenes need
+
+    _, R, order = qr(matrix.T, mode="economic", pivoting=True)
+    pivots = np.abs(np.diag(R)) if R.size else np.zeros(0)
+    rank = int(np.sum(pivots > bound))
+    return tuple(sorted(int(i) for i in order[rank:]))
 
 
 def _schur_size(state: _State, C: Array) -> float:

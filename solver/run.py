@@ -83,7 +83,7 @@ def simulate(
     """
     settings = _settings(system, integrator, rtol, step)
     method = INTEGRATORS[settings.integrator]
-    warmup.ensure(system.planar, method.step_loop, say_compiling)
+    warmup.ensure(system.planar, [method.step_loop], say_compiling)
     began = time.perf_counter()
     system, start = assembly.assemble(system)
     run = _Run(system, method, settings, start)

@@ -34,15 +34,15 @@ SPATIAL = ("kernels.spatial_forces:linearise", "kernels.spatial_forces:evaluate"
 WORTH_PROCESSES = 3
 
 
-def ensure(planar: bool, step_loop: str, say: Say | None = None) -> None:
-    """Compiles what a run needs and is not on disk yet, on all processors.
+def ensure(planar: bool, step_loops: Iterable[str], say: Say | None = None) -> None:
+    """Compiles what runs need and is not on disk yet, on all processors.
 
     Parameters
     ----------
-    step_loop : the entry kernel of the integrator, as module:name
+    step_loops : the entry kernels of the integrators, as module:name
     say : told once, and only when something has to be compiled
     """
-    names = (step_loop, *(PLANAR if planar else SPATIAL), *COMMON)
+    names = (*step_loops, *(PLANAR if planar else SPATIAL), *COMMON)
     _compile([name for name in names if not _is_cached(name)], say)
 
 
@@ -61,6 +61,8 @@ def _compile(
     names: list[str], say: Say | None, at_least: int = WORTH_PROCESSES
 ) -> None:
     if len(names) < at_least:
+        for name in names:
+            _compile_here(name)
         return
     if say is not None:
         say(f"compiling {len(names)} kernels, once (half a minute or less)")
@@ -114,12 +116,16 @@ def _find(name: str):  # type: ignore[no-untyped-def]
     return getattr(import_module(f"solver.{module}"), kernel)
 
 
+def _compile_here(name: str) -> None:
+    kernel = _find(name)
+    for signature in kernel.signatures:
+        kernel.compiled(signature)
+
+
 def _serve(lines: Iterable[str]) -> None:
     """Compiles the kernels named on standard input, answering each with a line."""
     for line in lines:
-        kernel = _find(line.strip())
-        for signature in kernel.signatures:
-            kernel.compiled(signature)
+        _compile_here(line.strip())
         print("done", flush=True)
 
 
