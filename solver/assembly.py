@@ -169,7 +169,7 @@ class _State:
             n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
             entries = self.work.M[o : o + n * n] + self.memory.metric[o : o + n * n]
             W[first : first + n, first : first + n] = entries.reshape(n, n)
-        return W + 1e-14 * np.trace(W) / len(W) * np.eye(len(W))
+        return W + 1e-14 * np.trace(W) / max(1, len(W)) * np.eye(len(W))
 
 
 def _free_coordinates(system: System) -> Array:
