@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from formats.errors import InputError
 from formats.model import ModelFile, RayleighDamping, read_model
 from formats.sid import SID, Node, Taylor
+from formats.sid_mass import skew
 
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.registry import finite_element_model
@@ -22,7 +23,6 @@ from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
 from .stiffening import prestressed, stiffened
 from .stress import with_stress
-from .vectors import skew
 
 __all__ = ["finite_element_model", "sid_from_model"]
 

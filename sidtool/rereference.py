@@ -32,12 +32,12 @@ from formats.sid import (
     axis_major,
     symmetric_3x3,
 )
-from formats.sid_mass import centre_of_mass, coupled_mass_matrix
+from formats.sid_mass import centre_of_mass, coupled_mass_matrix, skew
 
 from .relabel import relabelled
 from .stiffening import CENTRIFUGAL
 from .validate.measures import has_stiffening
-from .vectors import LEVI_CIVITA, skew
+from .vectors import LEVI_CIVITA
 
 _RIGID = slice(0, 6)
 #: Displacements below this share of the largest are rounding.

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.sid import J_INDICES, OE_INDICES, Taylor, axis_major
+from formats.sid_mass import skew
 
 from .frontends.finite_element_model import FiniteElementModel
 from .frontends.inertia_points import InertiaPoints
-from .vectors import LEVI_CIVITA, skew
+from .vectors import LEVI_CIVITA
 
 Array = NDArray[np.float64]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from formats.errors import InputError
 from formats.model_reduction import StressRecovery
 from formats.sid import SID, Array, Node, Taylor
+from formats.sid_mass import skew
 from formats.stress import von_mises
 
 from .frontends.continuum import stress_from_gradient, stress_rows, stress_six
@@ -17,7 +18,7 @@ from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .reduction.basis import ReducedBasis
 from .reduction.frames import Frame
 from .stiffening import InitialStress, QuadraturePart, quadrature
-from .vectors import LEVI_CIVITA, skew
+from .vectors import LEVI_CIVITA
 
 #: Random states of equal energy that the peak points are chosen from.
 _STATES = 400

@@ -12,8 +12,3 @@ LEVI_CIVITA: Array = np.zeros((3, 3, 3))
 LEVI_CIVITA[[0, 1, 2], [1, 2, 0], [2, 0, 1]] = 1
 LEVI_CIVITA[[0, 2, 1], [2, 1, 0], [1, 0, 2]] = -1
 LEVI_CIVITA.setflags(write=False)
-
-
-def skew(vectors: Array) -> Array:
-    """(..., 3) as (..., 3, 3) with skew(v) w = v x w."""
-    return -np.einsum("ijk,...k->...ij", LEVI_CIVITA, vectors)

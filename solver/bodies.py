@@ -10,7 +10,7 @@ import numpy as np
 
 from formats.errors import InputError
 from formats.scene import Body, RigidBody, SidBody, as_3d, position_3d, rotation
-from formats.sid import SID, Array, Node, rigid_node, rigid_sid, symmetric_3x3
+from formats.sid import SID, Array, Node, rigid_node, rigid_sid
 from formats.sid_files import read_sid
 
 from .damping import damped
@@ -229,11 +229,6 @@ def frequencies(sid: SID) -> Array:
     """Angular frequency of each elastic coordinate alone [rad/s], (nq,)."""
     mass = np.maximum(np.diag(sid.Me.m0), 1e-300)
     return np.sqrt(np.maximum(np.diag(sid.Ke.m0), 0.0) / mass)
-
-
-def inertia_tensor(sid: SID) -> Array:
-    """J at q = 0 as (3, 3)."""
-    return symmetric_3x3(sid.J.m0[:, 0])
 
 
 def quaternion(matrix: Array) -> Array:

@@ -10,7 +10,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from ..vectors import skew
+from formats.sid_mass import skew
+
 from .continuum import Continuum
 from .inertia_points import InertiaPoints
 

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from formats.errors import InputError
 
-from .reference_elements import edge_nodes, reference_element
+from .reference_elements import reference_element
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -97,29 +97,6 @@ def without_free_nodes(mesh: Mesh) -> Mesh:
         node_sets={k: number[s[used[s]]] for k, s in mesh.node_sets.items()},
         labels=mesh.labels[used] if mesh.labels.size else mesh.labels,
     )
-
-
-def with_middle_nodes(mesh: Mesh, kind: str) -> Mesh:
-    """A mesh of one block of corner elements with nodes in the middle of its edges."""
-    (block,) = mesh.blocks
-    pairs = np.sort(block.nodes[:, np.array(edge_nodes(kind))], axis=2)
-    edges, number = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
-    middle = number.reshape(pairs.shape[:2]) + len(mesh.positions)
-    halves = mesh.positions[edges].mean(axis=1)
-    sets = {
-        name: np.concatenate([s, _inner(edges, s) + len(mesh.positions)])
-        for name, s in mesh.node_sets.items()
-    }
-    nodes = np.hstack([block.nodes, middle])
-    return Mesh(
-        positions=np.vstack([mesh.positions, halves]),
-        blocks=(ElementBlock(kind, nodes, block.labels, block.material),),
-        node_sets=sets,
-    )
-
-
-def _inner(edges: Indices, nodes: Indices) -> Indices:
-    return np.flatnonzero(np.isin(edges, nodes).all(axis=1))
 
 
 def _label(mesh: Mesh, node: int) -> int:

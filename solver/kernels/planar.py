@@ -66,11 +66,6 @@ V_CTX, V_CTY, V_CR, V_J1, V_OE0, V_KSIGMA, N_VECTORS = range(7)
 S_ME, S_KE, S_DE, S_CR1, S_GE, S_OE1, S_CT1X, S_CT1Y, S_J2, N_SQUARES = range(10)
 
 
-def pool_size(nq: int) -> int:
-    """Reals that a planar body with nq elastic coordinates takes in the pool."""
-    return P_VECTORS + N_VECTORS * nq + N_SQUARES * nq * nq
-
-
 @inner(types.void(SYSTEM, WORK, int64, float64, F1, F1))
 def _free_frame(system, work, b, t, z, v):
     """Body frame from the coordinates, eq. (1) and (2)."""

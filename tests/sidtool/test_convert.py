@@ -12,10 +12,10 @@ from numpy.testing import assert_allclose
 from formats.errors import InputError
 from formats.sid import SID, by_mode, symmetric_3x3
 from formats.sid_files import read_sid
+from formats.sid_mass import skew
 from sidtool.convert import sid_from_model
 from sidtool.frontends.registry import FRONTENDS
 from sidtool.validate import check
-from sidtool.vectors import skew
 
 from .bodies import BEAMS, SOLIDS, beam, volume
 from .models import DISCRETISATIONS, EXAMPLES, annulus, moved, rod, rod_data

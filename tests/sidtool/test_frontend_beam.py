@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 from formats.errors import InputError
 from formats.model import ModelFile
 from formats.sid import by_mode, symmetric_3x3
+from formats.sid_mass import skew
 from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.frontends.inertia_points import InertiaPoints
 from sidtool.gram import body_inertia
-from sidtool.vectors import skew
 
 from .bodies import beam_data
 

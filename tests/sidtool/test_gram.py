@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from formats.sid import OE_INDICES, Taylor, by_mode, symmetric_3x3
+from formats.sid_mass import skew
 from sidtool.convert import assembled_sid, finite_element_model
 from sidtool.frontends.iga import target_knots
 from sidtool.geometry.patch import patch_from_model, point_basis
@@ -17,7 +18,6 @@ from sidtool.geometry.refine import refined
 from sidtool.gram import inertia_blocks, moments
 from sidtool.reduction.frames import FRAMES
 from sidtool.reduction.methods import REDUCTIONS
-from sidtool.vectors import skew
 
 from .models import rod
 

@@ -15,13 +15,12 @@ from scipy.spatial.transform import Rotation
 from formats.errors import InputError
 from formats.sid import BLOCK_SHAPES, J_INDICES, SID, Node, Taylor, axis_major
 from formats.sid_files import read_sid
-from formats.sid_mass import free_modal_mass
+from formats.sid_mass import free_modal_mass, skew
 from sidtool.cli import run
 from sidtool.convert import sid_from_model
 from sidtool.rereference import changed, frame_change, rereferenced
 from sidtool.stiffening import CENTRIFUGAL
 from sidtool.validate import check
-from sidtool.vectors import skew
 
 from .models import EXAMPLES, rod
 
