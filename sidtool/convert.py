@@ -21,6 +21,7 @@ from .gram import body_inertia
 from .reduction.frames import FRAMES, Frame
 from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
+from .reduction.running import running
 from .stiffening import prestressed, stiffened
 from .stress import with_stress
 
@@ -30,25 +31,31 @@ Array = NDArray[np.float64]
 
 
 def sid_from_model(
-    model: ModelFile | str | Path, progress: Callable[[str], None] | None = None
+    model: ModelFile | str | Path,
+    progress: Callable[[str], None] | None = None,
+    engine: str | None = None,
 ) -> SID:
     """Discretise, reduce and write down one body.
 
     Parameters
     ----------
     model : a model file, read already or by its path
-    progress : called with the name of every stage as it begins
+    progress : called with the name of every stage as it begins, and with counts from
+        inside the longest of them
+    engine : what solves the equations, one of `reduction.factors.ENGINES`; the fastest
+        that is installed by default
 
     Raises
     ------
     InputError : names the file (if given by its path) and the key that is wrong.
     """
-    if isinstance(model, ModelFile):
-        return _convert(model, progress or _silent)
-    try:
-        return _convert(read_model(model), progress or _silent)
-    except InputError as error:
-        raise error.located(model) from None
+    with running(engine, progress):
+        if isinstance(model, ModelFile):
+            return _convert(model, progress or _silent)
+        try:
+            return _convert(read_model(model), progress or _silent)
+        except InputError as error:
+            raise error.located(model) from None
 
 
 def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:

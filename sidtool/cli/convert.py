@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 
-from .common import check_target, existing, target
+from .common import PATIENCE, check_target, existing, target
 
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
+ENGINES = ("cholmod", "pardiso", "superlu", "slepc")
+#: How many processes mpirun started, as Open MPI and MPICH say it.
+_MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
 @click.command()
@@ -23,6 +31,12 @@ DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
     default="fembs",
     show_default=True,
     help="Dialect of an ASCII file, for readers that need another than the canonical.",
+)
+@click.option(
+    "--engine",
+    type=click.Choice(ENGINES),
+    help="What solves the equations of a model; by default the first of these that "
+    "is installed. slepc shares the work between the processes of mpirun.",
 )
 @click.option(
     "--repair",
@@ -42,6 +56,7 @@ def convert(
     source: Path,
     output: Path,
     dialect: str,
+    engine: str | None,
     repair: bool,
     units: str | None,
     frame: str | None,
@@ -59,26 +74,83 @@ def convert(
       sidtool convert beam.SID_FEM -o beam_si.SID_FEM --units mm-t-s:SI
       sidtool convert rod.h5 -o rod.SID_FEM --dialect pysid
       sidtool convert rod.SID_FEM -o mean.SID_FEM --frame buckens
+      mpirun -n 2 sidtool convert rod_q4.toml -o rod.h5 --engine slepc
     """
+    with _processes(engine) as processes:
+        check_target(output)
+        sid = _sid(source, engine, processes.rank == 0)
+        processes.go_on()
+        if processes.rank > 0:
+            return
+        sid = _repaired(sid) if repair else sid
+        sid = _rescaled(sid, units) if units else sid
+        sid = _rereferenced(sid, frame) if frame else sid
+        _written(output, sid, dialect)
+
+
+def _written(output: Path, sid: Any, dialect: str) -> None:
     from formats.sid_files import write_sid
 
-    check_target(output)
-    sid = _sid(source)
-    sid = _repaired(sid) if repair else sid
-    sid = _rescaled(sid, units) if units else sid
-    sid = _rereferenced(sid, frame) if frame else sid
     write_sid(output, sid, dialect)
     click.echo(f"{output}: {_summary(sid)}")
 
 
-def _sid(source: Path) -> Any:
+class _Alone:
+    """The only process."""
+
+    rank = 0
+
+    def go_on(self) -> None:
+        """There is nobody to wait for."""
+
+
+@contextmanager
+def _processes(engine: str | None) -> Iterator[Any]:
+    """Yield the processes of this run, of which the first writes and speaks.
+
+    Raises
+    ------
+    InputError : the engine is not there, or mpirun started one that works alone.
+    """
+    asked = engine or os.environ.get("SIDTOOL_FACTORS")
+    if asked != "slepc":
+        _refuse_mpirun()
+        yield _Alone()
+        return
+    from ..reduction.slepc import PartnerFailed, together
+
+    try:
+        with together() as processes:
+            yield processes
+    except PartnerFailed:
+        click.get_current_context().exit(1)
+
+
+def _refuse_mpirun() -> None:
+    from formats.errors import InputError
+
+    count = next((os.environ[name] for name in _MPI_SIZES if name in os.environ), "1")
+    if count != "1":
+        raise InputError(
+            f"mpirun started {count} processes that would all do the same",
+            place="--engine",
+            expected="slepc, the engine that shares the work",
+        )
+
+
+def _sid(source: Path, engine: str | None, leading: bool) -> Any:
     from ..kinds import expect_kind, read
 
     if expect_kind(source, "model", "sid") == "sid":
         return read(source)
     from ..convert import sid_from_model
+    from ..reduction.factors import engine_name
+    from ..reduction.running import running
 
-    return sid_from_model(source)
+    with running(engine):
+        engine_name()
+    with _stages(leading) as tell:
+        return sid_from_model(source, tell, engine)
 
 
 def _rereferenced(sid: Any, frame: str) -> Any:
@@ -130,3 +202,47 @@ def _rescaled(sid: Any, units: str) -> Any:
             f"found {units!r}", place="--units", expected="FROM:TO, as in mm-t-s:SI"
         )
     return convert_units(sid, old, new)
+
+
+@contextmanager
+def _stages(leading: bool) -> Iterator[Any]:
+    """Yield what shows the stages of a run on stderr, once it lasts."""
+    stages = _Stages() if leading else None
+    try:
+        yield stages
+    finally:
+        if stages is not None:
+            stages.close()
+
+
+class _Stages:
+    """On a terminal the present stage; elsewhere a line for each, with its time."""
+
+    def __init__(self) -> None:
+        self._begin = time.monotonic()
+        self._waiting: list[str] = []
+        self._status: Any = None
+
+    def __call__(self, text: str) -> None:
+        seconds = time.monotonic() - self._begin
+        self._waiting.append(f"{seconds:6.1f} s  {text}")
+        if seconds < PATIENCE:
+            return
+        if sys.stderr.isatty():
+            self._show()
+            return
+        for line in self._waiting:
+            click.echo(line, err=True)
+        self._waiting.clear()
+
+    def close(self) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def _show(self) -> None:
+        if self._status is None:
+            from rich.console import Console
+
+            self._status = Console(stderr=True).status("")
+            self._status.start()
+        self._status.update(self._waiting[-1])

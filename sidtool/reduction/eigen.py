@@ -14,7 +14,9 @@ from formats.errors import InputError
 
 from ..frontends.finite_element_model import Indices
 from ..vectors import LEVI_CIVITA
-from .factors import symmetric_factors
+from .factors import engine_name, symmetric_factors
+from .running import Counter
+from .slepc import slepc_eigenvectors
 
 __all__ = ["free_body_shift", "lowest_eigenpairs", "symmetric_factors"]
 
@@ -62,9 +64,13 @@ def lowest_eigenpairs(
             f"{count} modes of a model with {n - len(rows)} free degrees of freedom",
             expected=f"at most {n - len(rows)}",
         )
-    solve = _dense if n <= _DENSE or count > n // 3 else _shift_invert
+    dense = n <= _DENSE or count > n // 3
     try:
-        values, vectors = solve(stiffness, mass, count, shift, rows)
+        if dense:
+            values, vectors = _dense(stiffness, mass, count, rows)
+        else:
+            space = _invariant_space(stiffness, mass, count, shift, rows)
+            values, vectors = _ritz(stiffness, mass, space)
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"the eigenproblem has no solution ({error})",
@@ -96,7 +102,7 @@ def _check_resolution(stiffness: sp.csr_matrix, values: Array, vectors: Array) -
 
 
 def _dense(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, _: float, rows: Array
+    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, rows: Array
 ) -> tuple[Array, Array]:
     basis = scipy.linalg.null_space(rows) if len(rows) else None
     k, m = stiffness.toarray(), mass.toarray()
@@ -108,24 +114,40 @@ def _dense(
     return values, basis @ vectors
 
 
-def _shift_invert(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, shift: float, rows: Array
+def _ritz(
+    stiffness: sp.csr_matrix, mass: sp.csr_matrix, vectors: Array
 ) -> tuple[Array, Array]:
+    """The eigenpairs in the space of some vectors."""
+    small = [vectors.T @ (matrix @ vectors) for matrix in (stiffness, mass)]
+    values, mixing = scipy.linalg.eigh(*small)
+    return values, vectors @ mixing
+
+
+def _invariant_space(
+    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, shift: float, rows: Array
+) -> Array:
+    """(n, count) vectors that span the lowest eigenvectors."""
+    if engine_name() == "slepc":
+        return slepc_eigenvectors(stiffness, mass, count, shift, rows)
     n = stiffness.shape[0]
     start = np.random.default_rng(0).standard_normal(n)
     shifted = stiffness - shift * mass if shift else stiffness
     solve = _constrained_solver(symmetric_factors(shifted), rows)
+    counter = Counter("eigenvectors: {} solutions with the factors")
+
+    def counted(load: Array) -> Array:
+        counter()
+        return solve(load)
+
     _, vectors = eigsh(
         stiffness,
         k=count,
         M=mass,
         sigma=shift,
-        OPinv=LinearOperator((n, n), matvec=solve, dtype=float),
+        OPinv=LinearOperator((n, n), matvec=counted, dtype=float),
         v0=solve(start) if len(rows) else start,
     )
-    small = [vectors.T @ (matrix @ vectors) for matrix in (stiffness, mass)]
-    values, mixing = scipy.linalg.eigh(*small)
-    return values, vectors @ mixing
+    return vectors
 
 
 def _constrained_solver(factors: Any, rows: Array) -> Any:

@@ -1,8 +1,9 @@
 """Factors of symmetric positive definite matrices, by the fastest library there is.
 
 CHOLMOD (scikit-sparse) and PARDISO (pypardiso) are used when they are installed;
-SuperLU, which comes with SciPy, is always there. The environment variable
-SIDTOOL_FACTORS names one of `ENGINES` to insist on it.
+SuperLU, which comes with SciPy, is always there. A run (`running`) or the environment
+variable SIDTOOL_FACTORS names one of `ENGINES` to insist on it. PETSc is used only if
+it is asked for: it is meant for several processes.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from scipy.sparse.linalg import splu
 
 from formats.errors import InputError
 
+from .running import asked_engine, tell
+from .slepc import PetscFactors, check_slepc
+
 Array = NDArray[np.float64]
 
 
@@ -34,10 +38,12 @@ def symmetric_factors(matrix: sp.csr_matrix) -> Factors:
 
     Raises
     ------
-    InputError : SIDTOOL_FACTORS names a library that is not there.
+    InputError : a library is asked for that is not there.
     RuntimeError, ValueError : the matrix is singular.
     """
-    return ENGINES[engine_name()][1](matrix)
+    name = engine_name()
+    tell(f"factorising {matrix.shape[0]} equations by {name}")
+    return ENGINES[name][1](matrix)
 
 
 def engine_name() -> str:
@@ -45,15 +51,20 @@ def engine_name() -> str:
 
     Raises
     ------
-    InputError : SIDTOOL_FACTORS names a library that is not there.
+    InputError : a library is asked for that is not there.
     """
-    asked = os.environ.get("SIDTOOL_FACTORS")
+    asked = asked_engine() or os.environ.get("SIDTOOL_FACTORS")
+    if asked == "slepc":
+        check_slepc()
+        return asked
     there = [n for n, (module, _) in ENGINES.items() if _is_there(module)]
     if asked is None:
         return there[0]
     if asked not in there:
         raise InputError(
-            f"SIDTOOL_FACTORS is {asked!r}", expected=f"one of {', '.join(there)}"
+            f"the engine {asked!r} is not there",
+            place="--engine" if asked_engine() else "SIDTOOL_FACTORS",
+            expected=f"one of {', '.join(there)}",
         )
     return asked
 
@@ -117,4 +128,5 @@ ENGINES: dict[str, tuple[str, Callable[[sp.csr_matrix], Factors]]] = {
     "cholmod": ("sksparse.cholmod", _Cholmod),
     "pardiso": ("pypardiso", _Pardiso),
     "superlu": ("scipy", _superlu),
+    "slepc": ("slepc4py", PetscFactors),
 }

@@ -13,6 +13,7 @@ _FACTORS = {
     "superlu": {2: 125.0, 3: 330.0},
     "cholmod": {2: 50.0, 3: 180.0},
     "pardiso": {2: 70.0, 3: 180.0},
+    "slepc": {2: 70.0, 3: 180.0},
 }
 #: Interpreter and libraries.
 _BASE = 0.15e9

@@ -34,7 +34,7 @@ def test_every_engine_gives_the_same_modes(
     monkeypatch.setenv("SIDTOOL_FACTORS", "superlu")
     expected, _ = lowest_eigenpairs(k, m, 6)
     if not there(monkeypatch, name):
-        with pytest.raises(InputError, match=f"SIDTOOL_FACTORS is '{name}'"):
+        with pytest.raises(InputError, match=name):
             lowest_eigenpairs(k, m, 6)
         return
     values, vectors = lowest_eigenpairs(k, m, 6)
@@ -44,7 +44,7 @@ def test_every_engine_gives_the_same_modes(
 
 def test_an_unknown_engine_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SIDTOOL_FACTORS", "abacus")
-    with pytest.raises(InputError, match="'abacus'; expected one of .*superlu"):
+    with pytest.raises(InputError, match="'abacus' is not there; expected .*superlu"):
         engine_name()
 
 
