@@ -15,16 +15,24 @@ def dead_nodes(sid: SID) -> tuple[str, ...]:
     """Ids of nodes where all shape functions vanish though the frame is elsewhere.
 
     A node at the origin of the body frame rests in it by definition: what acts there
-    moves the frame. At any other such node a force or a joint never deforms the body,
-    as happens when modes were computed with the node held.
+    moves the frame. So does the only place that rests, where a body is held away from
+    its origin. At any other such node a force or a joint never deforms the body, as
+    happens when modes were computed with the node held.
     """
     if sid.nq == 0 or not sid.nodes:
         return ()
     size = max(np.abs(node.position).max() for node in sid.nodes)
+    psi = max(np.abs(node.psi.m0).max(initial=0.0) for node in sid.nodes)
+    limits = _NOTHING * motion_scale(sid), _NOTHING * psi
+    resting = [node for node in sid.nodes if _rests(node, *limits)]
+    if not resting:
+        return ()
+    places = np.array([node.position for node in resting])
+    away = np.abs(places).max(axis=1) > _NOTHING * size
+    if away.all() and np.ptp(places, axis=0).max() <= _NOTHING * size:
+        return ()
     return tuple(
-        node.id
-        for node in sid.nodes
-        if _rests(sid, node) and np.abs(node.position).max() > _NOTHING * size
+        node.id for node, is_away in zip(resting, away, strict=True) if is_away
     )
 
 
@@ -60,7 +68,6 @@ def motion_scale(sid: SID) -> float:
     return float(max(at_nodes, mean))
 
 
-def _rests(sid: SID, node: Node) -> bool:
-    psi = max(np.abs(other.psi.m0).max(initial=0.0) for other in sid.nodes)
-    still = np.abs(node.phi.m0).max(initial=0.0) <= _NOTHING * motion_scale(sid)
-    return bool(still and np.abs(node.psi.m0).max(initial=0.0) <= _NOTHING * psi)
+def _rests(node: Node, phi: float, psi: float) -> bool:
+    still = np.abs(node.phi.m0).max(initial=0.0) <= phi
+    return bool(still and np.abs(node.psi.m0).max(initial=0.0) <= psi)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,20 +11,73 @@ from numpy.typing import ArrayLike
 from .sid import SID, Array
 
 _ZERO = (0.0, 0.0, 0.0)
+#: Below this share of the stiffness, stiffening does not matter.
+MATTERS = 0.01
+#: What the SID lacks is made by this.
+REMEDY = "convert the body with a table [stiffening]"
 
 
 def has_stiffening(sid: SID) -> bool:
     """Does the SID carry terms that only geometric stiffening puts there?
 
-    Besides Ct m1, phi m1 and psi m1 that is the part of Cr m1 that is symmetric in the
-    modes. The part in Oe m1 cannot be told from the kinematic one.
+    These are Ct m1, phi m1 and psi m1, the part of Cr m1 that is symmetric in the
+    modes, and a positive part of Oe m1: the kinematic one only softens.
     """
     terms = [sid.Ct, *(t for node in sid.nodes for t in (node.phi, node.psi))]
     if any(term.m1 is not None and term.m1.any() for term in terms):
         return True
     first = sid.Cr.first_order(sid.nq)
     symmetric = np.abs(first + np.swapaxes(first, 0, 1)).max(initial=0.0)
-    return bool(symmetric > 1e-6 * np.abs(first).max(initial=0.0))
+    noise = 1e-6 * max(np.abs(first).max(initial=0.0), np.abs(sid.Me.m0).max(initial=0))
+    if symmetric > noise:
+        return True
+    return _stiffens_by_rotation(sid)
+
+
+def _stiffens_by_rotation(sid: SID) -> bool:
+    """Oe m1 of wx wx, wy wy or wz wz has a positive eigenvalue."""
+    if sid.Oe.m1 is None or sid.nq == 0:
+        return False
+    diagonal = np.moveaxis(sid.Oe.m1[:, :, :3], 2, 0)
+    values = np.linalg.eigvalsh((diagonal + np.swapaxes(diagonal, 1, 2)) / 2)
+    return bool(values.max() > 1e-6 * np.abs(values).max())
+
+
+def unit_stiffness(sid: SID, nodes: tuple[str, ...] = ()) -> dict[str, Array]:
+    """The stiffness that each unit load adds to Ke, symmetric in the modes.
+
+    Parameters
+    ----------
+    nodes : ids of nodes whose forces and moments are wanted
+
+    Returns
+    -------
+    acceleration, angular acceleration : (3, nq, nq) by axis
+    rotation : (6, nq, nq) by the products of the angular velocity, in Oe's order
+    force N, moment N : (3, nq, nq) by axis, for the nodes N
+
+    Raises
+    ------
+    InputError : there is no such node.
+    """
+    nq = sid.nq
+    found = {
+        "acceleration": np.moveaxis(sid.Ct.first_order(nq), 2, 0),
+        "rotation": np.moveaxis(sid.Oe.first_order(nq), 2, 0),
+        "angular acceleration": np.moveaxis(sid.Cr.first_order(nq), 2, 0),
+    }
+    for name in nodes:
+        node = sid.node(name)
+        found[f"force {name}"] = -np.moveaxis(node.phi.first_order(nq), 1, 0)
+        found[f"moment {name}"] = -np.moveaxis(node.psi.first_order(nq), 1, 0)
+    return {name: (k + np.swapaxes(k, 1, 2)) / 2 for name, k in found.items()}
+
+
+def rotation_products(angular_velocity: ArrayLike) -> Array:
+    """(..., 6) products of (..., 3) angular velocities, in Oe's order."""
+    w = np.asarray(angular_velocity, float)
+    x, y, z = np.moveaxis(w, -1, 0)
+    return np.stack([x * x, y * y, z * z, x * y, y * z, x * z], axis=-1)
 
 
 def load_stiffness(
@@ -50,20 +104,24 @@ def load_stiffness(
     ------
     InputError : there is no such node.
     """
-    x, y, z = np.asarray(angular_velocity, float)
-    products = np.array([x * x, y * y, z * z, x * y, y * z, x * z])
-    nq = sid.nq
-    total = sid.Ct.first_order(nq) @ np.asarray(acceleration, float)
-    total = total + sid.Oe.first_order(nq) @ products
-    turning = sid.Cr.first_order(nq) @ np.asarray(angular_acceleration, float)
-    total = total + (turning + turning.T) / 2
-    for node_id, force in (forces or {}).items():
-        first = sid.node(node_id).phi.first_order(nq)
-        total = total - np.einsum("lak,a->lk", first, np.asarray(force, float))
-    for node_id, moment in (moments or {}).items():
-        first = sid.node(node_id).psi.first_order(nq)
-        total = total - np.einsum("lak,a->lk", first, np.asarray(moment, float))
-    return (total + total.T) / 2
+    values = {
+        "acceleration": np.asarray(acceleration, float),
+        "rotation": rotation_products(angular_velocity),
+        "angular acceleration": np.asarray(angular_acceleration, float),
+    }
+    forces, moments = forces or {}, moments or {}
+    values |= {f"force {n}": np.asarray(f, float) for n, f in forces.items()}
+    values |= {f"moment {n}": np.asarray(m, float) for n, m in moments.items()}
+    units = unit_stiffness(sid, tuple({**forces, **moments}))
+    parts = [np.tensordot(load, units[name], 1) for name, load in values.items()]
+    return np.sum(parts, axis=0)
+
+
+def elastic_basis(sid: SID) -> Array:
+    """(nq, n) deformations of elastic energy 1/2 each, free of what Ke cannot hold."""
+    values, vectors = np.linalg.eigh((sid.Ke.m0 + sid.Ke.m0.T) / 2)
+    kept = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
+    return vectors[:, kept] / np.sqrt(values[kept])
 
 
 def stiffening_ratio(
@@ -96,8 +154,49 @@ def stiffening_ratio(
         forces=forces,
         moments=moments,
     )
-    values, vectors = np.linalg.eigh((sid.Ke.m0 + sid.Ke.m0.T) / 2)
-    kept = values > 1e-12 * max(values[-1], 1e-300)
-    basis = vectors[:, kept] / np.sqrt(values[kept])
+    basis = elastic_basis(sid)
     ratios = np.linalg.eigvalsh(basis.T @ stiffness @ basis)
     return float(ratios[np.abs(ratios).argmax()]) if ratios.size else 0.0
+
+
+@dataclass(frozen=True)
+class Stiffening:
+    """What loads do to the stiffness of a body where they do most.
+
+    Attributes
+    ----------
+    ratio : see `stiffening_ratio`
+    load : the load that does most of it, in words; empty where there is none
+    carried : the SID has stiffening terms, else only rotation is judged
+    diverges : deformations grow without bound while these loads last
+    time : of these loads [s]
+    condition : a drive; the body has these loads only if it turns like that
+    """
+
+    ratio: float = 0.0
+    load: str = ""
+    carried: bool = False
+    diverges: bool = False
+    time: float = 0.0
+    condition: str = ""
+
+    def sentence(self) -> str:
+        """Does stiffening matter, and does the SID carry it?"""
+        share = f"{100 * self.ratio:+.3g} % of the stiffness by {self.load}"
+        if self.condition and abs(self.ratio) >= MATTERS:
+            lacks = "" if self.carried else " (the SID lacks it)"
+            return f"stiffening {share}, if it turns like {self.condition}{lacks}"
+        if self.diverges and not self.carried:
+            return (
+                f"diverges, {share}: the SID lacks the geometric stiffening that "
+                f"outweighs the centrifugal softening; {REMEDY}"
+            )
+        if self.diverges:
+            return f"buckles, {share}: these loads are more than the body can bear"
+        if abs(self.ratio) < MATTERS:
+            amount = f", {share}" if self.load else ""
+            lacks = "" if self.carried else " (rotation alone, all this SID can tell)"
+            return f"stiffening does not matter{amount}{lacks}"
+        if self.carried:
+            return f"stiffening matters and is in the SID, {share}"
+        return f"stiffening matters and the SID lacks it, {share}; {REMEDY}"

@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import InputError
-from .sid import SID, Array
+from .sid import SID, Array, Taylor
+
+#: Components in the order of sigma rows.
+COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")
 
 
 def node_stress(sid: SID, node_id: str | int, q: ArrayLike) -> Array:
@@ -22,8 +25,7 @@ def node_stress(sid: SID, node_id: str | int, q: ArrayLike) -> Array:
         raise InputError(
             f"node {node_id} carries no stress", expected=f"one that does: {carriers}"
         )
-    first = sigma.first_order(sid.nq)[:, :, 0]
-    return sigma.m0[:, 0] + np.asarray(q, float) @ first
+    return _stress(sigma, q)
 
 
 def stress_nodes(sid: SID) -> tuple[str, ...]:
@@ -38,12 +40,21 @@ def peak_stress(sid: SID, q: ArrayLike) -> Array:
     ------
     InputError : no node does.
     """
-    names = stress_nodes(sid)
-    if not names:
+    rows = [node.sigma for node in sid.nodes if node.sigma is not None]
+    if not rows:
         raise InputError(
-            "no node of this body carries stress", expected="a table [stress]"
+            "no node of this body carries stress",
+            expected="a body converted with a table [stress]",
         )
-    return np.max([von_mises(node_stress(sid, name, q)) for name in names], axis=0)
+    peak = von_mises(_stress(rows[0], q))
+    for sigma in rows[1:]:
+        peak = np.maximum(peak, von_mises(_stress(sigma, q)))
+    return peak
+
+
+def _stress(sigma: Taylor, q: ArrayLike) -> Array:
+    q = np.asarray(q, float)
+    return sigma.m0[:, 0] + q @ sigma.first_order(q.shape[-1])[:, :, 0]
 
 
 def von_mises(stress: ArrayLike) -> Array:

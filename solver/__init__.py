@@ -51,7 +51,8 @@ def compile_scene(
     ----------
     base_folder : paths of SID files in the scene are relative to it
     sids : SIDs that replace the files of the bodies with these names
-    accept_defects : take SIDs whose coupled mass matrix is indefinite
+    accept_defects : take SIDs whose coupled mass matrix is indefinite, and joints and
+        forces on nodes where all shape functions vanish
     drives : callables that replace the functions of the drives with these names:
         f(t), or a tuple of f and its first, or first two, derivatives
     keep_joints : keep all joints as constraints, whose forces are then known, also
@@ -62,13 +63,14 @@ def compile_scene(
     InputError : a SID cannot be read or describes an impossible body, a marker does
         not exist, or an output asks for what there is not.
     """
-    from .checks import check_masses, check_outputs
+    from .checks import check_attachments, check_masses, check_outputs
     from .scene import build_system
 
     system = build_system(scene, Path(base_folder), sids, drives, keep_joints)
     check_outputs(system)
     if not accept_defects:
         check_masses(system)
+        check_attachments(system)
     return system
 
 

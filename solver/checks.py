@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
+from formats.dead_nodes import check_alive, dead_nodes
 from formats.errors import InputError
-from formats.scene import SCENE_QUANTITIES, parse_output
+from formats.scene import (
+    SCENE_QUANTITIES,
+    SceneFile,
+    is_stress,
+    marker_names,
+    marker_reference,
+    parse_output,
+)
 from formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
 from .joint_forces import COMPONENTS, second_marker
 from .kernels import layout as at
 from .outputs import elastic_range, multiplier_rows
 from .scene import GROUND_NAME, System
+from .stress_outputs import check_stress
 
 
 def check_outputs(system: System) -> None:
@@ -17,10 +28,13 @@ def check_outputs(system: System) -> None:
 
     Raises
     ------
-    InputError : an elastic coordinate or a multiplier that does not exist.
+    InputError : an elastic coordinate, a multiplier or a stress that does not exist.
     """
     for text in system.scene.outputs.record:
         name = parse_output(text)
+        if is_stress(name.quantity):
+            check_stress(system, name)
+            continue
         if name.marker or name.owner in SCENE_QUANTITIES:
             continue
         if name.quantity in COMPONENTS:
@@ -30,6 +44,44 @@ def check_outputs(system: System) -> None:
             multiplier_rows(system, name.owner, name.quantity)
         elif name.quantity[-1] == "*" or name.quantity[-1].isdigit():
             elastic_range(system, name.owner, name.quantity)
+
+
+def check_attachments(system: System) -> None:
+    """Joints, drives and forces act where shape functions can move.
+
+    Raises
+    ------
+    InputError : one acts on a node of a flexible body where all of them vanish.
+    """
+    bodies = {data.name: data for data in system.bodies if dead_nodes(data.sid)}
+    for what, place, (body, marker) in attachments(system.scene):
+        if body not in bodies:
+            continue
+        node = bodies[body].node(marker)
+        try:
+            check_alive(bodies[body].sid, node.id, what, body)
+        except InputError as error:
+            raise InputError(
+                error.problem,
+                place=place,
+                expected=f"{error.expected}, or --accept-defects",
+            ) from None
+
+
+def attachments(scene: SceneFile) -> Iterator[tuple[str, str, tuple[str, str]]]:
+    """What acts on which (body, marker): in words, its key, and the marker."""
+    for name, joint in scene.joints.items():
+        for text in marker_names(joint):
+            yield f"the joint {name}", f"joints.{name}", marker_reference(text)
+    for name, drive in scene.drives.items():
+        for end in (drive.marker, drive.reference):
+            if drive.marker is not None and end is not None:
+                yield f"the drive {name}", f"drives.{name}", marker_reference(end)
+    for name, force in scene.forces.items():
+        pair = getattr(force, "markers", None) or (getattr(force, "marker", None),)
+        for end in pair:
+            if end is not None:
+                yield f"the force {name}", f"forces.{name}", marker_reference(end)
 
 
 def check_masses(system: System) -> None:

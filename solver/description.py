@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from formats.errors import InputError
+
 from .assembly import assemble, names_of_rows
 from .bodies import BodyData
+from .body_measures import expected_bodies
+from .checks import check_attachments
 from .kernels import layout as at
 from .scene import GROUND_NAME, System
 
@@ -22,7 +26,7 @@ def describe(system: System) -> list[str]:
     ------
     InputError : no start position meets the constraints.
     """
-    system, _ = assemble(system)
+    system, start = assemble(system)
     kind = "planar" if system.planar else "spatial"
     lines = [
         f"{kind} scene: {system.n_positions} position coordinates, "
@@ -31,9 +35,12 @@ def describe(system: System) -> list[str]:
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         if data.name != GROUND_NAME:
             lines.append(f"body {data.name}: {_body(row, data)}")
-    for name, body in system.eliminated.items():
+    for name, body in expected_bodies(system, start).items():
+        lines.append(f"body {name}: {body.before}")
+    lines += _defects(system)
+    for name, owner in system.eliminated.items():
         lines.append(
-            f"{name}: dropped from the constraints, the frame of {body} is prescribed"
+            f"{name}: dropped from the constraints, the frame of {owner} is prescribed"
         )
     if system.redundant:
         names = ", ".join(dict.fromkeys(names_of_rows(system, system.redundant)))
@@ -44,6 +51,15 @@ def describe(system: System) -> list[str]:
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
     lines.append(f"markers: {used} used of {total} exported nodes")
     return lines
+
+
+def _defects(system: System) -> list[str]:
+    """What `compile_scene` would refuse unless told to accept it."""
+    try:
+        check_attachments(system)
+    except InputError as error:
+        return [f"{error.problem} (--accept-defects)"]
+    return []
 
 
 def _body(row: object, data: BodyData) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from formats.errors import InputError
-from formats.scene import SCENE_QUANTITIES, parse_output
+from formats.scene import SCENE_QUANTITIES, is_stress, parse_output
 from formats.sid import Array
 
 from .energy_history import History
@@ -21,15 +21,21 @@ from .motion import place
 from .sampling import Samples, sample
 from .scene import GROUND_NAME, System
 from .scene_outputs import SceneQuantities
+from .stress_outputs import stress_column
 
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """Named columns (nt, n) and multipliers (nt, rows)."""
+    """Named columns (nt, n), and the states that they were made of."""
 
     names: tuple[str, ...]
     values: Array
-    multipliers: Array
+    samples: Samples
+
+    @property
+    def multipliers(self) -> Array:
+        """(nt, rows)."""
+        return self.samples.multipliers
 
 
 def record(
@@ -63,11 +69,13 @@ def record(
             names.append(name)
             columns.append(column)
     values = np.column_stack(columns) if columns else np.zeros((len(times), 0))
-    return Recorded(tuple(names), values, samples.multipliers)
+    return Recorded(tuple(names), values, samples)
 
 
 def _columns(system: System, samples: Samples, text: str) -> list[tuple[str, Array]]:
     name = parse_output(text)
+    if is_stress(name.quantity):
+        return [(text, stress_column(system, samples, name))]
     if name.marker:
         m = system.markers[name.owner, name.marker]
         return [(text, _marker_column(system, samples, m, name.quantity))]

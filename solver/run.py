@@ -5,19 +5,20 @@ from __future__ import annotations
 import platform
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 
 import numpy as np
 
 from formats.errors import InputError
-from formats.result import Result
+from formats.result import FlexibleBody, Result
 from formats.scene import output_times
 from formats.sid import Array
 
 from . import assembly, outputs, warmup
 from .bodies import amplitudes, frequencies
+from .body_measures import expected_bodies, reached_bodies
 from .energy_history import History, is_wanted
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Integrator, stepping
@@ -38,6 +39,7 @@ CLOSED = (1e-13, 1e-11)
 STEP_TOLERANCE = 1.0
 
 Progress = Callable[[float], None]
+Foresee = Callable[[Mapping[str, FlexibleBody]], None]
 
 _FAILURES = {
     stepping.TOO_SMALL: "the step size fell below what the time resolves: the motion "
@@ -66,6 +68,7 @@ def simulate(
     rtol: float | None = None,
     step: float | None = None,
     progress: Progress | None = None,
+    foresee: Foresee | None = None,
 ) -> Result:
     """Integrates a compiled scene over its time span.
 
@@ -75,6 +78,7 @@ def simulate(
     rtol : tolerated error relative to the largest motion, default as in the scene
     step : fixed step [s]; replaces the error control
     progress : called with the simulated time [s] from time to time
+    foresee : called before the first step with what is expected of flexible bodies
 
     Raises
     ------
@@ -86,14 +90,17 @@ def simulate(
     warmup.ensure(system.planar, [method.step_loop], say_compiling)
     began = time.perf_counter()
     system, start = assembly.assemble(system)
+    expected = expected_bodies(system, start)
+    if foresee is not None:
+        foresee(expected)
     run = _Run(system, method, settings, start)
     assembled = time.perf_counter()
     failure = run.go(progress)
     solved = time.perf_counter()
     seconds = {"seconds_assembly": assembled - began, "seconds": solved - assembled}
-    result = run.result(seconds, failure)
+    result = run.result(seconds, failure, expected)
     if failure:
-        raise SimulationError(failure, result)
+        raise SimulationError(result.message, result)
     return result
 
 
@@ -204,7 +211,12 @@ class _Run:
             text += f"; redundant at the start, perhaps contradicting now: {names}"
         return text
 
-    def result(self, seconds: dict[str, float], failure: str) -> Result:
+    def result(
+        self,
+        seconds: dict[str, float],
+        failure: str,
+        expected: Mapping[str, FlexibleBody],
+    ) -> Result:
         count = int(self.control.whole[stepping.OUTPUT])
         recorded = outputs.record(
             self.system,
@@ -216,6 +228,9 @@ class _Run:
             self.control.out_v[:count],
             self.control.real[[stepping.NEAR, stepping.STILL]],
             self.history,
+        )
+        bodies = reached_bodies(
+            self.system, recorded.samples, self.times[:count], expected
         )
         return Result(
             title=self.system.scene.title,
@@ -238,11 +253,24 @@ class _Run:
                 "rtol": self.settings.rtol,
                 "step": self.settings.step or 0.0,
             },
+            bodies=bodies,
             scene=self.system.scene.model_dump_json(by_alias=True, exclude_none=True),
             versions=versions(),
             completed=not failure,
-            message=failure,
+            message=_explained(failure, bodies),
         )
+
+
+def _explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
+    """The failure, and the bodies that deform without bound as its cause."""
+    if not failure:
+        return ""
+    for name, body in bodies.items():
+        for stage in (body.found, body.expected):
+            if stage is not None and stage.diverges:
+                failure += f"; {name} {stage.sentence()}"
+                break
+    return failure
 
 
 def _singular(system: System, t: float, status: int) -> str:

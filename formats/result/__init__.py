@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+from .bodies import Excitation, FlexibleBody
 from .data import Result
 from .hdf5 import read_result, write_result
 from .table import write_csv
 
-__all__ = ["Result", "read_result", "write_csv", "write_result"]
+__all__ = [
+    "Excitation",
+    "FlexibleBody",
+    "Result",
+    "read_result",
+    "write_csv",
+    "write_result",
+]

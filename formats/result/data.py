@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .bodies import FlexibleBody
 
 Array = NDArray[np.float64]
 Scalar = bool | int | float | str
@@ -29,6 +30,7 @@ class Result:
     counters : cost of the run: steps, rejected, evaluations, factorisations, seconds
     drift : largest constraint residuals: position, velocity
     settings : integrator, rtol, step and whatever else the run was made with
+    bodies : what the run asked of each flexible body, see `FlexibleBody`
     scene : the scene as JSON
     versions : of this program and of the libraries under it
     completed : False when the run stopped early, for the reason in `message`
@@ -51,6 +53,7 @@ class Result:
     counters: Mapping[str, int | float] = field(default_factory=dict)
     drift: Mapping[str, float] = field(default_factory=dict)
     settings: Mapping[str, Scalar] = field(default_factory=dict)
+    bodies: Mapping[str, FlexibleBody] = field(default_factory=dict)
     scene: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     completed: bool = True

@@ -3,7 +3,8 @@
 Attributes of the root: format, format_version, title, completed, message. Datasets:
 t, values, positions, velocities, multipliers, each of the latter four with its columns'
 names in the attribute ``names``; scene (JSON text). Groups counters, drift, settings
-and versions hold their entries as attributes. The file is sealed, see `seal`.
+and versions hold their entries as attributes, and so does bodies/NAME for each flexible
+body, see `hdf5_bodies`. The file is sealed, see `seal`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from ..atomic import atomic_path
 from ..errors import InputError
 from ..seal import BLOCK, check_seal, seal
 from .data import TABLES, Result
+from .hdf5_bodies import read_bodies, write_bodies
 
 FORMAT = "sidtool result"
 VERSION = 1
@@ -57,6 +59,7 @@ def _write(path: Path, result: Result) -> None:
         file.create_dataset("scene", data=result.scene, dtype=h5py.string_dtype())
         for group in _GROUPS:
             file.create_group(group).attrs.update(_storable(getattr(result, group)))
+        write_bodies(file.create_group("bodies"), result.bodies)
 
 
 def read_result(path: str | Path) -> Result:
@@ -109,6 +112,7 @@ def _result(file: h5py.File) -> Result:
     for group in _GROUPS:
         entries = file[group].attrs.items()
         parts[group] = {key: _plain(value) for key, value in entries}
+    parts["bodies"] = read_bodies(file.get("bodies"))
     return Result(
         title=str(file.attrs["title"]),
         completed=bool(file.attrs["completed"]),

@@ -52,9 +52,12 @@ from .joints import (
     marker_names,
 )
 from .outputs import (
+    PEAK_STRESS,
     SCENE_QUANTITIES,
+    STRESSES,
     OutputName,
     is_of_joint,
+    is_stress,
     marker_reference,
     parse_output,
 )
@@ -88,6 +91,7 @@ __all__ = [
     "ModalDamping",
     "OutputName",
     "Outputs",
+    "PEAK_STRESS",
     "Piece",
     "Placement",
     "PlanarJoint",
@@ -100,6 +104,7 @@ __all__ = [
     "Revolute",
     "RigidBody",
     "SCENE_QUANTITIES",
+    "STRESSES",
     "SceneFile",
     "SidBody",
     "SidDamping",
@@ -114,6 +119,7 @@ __all__ = [
     "coupled_coordinates",
     "driven_coordinate",
     "is_of_joint",
+    "is_stress",
     "marker_names",
     "marker_reference",
     "output_times",

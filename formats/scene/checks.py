@@ -16,6 +16,7 @@ from .outputs import (
     SCENE_QUANTITIES,
     is_of_joint,
     is_quantity,
+    is_stress,
     parse_output,
 )
 from .references import check_reference
@@ -94,6 +95,8 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         expected = known_names(name.owner, scene.bodies, "body")
         fail(place, f"there is no body {name.owner!r}", expected)
     body = scene.bodies[name.owner]
+    if is_stress(name.quantity) and isinstance(body, RigidBody):
+        fail(place, f"{name.owner} is rigid", "the stress of a SID body")
     if name.marker:
         check_reference(f"{name.owner}.{name.marker}", place, scene)
     elif ELASTIC.fullmatch(name.quantity) and isinstance(body, RigidBody):

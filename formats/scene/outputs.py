@@ -3,7 +3,10 @@
 BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.QUANTITY, where BODY may be followed by a
 marker name or, for a SID, a node id. Quantities of a body: x y z, angle, vx vy vz,
 wx wy wz, ax ay az, qN, vqN, and q*, vq* for all of them. Quantities of a marker: x y z,
-vx vy vz, ax ay az, and ux uy uz for its elastic displacement in the body frame.
+vx vy vz, ax ay az, ux uy uz for its elastic displacement in the body frame, and, of a
+SID with stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sigma_xz and
+von_mises [Pa]. The largest von_mises over all nodes with stress is peak_von_mises of
+the body.
 
 Quantities of a joint or a drive: fx fy fz and mx my mz, the force and torque on its
 second marker in inertial axes; fK is its K-th multiplier and f* all of them. Of the
@@ -18,10 +21,14 @@ import re
 from typing import NamedTuple
 
 from ..errors import InputError
+from ..stress import COMPONENTS as STRESS_COMPONENTS
 
 POINT_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"])
-MARKER_QUANTITIES = POINT_QUANTITIES | frozenset(["ux", "uy", "uz"])
-BODY_QUANTITIES = POINT_QUANTITIES | frozenset(["angle", "wx", "wy", "wz"])
+#: Stresses at a marker of a flexible body, and the largest one of the whole body.
+STRESSES = (*(f"sigma_{pair}" for pair in STRESS_COMPONENTS), "von_mises")
+PEAK_STRESS = "peak_von_mises"
+MARKER_QUANTITIES = POINT_QUANTITIES | frozenset(["ux", "uy", "uz", *STRESSES])
+BODY_QUANTITIES = POINT_QUANTITIES | frozenset(["angle", "wx", "wy", "wz", PEAK_STRESS])
 JOINT_QUANTITIES = frozenset(["fx", "fy", "fz", "mx", "my", "mz"])
 #: Quantities of the whole scene, by what stands in the place of a body.
 SCENE_QUANTITIES = {
@@ -83,6 +90,11 @@ def is_quantity(text: str, *, of_marker: bool = False) -> bool:
 def is_of_joint(quantity: str) -> bool:
     """True for what only a joint or a drive has: multipliers, force and torque."""
     return quantity in JOINT_QUANTITIES or MULTIPLIER.fullmatch(quantity) is not None
+
+
+def is_stress(quantity: str) -> bool:
+    """True for what only a flexible body with stress rows has."""
+    return quantity in STRESSES or quantity == PEAK_STRESS
 
 
 def marker_reference(text: str) -> tuple[str, str]:

@@ -13,7 +13,8 @@ from .common import check_target, existing, target
 _ACCEPT = click.option(
     "--accept-defects",
     is_flag=True,
-    help="Use bodies with an impossible mass matrix, which are refused otherwise.",
+    help="Use what is refused otherwise: impossible mass matrices, and joints or "
+    "forces on nodes that no shape function moves.",
 )
 
 

@@ -19,8 +19,10 @@ def info(file: Path) -> None:
     \b
     For a SID: modes with frequency, kind and effective mass, frame, nodes, dialect.
     For a model: geometry, material, discretisation, frame, markers, reduction.
-    For a scene: bodies, joints, drives, and what the simulation keeps or drops.
-    For a result: outputs with their range, cost, drift of the constraints.
+    For a scene: bodies, joints, drives, what the simulation keeps or drops, and of
+    flexible bodies frequencies, excitation and expected stiffening.
+    For a result: outputs with their range, cost, drift of the constraints, and what
+    each shape function contributed.
 
     \b
     Examples:

@@ -28,7 +28,8 @@ from .common import check_target, existing, progress_bar, target
 @click.option(
     "--accept-defects",
     is_flag=True,
-    help="Simulate bodies with an impossible mass matrix, which is refused otherwise.",
+    help="Simulate what is refused otherwise: impossible mass matrices, and joints or "
+    "forces on nodes that no shape function moves.",
 )
 def simulate(
     scene: Path,
@@ -43,7 +44,10 @@ def simulate(
     """Simulate the motion of a SCENE and report cost and accuracy.
 
     The scene says what is integrated how; the options replace what it says.
-    `sidtool info SCENE` shows what would be simulated.
+    `sidtool info SCENE` shows what would be simulated, `sidtool info RESULT` what each
+    shape function contributed. Of each flexible body a line before the run compares
+    its frequencies with the excitation; whether geometric stiffening matters is
+    estimated there, and told of the largest loads of the run after it.
 
     \b
     Examples:
@@ -110,9 +114,18 @@ def _run(
         system = compile_scene(
             scene, path.parent, sids=sids, accept_defects=accept_defects
         )
-        return run(system, progress=_share(bar, scene.time), **settings)
+        progress = _share(bar, scene.time)
+        return run(system, progress=progress, foresee=_foresee, **settings)
     except InputError as error:
         raise error.located(path) from None
+
+
+def _foresee(bodies: Any) -> None:
+    """Says before a run what its flexible bodies have to expect."""
+    if bodies:
+        from ..report.result import foreseen
+
+        click.echo(foreseen(bodies))
 
 
 def _share(bar: Callable[[float], None] | None, time: Any) -> Any:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+
 import numpy as np
 
-from formats.result import Result
+from formats.result import FlexibleBody, Result
 
 from .tables import named, plural, table
 
@@ -17,6 +19,8 @@ COUNTERS = {
     "factorisations": "factorisation",
     "newton_iterations": "Newton iteration",
 }
+#: Flexible bodies told of in a summary, those with the most stiffening.
+MOST_BODIES = 8
 _DRIFT_UNITS = {"position": "m", "velocity": "m/s"}
 
 
@@ -33,7 +37,28 @@ def summary(result: Result) -> str:
         entries.append(("estimated error", f"{error:.1e}"))
     if not result.completed:
         entries.append(("stopped", result.message))
+    entries += _chosen(result.bodies, lambda body: body.after)
     return named(entries)
+
+
+def foreseen(bodies: Mapping[str, FlexibleBody]) -> str:
+    """A line per flexible body before a run: frequencies, expected stiffening."""
+    return named(_chosen(bodies, lambda body: body.before))
+
+
+def _chosen(
+    bodies: Mapping[str, FlexibleBody], tell: Callable[[FlexibleBody], str]
+) -> list[tuple[str, str]]:
+    """Lines of the bodies with the most stiffening."""
+    order = sorted(bodies, key=lambda name: -_severity(bodies[name]))
+    lines = [(name, tell(bodies[name])) for name in order[:MOST_BODIES]]
+    more = len(order) - MOST_BODIES
+    return [*lines, ("...", f"and {plural(more, 'body')} with less")][: len(order)]
+
+
+def _severity(body: FlexibleBody) -> float:
+    stage = body.found or body.expected
+    return np.inf if stage.diverges else abs(stage.ratio)
 
 
 def describe_result(result: Result) -> str:
@@ -45,12 +70,26 @@ def describe_result(result: Result) -> str:
         if len(column)
     ]
     parts = [named([("title", result.title or "(none)")]) + "\n" + summary(result)]
+    parts += [_contributions(name, body) for name, body in result.bodies.items()]
     if rows:
         parts.append(table(["output", "first", "least", "greatest", "last"], rows))
     if result.versions:
         made = ", ".join(f"{name} {text}" for name, text in result.versions.items())
         parts.append(f"made with {made}")
     return "\n\n".join(parts)
+
+
+def _contributions(name: str, body: FlexibleBody) -> str:
+    """What each elastic coordinate of a body contributed to the motion."""
+    header = [name, "Hz", "max |q|", "energy %", "label"]
+    columns = (body.frequencies, body.amplitudes, 100 * body.energy_shares)
+    rows = [
+        [f"q{i}", f"{hertz:.4f}", f"{size:.4g}", f"{share:.2f}", label.strip()]
+        for i, (hertz, size, share, label) in enumerate(
+            zip(*columns, body.labels, strict=False), 1
+        )
+    ]
+    return f"{body.before}\n{table(header, rows)}"
 
 
 def _span(result: Result) -> str:

@@ -1,0 +1,65 @@
+"""Flexible bodies of a run as attributes of groups in HDF5."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+import h5py
+import numpy as np
+
+from ..stiffening import Stiffening
+from .bodies import Excitation, FlexibleBody
+
+_PARTS = {"excitation": Excitation, "expected": Stiffening, "found": Stiffening}
+
+
+def write_bodies(group: h5py.Group, bodies: Mapping[str, FlexibleBody]) -> None:
+    """One subgroup per body, whose attributes are its entries."""
+    for name, body in bodies.items():
+        place = group.create_group(name)
+        for key, value in _entries(body).items():
+            if isinstance(value, tuple):
+                value = np.array(value, dtype=h5py.string_dtype())
+            place.attrs[key] = value
+
+
+def read_bodies(group: h5py.Group | None) -> dict[str, FlexibleBody]:
+    """Inverse of `write_bodies`; files of before have no such group."""
+    if group is None:
+        return {}
+    return {name: _body(dict(place.attrs)) for name, place in group.items()}
+
+
+def _entries(body: FlexibleBody) -> dict[str, Any]:
+    """Numbers, texts and arrays; those of parts as PART.NAME."""
+    found: dict[str, Any] = {}
+    for entry in fields(body):
+        value = getattr(body, entry.name)
+        if entry.name not in _PARTS:
+            found[entry.name] = value
+        elif value is not None:
+            for part in fields(value):
+                found[f"{entry.name}.{part.name}"] = getattr(value, part.name)
+    return found
+
+
+def _body(entries: dict[str, Any]) -> FlexibleBody:
+    parts: dict[str, Any] = {}
+    for key, value in entries.items():
+        part, dot, name = key.partition(".")
+        if dot:
+            parts.setdefault(part, {})[name] = _plain(value)
+        else:
+            parts[key] = _plain(value)
+    for name, kind in _PARTS.items():
+        if name in parts:
+            parts[name] = kind(**parts[name])
+    return FlexibleBody(**parts)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist()) if value.dtype.kind == "O" else value
+    return value.item() if isinstance(value, np.generic) else value

@@ -1,0 +1,190 @@
+"""Loads that geometric stiffening depends on, for each flexible body of a scene.
+
+Before a run: the start, and what drives prescribe. After it: the recorded states, with
+the forces of joints and of the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from formats.scene import marker_names, marker_reference
+from formats.sid import SID, Array
+
+from .assembly import Start
+from .force_measures import function_values, measured
+from .joint_forces import wrench
+from .kernels import layout as at
+from .kernels import planar, spatial
+from .motion import Motion, frame_motion, marker_motion
+from .prescribed import FrameHistory, start_frame
+from .sampling import Samples
+from .scene import System
+from .stiffening import Loads
+
+Wrench = tuple[Array, Array]
+
+
+def recorded_loads(system: System, samples: Samples, times: Array, body: str) -> Loads:
+    """Loads of a flexible body at recorded states."""
+    b = system.index(body)
+    frame = frame_motion(system, samples, b)
+    a, alpha = _accelerations(system, samples, b)
+    a = a - np.einsum("tji,j->ti", frame.R, system.arrays.gravity)
+    forces: dict[str, Array] = {}
+    moments: dict[str, Array] = {}
+    for marker, (force, moment) in _wrenches(system, samples, times, body):
+        node = system.bodies[b].node(marker)
+        for store, vector, m1 in (
+            (forces, force, node.phi.m1),
+            (moments, moment, node.psi.m1),
+        ):
+            if m1 is not None and m1.any():
+                local = np.einsum("tji,tj->ti", frame.R, vector)
+                store[node.id] = store.get(node.id, 0.0) + local
+    return Loads(frame.W, a, alpha, forces, moments)
+
+
+def prescribed_loads(system: System, history: FrameHistory) -> Loads:
+    """Loads of a body whose frame moves as drives say."""
+    gravity = np.einsum("tji,j->ti", history.R, system.arrays.gravity)
+    return Loads(history.w, history.a - gravity, history.alpha)
+
+
+def start_loads(system: System, start: Start, body: str) -> Loads:
+    """Rotation, gravity and given forces at the start."""
+    frame = start_frame(system, start.z, start.v, body)
+    found = prescribed_loads(system, frame)
+    data = system.bodies[system.index(body)]
+    forces: dict[str, Array] = {}
+    moments: dict[str, Array] = {}
+    now = np.array([system.scene.time.start])
+    for element in system.forces:
+        if element.kind > at.FOLLOWING or element.b[0] != body:
+            continue
+        node = data.node(element.b[1])
+        R = node.AP.m0 if element.kind == at.FOLLOWING else frame.R[0].T
+        factor = function_values(system, element.function, now)[0]
+        force, moment = _components(system, element.data)
+        forces[node.id] = forces.get(node.id, 0.0) + factor * (R @ force)[None]
+        moments[node.id] = moments.get(node.id, 0.0) + factor * (R @ moment)[None]
+    return Loads(
+        found.angular_velocity,
+        found.acceleration,
+        found.angular_acceleration,
+        forces,
+        moments,
+    )
+
+
+def turning_loads(rate: float, planar: bool) -> Loads:
+    """Rotation at one rate about z, or about each axis."""
+    w = np.diag([rate] * 3)[2 if planar else 0 :]
+    return Loads(w, 0.0 * w, 0.0 * w)
+
+
+def stiffened_by_forces(sid: SID) -> bool:
+    """Does a node carry stiffening by a force or a moment?"""
+    terms = [term.m1 for node in sid.nodes for term in (node.phi, node.psi)]
+    return any(m1 is not None and m1.any() for m1 in terms)
+
+
+def _accelerations(system: System, samples: Samples, b: int) -> tuple[Array, Array]:
+    """Of a frame, (nt, 3) each in body axes: of its origin, and angular."""
+    frame = samples.frames[:, b]
+    if not system.planar:
+        return (
+            frame[:, spatial.A : spatial.A + 3],
+            frame[:, spatial.ALPHA : spatial.ALPHA + 3],
+        )
+    a, alpha = np.zeros((2, len(frame), 3))
+    a[:, :2], alpha[:, 2] = frame[:, [planar.AX, planar.AY]], frame[:, planar.AL]
+    return a, alpha
+
+
+def _wrenches(
+    system: System, samples: Samples, times: Array, body: str
+) -> Iterator[tuple[str, Wrench]]:
+    """Marker, force and moment in inertial axes, of all that acts on a body."""
+    if not stiffened_by_forces(system.bodies[system.index(body)].sid):
+        return
+    yield from _of_joints(system, samples, body)
+    for k, element in enumerate(system.forces):
+        if element.kind <= at.FOLLOWING:
+            if element.b[0] == body:
+                yield element.b[1], _given(system, samples, times, k)
+        elif element.kind in (at.SPAN, at.SLIDE):
+            for end, marker in ((-1.0, element.a), (1.0, element.b)):
+                if marker is not None and marker[0] == body:
+                    force = end * _between(system, samples, times, k)
+                    yield marker[1], (force, 0.0 * force)
+
+
+def _of_joints(
+    system: System, samples: Samples, body: str
+) -> Iterator[tuple[str, Wrench]]:
+    for owner in dict.fromkeys(row.name for row in system.rows):
+        ends = _ends(system, owner)
+        if body not in [name for name, _ in ends]:
+            continue
+        total = wrench(system, samples, owner)
+        force, moment = total[:, :3], total[:, 3:]
+        (first, a), (second, b) = ends
+        if second == body:
+            yield b, (force, moment)
+        if first == body:
+            A, B = (_at(system, samples, end) for end in ends)
+            yield a, (-force, -moment - np.cross(B.x - A.x, force))
+
+
+def _ends(system: System, owner: str) -> list[tuple[str, str]]:
+    """Both markers of a joint or a drive; none of a coupling."""
+    drive = system.scene.drives.get(owner)
+    if drive is not None and drive.marker is not None:
+        texts: tuple[str, ...] = (drive.reference, drive.marker)
+    else:
+        name = owner if drive is None else drive.joint or ""
+        texts = marker_names(system.scene.joints[name])
+    return [marker_reference(text) for text in texts]
+
+
+def _at(system: System, samples: Samples, end: tuple[str, str]) -> Motion:
+    return marker_motion(system, samples, system.markers[end])
+
+
+def _given(system: System, samples: Samples, times: Array, k: int) -> Wrench:
+    element = system.forces[k]
+    factor = function_values(system, element.function, times)[:, None]
+    force, moment = _components(system, element.data)
+    if element.kind == at.FOLLOWING:
+        R = _at(system, samples, element.b).R
+        return factor * (R @ force), factor * (R @ moment)
+    return factor * force, factor * moment
+
+
+def _components(system: System, data: tuple[float, ...]) -> Wrench:
+    if system.planar:
+        return np.array([*data[:2], 0.0]), np.array([0.0, 0.0, data[2]])
+    return np.array(data[:3]), np.array(data[3:])
+
+
+def _between(system: System, samples: Samples, times: Array, k: int) -> Array:
+    """Force on the second marker of a force along a line, (nt, 3)."""
+    element = system.forces[k]
+    assert element.a is not None
+    law, measure = element.law, measured(system, samples, k)
+    size = law.applied * function_values(system, element.function, times)
+    size = size - law.stiffness.value(measure.g - law.rest)
+    size = size - law.damping.value(measure.rate)
+    size = size - law.friction * np.tanh(measure.rate / law.speed)
+    A, B = (_at(system, samples, end) for end in (element.a, element.b))
+    if element.kind == at.SPAN:
+        line = B.x - A.x
+        length = np.linalg.norm(line, axis=1, keepdims=True)
+        return size[:, None] * line / np.maximum(length, 1e-300)
+    local = np.array(element.data[:3])
+    if system.planar:
+        local = np.array([np.cos(local[0]), np.sin(local[0]), 0.0])
+    return size[:, None] * (A.R @ local)

@@ -1,0 +1,121 @@
+"""What a run asks of each flexible body, before it and after it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from formats.result import FlexibleBody
+from formats.sid import SID, Array
+from formats.stiffening import Stiffening
+
+from .assembly import Start
+from .bodies import frequencies, symmetric
+from .body_loads import (
+    prescribed_loads,
+    recorded_loads,
+    start_loads,
+    turning_loads,
+)
+from .energies import elastic_state
+from .excitation import drive_history, excitation, fastest_rotation
+from .prescribed import prescribed_frames
+from .sampling import Samples
+from .scene import System
+from .stiffening import largest_stiffening
+
+
+def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
+    """Frequencies, excitation and expected stiffening of all flexible bodies.
+
+    start : the assembled start of the system
+    """
+    flexible = [data for data in system.bodies if data.sid.nq]
+    if not flexible:
+        return {}
+    history = drive_history(system)
+    excited = excitation(system, history)
+    frames = prescribed_frames(system, history)
+    rate, drive = fastest_rotation(system, history)
+    found: dict[str, FlexibleBody] = {}
+    for data in flexible:
+        loads = start_loads(system, start, data.name)
+        now = np.full(1, system.scene.time.start)
+        expected = largest_stiffening(data.sid, loads, now)
+        if data.name in frames:
+            moved = prescribed_loads(system, frames[data.name])
+            expected = _worse(
+                expected, largest_stiffening(data.sid, moved, history.times)
+            )
+        elif rate:
+            turned = turning_loads(rate, system.planar)
+            times = np.full(len(turned.angular_velocity), now[0])
+            guess = largest_stiffening(data.sid, turned, times)
+            guess = replace(guess, condition=drive, diverges=False)
+            expected = _worse(expected, guess)
+        found[data.name] = FlexibleBody(
+            highest_frequency(data.sid), excited, expected, labels=data.sid.labels
+        )
+    return found
+
+
+def reached_bodies(
+    system: System, samples: Samples, times: Array, expected: Mapping[str, FlexibleBody]
+) -> dict[str, FlexibleBody]:
+    """The same with what the recorded states tell, (nt,) `times`."""
+    found = dict(expected)
+    if len(times) == 0:
+        return found
+    for name, body in expected.items():
+        b = system.index(name)
+        sid = system.bodies[b].sid
+        q, _ = elastic_state(system, samples, b)
+        loads = recorded_loads(system, samples, times, name)
+        energies = 0.5 * q * (q @ symmetric(sid.Ke.m0))
+        total = np.nanmax(energies.sum(axis=1), initial=0.0)
+        found[name] = replace(
+            body,
+            found=largest_stiffening(sid, loads, times),
+            frequencies=frequencies(sid) / (2.0 * np.pi),
+            amplitudes=np.nanmax(np.abs(q), axis=0, initial=0.0),
+            energy_shares=np.nanmax(np.abs(energies), axis=0, initial=0.0)
+            / (total or 1.0),
+            deflection=_deflection(sid, q),
+        )
+    return found
+
+
+def highest_frequency(sid: SID) -> float:
+    """Of the modes of (Ke, Me) [Hz]; of single coordinates if Me is no mass matrix."""
+    stiffness, mass = symmetric(sid.Ke.m0), symmetric(sid.Me.m0)
+    try:
+        half = np.linalg.inv(np.linalg.cholesky(mass))
+    except np.linalg.LinAlgError:
+        return float(frequencies(sid).max()) / (2.0 * np.pi)
+    square = np.linalg.eigvalsh(half @ stiffness @ half.T)[-1]
+    return float(np.sqrt(max(square, 0.0))) / (2.0 * np.pi)
+
+
+def _worse(one: Stiffening, other: Stiffening) -> Stiffening:
+    return max(one, other, key=lambda s: (s.diverges, abs(s.ratio)))
+
+
+def _deflection(sid: SID, q: Array) -> float:
+    """Largest displacement over the size of the body, at the nodes that move most."""
+    size = _size(sid)
+    if not sid.nodes or not size:
+        return 0.0
+    shapes = np.array([node.phi.m0 for node in sid.nodes])
+    lengths = np.linalg.norm(shapes, axis=1)
+    moving = np.unique(lengths.argmax(axis=0))
+    u = np.einsum("tl,nal->tna", q, shapes[moving])
+    return float(np.nanmax(np.linalg.norm(u, axis=2), initial=0.0) / size)
+
+
+def _size(sid: SID) -> float:
+    """The largest extent of origin, centre of mass and nodes [m]."""
+    places = [np.zeros(3), sid.mdCM.m0[:, 0] / (sid.mass or 1.0)]
+    places += [node.position for node in sid.nodes]
+    return float(np.linalg.norm(np.ptp(places, axis=0)))

@@ -1,0 +1,144 @@
+"""How much the loads of a body change its stiffness, over many instants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from formats.sid import SID, Array
+from formats.stiffening import (
+    Stiffening,
+    elastic_basis,
+    has_stiffening,
+    rotation_products,
+    unit_stiffness,
+)
+
+from .bodies import ge, symmetric
+
+#: Instants whose eigenvalues are computed together.
+BATCH = 32
+#: A rate of growth counts as none below this part of the fastest frequency.
+NEUTRAL = 1e-7
+_UNITS = {
+    "rotation": "rad/s",
+    "acceleration": "m/s2",
+    "angular acceleration": "rad/s2",
+    "force": "N",
+    "moment": "N m",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Loads of one body in its frame, one row (3,) per instant; see `load_stiffness`.
+
+    forces, moments : node id -> (nt, 3)
+    """
+
+    angular_velocity: Array
+    acceleration: Array
+    angular_acceleration: Array
+    forces: Mapping[str, Array] = field(default_factory=dict)
+    moments: Mapping[str, Array] = field(default_factory=dict)
+
+
+def largest_stiffening(sid: SID, loads: Loads, times: Array) -> Stiffening:
+    """The instant at which loads change the stiffness most.
+
+    times : (nt,) of the loads [s]
+    """
+    carried = has_stiffening(sid)
+    columns, matrices, owners = _columns(sid, loads)
+    basis = elastic_basis(sid)
+    if len(columns) == 0 or not columns.any() or basis.size == 0:
+        return Stiffening(carried=carried)
+    reduced = basis.T @ matrices @ basis
+    i, ratio, shape = _worst(columns, reduced)
+    shares = columns[i] * np.einsum("a,jab,b->j", shape, reduced, shape)
+    names = list(dict.fromkeys(owners))
+    sums = [sum(shares[[owner == name for owner in owners]]) for name in names]
+    main = names[int(np.abs(sums).argmax())]
+    diverges = ratio <= -1.0 and _grows(
+        sid, loads.angular_velocity[i], np.tensordot(columns[i], matrices, 1)
+    )
+    return Stiffening(
+        ratio, _in_words(main, loads, i), carried, bool(diverges), float(times[i])
+    )
+
+
+def _columns(sid: SID, loads: Loads) -> tuple[Array, Array, list[str]]:
+    """Loads (nt, n) that change the stiffness, its change by each, and their names."""
+    values = {
+        "rotation": rotation_products(loads.angular_velocity),
+        "acceleration": loads.acceleration,
+        "angular acceleration": loads.angular_acceleration,
+    }
+    values |= {f"force {node}": f for node, f in loads.forces.items()}
+    values |= {f"moment {node}": m for node, m in loads.moments.items()}
+    units = unit_stiffness(sid, tuple({**loads.forces, **loads.moments}))
+    columns, matrices, owners = [], [], []
+    for name, history in values.items():
+        for column, matrix in zip(history.T, units[name], strict=True):
+            if matrix.any() and column.any():
+                columns.append(column)
+                matrices.append(matrix)
+                owners.append(name)
+    nt, nq = len(loads.angular_velocity), sid.nq
+    table = np.array(columns).reshape(-1, nt).T
+    finite = np.isfinite(table).all(axis=1)
+    return (
+        np.where(finite[:, None], table, 0.0),
+        np.array(matrices).reshape(-1, nq, nq),
+        owners,
+    )
+
+
+def _worst(columns: Array, reduced: Array) -> tuple[int, float, Array]:
+    """Instant, eigenvalue and eigenvector that are largest in magnitude.
+
+    The Frobenius norm is cheap and bounds the eigenvalues: instants are looked at from
+    the largest norm on, until none can be worse than what was found.
+    """
+    gram = np.einsum("iab,jab->ij", reduced, reduced)
+    norms = np.sqrt(np.maximum(np.einsum("ti,ij,tj->t", columns, gram, columns), 0.0))
+    order = np.argsort(-norms, kind="stable")
+    best, found = -1.0, (int(order[0]), 0.0, np.zeros(reduced.shape[1]))
+    for first in range(0, len(order), BATCH):
+        rows = order[first : first + BATCH]
+        if norms[rows[0]] <= best:
+            break
+        values, vectors = np.linalg.eigh(np.tensordot(columns[rows], reduced, 1))
+        k, mode = np.unravel_index(np.abs(values).argmax(), values.shape)
+        if abs(values[k, mode]) > best:
+            best = float(abs(values[k, mode]))
+            found = (int(rows[k]), float(values[k, mode]), vectors[k, :, mode])
+    return found
+
+
+def _grows(sid: SID, w: Array, added: Array) -> bool:
+    """Do deformations grow in a frame that turns at w? Coriolis forces may hold them.
+
+    Me q'' + Ge(w) q' + (Ke + added) q = 0, without damping.
+    """
+    n, gyroscopic = sid.nq, np.einsum("akl,a->kl", ge(sid), w)
+    stiffness = symmetric(sid.Ke.m0) + added
+    inverse = np.linalg.pinv(symmetric(sid.Me.m0))
+    below = np.hstack([-inverse @ stiffness, -inverse @ gyroscopic])
+    matrix = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), below])
+    values = np.linalg.eigvals(matrix)
+    return bool(values.real.max() > NEUTRAL * np.abs(values).max())
+
+
+def _in_words(name: str, loads: Loads, i: int) -> str:
+    """ "rotation of 6 rad/s", "a force of 3 N at node 2"."""
+    kind, _, node = name.partition(" ")
+    if kind in ("force", "moment"):
+        acting = loads.forces if kind == "force" else loads.moments
+        size = np.linalg.norm(acting[node][i])
+        return f"a {kind} of {size:.3g} {_UNITS[kind]} at node {node}"
+    history = {"rotation": loads.angular_velocity, "acceleration": loads.acceleration}
+    size = np.linalg.norm(history.get(name, loads.angular_acceleration)[i])
+    return f"{name} of {size:.3g} {_UNITS[name]}"
