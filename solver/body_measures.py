@@ -73,15 +73,13 @@ def reached_bodies(
         sid = system.bodies[b].sid
         q, _ = elastic_state(system, samples, b)
         loads = recorded_loads(system, samples, times, name)
-        energies = 0.5 * q * (q @ symmetric(sid.Ke.m0))
-        total = np.nanmax(energies.sum(axis=1), initial=0.0)
+        amplitudes, shares = _contributions(sid, q)
         found[name] = replace(
             body,
             found=largest_stiffening(sid, loads, times),
             frequencies=frequencies(sid) / (2.0 * np.pi),
-            amplitudes=np.nanmax(np.abs(q), axis=0, initial=0.0),
-            energy_shares=np.nanmax(np.abs(energies), axis=0, initial=0.0)
-            / (total or 1.0),
+            amplitudes=amplitudes,
+            energy_shares=shares,
             deflection=_deflection(sid, q),
         )
     return found
@@ -98,6 +96,15 @@ def highest_frequency(sid: SID) -> float:
     return float(np.sqrt(max(square, 0.0))) / (2.0 * np.pi)
 
 
+def _contributions(sid: SID, q: Array) -> tuple[Array, Array]:
+    """Largest |q| and elastic energy of each coordinate, see `FlexibleBody`."""
+    largest = np.nanmax(np.abs(q), axis=0, initial=0.0)
+    scaled = q / (largest.max() or 1.0)
+    energies = scaled * (scaled @ symmetric(sid.Ke.m0))
+    total = np.nanmax(energies.sum(axis=1), initial=0.0)
+    return largest, np.nanmax(np.abs(energies), axis=0) / (total or 1.0)
+
+
 def _worse(one: Stiffening, other: Stiffening) -> Stiffening:
     return max(one, other, key=lambda s: (s.diverges, abs(s.ratio)))
 
@@ -110,8 +117,9 @@ def _deflection(sid: SID, q: Array) -> float:
     shapes = np.array([node.phi.m0 for node in sid.nodes])
     lengths = np.linalg.norm(shapes, axis=1)
     moving = np.unique(lengths.argmax(axis=0))
-    u = np.einsum("tl,nal->tna", q, shapes[moving])
-    return float(np.nanmax(np.linalg.norm(u, axis=2), initial=0.0) / size)
+    scale = np.nanmax(np.abs(q), initial=0.0) or 1.0
+    u = np.einsum("tl,nal->tna", q / scale, shapes[moving])
+    return float(np.nanmax(np.linalg.norm(u, axis=2), initial=0.0) / size * scale)
 
 
 def _size(sid: SID) -> float:

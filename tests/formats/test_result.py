@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import fields, replace
 from pathlib import Path
 
 import h5py
@@ -10,7 +11,16 @@ import numpy as np
 import pytest
 
 from formats.errors import InputError
-from formats.result import Result, read_result, write_csv, write_result
+from formats.result import (
+    Excitation,
+    FlexibleBody,
+    Result,
+    read_result,
+    write_csv,
+    write_result,
+)
+from formats.result.hdf5_bodies import read_bodies
+from formats.stiffening import Stiffening
 
 
 @pytest.fixture
@@ -45,6 +55,43 @@ def test_hdf5_returns_every_bit(result: Result, tmp_path: Path) -> None:
         assert getattr(back, name) == getattr(result, name)
     for name in ("counters", "drift", "settings", "versions"):
         assert dict(getattr(back, name)) == dict(getattr(result, name))
+
+
+def test_flexible_bodies_come_back_whole(result: Result, tmp_path: Path) -> None:
+    found = Stiffening(-2.5, "rotation of 6 rad/s", diverges=True, time=15.0)
+    rod = FlexibleBody(
+        highest_frequency=1254.9,
+        excitation=Excitation(6.0, "crank_angle"),
+        expected=Stiffening(0.1, "acceleration of 3 m/s2", carried=True),
+        found=found,
+        labels=("bending", "größer"),
+        frequencies=np.array([31.7, 200.5]),
+        amplitudes=np.array([1e-3, 2e-5]),
+        energy_shares=np.array([0.9, 0.1]),
+        deflection=0.3,
+    )
+    still = FlexibleBody(3.0, Excitation(), Stiffening())
+    bodies = {"rod": rod, "still": still}
+    write_result(tmp_path / "r.h5", replace(result, bodies=bodies))
+    back = read_result(tmp_path / "r.h5").bodies
+    assert list(back) == ["rod", "still"]
+    for name, body in bodies.items():
+        for entry in fields(FlexibleBody):
+            one, other = getattr(body, entry.name), getattr(back[name], entry.name)
+            assert np.array_equal(one, other), entry.name
+        assert (back[name].before, back[name].after) == (body.before, body.after)
+    assert back["rod"].diverges and not back["still"].diverges
+    assert back["still"].after == "not reached by the run"
+
+
+def test_files_of_before_have_no_flexible_bodies(
+    result: Result, tmp_path: Path
+) -> None:
+    write_result(tmp_path / "r.h5", result)
+    with h5py.File(tmp_path / "r.h5", "r") as file:
+        assert len(file["bodies"]) == 0
+    assert read_result(tmp_path / "r.h5").bodies == {}
+    assert read_bodies(None) == {}
 
 
 def test_csv_has_one_header_and_returns_every_bit(

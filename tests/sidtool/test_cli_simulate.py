@@ -54,6 +54,46 @@ def test_info_of_the_result(files: Path, capsys: pytest.CaptureFixture[str]) -> 
         assert word in text
 
 
+def test_a_run_tells_of_its_flexible_body_before_and_after(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The rod turns by r / L of the crank's speed at most: -(3.77 / 199)^2."""
+    assert run(["simulate", SCENE]) == 0
+    lines = [li for li in capsys.readouterr().out.splitlines() if li[:4] == "rod "]
+    before, after = lines
+    assert "frequencies to 1254.95 Hz, 209 times the excitation of 6 Hz" in before
+    assert "-3.58 % of the stiffness by rotation of 37.7 rad/s, if it tur" in before
+    assert "stiffening does not matter, -0.0351 % of the stiffness by rot" in after
+
+
+def test_a_result_tells_what_each_shape_function_did(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    body, result = (
+        read_result(files / "r.h5").bodies["rod"],
+        read_result(files / "r.h5"),
+    )
+    columns = [np.abs(result[f"rod.q{i + 1}"]).max() for i in range(5)]
+    assert np.array_equal(body.amplitudes, columns)
+    assert body.energy_shares[0] > 0.7 > body.energy_shares[3]
+    assert run(["info", str(files / "r.h5")]) == 0
+    text = capsys.readouterr().out
+    assert "max |q|  energy %  label" in text
+    assert "q1     31.7011  0.0009992     75.66  Eigen Mode    1" in text
+
+
+def test_many_flexible_bodies_fit_on_a_page() -> None:
+    from formats.result import Excitation, FlexibleBody
+    from formats.stiffening import Stiffening
+    from sidtool.report.result import foreseen
+
+    still = FlexibleBody(1.0, Excitation(), Stiffening())
+    spun = FlexibleBody(1.0, Excitation(), Stiffening(0.5, "rotation of 1 rad/s"))
+    lines = foreseen({f"b{i}": still for i in range(20)} | {"last": spun}).splitlines()
+    assert len(lines) == 9
+    assert lines[0].startswith("last ") and "and 13 bodies with less" in lines[-1]
+
+
 def test_the_result_carries_its_scene_and_cost(files: Path) -> None:
     result = read_result(files / "r.h5")
     assert result.completed

@@ -123,6 +123,7 @@ def test_only_what_is_asked_for_is_written() -> None:
     sid = sid_from_model(beam(IGA, stiffening=table))
     assert sid.Ct.m1 is None and sid.node(2).phi.m1 is None
     assert sid.Oe.m1[0, 0, 2] > 0
+    assert has_stiffening(sid)
     assert not has_stiffening(sid_from_model(beam(IGA)))
 
 
