@@ -10,7 +10,15 @@ import click
 from .machine import use_one_thread
 
 #: Modules with `run(folder, name, say) -> Report`, in the order of the page.
-BENCHMARKS = ("slider_crank", "simeon", "four_bars", "spatial", "chain", "elastic")
+BENCHMARKS = (
+    "slider_crank",
+    "simeon",
+    "four_bars",
+    "spatial",
+    "chain",
+    "elastic",
+    "reduction_methods",
+)
 #: Those whose summary stands in the README.
 SHORT = ("slider_crank", "chain")
 ROOT = Path(__file__).parents[1]
