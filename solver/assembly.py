@@ -230,7 +230,7 @@ def _measure_start(state: _State) -> None:
     for entry, row in system.from_start:
         pool[entry] = state.work.row[row, at.C_VALUE]
     _check_rods(state)
-    state.system = replace(system, arrays=system.arrays._replace(pool=pool))
+    state.system = replace(system, arrays=system.arrays.replaced(pool=pool))
     state.ignored[:] = False
     state.evaluate()
 

@@ -76,8 +76,8 @@ def _force_pieces(
 
 def with_slack(arrays: at.System, slack: Array) -> at.System:
     """The tables with other slacks of the constraint rows."""
-    places = dict(arrays.newton_segment[:, [at.S_OFFSET, at.S_ROW]])
-    new = arrays.newton_slack.copy()
+    places = dict(arrays.newton.segment[:, [at.S_OFFSET, at.S_ROW]])
+    new = arrays.newton.slack.copy()
     for row, _, offset in arrays.segment:
         new[places[offset]] = slack[row]
-    return arrays._replace(slack=slack, newton_slack=new)
+    return arrays.replaced(slack=slack, newton=arrays.newton.replaced(slack=new))

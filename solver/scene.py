@@ -112,7 +112,7 @@ class System:
     @property
     def n_newton_rows(self) -> int:
         """Constraints and forces, see `newton_rows`."""
-        return int(self.arrays.newton_dims[at.N_ROWS])
+        return int(self.arrays.newton.dims[at.N_ROWS])
 
     def index(self, body: str) -> int:
         """Row of a body in the tables."""
@@ -217,11 +217,12 @@ class _Builder:
             as_3d(self.scene.gravity),
             np.zeros(int(dims[at.N_ROWS])),
             force,
-            *rows_of_newton,
+            None,
         )
+        newton = arrays.replaced(**rows_of_newton._asdict())
         return System(
             scene=self.scene,
-            arrays=arrays,
+            arrays=arrays.replaced(newton=newton),
             bodies=tuple(self.data[name] for name in self.order),
             markers=markers,
             rows=rows,

@@ -51,7 +51,7 @@ def new_work(system: System) -> at.Work:
 def segment_entries(system: System) -> int:
     """Stored entries of the constraint Jacobian and of the directions of forces."""
     arrays = system.arrays
-    return int(arrays.body[arrays.newton_segment[:, at.S_BODY], at.NV].sum())
+    return int(arrays.body[arrays.newton.segment[:, at.S_BODY], at.NV].sum())
 
 
 def _shape_functions(system: System) -> Array:

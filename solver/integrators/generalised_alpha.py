@@ -18,8 +18,6 @@ A step finds accelerations with M z_II' - C^T lambda = f and c = 0 at its end, w
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import float64, int64, types
 
@@ -57,6 +55,7 @@ from ..kernels.newton import (
     REJECTED,
     STEPS,
 )
+from ..kernels.tables import Table, TableType
 from .stepping import (
     CHUNK,
     CONTRACTION,
@@ -101,7 +100,7 @@ NEWTON_GOAL = 0.03
 ALPHA_M, ALPHA_F, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR, N_WEIGHTS = range(7)
 
 
-class Alpha(NamedTuple):
+class Alpha(Table):
     """Coefficients, the state between steps, and scratch vectors.
 
     place : row of each constraint in the Newton matrix, -1 for none
@@ -143,7 +142,7 @@ class Alpha(NamedTuple):
     scale: Array
 
 
-ALPHA = types.NamedTuple([I1] + [F1] * 21, Alpha)
+ALPHA = TableType(Alpha, [I1] + [F1] * 21)
 
 
 def coefficients(rho: float) -> Array:
@@ -165,7 +164,7 @@ def coefficients(rho: float) -> Array:
 def new_alpha(system: System, rho: float) -> Alpha:
     """Storage for a run."""
     n, m = int(system.dims[N_POS]), int(system.dims[N_VEL])
-    rows, newton_rows = int(system.dims[N_ROWS]), int(system.newton_dims[N_ROWS])
+    rows, newton_rows = int(system.dims[N_ROWS]), int(system.newton.dims[N_ROWS])
     sizes = [m] * 6 + [n, m, rows, rows, rows, m, n, m, m, m, n, m, newton_rows, m]
     vectors = (np.zeros(size) for size in sizes)
     return Alpha(newton_places(system), coefficients(rho), *vectors)
@@ -174,7 +173,7 @@ def new_alpha(system: System, rho: float) -> Alpha:
 def newton_places(system: System) -> np.ndarray:
     """Row of each constraint in the Newton matrix, (rows,), -1 for none."""
     places = np.full(int(system.dims[N_ROWS]), -1, np.int64)
-    newton_row = dict(system.newton_segment[:, [S_OFFSET, S_ROW]].tolist())
+    newton_row = dict(system.newton.segment[:, [S_OFFSET, S_ROW]].tolist())
     for row, offset in system.segment[:, [S_ROW, S_OFFSET]].tolist():
         places[row] = newton_row[offset]
     return places

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import float64, int64, types
@@ -32,6 +32,7 @@ from ..kernels.newton import (
     REJECTED,
     STEPS,
 )
+from ..kernels.tables import Table, TableType
 from .stepping import (
     CHUNK,
     CONTRACTION,
@@ -75,7 +76,7 @@ from .stepping import (
 JACOBIAN_SERVES = 1e-2
 
 
-class Method(NamedTuple):
+class Method(Table):
     """A Radau IIA method with s stages.
 
     c : (s,) nodes
@@ -94,10 +95,10 @@ class Method(NamedTuple):
     error: Array
 
 
-METHOD = types.NamedTuple([F1, F2, F2, F1, C1, F1], Method)
+METHOD = TableType(Method, [F1, F2, F2, F1, C1, F1])
 
 
-class Stages(NamedTuple):
+class Stages(Table):
     """Stage increments Z, their transforms W, slopes F, and scratch vectors."""
 
     Zz: Array
@@ -124,10 +125,7 @@ class Stages(NamedTuple):
     old_Zv: Array
 
 
-STAGES = types.NamedTuple(
-    [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 2,
-    Stages,
-)
+STAGES = TableType(Stages, [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 2)
 
 
 @cache

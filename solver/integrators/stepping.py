@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import boolean, float64, int64, types
@@ -36,6 +35,7 @@ from ..kernels.newton import (
     PROJECTIONS,
     REJECTED,
 )
+from ..kernels.tables import Table, TableType
 
 # Entries of Control.real
 TIME = 0  # current time
@@ -72,7 +72,7 @@ PROJECTIONS_LIMIT = 6
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
 
 
-class Control(NamedTuple):
+class Control(Table):
     """State of a step loop.
 
     real, whole : see the entries above
@@ -99,7 +99,7 @@ class Control(NamedTuple):
     out_v: Array
 
 
-CONTROL = types.NamedTuple([F1, I1, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2], Control)
+CONTROL = TableType(Control, [F1, I1, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2])
 
 NEWTON_LIMIT = 8
 #: Trust in a known contraction of Newton's iteration fades from step to step.

@@ -11,8 +11,6 @@ velocities after every accepted step.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import float64, int64, types
 
@@ -21,6 +19,7 @@ from formats.sid import Array
 from ..kernels.compiling import entry, inner
 from ..kernels.layout import F1, SYSTEM, WORK
 from ..kernels.newton import ITERATIONS, KERNELS, MEMORY, REJECTED, STEPS
+from ..kernels.tables import Table, TableType
 from .stepping import (
     CHUNK,
     CONTRACTION,
@@ -60,7 +59,7 @@ ORDER = 2
 JACOBIAN_SERVES = 1e-2
 
 
-class Slopes(NamedTuple):
+class Slopes(Table):
     """Slopes at the beginning of this step and of the last one, and scratch vectors."""
 
     rate0: Array
@@ -76,7 +75,7 @@ class Slopes(NamedTuple):
     g: Array
 
 
-SLOPES = types.NamedUniTuple(F1, 11, Slopes)
+SLOPES = TableType(Slopes, [F1] * 11)
 
 
 def new_slopes(n_positions: int, n_velocities: int, n_rows: int) -> Slopes:

@@ -10,19 +10,85 @@ package that code stands.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
-from numba import njit, types
+import numba
+from numba import types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.core.typeinfer import register_dispatcher
 
-_njit: Any = njit  # its stubs know no private options
+from .tables import TableType
+
+_numba: Any = numba  # its stubs know no private parts
 #: Division by zero gives infinity, as in C. Kernels allocate nothing, so that views of
 #: arrays need no reference counts: half the time of a call.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+
+
+class _InnerLibrary(JITCodeLibrary):
+    """Code that is only linked into other code: optimised there, not here."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _InnerCompiler(Compiler):
+    def compile_extra(self, function: FunctionType) -> Any:
+        codegen = self.state.targetctx.codegen()
+        self.state.library = _InnerLibrary(codegen, function.__qualname__)
+        self.state.flags.no_compile = True
+        result = super().compile_extra(function)
+        described, library = result.fndesc, result.library
+        name = _numba._dynfunc.make_function(
+            described.lookup_module(),
+            described.qualname,
+            function.__doc__ or "",
+            0,
+            result.environment,
+            (library,),
+        )
+        result.target_context.insert_user_function(name, described, [library])
+        return result._replace(entry_point=name)
+
+
+INNER_OPTIONS: dict[str, Any] = {
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "pipeline_class": _InnerCompiler,
+}
+
+
+@contextmanager
+def _remembered_calls() -> Iterator[None]:
+    """Finds out once what an operator on numbers of certain types returns.
+
+    The compiler tries all overloads for each + in the code anew, a third of its time.
+    """
+    operators: Any = types.Function
+    resolve, known = operators.get_call_type, {}
+
+    def remembered(self: Any, context: Any, args: Any, kws: Any) -> Any:
+        if kws or not all(isinstance(a, types.Number | types.Boolean) for a in args):
+            return resolve(self, context, args, kws)
+        if (self, args) not in known:
+            known[self, args] = resolve(self, context, args, kws)
+        return known[self, args]
+
+    operators.get_call_type = remembered
+    try:
+        yield
+    finally:
+        operators.get_call_type = resolve
 
 
 class Entry:
@@ -34,7 +100,7 @@ class Entry:
 
     @cached_property
     def _dispatcher(self) -> Any:
-        dispatcher = _njit(**OPTIONS)(self._function)
+        dispatcher = _numba.njit(**OPTIONS)(self._function)
         dispatcher._cache = _KernelCache(self._function, self.signatures)
         return dispatcher
 
@@ -43,7 +109,7 @@ class Entry:
         dispatcher = self._dispatcher
         arguments = tuple(signature.args)
         if arguments not in dispatcher.overloads:
-            with register_dispatcher(dispatcher):
+            with register_dispatcher(dispatcher), _remembered_calls():
                 dispatcher.compile(signature)
         return dispatcher.overloads[arguments]
 
@@ -78,8 +144,7 @@ def inner(*signatures: Any) -> Callable[[Any], Any]:
     """
 
     def compile_later(function: FunctionType) -> Any:
-        wrappers = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        dispatcher = _njit(**OPTIONS, **wrappers)(function)
+        dispatcher = _numba.njit(**OPTIONS, **INNER_OPTIONS)(function)
         template = dispatcher.get_call_template
 
         def plain_template(args: tuple[Any, ...], kws: Any) -> Any:
@@ -91,6 +156,15 @@ def inner(*signatures: Any) -> Callable[[Any], Any]:
     return compile_later
 
 
+class _CacheFile(IndexDataCacheFile):
+    def _load_index(self) -> dict[Any, str]:
+        """What is on disk; nothing if other versions of the tables wrote it."""
+        try:
+            return super()._load_index()
+        except (AttributeError, ImportError, TypeError):
+            return {}
+
+
 class _KernelCache(FunctionCache):
     """A cache whose entries hold while the code they were made from is the same."""
 
@@ -100,7 +174,7 @@ class _KernelCache(FunctionCache):
         for signature in signatures:
             stamp.update(_type_text(signature).encode())
         stamp.update(_code_text(function.__code__, function.__globals__, {}).encode())
-        self._cache_file = IndexDataCacheFile(
+        self._cache_file = _CacheFile(
             cache_path=self._cache_path,
             filename_base=self._impl.filename_base,
             source_stamp=stamp.hexdigest(),
@@ -108,14 +182,14 @@ class _KernelCache(FunctionCache):
 
 
 def _type_text(kind: Any) -> str:
-    """A signature with the field names of its tuples."""
+    """A signature with the fields of its tables."""
     if hasattr(kind, "args") and hasattr(kind, "return_type"):
         return " ".join(_type_text(t) for t in (kind.return_type, *kind.args))
     if isinstance(kind, types.FunctionType):
         return _type_text(kind.signature)
-    if isinstance(kind, types.NamedTuple):
-        members = " ".join(_type_text(t) for t in kind.types)
-        return f"{kind.instance_class.__name__}{kind.fields}({members})"
+    if isinstance(kind, TableType):
+        members = (t for t in kind.members.values() if t is not kind)
+        return f"{kind}{kind.fields}({' '.join(map(_type_text, members))})"
     return str(kind)
 
 

@@ -35,14 +35,14 @@ from .layout import (
     VEL,
     WORK,
 )
-from .newton import FACTORISATIONS, MEMORY, with_forces
+from .newton import FACTORISATIONS, MEMORY
 from .saddle import saddle_factor, saddle_solve
 
 
 @inner(int64(SYSTEM, WORK, MEMORY, float64, float64, float64))
 def index3_factor(system, work, memory, inertia, damping, stiffness):
     """Factors the matrix; weights are h^2 beta', h^2 gamma' and h^2. 0 on success."""
-    extended = with_forces(system)
+    extended = system.newton
     A, G = memory.real_A, memory.real_G
     for i in range(len(A)):
         A[i] = inertia * memory.M[i] + damping * work.Rv[i] + stiffness * work.Rp[i]
@@ -68,7 +68,7 @@ def index3_factor(system, work, memory, inertia, damping, stiffness):
 def index3_solve(system, memory, x, mu):
     """Solves with that factor; right-hand sides in x and mu are overwritten."""
     saddle_solve(
-        with_forces(system),
+        system.newton,
         memory.real_A,
         memory.real_G,
         memory.real_Y,

@@ -8,13 +8,15 @@ a run. Kernels are free functions on the two.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import float64, int64, types
 from numpy.typing import NDArray
 
 from formats.sid import Array
+
+from .tables import Table, TableType
 
 IntTable = NDArray[np.int64]
 
@@ -142,7 +144,11 @@ C_GAMMA = 2  # right-hand side of C z_II' = gamma
 N_ROW = 3
 
 
-class System(NamedTuple):
+#: Fields of a system that Newton matrices have of their own.
+ROWS_OF_NEWTON = ("body", "segment", "dims", "slack")
+
+
+class System(Table):
     """A compiled scene.
 
     body, marker, constraint, segment, drive : integer tables, columns as above
@@ -152,9 +158,8 @@ class System(NamedTuple):
     slack : (rows,) added to the diagonal of the Schur complement: positive for a
         redundant constraint, whose multiplier is then zero
     force : integer table, columns as above
-    newton_body, newton_segment, newton_dims, newton_slack : what replaces body,
-        segment, dims and slack in Newton matrices, whose rows are constraints and
-        forces, see `newton`
+    newton : the same for Newton matrices, whose rows are constraints and forces, see
+        `newton`: other body, segment, dims and slack
     """
 
     body: IntTable
@@ -167,13 +172,17 @@ class System(NamedTuple):
     gravity: Array
     slack: Array
     force: IntTable
-    newton_body: IntTable
-    newton_segment: IntTable
-    newton_dims: IntTable
-    newton_slack: Array
+    newton: System
+
+    def replaced(self, **changes: Any) -> System:
+        """The same scene with other values of some fields, also in its `newton`."""
+        shared = {k: v for k, v in changes.items() if k not in ROWS_OF_NEWTON}
+        if shared and self.newton is not None and "newton" not in changes:
+            changes["newton"] = self.newton.replaced(**shared)
+        return super().replaced(**changes)
 
 
-class Work(NamedTuple):
+class Work(Table):
     """Everything that kernels write.
 
     frame : (bodies, .) state of the body frames
@@ -215,10 +224,8 @@ C3 = types.Array(types.complex128, 3, "C")
 I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
-SYSTEM = types.NamedTuple(
-    [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, I1, F1], System
-)
-WORK = types.NamedTuple([F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F1, F1, F1], Work)
+SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, None])
+WORK = TableType(Work, [F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F1, F1, F1])
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)

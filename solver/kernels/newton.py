@@ -15,7 +15,7 @@ complement.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import complex128, float64, int64, types
@@ -47,9 +47,9 @@ from .layout import (
     SYSTEM,
     VEL,
     WORK,
-    System,
 )
 from .saddle import saddle_factor, saddle_solve
+from .tables import Table, TableType
 
 #: Most corrections of accelerations for the regularisation of the constraints.
 REFINEMENTS = 8
@@ -57,7 +57,7 @@ REFINEMENTS = 8
 DEFECT = 1e-12
 
 
-class Memory(NamedTuple):
+class Memory(Table):
     """Factors and vectors of one run.
 
     real_* : a factored saddle-point system, see `saddle_factor`
@@ -99,12 +99,12 @@ class Memory(NamedTuple):
     counters: np.ndarray
 
 
-MEMORY = types.NamedTuple(
+MEMORY = TableType(
+    Memory,
     [F1, F1, F1, F2, I1, I1]
     + [C2, C2, C2, C3, I2, I2]
     + [F1, F1, F2, I1, I1]
     + [F1, F1, F2, F1, F1, F1, F1, F1, I1],
-    Memory,
 )
 
 SOLVE_ACCELERATIONS = int64(SYSTEM, WORK, MEMORY)
@@ -120,7 +120,7 @@ SOLVE_COMPLEX = types.void(
 )
 
 
-class Kernels(NamedTuple):
+class Kernels(Table):
     """Pointers to the kernels of a run, so that each is compiled once and alone."""
 
     evaluate: Any
@@ -149,7 +149,7 @@ SIGNATURES = (
     RATE,
     RETRACT,
 )
-KERNELS = types.NamedTuple([types.FunctionType(sig) for sig in SIGNATURES], Kernels)
+KERNELS = TableType(Kernels, [types.FunctionType(sig) for sig in SIGNATURES])
 
 # Columns of Memory.counters
 STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS = (
@@ -289,27 +289,6 @@ def remember(system, work, memory):
             memory.frame[i, k] = work.frame[i, k]
 
 
-@inner(SYSTEM(SYSTEM))
-def with_forces(system):
-    """The system whose rows are constraints and forces, for Newton matrices."""
-    return System(
-        system.newton_body,
-        system.marker,
-        system.constraint,
-        system.newton_segment,
-        system.drive,
-        system.newton_dims,
-        system.pool,
-        system.gravity,
-        system.newton_slack,
-        system.force,
-        system.newton_body,
-        system.newton_segment,
-        system.newton_dims,
-        system.newton_slack,
-    )
-
-
 @inner(
     *[
         types.void(SYSTEM, WORK, MEMORY, float64, F1, F1),
@@ -342,7 +321,7 @@ def newton_matrix(system, work, memory, mu, A, G):
 @entry(*[FACTOR_REAL, FACTOR_COMPLEX])
 def newton_factor(system, work, memory, mu, A, G, Y, S, pivots, row_pivots):
     """Factors mu - J; see `newton_matrix` and `saddle_factor`."""
-    extended = with_forces(system)
+    extended = system.newton
     newton_matrix(extended, work, memory, mu, A, G)
     memory.counters[FACTORISATIONS] += 1
     return saddle_factor(extended, A, memory.C, G, Y, S, pivots, row_pivots)
@@ -356,7 +335,7 @@ def newton_solve(
 
     x and p have one entry per velocity, g one per row of the Newton matrix.
     """
-    system = with_forces(system)
+    system = system.newton
     resolve(system, memory.frame, r, x)
     respond(system, memory.frame, mu, x)
     for i in range(len(g)):

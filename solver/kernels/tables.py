@@ -1,0 +1,154 @@
+"""Tables: records of arrays that kernels read through one pointer.
+
+A table has the same attributes in Python and in compiled code. There it is one
+address, however many arrays it holds, so that calls are cheap to make and to compile.
+In memory it is a row of 64-bit words: for an array the address of its data and its
+shape, for a kernel or another table its address.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.core.datamodel import models
+from numba.core.extending import (
+    NativeValue,
+    lower_getattr_generic,
+    register_model,
+    typeof_impl,
+    unbox,
+)
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.np.arrayobj import make_array, populate_array
+
+_WORD = ir.IntType(64)
+
+
+class TableType(types.Type):
+    """The compiled type of a subclass of `Table`.
+
+    members : types of its fields; None stands for the table type itself
+    """
+
+    def __init__(self, owner: type[Table], members: list[Any]) -> None:
+        self.fields = tuple(owner.__annotations__)
+        super().__init__(owner.__name__)
+        self.members = {
+            field: self if kind is None else kind
+            for field, kind in zip(self.fields, members, strict=True)
+        }
+        self.offsets: dict[str, int] = {}
+        words = 0
+        for field, kind in self.members.items():
+            self.offsets[field] = words
+            words += 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
+        self.owner = owner
+        owner.kind = self
+
+    def __reduce__(self) -> Any:
+        return _kind_of, (self.owner,)
+
+
+def _kind_of(owner: type[Table]) -> TableType:
+    return owner.kind
+
+
+class Table:
+    """A record of arrays, kernels and tables; the fields are its annotations."""
+
+    kind: ClassVar[TableType]
+
+    def __init__(self, *values: Any, **named: Any) -> None:
+        rest = (named.pop(field) for field in self.kind.fields[len(values) :])
+        values = (*values, *rest)
+        if named:
+            raise TypeError(f"no fields of a table: {', '.join(named)}")
+        words: list[int] = []
+        for (field, kind), value in zip(self.kind.members.items(), values, strict=True):
+            setattr(self, field, value)
+            words += _words(kind, value)
+        self._words = np.array(words, np.int64)
+        self.address = int(self._words.ctypes.data)
+
+    def replaced(self, **changes: Any) -> Self:
+        """The same table with other values of some fields."""
+        return type(self)(
+            *(changes.get(field, getattr(self, field)) for field in self.kind.fields)
+        )
+
+
+def _words(kind: Any, value: Any) -> list[int]:
+    """How a value stands in memory."""
+    if value is None:
+        return [0]
+    if isinstance(kind, TableType):
+        return [value.address]
+    if isinstance(kind, types.FunctionType):
+        return [value.__wrapper_address__()]
+    fits = value.ndim == kind.ndim and value.dtype == np.dtype(str(kind.dtype))
+    if not (fits and value.flags.c_contiguous):
+        raise TypeError(f"not an array of {kind}: {value.dtype}, {value.shape}")
+    return [value.ctypes.data, *value.shape]
+
+
+@typeof_impl.register(Table)
+def _type_of(value: Table, context: Any) -> TableType:
+    return value.kind
+
+
+@register_model(TableType)
+class _TableModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: TableType) -> None:
+        super().__init__(manager, kind, cgutils.voidptr_t)
+
+
+@unbox(TableType)
+def _unbox(kind: TableType, value: Any, c: Any) -> NativeValue:
+    number = c.pyapi.object_getattr_string(value, "address")
+    address = c.pyapi.long_as_longlong(number)
+    c.pyapi.decref(number)
+    failed = cgutils.is_not_null(c.builder, c.pyapi.err_occurred())
+    return NativeValue(c.builder.inttoptr(address, cgutils.voidptr_t), failed)
+
+
+@infer_getattr
+class _TableAttribute(AttributeTemplate):
+    key = TableType
+
+    def generic_resolve(self, kind: TableType, field: str) -> Any:  # type: ignore[override]
+        return kind.members.get(field)
+
+
+@lower_getattr_generic(TableType)
+def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: str):  # type: ignore[no-untyped-def]
+    member, start = kind.members[field], kind.offsets[field]
+    words = builder.bitcast(table, _WORD.as_pointer())
+    address = _load(builder, words, start)
+    if isinstance(member, TableType):
+        return builder.inttoptr(address, cgutils.voidptr_t)
+    if isinstance(member, types.FunctionType):
+        function = cgutils.create_struct_proxy(member)(context, builder)
+        function.c_addr = builder.inttoptr(address, cgutils.voidptr_t)
+        return function._getvalue()
+    array = make_array(member)(context, builder)
+    shape = [_load(builder, words, start + 1 + i) for i in range(member.ndim)]
+    size = context.get_abi_sizeof(context.get_data_type(member.dtype))
+    strides = [context.get_constant(types.intp, size)]
+    for extent in shape[:0:-1]:
+        strides.insert(0, builder.mul(strides[0], extent))
+    data = builder.inttoptr(address, context.get_data_type(member.dtype).as_pointer())
+    itemsize = context.get_constant(types.intp, size)
+    populate_array(array, data, shape, strides, itemsize, meminfo=None)
+    return array._getvalue()
+
+
+def _load(builder: Any, words: Any, index: int) -> Any:
+    """A word of a table; tables do not change, so that it is read once."""
+    place = builder.gep(words, [ir.Constant(_WORD, index)])
+    word = builder.load(place)
+    word.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return word
