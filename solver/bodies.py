@@ -15,12 +15,16 @@ from formats.sid_files import read_sid
 
 from .damping import damped
 from .kernels.layout import (
+    DIAGONAL_ME,
     HAS_CR1,
     HAS_CT1,
     HAS_GE,
     HAS_OE1,
     HAS_QUADRATIC_J,
 )
+
+#: Couplings in Me below this part of its diagonal are rounding.
+ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -97,16 +101,17 @@ def _tensor(inertia: object) -> Array:
 
 
 def flags(sid: SID, quadratic_inertia: bool) -> int:
-    """Which optional terms of the equations of motion a SID needs."""
+    """Which optional terms the equations of a SID have, and shapes of its matrices."""
     nq = sid.nq
-    present = {
+    applies = {
         HAS_CR1: sid.Cr.first_order(nq).any(),
         HAS_GE: sid.Cr.first_order(nq).any(),
         HAS_OE1: sid.Oe.first_order(nq).any(),
         HAS_CT1: sid.Ct.first_order(nq).any(),
         HAS_QUADRATIC_J: quadratic_inertia and sid.Oe.first_order(nq).any(),
+        DIAGONAL_ME: is_diagonal(elastic_mass(sid)),
     }
-    return sum(bit for bit, needed in present.items() if needed)
+    return sum(bit for bit, needed in applies.items() if needed)
 
 
 def cr1(sid: SID) -> Array:
@@ -143,7 +148,6 @@ def pack_planar(body: BodyData) -> Array:
         sid.ksigma.m0[:, 0],
     ]
     squares = [
-        symmetric(sid.Me.m0),
         sid.Ke.m0,
         sid.De.m0,
         cr1(sid)[2],
@@ -168,7 +172,6 @@ def pack_spatial(body: BodyData) -> Array:
         sid.ksigma.m0[:, 0],
     ]
     squares = [
-        symmetric(sid.Me.m0),
         sid.Ke.m0,
         sid.De.m0,
         *cr1(sid),
@@ -207,6 +210,19 @@ def pack_phi1(node: Node, axes: int) -> Array:
         return np.zeros(0)
     term = np.moveaxis(node.phi.m1, 1, 0)[:axes]
     return (0.5 * (term + term.transpose(0, 2, 1))).ravel()
+
+
+def elastic_mass(sid: SID) -> Array:
+    """Me, symmetric; diagonal where it is so but for rounding."""
+    mass = symmetric(sid.Me.m0)
+    diagonal = np.diag(mass)
+    size = np.sqrt(np.abs(np.outer(diagonal, diagonal)))
+    coupled = np.abs(mass - np.diag(diagonal)) > ROUNDING * size
+    return mass if coupled.any() else np.diag(diagonal)
+
+
+def is_diagonal(matrix: Array) -> bool:
+    return not (matrix - np.diag(np.diag(matrix))).any()
 
 
 def symmetric(matrix: Array) -> Array:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from formats.sid import Array
+from formats.sid import SID, Array
 
-from .bodies import symmetric
+from .bodies import elastic_mass, symmetric
 from .kernels import layout as at
 from .kernels.newton import N_COUNTERS, Memory
 from .kernels.planar import N_FRAME as PLANAR_FRAME
@@ -34,7 +36,7 @@ def new_work(system: System) -> at.Work:
         np.zeros((len(body), frame)),
         np.zeros((len(marker), point)),
         _shape_functions(system),
-        np.zeros(blocks),
+        _elastic_blocks(system, blocks, elastic_mass),
         np.zeros(blocks),
         np.zeros(blocks),
         np.zeros(system.n_velocities),
@@ -91,12 +93,10 @@ def new_memory(system: System, pairs: int) -> Memory:
         np.zeros(blocks),
         np.zeros(entries),
         np.zeros((m, m)),
-        np.zeros(n, whole),
-        np.zeros(m, whole),
         np.zeros(blocks),
         np.zeros(entries),
         np.zeros((len(body), frame)),
-        _metric(system, blocks),
+        _elastic_blocks(system, blocks, _metric),
         np.zeros(n),
         np.zeros(m),
         np.zeros(n),
@@ -105,13 +105,20 @@ def new_memory(system: System, pairs: int) -> Memory:
     )
 
 
-def _metric(system: System, blocks: int) -> Array:
-    """tau^2 Ke in the elastic part of each block."""
-    metric = np.zeros(blocks)
+def _metric(sid: SID) -> Array:
+    """tau^2 Ke."""
+    return METRIC_TIME**2 * symmetric(sid.Ke.m0)
+
+
+def _elastic_blocks(
+    system: System, blocks: int, matrix: Callable[[SID], Array]
+) -> Array:
+    """A matrix of each SID in the elastic part of the block of its body."""
+    values = np.zeros(blocks)
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         nv, rd, start = row[at.NV], row[at.RD], row[at.BLOCK]
         if data.sid.nq == 0 or nv == 0:
             continue
-        block = metric[start : start + nv * nv].reshape(nv, nv)
-        block[rd:, rd:] = METRIC_TIME**2 * symmetric(data.sid.Ke.m0)
-    return metric
+        block = values[start : start + nv * nv].reshape(nv, nv)
+        block[rd:, rd:] = matrix(data.sid)
+    return values

@@ -68,6 +68,7 @@ from .stepping import (
     OFF_CONSTRAINTS,
     OLD_STEP,
     REACHED,
+    STOP,
     TIME,
     TOO_SMALL,
     after_divergence,
@@ -78,12 +79,14 @@ from .stepping import (
     growth,
     judge,
     land,
+    move,
     newton_limit,
     next_step,
     scaled_norm,
     take_jacobian,
     too_small,
     update_scales,
+    write_cubic,
 )
 
 ORDER = 2
@@ -332,11 +335,32 @@ def _error(system, memory, control, alpha, h):
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
-def _accept(kernels, system, work, memory, control, alpha, h):
-    """Moves to the end of the step, projected onto the constraints; 0 on success."""
-    _place(kernels, system, control, alpha, h)
-    copy(alpha.v1, alpha.v0)
-    status = land(
+def _land(kernels, system, work, memory, control, alpha, h):
+    """Ends a step; 0 on success.
+
+    With error control, and at the end of an interval, on the constraints of position
+    and velocity. Otherwise as the algorithm leaves it, with its own acceleration:
+    steps of one length need no projection, and recorded states are projected anyway.
+    """
+    real = control.real
+    if control.whole[FIXED_STEP] == 1 and real[TIME] + 1.5 * h < real[STOP]:
+        copy(alpha.acc1, memory.acceleration)
+        copy(alpha.lam1, memory.multiplier)
+        write_cubic(
+            kernels,
+            system,
+            memory,
+            control,
+            h,
+            alpha.z1,
+            alpha.v1,
+            alpha.rate0,
+            alpha.acc0,
+            alpha.rz,
+        )
+        move(system, work, control, h, alpha.z1, alpha.v1)
+        return 0
+    return land(
         kernels,
         system,
         work,
@@ -351,6 +375,14 @@ def _accept(kernels, system, work, memory, control, alpha, h):
         alpha.dx,
         alpha.p,
     )
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
+def _accept(kernels, system, work, memory, control, alpha, h):
+    """Moves to the end of the step, and the algorithm with it; 0 on success."""
+    _place(kernels, system, control, alpha, h)
+    copy(alpha.v1, alpha.v0)
+    status = _land(kernels, system, work, memory, control, alpha, h)
     if status == 0:
         copy(alpha.v0, alpha.v)
         copy(alpha.a0, alpha.old_a)

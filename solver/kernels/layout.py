@@ -46,12 +46,13 @@ FIXED = 2
 REVOLUTE = 3
 PRISMATIC = 4
 
-# --- optional terms (bits of FLAGS) ---------------------------------------
+# --- optional terms and shapes of matrices (bits of FLAGS) ----------------
 HAS_CR1 = 1
 HAS_GE = 2
 HAS_OE1 = 4
 HAS_CT1 = 8
 HAS_QUADRATIC_J = 16
+DIAGONAL_ME = 32
 
 # --- columns of System.marker ---------------------------------------------
 M_BODY = 0
@@ -188,8 +189,9 @@ class Work(Table):
     frame : (bodies, .) state of the body frames
     point : (markers, .) state of the markers
     phi : Phi of the markers at the current elastic coordinates
-    M, Rp, Rv : NV x NV blocks of the bodies: mass matrix and derivatives of
-        M z_II' - f - C^T lambda by positions and velocities
+    M, Rp, Rv : NV x NV blocks of the bodies: mass matrix, whose elastic part never
+        changes, and derivatives of M z_II' - f - C^T lambda by positions and
+        velocities
     f : generalised force
     C, Gp, Gv : segments of the constraint Jacobian and of the derivatives of the
         constraint accelerations by positions and velocities; then those of the force

@@ -48,6 +48,7 @@ from .layout import (
     VEL,
     WORK,
 )
+from .mass import mass_factor, mass_solve
 from .saddle import saddle_factor, saddle_solve
 from .tables import Table, TableType
 
@@ -62,7 +63,7 @@ class Memory(Table):
 
     real_* : a factored saddle-point system, see `saddle_factor`
     complex_* : the same, one for each pair of complex eigenvalues of a method
-    mass_* : the same, for accelerations and projections
+    mass_* : factors for accelerations and projections, see `mass_factor`
     M, C, frame : the mass matrix, constraint Jacobian and body frames at the state
         where the Newton matrix was made
     metric : blocks of tau^2 K, the stiffness part of the projection metric
@@ -84,10 +85,8 @@ class Memory(Table):
     complex_pivots: np.ndarray
     complex_row_pivots: np.ndarray
     mass_A: Array
-    mass_Y: Array
+    mass_W: Array
     mass_S: Array
-    mass_pivots: np.ndarray
-    mass_row_pivots: np.ndarray
     M: Array
     C: Array
     frame: Array
@@ -103,7 +102,7 @@ MEMORY = TableType(
     Memory,
     [F1, F1, F1, F2, I1, I1]
     + [C2, C2, C2, C3, I2, I2]
-    + [F1, F1, F2, I1, I1]
+    + [F1, F1, F2]
     + [F1, F1, F2, F1, F1, F1, F1, F1, I1],
 )
 
@@ -158,18 +157,23 @@ STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS
 N_COUNTERS = 7
 
 
-@inner(types.void(SYSTEM, WORK, MEMORY, F1, F1))
-def _solve_mass(system, work, memory, x, mu):
-    saddle_solve(
+@inner(types.void(SYSTEM, MEMORY, F1, F1))
+def _solve_mass(system, memory, x, mu):
+    mass_solve(system, memory.mass_A, memory.mass_W, memory.mass_S, x, mu)
+
+
+@inner(int64(SYSTEM, WORK, MEMORY, float64))
+def _factor_mass(system, work, memory, weight):
+    """Factors the saddle-point system of M + weight tau^2 K."""
+    return mass_factor(
         system,
-        memory.mass_A,
+        work.M,
+        memory.metric,
+        weight,
         work.C,
-        memory.mass_Y,
+        memory.mass_A,
+        memory.mass_W,
         memory.mass_S,
-        memory.mass_pivots,
-        memory.mass_row_pivots,
-        x,
-        mu,
     )
 
 
@@ -197,33 +201,21 @@ def _constraint_defect(system, work, memory):
 @entry(SOLVE_ACCELERATIONS)
 def solve_accelerations(system, work, memory):
     """Accelerations and multipliers of the state in `work`, into `memory`."""
-    A = memory.mass_A
-    for i in range(len(A)):
-        A[i] = work.M[i]
-    status = saddle_factor(
-        system,
-        A,
-        work.C,
-        work.C,
-        memory.mass_Y,
-        memory.mass_S,
-        memory.mass_pivots,
-        memory.mass_row_pivots,
-    )
+    status = _factor_mass(system, work, memory, 0.0)
     if status != 0:
         return status
     for i in range(len(work.f)):
         memory.acceleration[i] = work.f[i]
     for i in range(system.dims[N_ROWS]):
         memory.multiplier[i] = work.row[i, C_GAMMA]
-    _solve_mass(system, work, memory, memory.acceleration, memory.multiplier)
+    _solve_mass(system, memory, memory.acceleration, memory.multiplier)
     defect = _constraint_defect(system, work, memory)
     for _ in range(REFINEMENTS):
         if defect < DEFECT:
             break
         for i in range(len(memory.dx)):
             memory.dx[i] = 0.0
-        _solve_mass(system, work, memory, memory.dx, memory.dmu)
+        _solve_mass(system, memory, memory.dx, memory.dmu)
         for i in range(len(memory.dx)):
             memory.acceleration[i] += memory.dx[i]
         for i in range(len(memory.dmu)):
@@ -242,20 +234,8 @@ def project_once(system, work, memory, dz, dv):
     Smallest in the metric M + tau^2 K: position errors go into the rigid motion and
     not into stiff elastic coordinates.
     """
-    A = memory.mass_A
     m = system.dims[N_ROWS]
-    for i in range(len(A)):
-        A[i] = work.M[i] + memory.metric[i]
-    status = saddle_factor(
-        system,
-        A,
-        work.C,
-        work.C,
-        memory.mass_Y,
-        memory.mass_S,
-        memory.mass_pivots,
-        memory.mass_row_pivots,
-    )
+    status = _factor_mass(system, work, memory, 1.0)
     if status != 0:
         return status
     for x, column in ((dz, C_VALUE), (dv, C_RATE)):
@@ -263,17 +243,7 @@ def project_once(system, work, memory, dz, dv):
             x[i] = 0.0
         for i in range(m):
             memory.multiplier[i] = -work.row[i, column]
-        saddle_solve(
-            system,
-            A,
-            work.C,
-            memory.mass_Y,
-            memory.mass_S,
-            memory.mass_pivots,
-            memory.mass_row_pivots,
-            x,
-            memory.multiplier,
-        )
+        _solve_mass(system, memory, x, memory.multiplier)
     return 0
 
 

@@ -63,7 +63,7 @@ P_MASS, P_MDX, P_MDY, P_J, P_VECTORS = range(5)
 # Vectors of length nq, in this order; Ct holds two of them.
 V_CTX, V_CTY, V_CR, V_J1, V_OE0, V_KSIGMA, N_VECTORS = range(7)
 # Square matrices, in this order (row k, column l).
-S_ME, S_KE, S_DE, S_CR1, S_GE, S_OE1, S_CT1X, S_CT1Y, S_J2, N_SQUARES = range(10)
+S_KE, S_DE, S_CR1, S_GE, S_OE1, S_CT1X, S_CT1Y, S_J2, N_SQUARES = range(9)
 
 
 @inner(types.void(SYSTEM, WORK, int64, float64, F1, F1))
@@ -242,7 +242,6 @@ def _body(system, work, b, z, v):
             if flags & HAS_QUADRATIC_J:
                 J += qk * pool[sq + S_J2 * n2 + e] * qi
                 Jd += 2.0 * qk * pool[sq + S_J2 * n2 + e] * qdi
-            M[block + (rd + k) * nv + rd + i] = pool[sq + S_ME * n2 + e]
         J += j1 * qk
         Jd += j1 * qdk
         mdx += mean_x * qk

@@ -63,7 +63,7 @@ N_POINT = 39
 # vectors (by component, then mode), then square matrices (row k, column l).
 P_MASS, P_MD, P_J, P_VECTORS = 0, 1, 4, 10
 V_CT, V_CR, V_J1, V_OE0, V_KSIGMA, N_VECTORS = 0, 3, 6, 12, 18, 19
-S_ME, S_KE, S_DE, S_CR1, S_OE1, S_CT1, N_SQUARES = 0, 1, 2, 3, 6, 12, 15
+S_KE, S_DE, S_CR1, S_OE1, S_CT1, N_SQUARES = 0, 1, 2, 5, 11, 14
 
 #: Below this rotation the series of the coefficients of T are used.
 SMALL_ROTATION = 0.05
@@ -574,7 +574,6 @@ def _body(system, work, b, z, v):
         force -= pool[o + P_VECTORS + V_KSIGMA * nq + k]
         for i in range(nq):
             e = k * nq + i
-            M[line + rd + i] = pool[sq + S_ME * n2 + e]
             force -= pool[sq + S_KE * n2 + e] * z[q + i]
             force -= pool[sq + S_DE * n2 + e] * v[qd + i]
         f[qd + k] = force
