@@ -26,6 +26,9 @@ from .sampling import Samples
 from .scene import System
 from .stiffening import largest_stiffening
 
+#: Instants at which the deflection is looked at.
+INSTANTS = 256
+
 
 def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
     """Frequencies, excitation and expected stiffening of all flexible bodies.
@@ -110,15 +113,20 @@ def _worse(one: Stiffening, other: Stiffening) -> Stiffening:
 
 
 def _deflection(sid: SID, q: Array) -> float:
-    """Largest displacement over the size of the body, at the nodes that move most."""
+    """Largest displacement over the size of the body.
+
+    Of the nodes that move most with a coordinate, at instants of large amplitudes.
+    """
     size = _size(sid)
     if not sid.nodes or not size:
         return 0.0
     shapes = np.array([node.phi.m0 for node in sid.nodes])
     lengths = np.linalg.norm(shapes, axis=1)
-    moving = np.unique(lengths.argmax(axis=0))
-    scale = np.nanmax(np.abs(q), initial=0.0) or 1.0
-    u = np.einsum("tl,nal->tna", q / scale, shapes[moving])
+    shapes = shapes[np.unique(lengths.argmax(axis=0))]
+    bound = np.nan_to_num(np.abs(q) @ lengths.max(axis=0))
+    rows = q[np.argsort(-bound)[:INSTANTS]]
+    scale = np.nanmax(np.abs(rows), initial=0.0) or 1.0
+    u = np.einsum("tl,nal->tna", rows / scale, shapes)
     return float(np.nanmax(np.linalg.norm(u, axis=2), initial=0.0) / size * scale)
 
 

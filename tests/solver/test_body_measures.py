@@ -183,6 +183,31 @@ def test_what_is_expected_is_told_before_the_first_step() -> None:
     assert lines == [f"body beam: {told[0]['beam'].before}"]
 
 
+def test_the_description_tells_stiffening_at_markers() -> None:
+    """Forces are kept; moments are in the SID and not in the equations."""
+    push = {"type": "force", "marker": "beam.tip", "force": [0.0, 0.1]}
+    sid = cantilever()
+    root, tip, *others = sid.nodes
+    turned = replace(tip, psi=replace(tip.psi, m1=tip.phi.m1))
+    described = {
+        name: describe(fixed(body, forces={"push": push}))
+        for name, body in (
+            ("forces", sid),
+            ("both", replace(sid, nodes=(root, turned, *others))),
+            ("none", cantilever(False)),
+        )
+    }
+    told = {
+        name: [li[25:] for li in lines if li.startswith("body beam: stiffening by ")]
+        for name, lines in described.items()
+    }
+    assert told == {
+        "forces": ["forces kept at tip"],
+        "both": ["forces kept at tip", "moments dropped at tip"],
+        "none": [],
+    }
+
+
 def test_a_column_under_a_given_load_buckles_as_euler_says() -> None:
     """Half of Euler's load; given forces are foreseen."""
     push = {"type": "force", "marker": "beam.tip", "force": [-EULER / 2, 0.0]}
