@@ -218,6 +218,20 @@ def test_a_column_under_a_given_load_buckles_as_euler_says() -> None:
         assert not stage.diverges
 
 
+@pytest.mark.parametrize("axes", ["inertial", "marker"])
+def test_the_largest_value_of_a_given_force_is_foreseen(axes: str) -> None:
+    """It swings about nothing: what it will be, not what it is at the start."""
+    push = {
+        "type": "force",
+        "marker": "beam.tip",
+        "force": [-EULER / 2, 0.0],
+        "axes": axes,
+        "function": {"type": "harmonic", "amplitude": 1.0, "frequency": 25.0},
+    }
+    stage = body(simulate(fixed(cantilever(), end=0.1, forces={"push": push}))).expected
+    assert abs(stage.ratio) == pytest.approx(0.5, rel=1e-2)
+
+
 def test_a_column_beyond_its_load_buckles() -> None:
     push = {"type": "force", "marker": "beam.tip", "force": [-1.2 * EULER, 0.0]}
     found = body(simulate(fixed(cantilever(), end=0.01, forces={"push": push})))
