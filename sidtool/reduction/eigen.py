@@ -72,13 +72,13 @@ def lowest_eigenpairs(
         )
     dense = n <= _DENSE or count > n // 3
     try:
-        if dense:
-            values, vectors = _dense(stiffness, mass, count, rows)
-        else:
-            pencil = Pencil(stiffness, mass, shift, rows, known)
-            values, vectors = _ritz(
-                stiffness, mass, _invariant_space(pencil, count, places)
-            )
+        pencil = Pencil(stiffness, mass, shift, rows, known)
+        space = (
+            _dense_space(pencil, count)
+            if dense
+            else _invariant_space(pencil, count, places)
+        )
+        values, vectors = _ritz(stiffness, mass, space)
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"the eigenproblem has no solution ({error})",
@@ -109,17 +109,23 @@ def _check_resolution(stiffness: sp.csr_matrix, values: Array, vectors: Array) -
         )
 
 
-def _dense(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, rows: Array
-) -> tuple[Array, Array]:
-    basis = scipy.linalg.null_space(rows) if len(rows) else None
-    k, m = stiffness.toarray(), mass.toarray()
-    if basis is None:
-        return scipy.linalg.eigh(k, m, subset_by_index=[0, count - 1])
-    values, vectors = scipy.linalg.eigh(
-        basis.T @ k @ basis, basis.T @ m @ basis, subset_by_index=[0, count - 1]
+def _dense_space(pencil: Pencil, count: int) -> Array:
+    """(n, count) vectors that span the lowest eigenvectors, by LAPACK.
+
+    The mass over the shifted stiffness, whose largest eigenvalues are sought: the other
+    way round the lowest ones drown in the rounding of the largest, and a mass that is
+    singular to printed digits would not do.
+    """
+    mass, shifted = pencil.mass.toarray(), pencil.shifted.toarray()
+    basis = None
+    if len(pencil.constraints):
+        basis = scipy.linalg.null_space(pencil.constraints)
+        mass, shifted = (basis.T @ matrix @ basis for matrix in (mass, shifted))
+    last = len(mass) - 1
+    _, vectors = scipy.linalg.eigh(
+        mass, shifted, subset_by_index=[last - count + 1, last]
     )
-    return values, basis @ vectors
+    return vectors if basis is None else basis @ vectors
 
 
 def _ritz(
