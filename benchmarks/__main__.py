@@ -18,6 +18,8 @@ BENCHMARKS = (
     "chain",
     "elastic",
     "reduction_methods",
+    "calculix",
+    "frontends",
 )
 #: Those whose summary stands in the README.
 SHORT = ("slider_crank", "chain")

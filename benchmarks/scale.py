@@ -2,7 +2,10 @@
 
     python benchmarks/scale.py [--plane N] [--solid N] [--engine NAME ...]
 
-Every case runs in a process of its own, so that its peak memory is its own.
+Every case runs in a process of its own, so that its peak memory is its own. Below the
+plane cases stands how time and memory grow: beside n log n, the least that nested
+dissection needs for the factors of a plane mesh. CPU seconds say more than seconds
+where other programs run.
 """
 
 from __future__ import annotations
@@ -86,15 +89,49 @@ def run(data: dict[str, Any]) -> dict[str, Any]:
         lambda text: stages.append((time.perf_counter() - start, text)),
     )
     seconds = time.perf_counter() - start
+    processor = time.process_time()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
     hertz = np.sqrt(np.diag(sid.Ke.m0)) / (2 * np.pi)
     return {
         "seconds": seconds,
-        "processor_seconds": time.process_time(),
+        "processor_seconds": processor,
+        "ndof": _ndof(stages),
         "gigabytes": peak,
         "stages": stages,
         "frequencies": hertz[:3].tolist(),
     }
+
+
+def _ndof(stages: list[tuple[float, str]]) -> int:
+    text = next(text for _, text in stages if text.startswith("reducing"))
+    return int(text.split()[1])
+
+
+def _begins(stages: list[list[Any]]) -> str:
+    """When the stages began, by their first word; without the counts inside them."""
+    first: dict[str, float] = {}
+    for at, text in stages:
+        first.setdefault(str(text).split()[0].rstrip(":"), float(at))
+    return "; ".join(f"{word} {at:.1f}" for word, at in first.items())
+
+
+def growth(found: list[dict[str, Any]]) -> str:
+    """How the CPU time of some plane cases grows with their size n.
+
+    The exponent is that of the least-squares line through log time over log n.
+    """
+    import numpy as np
+
+    n = np.array([case["ndof"] for case in found], float)
+    rows = []
+    for name, key in (("CPU time", "processor_seconds"), ("memory", "gigabytes")):
+        values = np.array([case[key] for case in found])
+        share = values / (n * np.log(n))
+        exponent = np.polyfit(np.log(n), np.log(values), 1)[0]
+        relative = " ".join(f"{x:.2f}" for x in share / share[-1])
+        rows.append(f"  {name}: exponent {exponent:.2f}; by n log n: {relative}")
+    least = np.polyfit(np.log(n), np.log(n * np.log(n)), 1)[0]
+    return "\n".join([f"  (n log n itself: exponent {least:.2f})", *rows])
 
 
 def _in_own_process(data: dict[str, Any], engine: str) -> dict[str, Any]:
@@ -116,10 +153,26 @@ def _in_own_process(data: dict[str, Any], engine: str) -> dict[str, Any]:
     return dict(json.loads(result.stdout.splitlines()[-1]))
 
 
+def measured(name: str, data: dict[str, Any], engine: str) -> dict[str, Any] | None:
+    """Run one case and print its line; None if it failed."""
+    found = _in_own_process(data, engine)
+    if "failed" in found:
+        print(f"{name:>18} {engine:>8} {found['failed']}", flush=True)
+        return None
+    print(
+        f"{name:>18} {engine:>8} {found['seconds']:8.1f} "
+        f"{found['processor_seconds']:8.1f} {found['gigabytes']:6.2f}  "
+        f"{_begins(found['stages'])}",
+        flush=True,
+    )
+    return found
+
+
 def main() -> None:
-    """Print one line per case and engine."""
+    """Print one line per case and engine, and how the plane cases grow."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--plane", type=int, nargs="*", default=[10**5, 10**6])
+    sizes = [62_500, 125_000, 250_000, 500_000, 1_000_000]
+    parser.add_argument("--plane", type=int, nargs="*", default=sizes)
     parser.add_argument("--solid", type=int, nargs="*", default=[20_000, 160_000])
     parser.add_argument("--engine", nargs="*", default=["superlu"])
     parser.add_argument("--case", help=argparse.SUPPRESS)
@@ -128,23 +181,16 @@ def main() -> None:
         print(json.dumps(run(json.loads(options.case))))
         return
     print(
-        f"{'case':>18} {'engine':>8} {'seconds':>8} {'CPU s':>8} {'GB':>6}  stages (s)"
+        f"{'case':>18} {'engine':>8} {'seconds':>8} {'CPU s':>8} {'GB':>6}  "
+        "stages, begun after s"
     )
-    cases = [(f"plane {n}", plane_case(n)) for n in options.plane]
-    cases += [(f"hex8 {n}", solid_case(n)) for n in options.solid]
-    for name, data in cases:
-        for engine in options.engine:
-            found = _in_own_process(data, engine)
-            if "failed" in found:
-                print(f"{name:>18} {engine:>8} {found['failed']}")
-                continue
-            stages = "; ".join(f"{text} {at:.1f}" for at, text in found["stages"])
-            print(
-                f"{name:>18} {engine:>8} {found['seconds']:8.1f} "
-                f"{found['processor_seconds']:8.1f} {found['gigabytes']:6.2f}  "
-                f"{stages}",
-                flush=True,
-            )
+    for engine in options.engine:
+        found = [measured(f"plane {n}", plane_case(n), engine) for n in options.plane]
+        done = [case for case in found if case is not None]
+        if len(done) > 2:
+            print(growth(done))
+        for n in options.solid:
+            measured(f"hex8 {n}", solid_case(n), engine)
 
 
 if __name__ == "__main__":

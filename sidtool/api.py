@@ -74,7 +74,8 @@ def simulate(
     sids : SIDs, or files with one, that replace those of the scene, by body
     base_folder : where the scene's relative paths begin; its file's folder by default
     integrator, rtol, step : replace the scene's; `step` [s] is fixed
-    accept_defects : simulate bodies whose mass matrix is impossible
+    accept_defects : simulate bodies whose mass matrix is impossible, and joints and
+        forces on nodes that no shape function moves
     drives : functions of time f(t), or tuples of f and its first or first two
         derivatives, that replace those of the scene's drives, by name
 

@@ -13,13 +13,12 @@ import numpy as np
 from formats.scene import marker_names, marker_reference
 from formats.sid import SID, Array
 
-from .assembly import Start
 from .force_measures import function_values, measured
 from .joint_forces import wrench
 from .kernels import layout as at
 from .kernels import planar, spatial
 from .motion import Motion, frame_motion, marker_motion
-from .prescribed import FrameHistory, start_frame
+from .prescribed import FrameHistory
 from .sampling import Samples
 from .scene import System
 from .stiffening import Loads
@@ -47,36 +46,45 @@ def recorded_loads(system: System, samples: Samples, times: Array, body: str) ->
     return Loads(frame.W, a, alpha, forces, moments)
 
 
-def prescribed_loads(system: System, history: FrameHistory) -> Loads:
-    """Loads of a body whose frame moves as drives say."""
-    gravity = np.einsum("tji,j->ti", history.R, system.arrays.gravity)
-    return Loads(history.w, history.a - gravity, history.alpha)
+def foreseen_loads(
+    system: System, frame: FrameHistory, times: Array, body: str
+) -> Loads:
+    """Loads of a body by the motion of its frame, gravity and given forces.
 
-
-def start_loads(system: System, start: Start, body: str) -> Loads:
-    """Rotation, gravity and given forces at the start."""
-    frame = start_frame(system, start.z, start.v, body)
-    found = prescribed_loads(system, frame)
-    data = system.bodies[system.index(body)]
+    frame : motion at the times (nt,), or at one time that stands for all of them
+    """
+    acting = list(_foreseen_forces(system, frame, times, body))
+    if len(frame.w) == 1 and any(len(force) > 1 for _, force, _ in acting):
+        frame = frame.repeated(len(times))
     forces: dict[str, Array] = {}
     moments: dict[str, Array] = {}
-    now = np.array([system.scene.time.start])
+    nothing = np.zeros_like(frame.w)
+    for node, force, moment in acting:
+        forces[node] = forces.get(node, nothing) + force
+        moments[node] = moments.get(node, nothing) + moment
+    gravity = np.einsum("tji,j->ti", frame.R, system.arrays.gravity)
+    return Loads(frame.w, frame.a - gravity, frame.alpha, forces, moments)
+
+
+def _foreseen_forces(
+    system: System, frame: FrameHistory, times: Array, body: str
+) -> Iterator[tuple[str, Array, Array]]:
+    """Node, force and moment (nt or 1, 3) in body axes of the given forces."""
     for element in system.forces:
         if element.kind > at.FOLLOWING or element.b[0] != body:
             continue
-        node = data.node(element.b[1])
-        R = node.AP.m0 if element.kind == at.FOLLOWING else frame.R[0].T
-        factor = function_values(system, element.function, now)[0]
-        force, moment = _components(system, element.data)
-        forces[node.id] = forces.get(node.id, 0.0) + factor * (R @ force)[None]
-        moments[node.id] = moments.get(node.id, 0.0) + factor * (R @ moment)[None]
-    return Loads(
-        found.angular_velocity,
-        found.acceleration,
-        found.angular_acceleration,
-        forces,
-        moments,
-    )
+        node = system.bodies[system.index(body)].node(element.b[1])
+        factor = np.ones((1, 1))
+        if element.function >= 0:
+            factor = function_values(system, element.function, times)[:, None]
+        pair = _components(system, element.data)
+        if element.kind == at.FOLLOWING:
+            force, moment = (factor * (node.AP.m0 @ vector) for vector in pair)
+        else:
+            force, moment = (
+                factor * np.einsum("tji,j->ti", frame.R, vector) for vector in pair
+            )
+        yield node.id, force, moment
 
 
 def turning_loads(rate: float, planar: bool) -> Loads:

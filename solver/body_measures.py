@@ -13,18 +13,16 @@ from formats.stiffening import Stiffening
 
 from .assembly import Start
 from .bodies import frequencies, symmetric
-from .body_loads import (
-    prescribed_loads,
-    recorded_loads,
-    start_loads,
-    turning_loads,
-)
+from .body_loads import foreseen_loads, recorded_loads, turning_loads
 from .energies import elastic_state
 from .excitation import drive_history, excitation, fastest_rotation
-from .prescribed import prescribed_frames
+from .prescribed import prescribed_frames, start_frame
 from .sampling import Samples
 from .scene import System
 from .stiffening import largest_stiffening
+
+#: Instants at which the deflection is looked at.
+INSTANTS = 256
 
 
 def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
@@ -41,24 +39,26 @@ def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
     rate, drive = fastest_rotation(system, history)
     found: dict[str, FlexibleBody] = {}
     for data in flexible:
-        loads = start_loads(system, start, data.name)
-        now = np.full(1, system.scene.time.start)
-        expected = largest_stiffening(data.sid, loads, now)
-        if data.name in frames:
-            moved = prescribed_loads(system, frames[data.name])
-            expected = _worse(
-                expected, largest_stiffening(data.sid, moved, history.times)
-            )
-        elif rate:
-            turned = turning_loads(rate, system.planar)
-            times = np.full(len(turned.angular_velocity), now[0])
-            guess = largest_stiffening(data.sid, turned, times)
-            guess = replace(guess, condition=drive, diverges=False)
+        frame = frames.get(data.name)
+        if frame is None:
+            frame = start_frame(system, start.z, start.v, data.name)
+        loads = foreseen_loads(system, frame, history.times, data.name)
+        expected = largest_stiffening(data.sid, loads, history.times)
+        if data.name not in frames and rate:
+            guess = _if_it_turned(system, data.sid, rate, drive)
             expected = _worse(expected, guess)
         found[data.name] = FlexibleBody(
             highest_frequency(data.sid), excited, expected, labels=data.sid.labels
         )
     return found
+
+
+def _if_it_turned(system: System, sid: SID, rate: float, drive: str) -> Stiffening:
+    """Stiffening of a body that turns as fast as the fastest drive."""
+    loads = turning_loads(rate, system.planar)
+    times = np.full(len(loads.angular_velocity), system.scene.time.start)
+    guess = largest_stiffening(sid, loads, times)
+    return replace(guess, condition=drive, diverges=False)
 
 
 def reached_bodies(
@@ -110,15 +110,20 @@ def _worse(one: Stiffening, other: Stiffening) -> Stiffening:
 
 
 def _deflection(sid: SID, q: Array) -> float:
-    """Largest displacement over the size of the body, at the nodes that move most."""
+    """Largest displacement over the size of the body.
+
+    Of the nodes that move most with a coordinate, at instants of large amplitudes.
+    """
     size = _size(sid)
     if not sid.nodes or not size:
         return 0.0
     shapes = np.array([node.phi.m0 for node in sid.nodes])
     lengths = np.linalg.norm(shapes, axis=1)
-    moving = np.unique(lengths.argmax(axis=0))
-    scale = np.nanmax(np.abs(q), initial=0.0) or 1.0
-    u = np.einsum("tl,nal->tna", q / scale, shapes[moving])
+    shapes = shapes[np.unique(lengths.argmax(axis=0))]
+    bound = np.nan_to_num(np.abs(q) @ lengths.max(axis=0))
+    rows = q[np.argsort(-bound)[:INSTANTS]]
+    scale = np.nanmax(np.abs(rows), initial=0.0) or 1.0
+    u = np.einsum("tl,nal->tna", rows / scale, shapes)
     return float(np.nanmax(np.linalg.norm(u, axis=2), initial=0.0) / size * scale)
 
 

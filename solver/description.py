@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from formats.errors import InputError
 
 from .assembly import assemble, names_of_rows
@@ -11,6 +13,8 @@ from .checks import check_attachments
 from .kernels import layout as at
 from .scene import GROUND_NAME, System
 
+#: Relative size below which stiffening at markers counts as zero.
+_NOTHING = 1e-6
 _TERMS = {
     at.HAS_CR1: "first-order terms of Cr and Ge",
     at.HAS_OE1: "first-order term of Oe",
@@ -35,6 +39,7 @@ def describe(system: System) -> list[str]:
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         if data.name != GROUND_NAME:
             lines.append(f"body {data.name}: {_body(row, data)}")
+            lines += _stiffened_markers(system, data)
     for name, body in expected_bodies(system, start).items():
         lines.append(f"body {name}: {body.before}")
     lines += _defects(system)
@@ -50,6 +55,25 @@ def describe(system: System) -> list[str]:
         )
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
     lines.append(f"markers: {used} used of {total} exported nodes")
+    return lines
+
+
+def _stiffened_markers(system: System, data: BodyData) -> list[str]:
+    """Geometric stiffening by forces and moments at markers that are used."""
+    markers = [marker for body, marker in system.markers if body == data.name]
+    sizes = {
+        (marker, entry): np.abs(getattr(data.node(marker), entry).m1).max(initial=0.0)
+        for marker in markers
+        for entry in ("phi", "psi")
+        if getattr(data.node(marker), entry).m1 is not None
+    }
+    least = _NOTHING * max(sizes.values(), default=0.0)
+    lines = []
+    for wanted, what in (("phi", "forces kept"), ("psi", "moments dropped")):
+        found = [m for (m, entry), s in sizes.items() if entry == wanted and s > least]
+        if found:
+            listed = ", ".join(found)
+            lines.append(f"body {data.name}: stiffening by {what} at {listed}")
     return lines
 
 

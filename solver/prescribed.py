@@ -36,6 +36,11 @@ class FrameHistory:
     w: Array
     alpha: Array
 
+    def repeated(self, count: int) -> FrameHistory:
+        """The same at `count` instants, for the motion at one."""
+        parts = (self.R, self.a, self.w, self.alpha)
+        return FrameHistory(*(np.repeat(part, count, axis=0) for part in parts))
+
 
 def prescribed_frames(system: System, history: DriveHistory) -> dict[str, FrameHistory]:
     """Motion of all bodies whose frame is prescribed, by name, without the ground."""

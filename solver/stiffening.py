@@ -19,7 +19,7 @@ from formats.stiffening import (
 from .bodies import ge, symmetric
 
 #: Instants whose eigenvalues are computed together.
-BATCH = 32
+BATCH = 8
 #: A rate of growth counts as none below this part of the fastest frequency.
 NEUTRAL = 1e-7
 _UNITS = {

@@ -17,7 +17,8 @@ def info(file: Path) -> None:
     """Tell what is in a SID, model, scene or result.
 
     \b
-    For a SID: modes with frequency, kind and effective mass, frame, nodes, dialect.
+    For a SID: modes with frequency, kind, boundary condition, effective mass and share
+    in the static deformation; frame, stiffening, stress, nodes, dialect.
     For a model: geometry, material, discretisation, frame, markers, reduction.
     For a scene: bodies, joints, drives, what the simulation keeps or drops, and of
     flexible bodies frequencies, excitation and expected stiffening.

@@ -12,6 +12,7 @@ from formats.model_geometry import MatricesGeometry
 
 from ..importers.matrices import ImportedMatrices, read_arrays, read_matrices
 from ..importers.matrix_checks import (
+    balanced,
     check_definite,
     check_rigid_motion,
     scalar_part,
@@ -88,7 +89,7 @@ def _checked_body(
     return FiniteElementModel(
         positions=positions,
         scalar_mass=scalar,
-        stiffness=k,
+        stiffness=balanced(k, table),
         node_sets=bare.node_sets,
         markers=tuple(markers),
         full_mass=bare.full_mass,

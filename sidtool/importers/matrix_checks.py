@@ -117,6 +117,32 @@ def check_rigid_motion(stiffness: sp.csr_matrix, rigid: Array) -> None:
     )
 
 
+def balanced(stiffness: sp.csr_matrix, table: NDArray[np.int64]) -> sp.csr_matrix:
+    """The stiffness with the balance of forces that printing has rounded away.
+
+    A free body that is displaced feels no force: the blocks of a row of nodes add up
+    to zero. The block of every node with itself is set so that they do, which changes
+    it by its last printed digit. The rounding would otherwise act as springs to the
+    ground on every node, and shift low frequencies by far more than that digit.
+
+    Parameters
+    ----------
+    stiffness : (ndof, ndof) of a free body, see `check_rigid_motion`
+    table : (n, 6) degrees of freedom by node, -1 for none
+    """
+    axes = [a for a in range(3) if (table[:, a] >= 0).all()]
+    dofs = table[:, axes]
+    motion = np.zeros((stiffness.shape[0], len(axes)))
+    for k in range(len(axes)):
+        motion[dofs[:, k], k] = 1.0
+    blocks = (stiffness @ motion)[dofs]
+    blocks = (blocks + np.swapaxes(blocks, 1, 2)) / 2
+    rows = np.broadcast_to(dofs[:, :, None], blocks.shape)
+    columns = np.broadcast_to(dofs[:, None, :], blocks.shape)
+    entries = (blocks.ravel(), (rows.ravel(), columns.ravel()))
+    return sp.csr_matrix(stiffness - sp.csr_matrix(entries, shape=stiffness.shape))
+
+
 def scalar_part(mass: sp.csr_matrix, table: NDArray[np.int64]) -> sp.csr_matrix | None:
     """m (n, n) if the mass matrix is m on every displacement component, else None.
 

@@ -8,13 +8,14 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from formats.errors import InputError
 
 from ..frontends.finite_element_model import Indices
 from ..vectors import LEVI_CIVITA
 from .factors import engine_name, symmetric_factors
+from .lanczos import dominant_vectors
+from .pencil import Pencil
 from .running import Counter
 from .slepc import slepc_eigenvectors
 
@@ -22,7 +23,7 @@ __all__ = ["free_body_shift", "lowest_eigenpairs", "symmetric_factors"]
 
 Array = NDArray[np.float64]
 
-#: Up to this size LAPACK is faster than factorisation and Lanczos.
+#: Up to this size LAPACK is faster than a factorisation and Lanczos.
 _DENSE = 300
 #: The lowest eigenvalue in units of its rounding error that still counts as known.
 _RESOLUTION = 100.0
@@ -35,18 +36,22 @@ def lowest_eigenpairs(
     *,
     shift: float = 0.0,
     constraints: Array | None = None,
+    rigid: Array | None = None,
+    places: Array | None = None,
 ) -> tuple[Array, Array]:
     """The `count` lowest eigenvalues, rising, and M-orthonormal eigenvectors.
 
-    Shift-invert Lanczos (ARPACK) with a symmetric-mode LU factorisation, then one
-    Rayleigh-Ritz step, which makes the vectors orthonormal to rounding. The start
-    vector is fixed, so that the same matrices give the same result.
+    Shift-invert block Lanczos, then one Rayleigh-Ritz step, which makes the vectors
+    orthonormal to rounding. The start is fixed, so that the same matrices give the same
+    result.
 
     Parameters
     ----------
     stiffness, mass : (n, n); mass positive definite, stiffness semidefinite
     shift : negative for a singular stiffness, see `free_body_shift` [1/s^2]
     constraints : (k, n) independent conditions ``constraints @ v = 0``
+    rigid : (n, r) known vectors of the eigenvalue 0 that meet the constraints
+    places : (n, d) where each unknown is, see `symmetric_factors`
 
     Returns
     -------
@@ -59,6 +64,7 @@ def lowest_eigenpairs(
     """
     rows = np.zeros((0, stiffness.shape[0])) if constraints is None else constraints
     n = stiffness.shape[0]
+    known = np.zeros((n, 0)) if rigid is None else rigid
     if count > n - len(rows):
         raise InputError(
             f"{count} modes of a model with {n - len(rows)} free degrees of freedom",
@@ -66,11 +72,13 @@ def lowest_eigenpairs(
         )
     dense = n <= _DENSE or count > n // 3
     try:
-        if dense:
-            values, vectors = _dense(stiffness, mass, count, rows)
-        else:
-            space = _invariant_space(stiffness, mass, count, shift, rows)
-            values, vectors = _ritz(stiffness, mass, space)
+        pencil = Pencil(stiffness, mass, shift, rows, known)
+        space = (
+            _dense_space(pencil, count)
+            if dense
+            else _invariant_space(pencil, count, places)
+        )
+        values, vectors = _ritz(stiffness, mass, space)
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"the eigenproblem has no solution ({error})",
@@ -101,17 +109,23 @@ def _check_resolution(stiffness: sp.csr_matrix, values: Array, vectors: Array) -
         )
 
 
-def _dense(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, rows: Array
-) -> tuple[Array, Array]:
-    basis = scipy.linalg.null_space(rows) if len(rows) else None
-    k, m = stiffness.toarray(), mass.toarray()
-    if basis is None:
-        return scipy.linalg.eigh(k, m, subset_by_index=[0, count - 1])
-    values, vectors = scipy.linalg.eigh(
-        basis.T @ k @ basis, basis.T @ m @ basis, subset_by_index=[0, count - 1]
+def _dense_space(pencil: Pencil, count: int) -> Array:
+    """(n, count) vectors that span the lowest eigenvectors, by LAPACK.
+
+    The mass over the shifted stiffness, whose largest eigenvalues are sought: the other
+    way round the lowest ones drown in the rounding of the largest, and a mass that is
+    singular to printed digits would not do.
+    """
+    mass, shifted = pencil.mass.toarray(), pencil.shifted.toarray()
+    basis = None
+    if len(pencil.constraints):
+        basis = scipy.linalg.null_space(pencil.constraints)
+        mass, shifted = (basis.T @ matrix @ basis for matrix in (mass, shifted))
+    last = len(mass) - 1
+    _, vectors = scipy.linalg.eigh(
+        mass, shifted, subset_by_index=[last - count + 1, last]
     )
-    return values, basis @ vectors
+    return vectors if basis is None else basis @ vectors
 
 
 def _ritz(
@@ -123,31 +137,19 @@ def _ritz(
     return values, vectors @ mixing
 
 
-def _invariant_space(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, shift: float, rows: Array
-) -> Array:
+def _invariant_space(pencil: Pencil, count: int, places: Array | None) -> Array:
     """(n, count) vectors that span the lowest eigenvectors."""
     if engine_name() == "slepc":
-        return slepc_eigenvectors(stiffness, mass, count, shift, rows)
-    n = stiffness.shape[0]
-    start = np.random.default_rng(0).standard_normal(n)
-    shifted = stiffness - shift * mass if shift else stiffness
-    solve = _constrained_solver(symmetric_factors(shifted), rows)
-    counter = Counter("eigenvectors: {} solutions with the factors")
+        return slepc_eigenvectors(pencil, count)
+    factors = symmetric_factors(pencil.shifted, places)
+    solve = _constrained_solver(factors, pencil.constraints)
+    counter = Counter("eigenvectors: {} blocks of solutions")
 
     def counted(load: Array) -> Array:
         counter()
         return solve(load)
 
-    _, vectors = eigsh(
-        stiffness,
-        k=count,
-        M=mass,
-        sigma=shift,
-        OPinv=LinearOperator((n, n), matvec=counted, dtype=float),
-        v0=solve(start) if len(rows) else start,
-    )
-    return vectors
+    return dominant_vectors(counted, pencil.mass, count, pencil.rigid)
 
 
 def _constrained_solver(factors: Any, rows: Array) -> Any:
@@ -203,17 +205,21 @@ def _quadratic_fields(positions: Array, table: Indices, ndof: int) -> Array:
     values = np.column_stack(
         [np.ones(len(x)), x, *(x[:, a] * x[:, b] for a, b in pairs)]
     )
-    slopes = np.zeros((len(x), values.shape[1], 3))
+    count = values.shape[1]
+    fields = np.zeros((ndof, count * d))
+    for axis in range(d):
+        there = table[:, axis] >= 0
+        fields[table[there, axis], axis::d] = values[there]
+    if (table[:, 3:] < 0).all():
+        return fields
+    slopes = np.zeros((len(x), count, 3))
     slopes[:, range(1, d + 1), range(d)] = 1.0 / length
     for k, (a, b) in enumerate(pairs, d + 1):
         slopes[:, k, a] += x[:, b] / length
         slopes[:, k, b] += x[:, a] / length
-    motion = np.zeros((len(x), 6, values.shape[1], d))
-    for axis in range(d):
-        motion[:, axis, :, axis] = values
-        curl = np.einsum("abc,nkb->nakc", LEVI_CIVITA, slopes)[..., axis]
-        motion[:, 3:, :, axis] = curl / 2
-    fields = np.zeros((ndof, motion[0, 0].size))
-    there = table >= 0
-    fields[table[there]] = motion.reshape(*table.shape, -1)[there]
+    for turn in range(3):
+        there = table[:, 3 + turn] >= 0
+        for axis in range(d):
+            curl = slopes[there] @ LEVI_CIVITA[turn, :, axis] / 2
+            fields[table[there, 3 + turn], axis::d] = curl
     return fields

@@ -11,7 +11,7 @@ from __future__ import annotations
 import importlib.util
 import os
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,10 +20,12 @@ from scipy.sparse.linalg import splu
 
 from formats.errors import InputError
 
+from .ordering import nested_dissection
 from .running import asked_engine, tell
 from .slepc import PetscFactors, check_slepc
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
 class Factors(Protocol):
@@ -33,8 +35,13 @@ class Factors(Protocol):
         """A^-1 b for b (n,) or (n, k)."""
 
 
-def symmetric_factors(matrix: sp.csr_matrix) -> Factors:
+def symmetric_factors(matrix: sp.csr_matrix, places: Array | None = None) -> Factors:
     """Factors of a symmetric positive definite matrix.
+
+    Parameters
+    ----------
+    places : (n, d) where each unknown is; helps libraries that find no good order of
+        elimination themselves
 
     Raises
     ------
@@ -43,6 +50,8 @@ def symmetric_factors(matrix: sp.csr_matrix) -> Factors:
     """
     name = engine_name()
     tell(f"factorising {matrix.shape[0]} equations by {name}")
+    if name == "superlu":
+        return _Superlu(matrix, places)
     return ENGINES[name][1](matrix)
 
 
@@ -81,13 +90,27 @@ def _by_columns(matrix: sp.csr_matrix) -> sp.csc_matrix:
     return sp.csc_matrix(matrix.T)
 
 
-def _superlu(matrix: sp.csr_matrix) -> Any:
-    return splu(
-        _by_columns(matrix),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+class _Superlu:
+    """LU factors with pivots on the diagonal, by nested dissection if it can be."""
+
+    def __init__(self, matrix: sp.csr_matrix, places: Array | None = None) -> None:
+        self._order: Indices | None = None
+        if places is not None:
+            self._order = nested_dissection(matrix, places)
+            matrix = matrix[self._order][:, self._order]
+        self._factors = splu(
+            _by_columns(matrix),
+            permc_spec="MMD_AT_PLUS_A" if places is None else "NATURAL",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+
+    def solve(self, load: Array) -> Array:
+        if self._order is None:
+            return self._factors.solve(load)
+        solution = np.empty(load.shape, order="F")
+        solution[self._order] = self._factors.solve(load[self._order])
+        return solution
 
 
 class _Cholmod:
@@ -127,6 +150,6 @@ class _Pardiso:
 ENGINES: dict[str, tuple[str, Callable[[sp.csr_matrix], Factors]]] = {
     "cholmod": ("sksparse.cholmod", _Cholmod),
     "pardiso": ("pypardiso", _Pardiso),
-    "superlu": ("scipy", _superlu),
+    "superlu": ("scipy", _Superlu),
     "slepc": ("slepc4py", PetscFactors),
 }

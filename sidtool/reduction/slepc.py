@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from formats.errors import InputError
 
+from .pencil import Pencil
 from .running import Counter, tell
 
 Array = NDArray[np.float64]
@@ -128,13 +129,11 @@ def together() -> Iterator[Processes]:
     processes.go_on()
 
 
-def slepc_eigenvectors(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, count: int, shift: float, rows: Array
-) -> Array:
+def slepc_eigenvectors(pencil: Pencil, count: int) -> Array:
     """(n, count) vectors of the lowest eigenvalues, by Krylov-Schur.
 
-    Shift and invert with a direct solver; conditions ``rows @ v = 0`` enter with
-    Lagrange multipliers. The same vectors come to every process.
+    Shift and invert with a direct solver; constraints enter with Lagrange multipliers.
+    The same vectors come to every process.
 
     Raises
     ------
@@ -144,37 +143,38 @@ def slepc_eigenvectors(
     petsc, slepc = _modules()
     processes = Processes()
     processes.go_on()
-    n, k = stiffness.shape[0], len(rows)
     tell(f"eigenvectors by SLEPc, processes: {processes.size}")
-    a = _distributed(petsc, processes, _bordered(stiffness, rows))
-    b = _distributed(petsc, processes, _bordered(mass, np.zeros_like(rows)))
+    rows, rigid = pencil.constraints, pencil.rigid
+    n, k = pencil.stiffness.shape[0], len(rows)
+    a = _distributed(petsc, processes, _bordered(pencil.stiffness, rows))
+    b = _distributed(petsc, processes, _bordered(pencil.mass, np.zeros_like(rows)))
     eps = slepc.EPS().create()
     eps.setOperators(a, b)
     eps.setProblemType(slepc.EPS.ProblemType.GHEP)
-    eps.setDimensions(count)
+    eps.setDimensions(count - rigid.shape[1])
     eps.setTolerances(_TOLERANCE, 100)
     eps.setWhichEigenpairs(slepc.EPS.Which.TARGET_MAGNITUDE)
-    eps.setTarget(shift)
+    eps.setTarget(pencil.shift)
     transformation = eps.getST()
     transformation.setType(slepc.ST.Type.SINVERT)
     _direct(petsc, transformation.getKSP())
-    start = a.createVecLeft()
-    first, last = start.getOwnershipRange()
-    start.setArray(np.random.default_rng(0).standard_normal(n + k)[first:last])
+    start = _own_part(a, np.random.default_rng(0).standard_normal(n + k))
+    known = [_own_part(a, np.append(vector, np.zeros(k))) for vector in rigid.T]
     eps.setInitialSpace(start)
+    eps.setDeflationSpace(known)
     counter = Counter("eigenvectors: {} restarts")
     eps.setMonitor(lambda *_: counter())
     eps.solve()
-    converged = eps.getConverged()
-    vectors = np.empty((n, min(count, converged)))
-    for i in range(vectors.shape[1]):
+    wanted, converged = count - rigid.shape[1], eps.getConverged()
+    found = []
+    for i in range(min(wanted, converged)):
         eps.getEigenvector(i, start)
-        vectors[:, i] = _everywhere(petsc, start)[:n]
-    for thing in (eps, start, a, b):
+        found.append(_everywhere(petsc, start)[:n])
+    for thing in (eps, start, *known, a, b):
         thing.destroy()
-    if converged < count:
-        raise RuntimeError(f"{converged} of {count} eigenpairs converged")
-    return vectors
+    if converged < wanted:
+        raise RuntimeError(f"{converged} of {wanted} eigenpairs converged")
+    return np.column_stack([rigid, *found])
 
 
 class PetscFactors:
@@ -234,6 +234,14 @@ def _distributed(petsc: Any, processes: Processes, matrix: sp.csr_matrix) -> Any
     )
     result.setOption(petsc.Mat.Option.SYMMETRIC, True)
     return result
+
+
+def _own_part(matrix: Any, values: Array) -> Any:
+    """A vector in PETSc, to which every process gives its part."""
+    vector = matrix.createVecLeft()
+    first, last = vector.getOwnershipRange()
+    vector.setArray(values[first:last])
+    return vector
 
 
 def _direct(petsc: Any, ksp: Any) -> None:

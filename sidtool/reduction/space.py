@@ -33,6 +33,7 @@ class Space:
     constraints : (k, n) further conditions, of fixed or interface markers
     rigid : (n, r) the rigid motions that are admissible
     shift : a negative number below which K - shift M is positive definite [1/s^2]
+    places : (n, d) where each y is, for the order of the unknowns
     """
 
     transform: sp.csr_matrix
@@ -41,6 +42,7 @@ class Space:
     constraints: Array
     rigid: Array
     shift: float
+    places: Array
 
     def loads(self, loads: Array) -> Array:
         """Loads (ndof, n) on the model as loads on y."""
@@ -62,6 +64,7 @@ class Space:
             independent_rows(constraints),
             left,
             self.shift,
+            self.places,
         )
 
     def modes(self, count: int) -> tuple[Array, Array]:
@@ -89,6 +92,8 @@ class Space:
             count + skipped,
             shift=self.shift if skipped or len(self.constraints) else 0.0,
             constraints=self.constraints,
+            rigid=self.rigid,
+            places=self.places,
         )
         return values[skipped:], self.displacements(vectors[:, skipped:])
 
@@ -128,7 +133,7 @@ class _StaticSolver:
             stiffness = stiffness + stiff * (springs.T @ springs)
         if rigid.shape[1]:
             stiffness = stiffness + stiff * sp.diags_array(_pins(rigid))
-        self._factors = symmetric_factors(stiffness)
+        self._factors = symmetric_factors(stiffness, space.places)
         self._inertia = space.mass @ rigid
         self._gram = rigid.T @ self._inertia
         self._reactions = np.zeros((rows.shape[1], 0))
@@ -182,6 +187,7 @@ def admissible(
         shift=free_body_shift(
             model.stiffness, model.mass, model.positions, model.table
         ),
+        places=_places(model, transform),
     )
     markers = [motion_rows(model, model.marker(n)) for n in fixed if n in known]
     return space.with_constraints(np.vstack(markers)) if markers else space
@@ -210,6 +216,16 @@ def _transform(model: FiniteElementModel, held: NDArray[np.bool_]) -> sp.csr_mat
     entries = (np.ones(numbers.size), (numbers, np.arange(numbers.size)))
     plain = sp.csr_matrix(entries, shape=(model.ndof, numbers.size))
     return sp.csr_matrix(sp.hstack([plain, *columns]))
+
+
+def _places(model: FiniteElementModel, transform: sp.csr_matrix) -> Array:
+    """(n, d) where each y is: at its node, or amid the nodes that it moves."""
+    there = model.table >= 0
+    nodes = np.broadcast_to(np.arange(len(model.table))[:, None], there.shape)
+    positions = np.zeros((model.ndof, model.dimension))
+    positions[model.table[there]] = model.positions[nodes[there]]
+    moved = sp.csr_matrix(abs(transform) > 0).astype(float)
+    return (moved.T @ positions) / (moved.T @ np.ones((model.ndof, 1)))
 
 
 def _coordinates(transform: sp.csr_matrix, displacements: Array) -> Array:

@@ -2,155 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from formats.dead_nodes import motion_scale
-from formats.sid import SID, symmetric_3x3
+from formats.dead_nodes import dead_nodes
+from formats.sid import SID, Array
+from formats.stiffening import has_stiffening
+from formats.stress import stress_nodes
 
-from ..validate.frequencies import held_modes, hertz
+from .modes import Mode, at_rest, frame_of, modes_of
 from .tables import named, plural, table
-
-Array = NDArray[np.float64]
-AXES = "xyz"
-#: A mode moves along one axis if nothing else reaches this share of the motion.
-_DOMINANT = 0.5
-#: A body is slender if its smallest central inertia is below this share of the largest.
-_SLENDER = 0.3
-#: Part of the body's length over which a node's rotation counts as displacement.
-_SLOPE = 0.1
-#: Relative size below which shape functions and couplings count as zero.
-_NOTHING = 1e-9
-
-
-@dataclass(frozen=True)
-class Mode:
-    """One natural mode of the body with its frame held.
-
-    Attributes
-    ----------
-    frequency : [Hz]
-    kind : "bending y", "axial x", "torsion x", ...
-    effective_mass : (3,) effective modal mass along x, y, z [kg]
-    boundary : how the body is held where the mode has this frequency: "held",
-        "chord", "free" (mean axes), "other"
-    contribution : share of the mode in the static compliance of all nodes
-    label : of the elastic coordinate that the mode consists of, if of one
-    """
-
-    frequency: float
-    kind: str
-    effective_mass: Array
-    boundary: str
-    contribution: float
-    label: str
-
-
-def modes_of(sid: SID) -> tuple[Mode, ...]:
-    """The natural modes of (Ke, Me), lowest first; empty for a rigid body.
-
-    The effective mass of mode y is (Ct^T y)^2 / (y^T Me y), by axis.
-    """
-    if sid.nq == 0:
-        return ()
-    squares, shapes = _natural_modes(sid)
-    long_axis = _long_axis(sid)
-    boundary = boundary_of(sid)
-    shares = _compliance_shares(sid, squares, shapes)
-    modes = []
-    for square, shape, share in zip(squares, shapes.T, shares, strict=True):
-        modal_mass = float(shape @ sid.Me.m0 @ shape)
-        coupling = shape @ sid.Ct.m0
-        modes.append(
-            Mode(
-                frequency=float(hertz(np.array([square]))[0]),
-                kind=_kind(sid, shape, long_axis),
-                effective_mass=coupling**2 / modal_mass if modal_mass else coupling * 0,
-                boundary=boundary,
-                contribution=float(share),
-                label=_label(sid, shape),
-            )
-        )
-    return tuple(modes)
-
-
-def frame_of(sid: SID) -> str:
-    """The kind of body frame, judged by the couplings and the nodes."""
-    if sid.nq == 0:
-        return "rigid body"
-    kind, nodes = _frame_kind(sid)
-    return {
-        "free": "mean axes (Buckens): no coupling to the rigid motion",
-        "held": f"tangent frame, fixed to node {nodes} at its origin",
-        "held away": f"fixed to node {nodes}, away from its origin",
-        "chord": f"chord frame between nodes {nodes}",
-        "other": "another frame: coupled, and no node rests in it",
-    }[kind]
-
-
-def boundary_of(sid: SID) -> str:
-    """How the natural modes of (Ke, Me) are held: "held", "chord", "free", "other"."""
-    return _frame_kind(sid)[0].split()[0]
-
-
-def _frame_kind(sid: SID) -> tuple[str, str]:
-    scale = np.sqrt(sid.mass * np.abs(np.diag(sid.Me.m0)).max()) or 1.0
-    size = max((np.abs(node.position).max() for node in sid.nodes), default=0.0) or 1.0
-    if (
-        np.abs(sid.Ct.m0).max() <= 1e-6 * scale
-        and np.abs(sid.Cr.m0).max() <= 1e-6 * scale * size
-    ):
-        return "free", ""
-    still = [node for node in sid.nodes if _at_rest(node, sid)]
-    turning = [node for node in still if node.psi.m0.any() and not _unturned(node, sid)]
-    held = [node for node in still if node not in turning]
-    at_origin = [n for n in still if np.abs(n.position).max() <= 1e-9 * size]
-    if at_origin and at_origin[0] in turning:
-        end = _end_of_chord(sid, at_origin[0])
-        if end is not None:
-            return "chord", f"{at_origin[0].id} and {end}"
-        return "other", ""
-    if at_origin:
-        return "held", str(at_origin[0].id)
-    if held:
-        return "held away", str(held[0].id)
-    return "other", ""
-
-
-def _unturned(node: Any, sid: SID) -> bool:
-    scale = max(np.abs(n.psi.m0).max(initial=0.0) for n in sid.nodes)
-    return bool(np.abs(node.psi.m0).max(initial=0.0) <= _NOTHING * scale)
-
-
-def _end_of_chord(sid: SID, start: Any) -> str | None:
-    """The node whose direction from the start stays the same."""
-    for node in sid.nodes:
-        chord = node.position - start.position
-        length = np.linalg.norm(chord)
-        if length == 0:
-            continue
-        across = np.cross(chord / length, node.phi.m0.T)
-        if np.abs(across).max() <= _NOTHING * motion_scale(sid):
-            return str(node.id)
-    return None
-
-
-def _compliance_shares(sid: SID, squares: Array, shapes: Array) -> Array:
-    """(nq,) sum over nodes of phi^2 / w^2, as shares of the total.
-
-    Rotations count by the displacement they make over a part of the body's length.
-    """
-    arm = _SLOPE * _length(sid)
-    motion = np.zeros(sid.nq)
-    for node in sid.nodes:
-        rows = np.vstack([node.phi.m0, arm * node.psi.m0])
-        motion += ((rows @ shapes) ** 2).sum(axis=0)
-    soft = motion / np.where(squares > 0, squares, np.inf)
-    total = soft.sum()
-    return soft / total if total else soft
 
 
 def describe_sid(sid: SID) -> str:
@@ -186,6 +48,7 @@ def _overview(sid: SID) -> str:
         ),
         ("frame", frame_of(sid)),
         ("first-order terms", ", ".join(orders) or "none"),
+        *_abilities(sid),
         (
             "written by",
             f"{dialect.writer}: Gr {dialect.gr_layout}-major, Ge "
@@ -194,6 +57,18 @@ def _overview(sid: SID) -> str:
         *(("note", note) for note in dialect.notes),
     ]
     return named(entries)
+
+
+def _abilities(sid: SID) -> list[tuple[str, str]]:
+    """Does it stiffen under loads, and tell stresses?"""
+    if sid.nq == 0:
+        return []
+    lacks = "not carried; a simulation tells whether it matters"
+    stressed = stress_nodes(sid)
+    return [
+        ("geom. stiffening", "carried" if has_stiffening(sid) else lacks),
+        ("stress", f"at {plural(len(stressed), 'node')}" if stressed else "not told"),
+    ]
 
 
 def _mode_row(number: int, mode: Mode, sid: SID) -> list[str]:
@@ -210,8 +85,9 @@ def _mode_row(number: int, mode: Mode, sid: SID) -> list[str]:
 
 
 def _nodes(sid: SID, most: int = 12) -> str:
+    dead = dead_nodes(sid)
     rows = [
-        [node.id, *_numbers(node.position).split(), _node_note(node, sid)]
+        [node.id, *_numbers(node.position).split(), _node_note(node, sid, dead)]
         for node in sid.nodes[:most]
     ]
     text = table(["node", "x", "y", "z", ""], rows)
@@ -225,91 +101,7 @@ def _numbers(values: Array) -> str:
     return " ".join(f"{v:.6g}" if abs(v) > nothing else "0" for v in values)
 
 
-def _node_note(node: Any, sid: SID) -> str:
-    return "rests in the frame" if sid.nq and _at_rest(node, sid) else ""
-
-
-def _at_rest(node: Any, sid: SID) -> bool:
-    return bool(np.abs(node.phi.m0).max(initial=0.0) <= _NOTHING * motion_scale(sid))
-
-
-def _natural_modes(sid: SID) -> tuple[Array, Array]:
-    """Modes in the columns; the coordinates themselves where Me is no mass matrix."""
-    try:
-        return held_modes(sid)
-    except np.linalg.LinAlgError:
-        masses = np.diag(sid.Me.m0)
-        safe = np.where(masses > 0, masses, np.inf)
-        return np.diag(sid.Ke.m0) / safe, np.eye(sid.nq)
-
-
-def _label(sid: SID, shape: Array) -> str:
-    leading = int(np.abs(shape).argmax())
-    others = np.delete(np.abs(shape), leading)
-    alone = others.max(initial=0.0) <= 1e-3 * abs(shape[leading])
-    return sid.labels[leading].strip() if alone else ""
-
-
-def _long_axis(sid: SID) -> int | None:
-    """The axis of a slender body, by the spread of its mass, or else of its nodes."""
-    spread = _second_moments(sid)
-    if spread is None and sid.nodes:
-        spread = np.ptp([node.position for node in sid.nodes], axis=0) ** 2
-    if spread is None:
-        return None
-    order = np.argsort(spread)
-    return int(order[2]) if spread[order[1]] < _SLENDER * spread[order[2]] else None
-
-
-def _second_moments(sid: SID) -> Array | None:
-    """Central integrals of x^2, y^2, z^2 dm; None where the inertia is planar."""
-    if sid.mass <= 0:
-        return None
-    centre = sid.mdCM.m0[:, 0] / sid.mass
-    steiner = sid.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    inertia = np.diag(symmetric_3x3(sid.J.m0[:, 0]) - steiner)
-    moments = inertia.sum() / 2 - inertia
-    return moments if (moments >= -1e-6 * np.abs(moments).max()).all() else None
-
-
-def _kind(sid: SID, shape: Array, long_axis: int | None) -> str:
-    """By the largest displacement at the nodes, or by the effective mass without."""
-    motion = _motion_by_axis(sid, shape) + _slopes_by_axis(sid, shape, long_axis)
-    rotation = max(
-        (np.abs(n.psi.m0 @ shape).max(initial=0.0) for n in sid.nodes), default=0.0
-    )
-    if not motion.any():
-        return "torsion" if rotation else "not seen at the nodes"
-    axis = int(motion.argmax())
-    name = AXES[axis]
-    if motion[axis] < _DOMINANT * motion.sum():
-        return "mixed " + "".join(AXES[a] for a in np.flatnonzero(motion > 0))
-    if long_axis is None:
-        return f"mainly {name}"
-    return f"axial {name}" if axis == long_axis else f"bending {name}"
-
-
-def _length(sid: SID) -> float:
-    places = np.array([node.position for node in sid.nodes]).reshape(-1, 3)
-    return float(np.ptp(places, axis=0).max()) if len(places) else 0.0
-
-
-def _slopes_by_axis(sid: SID, shape: Array, long_axis: int | None) -> Array:
-    """(3,) squares of the bending that node rotations tell where no node moves."""
-    if long_axis is None:
-        return np.zeros(3)
-    length = _length(sid)
-    slopes = np.zeros(3)
-    for node in sid.nodes:
-        sideways = np.cross(node.psi.m0 @ shape, np.eye(3)[long_axis])
-        slopes += (_SLOPE * length * sideways) ** 2
-    return slopes
-
-
-def _motion_by_axis(sid: SID, shape: Array) -> Array:
-    """(3,) squares of displacements, summed over the nodes; of Ct where they rest."""
-    at_nodes = sum(
-        ((node.phi.m0 @ shape) ** 2 for node in sid.nodes), start=np.zeros(3)
-    )
-    motion = at_nodes if at_nodes.any() else (shape @ sid.Ct.m0) ** 2
-    return np.where(motion > _NOTHING * motion.max(), motion, 0.0)
+def _node_note(node: Any, sid: SID, dead: tuple[str, ...]) -> str:
+    if node.id in dead:
+        return "no shape function moves it"
+    return "rests in the frame" if sid.nq and at_rest(node, sid) else ""

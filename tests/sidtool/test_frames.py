@@ -15,7 +15,8 @@ from formats.sid import SID
 from formats.sid_mass import free_modal_mass
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.reduction.frames import FRAMES, mass_and_centre
-from sidtool.report.sid import describe_sid, frame_of, modes_of
+from sidtool.report.modes import frame_of, modes_of
+from sidtool.report.sid import describe_sid
 from sidtool.validate import check
 
 from .models import IGA, Q4, rod

@@ -197,6 +197,34 @@ def test_krylov_matches_transfer_functions_where_it_was_told(moments: int) -> No
     assert np.log2(far / near) > 2 * moments - 0.3
 
 
+#: Frequencies between the resonances of the clamped rod [Hz].
+BETWEEN = np.array([5.0, 90.0, 380.0, 800.0])
+#: Sizes of each method, and the error of the frequency response at the largest one.
+RESPONSES: dict[str, tuple[list[dict[str, Any]], float]] = {
+    "modal": ([{"modes": n} for n in (3, 6, 24)], 1e-2),
+    "craig_bampton": ([{"modes": n} for n in (3, 9, 24)], 1e-5),
+    "attachment": ([{"modes": n} for n in (3, 9, 24)], 1e-7),
+    "herting": ([{"modes": n} for n in (3, 9, 24)], 1e-7),
+    "krylov": (
+        [{"frequencies": np.linspace(0, 900, n).tolist()} for n in (1, 2, 5)],
+        1e-8,
+    ),
+}
+
+
+@pytest.mark.parametrize("method", RESPONSES)
+def test_the_frequency_response_converges_with_the_shape_functions(method: str) -> None:
+    """Against the full model at markers; `benchmarks/reduction_methods.py` plots it."""
+    sizes, last = RESPONSES[method]
+    pin = {} if method == "modal" else {"interfaces": ["piston_pin"]}
+    errors = []
+    for size in sizes:
+        body, basis = reduced({"method": method, **pin, **size}, "clamped")
+        errors.append(max(transfer_error(body, basis, f) for f in BETWEEN))
+    assert errors[0] > errors[1] > errors[2]
+    assert errors[2] < last
+
+
 def transfer_error(
     body: FiniteElementModel, basis: ReducedBasis, frequency: float
 ) -> float:

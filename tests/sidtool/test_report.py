@@ -11,7 +11,8 @@ import pytest
 from formats.sid import SID, Taylor, rigid_node, rigid_sid
 from sidtool.kinds import read
 from sidtool.report.judgement import judge, judgement_as_text
-from sidtool.report.sid import describe_sid, frame_of, modes_of
+from sidtool.report.modes import frame_of, modes_of
+from sidtool.report.sid import describe_sid
 from sidtool.report.tables import plural, table
 
 from ..bodies import particle_body
@@ -62,6 +63,26 @@ def test_frames_are_told_apart() -> None:
         rod, Ct=Taylor(np.zeros((5, 3))), Cr=Taylor(np.zeros((5, 3))), nodes=()
     )
     assert frame_of(free).startswith("mean axes")
+
+
+def test_what_a_body_tells_of_stiffening_and_stress() -> None:
+    sid = particle_body(2, 6, stiffening=True)
+    text = describe_sid(sid)
+    assert "geom. stiffening   carried\n" in text and "stress             not" in text
+    sigma = Taylor(np.zeros((6, 1)), np.ones((2, 6, 1)))
+    nodes = (replace(sid.nodes[0], sigma=sigma), *sid.nodes[1:])
+    assert "stress             at 1 node\n" in describe_sid(replace(sid, nodes=nodes))
+    text = describe_sid(read(EXAMPLE / "rod_q4.SID_FEM"))
+    assert "geom. stiffening   not carried; a simulation tells whether it" in text
+
+
+def test_nodes_that_no_shape_function_moves_are_marked() -> None:
+    rod = read(EXAMPLE / "rod_q4.SID_FEM")
+    first, second = rod.nodes
+    both = replace(rod, nodes=(first, replace(second, phi=first.phi, psi=first.psi)))
+    lines = describe_sid(both).splitlines()
+    assert lines[-2].endswith("rests in the frame")
+    assert lines[-1].endswith("no shape function moves it")
 
 
 def test_a_rigid_body_with_nodes() -> None:

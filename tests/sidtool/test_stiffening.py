@@ -59,6 +59,18 @@ def test_the_terms_converge_to_the_slender_beam() -> None:
     assert abs(errors[-1]) < 2e-5
 
 
+def test_the_terms_of_quadrilaterals_converge_quadratically() -> None:
+    found = []
+    for elements in (25, 50, 100):
+        settings = {"type": "q4", "elements": [elements, 2]}
+        settings["formulation"] = "incompatible_modes"
+        sid = sid_from_model(beam(settings, stiffening={}))
+        found.append(sid.Oe.m1[0, 0, 2] + 1)
+    steps = np.diff(found)
+    assert np.log2(steps[0] / steps[1]) == pytest.approx(2, abs=0.05)
+    assert found[2] + steps[1] / 3 == pytest.approx(1.19334, abs=1e-5)
+
+
 def spinning_frequency(sid: SID, omega: tuple[float, float, float]) -> float:
     stiffness = sid.Ke.m0 + load_stiffness(sid, angular_velocity=omega)
     return float(np.sqrt(scipy.linalg.eigvalsh(stiffness, sid.Me.m0)[0]))
@@ -76,6 +88,16 @@ def test_lead_lag_frequencies(rotor: SID, speed: float) -> None:
     """Spinning about the axis across the plane it bends in."""
     found = spinning_frequency(rotor, (0.0, 0.0, speed))
     assert found == pytest.approx(LEAD_LAG[speed], rel=5e-3)
+
+
+def test_frequencies_converge_with_the_shape_functions() -> None:
+    """Fast rotation needs more modes of the beam at rest."""
+    errors = []
+    for modes in (1, 2, 4):
+        reduction = {"method": "modal", "modes": modes}
+        sid = sid_from_model(beam(IGA, reduction=reduction, stiffening={}))
+        errors.append(spinning_frequency(sid, (0.0, 12.0, 0.0)) / FLAPPING[12] - 1)
+    assert errors[0] > 3 * errors[1] > 9 * errors[2] > 0
 
 
 def test_without_stiffening_the_spinning_beam_grows_unstable() -> None:

@@ -183,6 +183,31 @@ def test_what_is_expected_is_told_before_the_first_step() -> None:
     assert lines == [f"body beam: {told[0]['beam'].before}"]
 
 
+def test_the_description_tells_stiffening_at_markers() -> None:
+    """Forces are kept; moments are in the SID and not in the equations."""
+    push = {"type": "force", "marker": "beam.tip", "force": [0.0, 0.1]}
+    sid = cantilever()
+    root, tip, *others = sid.nodes
+    turned = replace(tip, psi=replace(tip.psi, m1=tip.phi.m1))
+    described = {
+        name: describe(fixed(body, forces={"push": push}))
+        for name, body in (
+            ("forces", sid),
+            ("both", replace(sid, nodes=(root, turned, *others))),
+            ("none", cantilever(False)),
+        )
+    }
+    told = {
+        name: [li[25:] for li in lines if li.startswith("body beam: stiffening by ")]
+        for name, lines in described.items()
+    }
+    assert told == {
+        "forces": ["forces kept at tip"],
+        "both": ["forces kept at tip", "moments dropped at tip"],
+        "none": [],
+    }
+
+
 def test_a_column_under_a_given_load_buckles_as_euler_says() -> None:
     """Half of Euler's load; given forces are foreseen."""
     push = {"type": "force", "marker": "beam.tip", "force": [-EULER / 2, 0.0]}
@@ -191,6 +216,20 @@ def test_a_column_under_a_given_load_buckles_as_euler_says() -> None:
         assert stage.ratio == pytest.approx(-0.5, rel=5e-3)
         assert stage.load == "a force of 1.23 N at node 2"
         assert not stage.diverges
+
+
+@pytest.mark.parametrize("axes", ["inertial", "marker"])
+def test_the_largest_value_of_a_given_force_is_foreseen(axes: str) -> None:
+    """It swings about nothing: what it will be, not what it is at the start."""
+    push = {
+        "type": "force",
+        "marker": "beam.tip",
+        "force": [-EULER / 2, 0.0],
+        "axes": axes,
+        "function": {"type": "harmonic", "amplitude": 1.0, "frequency": 25.0},
+    }
+    stage = body(simulate(fixed(cantilever(), end=0.1, forces={"push": push}))).expected
+    assert abs(stage.ratio) == pytest.approx(0.5, rel=1e-2)
 
 
 def test_a_column_beyond_its_load_buckles() -> None:

@@ -1,0 +1,159 @@
+"""Block Lanczos for the operator of shift-invert, with full reorthogonalisation.
+
+A block finds multiple eigenvalues (a square shaft bends alike in two planes) where a
+single vector sees one of each, and a factor is read once for all vectors of a block.
+
+Source: R. Grimes, J. Lewis, H. Simon, "A shifted block Lanczos algorithm for solving
+sparse symmetric generalized eigenproblems", SIAM J. Matrix Anal. Appl. 15 (1), 1994.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Symmetry of a held body makes pairs of equal eigenvalues, of a free one triples.
+_BLOCK = 2
+_FREE_BLOCK = 3
+#: Residual of a Ritz pair relative to its value.
+_TOLERANCE = 1e-12
+#: A direction is nothing new if this share of its square is left.
+_NOTHING = 1e-24
+
+
+def dominant_vectors(
+    operator: Callable[[Array], Array],
+    mass: sp.csr_matrix,
+    count: int,
+    rigid: Array,
+) -> Array:
+    """(n, count) eigenvectors of the largest eigenvalues of an operator.
+
+    Parameters
+    ----------
+    operator : (n, b) -> (n, b) ``A^-1 M x`` from ``M x``; with M self-adjoint in the
+        metric of M
+    mass : (n, n) M, positive definite where the operator leads
+    rigid : (n, r) eigenvectors that are known
+
+    Raises
+    ------
+    RuntimeError : they do not converge.
+    """
+    space = _Space(operator, mass, count, rigid)
+    while True:
+        space.extend()
+        vectors = space.converged(count)
+        if vectors is not None:
+            return vectors
+
+
+class _Space:
+    """M-orthonormal Lanczos vectors and the operator in their space."""
+
+    def __init__(
+        self,
+        operator: Callable[[Array], Array],
+        mass: sp.csr_matrix,
+        count: int,
+        rigid: Array,
+    ) -> None:
+        n = mass.shape[0]
+        self._block = _FREE_BLOCK if rigid.shape[1] else _BLOCK
+        self._operator, self._mass = operator, mass
+        self._random = np.random.default_rng(0)
+        self._limit = min(n, 20 * count + 200)
+        self._vectors = np.empty((n, min(n, 3 * count + 8 * self._block)), order="F")
+        self._size = 0
+        self._small = np.zeros((self._limit,) * 2)
+        self._coupling = np.zeros((0, 0))
+        self._settled = np.zeros(0)
+        self._next, self._momenta = self._first(rigid)
+
+    def extend(self) -> None:
+        """Take up the next block and apply the operator to it.
+
+        Raises
+        ------
+        RuntimeError : the space is as large as it may be.
+        """
+        first, last = self._size, self._size + self._next.shape[1]
+        if not first < last <= self._limit:
+            raise RuntimeError("the eigenvectors do not converge")
+        self._reserve(last)
+        self._vectors[:, first:last] = self._next
+        self._size = last
+        image = self._operator(self._momenta)
+        momenta = self._mass @ image
+        column = self._vectors[:, :last].T @ momenta
+        self._small[:last, first:last] = column
+        self._small[first:last, :last] = column.T
+        self._next, self._momenta, self._coupling = self._orthonormal(image, momenta)
+        if not self._next.shape[1]:
+            self._next, self._momenta = self._fresh()
+
+    def converged(self, count: int) -> Array | None:
+        """The Ritz vectors of the largest values if their residuals are small."""
+        if self._size < count:
+            return None
+        values, mixing = np.linalg.eigh(self._small[: self._size, : self._size])
+        mixing = mixing[:, ::-1][:, :count]
+        ends = mixing[self._size - self._coupling.shape[1] :]
+        residuals = np.linalg.norm(self._coupling @ ends, axis=0)
+        largest = values[::-1][:count]
+        if (residuals > _TOLERANCE * np.abs(largest)).any():
+            return None
+        if not self._coupling.shape[0] and self._changed(largest):
+            return None
+        return self._vectors[:, : self._size] @ mixing
+
+    def _changed(self, values: Array) -> bool:
+        """Whether the last random directions found more where the space had ended."""
+        before, self._settled = self._settled, values
+        return not before.size or not np.allclose(before, values, rtol=1e-9)
+
+    def _reserve(self, size: int) -> None:
+        n, capacity = self._vectors.shape
+        if size > capacity:
+            larger = np.empty((n, min(n, 2 * capacity)), order="F")
+            larger[:, : self._size] = self._vectors[:, : self._size]
+            self._vectors = larger
+
+    def _first(self, rigid: Array) -> tuple[Array, Array]:
+        if not rigid.shape[1]:
+            return self._fresh()
+        block, momenta, _ = self._orthonormal(rigid, self._mass @ rigid)
+        return block, momenta
+
+    def _fresh(self) -> tuple[Array, Array]:
+        """Random directions that the operator leads to, orthonormal to all."""
+        random = self._random.standard_normal((self._mass.shape[0], self._block))
+        block = self._operator(self._mass @ random)
+        block, momenta, _ = self._orthonormal(block, self._mass @ block)
+        return block, momenta
+
+    def _orthonormal(self, block: Array, momenta: Array) -> tuple[Array, Array, Array]:
+        """New directions in a block, M times them, and the block in terms of them.
+
+        Twice, since the first pass leaves rounding errors. Directions that are not new
+        are left out.
+        """
+        known = self._vectors[:, : self._size]
+        size = np.einsum("ij,ij->j", block, momenta).max()
+        change = np.eye(block.shape[1])
+        for _ in range(2):
+            block = block - known @ (known.T @ momenta)
+            momenta = self._mass @ block
+            values, axes = np.linalg.eigh(block.T @ momenta)
+            kept = values > _NOTHING * size
+            scale = np.sqrt(values[kept])
+            axes = axes[:, kept]
+            block, momenta = (x @ (axes / scale) for x in (block, momenta))
+            change = (scale[:, None] * axes.T) @ change
+            size = 1.0
+        return block, momenta, change
