@@ -10,6 +10,7 @@ from formats.sid import SID, Array
 
 from .bodies import elastic_mass, symmetric
 from .kernels import layout as at
+from .kernels.lapack import lapack
 from .kernels.newton import N_COUNTERS, Memory
 from .kernels.planar import N_FRAME as PLANAR_FRAME
 from .kernels.planar import N_POINT as PLANAR_POINT
@@ -74,7 +75,7 @@ def new_memory(system: System, pairs: int) -> Memory:
     body = system.arrays.body
     blocks = int((body[:, at.NV] ** 2).sum())
     entries, n, m = segment_entries(system), system.n_velocities, system.n_rows
-    rows = system.n_newton_rows
+    rows, largest = system.n_newton_rows, int(body[:, at.NV].max())
     frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
     whole = np.int64
     return Memory(
@@ -102,6 +103,8 @@ def new_memory(system: System, pairs: int) -> Memory:
         np.zeros(n),
         np.zeros(m),
         np.zeros(N_COUNTERS, whole),
+        lapack("d", largest),
+        lapack("z", largest),
     )
 
 

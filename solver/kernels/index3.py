@@ -54,6 +54,7 @@ def index3_factor(system, work, memory, inertia, damping, stiffness):
     memory.counters[FACTORISATIONS] += 1
     return saddle_factor(
         extended,
+        memory.real_lapack,
         A,
         memory.C,
         G,
@@ -69,6 +70,7 @@ def index3_solve(system, memory, x, mu):
     """Solves with that factor; right-hand sides in x and mu are overwritten."""
     saddle_solve(
         system.newton,
+        memory.real_lapack,
         memory.real_A,
         memory.real_G,
         memory.real_Y,

@@ -24,6 +24,7 @@ from formats.sid import Array
 
 from .compiling import entry, inner
 from .coordinates import RATE, RETRACT, add_row_response, lift, resolve, respond
+from .lapack import LAPACK, Lapack
 from .layout import (
     BLOCK,
     C1,
@@ -70,6 +71,7 @@ class Memory(Table):
     acceleration, multiplier : solution of eq. (3) at the last evaluated state
     dx, dmu : scratch of one entry per velocity and per constraint row
     counters : see `N_COUNTERS`
+    real_lapack, complex_lapack : for large blocks
     """
 
     real_A: Array
@@ -96,6 +98,8 @@ class Memory(Table):
     dx: Array
     dmu: Array
     counters: np.ndarray
+    real_lapack: Lapack
+    complex_lapack: Lapack
 
 
 MEMORY = TableType(
@@ -103,19 +107,19 @@ MEMORY = TableType(
     [F1, F1, F1, F2, I1, I1]
     + [C2, C2, C2, C3, I2, I2]
     + [F1, F1, F2]
-    + [F1, F1, F2, F1, F1, F1, F1, F1, I1],
+    + [F1, F1, F2, F1, F1, F1, F1, F1, I1, LAPACK, LAPACK],
 )
 
 SOLVE_ACCELERATIONS = int64(SYSTEM, WORK, MEMORY)
 PROJECT_ONCE = int64(SYSTEM, WORK, MEMORY, F1, F1)
 REMEMBER = types.void(SYSTEM, WORK, MEMORY)
-FACTOR_REAL = int64(SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F2, I1, I1)
-FACTOR_COMPLEX = int64(SYSTEM, WORK, MEMORY, complex128, C1, C1, C1, C2, I1, I1)
+FACTOR_REAL = int64(SYSTEM, WORK, MEMORY, LAPACK, float64, F1, F1, F1, F2, I1, I1)
+FACTOR_COMPLEX = int64(SYSTEM, WORK, MEMORY, LAPACK, complex128, C1, C1, C1, C2, I1, I1)
 SOLVE_REAL = types.void(
-    SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F2, I1, I1, F1, F1, F1, F1, F1
+    SYSTEM, WORK, MEMORY, LAPACK, float64, F1, F1, F1, F2, I1, I1, F1, F1, F1, F1, F1
 )
 SOLVE_COMPLEX = types.void(
-    SYSTEM, WORK, MEMORY, complex128, C1, C1, C1, C2, I1, I1, C1, C1, C1, C1, C1
+    SYSTEM, WORK, MEMORY, LAPACK, complex128, C1, C1, C1, C2, I1, I1, C1, C1, C1, C1, C1
 )
 
 
@@ -289,17 +293,17 @@ def newton_matrix(system, work, memory, mu, A, G):
 
 
 @entry(*[FACTOR_REAL, FACTOR_COMPLEX])
-def newton_factor(system, work, memory, mu, A, G, Y, S, pivots, row_pivots):
+def newton_factor(system, work, memory, lapack, mu, A, G, Y, S, pivots, row_pivots):
     """Factors mu - J; see `newton_matrix` and `saddle_factor`."""
     extended = system.newton
     newton_matrix(extended, work, memory, mu, A, G)
     memory.counters[FACTORISATIONS] += 1
-    return saddle_factor(extended, A, memory.C, G, Y, S, pivots, row_pivots)
+    return saddle_factor(extended, lapack, A, memory.C, G, Y, S, pivots, row_pivots)
 
 
 @entry(*[SOLVE_REAL, SOLVE_COMPLEX])
 def newton_solve(
-    system, work, memory, mu, A, G, Y, S, pivots, row_pivots, r, s, x, p, g
+    system, work, memory, lapack, mu, A, G, Y, S, pivots, row_pivots, r, s, x, p, g
 ):
     """Solves (mu - J) (dz_I, dz_II) = (r, s) in place; x, p and g are scratch.
 
@@ -326,7 +330,7 @@ def newton_solve(
                 entry = o + i * n + k
                 total += memory.M[entry] * s[first + k] - work.Rp[entry] * x[first + k]
             p[first + i] = total
-    saddle_solve(system, A, G, Y, S, pivots, row_pivots, p, g)
+    saddle_solve(system, lapack, A, G, Y, S, pivots, row_pivots, p, g)
     resolve(system, memory.frame, r, x)
     for i in range(len(s)):
         s[i] = p[i]

@@ -15,6 +15,7 @@ from __future__ import annotations
 from numba import int64, types
 
 from .compiling import inner
+from .lapack import LAPACK, LARGE, factor_large, solve_large
 from .layout import (
     BANDWIDTH,
     BLOCK,
@@ -39,9 +40,11 @@ from .layout import (
 REGULARISATION = 1e-13
 
 
-@inner(*[int64(A, int64, int64, I1, int64) for A in (F1, C1)])
-def lu_factor(A, o, n, pivots, first):
+@inner(*[int64(LAPACK, A, int64, int64, I1, int64) for A in (F1, C1)])
+def lu_factor(lapack, A, o, n, pivots, first):
     """LU with partial pivoting of the n x n block at o, in place; 1 if singular."""
+    if n >= LARGE:
+        return factor_large(lapack, A, o, n, pivots, first)
     for j in range(n):
         best = j
         size = abs(A[o + j * n + j])
@@ -66,9 +69,12 @@ def lu_factor(A, o, n, pivots, first):
     return 0
 
 
-@inner(*[types.void(A, int64, int64, I1, int64, A, int64) for A in (F1, C1)])
-def lu_solve(A, o, n, pivots, first, x, at):
+@inner(*[types.void(LAPACK, A, int64, int64, I1, int64, A, int64) for A in (F1, C1)])
+def lu_solve(lapack, A, o, n, pivots, first, x, at):
     """Solves with a factor of `lu_factor`; x[at:at+n] is overwritten."""
+    if n >= LARGE:
+        solve_large(lapack, A, o, n, pivots, first, x, at)
+        return
     for j in range(n):
         best = pivots[first + j]
         if best != j:
@@ -131,11 +137,11 @@ def band_solve(S, m, width, pivots, x):
 
 @inner(
     *[
-        int64(SYSTEM, F1, F1, F1, F1, F2, I1, I1),
-        int64(SYSTEM, C1, F1, C1, C1, C2, I1, I1),
+        int64(SYSTEM, LAPACK, F1, F1, F1, F1, F2, I1, I1),
+        int64(SYSTEM, LAPACK, C1, F1, C1, C1, C2, I1, I1),
     ]
 )
-def saddle_factor(system, A, C, G, Y, S, pivots, row_pivots):
+def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots):
     """Factors the system in place: A becomes its LU, Y = A^-1 C^T, S its band LU.
 
     Returns 0, or 1 when a block is singular, or 2 when the constraints are dependent.
@@ -151,13 +157,13 @@ def saddle_factor(system, A, C, G, Y, S, pivots, row_pivots):
         n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
         if n == 0:
             continue
-        if lu_factor(A, o, n, pivots, first) != 0:
+        if lu_factor(lapack, A, o, n, pivots, first) != 0:
             return 1
         for s in range(system.body[b, SEG0], system.body[b, SEG1]):
             at = segment[s, S_OFFSET]
             for k in range(at, at + n):
                 Y[k] = C[k]
-            lu_solve(A, o, n, pivots, first, Y, at)
+            lu_solve(lapack, A, o, n, pivots, first, Y, at)
             column = segment[s, S_ROW]
             for r in range(system.body[b, SEG0], system.body[b, SEG1]):
                 g = segment[r, S_OFFSET]
@@ -172,8 +178,13 @@ def saddle_factor(system, A, C, G, Y, S, pivots, row_pivots):
     return 0
 
 
-@inner(*[types.void(SYSTEM, A, A, A, B, I1, I1, A, A) for A, B in ((F1, F2), (C1, C2))])
-def saddle_solve(system, A, G, Y, S, pivots, row_pivots, x, mu):
+@inner(
+    *[
+        types.void(SYSTEM, LAPACK, A, A, A, B, I1, I1, A, A)
+        for A, B in ((F1, F2), (C1, C2))
+    ]
+)
+def saddle_solve(system, lapack, A, G, Y, S, pivots, row_pivots, x, mu):
     """Solves with a factor of `saddle_factor`; (p, g) in (x, mu) are overwritten."""
     m = system.dims[N_ROWS]
     segment = system.segment
@@ -181,7 +192,7 @@ def saddle_solve(system, A, G, Y, S, pivots, row_pivots, x, mu):
         n, first = system.body[b, NV], system.body[b, VEL]
         if n == 0:
             continue
-        lu_solve(A, system.body[b, BLOCK], n, pivots, first, x, first)
+        lu_solve(lapack, A, system.body[b, BLOCK], n, pivots, first, x, first)
         for s in range(system.body[b, SEG0], system.body[b, SEG1]):
             at, row = segment[s, S_OFFSET], segment[s, S_ROW]
             for k in range(n):

@@ -74,7 +74,7 @@ def soft_body(
     nodes: int = 2,
 ) -> SID:
     """A consistent SID whose stiffness is of the size of its inertia."""
-    sid = particle_body(nq, 8, planar, seed, nodes, stiffening)
+    sid = particle_body(nq, max(8, nq), planar, seed, nodes, stiffening)
     spread = np.diag(np.random.default_rng(seed).uniform(1.0, 20.0, nq))
     return replace(sid, Ke=Taylor(spread), De=Taylor(0.1 * damped * spread))
 

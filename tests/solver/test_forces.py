@@ -200,12 +200,13 @@ def test_newton_matrices_know_the_stiffness_of_forces(dimension: str) -> None:
     remember(arrays, work, memory)
     parts = memory.real_A, memory.real_G, memory.real_Y, memory.real_S
     parts += memory.real_pivots, memory.real_row_pivots
-    assert newton_factor(arrays, work, memory, mu, *parts) == 0
+    lapack = memory.real_lapack
+    assert newton_factor(arrays, work, memory, lapack, mu, *parts) == 0
     columns = []
     for e in np.eye(n):
         r, s = np.zeros(system.n_positions), e.copy()
         scratch = np.zeros(n), np.zeros(n), np.zeros(system.n_newton_rows)
-        newton_solve(arrays, work, memory, mu, *parts, r, s, *scratch)
+        newton_solve(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
         columns.append(s)
     product = exact @ np.column_stack(columns)
     assert product == pytest.approx(np.eye(n), abs=1e-5)

@@ -11,6 +11,7 @@ from formats.sid import Array
 from solver.kernel_calls import linearise
 from solver.kernels import layout as at
 from solver.kernels.coordinates import rate
+from solver.kernels.lapack import LARGE
 from solver.kernels.newton import newton_factor, newton_solve, remember
 from solver.kernels.newton import solve_accelerations as solve
 from solver.scene import System
@@ -18,7 +19,7 @@ from solver.storage import new_memory
 from tests.solver.scenes import Probe, compiled, scene, soft_body
 
 
-def mechanism(dimension: str, links: int) -> System:
+def mechanism(dimension: str, links: int, modes: int = 1) -> System:
     """A closed chain of rigid and flexible links with a point mass hung to it."""
     planar = dimension == "planar"
     names = [f"link{i}" for i in range(links)]
@@ -33,7 +34,7 @@ def mechanism(dimension: str, links: int) -> System:
     gravity = [0.0, -9.81] if planar else [0.0, 0.0, -9.81]
     described = scene(bodies, joints, gravity=gravity, dimension=dimension)
     sids = {
-        name: soft_body(i % 3, seed=i, planar=planar, nodes=3)
+        name: soft_body(i % 3 * modes, seed=i, planar=planar, nodes=3)
         for i, name in enumerate(names)
     }
     return compiled(described, **sids)
@@ -70,22 +71,23 @@ def newton_step(
     """(mu - J)^-1 (r, s) by the kernels."""
     kind = complex if isinstance(mu, complex) else float
     parts = factors(system, memory, kind)
+    lapack = memory.complex_lapack if kind is complex else memory.real_lapack
     arrays, work = system.arrays, probe.work
-    assert newton_factor(arrays, work, memory, mu, *parts) == 0
+    assert newton_factor(arrays, work, memory, lapack, mu, *parts) == 0
     r, s = r.astype(kind), s.astype(kind)
     n, m = system.n_velocities, system.n_rows
     scratch = np.zeros(n, kind), np.zeros(n, kind), np.zeros(m, kind)
-    newton_solve(arrays, work, memory, mu, *parts, r, s, *scratch)
+    newton_solve(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
     return r, s
 
 
 @pytest.mark.parametrize("mu", [0.7, 0.6 + 1.3j])
-@pytest.mark.parametrize("links", [2, 3, 7])
+@pytest.mark.parametrize("links, modes", [(2, 1), (3, 1), (7, 1), (3, LARGE)])
 def test_saddle_point_solution_is_that_of_the_dense_matrix(
-    links: int, mu: complex
+    links: int, modes: int, mu: complex
 ) -> None:
     """[mu M + Rv, -C^T; mu C + Gv, 0] with blocks and segments of random numbers."""
-    system = mechanism("planar", links)
+    system = mechanism("planar", links, modes)
     rng = np.random.default_rng(links)
     probe, memory = _moving(system, links), new_memory(system, 1)
     work = probe.work
