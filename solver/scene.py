@@ -45,6 +45,7 @@ from .kernels.layout import IntTable
 from .newton_rows import newton_rows
 from .ordering import reverse_cuthill_mckee
 from .pool import Pool
+from .sizes import diameter
 
 GROUND_NAME = "ground"
 #: Energies that need the forces of all joints and drives.
@@ -228,7 +229,7 @@ class _Builder:
             rows=rows,
             eliminated=self._eliminated(),
             breaks=self.functions.breaks(),
-            length=self._length(),
+            length=self._length(markers),
             forces=self.forces,
             from_start=_from_start(constraints, table),
         )
@@ -469,19 +470,33 @@ class _Builder:
         segment = _segments(table, counts, owners, body)
         return table, segment, _rows(constraints, first, counts), bandwidth
 
-    def _length(self) -> float:
-        """Largest distance in a body or between initial body positions, else 1 m."""
-        sizes = [0.0]
-        places = []
-        for name, data in self.data.items():
-            points = [node.position for node in data.sid.nodes]
-            points += [np.zeros(3), data.sid.mdCM.m0[:, 0] / (data.sid.mass or 1.0)]
-            low, high = np.min(points, axis=0), np.max(points, axis=0)
-            sizes.append(float(np.linalg.norm(high - low)))
-            if name != GROUND_NAME:
-                places.append(as_3d(self.scene.bodies[name].initial.position))
-        spread = np.max(places, axis=0) - np.min(places, axis=0)
-        return max(*sizes, float(np.linalg.norm(spread))) or 1.0
+    def _length(self, markers: dict[tuple[str, str], int]) -> float:
+        """Largest distance in a body, or between places of bodies and of the ground.
+
+        A body alone that has no extent is measured by how far it flies.
+        """
+        sizes = []
+        places = [
+            self.data[GROUND_NAME].node(name).position
+            for body, name in markers
+            if body == GROUND_NAME
+        ]
+        for name, body in self.scene.bodies.items():
+            sid = self.data[name].sid
+            points = [node.position for node in sid.nodes]
+            points += [np.zeros(3), sid.mdCM.m0[:, 0] / (sid.mass or 1.0)]
+            sizes.append(diameter(np.array(points)))
+            places.append(as_3d(body.initial.position))
+        sizes.append(diameter(np.array(places)))
+        return max(sizes) or self._travel() or 1.0
+
+    def _travel(self) -> float:
+        """How far initial velocities and gravity carry a body at most."""
+        time, bodies = self.scene.time, self.scene.bodies.values()
+        speeds = [np.linalg.norm(as_3d(body.initial.velocity)) for body in bodies]
+        fall = 0.5 * np.linalg.norm(as_3d(self.scene.gravity))
+        duration = time.end - time.start
+        return float(duration * (max(speeds) + duration * fall))
 
 
 def _ground(scene: SceneFile) -> BodyData:

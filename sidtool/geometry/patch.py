@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from formats.errors import InputError
 from formats.model_geometry import NurbsGeometry, VolumeGeometry
 
 from .bspline import LocalBasis, local_basis, local_basis_from_left
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+#: Smallest weight beside the largest.
+_VANISHING = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +28,26 @@ class NurbsPatch:
     degrees : k degrees
     knots : k open knot vectors on [0, 1]
     control_points : (n_1, ..., n_k, d) [m]
-    weights : (n_1, ..., n_k)
+    weights : (n_1, ..., n_k) positive
+
+    Raises
+    ------
+    InputError : a weight is so small that its function vanishes beside the others.
     """
 
     degrees: tuple[int, ...]
     knots: tuple[Array, ...]
     control_points: Array
     weights: Array
+
+    def __post_init__(self) -> None:
+        if self.weights.min() <= _VANISHING * self.weights.max():
+            raise InputError(
+                f"weights range from {self.weights.min():.3g} to "
+                f"{self.weights.max():.3g}",
+                place="weights",
+                expected="positive weights of like size",
+            )
 
     @property
     def shape(self) -> tuple[int, ...]:

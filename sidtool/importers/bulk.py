@@ -52,12 +52,18 @@ def read_bdf(path: str | Path) -> ImportedMesh:
     data = _guarded(
         lambda: module.read_bdf(str(path), xref=False, punch=None, debug=None), path
     )
+    try:
+        return _guarded(lambda: _from_nastran(data), path)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def _from_nastran(data: Any) -> ImportedMesh:
     nodes: dict[int, tuple[float, float, float]] = {}
     for label, node in data.nodes.items():
         if node.Cp() != 0:
             raise InputError(
                 f"node {label} is given in coordinate system {node.Cp()}",
-                source=path,
                 expected="nodes in the basic system",
             )
         x, y, z = (float(value) for value in node.xyz)
@@ -75,7 +81,6 @@ def read_bdf(path: str | Path) -> ImportedMesh:
         if name not in _NASTRAN:
             raise InputError(
                 f"element {label} is a {element.type} of {len(listed)} nodes",
-                source=path,
                 expected=", ".join(_NASTRAN),
             )
         if name == "CHEXA20":
@@ -95,10 +100,7 @@ def read_bdf(path: str | Path) -> ImportedMesh:
                 poissons_ratio=float(m.nu),
                 density=float(m.rho),
             )
-    try:
-        return ImportedMesh(assembled_mesh(nodes, raw, sets), materials)
-    except InputError as error:
-        raise error.located(path) from None
+    return ImportedMesh(assembled_mesh(nodes, raw, sets), materials)
 
 
 def read_cdb(path: str | Path) -> ImportedMesh:
@@ -111,6 +113,13 @@ def read_cdb(path: str | Path) -> ImportedMesh:
     read_lines(path)
     module = _needed("mapdl_archive", "mapdl-archive", path)
     data = _guarded(lambda: module.Archive(str(path), parse_vtk=False), path)
+    try:
+        return _guarded(lambda: _from_ansys(data), path)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def _from_ansys(data: Any) -> ImportedMesh:
     nodes = {
         int(label): (float(xyz[0]), float(xyz[1]), float(xyz[2]))
         for label, xyz in zip(data.nnum, data.nodes, strict=True)
@@ -123,16 +132,12 @@ def read_cdb(path: str | Path) -> ImportedMesh:
         if types.get(key) not in _ANSYS:
             raise InputError(
                 f"element {label} is of type {types.get(key)}",
-                source=path,
                 expected="one of " + ", ".join(map(str, _ANSYS)),
             )
         kind, listed = _collapsed(_ANSYS[types[key]][0], listed)
         raw.append(RawElement(label, kind, listed, f"element {label}", str(material)))
     sets = {name: [int(n) for n in ids] for name, ids in data.node_components.items()}
-    try:
-        return ImportedMesh(assembled_mesh(nodes, raw, sets))
-    except InputError as error:
-        raise error.located(path) from None
+    return ImportedMesh(assembled_mesh(nodes, raw, sets))
 
 
 def _collapsed(kind: str, nodes: list[int]) -> tuple[str, list[int]]:
@@ -167,6 +172,8 @@ def _guarded(read: Callable[[], Any], path: str | Path) -> Any:
     """Whatever a foreign reader raises, as one message."""
     try:
         return read()
+    except InputError:
+        raise
     except (Exception, SystemExit) as error:  # noqa: BLE001
         text = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(

@@ -107,6 +107,12 @@ def assembled_mesh(
         )
     d = dimensions.pop()
     positions = np.array(list(nodes.values()), float).reshape(-1, 3)
+    lost = np.flatnonzero(~np.isfinite(positions).all(axis=1))
+    if lost.size:
+        raise InputError(
+            f"node {labels[lost[0]]} has no finite position",
+            expected="finite coordinates",
+        )
     blocks = tuple(
         ElementBlock(
             kind,
@@ -178,3 +184,27 @@ def integers(words: Sequence[str], place: str, what: str = "integers") -> list[i
     except ValueError:
         found = " ".join(words)[:60]
         raise InputError(f"found {found!r}", place=place, expected=what) from None
+
+
+def number_table(rows: Sequence[tuple[str, Sequence[str]]], width: int) -> Array:
+    """(rows, width) finite numbers from rows of a place and words.
+
+    Raises
+    ------
+    InputError : a row has another number of words, or one is no number.
+    """
+    for place, words in rows:
+        if len(words) != width:
+            raise InputError(
+                f"has {len(words)} entries",
+                place=place,
+                expected=f"{width} (is the file cut off?)",
+            )
+    try:
+        table = np.array([words for _, words in rows], dtype=float)
+        if np.isfinite(table).all():
+            return table.reshape(-1, width)
+    except ValueError:
+        pass
+    read = [numbers(words, place) for place, words in rows]
+    return np.array(read).reshape(-1, width)

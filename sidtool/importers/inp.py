@@ -22,6 +22,8 @@ from .imported import (
     read_lines,
 )
 
+#: A generated set of more members is a damaged number.
+_MOST_MEMBERS = 100_000_000
 #: Element type without its suffixes -> our name.
 _KINDS = {
     "C3D4": "tet4",
@@ -221,7 +223,7 @@ def _members(
         if "GENERATE" in block.options:
             values = integers(words, place, "first, last, step")
             first, last, step = (*values, 1)[:3] if len(values) > 1 else (1, 0, 0)
-            if step < 1 or last < first:
+            if step < 1 or last < first or (last - first) // step > _MOST_MEMBERS:
                 raise InputError(
                     f"found {line!r}", place=place, expected="first, last, step"
                 )

@@ -22,11 +22,15 @@ from numpy.typing import NDArray
 
 from formats.errors import InputError
 
-from .imported import integers, numbers, read_lines
+from .imported import integers, number_table, numbers, read_lines
+from .matrix_market import is_matrix_market, read_matrix_market
 from .meshes import MESH_READERS, read_mesh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+#: A row beyond it is a damaged number.
+_MOST_ROWS = 100_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +170,8 @@ def _rows(path: str) -> list[tuple[str, list[str]]]:
 def _read_matrix(path: str) -> tuple[sp.csr_matrix, Indices | None]:
     """A matrix and, where rows name themselves, node and direction of each."""
     first = read_lines(path)[0]
-    if first.startswith("%%MatrixMarket"):
-        return _matrix_market(path), None
+    if is_matrix_market(first):
+        return read_matrix_market(path), None
     rows = _rows(path)
     width = len(rows[0][1]) if rows else 0
     if width not in (3, 5):
@@ -177,21 +181,16 @@ def _read_matrix(path: str) -> tuple[sp.csr_matrix, Indices | None]:
             place=rows[0][0] if rows else None,
             expected="row column value, or node direction node direction value",
         )
-    for place, words in rows:
-        if len(words) != width:
-            raise InputError(
-                f"has {len(words)} entries",
-                source=path,
-                place=place,
-                expected=f"{width}, as the lines before (is the file cut off?)",
-            )
-    table = _as_array(rows, path)
+    try:
+        table = number_table(rows, width)
+        keys = _whole(table[:, : width - 1])
+    except InputError as error:
+        raise error.located(path) from None
     if width == 3:
-        i, j = table[:, :2].astype(np.int64).T - 1
+        i, j = keys.T - 1
         size = int(max(i.max(), j.max())) + 1
-        _check_range(i, j, size, "the matrix", path)
+        _check_range(i, j, min(size, _MOST_ROWS), "the matrix", path)
         return sp.csr_matrix((table[:, 2], (i, j)), shape=(size, size)), None
-    keys = table[:, :4].astype(np.int64)
     dofs, inverse = np.unique(
         np.vstack([keys[:, :2], keys[:, 2:]]), axis=0, return_inverse=True
     )
@@ -200,31 +199,13 @@ def _read_matrix(path: str) -> tuple[sp.csr_matrix, Indices | None]:
     return sp.csr_matrix((table[:, 4], (i, j)), shape=shape), dofs
 
 
-def _as_array(rows: list[tuple[str, list[str]]], path: str) -> Array:
-    try:
-        table = np.array([words for _, words in rows], dtype=float)
-        if np.isfinite(table).all():
-            return table
-    except ValueError:
-        pass
-    convert = _Sourced(path)
-    return np.array([convert.numbers(words, place) for place, words in rows])
-
-
-def _matrix_market(path: str) -> sp.csr_matrix:
-    from scipy.io import mmread
-
-    try:
-        matrix = sp.csr_matrix(mmread(path))
-    except (ValueError, TypeError, IndexError, OverflowError) as error:
+def _whole(values: Array) -> Indices:
+    if (values != np.round(values)).any() or (np.abs(values) >= 2**53).any():
         raise InputError(
-            str(error), source=path, expected="a MatrixMarket file"
-        ) from None
-    if np.iscomplexobj(matrix.data) or not np.isfinite(matrix.data).all():
-        raise InputError(
-            "holds complex or infinite numbers", source=path, expected="real numbers"
+            "has a row, column, node or direction that is no integer",
+            expected="integers before the value",
         )
-    return sp.csr_matrix(matrix, dtype=float)
+    return values.astype(np.int64)
 
 
 def _read_dofs(path: str) -> Indices:

@@ -58,6 +58,15 @@ class _Lines:
             f"${self.name} ends early", expected=f"more lines before $End{self.name}"
         )
 
+    def count(self) -> int:
+        """A line of one number."""
+        values, place = self.integers(1)
+        if len(values) > 1:
+            raise InputError(
+                f"has {len(values)} entries", place=place, expected="one number"
+            )
+        return values[0]
+
     def integers(self, count: int) -> tuple[list[int], str]:
         words, place = self.next()
         if len(words) < count:
@@ -152,13 +161,16 @@ def _physical_names(
 ) -> None:
     for text, place in sections.get("PhysicalNames", [])[1:]:
         words = text.split(maxsplit=2)
+        if len(words) < 3:
+            raise InputError(
+                f"found {text[:40]!r}", place=place, expected='dimension tag "name"'
+            )
         dimension, tag = integers(words[:2], place)
-        content.names[dimension, tag] = (words[2] if len(words) > 2 else "").strip('"')
+        content.names[dimension, tag] = words[2].strip('"')
 
 
 def _nodes_2(content: _Content, lines: _Lines) -> None:
-    (count,), _ = lines.integers(1)
-    for _ in range(count):
+    for _ in range(lines.count()):
         words, place = lines.next()
         _add_node(content, integers(words[:1], place)[0], words[1:], place)
 
@@ -172,8 +184,7 @@ def _add_node(content: _Content, label: int, words: list[str], place: str) -> No
 
 
 def _elements_2(content: _Content, lines: _Lines) -> None:
-    (count,), _ = lines.integers(1)
-    for _ in range(count):
+    for _ in range(lines.count()):
         values, place = lines.integers(3)
         label, kind, ntags = values[:3]
         tags = values[3 : 3 + ntags][:1]
@@ -219,7 +230,7 @@ def _nodes_4(content: _Content, lines: _Lines) -> None:
     (blocks, *_), _ = lines.integers(4)
     for _ in range(blocks):
         (_, _, parametric, count, *_), place = lines.integers(4)
-        labels = [lines.integers(1)[0][0] for _ in range(count)]
+        labels = [lines.count() for _ in range(count)]
         for label in labels:
             words, place = lines.next()
             _add_node(content, label, words[:3] if parametric else words, place)

@@ -25,8 +25,9 @@ from ..kernels import layout as at
 from ..kernels import planar, spatial
 from ..outputs import velocity_names
 from ..scene import System
+from ..sizes import coordinate_sizes
 from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
-from .static import extents, static_equilibrium
+from .static import static_equilibrium
 
 #: Perturbation, relative to the size of the mechanism.
 PERTURBATION = 1e-6
@@ -103,7 +104,7 @@ def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array
     C, E = mechanics.jacobian, _frame_motion(mechanics)
     N = null_space(C)
     d = N.shape[1]
-    size = extents(mechanics.system) / mechanics.scale
+    size = coordinate_sizes(mechanics.system) / mechanics.scale
     matrix = np.zeros((2 * d, 2 * d))
     matrix[:d, :d] = N.T @ E @ N
     matrix[:d, d:] = np.eye(d)

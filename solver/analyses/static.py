@@ -19,6 +19,7 @@ from formats.sid import Array
 from ..assembly import Start, assemble
 from ..errors import SimulationError
 from ..scene import System
+from ..sizes import coordinate_sizes
 from .mechanics import Mechanics, least_squares, null_space, recorded, refuse_prescribed
 
 ITERATIONS = 300
@@ -128,21 +129,9 @@ def tangent_stiffness(
 
 def _extent(mechanics: Mechanics, x: Array) -> float:
     """Largest share of the size of the mechanism, or of a radian, in a tangent."""
-    return float(np.max(np.abs(x * mechanics.scale) / extents(mechanics.system)))
-
-
-def extents(system: System) -> Array:
-    """What is large for each velocity coordinate: a length, a radian, a deformation."""
-    from ..bodies import amplitudes
-    from ..kernels import layout as at
-
-    sizes = np.full(system.n_velocities, system.length)
-    axes = 2 if system.planar else 3
-    for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        u, rd = int(row[at.VEL]), int(row[at.RD])
-        sizes[u + axes : u + rd] = 1.0
-        sizes[u + rd : u + row[at.NV]] = system.length / amplitudes(data.sid, axes)
-    return sizes
+    return float(
+        np.max(np.abs(x * mechanics.scale) / coordinate_sizes(mechanics.system))
+    )
 
 
 def _line_search(mechanics: Mechanics, z: Array, step: Array, force: Array) -> Array:

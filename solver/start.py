@@ -1,0 +1,230 @@
+"""The state in which a scene starts, and the dense matrices of its constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from formats.errors import InputError
+from formats.scene import as_3d, rotation
+from formats.sid import Array
+
+from . import kernel_calls
+from .bodies import quaternion
+from .kernels import layout as at
+from .kernels.coordinates import retract
+from .kernels.newton import Memory
+from .scene import GROUND_NAME, System
+from .sizes import coordinate_sizes, row_sizes
+from .storage import new_memory, new_work
+
+ITERATIONS = 60
+#: Constraints are closed when they are open by less, relative to their sizes.
+CLOSED = 1e-13
+#: Rows of the constraint Jacobian count as dependent below this relative size.
+RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A consistent state: z_I and z_II."""
+
+    z: Array
+    v: Array
+
+
+def guess(system: System) -> Start:
+    """The state that the scene file states.
+
+    Raises
+    ------
+    InputError : wrong number of elastic coordinates.
+    """
+    z, v = np.zeros(system.n_positions), np.zeros(system.n_velocities)
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.name == GROUND_NAME:
+            continue
+        initial = system.scene.bodies[data.name].initial
+        matrix = rotation(initial)
+        rigid = row[at.NP] - row[at.NQ]
+        p, u = row[at.POS], row[at.VEL]
+        if row[at.RD] > 0:
+            axes = 2 if system.planar else 3
+            z[p : p + axes] = as_3d(initial.position)[:axes]
+            v[u : u + axes] = (matrix.T @ as_3d(initial.velocity))[:axes]
+            if system.planar and rigid == 3:
+                z[p + 2] = initial.angle or np.arctan2(matrix[1, 0], matrix[0, 0])
+                v[u + 2] = float(np.ravel(initial.angular_velocity or 0.0)[-1])
+            elif rigid == 7:
+                z[p + 3 : p + 7] = quaternion(matrix)
+                v[u + 3 : u + 6] = _angular_velocity(initial.angular_velocity, matrix)
+        z[p + rigid : p + row[at.NP]] = _elastic(initial, "elastic", data)
+        v[u + row[at.RD] : u + row[at.NV]] = _elastic(initial, "elastic_velocity", data)
+    return Start(z, v)
+
+
+def _angular_velocity(value: object, matrix: Array) -> Array:
+    """Inertial components, as files hold them, in the body frame."""
+    if value is None:
+        return np.zeros(3)
+    return matrix.T @ np.asarray(value, float)
+
+
+def _elastic(initial: object, key: str, data: object) -> Array:
+    nq = data.sid.nq  # type: ignore[attr-defined]
+    values = getattr(initial, key, None)
+    if values is None:
+        return np.zeros(nq)
+    if len(values) != nq:
+        raise InputError(
+            f"has {len(values)} values",
+            place=f"bodies.{data.name}.initial.{key}",  # type: ignore[attr-defined]
+            expected=f"{nq}, one for each elastic coordinate of the SID",
+        )
+    return np.array(values)
+
+
+class State:
+    """The state in hand, with dense matrices of its constraints.
+
+    sizes : (rows,) what is large for each constraint, see `sizes.row_sizes`
+    """
+
+    def __init__(self, system: System, start: Start) -> None:
+        self.system = system
+        self.z, self.v = start.z.copy(), start.v.copy()
+        self.work = new_work(system)
+        self.memory: Memory = new_memory(system, 0)
+        self.t = system.scene.time.start
+        self.free = _free_coordinates(system)
+        self.ignored = np.zeros(system.n_rows, bool)
+        self.ignored[[row for _, row in system.from_start]] = True
+        self.sizes = row_sizes(system)
+        self.start()
+
+    def start(self) -> None:
+        """Evaluates at the start, with the drives that hold just after it."""
+        self.work.clock[0] = 0.5 * (self.t + self.system.breaks[0])
+        self.evaluate()
+
+    def evaluate(self) -> None:
+        kernel_calls.evaluate(self.system, self.work, self.t, self.z, self.v)
+
+    @property
+    def residual(self) -> Array:
+        return np.where(self.ignored, 0.0, self.work.row[:, at.C_VALUE])
+
+    @property
+    def opening(self) -> float:
+        """How far the constraints are open, relative to their sizes."""
+        return self.relative(self.residual)
+
+    @property
+    def duration(self) -> float:
+        return self.system.scene.time.end - self.system.scene.time.start
+
+    @property
+    def speed(self) -> float:
+        """The largest velocity relative to the sizes of the coordinates [1/s]."""
+        sizes = coordinate_sizes(self.system)
+        return float(np.max(np.abs(self.v) / sizes, initial=0.0))
+
+    def relative(self, rows: Array) -> float:
+        """The largest of some values of the constraint rows, relative to its size."""
+        return float(np.max(np.abs(rows) / self.sizes, initial=0.0))
+
+    def jacobian(self) -> Array:
+        C = dense_jacobian(self.system, self.work.C)
+        C[self.ignored] = 0.0
+        return C
+
+    def smallest(self, right: Array) -> tuple[Array, Array]:
+        """x with C x = right, smallest in the metric, and what remains of right."""
+        C = self.jacobian()[:, self.free]
+        W = self.weight()[np.ix_(self.free, self.free)]
+        compliance = np.linalg.solve(W, C.T)
+        S = C @ compliance
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
+        scale[np.diag(S) <= 1e-300] = 0.0
+        scaled = S * np.outer(scale, scale)
+        solution = np.linalg.lstsq(scaled, scale * right, rcond=RANK_TOLERANCE)[0]
+        x = np.zeros(self.system.n_velocities)
+        x[self.free] = compliance @ (scale * solution)
+        return x, C @ x[self.free] - right
+
+    def weight(self) -> Array:
+        W = np.zeros((self.system.n_velocities, self.system.n_velocities))
+        for row in self.system.arrays.body:
+            n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
+            entries = self.work.M[o : o + n * n] + self.memory.metric[o : o + n * n]
+            W[first : first + n, first : first + n] = entries.reshape(n, n)
+        return W + 1e-14 * np.trace(W) / max(1, len(W)) * np.eye(len(W))
+
+
+def close(state: State) -> float:
+    """Moves the state onto the constraints; how far they stay open."""
+    opening = state.opening
+    for _ in range(ITERATIONS):
+        if opening <= CLOSED:
+            break
+        step, _ = state.smallest(-state.residual)
+        base, base_opening, fraction = state.z.copy(), opening, 1.0
+        frame = state.work.frame.copy()
+        while fraction > 1e-4:
+            state.z[:] = base
+            retract(state.system.arrays, frame, state.z, fraction * step)
+            state.evaluate()
+            opening = state.opening
+            if opening < base_opening:
+                break
+            fraction *= 0.5
+        else:
+            state.z[:] = base
+            state.evaluate()
+            return base_opening
+    return opening
+
+
+def _free_coordinates(system: System) -> Array:
+    """Velocity coordinates of bodies that the assembly may move."""
+    free = []
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.name != GROUND_NAME and system.scene.bodies[data.name].initial.fixed:
+            continue
+        free += list(range(row[at.VEL], row[at.VEL] + row[at.NV]))
+    return np.array(free, int)
+
+
+def dense_jacobian(system: System, C: Array) -> Array:
+    """The constraint Jacobian as a dense (rows, velocities) matrix."""
+    arrays = system.arrays
+    dense = np.zeros((system.n_rows, system.n_velocities))
+    for row, b, offset in arrays.segment:
+        n, first = arrays.body[b, at.NV], arrays.body[b, at.VEL]
+        dense[row, first : first + n] += C[offset : offset + n]
+    return dense
+
+
+def names_of_rows(system: System, rows: tuple[int, ...]) -> list[str]:
+    """The joints and drives that constraint rows belong to."""
+    return [
+        next(r.name for r in system.rows if r.first <= i < r.first + r.count)
+        for i in rows
+    ]
+
+
+def widest_open(system: System, residual: Array) -> str:
+    """Names the constraints with the largest residuals, relative to their sizes."""
+    relative = np.abs(residual) / row_sizes(system)
+    parts: dict[str, int] = {}
+    for row in system.rows:
+        worst = row.first + int(np.argmax(relative[row.first : row.first + row.count]))
+        if relative[worst] >= relative[parts.get(row.name, worst)]:
+            parts[row.name] = worst
+    largest = max(relative[row] for row in parts.values())
+    names = sorted(parts, key=lambda name: -relative[parts[name]])[:3]
+    names = [name for name in names if relative[parts[name]] > 1e-6 * largest]
+    return ", ".join(
+        f"{name} is open by {abs(residual[parts[name]]):.3g}" for name in names
+    )
