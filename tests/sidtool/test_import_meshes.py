@@ -305,6 +305,110 @@ def test_ansys(tmp_path: Path) -> None:
     check_mesh(imported.mesh)
 
 
+NASTRAN = {"hex8": "CHEXA", "hex20": "CHEXA", "tet4": "CTETRA", "tet10": "CTETRA"}
+NASTRAN_HEX20 = [*range(12), *range(16, 20), *range(12, 16)]
+ANSYS = {"hex8": 185, "hex20": 186, "tet4": 285, "tet10": 187}
+
+
+def bdf_text(mesh: Mesh) -> str:
+    """A mesh in the free format of Nastran, eight fields to a line."""
+    (block,) = mesh.blocks
+    lines = ["BEGIN BULK", "PSOLID,7,5", "MAT1,5,2.1+11,,0.3,7850."]
+    for i, x in enumerate(mesh.positions):
+        lines.append(f"GRID,{i + 10},," + ",".join(f"{v:.10f}" for v in x))
+    order = NASTRAN_HEX20 if block.kind == "hex20" else range(block.nodes.shape[1])
+    for label, row in zip(block.labels, block.nodes, strict=True):
+        words = [str(label), "7", *(str(row[k] + 10) for k in order)]
+        groups = [words[k : k + 8] for k in range(0, len(words), 8)]
+        first = f"{NASTRAN[block.kind]}," + ",".join(groups[0])
+        rest = ["," + ",".join(group) for group in groups[1:]]
+        lines += [f"{line}," for line in [first, *rest][:-1]] + [[first, *rest][-1]]
+    left = [str(n + 10) for n in mesh.node_sets["0.0"]]
+    lines += [f"SPC1,9,123,{n}" for n in left]
+    return "\n".join([*lines, "ENDDATA", ""])
+
+
+def cdb_mesh(mesh: Mesh) -> str:
+    """A mesh as ANSYS writes it, with a component of nodes."""
+    (block,) = mesh.blocks
+    n, kind = len(mesh.positions), ANSYS[block.kind]
+    lines = ["/PREP7", f"ET,        1,{kind}"]
+    lines += [f"NBLOCK,6,SOLID,{n:10d},{n:10d}", "(3i9,6e21.13e3)"]
+    for i, x in enumerate(mesh.positions):
+        words = "".join(_fortran(v) for v in x)
+        lines.append(f"{i + 10:9d}{0:9d}{0:9d}" + words)
+    count = len(block.nodes)
+    lines += ["N,R5.3,LOC,       -1,", f"EBLOCK,19,SOLID,{count:10d},{count:10d}"]
+    lines.append("(19i9)")
+    for label, row in zip(block.labels, block.nodes + 10, strict=True):
+        head = [1, 1, 1, 1, 0, 0, 0, 0, len(row), 0, int(label)]
+        words = [*head, *(int(v) for v in row[:8])]
+        lines.append("".join(f"{x:9d}" for x in words))
+        if len(row) > 8:
+            lines.append("".join(f"{int(x):9d}" for x in row[8:]))
+    left = [int(v) + 10 for v in mesh.node_sets["0.0"]]
+    lines += ["       -1", f"CMBLOCK,LEFT    ,NODE,{len(left):8d}", "(8i10)"]
+    for k in range(0, len(left), 8):
+        lines.append("".join(f"{x:10d}" for x in left[k : k + 8]))
+    return "\n".join([*lines, ""])
+
+
+def _fortran(value: float) -> str:
+    mantissa, exponent = f"{value:.13e}".split("e")
+    return f"{mantissa}E{int(exponent):+04d}".rjust(21)
+
+
+BULK: dict[str, tuple[str, str, Callable[[Mesh], str], str]] = {
+    "bdf": ("pyNastran.bdf.bdf", "rod.bdf", bdf_text, "SPC9"),
+    "cdb": ("mapdl_archive", "rod.cdb", cdb_mesh, "LEFT"),
+}
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10"])
+@pytest.mark.parametrize("name", BULK)
+def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> None:
+    """The rod by every element: nodes, order of nodes, sets, and its frequencies."""
+    module, file, writer, clamped = BULK[name]
+    if not importable(module):
+        pytest.skip(f"{module.split('.')[0]} does not work here")
+    mesh = rod_mesh(kind)
+    (tmp_path / file).write_text(writer(mesh))
+    imported = read_mesh(tmp_path / file)
+    assert_allclose(imported.mesh.positions, mesh.positions, atol=1e-9)
+    (block,) = imported.mesh.blocks
+    assert block.kind == kind
+    assert (block.nodes == mesh.blocks[0].nodes).all()
+    assert set(imported.mesh.node_sets[clamped]) == set(mesh.node_sets["0.0"])
+    frame = {"type": "tangent", "marker": "crank_pin", "clamp": clamped}
+    found = sid_from_model(mesh_model(tmp_path, file, frame=frame))
+    (tmp_path / "rod.msh").write_text(msh_2(mesh))
+    expected = sid_from_model(mesh_model(tmp_path, "rod.msh"))
+    assert_allclose(np.diag(found.Ke.m0), np.diag(expected.Ke.m0), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("bdf", "CTETRA,1,7,", "CTETRA,1,7,1", "not defined|cannot be read"),
+        ("bdf", "CTETRA,1,7,1,2,3,4", "CBEAM,1,7,1,2,0.,0.,1.", "is a CBEAM"),
+        ("bdf", "GRID,4,,", "GRID,4,6,", "coordinate system 6"),
+        ("cdb", "1,185", "1,181", "of type 181"),
+    ],
+)
+def test_mistakes_in_bulk_data(
+    tmp_path: Path, name: str, old: str, new: str, message: str
+) -> None:
+    module, file, *_ = BULK[name]
+    if not importable(module):
+        pytest.skip(f"{module.split('.')[0]} does not work here")
+    text = BDF if name == "bdf" else cdb_text()
+    assert old in text
+    (tmp_path / file).write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message) as caught:
+        read_mesh(tmp_path / file)
+    assert caught.value.source == str(tmp_path / file)
+
+
 @pytest.mark.parametrize("ending", MESH_READERS)
 def test_no_reader_lets_an_empty_file_pass(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"empty{ending}"
