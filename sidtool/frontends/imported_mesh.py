@@ -78,7 +78,8 @@ def _materials(model: ModelFile, imported: ImportedMesh) -> dict[str | None, Mat
             what = "elements without a material" if name is None else f"material {name}"
             raise InputError(
                 f"has {what}, of which E, nu and density are not known",
-                expected="complete materials in the mesh file, or a table [material]",
+                expected="complete and constant materials in the mesh file, or a table "
+                "[material]",
             )
         result[name] = imported.materials[name]
     return result
