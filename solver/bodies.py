@@ -10,7 +10,7 @@ import numpy as np
 
 from formats.errors import InputError
 from formats.scene import Body, RigidBody, SidBody, as_3d, position_3d, rotation
-from formats.sid import SID, Array, Node, rigid_node, rigid_sid
+from formats.sid import SID, Array, Node, Taylor, rigid_node, rigid_sid
 from formats.sid_files import read_sid
 
 from .damping import damped
@@ -184,10 +184,8 @@ def pack_spatial(body: BodyData) -> Array:
 
 def pack_spatial_marker(node: Node) -> Array:
     """Position, orientation (rows), Phi and Psi of a marker in space."""
-    frame = rotation_part(node.AP.m0)
-    return np.concatenate(
-        [node.position, frame.ravel(), node.phi.m0.ravel(), node.psi.m0.ravel()]
-    )
+    frame, shapes = rotation_part(node.AP.m0), shape_functions(node, planar=False)
+    return np.concatenate([node.position, frame.ravel(), shapes.ravel()])
 
 
 def rotation_part(matrix: Array) -> Array:
@@ -201,15 +199,33 @@ def pack_planar_marker(node: Node) -> Array:
     AP = node.AP.m0
     angle = np.arctan2(AP[1, 0], AP[0, 0])
     place = [*node.position[:2], angle]
-    return np.concatenate([place, node.phi.m0[0], node.phi.m0[1], node.psi.m0[2]])
+    return np.concatenate([place, shape_functions(node, planar=True).ravel()])
 
 
-def pack_phi1(node: Node, axes: int) -> Array:
-    """Geometric stiffening of Phi as (axis, k, l), symmetric in k and l; or empty."""
-    if node.phi.m1 is None or not node.phi.m1.any():
+def shape_functions(node: Node, planar: bool) -> Array:
+    """Phi and Psi of a marker at q = 0, as rows: x y and z, or all six."""
+    if planar:
+        return np.vstack([node.phi.m0[:2], node.psi.m0[2:]])
+    return np.vstack([node.phi.m0, node.psi.m0])
+
+
+def pack_stiffening(shapes: Taylor, rows: slice) -> Array:
+    """m1 of Phi or Psi as (row, k, l), symmetric in k and l; empty for none."""
+    if shapes.m1 is None or not shapes.m1[:, rows].any():
         return np.zeros(0)
-    term = np.moveaxis(node.phi.m1, 1, 0)[:axes]
+    term = np.moveaxis(shapes.m1[:, rows], 1, 0)
     return (0.5 * (term + term.transpose(0, 2, 1))).ravel()
+
+
+def elastic_rates(shapes: Taylor, q: Array, rates: Array) -> Array:
+    """Phi(q) or Psi(q) of a marker times rates (nt, nq) at q (nt, nq): (nt, 3)."""
+    found = rates @ shapes.m0.T
+    stiffening = pack_stiffening(shapes, slice(3))
+    if len(stiffening):
+        nq = q.shape[1]
+        term = stiffening.reshape(3, nq, nq)
+        found += np.einsum("akl,tk,tl->ta", term, rates, q, optimize=True)
+    return found
 
 
 def elastic_mass(sid: SID) -> Array:

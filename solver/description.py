@@ -69,7 +69,7 @@ def _stiffened_markers(system: System, data: BodyData) -> list[str]:
     }
     least = _NOTHING * max(sizes.values(), default=0.0)
     lines = []
-    for wanted, what in (("phi", "forces kept"), ("psi", "moments dropped")):
+    for wanted, what in (("phi", "forces kept"), ("psi", "moments kept")):
         found = [m for (m, entry), s in sizes.items() if entry == wanted and s > least]
         if found:
             listed = ", ".join(found)

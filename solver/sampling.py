@@ -71,18 +71,18 @@ def sample(
         accelerations,
         multipliers,
     )
-    complete_accelerations(system, frames, points, accelerations)
+    complete_accelerations(system, z, frames, points, accelerations)
     if system.redundant:
         multipliers = minimum_norm(system, work, times, z, v, multipliers)
     return Samples(z, v, frames, points, accelerations, multipliers)
 
 
 def complete_accelerations(
-    system: System, frames: Array, points: Array, accelerations: Array
+    system: System, z: Array, frames: Array, points: Array, accelerations: Array
 ) -> None:
     """Adds what z_II' contributes to the accelerations of frames and markers."""
     if system.planar:
         from .sampling_planar import complete
     else:
         from .sampling_spatial import complete
-    complete(system, frames, points, accelerations)
+    complete(system, z, frames, points, accelerations)

@@ -6,28 +6,30 @@ import numpy as np
 
 from formats.sid import Array
 
+from .bodies import elastic_rates
 from .kernels import layout as at
 from .kernels.planar import AL, AX, COS, DX, DY, PAX, PAY, SIN, TA
 from .scene import System
 
 
 def complete(
-    system: System, frames: Array, points: Array, accelerations: Array
+    system: System, z: Array, frames: Array, points: Array, accelerations: Array
 ) -> None:
-    """Adds R (a + alpha x d + Phi q'') to the accelerations at zero z_II'."""
+    """Adds R (a + alpha x d + Phi(q) q'') to the accelerations at zero z_II'."""
     for (body, name), m in system.markers.items():
         b = int(system.arrays.marker[m, at.M_BODY])
         row = system.arrays.body[b]
         node = system.bodies[b].node(name)
         rigid, elastic = _split(row, accelerations)
         point, frame = points[:, m], frames[:, b]
-        q2 = elastic @ node.phi.m0[:2].T
+        q = z[:, row[at.POS] + row[at.NP] - row[at.NQ] : row[at.POS] + row[at.NP]]
+        q2 = elastic_rates(node.phi, q, elastic)
         ax = rigid[:, 0] - rigid[:, 2] * point[:, DY] + q2[:, 0]
         ay = rigid[:, 1] + rigid[:, 2] * point[:, DX] + q2[:, 1]
         c, s = frame[:, COS], frame[:, SIN]
         point[:, PAX] += c * ax - s * ay
         point[:, PAY] += s * ax + c * ay
-        point[:, TA] += rigid[:, 2] + elastic @ node.psi.m0[2]
+        point[:, TA] += rigid[:, 2] + elastic_rates(node.psi, q, elastic)[:, 2]
         assert body == system.bodies[b].name
     for b, row in enumerate(system.arrays.body):
         rigid, _ = _split(row, accelerations)

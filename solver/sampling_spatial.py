@@ -6,24 +6,27 @@ import numpy as np
 
 from formats.sid import Array
 
+from .bodies import elastic_rates
 from .kernels import layout as at
 from .kernels.spatial import ALPHA, PA, PAL, A, D, R, T
 from .scene import System
 
 
 def complete(
-    system: System, frames: Array, points: Array, accelerations: Array
+    system: System, z: Array, frames: Array, points: Array, accelerations: Array
 ) -> None:
-    """Adds R (a + alpha x d + Phi q'') to the accelerations at zero z_II'."""
+    """Adds R (a + alpha x d + Phi(q) q'') to the accelerations at zero z_II'."""
     for (_, name), m in system.markers.items():
         b = int(system.arrays.marker[m, at.M_BODY])
         node = system.bodies[b].node(name)
-        linear, angular, elastic = _split(system.arrays.body[b], accelerations)
+        row = system.arrays.body[b]
+        q = z[:, row[at.POS] + row[at.NP] - row[at.NQ] : row[at.POS] + row[at.NP]]
+        linear, angular, elastic = _split(row, accelerations)
         point, rotation = points[:, m], frames[:, b, R : R + 9].reshape(-1, 3, 3)
         turn = point[:, T : T + 9].reshape(-1, 3, 3)
         local = linear + np.cross(angular, point[:, D : D + 3])
-        local = local + elastic @ node.phi.m0.T
-        twist = np.einsum("tij,tj->ti", turn, elastic @ node.psi.m0.T)
+        local = local + elastic_rates(node.phi, q, elastic)
+        twist = np.einsum("tij,tj->ti", turn, elastic_rates(node.psi, q, elastic))
         point[:, PA : PA + 3] += np.einsum("tij,tj->ti", rotation, local)
         spin = np.einsum("tij,tj->ti", rotation, angular + twist)
         point[:, PAL : PAL + 3] += spin

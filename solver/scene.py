@@ -420,7 +420,9 @@ class _Builder:
     def _marker_table(
         self, markers: dict[tuple[str, str], int]
     ) -> tuple[IntTable, int]:
-        axes = 2 if self.planar else 3
+        forces, moments = slice(3), slice(3)
+        if self.planar:
+            forces, moments = slice(2), slice(2, 3)
         table = np.zeros((len(markers), at.N_MARKER), np.int64)
         pack = (
             packing.pack_planar_marker if self.planar else packing.pack_spatial_marker
@@ -431,9 +433,13 @@ class _Builder:
             table[i, at.M_BODY] = self.order.index(body)
             table[i, at.M_DATA] = self.pool.add(pack(node))
             table[i, at.M_PHI] = phi
-            stiffening = packing.pack_phi1(node, axes)
-            table[i, at.M_PHI1] = self.pool.add(stiffening) if len(stiffening) else -1
-            phi += axes * self.data[body].sid.nq
+            for column, shapes, rows in (
+                (at.M_PHI1, node.phi, forces),
+                (at.M_PSI1, node.psi, moments),
+            ):
+                term = packing.pack_stiffening(shapes, rows)
+                table[i, column] = self.pool.add(term) if len(term) else -1
+            phi += packing.shape_functions(node, self.planar).size
         return table, phi
 
     def _constraint_tables(

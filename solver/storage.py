@@ -8,7 +8,7 @@ import numpy as np
 
 from formats.sid import SID, Array
 
-from .bodies import elastic_mass, symmetric
+from .bodies import elastic_mass, shape_functions, symmetric
 from .kernels import layout as at
 from .kernels.lapack import lapack
 from .kernels.newton import N_COUNTERS, Memory
@@ -58,13 +58,13 @@ def segment_entries(system: System) -> int:
 
 
 def _shape_functions(system: System) -> Array:
-    """Phi of all markers at q = 0."""
-    arrays, axes = system.arrays, 2 if system.planar else 3
+    """Phi and Psi of all markers at q = 0."""
+    arrays = system.arrays
     phi = np.zeros(int(arrays.dims[at.N_PHI]))
     for (body, name), m in system.markers.items():
         data = system.bodies[arrays.marker[m, at.M_BODY]]
         assert data.name == body
-        values = data.node(name).phi.m0[:axes].ravel()
+        values = shape_functions(data.node(name), system.planar).ravel()
         start = arrays.marker[m, at.M_PHI]
         phi[start : start + len(values)] = values
     return phi

@@ -56,7 +56,7 @@ def particle_body(
     planar : positions and shape functions in the plane z = 0, rotations about z
     nodes : the first particles that become nodes "1", "2", ...; at most n_particles
     stiffening : adds a second-order displacement field and so the geometric parts of
-        Ct, Cr, Oe and of phi at the nodes
+        Ct, Cr, Oe and of phi at the nodes, and such a field of rotations, psi
     """
     rng = np.random.default_rng(seed)
     masses = rng.uniform(0.1, 1.0, n_particles)
@@ -72,12 +72,16 @@ def particle_body(
     gram = np.einsum("p,pai,paj->ij", masses, phi, phi)
     phi = phi @ np.linalg.inv(np.linalg.cholesky(gram)).T
     omega = 2 * np.pi * np.sort(rng.uniform(10.0, 1000.0, nq))
+    psi1 = rng.normal(size=(n_particles, 3, nq, nq)) if phi1 is not None else None
+    if psi1 is not None:
+        psi1 = psi1 + np.swapaxes(psi1, 2, 3)
+        psi1[:, :2] *= 0.0 if planar else 1.0
     blocks: dict[str, Any] = _blocks(masses, c, phi, phi1)
     return SID(
         mass=float(masses.sum()),
         labels=tuple(_label(mode, value) for mode, value in enumerate(omega)),
         nodes=tuple(
-            _node(str(p + 1), c[p], phi[p], psi[p], None if phi1 is None else phi1[p])
+            _node(str(p + 1), c[p], _loaded(phi, phi1, p), _loaded(psi, psi1, p))
             for p in range(nodes)
         ),
         title=f"{n_particles} particles",
@@ -133,14 +137,19 @@ def _six(tensors: Array) -> Array:
     return tensors[..., rows, columns]
 
 
-def _node(name: str, c: Array, phi: Array, psi: Array, phi1: Array | None) -> Node:
-    elastic = bool(phi.size)
-    # phi.m1(a, l, k) = Phi1_kl(a)
-    stiffening = None if phi1 is None else np.moveaxis(phi1, -1, 0)
+def _loaded(shapes: Array, stiffening: Array | None, p: int) -> Taylor:
+    """Phi or Psi at a particle: m1(a, l, k) = Phi1_kl(a)."""
+    if stiffening is None:
+        return Taylor(shapes[p])
+    return Taylor(shapes[p], np.moveaxis(stiffening[p], -1, 0))
+
+
+def _node(name: str, c: Array, phi: Taylor, psi: Taylor) -> Node:
+    elastic = bool(phi.m0.size)
     return Node(
         id=name,
-        origin=Taylor(c[:, None], phi.T[:, :, None] if elastic else None),
-        phi=Taylor(phi, stiffening),
-        psi=Taylor(psi),
-        AP=Taylor(np.eye(3), skew(psi.T) if elastic else None),
+        origin=Taylor(c[:, None], phi.m0.T[:, :, None] if elastic else None),
+        phi=phi,
+        psi=psi,
+        AP=Taylor(np.eye(3), skew(psi.m0.T) if elastic else None),
     )

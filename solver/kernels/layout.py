@@ -57,9 +57,10 @@ DIAGONAL_ME = 32
 # --- columns of System.marker ---------------------------------------------
 M_BODY = 0
 M_DATA = 1  # pool: undeformed position, orientation, Phi, Psi
-M_PHI = 2  # Work.phi: Phi at the current elastic coordinates
+M_PHI = 2  # Work.phi: Phi, then Psi, at the current elastic coordinates
 M_PHI1 = 3  # pool: derivative of Phi (geometric stiffening), -1 for none
-N_MARKER = 4
+M_PSI1 = 4  # pool: derivative of Psi, likewise
+N_MARKER = 5
 
 # --- columns of System.constraint -----------------------------------------
 KIND = 0
@@ -188,7 +189,7 @@ class Work(Table):
 
     frame : (bodies, .) state of the body frames
     point : (markers, .) state of the markers
-    phi : Phi of the markers at the current elastic coordinates
+    phi : Phi and Psi of the markers at the current elastic coordinates
     M, Rp, Rv : NV x NV blocks of the bodies: mass matrix, whose elastic part never
         changes, and derivatives of M z_II' - f - C^T lambda by positions and
         velocities

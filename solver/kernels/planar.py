@@ -34,6 +34,7 @@ from .layout import (
     M_DATA,
     M_PHI,
     M_PHI1,
+    M_PSI1,
     MOTION,
     NP,
     NQ,
@@ -149,13 +150,13 @@ def _marker(system, work, m, z, v):
     nq = row[NQ]
     data = system.marker[m, M_DATA]
     phi = system.marker[m, M_PHI]
-    psi = data + 3 + 2 * nq
-    phi1 = system.marker[m, M_PHI1]
+    psi0, psi = data + 3 + 2 * nq, phi + 2 * nq
+    phi1, psi1 = system.marker[m, M_PHI1], system.marker[m, M_PSI1]
     q = row[POS] + row[NP] - nq
     qd = row[VEL] + row[RD]
     dx, dy, th = pool[data], pool[data + 1], pool[data + 2]
     ux, uy, thd = 0.0, 0.0, 0.0
-    sx, sy = 0.0, 0.0
+    sx, sy, thdd = 0.0, 0.0, 0.0
     for k in range(nq):
         fx, fy = pool[data + 3 + k], pool[data + 3 + nq + k]
         if phi1 >= 0:
@@ -178,8 +179,17 @@ def _marker(system, work, m, z, v):
             dy += fy * z[q + k]
         ux += work.phi[phi + k] * v[qd + k]
         uy += work.phi[phi + nq + k] * v[qd + k]
-        th += pool[psi + k] * z[q + k]
-        thd += pool[psi + k] * v[qd + k]
+        turn = pool[psi0 + k]
+        if psi1 >= 0:
+            g, h = 0.0, 0.0
+            for i in range(nq):
+                g += pool[psi1 + k * nq + i] * z[q + i]
+                h += pool[psi1 + k * nq + i] * v[qd + i]
+            work.phi[psi + k] = turn + g
+            turn += 0.5 * g
+            thdd += h * v[qd + k]
+        th += turn * z[q + k]
+        thd += work.phi[psi + k] * v[qd + k]
     c, s, w, al = frame[COS], frame[SIN], frame[W], frame[AL]
     vx, vy = frame[VX] - w * dy + ux, frame[VY] + w * dx + uy
     ax = frame[AX] - al * dy - w * w * dx - 2.0 * w * uy + sx
@@ -187,7 +197,7 @@ def _marker(system, work, m, z, v):
     point[PX], point[PY] = frame[X] + c * dx - s * dy, frame[Y] + s * dx + c * dy
     point[PVX], point[PVY] = c * vx - s * vy, s * vx + c * vy
     point[PAX], point[PAY] = c * ax - s * ay, s * ax + c * ay
-    point[TH], point[TW], point[TA] = frame[ANGLE] + th, w + thd, al
+    point[TH], point[TW], point[TA] = frame[ANGLE] + th, w + thd, al + thdd
     point[DX], point[DY], point[UX], point[UY] = dx, dy, ux, uy
 
 
@@ -287,7 +297,7 @@ def segment(system, work, out, offset, m, ex, ey, torque):
     fx, fy = c * ex + s * ey, -s * ex + c * ey
     rd, nq = row[RD], row[NQ]
     phi = system.marker[m, M_PHI]
-    psi = system.marker[m, M_DATA] + 3 + 2 * nq
+    psi = phi + 2 * nq
     if rd >= 2:
         out[offset] += fx
         out[offset + 1] += fy
@@ -297,7 +307,7 @@ def segment(system, work, out, offset, m, ex, ey, torque):
         out[offset + rd + k] += (
             work.phi[phi + k] * fx
             + work.phi[phi + nq + k] * fy
-            + system.pool[psi + k] * torque
+            + work.phi[psi + k] * torque
         )
 
 

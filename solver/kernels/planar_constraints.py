@@ -23,9 +23,9 @@ from .layout import (
     KIND,
     LINEARISE,
     M_BODY,
-    M_DATA,
     M_PHI,
     M_PHI1,
+    M_PSI1,
     MARKER_A,
     MARKER_B,
     NQ,
@@ -166,6 +166,41 @@ def force_stiffness(system, work, m, fx, fy):
                 P[block + (rd + k) * nv + rd + i] -= kx * gx + ky * gy
 
 
+@inner(types.void(SYSTEM, WORK, int64, float64))
+def torque_stiffness(system, work, m, torque):
+    """Adds to Rp what a torque at a marker changes when its body deforms."""
+    psi1 = system.marker[m, M_PSI1]
+    if psi1 < 0:
+        return
+    row = system.body[system.marker[m, M_BODY]]
+    nv, nq, rd = row[NV], row[NQ], row[RD]
+    for k in range(nq):
+        line = row[BLOCK] + (rd + k) * nv + rd
+        for i in range(nq):
+            work.Rp[line + i] -= system.pool[psi1 + k * nq + i] * torque
+
+
+@inner(types.void(SYSTEM, WORK, F1, int64, int64, float64, F1))
+def vary_psi(system, work, out, offset, m, weight, rates):
+    """Adds weight times the derivative by q of Psi(q) times elastic rates."""
+    psi1 = system.marker[m, M_PSI1]
+    if psi1 < 0:
+        return
+    row = system.body[system.marker[m, M_BODY]]
+    nq, rd, first = row[NQ], row[RD], row[VEL] + row[RD]
+    for k in range(nq):
+        for i in range(nq):
+            change = weight * system.pool[psi1 + k * nq + i]
+            out[offset + rd + k] += change * rates[first + i]
+
+
+@inner(types.void(SYSTEM, WORK, int64, int64, float64, F1, F1))
+def vary_turning(system, work, offset, m, weight, v, acc):
+    """Adds to Gp and Gv the derivatives of weight times a marker's TA."""
+    vary_psi(system, work, work.Gp, offset, m, weight, acc)
+    vary_psi(system, work, work.Gv, offset, m, 2.0 * weight, v)
+
+
 @inner(types.void(SYSTEM, WORK, int64, int64, float64, float64, F1))
 def vary_velocity(system, work, offset, m, ex, ey, v):
     """Adds to Gp and Gv the derivatives of a marker's velocity along e."""
@@ -198,7 +233,7 @@ def marker_acceleration(system, work, m, acc):
     frame, point = work.frame[b], work.point[m]
     first, nq, rd = row[VEL], row[NQ], row[RD]
     phi = system.marker[m, M_PHI]
-    psi = system.marker[m, M_DATA] + 3 + 2 * nq
+    psi = phi + 2 * nq
     ax, ay, al = 0.0, 0.0, 0.0
     if rd >= 2:
         ax, ay = acc[first], acc[first + 1]
@@ -210,7 +245,7 @@ def marker_acceleration(system, work, m, acc):
     for k in range(nq):
         ax += work.phi[phi + k] * acc[first + rd + k]
         ay += work.phi[phi + nq + k] * acc[first + rd + k]
-        twist += system.pool[psi + k] * acc[first + rd + k]
+        twist += work.phi[psi + k] * acc[first + rd + k]
     c, s = frame[COS], frame[SIN]
     return (
         point[PAX] + c * ax - s * ay,
@@ -289,10 +324,29 @@ def direction_stiffness(system, work, m, size, ex, ey, force, along, bend):
 
 
 @inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))
+def _linearise_angle(system, work, k, v, acc, lam):
+    """ANGLE and COUPLED_ANGLE: linear but for Psi that depends on q."""
+    con = system.constraint[k]
+    weight = 1.0
+    if con[KIND] == COUPLED_ANGLE:
+        weight = system.pool[con[C_DATA] + TERM_PLANAR + W_WEIGHT]
+    for side in range(2):
+        first = con[SEG_A] if side == 0 else con[SEG_B]
+        if first < 0:
+            continue
+        m = con[MARKER_A] if side == 0 else con[MARKER_B]
+        part = -weight if side == 0 else weight
+        o = system.segment[first, S_OFFSET]
+        vary_turning(system, work, o, m, part, v, acc)
+        torque_stiffness(system, work, m, part * lam[con[ROW]])
+
+
+@inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))
 def _linearise_constraint(system, work, k, v, acc, lam):
     con = system.constraint[k]
     kind, r = con[KIND], con[ROW]
     if kind in (ANGLE, COUPLED_ANGLE):
+        _linearise_angle(system, work, k, v, acc, lam)
         return
     weight = 1.0
     if kind == COUPLED_ALONG:
@@ -310,7 +364,7 @@ def _linearise_constraint(system, work, k, v, acc, lam):
     load = weight * lam[r]
     fx, fy = load, 0.0
     velx, vely, posx, posy = 0.0, 0.0, 0.0, 0.0
-    turn, spin, force, along, bend = 0.0, 0.0, 0.0, 0.0, 0.0
+    turn, spin, force, along, across, bend = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if kind == COINCIDENT:
         fy = lam[r + 1]
     elif kind in (ALONG, COUPLED_ALONG):
@@ -355,6 +409,9 @@ def _linearise_constraint(system, work, k, v, acc, lam):
         if side == 0 and (kind in (ALONG, COUPLED_ALONG)):
             segment(system, work, work.Gp, o, m, 0.0, 0.0, weight * turn)
             segment(system, work, work.Gv, o, m, 0.0, 0.0, weight * spin)
+            vary_psi(system, work, work.Gp, o, m, weight * spin, v)
+            vary_turning(system, work, o, m, weight * across, v, acc)
+            torque_stiffness(system, work, m, load * across)
             direction_stiffness(system, work, m, size, -ey, ex, force, along, 0.0)
         if kind == DISTANCE:
             direction_stiffness(system, work, m, size, -ey, ex, 0.0, 0.0, bend)

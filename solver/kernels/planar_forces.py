@@ -36,6 +36,8 @@ from .planar_constraints import (
     evaluate_constraints,
     force_stiffness,
     linearise_constraints,
+    torque_stiffness,
+    vary_psi,
     vary_velocity,
 )
 
@@ -114,8 +116,9 @@ def _linearise_given(system, work, k, t):
     b = system.marker[m, M_BODY]
     if system.body[b, NV] == 0:
         return
-    fx, fy, _ = _given(system, work, k, t)
+    fx, fy, torque = _given(system, work, k, t)
     force_stiffness(system, work, m, fx, fy)
+    torque_stiffness(system, work, m, torque)
     if row[F_KIND] == FOLLOWING:
         size = len(work.scratch) // 2
         for i in range(2 * size):
@@ -157,6 +160,8 @@ def _linearise_force(system, work, k, t, v):
         segment(system, work, work.C, o, m, sign * ex, sign * ey, torque)
         segment(system, work, work.Gp, o, m, sign * posx, sign * posy, turn)
         segment(system, work, work.Gv, o, m, 0.0, 0.0, damping * torque)
+        vary_psi(system, work, work.Gp, o, m, damping * torque, v)
+        torque_stiffness(system, work, m, force * torque)
         if kind == TWIST:
             continue
         e = sign * damping

@@ -32,6 +32,7 @@ from .layout import (
     M_DATA,
     M_PHI,
     M_PHI1,
+    M_PSI1,
     MOTION,
     NP,
     NQ,
@@ -346,12 +347,13 @@ def _marker(system, work, m, z, v):
     nq = row[NQ]
     data = system.marker[m, M_DATA]
     phi, phi1 = system.marker[m, M_PHI], system.marker[m, M_PHI1]
+    psi, psi1 = phi + 3 * nq, system.marker[m, M_PSI1]
     q, qd = row[POS] + row[NP] - nq, row[VEL] + row[RD]
     d, u, extra = load(pool, data), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    theta, rate = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    theta, rate, curl = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for k in range(nq):
         base = column(pool, data + 12, nq, k)
-        psi = column(pool, data + 12 + 3 * nq, nq, k)
+        tilt = column(pool, data + 12 + 3 * nq, nq, k)
         if phi1 >= 0:
             g, h = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
             for i in range(nq):
@@ -364,8 +366,18 @@ def _marker(system, work, m, z, v):
             base = plus(base, times(0.5, g))
         d = plus(d, times(z[q + k], base))
         u = plus(u, times(v[qd + k], column(work.phi, phi, nq, k)))
-        theta = plus(theta, times(z[q + k], psi))
-        rate = plus(rate, times(v[qd + k], psi))
+        if psi1 >= 0:
+            g, h = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            for i in range(nq):
+                bend = column(pool, psi1 + k * nq, nq * nq, i)
+                g = plus(g, times(z[q + i], bend))
+                h = plus(h, times(v[qd + i], bend))
+            for a in range(3):
+                work.phi[psi + a * nq + k] = tilt[a] + g[a]
+            curl = plus(curl, times(v[qd + k], h))
+            tilt = plus(tilt, times(0.5, g))
+        theta = plus(theta, times(z[q + k], tilt))
+        rate = plus(rate, times(v[qd + k], column(work.phi, psi, nq, k)))
     w, al = load(frame, OMEGA), load(frame, ALPHA)
     wd = cross(w, d)
     vel = plus(load(frame, V), plus(wd, u))
@@ -378,6 +390,8 @@ def _marker(system, work, m, z, v):
     store(point, U, u)
     _rotation_rates(point, theta, rate, work.scratch)
     relative, bent = load(work.scratch, 0), load(work.scratch, 3)
+    if psi1 >= 0:
+        bent = plus(bent, rotate(point, T, curl))
     al = plus(al, plus(cross(w, relative), bent))
     store(point, PW, rotate(frame, R, plus(w, relative)))
     store(point, PAL, rotate(frame, R, al))
@@ -398,7 +412,7 @@ def segment(system, work, out, offset, m, force, torque):
     """
     b = system.marker[m, M_BODY]
     row = system.body[b]
-    frame, point, pool = work.frame[b], work.point[m], system.pool
+    frame, point = work.frame[b], work.point[m]
     rd, nq = row[RD], row[NQ]
     f, t = rotate_back(frame, R, force), rotate_back(frame, R, torque)
     if rd >= 3:
@@ -409,11 +423,11 @@ def segment(system, work, out, offset, m, force, torque):
     if nq == 0:
         return
     phi = system.marker[m, M_PHI]
-    psi = system.marker[m, M_DATA] + 12 + 3 * nq
+    psi = phi + 3 * nq
     t = rotate_back(point, T, t)
     for k in range(nq):
         out[offset + rd + k] += dot(column(work.phi, phi, nq, k), f)
-        out[offset + rd + k] += dot(column(pool, psi, nq, k), t)
+        out[offset + rd + k] += dot(column(work.phi, psi, nq, k), t)
 
 
 @inner(VECTOR(F1, int64, VECTOR))

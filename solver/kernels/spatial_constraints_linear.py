@@ -21,9 +21,9 @@ from .layout import (
     KIND,
     LINEARISE,
     M_BODY,
-    M_DATA,
     M_PHI,
     M_PHI1,
+    M_PSI1,
     MARKER_A,
     MARKER_B,
     NQ,
@@ -87,9 +87,9 @@ def marker_acceleration(system, work, m, acc):
     """Inertial acceleration and angular acceleration of a marker."""
     b = system.marker[m, M_BODY]
     row = system.body[b]
-    frame, point, pool = work.frame[b], work.point[m], system.pool
+    frame, point, phi = work.frame[b], work.point[m], system.marker[m, M_PHI]
     nq, rd, first = row[NQ], row[RD], row[VEL]
-    phi, psi = system.marker[m, M_PHI], system.marker[m, M_DATA] + 12 + 3 * nq
+    psi = phi + 3 * nq
     a, al, twist = NONE, NONE, NONE
     if rd >= 3:
         a = load(acc, first)
@@ -98,7 +98,7 @@ def marker_acceleration(system, work, m, acc):
         a = plus(a, cross(al, load(point, D)))
     for k in range(nq):
         a = plus(a, times(acc[first + rd + k], column(work.phi, phi, nq, k)))
-        twist = plus(twist, times(acc[first + rd + k], column(pool, psi, nq, k)))
+        twist = plus(twist, times(acc[first + rd + k], column(work.phi, psi, nq, k)))
     if nq > 0:
         al = plus(al, rotate(point, T, twist))
     a = plus(load(point, PA), rotate(frame, R, a))
@@ -162,41 +162,85 @@ def vary_velocity(system, work, o, m, e, v):
     segment(system, work, work.Gv, o, m, e, NONE)
 
 
-@inner(types.void(SYSTEM, WORK, int64, VECTOR))
-def _elastic_force_stiffness(system, work, m, f):
-    """Rp from a body-resolved force f that an elastic coordinate moves or stiffens."""
-    row = system.body[system.marker[m, M_BODY]]
-    nv, nq, rd, block, P = row[NV], row[NQ], row[RD], row[BLOCK], work.Rp
-    phi, phi1 = system.marker[m, M_PHI], system.marker[m, M_PHI1]
+@inner(types.void(SYSTEM, WORK, F1, int64, int64, VECTOR, F1))
+def vary_psi(system, work, out, o, m, torque, rates):
+    """Adds, along an inertial torque, the derivative by q of T Psi(q) elastic rates.
+
+    T stays constant.
+    """
+    psi1 = system.marker[m, M_PSI1]
+    if psi1 < 0:
+        return
+    b = system.marker[m, M_BODY]
+    row = system.body[b]
+    nq, rd, first = row[NQ], row[RD], row[VEL] + row[RD]
+    t = rotate_back(work.point[m], T, rotate_back(work.frame[b], R, torque))
     for k in range(nq):
-        moment = cross(column(work.phi, phi, nq, k), f)
-        if rd == 6:
-            add_column(P, block + 3 * nv + rd + k, nv, times(-1.0, moment))
-            add_row(P, block + (rd + k) * nv + 3, times(-1.0, moment))
-        if phi1 >= 0:
-            for i in range(nq):
-                bend = column(system.pool, phi1 + k * nq, nq * nq, i)
-                P[block + (rd + k) * nv + rd + i] -= dot(bend, f)
+        for i in range(nq):
+            change = dot(t, column(system.pool, psi1 + k * nq, nq * nq, i))
+            out[o + rd + k] += change * rates[first + i]
+
+
+@inner(types.void(SYSTEM, WORK, int64, int64, VECTOR, VECTOR, F1, F1))
+def _vary_turning(system, work, o, m, by_rate, by_acceleration, v, acc):
+    """Adds to Gp and Gv what Psi(q) changes in the turning of a marker.
+
+    by_rate, by_acceleration : derivatives of the constraint acceleration by the angular
+        velocity and by the angular acceleration of the marker
+    """
+    frame = work.frame[system.marker[m, M_BODY]]
+    w = rotate(frame, R, load(frame, OMEGA))
+    by_rate = plus(by_rate, cross(by_acceleration, w))
+    vary_psi(system, work, work.Gp, o, m, by_rate, v)
+    vary_psi(system, work, work.Gp, o, m, by_acceleration, acc)
+    vary_psi(system, work, work.Gv, o, m, times(2.0, by_acceleration), v)
+
+
+@inner(types.void(SYSTEM, WORK, int64, VECTOR, VECTOR))
+def bending_stiffness(system, work, m, force, torque):
+    """Rp from what inertial loads at a marker change as Phi and Psi depend on q."""
+    b = system.marker[m, M_BODY]
+    row = system.body[b]
+    nv, nq, rd, block, P = row[NV], row[NQ], row[RD], row[BLOCK], work.Rp
+    phi1, psi1 = system.marker[m, M_PHI1], system.marker[m, M_PSI1]
+    if phi1 < 0 and psi1 < 0:
+        return
+    frame, pool = work.frame[b], system.pool
+    f = rotate_back(frame, R, force)
+    t = rotate_back(work.point[m], T, rotate_back(frame, R, torque))
+    for k in range(nq):
+        line = block + (rd + k) * nv + rd
+        for i in range(nq):
+            if phi1 >= 0:
+                P[line + i] -= dot(column(pool, phi1 + k * nq, nq * nq, i), f)
+            if psi1 >= 0:
+                P[line + i] -= dot(column(pool, psi1 + k * nq, nq * nq, i), t)
 
 
 @inner(types.void(SYSTEM, WORK, int64, VECTOR))
 def force_stiffness(system, work, m, force):
     """Adds to Rp what an inertial force at a marker changes when its body moves."""
+    bending_stiffness(system, work, m, force, NONE)
     b = system.marker[m, M_BODY]
     row = system.body[b]
-    nv, rd, block = row[NV], row[RD], row[BLOCK]
+    nv, nq, rd, block = row[NV], row[NQ], row[RD], row[BLOCK]
+    if rd != 6:
+        return
     frame, point, P = work.frame[b], work.point[m], work.Rp
-    f = rotate_back(frame, R, force)
-    if rd == 6:
-        add_skew(P, block + 3, nv, f, -1.0)
-        add_skew_product(P, block + 3 * nv + 3, nv, load(point, D), f, -1.0)
-    _elastic_force_stiffness(system, work, m, f)
+    f, phi = rotate_back(frame, R, force), system.marker[m, M_PHI]
+    add_skew(P, block + 3, nv, f, -1.0)
+    add_skew_product(P, block + 3 * nv + 3, nv, load(point, D), f, -1.0)
+    for k in range(nq):
+        moment = times(-1.0, cross(column(work.phi, phi, nq, k), f))
+        add_column(P, block + 3 * nv + rd + k, nv, moment)
+        add_row(P, block + (rd + k) * nv + 3, moment)
 
 
 @inner(types.void(SYSTEM, WORK, int64, int64, VECTOR, VECTOR, float64))
 def line_stiffness(system, work, a, b, n, x, force):
     """Rp of ALONG: the direction n turns with marker A, which the other body pulls."""
     force_stiffness(system, work, b, times(force, n))
+    bending_stiffness(system, work, a, times(-force, n), times(force, cross(n, x)))
     row = system.body[system.marker[a, M_BODY]]
     if row[NV] == 0:
         return
@@ -212,17 +256,17 @@ def line_stiffness(system, work, a, b, n, x, force):
 @inner(types.void(SYSTEM, WORK, int64, VECTOR, VECTOR, float64))
 def _torque_stiffness(system, work, m, own, other, torque):
     """Rp of the torque * (own x other), where `own` turns with the marker's body."""
+    bending_stiffness(system, work, m, NONE, times(torque, cross(own, other)))
     b = system.marker[m, M_BODY]
     row = system.body[b]
     nv, nq, rd, block = row[NV], row[NQ], row[RD], row[BLOCK]
     if rd != 6:
         return
-    frame, pool = work.frame[b], system.pool
+    frame, psi = work.frame[b], system.marker[m, M_PHI] + 3 * nq
     p, o = rotate_back(frame, R, own), rotate_back(frame, R, other)
     add_skew_product(work.Rp, block + 3 * nv + 3, nv, p, o, -torque)
-    psi = system.marker[m, M_DATA] + 12 + 3 * nq
     for k in range(nq):
-        arm = cross(cross(column(pool, psi, nq, k), p), o)
+        arm = cross(cross(column(work.phi, psi, nq, k), p), o)
         add_row(work.Rp, block + (rd + k) * nv + 3, times(-torque, arm))
 
 
@@ -244,8 +288,8 @@ def swing_stiffness(system, work, m, n, weight):
                 work.Rp[block + i * nv + j] += weight * s[i] * s[j]
 
 
-@inner(types.void(SYSTEM, WORK, int64, float64, F1, F1))
-def _linearise_turn(system, work, k, t, acc, lam):
+@inner(types.void(SYSTEM, WORK, int64, float64, F1, F1, F1))
+def _linearise_turn(system, work, k, t, v, acc, lam):
     """PERPENDICULAR and ANGLE: u . b = 0."""
     con = system.constraint[k]
     ma, mb = con[MARKER_A], con[MARKER_B]
@@ -267,16 +311,18 @@ def _linearise_turn(system, work, k, t, acc, lam):
     drift = minus(wu, ud)
     spin_a = minus(spin_a, times(2.0, cross(drift, b)))
     spin_b = plus(times(2.0, cross(b, ud)), plus(cross(bd, u), cross(b, cross(u, wb))))
-    force = lam[con[ROW]]
+    force, axis = lam[con[ROW]], cross(u, b)
     if con[SEG_A] >= 0:
         o = system.segment[con[SEG_A], S_OFFSET]
         segment(system, work, work.Gp, o, ma, NONE, turn)
         segment(system, work, work.Gv, o, ma, NONE, spin_a)
+        _vary_turning(system, work, o, ma, spin_a, axis, v, acc)
         _torque_stiffness(system, work, ma, u, b, force)
     if con[SEG_B] >= 0:
         o = system.segment[con[SEG_B], S_OFFSET]
         segment(system, work, work.Gp, o, mb, NONE, times(-1.0, turn))
         segment(system, work, work.Gv, o, mb, NONE, spin_b)
+        _vary_turning(system, work, o, mb, spin_b, times(-1.0, axis), v, acc)
         _torque_stiffness(system, work, mb, b, u, force)
 
 
@@ -339,13 +385,15 @@ def _linearise_place(system, work, k, v, acc, lam):
             swing_stiffness(system, work, m, n, -lam[r] / length)
         elif side == 0:
             segment(system, work, work.Gp, o, m, NONE, times(weight, turn))
-            segment(system, work, work.Gv, o, m, NONE, times(weight, spin))
+            spin, arm = times(weight, spin), times(weight, cross(n, x))
+            segment(system, work, work.Gv, o, m, NONE, spin)
+            _vary_turning(system, work, o, m, spin, arm, v, acc)
     if kind in (ALONG, COUPLED_ALONG):
         line_stiffness(system, work, ma, mb, n, x, single)
 
 
-@inner(types.void(SYSTEM, WORK, int64, F1, F1))
-def _linearise_angle(system, work, k, acc, lam):
+@inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))
+def _linearise_angle(system, work, k, v, acc, lam):
     """A coupled angle: acceleration n . (al_B - al_A) + (w_A x n) . w_B."""
     con = system.constraint[k]
     ma, mb = con[MARKER_A], con[MARKER_B]
@@ -355,25 +403,31 @@ def _linearise_angle(system, work, k, acc, lam):
     _, al_b = marker_acceleration(system, work, mb, acc)
     wb, wn = load(B, PW), cross(load(A, PW), n)
     turn = times(weight, plus(cross(n, al_b), cross(wn, wb)))
+    axis, torque_b = times(weight, n), times(weight * lam[con[ROW]], n)
     if con[SEG_A] >= 0:
         o = system.segment[con[SEG_A], S_OFFSET]
+        spin = times(weight, cross(n, wb))
         segment(system, work, work.Gp, o, ma, NONE, turn)
-        segment(system, work, work.Gv, o, ma, NONE, times(weight, cross(n, wb)))
+        segment(system, work, work.Gv, o, ma, NONE, spin)
+        _vary_turning(system, work, o, ma, spin, times(-1.0, axis), v, acc)
+        bending_stiffness(system, work, ma, NONE, times(-1.0, torque_b))
     if con[SEG_B] < 0:
         return
     o = system.segment[con[SEG_B], S_OFFSET]
     segment(system, work, work.Gp, o, mb, NONE, times(-1.0, turn))
     segment(system, work, work.Gv, o, mb, NONE, times(weight, wn))
+    _vary_turning(system, work, o, mb, times(weight, wn), axis, v, acc)
+    bending_stiffness(system, work, mb, NONE, torque_b)
     b = system.marker[mb, M_BODY]
     row = system.body[b]
     nv, nq, rd, block = row[NV], row[NQ], row[RD], row[BLOCK]
     if rd != 6:
         return
-    torque = times(weight * lam[con[ROW]], rotate_back(work.frame[b], R, n))
+    torque = rotate_back(work.frame[b], R, torque_b)
     add_skew(work.Rp, block + 3 * nv + 3, nv, torque, -1.0)
-    psi = system.marker[mb, M_DATA] + 12 + 3 * nq
+    psi = system.marker[mb, M_PHI] + 3 * nq
     for i in range(nq):
-        arm = cross(column(system.pool, psi, nq, i), torque)
+        arm = cross(column(work.phi, psi, nq, i), torque)
         add_row(work.Rp, block + (rd + i) * nv + 3, times(-1.0, arm))
 
 
@@ -395,6 +449,6 @@ def linearise_constraints(system, work, t, z, v, acc, lam):
         if kind in (COINCIDENT, ALONG, COUPLED_ALONG, DISTANCE):
             _linearise_place(system, work, k, v, acc, lam)
         elif kind == COUPLED_ANGLE:
-            _linearise_angle(system, work, k, acc, lam)
+            _linearise_angle(system, work, k, v, acc, lam)
         else:
-            _linearise_turn(system, work, k, t, acc, lam)
+            _linearise_turn(system, work, k, t, v, acc, lam)

@@ -52,10 +52,12 @@ from .spatial import (
 )
 from .spatial_constraints import NONE, evaluate_constraints
 from .spatial_constraints_linear import (
+    bending_stiffness,
     force_stiffness,
     line_stiffness,
     linearise_constraints,
     swing_stiffness,
+    vary_psi,
     vary_velocity,
 )
 from .spatial_linear import add_skew
@@ -174,14 +176,18 @@ def evaluate(system, work, t, z, v):
 
 @inner(types.void(SYSTEM, WORK, int64, float64))
 def _linearise_given(system, work, k, t):
-    """Rp of a given force with inertial direction: its arm moves, the body turns."""
+    """Rp of a given force; if it keeps its direction, its arm moves, the body turns."""
     row = system.force[k]
     m = row[F_B]
     body = system.body[system.marker[m, M_BODY]]
-    if row[F_KIND] != GIVEN or body[NV] == 0:
+    if body[NV] == 0:
         return
     force, torque = _given(system, work, k, t)
+    if row[F_KIND] != GIVEN:
+        bending_stiffness(system, work, m, force, torque)
+        return
     force_stiffness(system, work, m, force)
+    bending_stiffness(system, work, m, NONE, torque)
     if body[RD] == 6:
         torque = rotate_back(work.frame[system.marker[m, M_BODY]], R, torque)
         at = body[BLOCK] + 3 * body[NV] + 3
@@ -222,7 +228,9 @@ def _linearise_force(system, work, k, t, v):
         segment(system, work, work.C, o, m, times(sign, n), torque)
         segment(system, work, work.Gp, o, m, times(sign, position), turn)
         segment(system, work, work.Gv, o, m, NONE, times(damping, torque))
+        vary_psi(system, work, work.Gp, o, m, times(damping, torque), v)
         if kind >= TWIST:
+            bending_stiffness(system, work, m, NONE, times(force, torque))
             continue
         vary_velocity(system, work, o, m, times(sign * damping, n), v)
         if kind == SPAN:

@@ -1,17 +1,19 @@
 """The kernels against themselves: rates are rates, Jacobians are Jacobians.
 
 Scenes hold every joint four times: on a prescribed frame, between two bodies, on a
-point mass, and on the ground; one body is flexible with every optional term.
+point mass, and on the ground; one body is flexible with every optional term, and forces
+and moments at its markers stiffen it.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from formats.sid import Array
+from formats.sid import SID, Array, Taylor
 from solver.joints import PLANAR, SPATIAL
 from solver.kernel_calls import linearise
 from solver.kernels import layout as at
@@ -28,6 +30,8 @@ FORCES_OF_ONE_BODY = {
 NOT_TURNING = ("coincident", "spherical", "distance")
 JOINTS = {"planar": sorted(PLANAR), "spatial": sorted(SPATIAL)}
 STEP = 1e-5
+#: Elastic coordinates at which the markers of `not_turning` stand still.
+STILL = np.array([0.7, -0.4, 0.5])
 
 
 def network(
@@ -82,15 +86,27 @@ def network(
         gravity=[1.0, -9.81, 2.0][space],
         ground={"markers": {"m": {"position": [1.0, 0.5, 0.2][space], **turned}}},
     )
-    rigid = linear and not planar and kind not in NOT_TURNING
-    soft = soft_body(0 if rigid else 3, seed=4, planar=planar, stiffening=True)
+    soft = soft_body(3, seed=4, planar=planar, stiffening=True)
+    if linear and not planar and kind not in NOT_TURNING:
+        soft = not_turning(soft)
     return compiled(described, soft=soft)
+
+
+def not_turning(sid: SID) -> SID:
+    """Markers that are turned at q = STILL, where Psi is zero but its derivative not."""
+    nodes = []
+    for node in sid.nodes:
+        slope = np.einsum("lak,l->ak", node.psi.first_order(sid.nq), STILL)
+        nodes.append(replace(node, psi=Taylor(-slope, node.psi.m1)))
+    return replace(sid, nodes=tuple(nodes))
 
 
 def random_state(system: System, seed: int) -> Probe:
     rng = np.random.default_rng(seed)
     z = rng.normal(size=system.n_positions)
     for row in system.arrays.body:
+        if row[at.NQ]:
+            z[row[at.POS] + row[at.NP] - row[at.NQ] : row[at.POS] + row[at.NP]] = STILL
         if row[at.NP] - row[at.NQ] == 7:
             turn = slice(row[at.POS] + 3, row[at.POS] + 7)
             z[turn] /= np.linalg.norm(z[turn])
@@ -161,7 +177,8 @@ def test_linearisation_is_the_derivative_of_the_equations(
 ) -> None:
     """Gp, Gv, Rv in full; Rp but for what a body changes in the force on another.
 
-    In space, but for the turning of a flexible marker and for the quadratic inertia.
+    In space, but for markers that turn with their body's deformation, whence the state
+    where it only begins to turn them, and for the quadratic inertia.
     """
     system = network(dimension, kind, driven, linear=True)
     probe = random_state(system, 5)
