@@ -1,9 +1,10 @@
 """Redundant constraints, told apart from singular positions.
 
 Constraints that follow from the others, wherever the mechanism moves, are redundant:
-they get slack on the diagonal of the Schur complement. In a singular position
-constraints depend on each other as well, but not beside it; there, nothing may be left
-out. So what depends on the others at the start is looked at again a little later.
+they and those others get slack on the diagonal of the Schur complement, which picks
+multipliers out of the many that do. In a singular position constraints depend on each
+other as well, but not beside it; there, nothing may be left out. So what depends on the
+others at the start is looked at again a little later.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ from .start import RANK_TOLERANCE, State, close, names_of_rows
 BESIDE = 1e-3
 #: What may stay open there, relative to the sizes of the constraints.
 REACHED = 1e-10
+#: Slack relative to the Schur complement.
+SLACK = 1e-7
+#: Rows have a part in a dependency when their share of it is larger.
+INVOLVED = 1e-6
 #: Speeds below this part of the size of the mechanism during the run are rest.
 REST = 1e-9
 
@@ -50,8 +55,7 @@ def mark_redundant(state: State) -> System:
         _check_accelerations(state, redundant)
     if not redundant:
         return system
-    slack = np.zeros(system.n_rows)
-    slack[list(redundant)] = _schur_size(state)
+    slack = _slack(state)
     return replace(system, redundant=redundant, arrays=with_slack(system.arrays, slack))
 
 
@@ -116,11 +120,21 @@ def _free_direction(state: State) -> Array:
     return BESIDE * step * coordinate_sizes(state.system) / max(size, 1e-300)
 
 
-def _schur_size(state: State) -> float:
-    """A typical entry on the diagonal of C M^-1 C^T."""
+def _slack(state: State) -> Array:
+    """A small part of the diagonal of C M^-1 C^T, in all rows that depend on others.
+
+    Slack in single rows would do as long as just these follow from the others, which
+    changes while the mechanism moves. That of all rows is small enough for refinement
+    to remove its effect, and large against what stages of a step leave open.
+    """
     C = state.jacobian()
     diagonal = np.einsum("ij,ji->i", C, np.linalg.solve(state.weight(), C.T))
-    return float(np.median(diagonal[diagonal > 0.0])) if diagonal.any() else 1.0
+    typical = float(np.median(diagonal[diagonal > 0.0])) if diagonal.any() else 1.0
+    left, sizes, _ = np.linalg.svd(_scaled_jacobian(state))
+    rank = int(np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))))
+    involved = np.linalg.norm(left[:, rank:], axis=1) > INVOLVED
+    slack = np.where(diagonal > 0.0, SLACK * diagonal, typical)
+    return np.where(involved, slack, 0.0)
 
 
 def _can_accelerate(state: State) -> bool:

@@ -49,6 +49,9 @@ _FAILURES = {
     stepping.NOT_FINITE: "a coordinate became infinite or undefined",
     stepping.NO_CONVERGENCE: "Newton's iteration did not converge with the fixed step; "
     "a smaller one may help",
+    stepping.CRAWLING: "the scene is stiff: stability, not accuracy, keeps the steps of "
+    "this explicit method so short that the run would take hundreds of thousands; "
+    "use radau5 or radau9",
 }
 
 
@@ -320,6 +323,8 @@ def _new_control(
         np.ones(n),
         np.ones(m),
         times,
+        np.zeros(0),
+        np.zeros(0),
         np.zeros((count, n)),
         np.zeros((count, m)),
     )

@@ -11,6 +11,7 @@ from formats.sid import Array
 from .integrators import stepping
 from .kernels.layout import Work
 from .kernels.newton import Kernels, Memory
+from .minimum_norm import minimum_norm
 from .scene import System
 
 
@@ -22,7 +23,7 @@ class Samples:
     frames, points : (nt, bodies, .) and (nt, markers, .), as in `kernels.layout.Work`,
         with accelerations complete
     accelerations : (nt, .) z_II'
-    multipliers : (nt, rows)
+    multipliers : (nt, rows), of redundant constraints the smallest, see `minimum_norm`
     """
 
     z: Array
@@ -71,6 +72,8 @@ def sample(
         multipliers,
     )
     complete_accelerations(system, frames, points, accelerations)
+    if system.redundant:
+        multipliers = minimum_norm(system, work, times, z, v, multipliers)
     return Samples(z, v, frames, points, accelerations, multipliers)
 
 

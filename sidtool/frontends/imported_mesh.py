@@ -11,6 +11,7 @@ from formats.model_geometry import MeshGeometry
 
 from ..importers.imported import ImportedMesh
 from ..importers.meshes import read_mesh
+from .conformity import check_conforming
 from .finite_element_model import FiniteElementModel
 from .mesh import check_mesh, without_free_nodes
 from .mesh_points import MeshPoints
@@ -38,6 +39,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     plane = mesh.dimension == 2
     try:
         check_mesh(mesh, "mesh")
+        check_conforming(mesh, "mesh")
         materials = _materials(model, imported)
         state = _state(settings, imported) if plane else "solid"
         thickness = _thickness(geometry, imported) if plane else 1.0
@@ -76,7 +78,8 @@ def _materials(model: ModelFile, imported: ImportedMesh) -> dict[str | None, Mat
             what = "elements without a material" if name is None else f"material {name}"
             raise InputError(
                 f"has {what}, of which E, nu and density are not known",
-                expected="complete materials in the mesh file, or a table [material]",
+                expected="complete and constant materials in the mesh file, or a table "
+                "[material]",
             )
         result[name] = imported.materials[name]
     return result

@@ -63,11 +63,13 @@ def check_mesh(mesh: Mesh, place: str = "geometry") -> None:
     Raises
     ------
     InputError : there are free nodes, unconnected parts, elements that use a node
-        twice, or elements that are inverted, folded or have no volume.
+        twice or fill the place of another, or elements that are inverted, folded or
+        have no volume.
     """
     for block in mesh.blocks:
         _check_distinct(block, place)
         _check_shape(mesh, block, place)
+    _check_once(mesh, place)
     used = np.zeros(len(mesh.positions), bool)
     for block in mesh.blocks:
         used[block.nodes] = True
@@ -113,6 +115,24 @@ def _check_distinct(block: ElementBlock, place: str) -> None:
             place=place,
             expected="distinct nodes in every element",
         )
+
+
+def _check_once(mesh: Mesh, place: str) -> None:
+    """No two elements of a kind have the same nodes: their mass would count twice."""
+    for kind in dict.fromkeys(block.kind for block in mesh.blocks):
+        same = [block for block in mesh.blocks if block.kind == kind]
+        rows = np.sort(np.concatenate([block.nodes for block in same]), axis=1)
+        labels = np.concatenate([block.labels for block in same])
+        order = np.lexsort(rows.T)
+        equal = (rows[order[1:]] == rows[order[:-1]]).all(axis=1)
+        twice = np.flatnonzero(equal)
+        if twice.size:
+            first, second = labels[order[[twice[0], twice[0] + 1]]]
+            raise InputError(
+                f"elements {first} and {second} ({kind}) have the same nodes",
+                place=place,
+                expected="every element once",
+            )
 
 
 def _check_shape(mesh: Mesh, block: ElementBlock, place: str) -> None:

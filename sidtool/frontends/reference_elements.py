@@ -22,6 +22,32 @@ _CUBE = (
 )
 _TRIANGLE = ((0, 1), (1, 2), (2, 0))
 _TETRAHEDRON = (*_TRIANGLE, (0, 3), (1, 3), (2, 3))
+_PRISM = (
+    *_TRIANGLE,
+    *((a + 3, b + 3) for a, b in _TRIANGLE),
+    *((i, i + 3) for i in range(3)),
+)
+#: By the name without its number: pairs of corners that are edges, and in space faces.
+_EDGES = {
+    "tri": _TRIANGLE,
+    "quad": _SQUARE,
+    "tet": _TETRAHEDRON,
+    "hex": _CUBE,
+    "wedge": _PRISM,
+}
+_FACES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "tet": ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)),
+    "hex": (
+        (0, 1, 2, 3),
+        (4, 5, 6, 7),
+        *((a, b, b + 4, a + 4) for a, b in _SQUARE),
+    ),
+    "wedge": (
+        (0, 1, 2),
+        (3, 4, 5),
+        *((a, b, b + 3, a + 3) for a, b in _TRIANGLE),
+    ),
+}
 _QUAD = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
 _SIMPLEX = np.vstack([np.zeros((1, 3)), np.eye(3)])
 _HEX = np.vstack([np.hstack([_QUAD, np.full((4, 1), z)]) for z in (0.0, 1.0)])
@@ -88,6 +114,20 @@ class ReferenceElement:
         if self.name.startswith("wedge"):
             return bool(point[:2].sum() <= 1 + slack and point[2] <= 1 + slack)
         return bool(point.max() <= 1 + slack)
+
+
+def all_edges(kind: str) -> list[tuple[int, int, int]]:
+    """The corners of every edge and the node in its middle, -1 for none."""
+    corners = len(_DEFINITIONS[kind][1])
+    middle = {edge: corners + i for i, edge in enumerate(_DEFINITIONS[kind][2])}
+    edges = _EDGES[kind.rstrip("0123456789")]
+    return [(a, b, middle.get((a, b), -1)) for a, b in edges]
+
+
+def faces(kind: str, corners: int) -> list[tuple[int, ...]]:
+    """The faces of a solid element with so many corners, by their corners."""
+    found = _FACES.get(kind.rstrip("0123456789"), ())
+    return [face for face in found if len(face) == corners]
 
 
 def edge_nodes(kind: str) -> tuple[tuple[int, int], ...]:

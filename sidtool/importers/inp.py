@@ -2,7 +2,8 @@
 
 Read are *NODE, *ELEMENT, *NSET, *ELSET, *MATERIAL with *ELASTIC and *DENSITY,
 *SOLID SECTION and *INCLUDE; everything else (steps, loads, output) has no part in a
-mesh. Parts with instances (*PART, *INSTANCE) are refused unless there is one part.
+mesh. Materials that no section names, and properties that depend on temperature, are
+left out. Parts with instances (*PART, *INSTANCE) are refused unless there is one part.
 """
 
 from __future__ import annotations
@@ -271,7 +272,8 @@ def _property(content: _Content, block: _Block) -> None:
         )
     line, place = block.lines[0]
     values = numbers(_words(line), place)
-    content.materials[content.material][block.keyword] = values
+    if len(block.lines) == 1:
+        content.materials[content.material][block.keyword] = values
 
 
 def _section(content: _Content, block: _Block) -> None:
@@ -345,7 +347,10 @@ def _imported(content: _Content) -> ImportedMesh:
 
 def _materials(content: _Content) -> dict[str, Material]:
     result = {}
+    named = {material for _, material, _ in content.sections}
     for name, table in content.materials.items():
+        if name not in named:
+            continue
         elastic, density = table.get("ELASTIC"), table.get("DENSITY")
         if elastic is None or density is None or len(elastic) < 2:
             continue

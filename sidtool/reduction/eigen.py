@@ -82,15 +82,17 @@ def lowest_eigenpairs(
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
         raise InputError(
             f"the eigenproblem has no solution ({error})",
-            expected="a body with positive mass and stiffness of ordinary size",
+            expected="a body of positive mass and of a stiffness of ordinary size, "
+            "without hinges between its elements",
         ) from error
-    if shift == 0.0:
-        _check_resolution(stiffness, values, vectors)
+    if shift == 0.0 or known.shape[1]:
+        first = min(known.shape[1], count - 1)
+        _check_resolution(stiffness, values[first], vectors[:, first])
     return values, vectors
 
 
-def _check_resolution(stiffness: sp.csr_matrix, values: Array, vectors: Array) -> None:
-    """Whether rounding in the stiffness leaves the lowest eigenvalue of a held body.
+def _check_resolution(stiffness: sp.csr_matrix, value: float, vector: Array) -> None:
+    """Whether rounding in the stiffness leaves the lowest eigenvalue of a deformation.
 
     Terms of size |v|^T |K| |v| cancel in v^T K v, so that its rounding error is of
     that size times the unit roundoff.
@@ -99,13 +101,14 @@ def _check_resolution(stiffness: sp.csr_matrix, values: Array, vectors: Array) -
         (np.abs(stiffness.data), stiffness.indices, stiffness.indptr),
         shape=stiffness.shape,
     )
-    first = np.abs(vectors[:, 0])
+    first = np.abs(vector)
     noise = float(np.finfo(float).eps * first @ (sizes @ first))
-    if values[0] < _RESOLUTION * noise:
+    if value < _RESOLUTION * noise:
         raise InputError(
-            f"the lowest eigenvalue, {values[0]:.2e} 1/s^2, is lost in the rounding of "
+            f"the lowest eigenvalue, {value:.2e} 1/s^2, is lost in the rounding of "
             f"the stiffness, {noise:.2e} 1/s^2",
-            expected="a held body, and elements that are less thin or fewer",
+            expected="a held body without hinges between its elements, and elements "
+            "that are less thin or fewer",
         )
 
 
@@ -121,10 +124,12 @@ def _dense_space(pencil: Pencil, count: int) -> Array:
     if len(pencil.constraints):
         basis = scipy.linalg.null_space(pencil.constraints)
         mass, shifted = (basis.T @ matrix @ basis for matrix in (mass, shifted))
-    last = len(mass) - 1
-    _, vectors = scipy.linalg.eigh(
-        mass, shifted, subset_by_index=[last - count + 1, last]
-    )
+    wanted = [len(mass) - count, len(mass) - 1]
+    try:
+        _, vectors = scipy.linalg.eigh(mass, shifted, subset_by_index=wanted)
+    except np.linalg.LinAlgError:
+        text = "the stiffness does not resist every deformation"
+        raise RuntimeError(text) from None
     return vectors if basis is None else basis @ vectors
 
 
@@ -182,6 +187,10 @@ def free_body_shift(
     positions : (n, d)
     table : (n, 6) degrees of freedom by node as in `FiniteElementModel.table`; by
         default d displacements per node
+
+    Raises
+    ------
+    InputError : a quadratic field deforms the body without resistance.
     """
     n, d = positions.shape
     if table is None:
@@ -193,7 +202,14 @@ def free_body_shift(
     kept = values > 1e-12 * values[-1]
     basis = vectors[:, kept] / np.sqrt(values[kept])
     values = scipy.linalg.eigvalsh(basis.T @ small[0] @ basis)
-    return -float(values[d * (d + 1) // 2])
+    first = float(values[d * (d + 1) // 2])
+    if first <= 0.0:
+        raise InputError(
+            "the stiffness does not resist every deformation, or is lost in rounding",
+            expected="a body without hinges (elements that share edges in the plane "
+            "and faces in space) and of less thin elements",
+        )
+    return -first
 
 
 def _quadratic_fields(positions: Array, table: Indices, ndof: int) -> Array:

@@ -19,7 +19,7 @@ from formats.sid import Array
 from ..assembly import Start, assemble
 from ..errors import SimulationError
 from ..scene import System
-from ..sizes import coordinate_sizes
+from ..sizes import coordinate_sizes, row_sizes
 from .mechanics import Mechanics, least_squares, null_space, recorded, refuse_prescribed
 
 ITERATIONS = 300
@@ -93,7 +93,8 @@ def _balance(mechanics: Mechanics, z: Array) -> tuple[Array, Array, Array, float
     mechanics.evaluate(z, np.zeros(mechanics.system.n_velocities))
     C, f = mechanics.jacobian, mechanics.force
     motion = null_space(C)
-    multipliers = least_squares(C.T, -f) if len(C) else np.zeros(0)
+    sizes = row_sizes(mechanics.system)  # see `minimum_norm`
+    multipliers = least_squares((C / sizes[:, None]).T, -f) / sizes
     return motion, motion.T @ f, multipliers, float(np.linalg.norm(f))
 
 

@@ -67,6 +67,18 @@ def _trapezoidal(
     )
 
 
+def _explicit(
+    system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
+) -> Advance:
+    from . import dop853, explicit
+
+    tableau = dop853.tableau()
+    storage = explicit.new_slopes(system.n_positions, system.n_velocities)
+    return lambda limit: explicit.advance(
+        kernels, system.arrays, work, memory, tableau, control, storage, limit
+    )
+
+
 def _generalised_alpha(rho: float) -> Integrator:
     def prepare(
         system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
@@ -92,6 +104,13 @@ INTEGRATORS: dict[str, Integrator] = {
         0,
         "integrators.trapezoidal:advance",
         _trapezoidal,
+    ),
+    "dop853": Integrator(
+        "Explicit Runge-Kutta of order 8 (Dormand-Prince), index 1, projected",
+        8,
+        0,
+        "integrators.explicit:advance",
+        _explicit,
     ),
     "generalised_alpha": _generalised_alpha(0.8),
 }

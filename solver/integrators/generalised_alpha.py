@@ -82,6 +82,7 @@ from .stepping import (
     move,
     newton_limit,
     next_step,
+    note_drift,
     scaled_norm,
     take_jacobian,
     too_small,
@@ -346,6 +347,7 @@ def _land(kernels, system, work, memory, control, alpha, h):
     if control.whole[FIXED_STEP] == 1 and real[TIME] + 1.5 * h < real[STOP]:
         copy(alpha.acc1, memory.acceleration)
         copy(alpha.lam1, memory.multiplier)
+        note_drift(system, work, control)
         write_cubic(
             kernels,
             system,
@@ -358,7 +360,7 @@ def _land(kernels, system, work, memory, control, alpha, h):
             alpha.acc0,
             alpha.rz,
         )
-        move(system, work, control, h, alpha.z1, alpha.v1)
+        move(control, h, alpha.z1, alpha.v1)
         return 0
     return land(
         kernels,

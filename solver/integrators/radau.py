@@ -63,9 +63,11 @@ from .stepping import (
     newton_goal,
     newton_limit,
     next_step,
+    note_drift,
     output_due,
     project,
     scaled_norm,
+    share_of_step,
     solve_real,
     take_jacobian,
     too_small,
@@ -426,7 +428,7 @@ def _write_outputs(method, control, stages, h):
         k = output_due(control, h)
         if k < 0:
             return
-        at = (control.times[k] - control.real[TIME]) / h
+        at = share_of_step(control, k, h)
         for n in range(len(control.z)):
             control.out_z[k, n] = control.z[n]
         for n in range(len(control.v)):
@@ -466,8 +468,9 @@ def _accept(kernels, system, work, memory, method, control, stages, h):
     )
     if status != 0:
         return status
+    note_drift(system, work, control)
     _write_outputs(method, control, stages, h)
-    move(system, work, control, h, stages.z1, stages.v1)
+    move(control, h, stages.z1, stages.v1)
     return 0
 
 

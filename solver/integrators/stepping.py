@@ -63,13 +63,16 @@ FIXED_STEP = 0  # 1: no error control
 OUTPUT = 1  # next entry of the output times
 NEEDS_JACOBIAN = 2
 PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected one
-N_WHOLE = 4
+SHARE = 4  # next entry of the shares
+STIFF = 5  # steps that stability, not accuracy, has limited
+N_WHOLE = 6
 
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
+CRAWLING = 6
 
 
 class Control(Table):
@@ -82,7 +85,10 @@ class Control(Table):
     frequency : per velocity coordinate, its angular frequency [rad/s]
     scale_z, scale_v : tolerated error per coordinate
     times : output times
-    out_z, out_v : states there
+    shares : of steps, at which dense output is wanted beside the output times; a
+        negative one ends the list of a step
+    moments : the times of the shares
+    out_z, out_v : states at the output times, then at the moments
     """
 
     real: Array
@@ -95,11 +101,13 @@ class Control(Table):
     scale_z: Array
     scale_v: Array
     times: Array
+    shares: Array
+    moments: Array
     out_z: Array
     out_v: Array
 
 
-CONTROL = TableType(Control, [F1, I1, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2])
+CONTROL = TableType(Control, [F1, I1] + [F1] * 10 + [F2, F2])
 
 NEWTON_LIMIT = 8
 #: Trust in a known contraction of Newton's iteration fades from step to step.
@@ -299,27 +307,49 @@ def finish_step(control, order, serves, h, error, iterations, failures):
 
 @inner(int64(CONTROL, float64))
 def output_due(control, h):
-    """The next output time inside the step, as its number, or -1."""
+    """The row of the next state that is wanted inside the step, or -1."""
     k, t = control.whole[OUTPUT], control.real[TIME]
     slack = 1e-12 * max(h, abs(t))
-    if k == len(control.times) or control.times[k] > t + h + slack:
+    if k < len(control.times) and control.times[k] <= t + h + slack:
+        control.whole[OUTPUT] += 1
+        return k
+    i = control.whole[SHARE]
+    if i == len(control.shares):
         return -1
-    control.whole[OUTPUT] += 1
-    return k
+    control.whole[SHARE] += 1
+    if control.shares[i] < 0.0:
+        return -1
+    control.moments[i] = t + control.shares[i] * h
+    return len(control.times) + i
 
 
-@inner(types.void(SYSTEM, WORK, CONTROL, float64, F1, F1))
-def move(system, work, control, h, z, v):
-    """Makes the state at the end of a step, just evaluated, the current one."""
+@inner(float64(CONTROL, int64, float64))
+def share_of_step(control, k, h):
+    """Where the state of row k lies in the step, from 0 to 1."""
+    count = len(control.times)
+    if k < count:
+        return (control.times[k] - control.real[TIME]) / h
+    return control.shares[k - count]
+
+
+@inner(types.void(SYSTEM, WORK, CONTROL))
+def note_drift(system, work, control):
+    """Keeps the largest residuals of the constraints, just evaluated."""
+    real = control.real
+    for i in range(system.dims[N_ROWS]):
+        real[DRIFT] = max(real[DRIFT], abs(work.row[i, C_VALUE]))
+        real[DRIFT_RATE] = max(real[DRIFT_RATE], abs(work.row[i, C_RATE]))
+
+
+@inner(types.void(CONTROL, float64, F1, F1))
+def move(control, h, z, v):
+    """Makes the state at the end of a step the current one."""
     real = control.real
     copy(z, control.z)
     copy(v, control.v)
     real[TIME] += h
     if real[STOP] - real[TIME] <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
         real[TIME] = real[STOP]
-    for i in range(system.dims[N_ROWS]):
-        real[DRIFT] = max(real[DRIFT], abs(work.row[i, C_VALUE]))
-        real[DRIFT_RATE] = max(real[DRIFT_RATE], abs(work.row[i, C_RATE]))
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
@@ -443,7 +473,7 @@ def write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rate1)
     kernels.rate(system, z1, v1, rate1)
     acc1 = memory.acceleration
     while k >= 0:
-        s = (control.times[k] - control.real[TIME]) / h
+        s = share_of_step(control, k, h)
         end = s * s * (3.0 - 2.0 * s)
         first, last = h * s * (1.0 - s) * (1.0 - s), h * s * s * (s - 1.0)
         for i in range(len(z1)):
@@ -468,8 +498,9 @@ def land(kernels, system, work, memory, control, h, z1, v1, rate0, acc0, rz, dz,
     status = project(kernels, system, work, memory, at, z1, v1, dz, dv, near, still)
     if status != 0:
         return status
+    note_drift(system, work, control)
     write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rz)
-    move(system, work, control, h, z1, v1)
+    move(control, h, z1, v1)
     return 0
 
 

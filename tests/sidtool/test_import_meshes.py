@@ -241,6 +241,123 @@ def test_what_a_model_asks_of_a_mesh_must_be_there(tmp_path: Path) -> None:
     assert caught.value.place == "markers.crank_pin.mesh_node"
 
 
+CUBE = [(x ^ (y & 1), y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+NEXT = [(x + 1, y + 1, z) for x, y, z in CUBE if (x, y) != (0, 0)]
+SECTION = "*SOLID SECTION, ELSET=E, MATERIAL=S"
+MATERIAL = ["*MATERIAL, NAME=S", "*ELASTIC", "2.1e11, 0.3", "*DENSITY", "7850."]
+BRICK = list(range(1, 9))
+TETRAHEDRA = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
+TETRAHEDRA += [(-1, 0, 0), (0, -1, 0), (0, 0, -1)]
+SQUARE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+
+
+def deck(
+    points: list[tuple[int, ...]],
+    kind: str,
+    elements: list[list[int]],
+    material: list[str] = MATERIAL,
+    section: str = SECTION,
+) -> str:
+    lines = ["*NODE"]
+    lines += [f"{i}, " + ", ".join(map(str, x)) for i, x in enumerate(points, 1)]
+    lines.append(f"*ELEMENT, TYPE={kind}, ELSET=E")
+    lines += [f"{i}, " + ", ".join(map(str, e)) for i, e in enumerate(elements, 1)]
+    return "\n".join([*lines, "*NSET, NSET=HELD", "1, 2, 3, 4", *material, section, ""])
+
+
+def deck_model(folder: Path, text: str, *, held: bool = False) -> Path:
+    (folder / "part.inp").write_text(text)
+    frame = {"type": "tangent", "marker": "p", "clamp": "HELD"}
+    path = mesh_model(
+        folder,
+        "part.inp",
+        frame=frame if held else {"type": "buckens"},
+        markers={"p": {"node": 1, "mesh_node": 1}},
+        reduction={"method": "modal", "modes": 3},
+    )
+    data = json.loads(path.read_text())
+    del data["material"]
+    data["discretisation"]["state"] = "plane_stress" if "CPS" in text else None
+    data["geometry"]["thickness"] = 0.1 if "CPS" in text else None
+    path.write_text(json.dumps(data))
+    return path
+
+
+BAD_DECKS = {
+    "zero volume": (
+        deck([(x, y, 0) for x, y, _ in CUBE], "C3D8", [BRICK]),
+        "no volume",
+    ),
+    "zero area": (
+        deck([(x, 0, 0) for x in range(4)], "CPS4", [[1, 2, 3, 4]]),
+        "no volume|no area",
+    ),
+    "inverted": (deck(SQUARE, "CPS4", [[1, 4, 3, 2]]), "is inverted"),
+    "folded": (
+        deck([*SQUARE[:2], (0, 1, 0), (1, 1, 0)], "CPS4", [[1, 2, 3, 4]]),
+        "fold",
+    ),
+    "twice": (deck(CUBE, "C3D8", [BRICK, BRICK]), "1 and 2 .* have the same nodes"),
+    "apart": (
+        deck(
+            [*CUBE, *((x + 1, y, z) for x, y, z in CUBE)],
+            "C3D8",
+            [BRICK, [n + 8 for n in BRICK]],
+        ),
+        "2 unconnected parts",
+    ),
+    "no section": (deck(CUBE, "C3D8", [BRICK], section=""), "without a material"),
+    "temperature": (
+        deck(CUBE, "C3D8", [BRICK], [*MATERIAL[:3], "1e11, 0.3, 500.", *MATERIAL[3:]]),
+        "constant materials",
+    ),
+    "shell": (deck(SQUARE, "S4R", [[1, 2, 3, 4]]), "S4R is not supported"),
+    "nearly incompressible": (
+        deck(
+            CUBE,
+            "C3D8",
+            [BRICK],
+            ["*MATERIAL, NAME=S", "*ELASTIC", "2.1e11, 0.4999", *MATERIAL[3:]],
+        ),
+        "makes hex8 elements lock",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD_DECKS)
+def test_bad_decks_end_in_a_message(tmp_path: Path, name: str) -> None:
+    text, message = BAD_DECKS[name]
+    with pytest.raises(InputError, match=message) as caught:
+        sid_from_model(deck_model(tmp_path, text))
+    assert caught.value.source == str(tmp_path / "part.inp")
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("name", ["at an edge", "at a node"])
+def test_hinges_between_elements_are_found(
+    tmp_path: Path, name: str, held: bool
+) -> None:
+    """Elements that share less than a face make a mechanism: singular stiffness."""
+    text = deck(TETRAHEDRA, "C3D4", [[1, 2, 3, 4], [1, 6, 5, 7]])
+    if name == "at an edge":
+        points = [*CUBE, *NEXT]
+        number = {point: i for i, point in enumerate(points, 1)}
+        second = [number[x + 1, y + 1, z] for x, y, z in CUBE]
+        text = deck(points, "C3D8", [BRICK, second])
+    with pytest.raises(InputError, match="does not resist every|lost in the rounding"):
+        sid_from_model(deck_model(tmp_path, text, held=held))
+
+
+def test_what_no_element_uses_changes_nothing(tmp_path: Path) -> None:
+    """A free node, and a material that no section names, however wrong."""
+    plain = sid_from_model(deck_model(tmp_path, deck(CUBE, "C3D8", [BRICK])))
+    other = ["*MATERIAL, NAME=X", "*ELASTIC", "-1e5, 0.3", "*DENSITY", "1.", *MATERIAL]
+    more = deck([*CUBE, (5, 5, 5)], "C3D8", [BRICK], other)
+    sid = sid_from_model(deck_model(tmp_path, more))
+    assert sid.mass == plain.mass
+    assert_allclose(sid.Ke.m0, plain.Ke.m0)
+
+
 def importable(module: str) -> bool:
     """Whether a package is there and works with this NumPy."""
     try:
@@ -303,6 +420,110 @@ def test_ansys(tmp_path: Path) -> None:
     imported = read_mesh(path)
     assert imported.mesh.blocks[0].kind == "hex8"
     check_mesh(imported.mesh)
+
+
+NASTRAN = {"hex8": "CHEXA", "hex20": "CHEXA", "tet4": "CTETRA", "tet10": "CTETRA"}
+NASTRAN_HEX20 = [*range(12), *range(16, 20), *range(12, 16)]
+ANSYS = {"hex8": 185, "hex20": 186, "tet4": 285, "tet10": 187}
+
+
+def bdf_text(mesh: Mesh) -> str:
+    """A mesh in the free format of Nastran, eight fields to a line."""
+    (block,) = mesh.blocks
+    lines = ["BEGIN BULK", "PSOLID,7,5", "MAT1,5,2.1+11,,0.3,7850."]
+    for i, x in enumerate(mesh.positions):
+        lines.append(f"GRID,{i + 10},," + ",".join(f"{v:.10f}" for v in x))
+    order = NASTRAN_HEX20 if block.kind == "hex20" else range(block.nodes.shape[1])
+    for label, row in zip(block.labels, block.nodes, strict=True):
+        words = [str(label), "7", *(str(row[k] + 10) for k in order)]
+        groups = [words[k : k + 8] for k in range(0, len(words), 8)]
+        first = f"{NASTRAN[block.kind]}," + ",".join(groups[0])
+        rest = ["," + ",".join(group) for group in groups[1:]]
+        lines += [f"{line}," for line in [first, *rest][:-1]] + [[first, *rest][-1]]
+    left = [str(n + 10) for n in mesh.node_sets["0.0"]]
+    lines += [f"SPC1,9,123,{n}" for n in left]
+    return "\n".join([*lines, "ENDDATA", ""])
+
+
+def cdb_mesh(mesh: Mesh) -> str:
+    """A mesh as ANSYS writes it, with a component of nodes."""
+    (block,) = mesh.blocks
+    n, kind = len(mesh.positions), ANSYS[block.kind]
+    lines = ["/PREP7", f"ET,        1,{kind}"]
+    lines += [f"NBLOCK,6,SOLID,{n:10d},{n:10d}", "(3i9,6e21.13e3)"]
+    for i, x in enumerate(mesh.positions):
+        words = "".join(_fortran(v) for v in x)
+        lines.append(f"{i + 10:9d}{0:9d}{0:9d}" + words)
+    count = len(block.nodes)
+    lines += ["N,R5.3,LOC,       -1,", f"EBLOCK,19,SOLID,{count:10d},{count:10d}"]
+    lines.append("(19i9)")
+    for label, row in zip(block.labels, block.nodes + 10, strict=True):
+        head = [1, 1, 1, 1, 0, 0, 0, 0, len(row), 0, int(label)]
+        words = [*head, *(int(v) for v in row[:8])]
+        lines.append("".join(f"{x:9d}" for x in words))
+        if len(row) > 8:
+            lines.append("".join(f"{int(x):9d}" for x in row[8:]))
+    left = [int(v) + 10 for v in mesh.node_sets["0.0"]]
+    lines += ["       -1", f"CMBLOCK,LEFT    ,NODE,{len(left):8d}", "(8i10)"]
+    for k in range(0, len(left), 8):
+        lines.append("".join(f"{x:10d}" for x in left[k : k + 8]))
+    return "\n".join([*lines, ""])
+
+
+def _fortran(value: float) -> str:
+    mantissa, exponent = f"{value:.13e}".split("e")
+    return f"{mantissa}E{int(exponent):+04d}".rjust(21)
+
+
+BULK: dict[str, tuple[str, str, Callable[[Mesh], str], str]] = {
+    "bdf": ("pyNastran.bdf.bdf", "rod.bdf", bdf_text, "SPC9"),
+    "cdb": ("mapdl_archive", "rod.cdb", cdb_mesh, "LEFT"),
+}
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10"])
+@pytest.mark.parametrize("name", BULK)
+def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> None:
+    """The rod by every element: nodes, order of nodes, sets, and its frequencies."""
+    module, file, writer, clamped = BULK[name]
+    if not importable(module):
+        pytest.skip(f"{module.split('.')[0]} does not work here")
+    mesh = rod_mesh(kind)
+    (tmp_path / file).write_text(writer(mesh))
+    imported = read_mesh(tmp_path / file)
+    assert_allclose(imported.mesh.positions, mesh.positions, atol=1e-9)
+    (block,) = imported.mesh.blocks
+    assert block.kind == kind
+    assert (block.nodes == mesh.blocks[0].nodes).all()
+    assert set(imported.mesh.node_sets[clamped]) == set(mesh.node_sets["0.0"])
+    frame = {"type": "tangent", "marker": "crank_pin", "clamp": clamped}
+    found = sid_from_model(mesh_model(tmp_path, file, frame=frame))
+    (tmp_path / "rod.msh").write_text(msh_2(mesh))
+    expected = sid_from_model(mesh_model(tmp_path, "rod.msh"))
+    assert_allclose(np.diag(found.Ke.m0), np.diag(expected.Ke.m0), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        ("bdf", "CTETRA,1,7,", "CTETRA,1,7,1", "not defined|cannot be read"),
+        ("bdf", "CTETRA,1,7,1,2,3,4", "CBEAM,1,7,1,2,0.,0.,1.", "is a CBEAM"),
+        ("bdf", "GRID,4,,", "GRID,4,6,", "coordinate system 6"),
+        ("cdb", "1,185", "1,181", "of type 181"),
+    ],
+)
+def test_mistakes_in_bulk_data(
+    tmp_path: Path, name: str, old: str, new: str, message: str
+) -> None:
+    module, file, *_ = BULK[name]
+    if not importable(module):
+        pytest.skip(f"{module.split('.')[0]} does not work here")
+    text = BDF if name == "bdf" else cdb_text()
+    assert old in text
+    (tmp_path / file).write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message) as caught:
+        read_mesh(tmp_path / file)
+    assert caught.value.source == str(tmp_path / file)
 
 
 @pytest.mark.parametrize("ending", MESH_READERS)

@@ -1,0 +1,294 @@
+"""Explicit Runge-Kutta of order 8 (DOP853) with variable step, on index-1 equations.
+
+For scenes whose fastest vibration is part of the motion that is asked for: nothing is
+linearised or iterated. Source: E. Hairer, S. P. Norsett, G. Wanner, "Solving Ordinary
+Differential Equations I", sections II.5, II.6 and II.10; the test for stiffness is that
+of E. Hairer, G. Wanner, "... II", section IV.2. Positions and velocities are projected
+onto the constraints after every accepted step.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import boolean, float64, int64, types
+
+from formats.sid import Array
+
+from ..kernels.compiling import entry, inner
+from ..kernels.layout import F1, F2, SYSTEM, WORK
+from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
+from ..kernels.tables import Table, TableType
+from .dop853 import END, STAGES, TABLEAU
+from .stepping import (
+    CHUNK,
+    CONTROL,
+    CRAWLING,
+    FIXED_STEP,
+    NEAR,
+    NOT_FINITE,
+    OFF_CONSTRAINTS,
+    OUTPUT,
+    PERIOD,
+    REACHED,
+    SHARE,
+    STIFF,
+    STILL,
+    TIME,
+    TOO_SMALL,
+    accelerate,
+    all_finite,
+    copy,
+    finish_step,
+    growth,
+    move,
+    next_step,
+    note_drift,
+    output_due,
+    project,
+    scaled_norm,
+    share_of_step,
+    too_small,
+    update_scales,
+)
+
+#: The estimated error falls with this power of the step, less one.
+ORDER_OF_ERROR = 7
+#: `finish_step` keeps a Jacobian up to this contraction: there is none.
+NO_JACOBIAN = -1.0
+#: Steps times the fastest eigenvalue at which stability ends is 6.0 to 6.4.
+STABILITY_LIMIT = 5.0
+#: A run is given up after so many steps that stability has limited, if at their size
+#: it would take so many in all.
+PATIENCE, MOST_STEPS = 200, 200_000
+
+
+class StageSlopes(Table):
+    """StageSlopes of all stages, a stage, the end of the step, and scratch vectors."""
+
+    Kz: Array
+    Kv: Array
+    z: Array
+    v: Array
+    z1: Array
+    v1: Array
+    dz: Array
+    dv: Array
+    p: Array
+
+
+STAGE_SLOPES = TableType(StageSlopes, [F2] * 2 + [F1] * 7)
+
+
+def new_slopes(n_positions: int, n_velocities: int) -> StageSlopes:
+    """Storage for a run."""
+    n, m = n_positions, n_velocities
+    shapes = [(STAGES, n), (STAGES, m), n, m, n, m, n, m, m]
+    return StageSlopes(*(np.zeros(shape) for shape in shapes))
+
+
+@inner(types.void(F1, float64, F1, F2, int64, F1))
+def _add_slopes(y0, h, weights, K, count, y):
+    """y = y0 + h (sum of weighted slopes)."""
+    copy(y0, y)
+    for j in range(count):
+        weight = h * weights[j]
+        if weight != 0.0:
+            for n in range(len(y)):
+                y[n] += weight * K[j, n]
+
+
+@inner(
+    int64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, float64, int64)
+)
+def _stage(kernels, system, work, memory, tableau, control, slopes, h, i):
+    """The slope of stage i; 0 on success."""
+    _add_slopes(control.z, h, tableau.A[i], slopes.Kz, i, slopes.z)
+    _add_slopes(control.v, h, tableau.A[i], slopes.Kv, i, slopes.v)
+    at = control.real[TIME] + tableau.c[i] * h
+    status = accelerate(kernels, system, work, memory, at, slopes.z, slopes.v)
+    kernels.rate(system, slopes.z, slopes.v, slopes.Kz[i])
+    copy(memory.acceleration, slopes.Kv[i])
+    return status
+
+
+@inner(float64(TABLEAU, CONTROL, STAGE_SLOPES, float64))
+def _error(tableau, control, slopes, h):
+    """Norm of the error estimate, made of those of order 5 and 3."""
+    fifth = _estimate(tableau.fifth, control, slopes, h)
+    third = _estimate(tableau.third, control, slopes, h)
+    if fifth == 0.0:
+        return 0.0
+    return fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third)
+
+
+@inner(float64(F1, CONTROL, STAGE_SLOPES, float64))
+def _estimate(weights, control, slopes, h):
+    for x, K in ((slopes.dz, slopes.Kz), (slopes.dv, slopes.Kv)):
+        for n in range(len(x)):
+            x[n] = 0.0
+        _add_slopes(x, h, weights, K, END, x)
+    return scaled_norm(slopes.dz, slopes.dv, control.scale_z, control.scale_v)
+
+
+@inner(types.void(CONTROL, STAGE_SLOPES, float64))
+def _look_for_stiffness(control, slopes, h):
+    """Counts steps that reach the end of stability.
+
+    The last stage and the projected end of the step are two states at one time; how
+    much their slopes differ tells the fastest eigenvalue.
+    """
+    for n in range(len(slopes.dz)):
+        slopes.dz[n] = slopes.Kz[END, n] - slopes.Kz[END - 1, n]
+    for n in range(len(slopes.dv)):
+        slopes.dv[n] = slopes.Kv[END, n] - slopes.Kv[END - 1, n]
+    fast = scaled_norm(slopes.dz, slopes.dv, control.scale_z, control.scale_v)
+    for n in range(len(slopes.dz)):
+        slopes.dz[n] = slopes.z1[n] - slopes.z[n]
+    for n in range(len(slopes.dv)):
+        slopes.dv[n] = slopes.v1[n] - slopes.v[n]
+    slow = scaled_norm(slopes.dz, slopes.dv, control.scale_z, control.scale_v)
+    if h * fast > STABILITY_LIMIT * slow:
+        control.whole[STIFF] += 1
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, float64))
+def _write_outputs(kernels, system, work, memory, tableau, control, slopes, h):
+    """Dense output of order 7 at the times wanted inside the step; 0 on success.
+
+    Its three more stages are only computed when there are such times.
+    """
+    whole = control.whole
+    output, share = whole[OUTPUT], whole[SHARE]
+    k = output_due(control, h)
+    if k < 0:
+        return 0
+    for i in range(END + 1, STAGES):
+        status = _stage(kernels, system, work, memory, tableau, control, slopes, h, i)
+        if status != 0:
+            whole[OUTPUT], whole[SHARE] = output, share
+            return status
+    copy(slopes.Kv[END], memory.acceleration)
+    while k >= 0:
+        x = share_of_step(control, k, h)
+        _interpolate(tableau, control.z, slopes.z1, slopes.Kz, h, x, control.out_z[k])
+        _interpolate(tableau, control.v, slopes.v1, slopes.Kv, h, x, control.out_v[k])
+        k = output_due(control, h)
+    return 0
+
+
+@inner(types.void(TABLEAU, F1, F1, F2, float64, float64, F1))
+def _interpolate(tableau, y0, y1, K, h, x, y):
+    """The polynomial with the states and slopes at both ends, and four terms more."""
+    u = 1.0 - x
+    first, last = x * u * u, -x * x * u
+    end = x - x * u + 2.0 * x * x * u
+    for n in range(len(y)):
+        y[n] = y0[n] + end * (y1[n] - y0[n])
+        y[n] += h * (first * K[0, n] + last * K[END, n])
+    term = x * x * u * u
+    for j in range(len(tableau.dense)):
+        for i in range(STAGES):
+            weight = h * term * tableau.dense[j, i]
+            if weight != 0.0:
+                for n in range(len(y)):
+                    y[n] += weight * K[i, n]
+        term *= x if j % 2 == 0 else u
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, float64))
+def _try_step(kernels, system, work, memory, tableau, control, slopes, h):
+    """All stages and the end of a step; 0 on success."""
+    for i in range(1, END):
+        status = _stage(kernels, system, work, memory, tableau, control, slopes, h, i)
+        if status != 0:
+            return status
+    _add_slopes(control.z, h, tableau.A[END], slopes.Kz, END, slopes.z1)
+    _add_slopes(control.v, h, tableau.A[END], slopes.Kv, END, slopes.v1)
+    return 0
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, float64))
+def _accept(kernels, system, work, memory, tableau, control, slopes, h):
+    """Moves to the end of the step, projected onto the constraints; 0 on success."""
+    real = control.real
+    status = project(
+        kernels,
+        system,
+        work,
+        memory,
+        real[TIME] + h,
+        slopes.z1,
+        slopes.v1,
+        slopes.dv,
+        slopes.p,
+        real[NEAR],
+        real[STILL],
+    )
+    if status != 0:
+        return status
+    note_drift(system, work, control)
+    kernels.rate(system, slopes.z1, slopes.v1, slopes.Kz[END])
+    copy(memory.acceleration, slopes.Kv[END])
+    _look_for_stiffness(control, slopes, h)
+    status = _write_outputs(kernels, system, work, memory, tableau, control, slopes, h)
+    if status != 0:
+        return status
+    move(control, h, slopes.z1, slopes.v1)
+    return 0
+
+
+@inner(boolean(MEMORY, CONTROL, float64))
+def _crawls(memory, control, h):
+    """Whether most steps were short for stability alone, and too many are to come."""
+    stiff = control.whole[STIFF]
+    usual = stiff > PATIENCE and 2 * stiff > memory.counters[STEPS]
+    return usual and control.real[PERIOD] > MOST_STEPS * h
+
+
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, int64))
+def advance(kernels, system, work, memory, tableau, control, slopes, limit):
+    """Steps until the end of the smooth interval or for at most `limit` steps.
+
+    Entered and left with (z, v) on the constraints, accelerations in memory. Returns
+    one of the codes of `stepping`.
+    """
+    whole = control.whole
+    for _ in range(limit):
+        h = next_step(control)
+        if h == 0.0:
+            return REACHED
+        update_scales(system, control)
+        kernels.rate(system, control.z, control.v, slopes.Kz[0])
+        copy(memory.acceleration, slopes.Kv[0])
+        failures = 0
+        while True:
+            if too_small(control, h):
+                return TOO_SMALL
+            error, factor = 0.0, 0.5
+            status = _try_step(
+                kernels, system, work, memory, tableau, control, slopes, h
+            )
+            if status == 0 and whole[FIXED_STEP] == 0:
+                error = _error(tableau, control, slopes, h)
+                factor = growth(ORDER_OF_ERROR, error, 1)
+            if status == 0 and error < 1.0:
+                status = _accept(
+                    kernels, system, work, memory, tableau, control, slopes, h
+                )
+                if status == 0:
+                    break
+                factor = 0.5
+            if whole[FIXED_STEP] == 1:
+                return OFF_CONSTRAINTS
+            failures += 1
+            memory.counters[REJECTED] += 1
+            h *= factor
+        finish_step(control, ORDER_OF_ERROR, NO_JACOBIAN, h, error, 1, failures)
+        memory.counters[STEPS] += 1
+        if not all_finite(control.z, control.v):
+            return NOT_FINITE
+        if whole[FIXED_STEP] == 0 and _crawls(memory, control, h):
+            return CRAWLING
+    return CHUNK
