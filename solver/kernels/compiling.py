@@ -114,7 +114,9 @@ class Entry:
         return dispatcher.overloads[arguments]
 
     def is_cached(self, signature: Any) -> bool:
-        """Whether the machine code is on disk already."""
+        """Whether the machine code is there already, loaded or on disk."""
+        if tuple(signature.args) in self._dispatcher.overloads:
+            return True
         cache = self._dispatcher._cache
         codegen = self._dispatcher.targetctx.codegen()
         saved = cache._cache_file._load_index()
