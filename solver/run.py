@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 
 import numpy as np
@@ -345,10 +346,13 @@ def _counters(memory: Memory) -> dict[str, int | float]:
 
 def versions() -> dict[str, str]:
     """Versions of this program and of what computes under it."""
-    found = {"python": platform.python_version()}
-    for package in ("sidtool", "numpy", "scipy", "numba"):
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+    packages = ("sidtool", "numpy", "scipy", "numba")
+    return {"python": platform.python_version()} | {p: _version(p) for p in packages}
+
+
+@cache
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
