@@ -24,6 +24,8 @@ _FREE_BLOCK = 3
 _TOLERANCE = 1e-12
 #: A direction is nothing new if this share of its square is left.
 _NOTHING = 1e-24
+#: Negative values beside the largest one that are no rounding.
+_NEGATIVE = 1e-9
 
 
 def dominant_vectors(
@@ -43,7 +45,7 @@ def dominant_vectors(
 
     Raises
     ------
-    RuntimeError : they do not converge.
+    RuntimeError : they do not converge, or the operator is not positive.
     """
     space = _Space(operator, mass, count, rigid)
     while True:
@@ -102,6 +104,8 @@ class _Space:
         if self._size < count:
             return None
         values, mixing = np.linalg.eigh(self._small[: self._size, : self._size])
+        if values[0] < -_NEGATIVE * np.abs(values).max():
+            raise RuntimeError("the stiffness does not resist every deformation")
         mixing = mixing[:, ::-1][:, :count]
         ends = mixing[self._size - self._coupling.shape[1] :]
         residuals = np.linalg.norm(self._coupling @ ends, axis=0)
