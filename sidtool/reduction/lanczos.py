@@ -26,6 +26,7 @@ _TOLERANCE = 1e-12
 _NOTHING = 1e-24
 #: Negative values beside the largest one that are no rounding.
 _NEGATIVE = 1e-9
+_MECHANISM = "the stiffness does not resist every deformation"
 
 
 def dominant_vectors(
@@ -82,10 +83,12 @@ class _Space:
 
         Raises
         ------
-        RuntimeError : the space is as large as it may be.
+        RuntimeError : the space is as large as it may be, or the operator is singular.
         """
         first, last = self._size, self._size + self._next.shape[1]
-        if not first < last <= self._limit:
+        if first == last:  # One answer drowns all others.
+            raise RuntimeError(_MECHANISM)
+        if last > self._limit:
             raise RuntimeError("the eigenvectors do not converge")
         self._reserve(last)
         self._vectors[:, first:last] = self._next
@@ -105,7 +108,7 @@ class _Space:
             return None
         values, mixing = np.linalg.eigh(self._small[: self._size, : self._size])
         if values[0] < -_NEGATIVE * np.abs(values).max():
-            raise RuntimeError("the stiffness does not resist every deformation")
+            raise RuntimeError(_MECHANISM)
         mixing = mixing[:, ::-1][:, :count]
         ends = mixing[self._size - self._coupling.shape[1] :]
         residuals = np.linalg.norm(self._coupling @ ends, axis=0)
