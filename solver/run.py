@@ -144,7 +144,7 @@ class _Run:
         settings: Settings,
         start: assembly.Start,
     ) -> None:
-        self.system, self.settings = system, settings
+        self.system, self.method, self.settings = system, method, settings
         self.work: Work = new_work(system)
         self.memory: Memory = new_memory(system, method.pairs)
         self.kernels = kernels(system.planar)
@@ -263,7 +263,7 @@ class _Run:
             position_names=outputs.position_names(self.system),
             velocity_names=outputs.velocity_names(self.system),
             multiplier_names=outputs.multiplier_names(self.system),
-            counters=_counters(self.memory) | seconds,
+            counters=self._counters() | seconds,
             drift={
                 "position": float(self.control.real[stepping.DRIFT]),
                 "velocity": float(self.control.real[stepping.DRIFT_RATE]),
@@ -295,6 +295,11 @@ class _Run:
             for rows, end in zip(found[1:], (last.z, last.v), strict=True)
         )
         return t, z, v
+
+    def _counters(self) -> dict[str, int | float]:
+        stiff = int(self.control.whole[stepping.STIFF])
+        explicit = {"stiff_steps": stiff} if self.method.explicit else {}
+        return _counters(self.memory) | explicit
 
     def _events(self) -> tuple[Event, ...]:
         moments = [*self.breaks, *(self.watch.moments if self.watch else [])]

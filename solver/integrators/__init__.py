@@ -27,6 +27,7 @@ class Integrator:
     pairs : complex eigenvalues of its Newton matrix
     step_loop : its entry kernel, as module:name in `solver`
     prepare : makes the step function of a run
+    explicit : stability may limit its steps, which it then counts
     """
 
     title: str
@@ -35,6 +36,7 @@ class Integrator:
     pairs: int
     step_loop: str
     prepare: Callable[[System, Kernels, Work, Memory, Control], Advance]
+    explicit: bool = False
 
 
 def _radau(stages: int) -> Integrator:
@@ -115,6 +117,7 @@ INTEGRATORS: dict[str, Integrator] = {
         0,
         "integrators.explicit:advance",
         _explicit,
+        explicit=True,
     ),
     "generalised_alpha": _generalised_alpha(0.8),
 }
