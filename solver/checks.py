@@ -13,6 +13,7 @@ from formats.scene import (
     marker_names,
     marker_reference,
     parse_output,
+    watched,
 )
 from formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
@@ -30,7 +31,7 @@ def check_outputs(system: System) -> None:
     ------
     InputError : an elastic coordinate, a multiplier or a stress that does not exist.
     """
-    for text in system.scene.outputs.record:
+    for text in watched(system.scene):
         name = parse_output(text)
         if is_stress(name.quantity):
             check_stress(system, name)

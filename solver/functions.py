@@ -119,7 +119,7 @@ class FunctionTable:
         self._pool = pool
         self._span = span
         self._rows: list[tuple[int, int, int, int]] = []
-        self._breaks: set[float] = set()
+        self._breaks: dict[float, list[str]] = {}
 
     def add(
         self,
@@ -147,7 +147,8 @@ class FunctionTable:
             check_jumps(compiled, self._span, place)
         data = self._pool.add(compiled.data())
         self._rows.append((*compiled.shape, data, compiled.kind))
-        self._breaks.update(compiled.breaks())
+        for t in compiled.breaks():
+            self._breaks.setdefault(t, []).append(place.split(".")[1])
         return len(self._rows) - 1
 
     def table(self) -> IntTable:
@@ -156,8 +157,13 @@ class FunctionTable:
 
     def breaks(self) -> tuple[float, ...]:
         """Times inside the span at which a function is not smooth, then its end."""
+        return (*self.causes(), self._span[1])
+
+    def causes(self) -> dict[float, tuple[str, ...]]:
+        """Drives and forces by the times inside the span at which they break."""
         start, end = self._span
-        return (*sorted(t for t in self._breaks if start < t < end), end)
+        inside = sorted(t for t in self._breaks if start < t < end)
+        return {t: tuple(self._breaks[t]) for t in inside}
 
 
 def compile_function(function: Function, place: str) -> Compiled:

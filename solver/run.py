@@ -7,16 +7,17 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 
 import numpy as np
 
 from formats.errors import InputError
-from formats.result import FlexibleBody, Result
+from formats.result import Event, FlexibleBody, Result
 from formats.scene import output_times
 from formats.sid import Array
 
-from . import assembly, outputs, warmup
+from . import assembly, events, outputs, warmup
 from .bodies import amplitudes, frequencies
 from .body_measures import expected_bodies, reached_bodies
 from .energy_history import History, is_wanted
@@ -49,8 +50,8 @@ _FAILURES = {
     stepping.NOT_FINITE: "a coordinate became infinite or undefined",
     stepping.NO_CONVERGENCE: "Newton's iteration did not converge with the fixed step; "
     "a smaller one may help",
-    stepping.CRAWLING: "the scene is stiff: stability, not accuracy, keeps the steps of "
-    "this explicit method so short that the run would take hundreds of thousands; "
+    stepping.CRAWLING: "the scene is stiff: stability, not accuracy, keeps the steps "
+    "of this explicit method so short that the run would take hundreds of thousands; "
     "use radau5 or radau9",
 }
 
@@ -143,13 +144,21 @@ class _Run:
         settings: Settings,
         start: assembly.Start,
     ) -> None:
-        self.system, self.settings = system, settings
+        self.system, self.method, self.settings = system, method, settings
         self.work: Work = new_work(system)
         self.memory: Memory = new_memory(system, method.pairs)
         self.kernels = kernels(system.planar)
         self.times = output_times(system.scene)
-        self.control = _new_control(system, settings, start, self.times)
+        self.closed = _closed(system, settings)
+        self.watch = None
+        if system.scene.events:
+            self.watch = events.Watch(system, self.kernels, self.closed, method.dense)
+        shares = np.zeros(0) if self.watch is None else self.watch.shares
+        self.control = _new_control(
+            system, settings, start, self.times, shares, self.closed
+        )
         self.history = History() if is_wanted(system.scene) else None
+        self.breaks: list[events.Moment] = []
         self.begin = system.scene.time.start
         self.advance = method.prepare(
             system, self.kernels, self.work, self.memory, self.control
@@ -159,19 +168,29 @@ class _Run:
         """Integrates over all smooth intervals; the reason if one is not finished."""
         control = self.control
         now = self.begin
+        limit = CHUNK if self.watch is None else events.CHUNK
         for stop in self.system.breaks:
             self._enter(now, stop)
             self._remember()
             code = stepping.CHUNK
             while code == stepping.CHUNK:
-                code = self.advance(CHUNK if self.history is None else 1)
+                code = self.advance(limit if self.history is None else 1)
                 self._remember()
+                if self.watch is not None and self.watch.look(control):
+                    return ""
                 if progress is not None:
                     progress(float(control.real[stepping.TIME]))
             if code != stepping.REACHED:
                 return self._failure(code)
+            self._note_breaks(stop)
             now = stop
         return ""
+
+    def _note_breaks(self, t: float) -> None:
+        """Keeps the state where drives or forces are not smooth."""
+        z, v = self.control.z.copy(), self.control.v.copy()
+        for name in self.system.causes.get(t, ()):
+            self.breaks.append(events.Moment(name, "break", t, z, v))
 
     def _remember(self) -> None:
         """Keeps the state at the end of a step when powers are to be integrated."""
@@ -220,33 +239,31 @@ class _Run:
         failure: str,
         expected: Mapping[str, FlexibleBody],
     ) -> Result:
-        count = int(self.control.whole[stepping.OUTPUT])
+        t, z, v = self._recorded()
         recorded = outputs.record(
             self.system,
             self.kernels,
             self.work,
             self.memory,
-            self.times[:count],
-            self.control.out_z[:count],
-            self.control.out_v[:count],
-            self.control.real[[stepping.NEAR, stepping.STILL]],
+            t,
+            z,
+            v,
+            self.closed,
             self.history,
         )
-        bodies = reached_bodies(
-            self.system, recorded.samples, self.times[:count], expected
-        )
+        bodies = reached_bodies(self.system, recorded.samples, t, expected)
         return Result(
             title=self.system.scene.title,
             names=recorded.names,
-            t=self.times[:count],
+            t=t,
             values=recorded.values,
-            positions=self.control.out_z[:count],
-            velocities=self.control.out_v[:count],
+            positions=z,
+            velocities=v,
             multipliers=recorded.multipliers,
             position_names=outputs.position_names(self.system),
             velocity_names=outputs.velocity_names(self.system),
             multiplier_names=outputs.multiplier_names(self.system),
-            counters=_counters(self.memory) | seconds,
+            counters=self._counters() | seconds,
             drift={
                 "position": float(self.control.real[stepping.DRIFT]),
                 "velocity": float(self.control.real[stepping.DRIFT_RATE]),
@@ -257,11 +274,46 @@ class _Run:
                 "step": self.settings.step or 0.0,
             },
             bodies=bodies,
+            events=self._events(),
             scene=self.system.scene.model_dump_json(by_alias=True, exclude_none=True),
             versions=versions(),
             completed=not failure,
-            message=_explained(failure, bodies),
+            message=_explained(failure, bodies) or self._end(),
         )
+
+    def _recorded(self) -> tuple[Array, Array, Array]:
+        """Times, z and v at the output times, and last where an event ended the run."""
+        count = int(self.control.whole[stepping.OUTPUT])
+        found = (self.times, self.control.out_z, self.control.out_v)
+        if self.watch is None or not self.watch.ended:
+            return found[0][:count], found[1][:count], found[2][:count]
+        last = self.watch.moments[-1]
+        count = int(np.searchsorted(self.times[:count], last.t))
+        t = np.append(self.times[:count], last.t)
+        z, v = (
+            np.vstack([rows[:count], end])
+            for rows, end in zip(found[1:], (last.z, last.v), strict=True)
+        )
+        return t, z, v
+
+    def _counters(self) -> dict[str, int | float]:
+        stiff = int(self.control.whole[stepping.STIFF])
+        explicit = {"stiff_steps": stiff} if self.method.explicit else {}
+        return _counters(self.memory) | explicit
+
+    def _events(self) -> tuple[Event, ...]:
+        moments = [*self.breaks, *(self.watch.moments if self.watch else [])]
+        moments.sort(key=lambda moment: moment.t)
+        return events.events_of(
+            moments, self.system, self.kernels, self.closed, self.history
+        )
+
+    def _end(self) -> str:
+        """What ended the run before the end of the time span, if an event did."""
+        if self.watch is None or not self.watch.ended:
+            return ""
+        t = self.watch.moments[-1].t
+        return f"event {self.watch.ended} ended the run at t = {t:.9g} s"
 
 
 def _explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
@@ -288,8 +340,21 @@ def _singular(system: System, t: float, status: int) -> str:
     )
 
 
+def _closed(system: System, settings: Settings) -> Array:
+    """(2,) |c| and |dc/dt| below which constraints are met."""
+    scene = system.scene
+    near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
+    still = CLOSED[0] / (scene.time.end - scene.time.start)
+    return system.length * np.array([near, still])
+
+
 def _new_control(
-    system: System, settings: Settings, start: assembly.Start, times: Array
+    system: System,
+    settings: Settings,
+    start: assembly.Start,
+    times: Array,
+    shares: Array,
+    closed: Array,
 ) -> stepping.Control:
     scene = system.scene
     duration = scene.time.end - scene.time.start
@@ -297,15 +362,14 @@ def _new_control(
     real[stepping.TOLERANCE] = STEP_TOLERANCE * settings.rtol
     real[stepping.LENGTH] = system.length
     real[stepping.PERIOD] = duration
-    closed = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
-    real[stepping.NEAR] = closed * system.length
-    real[stepping.STILL] = CLOSED[0] * system.length / duration
+    real[stepping.NEAR], real[stepping.STILL] = closed
     real[stepping.LARGEST] = 0.1 * duration
     real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
     real[stepping.SPEED] = system.length / duration
     real[stepping.SPIN] = 1.0 / duration
     whole[stepping.FIXED_STEP] = int(settings.step is not None)
-    n, m, count = system.n_positions, system.n_velocities, len(times)
+    n, m = system.n_positions, system.n_velocities
+    count = len(times) + len(shares)
     amplitude, frequency = np.ones(m), np.ones(m)
     axes = 2 if system.planar else 3
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
@@ -323,8 +387,8 @@ def _new_control(
         np.ones(n),
         np.ones(m),
         times,
-        np.zeros(0),
-        np.zeros(0),
+        shares,
+        np.zeros(len(shares)),
         np.zeros((count, n)),
         np.zeros((count, m)),
     )
@@ -345,10 +409,13 @@ def _counters(memory: Memory) -> dict[str, int | float]:
 
 def versions() -> dict[str, str]:
     """Versions of this program and of what computes under it."""
-    found = {"python": platform.python_version()}
-    for package in ("sidtool", "numpy", "scipy", "numba"):
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+    packages = ("sidtool", "numpy", "scipy", "numba")
+    return {"python": platform.python_version()} | {p: _version(p) for p in packages}
+
+
+@cache
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"

@@ -24,6 +24,7 @@ from formats.scene import (
     marker_names,
     marker_reference,
     parse_output,
+    watched,
 )
 from formats.sid import SID, Array
 
@@ -74,7 +75,8 @@ class System:
     markers : (body, marker) to row of the marker table
     rows : constraint rows of each joint and drive
     eliminated : joints and drives that became prescribed frames
-    breaks : times at which a drive is not smooth
+    breaks : times at which a drive or a force is not smooth, then the end
+    causes : drives and forces by the times at which they break
     length : size of the mechanism [m]
     forces : rows of the force table
     from_start : (entry of the pool, constraint row) of constants that the assembled
@@ -89,6 +91,7 @@ class System:
     rows: tuple[Row, ...]
     eliminated: Mapping[str, str]
     breaks: tuple[float, ...]
+    causes: Mapping[float, tuple[str, ...]]
     length: float
     forces: tuple[Element, ...] = field(default=())
     from_start: tuple[tuple[int, int], ...] = field(default=())
@@ -229,6 +232,7 @@ class _Builder:
             rows=rows,
             eliminated=self._eliminated(),
             breaks=self.functions.breaks(),
+            causes=self.functions.causes(),
             length=self._length(markers),
             forces=self.forces,
             from_start=_from_start(constraints, table),
@@ -256,7 +260,7 @@ class _Builder:
         """Bodies whose frame follows from the ground by fixed and driven joints."""
         known = {GROUND_NAME}
         frames: dict[str, _Frame] = {}
-        outputs = [parse_output(text) for text in self.scene.outputs.record]
+        outputs = [parse_output(text) for text in watched(self.scene)]
         wanted = {output.owner for output in outputs}
         if self.keep_joints or any(o.quantity in _OF_ALL_JOINTS for o in outputs):
             return frames
@@ -408,7 +412,7 @@ class _Builder:
         }
         for force in self.forces:
             used |= {m for m in (force.a, force.b) if m is not None}
-        for text in self.scene.outputs.record:
+        for text in watched(self.scene):
             name = parse_output(text)
             if name.marker:
                 used.add((name.owner, name.marker))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from .bodies import FlexibleBody
+from .events import Event
 
 Array = NDArray[np.float64]
 Scalar = bool | int | float | str
@@ -31,9 +32,11 @@ class Result:
     drift : largest constraint residuals: position, velocity
     settings : integrator, rtol, step and whatever else the run was made with
     bodies : what the run asked of each flexible body, see `FlexibleBody`
+    events : crossings that the scene asks for, and breaks, in the order of time
     scene : the scene as JSON
     versions : of this program and of the libraries under it
-    completed : False when the run stopped early, for the reason in `message`
+    completed : False when the run stopped early, for the reason in `message`; True
+        when an event of the scene ended it, which `message` then names
 
     Raises
     ------
@@ -54,6 +57,7 @@ class Result:
     drift: Mapping[str, float] = field(default_factory=dict)
     settings: Mapping[str, Scalar] = field(default_factory=dict)
     bodies: Mapping[str, FlexibleBody] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
     scene: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
     completed: bool = True

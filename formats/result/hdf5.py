@@ -4,7 +4,7 @@ Attributes of the root: format, format_version, title, completed, message. Datas
 t, values, positions, velocities, multipliers, each of the latter four with its columns'
 names in the attribute ``names``; scene (JSON text). Groups counters, drift, settings
 and versions hold their entries as attributes, and so does bodies/NAME for each flexible
-body, see `hdf5_bodies`. The file is sealed, see `seal`.
+body, see `hdf5_bodies`; group events, see `events`. The file is sealed, see `seal`.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ..atomic import atomic_path
 from ..errors import InputError
 from ..seal import BLOCK, check_seal, seal
 from .data import TABLES, Result
+from .events import read_events, write_events
 from .hdf5_bodies import read_bodies, write_bodies
 
 FORMAT = "sidtool result"
@@ -60,6 +61,8 @@ def _write(path: Path, result: Result) -> None:
         for group in _GROUPS:
             file.create_group(group).attrs.update(_storable(getattr(result, group)))
         write_bodies(file.create_group("bodies"), result.bodies)
+        if result.events:
+            write_events(file.create_group("events"), result.events)
 
 
 def read_result(path: str | Path) -> Result:
@@ -113,6 +116,7 @@ def _result(file: h5py.File) -> Result:
         entries = file[group].attrs.items()
         parts[group] = {key: _plain(value) for key, value in entries}
     parts["bodies"] = read_bodies(file.get("bodies"))
+    parts["events"] = read_events(file.get("events"))
     return Result(
         title=str(file.attrs["title"]),
         completed=bool(file.attrs["completed"]),

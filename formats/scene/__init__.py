@@ -12,6 +12,7 @@ from .damping import (
     SidDamping,
 )
 from .drives import Drive, driven_coordinate
+from .events import Event, watched
 from .file import Accuracy, Outputs, SceneFile, Time, output_times, read_scene
 from .forces import (
     Actuator,
@@ -76,6 +77,7 @@ __all__ = [
     "Distance",
     "Drive",
     "ElasticInitial",
+    "Event",
     "Fixed",
     "Force",
     "FrequencyDamping",
@@ -127,4 +129,5 @@ __all__ = [
     "position_3d",
     "read_scene",
     "rotation",
+    "watched",
 ]

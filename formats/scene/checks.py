@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from .bodies import RigidBody
+from .events import check_quantity
 from .failures import fail, known_names
 from .force_checks import check_force
 from .joint_checks import check_drives, check_joint
@@ -49,10 +50,14 @@ def check(scene: SceneFile) -> None:
         check_force(force, f"forces.{name}", scene)
     for index, output in enumerate(scene.outputs.record):
         _check_output(output, f"outputs.record[{index}]", scene)
+    for name, event in scene.events.items():
+        place = f"events.{name}.quantity"
+        _check_output(event.quantity, place, scene)
+        check_quantity(event.quantity, place)
 
 
 def _check_names(scene: SceneFile) -> None:
-    for table in ("bodies", "joints", "drives", "forces"):
+    for table in ("bodies", "joints", "drives", "forces", "events"):
         for name in getattr(scene, table):
             if not NAME.fullmatch(name) or name in RESERVED:
                 fail(

@@ -15,6 +15,7 @@ from .base import Table, Vector
 from .bodies import Body, Ground
 from .checks import check
 from .drives import Drive
+from .events import Event
 from .forces import Force
 from .joints import Joint
 
@@ -71,6 +72,7 @@ class SceneFile(Table):
     joints: dict[str, Joint] = Field(default_factory=dict)
     drives: dict[str, Drive] = Field(default_factory=dict)
     forces: dict[str, Force] = Field(default_factory=dict)
+    events: dict[str, Event] = Field(default_factory=dict)
     outputs: Outputs = Outputs()
 
     @model_validator(mode="after")

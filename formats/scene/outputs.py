@@ -35,6 +35,8 @@ SCENE_QUANTITIES = {
     "energy": ("kinetic", "elastic", "potential", "dissipated", "supplied", "balance"),
     "constraint": ("position", "velocity"),
 }
+#: Those that the state at one time decides and that can take any value.
+INSTANTANEOUS = ("kinetic", "elastic", "potential")
 #: Names that no part of a scene may have.
 RESERVED = frozenset(["ground", *SCENE_QUANTITIES])
 ELASTIC = re.compile(r"(q|vq)([1-9]\d*|\*)")

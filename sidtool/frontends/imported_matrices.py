@@ -14,13 +14,16 @@ from ..importers.matrices import ImportedMatrices, read_arrays, read_matrices
 from ..importers.matrix_checks import (
     balanced,
     check_definite,
+    check_digits,
     check_rigid_motion,
+    printed_rounding,
     scalar_part,
     symmetric,
 )
 from .finite_element_model import FiniteElementModel, MarkerRows
 from .named_sets import NamedSets
 from .patch_markers import at_marker, placed
+from .quadratic_fields import softest_deformation
 
 Indices = NDArray[np.int64]
 
@@ -80,6 +83,9 @@ def _checked_body(
     )
     rigid = bare.rigid_body_modes(np.pad(positions.mean(0), (0, 3 - len(positions.T))))
     check_rigid_motion(k, rigid)
+    rounding = printed_rounding(k, rigid)
+    k = balanced(k, table)
+    check_digits(k, rounding, *softest_deformation(k, m, positions, table))
     _check_mass(float(rigid[:, 0] @ (m @ rigid[:, 0])), geometry.expected_mass)
     markers = []
     for name, marker in placed(model.markers):
@@ -89,7 +95,7 @@ def _checked_body(
     return FiniteElementModel(
         positions=positions,
         scalar_mass=scalar,
-        stiffness=balanced(k, table),
+        stiffness=k,
         node_sets=bare.node_sets,
         markers=tuple(markers),
         full_mass=bare.full_mass,

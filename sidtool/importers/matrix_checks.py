@@ -18,6 +18,9 @@ _RIGID = 1e-5
 #: What counts as zero: printed digits, and mass matrices integrated with few points,
 #: as CalculiX's of tetrahedra, which are singular.
 _DIGITS = 1e-5
+#: The most that rounding may change the energy of bending by, as a bound; the change
+#: itself is some ten times smaller.
+_LOST = 0.1
 _MOTIONS = ("x", "y", "z", "rotation about x", "rotation about y", "rotation about z")
 
 
@@ -141,6 +144,41 @@ def balanced(stiffness: sp.csr_matrix, table: NDArray[np.int64]) -> sp.csr_matri
     columns = np.broadcast_to(dofs[:, None, :], blocks.shape)
     entries = (blocks.ravel(), (rows.ravel(), columns.ravel()))
     return sp.csr_matrix(stiffness - sp.csr_matrix(entries, shape=stiffness.shape))
+
+
+def check_digits(
+    stiffness: sp.csr_matrix, rounding: float, value: float, vector: Array
+) -> None:
+    """Whether the printed digits of a balanced stiffness tell how it bends.
+
+    Entries rounded to a relative `rounding` r change the energy of a vector v by at
+    most r sum_ij |K_ij| (v_i - v_j)^2.
+
+    Parameters
+    ----------
+    rounding : see `printed_rounding`
+    value, vector : of the softest quadratic deformation, v^T K v
+
+    Raises
+    ------
+    InputError : they hardly do.
+    """
+    sizes = abs(stiffness)
+    ones = np.ones(len(vector))
+    change = 2 * ((vector**2) @ (sizes @ ones) - vector @ (sizes @ vector))
+    if rounding * change > _LOST * value:
+        raise InputError(
+            f"the stiffness is rounded to {rounding:.0e}, which hides how the body "
+            "bends",
+            place="stiffness",
+            expected="an export with more digits",
+        )
+
+
+def printed_rounding(stiffness: sp.csr_matrix, rigid: Array) -> float:
+    """The relative rounding of entries, from the forces under rigid motion."""
+    forces = np.abs(stiffness @ rigid).max(axis=0)
+    return float((forces / (abs(stiffness) @ np.abs(rigid)).max(axis=0)).max())
 
 
 def scalar_part(mass: sp.csr_matrix, table: NDArray[np.int64]) -> sp.csr_matrix | None:

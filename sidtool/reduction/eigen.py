@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from formats.errors import InputError
 
 from ..frontends.finite_element_model import Indices
-from ..vectors import LEVI_CIVITA
+from ..frontends.quadratic_fields import softest_deformation
 from .factors import engine_name, symmetric_factors
 from .lanczos import dominant_vectors
 from .pencil import Pencil
@@ -179,8 +179,7 @@ def free_body_shift(
 ) -> float:
     """A negative shift of the size of the first elastic eigenvalue [1/s^2].
 
-    The Ritz value of the lowest deformation among quadratic displacement fields: it
-    depends on the body, not on the mesh.
+    That of the softest quadratic deformation: it depends on the body, not on the mesh.
 
     Parameters
     ----------
@@ -196,13 +195,7 @@ def free_body_shift(
     if table is None:
         table = np.full((n, 6), -1)
         table[:, :d] = np.arange(n * d).reshape(n, d)
-    ansatz = _quadratic_fields(positions, table, stiffness.shape[0])
-    small = [ansatz.T @ (matrix @ ansatz) for matrix in (stiffness, mass)]
-    values, vectors = scipy.linalg.eigh(small[1])
-    kept = values > 1e-12 * values[-1]
-    basis = vectors[:, kept] / np.sqrt(values[kept])
-    values = scipy.linalg.eigvalsh(basis.T @ small[0] @ basis)
-    first = float(values[d * (d + 1) // 2])
+    first, _ = softest_deformation(stiffness, mass, positions, table)
     if first <= 0.0:
         raise InputError(
             "the stiffness does not resist every deformation, or is lost in rounding",
@@ -210,32 +203,3 @@ def free_body_shift(
             "and faces in space) and of less thin elements",
         )
     return -first
-
-
-def _quadratic_fields(positions: Array, table: Indices, ndof: int) -> Array:
-    """(ndof, count) all quadratic displacement fields and their rotations."""
-    d = positions.shape[1]
-    length = np.ptp(positions, axis=0).max() or 1.0
-    x = (positions - positions.mean(axis=0)) / length
-    pairs = [(a, b) for a in range(d) for b in range(a, d)]
-    values = np.column_stack(
-        [np.ones(len(x)), x, *(x[:, a] * x[:, b] for a, b in pairs)]
-    )
-    count = values.shape[1]
-    fields = np.zeros((ndof, count * d))
-    for axis in range(d):
-        there = table[:, axis] >= 0
-        fields[table[there, axis], axis::d] = values[there]
-    if (table[:, 3:] < 0).all():
-        return fields
-    slopes = np.zeros((len(x), count, 3))
-    slopes[:, range(1, d + 1), range(d)] = 1.0 / length
-    for k, (a, b) in enumerate(pairs, d + 1):
-        slopes[:, k, a] += x[:, b] / length
-        slopes[:, k, b] += x[:, a] / length
-    for turn in range(3):
-        there = table[:, 3 + turn] >= 0
-        for axis in range(d):
-            curl = slopes[there] @ LEVI_CIVITA[turn, :, axis] / 2
-            fields[table[there, 3 + turn], axis::d] = curl
-    return fields

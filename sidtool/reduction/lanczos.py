@@ -24,6 +24,9 @@ _FREE_BLOCK = 3
 _TOLERANCE = 1e-12
 #: A direction is nothing new if this share of its square is left.
 _NOTHING = 1e-24
+#: Negative values beside the largest one that are no rounding.
+_NEGATIVE = 1e-9
+_MECHANISM = "the stiffness does not resist every deformation"
 
 
 def dominant_vectors(
@@ -43,7 +46,7 @@ def dominant_vectors(
 
     Raises
     ------
-    RuntimeError : they do not converge.
+    RuntimeError : they do not converge, or the operator is not positive.
     """
     space = _Space(operator, mass, count, rigid)
     while True:
@@ -80,10 +83,12 @@ class _Space:
 
         Raises
         ------
-        RuntimeError : the space is as large as it may be.
+        RuntimeError : the space is as large as it may be, or the operator is singular.
         """
         first, last = self._size, self._size + self._next.shape[1]
-        if not first < last <= self._limit:
+        if first == last:  # One answer drowns all others.
+            raise RuntimeError(_MECHANISM)
+        if last > self._limit:
             raise RuntimeError("the eigenvectors do not converge")
         self._reserve(last)
         self._vectors[:, first:last] = self._next
@@ -102,6 +107,8 @@ class _Space:
         if self._size < count:
             return None
         values, mixing = np.linalg.eigh(self._small[: self._size, : self._size])
+        if values[0] < -_NEGATIVE * np.abs(values).max():
+            raise RuntimeError(_MECHANISM)
         mixing = mixing[:, ::-1][:, :count]
         ends = mixing[self._size - self._coupling.shape[1] :]
         residuals = np.linalg.norm(self._coupling @ ends, axis=0)

@@ -23,16 +23,20 @@ class Integrator:
     """One entry of the registry.
 
     order : order of convergence of positions
+    dense : degree of its dense output as a polynomial of time
     pairs : complex eigenvalues of its Newton matrix
     step_loop : its entry kernel, as module:name in `solver`
     prepare : makes the step function of a run
+    explicit : stability may limit its steps, which it then counts
     """
 
     title: str
     order: int
+    dense: int
     pairs: int
     step_loop: str
     prepare: Callable[[System, Kernels, Work, Memory, Control], Advance]
+    explicit: bool = False
 
 
 def _radau(stages: int) -> Integrator:
@@ -51,7 +55,7 @@ def _radau(stages: int) -> Integrator:
 
     title = f"Radau IIA of order {2 * stages - 1}, index 1, projected"
     loop = "integrators.radau:advance"
-    return Integrator(title, 2 * stages - 1, (stages - 1) // 2, loop, prepare)
+    return Integrator(title, 2 * stages - 1, stages, (stages - 1) // 2, loop, prepare)
 
 
 def _trapezoidal(
@@ -91,7 +95,7 @@ def _generalised_alpha(rho: float) -> Integrator:
         )
 
     title = f"Generalised-alpha, index 3, spectral radius {rho:g}"
-    return Integrator(title, 2, 0, "integrators.generalised_alpha:advance", prepare)
+    return Integrator(title, 2, 3, 0, "integrators.generalised_alpha:advance", prepare)
 
 
 INTEGRATORS: dict[str, Integrator] = {
@@ -101,6 +105,7 @@ INTEGRATORS: dict[str, Integrator] = {
     "trapezoidal": Integrator(
         "Trapezoidal rule, index 1, projected",
         2,
+        3,
         0,
         "integrators.trapezoidal:advance",
         _trapezoidal,
@@ -108,9 +113,11 @@ INTEGRATORS: dict[str, Integrator] = {
     "dop853": Integrator(
         "Explicit Runge-Kutta of order 8 (Dormand-Prince), index 1, projected",
         8,
+        7,
         0,
         "integrators.explicit:advance",
         _explicit,
+        explicit=True,
     ),
     "generalised_alpha": _generalised_alpha(0.8),
 }

@@ -68,21 +68,24 @@ INNER_OPTIONS: dict[str, Any] = {
 }
 
 
+_known_calls: dict[Any, Any] = {}
+
+
 @contextmanager
 def _remembered_calls() -> Iterator[None]:
-    """Finds out once what an operator on numbers of certain types returns.
+    """Finds out once what an operator returns for arguments of certain types.
 
     The compiler tries all overloads for each + in the code anew, a third of its time.
     """
     operators: Any = types.Function
-    resolve, known = operators.get_call_type, {}
+    resolve = operators.get_call_type
 
     def remembered(self: Any, context: Any, args: Any, kws: Any) -> Any:
-        if kws or not all(isinstance(a, types.Number | types.Boolean) for a in args):
+        if kws:
             return resolve(self, context, args, kws)
-        if (self, args) not in known:
-            known[self, args] = resolve(self, context, args, kws)
-        return known[self, args]
+        if (self, args) not in _known_calls:
+            _known_calls[self, args] = resolve(self, context, args, kws)
+        return _known_calls[self, args]
 
     operators.get_call_type = remembered
     try:
@@ -114,7 +117,9 @@ class Entry:
         return dispatcher.overloads[arguments]
 
     def is_cached(self, signature: Any) -> bool:
-        """Whether the machine code is on disk already."""
+        """Whether the machine code is there already, loaded or on disk."""
+        if tuple(signature.args) in self._dispatcher.overloads:
+            return True
         cache = self._dispatcher._cache
         codegen = self._dispatcher.targetctx.codegen()
         saved = cache._cache_file._load_index()

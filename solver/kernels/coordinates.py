@@ -4,9 +4,13 @@ Variations of z_I are written in the tangent space, with as many entries as z_II
 translation resolved in the body frame, a small rotation in the body frame, and the
 elastic coordinates. There z_I' = Z z_II varies as
 
-    dx' = dv + dtheta x v,    dtheta' = domega - omega x dtheta,    dq' = dq',
+    dx' = dv + dtheta x v,    dtheta' = domega - omega x dtheta / 2 + omega dr,
+    dr' = -omega . dtheta / 4,    dq' = dq',
 
-in short dz_I' = E dz_I + dz_II. The frames are columns of Work.frame.
+in short dz_I' = E dz_I + dz_II, where dr is the change of length of a quaternion
+p = p0 (1 + dr, dtheta / 2), whose components are integrated freely (in the plane an
+angle stands for it). Only the tangent part is kept; dr follows from it. The frames
+are columns of Work.frame.
 """
 
 from __future__ import annotations
@@ -59,9 +63,9 @@ def rate(system, z, v, out):
             out[p + row[NP] - nq + k] = v[u + rd + k]
 
 
-@inner(*[types.void(SYSTEM, F2, A, A) for A in (F1, C1)])
-def resolve(system, frame, z, x):
-    """A variation of z_I, from coordinates (z) to the tangent space (x)."""
+@inner(*[types.void(SYSTEM, F2, X, A, A) for X, A in ((float64, F1), (complex128, C1))])
+def resolve(system, frame, mu, z, x):
+    """A right-hand side z of (mu - E) dz_I, from coordinates to the tangent space."""
     for b in range(len(system.body)):
         row = system.body[b]
         p, u, rd, nq = row[POS], row[VEL], row[RD], row[NQ]
@@ -79,9 +83,12 @@ def resolve(system, frame, z, x):
             if rd == 6:
                 a, b1, b2, b3 = g[P], g[P + 1], g[P + 2], g[P + 3]
                 r, r1, r2, r3 = z[p + 3], z[p + 4], z[p + 5], z[p + 6]
+                stretch = (a * r + b1 * r1 + b2 * r2 + b3 * r3) / mu
                 x[u + 3] = 2.0 * (a * r1 - b1 * r + b3 * r2 - b2 * r3)
                 x[u + 4] = 2.0 * (a * r2 - b2 * r + b1 * r3 - b3 * r1)
                 x[u + 5] = 2.0 * (a * r3 - b3 * r + b2 * r1 - b1 * r2)
+                for i in range(3):
+                    x[u + 3 + i] += stretch * g[OMEGA + i]
         for k in range(nq):
             x[u + rd + k] = z[p + row[NP] - nq + k]
 
@@ -101,14 +108,13 @@ def respond(system, frame, mu, x):
             x[u] -= g[VY] * x[u + 2]
             x[u + 1] += g[VX] * x[u + 2]
         elif rd == 6:
-            w1, w2, w3 = g[OMEGA], g[OMEGA + 1], g[OMEGA + 2]
+            w1, w2, w3 = 0.5 * g[OMEGA], 0.5 * g[OMEGA + 1], 0.5 * g[OMEGA + 2]
             v1, v2, v3 = g[V], g[V + 1], g[V + 2]
             t1, t2, t3 = x[u + 3], x[u + 4], x[u + 5]
-            dot = w1 * t1 + w2 * t2 + w3 * t3
-            scale = inverse / (mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
-            a1 = (mu * mu * t1 - mu * (w2 * t3 - w3 * t2) + dot * w1) * scale
-            a2 = (mu * mu * t2 - mu * (w3 * t1 - w1 * t3) + dot * w2) * scale
-            a3 = (mu * mu * t3 - mu * (w1 * t2 - w2 * t1) + dot * w3) * scale
+            scale = 1.0 / (mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
+            a1 = (mu * t1 - w2 * t3 + w3 * t2) * scale
+            a2 = (mu * t2 - w3 * t1 + w1 * t3) * scale
+            a3 = (mu * t3 - w1 * t2 + w2 * t1) * scale
             x[u + 3], x[u + 4], x[u + 5] = a1, a2, a3
             x[u] += a2 * v3 - a3 * v2
             x[u + 1] += a3 * v1 - a1 * v3
@@ -137,17 +143,16 @@ def add_row_response(system, frame, b, mu, source, at, out, to):
         turn = source[at + 1] * g[VX] - source[at] * g[VY]
         out[to + 2] += turn * inverse * inverse
     elif rd == 6:
-        w1, w2, w3 = g[OMEGA], g[OMEGA + 1], g[OMEGA + 2]
+        w1, w2, w3 = 0.5 * g[OMEGA], 0.5 * g[OMEGA + 1], 0.5 * g[OMEGA + 2]
         v1, v2, v3 = g[V], g[V + 1], g[V + 2]
         s1, s2, s3 = source[at], source[at + 1], source[at + 2]
         t1 = source[at + 3] + (v2 * s3 - v3 * s2) * inverse
         t2 = source[at + 4] + (v3 * s1 - v1 * s3) * inverse
         t3 = source[at + 5] + (v1 * s2 - v2 * s1) * inverse
-        dot = w1 * t1 + w2 * t2 + w3 * t3
-        scale = inverse / (mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
-        out[to + 3] += (mu * mu * t1 + mu * (w2 * t3 - w3 * t2) + dot * w1) * scale
-        out[to + 4] += (mu * mu * t2 + mu * (w3 * t1 - w1 * t3) + dot * w2) * scale
-        out[to + 5] += (mu * mu * t3 + mu * (w1 * t2 - w2 * t1) + dot * w3) * scale
+        scale = 1.0 / (mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
+        out[to + 3] += (mu * t1 + w2 * t3 - w3 * t2) * scale
+        out[to + 4] += (mu * t2 + w3 * t1 - w1 * t3) * scale
+        out[to + 5] += (mu * t3 + w1 * t2 - w2 * t1) * scale
 
 
 @inner(
@@ -159,8 +164,7 @@ def add_row_response(system, frame, b, mu, source, at, out, to):
 def lift(system, frame, mu, x, r, out):
     """A variation of z_I, from the tangent space (x) to coordinates (out).
 
-    The part of the right-hand side r along a quaternion has no tangent; its response
-    r / mu is added.
+    Quaternions change their length too, by what the right-hand side r holds of it.
     """
     for b in range(len(system.body)):
         row = system.body[b]
@@ -179,7 +183,8 @@ def lift(system, frame, mu, x, r, out):
                 a, b1, b2, b3 = g[P], g[P + 1], g[P + 2], g[P + 3]
                 t1, t2, t3 = 0.5 * x[u + 3], 0.5 * x[u + 4], 0.5 * x[u + 5]
                 along = a * r[p + 3] + b1 * r[p + 4] + b2 * r[p + 5] + b3 * r[p + 6]
-                along = along / mu
+                turning = g[OMEGA] * t1 + g[OMEGA + 1] * t2 + g[OMEGA + 2] * t3
+                along = (along - 0.5 * turning) / mu
                 out[p + 3] = along * a - b1 * t1 - b2 * t2 - b3 * t3
                 out[p + 4] = along * b1 + a * t1 + b2 * t3 - b3 * t2
                 out[p + 5] = along * b2 + a * t2 + b3 * t1 - b1 * t3

@@ -310,7 +310,7 @@ def newton_solve(
     x and p have one entry per velocity, g one per row of the Newton matrix.
     """
     system = system.newton
-    resolve(system, memory.frame, r, x)
+    resolve(system, memory.frame, mu, r, x)
     respond(system, memory.frame, mu, x)
     for i in range(len(g)):
         g[i] = 0.0
@@ -331,7 +331,7 @@ def newton_solve(
                 total += memory.M[entry] * s[first + k] - work.Rp[entry] * x[first + k]
             p[first + i] = total
     saddle_solve(system, lapack, A, G, Y, S, pivots, row_pivots, p, g)
-    resolve(system, memory.frame, r, x)
+    resolve(system, memory.frame, mu, r, x)
     for i in range(len(s)):
         s[i] = p[i]
         x[i] += p[i]

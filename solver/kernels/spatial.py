@@ -142,17 +142,18 @@ def column(a, at, stride, k):
 
 @inner(types.void(F1, int64, F1, int64))
 def rotation_matrix(p, at, out, to):
-    """Rotation matrix, by rows, of the unit quaternion p[at:at+4]."""
+    """Rotation matrix, by rows, of the quaternion p[at:at+4], of any length."""
     a, b, c, d = p[at], p[at + 1], p[at + 2], p[at + 3]
-    out[to] = 1.0 - 2.0 * (c * c + d * d)
-    out[to + 1] = 2.0 * (b * c - a * d)
-    out[to + 2] = 2.0 * (b * d + a * c)
-    out[to + 3] = 2.0 * (b * c + a * d)
-    out[to + 4] = 1.0 - 2.0 * (b * b + d * d)
-    out[to + 5] = 2.0 * (c * d - a * b)
-    out[to + 6] = 2.0 * (b * d - a * c)
-    out[to + 7] = 2.0 * (c * d + a * b)
-    out[to + 8] = 1.0 - 2.0 * (b * b + c * c)
+    n = 2.0 / (a * a + b * b + c * c + d * d)
+    out[to] = 1.0 - n * (c * c + d * d)
+    out[to + 1] = n * (b * c - a * d)
+    out[to + 2] = n * (b * d + a * c)
+    out[to + 3] = n * (b * c + a * d)
+    out[to + 4] = 1.0 - n * (b * b + d * d)
+    out[to + 5] = n * (c * d - a * b)
+    out[to + 6] = n * (b * d - a * c)
+    out[to + 7] = n * (c * d + a * b)
+    out[to + 8] = 1.0 - n * (b * b + c * c)
 
 
 @inner(types.void(SYSTEM, int64, F1, F1, F1))
@@ -170,20 +171,21 @@ def frame_rate(system, b, z, v, out):
         quaternion[at + 3],
     )
     v1, v2, v3 = v[u], v[u + 1], v[u + 2]
+    n = 2.0 / (a * a + b1 * b1 + c * c + d * d)
     out[p] = (
-        (1.0 - 2.0 * (c * c + d * d)) * v1
-        + 2.0 * (b1 * c - a * d) * v2
-        + 2.0 * (b1 * d + a * c) * v3
+        (1.0 - n * (c * c + d * d)) * v1
+        + n * (b1 * c - a * d) * v2
+        + n * (b1 * d + a * c) * v3
     )
     out[p + 1] = (
-        2.0 * (b1 * c + a * d) * v1
-        + (1.0 - 2.0 * (b1 * b1 + d * d)) * v2
-        + 2.0 * (c * d - a * b1) * v3
+        n * (b1 * c + a * d) * v1
+        + (1.0 - n * (b1 * b1 + d * d)) * v2
+        + n * (c * d - a * b1) * v3
     )
     out[p + 2] = (
-        2.0 * (b1 * d - a * c) * v1
-        + 2.0 * (c * d + a * b1) * v2
-        + (1.0 - 2.0 * (b1 * b1 + c * c)) * v3
+        n * (b1 * d - a * c) * v1
+        + n * (c * d + a * b1) * v2
+        + (1.0 - n * (b1 * b1 + c * c)) * v3
     )
     if row[RD] == 6:
         w1, w2, w3 = 0.5 * v[u + 3], 0.5 * v[u + 4], 0.5 * v[u + 5]

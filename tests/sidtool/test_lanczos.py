@@ -62,6 +62,14 @@ def test_an_exhausted_space_is_left() -> None:
     assert_allclose(vectors[7:], 0, atol=1e-10)
 
 
+def test_an_operator_that_is_not_positive_is_refused() -> None:
+    """A mechanism: the factors of its singular stiffness have any sign."""
+    scale = np.append(-1e14, 1 / np.linspace(1, 40, 399))[:, None]
+    mass = sp.csr_matrix(sp.eye_array(400))
+    with pytest.raises(RuntimeError, match="does not resist every deformation"):
+        dominant_vectors(lambda x: scale * x, mass, 5, np.zeros((400, 0)))
+
+
 def test_known_rigid_motions_are_kept() -> None:
     values = np.concatenate([np.zeros(6), np.linspace(1, 40, 394)])
     turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(400, 400)))

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from formats.errors import InputError
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.reduction import running
 from sidtool.reduction.eigen import lowest_eigenpairs
 from sidtool.reduction.factors import ENGINES, engine_name
 from sidtool.reduction.memory import expected_gigabytes
@@ -53,6 +54,20 @@ def test_memory_is_said_before_the_work() -> None:
     sid_from_model(rod(), heard.append)
     assert any("GB" in text for text in heard)
     assert heard.index(next(t for t in heard if "GB" in t)) == 1
+
+
+def test_progress_comes_from_inside_the_solution(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is factorised, and how many blocks of vectors were solved for."""
+    monkeypatch.setattr(running, "_INTERVAL", 0.0)
+    heard: list[str] = []
+    settings = {"type": "q4", "elements": [60, 4]}
+    sid_from_model(rod(settings), heard.append, engine="superlu")
+    first = heard.index("factorising 600 equations by superlu")
+    counts = [text for text in heard if text.startswith("eigenvectors: ")]
+    assert counts[:2] == [f"eigenvectors: {i} blocks of solutions" for i in (1, 2)]
+    assert first < heard.index(counts[0]) < heard.index("integrating the inertia")
 
 
 def test_memory_grows_with_the_size() -> None:

@@ -131,12 +131,15 @@ def _moving(system: System, seed: int) -> Probe:
 
 
 @pytest.mark.parametrize("mu", [3.0, 2.0 + 5.0j])
-def test_newton_matrix_is_that_of_the_differential_equation(mu: complex) -> None:
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_newton_matrix_is_that_of_the_differential_equation(
+    dimension: str, mu: complex
+) -> None:
     """(mu - J) (dz, dv) = (r, s), J the Jacobian of (z_I', z_II') by differences.
 
     Point joints, whose Jacobian leaves nothing out.
     """
-    system = mechanism("planar", 4)
+    system = mechanism(dimension, 4)
     probe, memory = _moving(system, 2), new_memory(system, 1)
     arrays, z, v = system.arrays, probe.z, probe.v
     solve(arrays, probe.work, memory)

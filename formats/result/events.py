@@ -1,0 +1,56 @@
+"""Events of a run, and how they stand in HDF5."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_TEXTS, _ROWS = ("name", "kind"), ("t", "values", "positions", "velocities")
+
+
+@dataclass(frozen=True, eq=False)
+class Event:
+    """What happened at one moment of a run.
+
+    Attributes
+    ----------
+    name : of the event in the scene; of the drive or force for a break
+    kind : "rising" or "falling" for a crossing; "break" where a drive or a force goes
+        over from one piece to the next, so that the integration starts anew
+    t : [s]
+    values : the outputs of the result, (n outputs,)
+    positions, velocities : the full state
+    """
+
+    name: str
+    kind: str
+    t: float
+    values: Array
+    positions: Array
+    velocities: Array
+
+
+def write_events(group: h5py.Group, events: Sequence[Event]) -> None:
+    """One dataset per attribute, one row per event."""
+    for key in _TEXTS:
+        texts = [getattr(event, key) for event in events]
+        group.create_dataset(key, data=texts, dtype=h5py.string_dtype())
+    for key in _ROWS:
+        group[key] = np.array([getattr(event, key) for event in events], float)
+
+
+def read_events(group: h5py.Group | None) -> tuple[Event, ...]:
+    """Inverse of `write_events`; results without events have no such group."""
+    if group is None:
+        return ()
+    texts = [group[key].asstr()[()] for key in _TEXTS]
+    rows = [np.asarray(group[key][()], float) for key in _ROWS]
+    return tuple(
+        Event(str(name), str(kind), float(t), *states)
+        for name, kind, t, *states in zip(*texts, *rows, strict=True)
+    )

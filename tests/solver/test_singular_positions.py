@@ -1,0 +1,234 @@
+"""Positions in which a mechanism could move on in several ways, or in none.
+
+Crank and rod of the same length: with the crank upright the piston passes its pivot and
+two motions cross, the rod folding back (piston at 2 cos) and crank and rod turning
+together (piston at rest).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from formats.errors import InputError
+from solver import simulate
+from solver.errors import SimulationError
+from solver.integrators import INTEGRATORS
+from solver.scene import System
+from tests.solver.scenes import (
+    GRAVITY,
+    Probe,
+    compiled,
+    polynomial,
+    scene,
+    slender_rod,
+)
+
+QUARTER = 0.5 * math.pi
+INDEX_1 = set(INTEGRATORS) - {"generalised_alpha"}
+
+
+def slider_crank(
+    start: float,
+    rod: float = 1.0,
+    speeds: tuple[float, float] = (0.0, 0.0),
+    drive: dict[str, Any] | None = None,
+    end: float = 4.0,
+    **more: Any,
+) -> System:
+    """Crank of 1 m at the angle `start`; speeds of crank and rod.
+
+    drive : function of the crank angle or, with a key `marker`, a whole drive
+    """
+    tip = [math.cos(start), math.sin(start)]
+    lean = -math.asin(tip[1] / rod)
+    crank, turning = speeds
+    pin = [-crank * tip[1], crank * tip[0]]
+    piston = pin[0] - turning * rod * math.sin(lean)
+    bodies = {
+        "crank": slender_rod(1.0, 0.3, angle=start, angular_velocity=crank),
+        "rod": slender_rod(
+            rod, 0.3, position=tip, angle=lean, velocity=pin, angular_velocity=turning
+        ),
+        "piston": {
+            "mass": 1.0,
+            "initial": {
+                "position": [tip[0] + rod * math.cos(lean), 0.0],
+                "velocity": [piston, 0.0],
+            },
+        },
+    }
+    joints = {
+        "bearing": {"type": "revolute", "markers": ["ground", "crank.a"]},
+        "pin": {"type": "revolute", "markers": ["crank.b", "rod.a"]},
+        "tip": {"type": "revolute", "markers": ["rod.b", "piston"]},
+        "guide": {"type": "point_on_line", "markers": ["ground", "piston"]},
+    }
+    drives = {}
+    if drive is not None:
+        turn = {"joint": "bearing", "function": drive}
+        drives["drive"] = drive if "marker" in drive else turn
+    record = ["piston.x", "crank.angle", "rod.angle", "guide.f1"]
+    return compiled(
+        scene(bodies, joints, drives, end=end, steps=100, record=record, **more)
+    )
+
+
+@pytest.mark.parametrize("integrator", sorted(INTEGRATORS))
+def test_a_driven_crank_passes_the_dead_point(integrator: str) -> None:
+    """Momentum carries the rod through; no force is large on the way."""
+    system = slider_crank(0.0, speeds=(1.0, -1.0), drive=polynomial(0.0, 1.0))
+    result = simulate(system, integrator=integrator, rtol=1e-6)
+    assert result["piston.x"] == pytest.approx(2.0 * np.cos(result.t), abs=1e-6)
+    assert np.abs(result["guide.f1"]).max() < 5.0
+    assert result.drift["position"] < 1e-11
+
+
+def test_a_free_crank_passes_the_dead_point_with_its_energy() -> None:
+    """Folding back, by gravity alone, several times."""
+    system = slider_crank(0.3, speeds=(5.0, -5.0), gravity=[0.0, -GRAVITY])
+    result = simulate(system, integrator="radau9", rtol=1e-9)
+    angle = result["crank.angle"]
+    assert np.ptp(angle) > math.pi
+    energy = [
+        0.5 * v @ Probe(system, t, z, v).mass @ v + 0.3 * GRAVITY * math.sin(a)
+        for t, z, v, a in zip(
+            result.t, result.positions, result.velocities, angle, strict=True
+        )
+    ]
+    assert np.ptp(energy) < 1e-6
+    assert result["rod.angle"] == pytest.approx(-angle, abs=1e-6)
+
+
+@pytest.mark.parametrize("integrator", sorted(INDEX_1))
+@pytest.mark.parametrize("driven", [True, False], ids=["driven", "free"])
+@pytest.mark.parametrize("turning", [-1.0, 1.0], ids=["folding", "together"])
+def test_velocities_choose_the_motion_out_of_a_singular_start(
+    integrator: str, driven: bool, turning: float
+) -> None:
+    system = slider_crank(
+        QUARTER,
+        speeds=(1.0, turning),
+        drive=polynomial(QUARTER, 1.0) if driven else None,
+        end=1.0,
+    )
+    result = simulate(system, integrator=integrator, rtol=1e-6)
+    angle = result["crank.angle"]
+    straight = 2.0 * np.cos(angle) if turning < 0.0 else 0.0 * angle
+    assert result["piston.x"] == pytest.approx(straight, abs=1e-6)
+    rod = -angle if turning < 0.0 else angle - math.pi
+    assert result["rod.angle"] == pytest.approx(rod, abs=1e-6)
+    assert np.isfinite(result.multipliers).all()
+
+
+def test_the_method_of_index_3_stops_where_positions_alone_do_not_lead_on() -> None:
+    """It finds positions from c = 0, which has two solutions beside the start."""
+    system = slider_crank(QUARTER, speeds=(1.0, -1.0), end=1.0)
+    with pytest.raises(SimulationError, match="the step size fell below"):
+        simulate(system, integrator="generalised_alpha", rtol=1e-6)
+
+
+@pytest.mark.parametrize("driven", [True, False], ids=["driven", "free"])
+def test_velocities_of_neither_motion_are_refused(driven: bool) -> None:
+    drive = polynomial(QUARTER, 1.0) if driven else None
+    system = slider_crank(QUARTER, speeds=(1.0, 0.3), drive=drive)
+    with pytest.raises(InputError, match="starts in a singular position.*lead nowhere"):
+        simulate(system)
+
+
+@pytest.mark.parametrize("sideways", [0.0, 1.0], ids=["balanced", "pushed"])
+def test_rest_in_a_singular_position_is_refused(sideways: float) -> None:
+    """Forces alone do not say which way it gives."""
+    system = slider_crank(QUARTER, gravity=[sideways, -GRAVITY])
+    with pytest.raises(InputError, match="rests in a singular position") as failure:
+        simulate(system)
+    assert "initial velocities" in str(failure.value)
+
+
+def test_a_piston_that_is_pulled_out_of_its_dead_centre_is_refused() -> None:
+    """The crank may turn either way: cos, from the outermost place and at rest."""
+    pull = {"type": "harmonic", "amplitude": 0.1, "offset": 2.4, "phase": QUARTER}
+    drive = {
+        "marker": "piston",
+        "coordinate": "x",
+        "function": {**pull, "angular_frequency": 1.0},
+    }
+    with pytest.raises(InputError, match="rests in a singular position"):
+        simulate(slider_crank(0.0, rod=1.5, drive=drive))
+
+
+@pytest.mark.parametrize("integrator", sorted(INTEGRATORS))
+def test_a_drive_beyond_reach_stops_where_the_mechanism_is_stretched(
+    integrator: str,
+) -> None:
+    """The piston at 0.1 m/s gets to 2.5 m, no farther: what was computed is kept."""
+    start = math.cos(0.4) + math.sqrt(1.5**2 - math.sin(0.4) ** 2)
+    drive = {
+        "marker": "piston",
+        "coordinate": "x",
+        "function": polynomial(start, 0.1),
+    }
+    system = slider_crank(0.4, rod=1.5, drive=drive)
+    with pytest.raises(SimulationError, match="stopped at t = ") as failure:
+        simulate(system, integrator=integrator, rtol=1e-6)
+    result = failure.value.result
+    assert result is not None and not result.completed
+    assert "blocked" in result.message and "fastest change" in result.message
+    reached = (2.5 - start) / 0.1
+    stopped = float(result.message.split("t = ")[1].split(" s")[0])
+    assert stopped == pytest.approx(reached, abs=1e-6)
+    assert reached - 0.05 < result.t[-1] <= reached
+    assert result["piston.x"] == pytest.approx(start + 0.1 * result.t, abs=1e-9)
+    assert np.isfinite(result.values).all()
+
+
+def test_joints_that_contradict_each_other_are_refused() -> None:
+    """A bar pinned at both ends to points that are too far apart."""
+    bar = slender_rod(1.0)
+    joints = {
+        "left": {"type": "revolute", "markers": ["ground", "bar.a"]},
+        "right": {"type": "revolute", "markers": ["ground.far", "bar.b"]},
+    }
+    far = {"markers": {"far": {"position": [1.1, 0.0]}}}
+    with pytest.raises(InputError, match="cannot be assembled: .* is open by"):
+        simulate(compiled(scene({"bar": bar}, joints, ground=far)))
+
+
+def test_drives_that_contradict_each_other_later_stop_the_run() -> None:
+    """Two cranks of a parallelogram turn alike until one of them goes faster."""
+    bodies: dict[str, Any] = {
+        "left": slender_rod(1.0, angle=QUARTER),
+        "right": slender_rod(1.0, position=[2.0, 0.0], angle=QUARTER),
+        "bar": slender_rod(2.0, position=[0.0, 1.0]),
+    }
+    hinges = {
+        "foot": ["ground", "left.a"],
+        "other": ["ground.far", "right.a"],
+        "head": ["left.b", "bar.a"],
+        "end": ["bar.b", "right.b"],
+    }
+    joints = {n: {"type": "revolute", "markers": m} for n, m in hinges.items()}
+    pieces = [
+        {"from": 0.0, "to": 0.5, "coefficients": [QUARTER, 0.2]},
+        {"from": 0.5, "coefficients": [QUARTER + 0.1, 0.2, 1.0]},
+    ]
+    drives = {
+        "slow": {"joint": "foot", "function": polynomial(QUARTER, 0.2)},
+        "fast": {
+            "joint": "other",
+            "function": {"type": "polynomial", "pieces": pieces},
+        },
+    }
+    far = {"markers": {"far": {"position": [2.0, 0.0]}}}
+    record = ["left.angle", "slow.f1", "fast.f1"]
+    system = compiled(scene(bodies, joints, drives, record=record, ground=far))
+    with pytest.raises(SimulationError, match="stopped at t = 0.5") as failure:
+        simulate(system)
+    result = failure.value.result
+    assert result is not None
+    assert "perhaps contradicting now" in result.message
+    assert result.t[-1] == pytest.approx(0.5)
+    assert np.isfinite(result.values).all()
