@@ -71,7 +71,9 @@ def stiffened(
         number = int(node.id)
         if number in phi1:
             phi = _loaded(node.phi, phi1[number])
-            psi = _loaded(node.psi, psi1[number])
+            # a marker that is held does not turn: the frame takes its moments
+            held = not node.psi.m0.any()
+            psi = node.psi if held else _loaded(node.psi, psi1[number])
             node = replace(node, phi=phi, psi=psi)
         nodes.append(node)
     changes: dict[str, Any] = {**blocks, "nodes": tuple(nodes)}

@@ -184,7 +184,7 @@ def test_what_is_expected_is_told_before_the_first_step() -> None:
 
 
 def test_the_description_tells_stiffening_at_markers() -> None:
-    """Forces are kept; moments are in the SID and not in the equations."""
+    """By forces and by moments, where the SID carries it."""
     push = {"type": "force", "marker": "beam.tip", "force": [0.0, 0.1]}
     sid = cantilever()
     root, tip, *others = sid.nodes
@@ -203,7 +203,7 @@ def test_the_description_tells_stiffening_at_markers() -> None:
     }
     assert told == {
         "forces": ["forces kept at tip"],
-        "both": ["forces kept at tip", "moments dropped at tip"],
+        "both": ["forces kept at tip", "moments kept at tip"],
         "none": [],
     }
 
