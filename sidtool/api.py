@@ -66,6 +66,7 @@ def simulate(
     accept_defects: bool = False,
     progress: Callable[[float], None] | None = None,
     drives: Mapping[str, Any] | None = None,
+    forces: Mapping[str, Any] | None = None,
 ) -> Result:
     """Compile a scene and integrate its motion.
 
@@ -80,6 +81,7 @@ def simulate(
         forces on nodes that no shape function moves
     drives : functions of time f(t), or tuples of f and its first or first two
         derivatives, that replace those of the scene's drives, by name
+    forces : the same for functions that scale forces, or are actuators
 
     Raises
     ------
@@ -101,7 +103,9 @@ def simulate(
         for body, sid in (sids or {}).items()
     }
     try:
-        system = compile_scene(content, folder, swapped, accept_defects, drives)
+        system = compile_scene(
+            content, folder, swapped, accept_defects, drives, forces=forces
+        )
         return run(
             system,
             integrator=integrator,
