@@ -38,6 +38,7 @@ from .joints import (
     Primitive,
     joint_parts,
     marker_coordinate,
+    marker_rotation,
     planar_axis,
     spatial_axis,
 )
@@ -380,8 +381,12 @@ class _Builder:
         for name, drive in self.scene.drives.items():
             if drive.marker is None:
                 continue
-            part = marker_coordinate(drive.coordinate or "", self.planar)
             a, b = marker_reference(drive.reference), marker_reference(drive.marker)
+            if drive.axis is not None:
+                fixed, part = marker_rotation(drive.axis)
+                found += [_Constraint(name, other, a, b) for other in fixed]
+            else:
+                part = marker_coordinate(drive.coordinate or "", self.planar)
             found.append(_Constraint(name, part, a, b, self.drive_index[name]))
         return found
 
