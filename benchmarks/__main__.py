@@ -20,6 +20,8 @@ BENCHMARKS = (
     "reduction_methods",
     "calculix",
     "frontends",
+    "error_control",
+    "revolutions",
 )
 #: Those whose summary stands in the README.
 SHORT = ("slider_crank", "chain")

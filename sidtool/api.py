@@ -62,9 +62,11 @@ def simulate(
     integrator: str | None = None,
     rtol: float | None = None,
     step: float | None = None,
+    spectral_radius: float | None = None,
     accept_defects: bool = False,
     progress: Callable[[float], None] | None = None,
     drives: Mapping[str, Any] | None = None,
+    forces: Mapping[str, Any] | None = None,
 ) -> Result:
     """Compile a scene and integrate its motion.
 
@@ -73,11 +75,13 @@ def simulate(
     scene : a scene file, or its content
     sids : SIDs, or files with one, that replace those of the scene, by body
     base_folder : where the scene's relative paths begin; its file's folder by default
-    integrator, rtol, step : replace the scene's; `step` [s] is fixed
+    integrator, rtol, step, spectral_radius : replace those of the table [accuracy] of
+        the scene
     accept_defects : simulate bodies whose mass matrix is impossible, and joints and
         forces on nodes that no shape function moves
     drives : functions of time f(t), or tuples of f and its first or first two
         derivatives, that replace those of the scene's drives, by name
+    forces : the same for functions that scale forces, or are actuators
 
     Raises
     ------
@@ -99,9 +103,16 @@ def simulate(
         for body, sid in (sids or {}).items()
     }
     try:
-        system = compile_scene(content, folder, swapped, accept_defects, drives)
+        system = compile_scene(
+            content, folder, swapped, accept_defects, drives, forces=forces
+        )
         return run(
-            system, integrator=integrator, rtol=rtol, step=step, progress=progress
+            system,
+            integrator=integrator,
+            rtol=rtol,
+            step=step,
+            spectral_radius=spectral_radius,
+            progress=progress,
         )
     except InputError as error:
         raise error if isinstance(scene, SceneFile) else error.located(scene) from None

@@ -44,6 +44,7 @@ def compile_scene(
     accept_defects: bool = False,
     drives: Mapping[str, Derivatives] | None = None,
     keep_joints: bool = False,
+    forces: Mapping[str, Derivatives] | None = None,
 ) -> System:
     """Compiles a scene into the tables that the kernels integrate.
 
@@ -57,6 +58,8 @@ def compile_scene(
         f(t), or a tuple of f and its first, or first two, derivatives
     keep_joints : keep all joints as constraints, whose forces are then known, also
         those that prescribe a frame
+    forces : callables f(t) that scale the forces, or are the actuators, with these
+        names; their value must be continuous, their rate may jump
 
     Raises
     ------
@@ -66,7 +69,7 @@ def compile_scene(
     from .checks import check_attachments, check_masses, check_outputs
     from .scene import build_system
 
-    system = build_system(scene, Path(base_folder), sids, drives, keep_joints)
+    system = build_system(scene, Path(base_folder), sids, drives, keep_joints, forces)
     check_outputs(system)
     if not accept_defects:
         check_masses(system)

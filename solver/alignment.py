@@ -138,8 +138,15 @@ def _rotation_vector(matrix: Array) -> Array:
 
 
 def _wishes(system: System) -> Iterator[_Wish]:
-    """Joints that want an orientation, and are not carried by a prescribed frame."""
+    """Joints that want an orientation, and are not carried by a prescribed frame; and
+    driven rotations."""
     scene = system.scene
+    for name, drive in scene.drives.items():
+        if drive.axis is not None and drive.marker is not None:
+            a, b = marker_reference(drive.reference), marker_reference(drive.marker)
+            axis = np.array(drive.axis) / np.linalg.norm(drive.axis)
+            angle = _driven_value(system, name)
+            yield _Wish(name, a, b, source=axis, target=axis, angle=angle)
     for name, joint in scene.joints.items():
         texts = marker_names(joint)
         if not texts or name in system.eliminated:
@@ -172,16 +179,20 @@ def _cross(first: Array, second: Array, angles: dict[str, float]) -> dict[str, A
 def _driven_angles(system: System, joint: str) -> dict[str, float]:
     """Driven angles of a joint at the start."""
     scene, found = system.scene, {}
-    start = scene.time.start
-    clock = 0.5 * (start + system.breaks[0])
-    for row, drive in enumerate(scene.drives.values()):
+    for name, drive in scene.drives.items():
         if drive.joint != joint:
             continue
-        name = driven_coordinate(drive, scene.joints)
-        if name.startswith("angle"):
-            value = drive_value.py_func(system.arrays, row, clock, start)[0]
-            found[name] = float(value)
+        coordinate = driven_coordinate(drive, scene.joints)
+        if coordinate.startswith("angle"):
+            found[coordinate] = _driven_value(system, name)
     return found
+
+
+def _driven_value(system: System, drive: str) -> float:
+    """The function of a drive at the start."""
+    row, start = list(system.scene.drives).index(drive), system.scene.time.start
+    clock = 0.5 * (start + system.breaks[0])
+    return float(drive_value.py_func(system.arrays, row, clock, start)[0])
 
 
 def _held(scene: SceneFile) -> set[str]:

@@ -32,14 +32,16 @@ Interpolant = tuple[Array, Array, tuple[float, ...]]
 
 
 def interpolate(
-    program: Derivatives, span: tuple[float, float], place: str
+    program: Derivatives, span: tuple[float, float], place: str, smooth: bool = True
 ) -> Interpolant:
     """Edges (n + 1,), coefficients on [-1, 1] (n, terms), and the times of kinks.
 
+    smooth : the rate must not jump
+
     Raises
     ------
-    InputError : values that are no numbers, a jump of the value or of the rate, or
-        derivatives that belong to another function.
+    InputError : values that are no numbers, a jump of the value or, of smooth ones, of
+        the rate, or derivatives that belong to another function.
     """
     functions = program if isinstance(program, tuple) else (program,)
     if not 1 <= len(functions) <= 3:
@@ -49,7 +51,8 @@ def interpolate(
             expected="a function of time, and at most two derivatives",
         )
     edges, series = _halved(functions[0], span, place)
-    _check_rates(edges, series, place)
+    if smooth:
+        _check_rates(edges, series, place)
     _check_derivatives(functions[1:], edges, series, place)
     terms = np.array(
         [np.pad(p, (0, DEGREE + 1 - len(p))) for p in map(_powers, series)]
@@ -131,7 +134,8 @@ def _check_closed(
         raise InputError(
             f"the callable jumps by {jump:.6g} at t = {middle:.9g} s",
             place=place,
-            expected="a function whose value and rate are continuous",
+            expected="a continuous function; for a force that jumps, pieces of a "
+            "polynomial",
         )
 
 

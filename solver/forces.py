@@ -7,17 +7,19 @@ as a function of time. One entry in `_COMPILERS` adds a kind.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from formats.errors import InputError
 from formats.scene import (
     Actuator,
     Bushing,
     Characteristic,
     Force,
     Friction,
+    Given,
     PointForce,
     SceneFile,
     SpringDamper,
@@ -27,6 +29,7 @@ from formats.scene import (
 )
 from formats.sid import Array
 
+from .callables import Derivatives
 from .functions import FunctionTable
 from .joints import joint_parts
 from .kernels import layout as at
@@ -121,17 +124,45 @@ class Element:
 
 
 def compile_forces(
-    scene: SceneFile, functions: FunctionTable, planar: bool
+    scene: SceneFile,
+    functions: FunctionTable,
+    planar: bool,
+    programs: Mapping[str, Derivatives],
 ) -> tuple[Element, ...]:
-    """The elements of all forces of a scene."""
+    """The elements of all forces of a scene.
+
+    programs : callables that replace the functions of time of forces
+
+    Raises
+    ------
+    InputError : a callable for a force that does not exist or is no function of time.
+    """
+    _check_programs(scene, programs)
     found: list[Element] = []
     for name, force in scene.forces.items():
         function, row = getattr(force, "function", None), -1
-        if function is not None:
-            row = functions.add(function, f"forces.{name}.function")
+        program = programs.get(name)
+        if function is not None or program is not None:
+            place = f"forces.{name}.function"
+            row = functions.add(function or Given(type="callable"), place, program)
         context = _Context(name, scene, planar, row)
         found += _COMPILERS[type(force)](force, context)
     return tuple(found)
+
+
+def _check_programs(scene: SceneFile, programs: Mapping[str, Derivatives]) -> None:
+    timed = [name for name, force in scene.forces.items() if hasattr(force, "function")]
+    for name in programs:
+        if name not in timed:
+            known = scene.forces.get(name)
+            found = f"there is no force {name!r} for a callable"
+            if known is not None:
+                found = f"{name} is a {known.type}, which is no function of time"
+            raise InputError(
+                found,
+                place="forces",
+                expected=", ".join(timed) or "a force or an actuator in the scene",
+            )
 
 
 @dataclass(frozen=True)

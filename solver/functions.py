@@ -140,7 +140,7 @@ class FunctionTable:
         InputError : it jumps, or its values are left to a program that has none.
         """
         if program is not None:
-            compiled: Compiled = Curve(*interpolate(program, self._span, place))
+            compiled: Compiled = Curve(*interpolate(program, self._span, place, smooth))
         else:
             compiled = compile_function(function, place)
         if smooth and isinstance(compiled, Pieces):
@@ -252,7 +252,8 @@ def _given(function: Given, place: str) -> Pieces:
     raise InputError(
         "its values are left to a program",
         place=place,
-        expected="a callable in `compile_scene(..., drives={name: callable})`",
+        expected="a callable in `compile_scene(..., drives={name: callable})`, or in "
+        "its `forces`",
     )
 
 

@@ -59,6 +59,12 @@ def marker_coordinate(name: str, planar: bool) -> Primitive:
     return _along(np.eye(3)["xyz".index(name)])
 
 
+def marker_rotation(axis: tuple[float, ...]) -> tuple[list[Primitive], Primitive]:
+    """What keeps the axis of a marker's rotation, and the angle about it."""
+    direction = as_3d(axis) / np.linalg.norm(axis)
+    return _rotation_about(direction), _angle(*normals(direction))
+
+
 def planar_axis(joint: Joint) -> float:
     """Angle of a joint's direction in the first marker's frame, default x."""
     axis = getattr(joint, "axis", None)

@@ -36,8 +36,9 @@ CHUNK = 500
 #: Constraints are met when they are open by less than this part of the size: at least
 #: what rounding allows, at most what keeps the drift invisible.
 CLOSED = (1e-13, 1e-11)
-#: Tolerance per step in units of the requested relative error.
-STEP_TOLERANCE = 1.0
+#: Tolerance per step in units of the requested relative error: errors of undamped
+#: vibrations add up from step to step.
+STEP_TOLERANCE = 0.3
 
 Progress = Callable[[float], None]
 Foresee = Callable[[Mapping[str, FlexibleBody]], None]
@@ -58,11 +59,24 @@ _FAILURES = {
 
 @dataclass(frozen=True)
 class Settings:
-    """How a run is made: integrator, relative tolerance, or a fixed step [s]."""
+    """How a run is made: integrator, relative tolerance, or a fixed step [s].
+
+    radius : spectral radius at infinite frequency, of methods that have one
+    """
 
     integrator: str
     rtol: float
     step: float | None
+    radius: float
+
+    def told(self, method: Integrator) -> dict[str, str | float]:
+        """For the result."""
+        told: dict[str, str | float] = {
+            "integrator": self.integrator,
+            "rtol": self.rtol,
+            "step": self.step or 0.0,
+        }
+        return told | ({"spectral_radius": self.radius} if method.damps else {})
 
 
 def simulate(
@@ -71,6 +85,7 @@ def simulate(
     integrator: str | None = None,
     rtol: float | None = None,
     step: float | None = None,
+    spectral_radius: float | None = None,
     progress: Progress | None = None,
     foresee: Foresee | None = None,
 ) -> Result:
@@ -81,6 +96,7 @@ def simulate(
     integrator : name in `solver.integrators.INTEGRATORS`, default as in the scene
     rtol : tolerated error relative to the largest motion, default as in the scene
     step : fixed step [s]; replaces the error control
+    spectral_radius : of generalised_alpha, 0 to 1, default as in the scene
     progress : called with the simulated time [s] from time to time
     foresee : called before the first step with what is expected of flexible bodies
 
@@ -89,7 +105,7 @@ def simulate(
     InputError : unknown integrator, or no start position meets the constraints.
     SimulationError : the run stopped early; its `result` holds what was computed.
     """
-    settings = _settings(system, integrator, rtol, step)
+    settings = _settings(system, integrator, rtol, step, spectral_radius)
     method = INTEGRATORS[settings.integrator]
     warmup.ensure(system.planar, [method.step_loop], say_compiling)
     began = time.perf_counter()
@@ -115,7 +131,11 @@ def say_compiling(text: str) -> None:
 
 
 def _settings(
-    system: System, integrator: str | None, rtol: float | None, step: float | None
+    system: System,
+    integrator: str | None,
+    rtol: float | None,
+    step: float | None,
+    radius: float | None,
 ) -> Settings:
     accuracy = system.scene.accuracy
     name = integrator or accuracy.integrator
@@ -131,7 +151,10 @@ def _settings(
         raise InputError(f"rtol is {rtol:g}", expected="a number from 1e-13 to 0.1")
     if step is not None and not step > 0.0:
         raise InputError(f"step is {step:g}", expected="a positive number of seconds")
-    return Settings(name, rtol, step)
+    radius = accuracy.spectral_radius if radius is None else radius
+    if not 0.0 <= radius <= 1.0:
+        raise InputError(f"spectral_radius is {radius:g}", expected="0 to 1")
+    return Settings(name, rtol, step, radius)
 
 
 class _Run:
@@ -268,11 +291,7 @@ class _Run:
                 "position": float(self.control.real[stepping.DRIFT]),
                 "velocity": float(self.control.real[stepping.DRIFT_RATE]),
             },
-            settings={
-                "integrator": self.settings.integrator,
-                "rtol": self.settings.rtol,
-                "step": self.settings.step or 0.0,
-            },
+            settings=self.settings.told(self.method),
             bodies=bodies,
             events=self._events(),
             scene=self.system.scene.model_dump_json(by_alias=True, exclude_none=True),
@@ -362,6 +381,7 @@ def _new_control(
     real[stepping.TOLERANCE] = STEP_TOLERANCE * settings.rtol
     real[stepping.LENGTH] = system.length
     real[stepping.PERIOD] = duration
+    real[stepping.RADIUS] = settings.radius
     real[stepping.NEAR], real[stepping.STILL] = closed
     real[stepping.LARGEST] = 0.1 * duration
     real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25

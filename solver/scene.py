@@ -38,6 +38,7 @@ from .joints import (
     Primitive,
     joint_parts,
     marker_coordinate,
+    marker_rotation,
     planar_axis,
     spatial_axis,
 )
@@ -149,17 +150,19 @@ def build_system(
     sids: Mapping[str, SID] | None = None,
     drives: Mapping[str, Derivatives] | None = None,
     keep_joints: bool = False,
+    forces: Mapping[str, Derivatives] | None = None,
 ) -> System:
     """Flat tables of a scene, before its initial conditions are looked at.
 
+    drives, forces : callables that replace functions of time, by name
     keep_joints : joints stay constraints even where they prescribe a frame
 
     Raises
     ------
     InputError : a SID cannot be read, or a marker does not exist.
     """
-    builder = _Builder(scene, folder, dict(sids or {}), dict(drives or {}), keep_joints)
-    return builder.build()
+    programs = dict(drives or {}), dict(forces or {})
+    return _Builder(scene, folder, dict(sids or {}), *programs, keep_joints).build()
 
 
 class _Builder:
@@ -171,6 +174,7 @@ class _Builder:
         folder: Path,
         sids: dict[str, SID],
         drives: dict[str, Derivatives],
+        forces: dict[str, Derivatives],
         keep_joints: bool,
     ) -> None:
         self.scene, self.keep_joints = scene, keep_joints
@@ -184,7 +188,7 @@ class _Builder:
         self.driven = _driven_coordinates(scene)
         self.functions = FunctionTable(self.pool, (scene.time.start, scene.time.end))
         self.drive_index = self._drive_functions(drives)
-        self.forces = compile_forces(scene, self.functions, self.planar)
+        self.forces = compile_forces(scene, self.functions, self.planar, forces)
         self.frames = self._prescribed_frames()
         self.order = self._body_order()
 
@@ -377,8 +381,12 @@ class _Builder:
         for name, drive in self.scene.drives.items():
             if drive.marker is None:
                 continue
-            part = marker_coordinate(drive.coordinate or "", self.planar)
             a, b = marker_reference(drive.reference), marker_reference(drive.marker)
+            if drive.axis is not None:
+                fixed, part = marker_rotation(drive.axis)
+                found += [_Constraint(name, other, a, b) for other in fixed]
+            else:
+                part = marker_coordinate(drive.coordinate or "", self.planar)
             found.append(_Constraint(name, part, a, b, self.drive_index[name]))
         return found
 

@@ -4,24 +4,34 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from .base import Table
+from .base import Table, Vector3
 from .functions import Function
 from .joints import Joint
 
 #: Coordinates of a marker that a drive may prescribe, by dimension of the scene.
-MARKER_COORDINATES = {"planar": ("x", "y", "angle"), "spatial": ("x", "y", "z")}
+MARKER_COORDINATES = {
+    "planar": ("x", "y", "angle"),
+    "spatial": ("x", "y", "z", "rotation"),
+}
 
 
 class Drive(Table):
-    """Prescribes a coordinate of `joint`, or of `marker` seen from `reference`."""
+    """Prescribes a coordinate of `joint`, or of `marker` seen from `reference`.
+
+    `rotation` of a marker in space is its whole orientation: that of the reference,
+    turned about `axis` by the function of time.
+    """
 
     joint: str | None = Field(default=None, description="name of a joint")
     marker: str | None = Field(default=None, description="as BODY.MARKER")
     reference: str = Field(default="ground", description="another marker, for `marker`")
     coordinate: str | None = Field(
         default=None,
-        description="such as angle, displacement, length or x; default the joint's "
-        "first",
+        description="such as angle, displacement, length, x or rotation; default the "
+        "joint's first",
+    )
+    axis: Vector3 | None = Field(
+        default=None, description="of a rotation, in the axes of the reference"
     )
     function: Function
 

@@ -39,6 +39,13 @@ class Accuracy(Table):
     )
     integrator: str = "radau5"
     step: float | None = Field(default=None, gt=0, description="fixed step [s]")
+    spectral_radius: float = Field(
+        default=0.8,
+        ge=0,
+        le=1,
+        description="of generalised_alpha: what it leaves of a vibration far too fast "
+        "for the step, 0 nothing to 1 all",
+    )
 
 
 class Outputs(Table):

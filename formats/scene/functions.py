@@ -81,7 +81,8 @@ class Spline(Table):
 
 
 class Given(Table):
-    """A function that a program hands to `compile_scene(..., drives={NAME: f})`."""
+    """A function that a program hands to `compile_scene(..., drives={NAME: f})`, or in
+    `forces` if it belongs to a force."""
 
     type: Literal["callable"]
 

@@ -97,6 +97,8 @@ def check_drives(scene: SceneFile) -> None:
         else:
             _check_marker_drive(drive, place, scene)
         coordinate = driven_coordinate(drive, scene.joints)
+        if drive.axis is not None and coordinate != "rotation":
+            fail(f"{place}.axis", f"stands beside {coordinate}", "coordinate: rotation")
         key = (drive.joint, drive.marker, drive.reference, coordinate)
         if key in driven:
             what = drive.joint or drive.marker
@@ -133,3 +135,6 @@ def _check_marker_drive(drive: Drive, place: str, scene: SceneFile) -> None:
     if drive.coordinate not in known:
         found = f"found {drive.coordinate!r}" if drive.coordinate else "is missing"
         fail(f"{place}.coordinate", found, " or ".join(known))
+    if drive.coordinate == "rotation" and not any(drive.axis or ()):
+        found = "has no direction" if drive.axis else "is missing"
+        fail(f"{place}.axis", found, "the axis of the rotation")

@@ -19,6 +19,12 @@ from .common import check_target, existing, progress_bar, target
 @click.option("--rtol", type=float, help="Relative tolerance, for example 1e-6.")
 @click.option("--step", type=float, help="Fixed step in seconds, no error control.")
 @click.option(
+    "--spectral-radius",
+    type=float,
+    metavar="RHO",
+    help="Of generalised_alpha, 0 to 1: what it leaves of too fast vibrations.",
+)
+@click.option(
     "--sid",
     "swaps",
     metavar="BODY=FILE",
@@ -38,6 +44,7 @@ def simulate(
     integrator: str | None,
     rtol: float | None,
     step: float | None,
+    spectral_radius: float | None,
     swaps: tuple[str, ...],
     accept_defects: bool,
 ) -> None:
@@ -49,21 +56,25 @@ def simulate(
     its frequencies with the excitation; whether geometric stiffening matters is
     estimated there, and told of the largest loads of the run after it.
 
+    Tables [events.NAME] of the scene ask when a quantity passes a value; each crossing
+    is told with its time, and `action = "stop"` ends the run there.
+
     \b
     Examples:
       sidtool simulate slider_crank.toml -o result.h5 --csv motion.csv
       sidtool simulate slider_crank.toml --sid rod=rod_iga.SID_FEM --csv iga.csv
       sidtool simulate slider_crank.toml --integrator trapezoidal --rtol 1e-8
 
-    Exit status: 0 done; 1 the run stopped early (the files hold what there is);
-    2 the input is wrong, and nothing is written.
+    Exit status: 0 done, or ended by an event; 1 the run stopped early (the files hold
+    what there is); 2 the input is wrong, and nothing is written.
     """
     from solver.errors import SimulationError
 
     check_target(output)
     check_target(csv)
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
-    _check_numbers(rtol, step)
+    settings["spectral_radius"] = spectral_radius
+    _check_numbers(rtol, step, spectral_radius)
     try:
         with progress_bar("simulating") as bar:
             result = _run(scene, swaps, accept_defects, settings, bar)
@@ -81,7 +92,9 @@ def simulate(
         click.echo("nothing written: -o FILE keeps the result, --csv FILE its outputs")
 
 
-def _check_numbers(rtol: float | None, step: float | None) -> None:
+def _check_numbers(
+    rtol: float | None, step: float | None, radius: float | None
+) -> None:
     from formats.errors import InputError
 
     if rtol is not None and not 1e-13 <= rtol <= 0.1:
@@ -90,6 +103,9 @@ def _check_numbers(rtol: float | None, step: float | None) -> None:
         raise InputError(
             f"found {step}", place="--step", expected="a positive number of seconds"
         )
+    if radius is not None and not 0 <= radius <= 1:
+        place = "--spectral-radius"
+        raise InputError(f"found {radius}", place=place, expected="0 to 1")
 
 
 def _run(

@@ -15,6 +15,9 @@ from formats.model import Material
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+#: Entries of element matrices that are scattered into a sparse matrix at a time.
+_SCATTERED = 8_000_000
+
 
 @dataclass(frozen=True, eq=False)
 class ElementBatch:
@@ -57,14 +60,34 @@ def mapped_batch(
     """
     corners = positions[nodes]
     jacobians = np.swapaxes(corners, 1, 2)[:, None] @ gradients
-    determinants = np.linalg.det(jacobians)
+    determinants = _determinants(jacobians)
     check_orientation(determinants, corners)
     return ElementBatch(
         nodes=nodes,
         values=values,
-        gradients=gradients @ np.linalg.inv(jacobians),
+        gradients=gradients @ _inverses(jacobians, determinants),
         measures=determinants * weights,
     )
+
+
+def _determinants(matrices: Array) -> Array:
+    """Of (..., d, d); in the plane without LAPACK, which is slow for small ones."""
+    if matrices.shape[-1] != 2:
+        return np.asarray(np.linalg.det(matrices), float)
+    a, b, c, d = np.moveaxis(matrices.reshape(*matrices.shape[:-2], 4), -1, 0)
+    return a * d - b * c
+
+
+def _inverses(matrices: Array, determinants: Array) -> Array:
+    """Of (..., d, d) with these determinants."""
+    if matrices.shape[-1] != 2:
+        return np.asarray(np.linalg.inv(matrices), float)
+    adjugate = np.empty_like(matrices)
+    adjugate[..., 0, 0] = matrices[..., 1, 1]
+    adjugate[..., 1, 1] = matrices[..., 0, 0]
+    adjugate[..., 0, 1] = -matrices[..., 0, 1]
+    adjugate[..., 1, 0] = -matrices[..., 1, 0]
+    return adjugate / determinants[..., None, None]
 
 
 def check_orientation(
@@ -173,35 +196,52 @@ def assembled(
     d = dimension
     masses, stiffnesses = _Sum(count), _Sum(d * count)
     for batch in batches:
-        masses.add(_scattered(element_mass(batch, density), batch.nodes, count))
+        masses.add(element_mass(batch, density), batch.nodes)
         dofs = (d * batch.nodes[..., None] + np.arange(d)).reshape(len(batch.nodes), -1)
-        stiffnesses.add(_scattered(stiffness(batch, law), dofs, d * count))
+        stiffnesses.add(stiffness(batch, law), dofs)
     return masses.total(), stiffnesses.total()
 
 
 class _Sum:
-    """Sparse matrices added in pairs of like size, so that none is copied often."""
+    """Element matrices added up in a sparse one.
+
+    Batches are small, so that they stay in the cache, and are scattered together;
+    sparse matrices are added in pairs of like size, so that none is copied often.
+    """
 
     def __init__(self, size: int) -> None:
-        self._parts: list[tuple[int, sp.csr_matrix]] = []
         self._size = size
+        self._waiting: list[tuple[Array, Indices]] = []
+        self._entries = 0
+        self._parts: list[tuple[int, sp.csr_matrix]] = []
 
-    def add(self, matrix: sp.csr_matrix) -> None:
-        rank = 0
-        while self._parts and self._parts[-1][0] == rank:
-            matrix = self._parts.pop()[1] + matrix
-            rank += 1
-        self._parts.append((rank, matrix))
+    def add(self, matrices: Array, rows: Indices) -> None:
+        """Element matrices (ne, m, m) at their rows (ne, m)."""
+        self._waiting.append((matrices, rows))
+        self._entries += matrices.size
+        if self._entries > _SCATTERED:
+            self._scatter()
 
     def total(self) -> sp.csr_matrix:
+        self._scatter()
         result = sp.csr_matrix((self._size, self._size))
         while self._parts:
             result = result + self._parts.pop()[1]
         return result
 
+    def _scatter(self) -> None:
+        if not self._waiting:
+            return
+        matrices, rows = (np.concatenate(x) for x in zip(*self._waiting, strict=True))
+        self._waiting, self._entries = [], 0
+        part, rank = _scattered(matrices, rows, self._size), 0
+        while self._parts and self._parts[-1][0] == rank:
+            part = self._parts.pop()[1] + part
+            rank += 1
+        self._parts.append((rank, part))
+
 
 def _scattered(matrices: Array, rows: Indices, size: int) -> sp.csr_matrix:
-    """Element matrices (ne, m, m) added up at their rows (ne, m)."""
     small = rows.astype(np.int32)
     i = np.broadcast_to(small[:, :, None], matrices.shape).ravel()
     j = np.broadcast_to(small[:, None, :], matrices.shape).ravel()

@@ -32,8 +32,8 @@ Indices = NDArray[np.int64]
 
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
 _GAUSS = _CORNERS / np.sqrt(3)
-#: Elements that are integrated at a time, which bounds the memory.
-_BATCH = 50_000
+#: Elements that are integrated at a time: their arrays fit the cache.
+_BATCH = 2_000
 
 
 def q4_model(model: ModelFile) -> FiniteElementModel:

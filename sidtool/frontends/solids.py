@@ -26,8 +26,8 @@ from .reference_elements import reference_element
 
 Array = NDArray[np.float64]
 
-#: Entries of the largest array of one batch of elements.
-_BATCH_ENTRIES = 4_000_000
+#: Entries of the largest array of one batch of elements, which fits the cache.
+_BATCH_ENTRIES = 200_000
 #: From this Poisson's ratio on, elements that lock in volume are refused.
 _NEARLY_INCOMPRESSIBLE = 0.49
 

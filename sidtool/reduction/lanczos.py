@@ -26,6 +26,9 @@ _TOLERANCE = 1e-12
 _NOTHING = 1e-24
 #: Negative values beside the largest one that are no rounding.
 _NEGATIVE = 1e-9
+#: Products of two Lanczos vectors that count as zero; how often they are made so.
+_ORTHOGONAL = 1e-12
+_PASSES = 3
 _MECHANISM = "the stiffness does not resist every deformation"
 
 
@@ -98,7 +101,9 @@ class _Space:
         column = self._vectors[:, :last].T @ momenta
         self._small[:last, first:last] = column
         self._small[first:last, :last] = column.T
-        self._next, self._momenta, self._coupling = self._orthonormal(image, momenta)
+        self._next, self._momenta, self._coupling = self._orthonormal(
+            image, momenta, column
+        )
         if not self._next.shape[1]:
             self._next, self._momenta = self._fresh()
 
@@ -132,29 +137,32 @@ class _Space:
             self._vectors = larger
 
     def _first(self, rigid: Array) -> tuple[Array, Array]:
-        if not rigid.shape[1]:
-            return self._fresh()
-        block, momenta, _ = self._orthonormal(rigid, self._mass @ rigid)
-        return block, momenta
+        return self._new(rigid) if rigid.shape[1] else self._fresh()
 
     def _fresh(self) -> tuple[Array, Array]:
         """Random directions that the operator leads to, orthonormal to all."""
         random = self._random.standard_normal((self._mass.shape[0], self._block))
-        block = self._operator(self._mass @ random)
-        block, momenta, _ = self._orthonormal(block, self._mass @ block)
+        return self._new(self._operator(self._mass @ random))
+
+    def _new(self, block: Array) -> tuple[Array, Array]:
+        momenta = self._mass @ block
+        known = self._vectors[:, : self._size].T @ momenta
+        block, momenta, _ = self._orthonormal(block, momenta, known)
         return block, momenta
 
-    def _orthonormal(self, block: Array, momenta: Array) -> tuple[Array, Array, Array]:
+    def _orthonormal(
+        self, block: Array, momenta: Array, known: Array
+    ) -> tuple[Array, Array, Array]:
         """New directions in a block, M times them, and the block in terms of them.
 
-        Twice, since the first pass leaves rounding errors. Directions that are not new
-        are left out.
+        Directions that are not new are left out. Where the first pass leaves rounding
+        errors along the `known` share, passes follow.
         """
-        known = self._vectors[:, : self._size]
+        vectors = self._vectors[:, : self._size]
         size = np.einsum("ij,ij->j", block, momenta).max()
         change = np.eye(block.shape[1])
-        for _ in range(2):
-            block = block - known @ (known.T @ momenta)
+        for _ in range(_PASSES):
+            block = block - vectors @ known
             momenta = self._mass @ block
             values, axes = np.linalg.eigh(block.T @ momenta)
             kept = values > _NOTHING * size
@@ -163,4 +171,7 @@ class _Space:
             block, momenta = (x @ (axes / scale) for x in (block, momenta))
             change = (scale[:, None] * axes.T) @ change
             size = 1.0
+            known = vectors.T @ momenta
+            if not known.size or np.abs(known).max() < _ORTHOGONAL:
+                break
         return block, momenta, change

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from formats.result import FlexibleBody, Result
+from formats.result import Event, FlexibleBody, Result
 
 from .tables import named, plural, table
 
@@ -21,6 +21,12 @@ COUNTERS = {
 }
 #: Flexible bodies told of in a summary, those with the most stiffening.
 MOST_BODIES = 8
+#: Events told of in a summary.
+MOST_EVENTS = 8
+ADVICE = (
+    "the scene is stiff: stability, not accuracy, limited most steps of this explicit "
+    "method; radau5 or radau9 take fewer"
+)
 _DRIFT_UNITS = {"position": "m", "velocity": "m/s"}
 
 
@@ -35,10 +41,26 @@ def summary(result: Result) -> str:
     error = result.counters.get("estimated_error")
     if error is not None:
         entries.append(("estimated error", f"{error:.1e}"))
-    if not result.completed:
-        entries.append(("stopped", result.message))
+    if result.message:
+        entries.append(("ended" if result.completed else "stopped", result.message))
+    if _is_stiff(result):
+        entries.append(("advice", ADVICE))
+    entries += _events(result.events)
     entries += _chosen(result.bodies, lambda body: body.after)
     return named(entries)
+
+
+def _is_stiff(result: Result) -> bool:
+    """Whether stability, not accuracy, limited most steps of an explicit method."""
+    counters = result.counters
+    return 2 * counters.get("stiff_steps", 0) > counters.get("steps", 0)
+
+
+def _events(events: Sequence[Event]) -> list[tuple[str, str]]:
+    """Lines of the first events."""
+    lines = [(e.name, f"{e.kind} at t = {e.t:.12g} s") for e in events[:MOST_EVENTS]]
+    more = len(events) - MOST_EVENTS
+    return [*lines, ("...", f"and {plural(more, 'event')} later")][: len(events)]
 
 
 def foreseen(bodies: Mapping[str, FlexibleBody]) -> str:
@@ -107,6 +129,8 @@ def _settings(result: Result) -> str:
         parts.append(f"fixed step {step:g} s" if isinstance(step, float) else f"{step}")
     elif "rtol" in settings:
         parts.append(f"relative tolerance {settings['rtol']:g}")
+    if "spectral_radius" in settings:
+        parts.append(f"spectral radius {settings['spectral_radius']:g}")
     return ", ".join(parts)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from formats.scene import (
     Body,
     Drive,
+    Event,
     Force,
     Joint,
     Polynomial,
@@ -54,6 +55,9 @@ def describe_scene(scene: SceneFile) -> str:
     if scene.forces:
         forces = [[name, *_force(force)] for name, force in scene.forces.items()]
         parts.append(table(["force", "kind", "acts on"], forces))
+    if scene.events:
+        events = [[name, *_event(event)] for name, event in scene.events.items()]
+        parts.append(table(["event", "when", "then"], events))
     return "\n\n".join(parts)
 
 
@@ -83,6 +87,12 @@ def _force(force: Force) -> list[str]:
     pair = getattr(force, "markers", None) or (getattr(force, "marker", None),)
     joint = getattr(force, "joint", None)
     return [force.type, joint if joint else " - ".join(map(str, pair))]
+
+
+def _event(event: Event) -> list[str]:
+    how = "" if event.direction == "both" else f", {event.direction}"
+    count = "" if event.count is None else f", count {event.count}"
+    return [f"{event.quantity} = {event.value:g}{how}", event.action + count]
 
 
 def _vector(vector: tuple[float, ...]) -> str:

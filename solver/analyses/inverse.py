@@ -1,4 +1,10 @@
-"""Inverse dynamics: all motion is prescribed, forces follow without integration."""
+"""Inverse dynamics: all motion is prescribed, forces follow without integration.
+
+Flexible bodies vibrate, which no drive prescribes. What remains without vibration is
+the quasi-static deformation: elastic coordinates without velocity and acceleration, in
+equilibrium with the elastic, inertia and joint forces of the prescribed motion. It is
+what a transient run comes to when the motion is slow against the vibrations.
+"""
 
 from __future__ import annotations
 
@@ -10,64 +16,183 @@ from formats.scene import output_times
 from formats.sid import Array
 
 from ..assembly import Start, assemble
+from ..bodies import symmetric
 from ..errors import SimulationError
+from ..kernels import layout as at
 from ..scene import System
 from .mechanics import Mechanics, least_squares, null_space, recorded, refuse_prescribed
 
-#: Constraints are met when they are open by less than this part of the size.
+#: Constraints are met when they are open by less, relative to their sizes.
 CLOSED = 1e-12
 #: Intervals between output times are halved at most this often.
 HALVINGS = 20
+#: Elastic coordinates are in equilibrium when they change by less, relative to all.
+SETTLED = 1e-11
+ITERATIONS = 40
 
 
-def inverse_dynamics(system: System) -> Result:
+def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     """Positions, velocities, accelerations and joint forces at the output times.
+
+    Parameters
+    ----------
+    quasi_static : flexible bodies take their quasi-static deformation; its velocity and
+        acceleration are left out
 
     Raises
     ------
     InputError : something can move that no drive prescribes.
-    SimulationError : the drives lead to a position that cannot be reached; its
-        `result` holds what comes before.
+    SimulationError : the drives lead to a position that cannot be reached, or a body is
+        too soft for a quasi-static deformation; its `result` holds what comes before.
     """
     refuse_prescribed(system)
     system, start = assemble(system)
     t = system.scene.time.start
     mechanics = Mechanics(system, t, t)
     mechanics.set_scale(start.z)
-    _refuse_freedom(mechanics, start)
+    motion = _Motion(mechanics, quasi_static)
+    motion.refuse_freedom(start)
     times = output_times(system.scene)
+    kind = "inverse dynamics" + (", quasi-static deformation" if quasi_static else "")
     states: list[Start] = []
     state = start
     for when in times:
         try:
-            state = _follow(mechanics, state, float(when))
+            state = _follow(motion, state, float(when))
         except SimulationError as error:
             done = np.array(times[: len(states)])
-            error.result = recorded(
-                system, "inverse dynamics", done, states, str(error)
-            )
+            error.result = recorded(system, kind, done, states, str(error))
             raise
         states.append(state)
-    return recorded(system, "inverse dynamics", times, states)
+    return recorded(system, kind, times, states)
 
 
-def _refuse_freedom(mechanics: Mechanics, start: Start) -> None:
-    mechanics.evaluate(start.z, start.v)
-    free = null_space(mechanics.jacobian).shape[1]
-    if free:
+class _Motion:
+    """States that the drives demand.
+
+    driven : (n,) True for the velocity coordinates that the drives decide
+    """
+
+    def __init__(self, mechanics: Mechanics, quasi_static: bool) -> None:
+        self.mechanics, self.system = mechanics, mechanics.system
+        self.driven = np.ones(self.system.n_velocities, bool)
+        if quasi_static:
+            for row in self.system.arrays.body:
+                self.driven[row[at.VEL] + row[at.RD] : row[at.VEL] + row[at.NV]] = False
+        self.stiffness = self._stiffness()[np.ix_(~self.driven, ~self.driven)]
+
+    def refuse_freedom(self, start: Start) -> None:
+        self.mechanics.evaluate(start.z, start.v)
+        free = null_space(self.mechanics.jacobian[:, self.driven]).shape[1]
+        if not free:
+            return
+        flexible = any(body.sid.nq for body in self.system.bodies)
         raise InputError(
-            f"{free} of {mechanics.system.n_velocities} coordinates can move freely",
+            f"{free} of {int(self.driven.sum())} coordinates can move freely",
             place="drives",
-            expected="as many drives as the mechanism has degrees of freedom, and "
-            "rigid bodies, for inverse dynamics",
+            expected="as many drives as the mechanism has degrees of freedom"
+            + (
+                ", and of flexible bodies the quasi-static deformation"
+                if flexible and self.driven.all()
+                else ""
+            ),
         )
 
+    def _stiffness(self) -> Array:
+        """Ke of all bodies, scaled."""
+        n, scale = self.system.n_velocities, self.mechanics.scale
+        K = np.zeros((n, n))
+        for row, body in zip(self.system.arrays.body, self.system.bodies, strict=True):
+            elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
+            K[elastic, elastic] = symmetric(body.sid.Ke.m0)
+        return K * np.outer(scale, scale)
 
-def _follow(mechanics: Mechanics, state: Start, when: float) -> Start:
+    def _mass(self) -> Array:
+        """M of all bodies, scaled, at the state evaluated last."""
+        n, scale = self.system.n_velocities, self.mechanics.scale
+        M = np.zeros((n, n))
+        for row in self.system.arrays.body:
+            k, o, u = row[at.NV], row[at.BLOCK], row[at.VEL]
+            block = self.mechanics.work.M[o : o + k * k].reshape(k, k)
+            M[u : u + k, u : u + k] = block
+        return M * np.outer(scale, scale)
+
+    def driven_solution(self, right: Array) -> Array:
+        """What the drives make of all scaled coordinates, the elastic ones at zero."""
+        x = np.zeros(self.system.n_velocities)
+        x[self.driven] = least_squares(self.mechanics.jacobian[:, self.driven], right)
+        return x
+
+    def closed(self, z: Array) -> Array | None:
+        """z moved onto the constraints; None if it is too far away."""
+        mechanics, rest = self.mechanics, np.zeros(self.system.n_velocities)
+        opening = np.inf
+        for iteration in range(12):
+            mechanics.evaluate(z, rest)
+            before, opening = opening, mechanics.opening
+            if opening <= CLOSED:
+                return z
+            if iteration > 2 and opening > 0.5 * before:
+                return None
+            z = mechanics.moved(z, self.driven_solution(-mechanics.residual))
+        return None
+
+    def velocities(self, z: Array) -> Array:
+        self.mechanics.evaluate(z, np.zeros(self.system.n_velocities))
+        return self.driven_solution(-self.mechanics.rates) * self.mechanics.scale
+
+    def accelerations(self, state: Start) -> Array:
+        """Scaled accelerations that the drives demand."""
+        self.mechanics.evaluate(state.z, state.v)
+        return self.driven_solution(self.mechanics.work.row[:, at.C_GAMMA])
+
+    def deformed(self, z: Array) -> Start | None:
+        """The closed state near z whose elastic coordinates are in equilibrium."""
+        for _ in range(ITERATIONS):
+            closed = self.closed(z)
+            if closed is None:
+                return None
+            state = Start(closed, self.velocities(closed))
+            if self.driven.all():
+                return state
+            change = self._elastic_change(state)
+            z = self.mechanics.moved(closed, change)
+            deformation = self._elastic_size(z)
+            if np.max(np.abs(change)) <= SETTLED * max(deformation, 1e-300):
+                return state
+        raise SimulationError(
+            f"stopped at t = {self.mechanics.t:.9g} s: the elastic coordinates find no "
+            "equilibrium; the bodies are too soft for a quasi-static deformation"
+        )
+
+    def _elastic_change(self, state: Start) -> Array:
+        """Scaled correction K^-1 (f + C^T lambda - M a) of the elastic coordinates."""
+        a = self.accelerations(state)
+        unbalanced = self._mass() @ a - self.mechanics.force
+        C, driven = self.mechanics.jacobian, self.driven
+        multipliers = least_squares(C[:, driven].T, unbalanced[driven])
+        left = unbalanced[~driven] - C[:, ~driven].T @ multipliers
+        change = np.zeros(self.system.n_velocities)
+        change[~driven] = np.linalg.solve(self.stiffness, -left)
+        return change
+
+    def _elastic_size(self, z: Array) -> float:
+        """The largest scaled elastic coordinate."""
+        size = 0.0
+        for row in self.system.arrays.body:
+            nq = row[at.NQ]
+            q = z[row[at.POS] + row[at.NP] - nq : row[at.POS] + row[at.NP]]
+            scale = self.mechanics.scale[row[at.VEL] + row[at.RD] :][:nq]
+            size = max(size, float(np.max(np.abs(q) / scale, initial=0.0)))
+        return size
+
+
+def _follow(motion: _Motion, state: Start, when: float) -> Start:
     """The state at a later time, over smaller steps where one does not arrive."""
+    mechanics = motion.mechanics
     target, halvings = when, 0
     while True:
-        reached = _reach(mechanics, state, target)
+        reached = _reach(motion, state, target)
         if reached is None:
             halvings += 1
             if halvings > HALVINGS:
@@ -83,35 +208,18 @@ def _follow(mechanics: Mechanics, state: Start, when: float) -> Start:
         target = when
 
 
-def _reach(mechanics: Mechanics, state: Start, when: float) -> Start | None:
+def _reach(motion: _Motion, state: Start, when: float) -> Start | None:
     """The state at `when`, from a prediction; None if that is too far away."""
-    system = mechanics.system
+    mechanics = motion.mechanics
     before, h = mechanics.t, when - mechanics.t
     _set_clock(mechanics, 0.5 * (before + when))
-    acceleration, _ = mechanics.accelerations(state.z, state.v)
-    x = (h * state.v + 0.5 * h * h * acceleration) / mechanics.scale
+    x = h * state.v / mechanics.scale + 0.5 * h * h * motion.accelerations(state)
     z = mechanics.moved(state.z, x)
     mechanics.t = when
-    rest = np.zeros(system.n_velocities)
-    opening = np.inf
-    for iteration in range(12):
-        mechanics.evaluate(z, rest)
-        before_it, opening = opening, np.max(np.abs(mechanics.residual), initial=0.0)
-        if opening <= CLOSED * system.length:
-            return Start(z, _velocities(mechanics))
-        if iteration > 2 and opening > 0.5 * before_it:
-            break
-        step = least_squares(mechanics.jacobian, -mechanics.residual)
-        z = mechanics.moved(z, step)
-    mechanics.t = before
-    return None
-
-
-def _velocities(mechanics: Mechanics) -> Array:
-    """What the drives demand, at the position evaluated last without velocity."""
-    rates = mechanics.rates
-    v = least_squares(mechanics.jacobian, -rates)
-    return v * mechanics.scale
+    reached = motion.deformed(z)
+    if reached is None:
+        mechanics.t = before
+    return reached
 
 
 def _set_clock(mechanics: Mechanics, t: float) -> None:

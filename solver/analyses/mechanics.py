@@ -17,6 +17,7 @@ from ..kernels.coordinates import retract
 from ..kernels.pointers import kernels
 from ..run import CLOSED, versions
 from ..scene import System
+from ..sizes import row_sizes
 from ..storage import new_memory, new_work
 
 #: Singular values of the scaled constraint Jacobian count as zero below this.
@@ -59,6 +60,12 @@ class Mechanics:
         return self.work.row[:, at.C_VALUE].copy()
 
     @property
+    def opening(self) -> float:
+        """How far the constraints are open, relative to their sizes."""
+        sizes = row_sizes(self.system)
+        return float(np.max(np.abs(self.residual) / sizes, initial=0.0))
+
+    @property
     def rates(self) -> Array:
         return self.work.row[:, at.C_RATE].copy()
 
@@ -85,10 +92,9 @@ class Mechanics:
         rest = np.zeros(self.system.n_velocities)
         for _ in range(20):
             self.evaluate(z, rest)
-            opening = self.residual
-            if np.max(np.abs(opening), initial=0.0) < 1e-14 * self.system.length:
+            if self.opening < 1e-14:
                 break
-            step = least_squares(self.jacobian, -opening)
+            step = least_squares(self.jacobian, -self.residual)
             z = self.moved(z, step)
         return z
 

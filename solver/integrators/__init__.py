@@ -28,6 +28,7 @@ class Integrator:
     step_loop : its entry kernel, as module:name in `solver`
     prepare : makes the step function of a run
     explicit : stability may limit its steps, which it then counts
+    damps : its spectral radius can be chosen
     """
 
     title: str
@@ -37,6 +38,7 @@ class Integrator:
     step_loop: str
     prepare: Callable[[System, Kernels, Work, Memory, Control], Advance]
     explicit: bool = False
+    damps: bool = False
 
 
 def _radau(stages: int) -> Integrator:
@@ -83,19 +85,16 @@ def _explicit(
     )
 
 
-def _generalised_alpha(rho: float) -> Integrator:
-    def prepare(
-        system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
-    ) -> Advance:
-        from . import generalised_alpha
+def _generalised_alpha(
+    system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
+) -> Advance:
+    from . import generalised_alpha, stepping
 
-        storage = generalised_alpha.new_alpha(system.arrays, rho)
-        return lambda limit: generalised_alpha.advance(
-            kernels, system.arrays, work, memory, control, storage, limit
-        )
-
-    title = f"Generalised-alpha, index 3, spectral radius {rho:g}"
-    return Integrator(title, 2, 3, 0, "integrators.generalised_alpha:advance", prepare)
+    rho = float(control.real[stepping.RADIUS])
+    storage = generalised_alpha.new_alpha(system.arrays, rho)
+    return lambda limit: generalised_alpha.advance(
+        kernels, system.arrays, work, memory, control, storage, limit
+    )
 
 
 INTEGRATORS: dict[str, Integrator] = {
@@ -119,5 +118,13 @@ INTEGRATORS: dict[str, Integrator] = {
         _explicit,
         explicit=True,
     ),
-    "generalised_alpha": _generalised_alpha(0.8),
+    "generalised_alpha": Integrator(
+        "Generalised-alpha, index 3",
+        2,
+        3,
+        0,
+        "integrators.generalised_alpha:advance",
+        _generalised_alpha,
+        damps=True,
+    ),
 }

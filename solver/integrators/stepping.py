@@ -56,7 +56,8 @@ LARGEST = 14  # largest allowed step
 CONTRACTION = 15  # of the last Newton iteration
 FACTORED_STEP = 16  # step of the factors at hand, 0 for none
 STAGE_STEP = 17  # step that the stages at hand belong to
-N_REAL = 18
+RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that have one
+N_REAL = 19
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control

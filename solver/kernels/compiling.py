@@ -185,6 +185,14 @@ class _KernelCache(FunctionCache):
             source_stamp=stamp.hexdigest(),
         )
 
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """What is on disk, without the compiler's own preparations.
+
+        They take longer than all else a program does that finds its kernels there.
+        """
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(signature, target_context)
+
 
 def _type_text(kind: Any) -> str:
     """A signature with the fields of its tables."""

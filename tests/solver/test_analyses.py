@@ -249,3 +249,52 @@ def test_inverse_dynamics_finds_the_forces_of_the_transient() -> None:
 def test_inverse_dynamics_refuses_what_can_move_freely() -> None:
     with pytest.raises(InputError, match="1 of 3 coordinates can move freely"):
         inverse_dynamics(compiled(pendulum("planar")))
+
+
+def flexible_slider_crank(factor: float, record: list[str]) -> Any:
+    """The founding example without damping, its rod `factor` times as stiff."""
+    sid = read_sid(EXAMPLE / "rod_q4.SID_FEM")
+    sid = replace(
+        sid, Ke=Taylor(factor * sid.Ke.m0), De=Taylor(np.zeros_like(sid.De.m0))
+    )
+    content = read_scene(EXAMPLE / "slider_crank.toml").model_dump(
+        by_alias=True, exclude_none=True, mode="json"
+    )
+    content["time"] = {"end": 2.5, "output_step": 0.05}
+    content["outputs"] = {"record": record}
+    return compiled(validated(content, SceneFile), {"rod": sid})
+
+
+def test_a_stiff_rod_deforms_as_quasi_statics_say() -> None:
+    """Without its vibrations a transient run has the quasi-static deformation."""
+    record = ["rod.q1", "rod.q5", "piston.x", "crank_angle.f1", "slider.fy"]
+    system = flexible_slider_crank(1e4, record)
+    quasi_static = inverse_dynamics(system, quasi_static=True)
+    transient = simulate(system, rtol=1e-9)
+    for name in record:
+        size = np.max(np.abs(transient[name]))
+        error = np.max(np.abs(quasi_static[name] - transient[name]))
+        assert error < 1e-5 * size, name
+    assert "quasi-static" in quasi_static.settings["analysis"]
+
+
+def test_a_rod_at_rest_hangs_through_as_in_static_equilibrium() -> None:
+    system, sid = clamped_rod("rod_q4", ["rod.q*", "clamp.mz"], gravity=[0.0, -G])
+    static = static_equilibrium(system).result()
+    held = inverse_dynamics(system, quasi_static=True)
+    for name in static.names:
+        assert held[name] == pytest.approx(static[name][0], rel=1e-8, abs=1e-12), name
+
+
+def test_inverse_dynamics_of_flexible_bodies_must_be_asked_for() -> None:
+    system = flexible_slider_crank(1.0, ["rod.q1"])
+    with pytest.raises(InputError, match="can move freely.*quasi-static deformation"):
+        inverse_dynamics(system)
+
+
+def test_a_body_too_soft_for_quasi_statics_is_told() -> None:
+    system = flexible_slider_crank(1e-5, ["rod.q1"])
+    with pytest.raises(SimulationError, match="too soft|cannot reach") as failure:
+        inverse_dynamics(system, quasi_static=True)
+    assert failure.value.result is not None
+    assert len(failure.value.result.t) > 0

@@ -336,3 +336,84 @@ def test_a_program_needs_a_drive_of_that_name() -> None:
     content = cart("planar", {"type": "callable"})
     with pytest.raises(InputError, match="no drive 'moter' .*expected motor"):
         compile_scene(content, drives={"moter": _wave})
+
+
+def turned_top(axis: list[float], start: float, **initial: Any) -> Any:
+    """A top whose whole orientation is prescribed, about a skew axis of a skew base."""
+    base = {"position": [0.1, 0.2, 0.3], "axis_angle": [0.5, -0.2, 0.8]}
+    top = {
+        "mass": 3.0,
+        "inertia": [0.2, 0.3, 0.4],
+        "markers": {"side": {"position": [0.3, 0.0, 0.1], "axis_angle": [0.1, 1.0, 0]}},
+        "initial": initial,
+    }
+    turn = {
+        "marker": "top.side",
+        "reference": "ground.base",
+        "coordinate": "rotation",
+        "axis": axis,
+        "function": _pieces([start, 3.0, 4.0]),
+    }
+    record = [f"turn.{name}" for name in ("mx", "my", "mz")]
+    record += [f"top.{name}" for name in ("wx", "wy", "wz")]
+    return scene(
+        "spatial",
+        ground={"markers": {"base": base}},
+        bodies={"top": top},
+        joints={"ball": {"type": "spherical", "markers": ["ground.base", "top.side"]}},
+        drives={"turn": turn},
+        outputs={"record": record},
+    )
+
+
+@pytest.mark.parametrize(
+    "initial", [{}, {"axis_angle": [2.5, 0.0, 0.0]}], ids=["near", "upside down"]
+)
+def test_a_whole_orientation_is_prescribed(initial: dict[str, Any]) -> None:
+    """More than one turn about a skew axis, from any guess of the start."""
+    axis = np.array([1.0, -2.0, 0.5])
+    system = compile_scene(turned_top(axis.tolist(), 0.4, **initial))
+    result = simulate(system, rtol=1e-8)
+    base = Rotation.from_rotvec([0.5, -0.2, 0.8])
+    side = Rotation.from_rotvec([0.1, 1.0, 0.0])
+    direction = axis / np.linalg.norm(axis)
+    spins = [base.apply((3.0 + 8.0 * t) * direction) for t in result.t]
+    found = np.column_stack([result[f"top.w{a}"] for a in "xyz"])
+    assert found == pytest.approx(np.array(spins), abs=1e-7)
+    for t, z in zip(result.t, result.positions, strict=True):
+        turned = Rotation.from_rotvec((0.4 + 3.0 * t + 4.0 * t * t) * direction)
+        wanted = (base * turned * side.inv()).as_quat(canonical=True)
+        have = Rotation.from_quat(z[[4, 5, 6, 3]]).as_quat(canonical=True)
+        assert have == pytest.approx(wanted, abs=1e-9)
+
+
+def test_the_torque_of_a_prescribed_rotation_is_that_of_euler() -> None:
+    """About the pivot: J' w' + w x J' w, with the inertia J' there."""
+    axis = np.array([1.0, -2.0, 0.5])
+    result = simulate(compile_scene(turned_top(axis.tolist(), 0.4)), rtol=1e-9)
+    base = Rotation.from_rotvec([0.5, -0.2, 0.8])
+    arm = np.array([-0.3, 0.0, -0.1])
+    J = np.diag([0.2, 0.3, 0.4]) + 3.0 * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    direction = base.apply(axis / np.linalg.norm(axis))
+    for k, z in enumerate(result.positions):
+        R = Rotation.from_quat(z[[4, 5, 6, 3]]).as_matrix()
+        inertia = R @ J @ R.T
+        w, alpha = (3.0 + 8.0 * result.t[k]) * direction, 8.0 * direction
+        expected = inertia @ alpha + np.cross(w, inertia @ w)
+        found = [result[f"turn.m{a}"][k] for a in "xyz"]
+        assert found == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"axis": None}, "drives.turn.axis: is missing"),
+        ({"axis": [0.0, 0.0, 0.0]}, "drives.turn.axis: has no direction"),
+        ({"coordinate": "x"}, "drives.turn.axis: stands beside x"),
+    ],
+)
+def test_a_rotation_needs_an_axis(change: dict[str, Any], message: str) -> None:
+    data = turned_top([1.0, 0.0, 0.0], 0.0).model_dump(by_alias=True, exclude_none=True)
+    data["drives"]["turn"] |= change
+    with pytest.raises(InputError, match=message):
+        type(turned_top([1.0, 0.0, 0.0], 0.0)).model_validate(data)

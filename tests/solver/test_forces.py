@@ -260,3 +260,51 @@ def test_what_is_no_force_is_refused(force: dict[str, Any], problem: str) -> Non
     joints = {"hold": {"type": "coincident", "markers": ["ground", "a"]}}
     with pytest.raises(InputError, match=problem):
         scene("planar", bodies={"a": body}, joints=joints, forces={"f": force})
+
+
+def pushed(function: Any, kind: str = "force") -> Any:
+    """A block of 2 kg on a rail, pushed by a function of time times 3 N, or by it."""
+    push: dict[str, Any] = {"type": "force", "marker": "block.a", "force": [3.0, 0.0]}
+    if kind == "actuator":
+        push = {"type": "actuator", "joint": "rail"}
+    if function is not None:
+        push["function"] = function
+    joints = {"rail": {"type": "prismatic", "markers": ["ground", "block.a"]}}
+    block = {"mass": 2.0, "inertia": 1.0, "markers": {"a": {"position": [0.0, 0.0]}}}
+    tables = {"bodies": {"block": block}, "joints": joints, "forces": {"push": push}}
+    return scene("planar", ["block.ax"], **tables)
+
+
+@pytest.mark.parametrize("function", [None, {"type": "callable"}])
+def test_a_program_gives_the_size_of_a_force(function: Any) -> None:
+    def wave(t: float) -> float:
+        return float(np.exp(-t) * np.sin(20.0 * t))
+
+    system = compile_scene(pushed(function), forces={"push": wave})
+    result = simulate(system, rtol=1e-9)
+    exact = [1.5 * wave(t) for t in result.t]
+    assert result["block.ax"] == pytest.approx(exact, abs=1e-10)
+
+
+def test_a_program_is_an_actuator_and_may_have_kinks() -> None:
+    system = compile_scene(
+        pushed({"type": "callable"}, "actuator"),
+        forces={"push": lambda t: abs(t - 0.37)},
+    )
+    assert system.breaks == pytest.approx((0.37, 1.0), abs=1e-6)
+    result = simulate(system, rtol=1e-9)
+    assert result["block.ax"] == pytest.approx(0.5 * abs(result.t - 0.37), abs=1e-9)
+
+
+def test_programs_need_forces_that_are_functions_of_time() -> None:
+    with pytest.raises(InputError, match="no force 'pull' .*expected push"):
+        compile_scene(pushed(None), forces={"pull": float})
+    with pytest.raises(InputError, match="jumps by 1 .*pieces of a polynomial"):
+        compile_scene(pushed(None), forces={"push": lambda t: float(t > 0.3)})
+    with pytest.raises(InputError, match="left to a program"):
+        compile_scene(pushed({"type": "callable"}))
+    spring = {"type": "spring_damper", "markers": ["ground", "a"], "stiffness": 1.0}
+    body = {"mass": 1.0, "initial": {"position": [1.0, 0.0]}}
+    described = scene("planar", bodies={"a": body}, forces={"spring": spring})
+    with pytest.raises(InputError, match="spring_damper, which is no function of time"):
+        compile_scene(described, forces={"spring": float})

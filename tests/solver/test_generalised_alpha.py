@@ -66,20 +66,23 @@ def test_the_error_constants_are_those_of_one_step(rho: float) -> None:
     assert quartic == pytest.approx(12.0 * velocity, abs=1e-12)
 
 
-def test_a_mode_that_the_step_cannot_resolve_dies_out() -> None:
-    """By rho = 0.8 a step in the long run, here without any damping in the body."""
+@pytest.mark.parametrize(("rho", "last"), [(0.8, 100), (0.6, 60)])
+def test_a_mode_that_the_step_cannot_resolve_dies_out(rho: float, last: int) -> None:
+    """By rho a step in the long run, until nothing but rounding is left."""
     sid = soft_body(1, seed=1, damped=False)
     stiff = replace(sid, Ke=Taylor(np.array([[1e12]])))
     body = {"sid": "-", "initial": {"elastic": [1e-9]}}
     described = scene({"body": body}, end=1.0, steps=100, record=["body.q1"])
     system = compiled(described, body=stiff)
     runs = {
-        name: abs(simulate(system, integrator=name, step=0.01)["body.q1"])
+        name: abs(
+            simulate(system, integrator=name, step=0.01, spectral_radius=rho)["body.q1"]
+        )
         for name in ("generalised_alpha", "trapezoidal")
     }
     assert runs["trapezoidal"][-10:].max() > 0.5e-9
     dying = runs["generalised_alpha"]
-    assert (dying[-1] / dying[-21]) ** (1 / 20) == pytest.approx(0.8, abs=0.03)
+    assert (dying[last] / dying[last - 20]) ** (1 / 20) == pytest.approx(rho, abs=0.03)
 
 
 def test_a_fixed_step_that_does_not_divide_the_time_is_shortened_a_little() -> None:

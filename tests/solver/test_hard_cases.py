@@ -91,7 +91,7 @@ def test_a_rod_of_growing_stiffness_becomes_rigid(
     away = np.abs(result["piston.x"] - rigid_piston(result.t)).max()
     assert away == pytest.approx(1.169e-5 / factor, rel=1e-2, abs=2e-12)
     assert factor * np.abs(result["rod.q1"]).max() == pytest.approx(9.902e-4, rel=2e-4)
-    assert result.counters["steps"] < 700
+    assert result.counters["steps"] < 1000
     assert result.drift["position"] < 1e-12
 
 
@@ -184,7 +184,7 @@ def test_an_undamped_mode_of_20_khz_at_rest_costs_nothing(
     record = ["piston.x", "rod.q1"]
     system = compiled(slider_crank(outputs={"record": record}), rod=ringing(rod))
     result = simulate(system, integrator=integrator, rtol=1e-6)
-    assert result.counters["steps"] < 700
+    assert result.counters["steps"] < 1000
     assert result["piston.x"] == pytest.approx(rigid_piston(result.t), abs=1e-10)
     assert np.abs(result["rod.q1"]).max() == pytest.approx(2.4877e-9, rel=1e-4)
 

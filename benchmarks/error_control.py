@@ -1,0 +1,50 @@
+"""Error asked for against error found, on three published problems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from solver import simulate
+from solver.errors import SimulationError
+from solver.integrators import INTEGRATORS
+from tests.references.error_control import CASES, compiled, relative_error
+
+from .machine import describe_machine
+from .report import Report, Table
+
+TOLERANCES = tuple(10.0**-k for k in range(3, 11))
+
+
+def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
+    """Run all integrators with all tolerances."""
+    header = ["tolerance", *INTEGRATORS]
+    tables = []
+    for case in CASES:
+        rows = []
+        for rtol in TOLERANCES:
+            cells = [_ratio(case, integrator, rtol) for integrator in INTEGRATORS]
+            rows.append([f"{rtol:.0e}", *cells])
+            say(f"  {case}, {rtol:.0e}: {', '.join(cells)}")
+        tables.append(Table(f"{case}: error divided by the tolerance", header, rows))
+    return Report(
+        title="Error asked for and error found",
+        tables=tables,
+        remarks=[
+            "Errors of elastic coordinates are relative to the largest of them, of "
+            "places to the size of the mechanism, of angles to a radian. *-*: more "
+            "than half a million steps would be needed, or the method gave up."
+        ],
+        machine=describe_machine(),
+    )
+
+
+def _ratio(case: str, integrator: str, rtol: float) -> str:
+    method = INTEGRATORS[integrator]
+    if method.order == 2 and rtol < 1e-7:
+        return "-"
+    try:
+        result = simulate(compiled(case), integrator=integrator, rtol=rtol)
+    except SimulationError:
+        return "-"
+    return f"{relative_error(case, result) / rtol:.2g}"
