@@ -81,7 +81,14 @@ def particle_body(
         mass=float(masses.sum()),
         labels=tuple(_label(mode, value) for mode, value in enumerate(omega)),
         nodes=tuple(
-            _node(str(p + 1), c[p], _loaded(phi, phi1, p), _loaded(psi, psi1, p))
+            _node(
+                str(p + 1),
+                c[p],
+                phi[p],
+                psi[p],
+                None if phi1 is None else phi1[p],
+                None if psi1 is None else psi1[p],
+            )
             for p in range(nodes)
         ),
         title=f"{n_particles} particles",
@@ -137,19 +144,23 @@ def _six(tensors: Array) -> Array:
     return tensors[..., rows, columns]
 
 
-def _loaded(shapes: Array, stiffening: Array | None, p: int) -> Taylor:
-    """Phi or Psi at a particle: m1(a, l, k) = Phi1_kl(a)."""
-    if stiffening is None:
-        return Taylor(shapes[p])
-    return Taylor(shapes[p], np.moveaxis(stiffening[p], -1, 0))
-
-
-def _node(name: str, c: Array, phi: Taylor, psi: Taylor) -> Node:
-    elastic = bool(phi.m0.size)
+def _node(
+    name: str,
+    c: Array,
+    phi: Array,
+    psi: Array,
+    phi1: Array | None,
+    psi1: Array | None = None,
+) -> Node:
+    elastic = bool(phi.size)
+    # m1(a, l, k) = Phi1_kl(a)
+    by_force, by_moment = (
+        None if term is None else np.moveaxis(term, -1, 0) for term in (phi1, psi1)
+    )
     return Node(
         id=name,
-        origin=Taylor(c[:, None], phi.m0.T[:, :, None] if elastic else None),
-        phi=phi,
-        psi=psi,
-        AP=Taylor(np.eye(3), skew(psi.m0.T) if elastic else None),
+        origin=Taylor(c[:, None], phi.T[:, :, None] if elastic else None),
+        phi=Taylor(phi, by_force),
+        psi=Taylor(psi, by_moment),
+        AP=Taylor(np.eye(3), skew(psi.T) if elastic else None),
     )

@@ -93,7 +93,7 @@ def network(
 
 
 def not_turning(sid: SID) -> SID:
-    """Markers that are turned at q = STILL, where Psi is zero but its derivative not."""
+    """Markers that are turned at q = STILL; Psi is zero there, its derivative not."""
     nodes = []
     for node in sid.nodes:
         slope = np.einsum("lak,l->ak", node.psi.first_order(sid.nq), STILL)
