@@ -2,81 +2,40 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 
 import numpy as np
 
-from formats.errors import InputError
 from formats.result import Event, FlexibleBody, Result
 from formats.scene import output_times
 from formats.sid import Array
 
 from . import assembly, events, outputs, warmup
-from .bodies import amplitudes, frequencies
 from .body_measures import expected_bodies, reached_bodies
 from .energy_history import History, is_wanted
 from .errors import SimulationError
-from .integrators import INTEGRATORS, Integrator, stepping
-from .kernels import layout as at
+from .integrators import INTEGRATORS, Advance, stepping
 from .kernels import newton
 from .kernels.layout import Work
 from .kernels.newton import Memory
 from .kernels.pointers import kernels
+from .new_control import closed_below, new_control
 from .scene import System
+from .settings import Settings, settings_of
+from .stopping import CAUSES, explained, singular
 from .storage import new_memory, new_work
 
 #: Steps between two reports of progress.
 CHUNK = 500
-#: Constraints are met when they are open by less than this part of the size: at least
-#: what rounding allows, at most what keeps the drift invisible.
-CLOSED = (1e-13, 1e-11)
-#: Tolerance per step in units of the requested relative error: errors of undamped
-#: vibrations add up from step to step.
-STEP_TOLERANCE = 0.3
 
 Progress = Callable[[float], None]
 Foresee = Callable[[Mapping[str, FlexibleBody]], None]
-
-_FAILURES = {
-    stepping.TOO_SMALL: "the step size fell below what the time resolves: the motion "
-    "is not smooth here, or a body is blocked",
-    stepping.OFF_CONSTRAINTS: "the constraints could not be met at the end of a step; "
-    "a smaller fixed step may help",
-    stepping.NOT_FINITE: "a coordinate became infinite or undefined",
-    stepping.NO_CONVERGENCE: "Newton's iteration did not converge with the fixed step; "
-    "a smaller one may help",
-    stepping.CRAWLING: "the scene is stiff: stability, not accuracy, keeps the steps "
-    "of this explicit method so short that the run would take hundreds of thousands; "
-    "use radau5 or radau9",
-}
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How a run is made: integrator, relative tolerance, or a fixed step [s].
-
-    radius : spectral radius at infinite frequency, of methods that have one
-    """
-
-    integrator: str
-    rtol: float
-    step: float | None
-    radius: float
-
-    def told(self, method: Integrator) -> dict[str, str | float]:
-        """For the result."""
-        told: dict[str, str | float] = {
-            "integrator": self.integrator,
-            "rtol": self.rtol,
-            "step": self.step or 0.0,
-        }
-        return told | ({"spectral_radius": self.radius} if method.damps else {})
 
 
 def simulate(
@@ -93,7 +52,8 @@ def simulate(
 
     Parameters
     ----------
-    integrator : name in `solver.integrators.INTEGRATORS`, default as in the scene
+    integrator : name in `solver.integrators.INTEGRATORS` or "auto", default as in the
+        scene
     rtol : tolerated error relative to the largest motion, default as in the scene
     step : fixed step [s]; replaces the error control
     spectral_radius : of generalised_alpha, 0 to 1, default as in the scene
@@ -105,15 +65,15 @@ def simulate(
     InputError : unknown integrator, or no start position meets the constraints.
     SimulationError : the run stopped early; its `result` holds what was computed.
     """
-    settings = _settings(system, integrator, rtol, step, spectral_radius)
-    method = INTEGRATORS[settings.integrator]
-    warmup.ensure(system.planar, [method.step_loop], say_compiling)
+    settings = settings_of(system, integrator, rtol, step, spectral_radius)
+    loops = [INTEGRATORS[name].step_loop for name in settings.possible]
+    warmup.ensure(system.planar, loops, say_compiling)
     began = time.perf_counter()
     system, start = assembly.assemble(system)
     expected = expected_bodies(system, start)
     if foresee is not None:
         foresee(expected)
-    run = _Run(system, method, settings, start)
+    run = _Run(system, settings, start)
     assembled = time.perf_counter()
     failure = run.go(progress)
     solved = time.perf_counter()
@@ -130,61 +90,39 @@ def say_compiling(text: str) -> None:
         print(f"sidtool: {text}", file=sys.stderr, flush=True)
 
 
-def _settings(
-    system: System,
-    integrator: str | None,
-    rtol: float | None,
-    step: float | None,
-    radius: float | None,
-) -> Settings:
-    accuracy = system.scene.accuracy
-    name = integrator or accuracy.integrator
-    if name not in INTEGRATORS:
-        raise InputError(
-            f"there is no integrator {name!r}",
-            place="accuracy.integrator",
-            expected=f"one of {', '.join(INTEGRATORS)}",
-        )
-    rtol = accuracy.rtol if rtol is None else rtol
-    step = accuracy.step if step is None else step
-    if not 1e-13 <= rtol <= 0.1:
-        raise InputError(f"rtol is {rtol:g}", expected="a number from 1e-13 to 0.1")
-    if step is not None and not step > 0.0:
-        raise InputError(f"step is {step:g}", expected="a positive number of seconds")
-    radius = accuracy.spectral_radius if radius is None else radius
-    if not 0.0 <= radius <= 1.0:
-        raise InputError(f"spectral_radius is {radius:g}", expected="0 to 1")
-    return Settings(name, rtol, step, radius)
-
-
 class _Run:
     """Storage and step function of one run."""
 
     def __init__(
         self,
         system: System,
-        method: Integrator,
         settings: Settings,
         start: assembly.Start,
     ) -> None:
-        self.system, self.method, self.settings = system, method, settings
+        self.system, self.settings = system, settings
+        methods = [INTEGRATORS[name] for name in settings.possible]
+        self.method, self.switched = methods[0], math.nan
         self.work: Work = new_work(system)
-        self.memory: Memory = new_memory(system, method.pairs)
+        self.memory: Memory = new_memory(system, max(m.pairs for m in methods))
         self.kernels = kernels(system.planar)
         self.times = output_times(system.scene)
-        self.closed = _closed(system, settings)
+        self.closed = closed_below(system, settings)
         self.watch = None
         if system.scene.events:
-            self.watch = events.Watch(system, self.kernels, self.closed, method.dense)
+            degree = max(m.dense for m in methods)
+            self.watch = events.Watch(system, self.kernels, self.closed, degree)
         shares = np.zeros(0) if self.watch is None else self.watch.shares
-        self.control = _new_control(
+        self.control = new_control(
             system, settings, start, self.times, shares, self.closed
         )
         self.history = History() if is_wanted(system.scene) else None
         self.breaks: list[events.Moment] = []
         self.begin = system.scene.time.start
-        self.advance = method.prepare(
-            system, self.kernels, self.work, self.memory, self.control
+        self.advance = self._prepare()
+
+    def _prepare(self) -> Advance:
+        return self.method.prepare(
+            self.system, self.kernels, self.work, self.memory, self.control
         )
 
     def go(self, progress: Progress | None) -> str:
@@ -201,6 +139,9 @@ class _Run:
                 self._remember()
                 if self.watch is not None and self.watch.look(control):
                     return ""
+                if self._is_stiff(code):
+                    self._switch(stop)
+                    code = stepping.CHUNK
                 if progress is not None:
                     progress(float(control.real[stepping.TIME]))
             if code != stepping.REACHED:
@@ -208,6 +149,33 @@ class _Run:
             self._note_breaks(stop)
             now = stop
         return ""
+
+    def _is_stiff(self, code: int) -> bool:
+        """Whether another method has to go on."""
+        waits = self.settings.when_stiff and math.isnan(self.switched)
+        if not waits or code not in (stepping.CHUNK, stepping.CRAWLING):
+            return False
+        stiff = self.control.whole[stepping.STIFF]
+        return bool(stepping.STIFF_PART * stiff > self.memory.counters[newton.STEPS])
+
+    def _switch(self, stop: float) -> None:
+        """Goes on from here with the method for stiff scenes."""
+        now = float(self.control.real[stepping.TIME])
+        self.method, self.switched = INTEGRATORS[self.settings.when_stiff], now
+        self.advance = self._prepare()
+        self._enter(now, stop)
+
+    def _told(self) -> dict[str, str | float]:
+        """How the run was made, for the result."""
+        settings = self.settings
+        name = settings.integrator
+        if not math.isnan(self.switched):
+            name += f", then {settings.when_stiff} from t = {self.switched:.6g} s"
+        told: dict[str, str | float] = {"integrator": name, "rtol": settings.rtol}
+        told["step"] = settings.step or 0.0
+        if self.method.damps:
+            told["spectral_radius"] = settings.radius
+        return told
 
     def _note_breaks(self, t: float) -> None:
         """Keeps the state where drives or forces are not smooth."""
@@ -243,11 +211,11 @@ class _Run:
             control.v,
         )
         if status != 0:
-            raise SimulationError(_singular(self.system, begin, status))
+            raise SimulationError(singular(self.system, begin, status))
 
     def _failure(self, code: int) -> str:
         t = self.control.real[stepping.TIME]
-        cause = _FAILURES.get(code, f"code {code}")
+        cause = CAUSES.get(code, f"code {code}")
         worst = outputs.busiest_body(self.system, self.control)
         text = f"stopped at t = {t:.9g} s: {cause} (fastest change: {worst})"
         if self.system.redundant:
@@ -291,13 +259,13 @@ class _Run:
                 "position": float(self.control.real[stepping.DRIFT]),
                 "velocity": float(self.control.real[stepping.DRIFT_RATE]),
             },
-            settings=self.settings.told(self.method),
+            settings=self._told(),
             bodies=bodies,
             events=self._events(),
             scene=self.system.scene.model_dump_json(by_alias=True, exclude_none=True),
             versions=versions(),
             completed=not failure,
-            message=_explained(failure, bodies) or self._end(),
+            message=explained(failure, bodies) or self._end(),
         )
 
     def _recorded(self) -> tuple[Array, Array, Array]:
@@ -333,85 +301,6 @@ class _Run:
             return ""
         t = self.watch.moments[-1].t
         return f"event {self.watch.ended} ended the run at t = {t:.9g} s"
-
-
-def _explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
-    """The failure, and the bodies that deform without bound as its cause."""
-    if not failure:
-        return ""
-    for name, body in bodies.items():
-        for stage in (body.found, body.expected):
-            if stage is not None and stage.diverges:
-                failure += f"; {name} {stage.sentence()}"
-                break
-    return failure
-
-
-def _singular(system: System, t: float, status: int) -> str:
-    if status == 1:
-        return (
-            f"stopped at t = {t:.9g} s: the mass matrix of a body is singular; a body "
-            "that can rotate needs inertia, a flexible one shape functions with mass"
-        )
-    return (
-        f"stopped at t = {t:.9g} s: the constraints depend on each other here "
-        "(singular position)"
-    )
-
-
-def _closed(system: System, settings: Settings) -> Array:
-    """(2,) |c| and |dc/dt| below which constraints are met."""
-    scene = system.scene
-    near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
-    still = CLOSED[0] / (scene.time.end - scene.time.start)
-    return system.length * np.array([near, still])
-
-
-def _new_control(
-    system: System,
-    settings: Settings,
-    start: assembly.Start,
-    times: Array,
-    shares: Array,
-    closed: Array,
-) -> stepping.Control:
-    scene = system.scene
-    duration = scene.time.end - scene.time.start
-    real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
-    real[stepping.TOLERANCE] = STEP_TOLERANCE * settings.rtol
-    real[stepping.LENGTH] = system.length
-    real[stepping.PERIOD] = duration
-    real[stepping.RADIUS] = settings.radius
-    real[stepping.NEAR], real[stepping.STILL] = closed
-    real[stepping.LARGEST] = 0.1 * duration
-    real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
-    real[stepping.SPEED] = system.length / duration
-    real[stepping.SPIN] = 1.0 / duration
-    whole[stepping.FIXED_STEP] = int(settings.step is not None)
-    n, m = system.n_positions, system.n_velocities
-    count = len(times) + len(shares)
-    amplitude, frequency = np.ones(m), np.ones(m)
-    axes = 2 if system.planar else 3
-    for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
-        amplitude[elastic] = amplitudes(data.sid, axes)
-        frequency[elastic] = frequencies(data.sid)
-    return stepping.Control(
-        real,
-        whole,
-        start.z.copy(),
-        start.v.copy(),
-        np.zeros(len(system.bodies)),
-        amplitude,
-        frequency,
-        np.ones(n),
-        np.ones(m),
-        times,
-        shares,
-        np.zeros(len(shares)),
-        np.zeros((count, n)),
-        np.zeros((count, m)),
-    )
 
 
 def _counters(memory: Memory) -> dict[str, int | float]:

@@ -24,9 +24,11 @@ MOST_BODIES = 8
 #: Events told of in a summary.
 MOST_EVENTS = 8
 ADVICE = (
-    "the scene is stiff: stability, not accuracy, limited most steps of this explicit "
+    "the scene is stiff: stability, not accuracy, limited the steps of this explicit "
     "method; radau5 or radau9 take fewer"
 )
+#: One step in so many that stability limits makes a scene stiff, as in `solver`.
+STIFF_PART = 4
 _DRIFT_UNITS = {"position": "m", "velocity": "m/s"}
 
 
@@ -51,9 +53,9 @@ def summary(result: Result) -> str:
 
 
 def _is_stiff(result: Result) -> bool:
-    """Whether stability, not accuracy, limited most steps of an explicit method."""
+    """Whether stability, not accuracy, limited the steps of an explicit method."""
     counters = result.counters
-    return 2 * counters.get("stiff_steps", 0) > counters.get("steps", 0)
+    return STIFF_PART * counters.get("stiff_steps", 0) > counters.get("steps", 0)
 
 
 def _events(events: Sequence[Event]) -> list[tuple[str, str]]:

@@ -15,7 +15,8 @@ from ..integrators import stepping
 from ..kernels import layout as at
 from ..kernels.coordinates import retract
 from ..kernels.pointers import kernels
-from ..run import CLOSED, versions
+from ..new_control import CLOSED
+from ..run import versions
 from ..scene import System
 from ..sizes import row_sizes
 from ..storage import new_memory, new_work

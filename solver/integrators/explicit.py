@@ -34,6 +34,7 @@ from .stepping import (
     REACHED,
     SHARE,
     STIFF,
+    STIFF_PART,
     STILL,
     TIME,
     TOO_SMALL,
@@ -55,10 +56,12 @@ from .stepping import (
 
 #: The estimated error falls with this power of the step, less one.
 ORDER_OF_ERROR = 7
+#: For what the estimate overlooks in large steps, and for the dense output inside.
+CAUTION = 10.0
 #: `finish_step` keeps a Jacobian up to this contraction: there is none.
 NO_JACOBIAN = -1.0
 #: Steps times the fastest eigenvalue at which stability ends is 6.0 to 6.4.
-STABILITY_LIMIT = 5.0
+STABILITY_LIMIT = 4.0
 #: A run is given up after so many steps that stability has limited, if at their size
 #: it would take so many in all.
 PATIENCE, MOST_STEPS = 200, 200_000
@@ -120,7 +123,7 @@ def _error(tableau, control, slopes, h):
     third = _estimate(tableau.third, control, slopes, h)
     if fifth == 0.0:
         return 0.0
-    return fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third)
+    return CAUTION * fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third)
 
 
 @inner(float64(F1, CONTROL, STAGE_SLOPES, float64))
@@ -241,9 +244,9 @@ def _accept(kernels, system, work, memory, tableau, control, slopes, h):
 
 @inner(boolean(MEMORY, CONTROL, float64))
 def _crawls(memory, control, h):
-    """Whether most steps were short for stability alone, and too many are to come."""
+    """Whether stability keeps the steps short, and too many of them are to come."""
     stiff = control.whole[STIFF]
-    usual = stiff > PATIENCE and 2 * stiff > memory.counters[STEPS]
+    usual = stiff > PATIENCE and STIFF_PART * stiff > memory.counters[STEPS]
     return usual and control.real[PERIOD] > MOST_STEPS * h
 
 

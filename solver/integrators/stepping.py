@@ -68,6 +68,10 @@ SHARE = 4  # next entry of the shares
 STIFF = 5  # steps that stability, not accuracy, has limited
 N_WHOLE = 6
 
+#: A scene is stiff when stability limits more than one step in so many; between such
+#: steps the error control tries longer ones.
+STIFF_PART = 4
+
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
 

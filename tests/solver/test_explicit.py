@@ -125,5 +125,49 @@ def test_a_stiff_scene_ends_in_advice_and_not_in_hours() -> None:
 def test_a_stiff_scene_that_takes_moments_is_computed_all_the_same() -> None:
     result = simulate(stiff(1e7), integrator="dop853")
     assert result.completed
-    assert 2 * result.counters["stiff_steps"] > result.counters["steps"]
+    assert 4 * result.counters["stiff_steps"] > result.counters["steps"]
     assert simulate(flexible(True), integrator="dop853").counters["stiff_steps"] == 0
+
+
+def springs(stiffness: float) -> System:
+    """Two masses in a row, the first on a damped spring, the second on a soft one."""
+    bodies = {
+        name: {"mass": 1.0, "initial": {"position": [x, 0.0]}}
+        for name, x in (("near", 1.0), ("far", 2.0))
+    }
+    first = {"stiffness": stiffness, "damping": np.sqrt(stiffness)}
+    forces = {
+        "first": {"markers": ["ground", "near"], **first},
+        "second": {"markers": ["near", "far"], "stiffness": 50.0},
+    }
+    kind = {"type": "spring_damper", "rest": 1.0}
+    return compiled(
+        scene(
+            bodies,
+            end=2.0,
+            gravity=[-GRAVITY, 0.0],
+            forces={name: kind | force for name, force in forces.items()},
+            record=["near.x", "far.x"],
+        )
+    )
+
+
+def test_auto_takes_the_explicit_method_for_rigid_bodies() -> None:
+    found, other = (simulate(springs(1e2), integrator=n) for n in ("auto", "radau9"))
+    assert found.settings["integrator"] == "dop853"
+    assert found.values == pytest.approx(other.values, abs=1e-5)
+
+
+def test_auto_goes_on_with_radau_where_rigid_bodies_are_stiff() -> None:
+    """The steps before the change are kept, and no output is lost."""
+    result = simulate(springs(1e10), integrator="auto")
+    truth = simulate(springs(1e10), integrator="radau13", rtol=1e-10)
+    assert "dop853, then radau9 from t = " in str(result.settings["integrator"])
+    assert result.values == pytest.approx(truth.values, abs=1e-5)
+    assert 500 < result.counters["steps"] < 1000
+
+
+@pytest.mark.parametrize(("rtol", "chosen"), [(1e-2, "radau5"), (1e-6, "radau9")])
+def test_auto_takes_radau_for_flexible_bodies(rtol: float, chosen: str) -> None:
+    result = simulate(flexible(True), integrator="auto", rtol=rtol)
+    assert result.settings["integrator"] == chosen

@@ -1,0 +1,75 @@
+"""The state that a step loop begins with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from formats.sid import Array
+
+from .assembly import Start
+from .bodies import amplitudes, frequencies
+from .integrators import stepping
+from .kernels import layout as at
+from .scene import System
+from .settings import Settings
+
+#: Constraints are met when they are open by less than this part of the size: at least
+#: what rounding allows, at most what keeps the drift invisible.
+CLOSED = (1e-13, 1e-11)
+#: Tolerance per step in units of the requested relative error.
+STEP_TOLERANCE = 1.0
+
+
+def closed_below(system: System, settings: Settings) -> Array:
+    """(2,) |c| and |dc/dt| below which constraints are met."""
+    scene = system.scene
+    near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
+    still = CLOSED[0] / (scene.time.end - scene.time.start)
+    return system.length * np.array([near, still])
+
+
+def new_control(
+    system: System,
+    settings: Settings,
+    start: Start,
+    times: Array,
+    shares: Array,
+    closed: Array,
+) -> stepping.Control:
+    scene = system.scene
+    duration = scene.time.end - scene.time.start
+    real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
+    real[stepping.TOLERANCE] = STEP_TOLERANCE * settings.rtol
+    real[stepping.LENGTH] = system.length
+    real[stepping.PERIOD] = duration
+    real[stepping.RADIUS] = settings.radius
+    real[stepping.NEAR], real[stepping.STILL] = closed
+    real[stepping.LARGEST] = 0.1 * duration
+    real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
+    real[stepping.SPEED] = system.length / duration
+    real[stepping.SPIN] = 1.0 / duration
+    whole[stepping.FIXED_STEP] = int(settings.step is not None)
+    n, m = system.n_positions, system.n_velocities
+    count = len(times) + len(shares)
+    amplitude, frequency = np.ones(m), np.ones(m)
+    axes = 2 if system.planar else 3
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
+        amplitude[elastic] = amplitudes(data.sid, axes)
+        frequency[elastic] = frequencies(data.sid)
+    return stepping.Control(
+        real,
+        whole,
+        start.z.copy(),
+        start.v.copy(),
+        np.zeros(len(system.bodies)),
+        amplitude,
+        frequency,
+        np.ones(n),
+        np.ones(m),
+        times,
+        shares,
+        np.zeros(len(shares)),
+        np.zeros((count, n)),
+        np.zeros((count, m)),
+    )

@@ -1,0 +1,47 @@
+"""Why a run stopped, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from formats.result import FlexibleBody
+
+from .integrators import stepping
+from .scene import System
+
+CAUSES = {
+    stepping.TOO_SMALL: "the step size fell below what the time resolves: the motion "
+    "is not smooth here, or a body is blocked",
+    stepping.OFF_CONSTRAINTS: "the constraints could not be met at the end of a step; "
+    "a smaller fixed step may help",
+    stepping.NOT_FINITE: "a coordinate became infinite or undefined",
+    stepping.NO_CONVERGENCE: "Newton's iteration did not converge with the fixed step; "
+    "a smaller one may help",
+    stepping.CRAWLING: "the scene is stiff: stability, not accuracy, keeps the steps "
+    "of this explicit method so short that the run would take hundreds of thousands; "
+    "use radau5 or radau9",
+}
+
+
+def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
+    """The failure, and the bodies that deform without bound as its cause."""
+    if not failure:
+        return ""
+    for name, body in bodies.items():
+        for stage in (body.found, body.expected):
+            if stage is not None and stage.diverges:
+                failure += f"; {name} {stage.sentence()}"
+                break
+    return failure
+
+
+def singular(system: System, t: float, status: int) -> str:
+    if status == 1:
+        return (
+            f"stopped at t = {t:.9g} s: the mass matrix of a body is singular; a body "
+            "that can rotate needs inertia, a flexible one shape functions with mass"
+        )
+    return (
+        f"stopped at t = {t:.9g} s: the constraints depend on each other here "
+        "(singular position)"
+    )
