@@ -8,7 +8,7 @@ shape, for a kernel or another table its address.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, NoReturn, Self
 
 import numpy as np
 from llvmlite import ir
@@ -58,9 +58,13 @@ def _kind_of(owner: type[Table]) -> TableType:
 
 
 class Table:
-    """A record of arrays, kernels and tables; the fields are its annotations."""
+    """A record of arrays, kernels and tables; the fields are its annotations.
+
+    The values of arrays may change, the fields may not.
+    """
 
     kind: ClassVar[TableType]
+    address: int
 
     def __init__(self, *values: Any, **named: Any) -> None:
         rest = (named.pop(field) for field in self.kind.fields[len(values) :])
@@ -69,10 +73,17 @@ class Table:
             raise TypeError(f"no fields of a table: {', '.join(named)}")
         words: list[int] = []
         for (field, kind), value in zip(self.kind.members.items(), values, strict=True):
-            setattr(self, field, value)
+            self.__dict__[field] = value
             words += _words(kind, value)
-        self._words = np.array(words, np.int64)
-        self.address = int(self._words.ctypes.data)
+        memory = np.array(words, np.int64)
+        self.__dict__.update(_memory=memory, address=int(memory.ctypes.data))
+
+    def __setattr__(self, name: str, value: Any) -> NoReturn:
+        raise AttributeError(f"a table does not change: {name}; see `replaced`")
+
+    def __reduce__(self) -> Any:
+        """Copies have an address of their own."""
+        return type(self), tuple(getattr(self, field) for field in self.kind.fields)
 
     def replaced(self, **changes: Any) -> Self:
         """The same table with other values of some fields."""

@@ -1,0 +1,76 @@
+"""Tables: what kernels read through one pointer is what Python sees."""
+
+from __future__ import annotations
+
+import copy
+import gc
+
+import numpy as np
+import pytest
+from numba import float64, int64, types
+
+from formats.sid import Array
+from solver.kernels.compiling import entry
+from solver.kernels.tables import Table, TableType
+
+
+class Pair(Table):
+    numbers: Array
+    grid: Array
+    other: Pair | None
+
+
+PAIR = TableType(
+    Pair, [types.Array(float64, 1, "C"), types.Array(float64, 2, "C"), None]
+)
+
+
+@entry(float64(PAIR, int64))
+def last_entries(pair, scale):
+    """Sum of the last entries of a table and of the one it refers to."""
+    total = 0.0
+    for table in (pair, pair.other):
+        rows, columns = table.grid.shape
+        total += table.numbers[len(table.numbers) - 1] * scale
+        total += table.grid[rows - 1, columns - 1]
+    return total
+
+
+def pair() -> Pair:
+    inner = Pair(np.array([1.0, 2.0]), np.arange(6.0).reshape(2, 3), None)
+    return Pair(np.array([5.0]), np.full((3, 1), 7.0), inner)
+
+
+def test_kernels_see_arrays_shapes_and_tables_within_tables() -> None:
+    assert last_entries(pair(), 10) == (50.0 + 7.0) + (20.0 + 5.0)
+
+
+def test_values_change_and_fields_do_not() -> None:
+    table = pair()
+    table.numbers[0] = 6.0
+    assert last_entries(table, 10) == 92.0
+    with pytest.raises(AttributeError, match="numbers"):
+        table.numbers = np.zeros(3)
+    assert last_entries(table.replaced(numbers=np.ones(4)), 10) == 42.0
+
+
+def test_copies_outlive_the_original() -> None:
+    table = pair()
+    twin = copy.deepcopy(table)
+    assert twin.address != table.address
+    del table
+    gc.collect()
+    assert last_entries(twin, 10) == 82.0
+
+
+@pytest.mark.parametrize(
+    "numbers", [np.zeros(2, int), np.zeros((2, 2)), np.zeros(4)[::2], np.zeros(2, "f4")]
+)
+def test_arrays_of_another_kind_are_refused(numbers: np.ndarray) -> None:
+    with pytest.raises(TypeError, match="array"):
+        Pair(numbers, np.zeros((1, 1)), None)
+
+
+def test_fields_that_do_not_exist_are_refused() -> None:
+    with pytest.raises(TypeError, match="weight"):
+        Pair(numbers=np.zeros(1), grid=np.zeros((1, 1)), other=None, weight=1.0)
