@@ -1,9 +1,7 @@
 """Energy dissipated and supplied: powers integrated along the steps of a run.
 
-Between the states at the ends of a step the motion is interpolated by cubic Hermite
-polynomials of positions and of velocities, and the power integrated by Gauss points.
-The error is of fourth order in the step, as that of the error estimate which chooses
-it; the balance of energies tells its size.
+In every step the powers at the points of its dense output are integrated as the
+polynomial through them. The balance of energies tells the size of the error.
 """
 
 from __future__ import annotations
@@ -16,6 +14,7 @@ from formats.scene import SceneFile, parse_output
 from formats.sid import Array
 
 from . import kernel_calls
+from .dense import Points, Steps
 from .energies import dissipation, supply
 from .kernels import layout as at
 from .kernels.coordinates import rate
@@ -23,25 +22,21 @@ from .kernels.layout import Work
 from .kernels.newton import Kernels, Memory
 from .sampling import sample
 from .scene import System
+from .storage import new_memory, new_work
 
 INTEGRATED = frozenset(["dissipated", "supplied", "balance"])
-#: Gauss points on [0, 1] and their weights.
-GAUSS = 0.5 + 0.5 * np.polynomial.legendre.leggauss(3)[0]
-WEIGHTS = 0.5 * np.polynomial.legendre.leggauss(3)[1]
 
 
 @dataclass
 class History:
-    """States at the ends of all steps; a break appears as two states at one time."""
+    """The steps of a run with their points."""
 
-    t: list[float] = field(default_factory=list)
-    z: list[Array] = field(default_factory=list)
-    v: list[Array] = field(default_factory=list)
+    points: Points
+    parts: list[Steps] = field(default_factory=list)
 
-    def add(self, t: float, z: Array, v: Array) -> None:
-        self.t.append(t)
-        self.z.append(z.copy())
-        self.v.append(v.copy())
+    def add(self, steps: Steps) -> None:
+        if len(steps.t):
+            self.parts.append(steps)
 
 
 def is_wanted(scene: SceneFile) -> bool:
@@ -60,22 +55,41 @@ def integrated_energies(
     times: Array,
 ) -> tuple[Array, Array]:
     """Energies dissipated and supplied until `times`, (nt,) each [J]."""
-    t = np.array(history.t)
-    keep = np.diff(t, prepend=-np.inf) > 0.0
-    t, z, v = t[keep], np.array(history.z)[keep], np.array(history.v)[keep]
-    cuts = np.union1d(t, times[(times >= t[0]) & (times <= t[-1])])
-    lengths = np.diff(cuts)
-    nodes = (cuts[:-1, None] + lengths[:, None] * GAUSS).ravel()
-    z, v = _interpolated(system, kernels, work, memory, (t, z, v), closed, nodes)
-    samples = sample(system, kernels, work, memory, nodes, z, v, closed)
-    drift = _drift(system, work, nodes, z)
-    powers = dissipation(system, samples), supply(system, samples, nodes, drift)
-    sums = []
-    for power in powers:
-        parts = lengths * (power.reshape(-1, len(GAUSS)) @ WEIGHTS)
-        total = np.concatenate([[0.0], np.cumsum(parts)])
-        sums.append(np.interp(times, cuts, total))
-    return sums[0], sums[1]
+    if not history.parts:
+        return np.zeros(len(times)), np.zeros(len(times))
+    t, powers = [], []
+    for steps in history.points.batches(history.parts):
+        z, v = steps.z.copy(), steps.v.copy()
+        samples = sample(system, kernels, work, memory, steps.t, z, v, closed)
+        drift = _drift(system, work, steps.t, z)
+        supplied = supply(system, samples, steps.t, drift)
+        powers.append((dissipation(system, samples), supplied))
+        t.append(steps.t)
+    nodes = np.concatenate(t)
+    lost, given = (np.concatenate(power) for power in zip(*powers, strict=True))
+    integral = history.points.integral
+    return integral(nodes, lost, times), integral(nodes, given, times)
+
+
+def history_between(
+    system: System, kernels: Kernels, times: Array, z: Array, v: Array, closed: Array
+) -> History:
+    """A history of motion that is known at some times only.
+
+    Between them it is interpolated by cubic Hermite polynomials of positions and of
+    velocities. Of fewer than two times there is nothing to tell.
+    """
+    history, memory = History(Points(3)), new_memory(system, 0)
+    if len(times) < 2:
+        return history
+    lengths = np.diff(times)[:, None]
+    nodes = times[:-1, None] + lengths * history.points.shares
+    nodes[:, 0], nodes[:, -1] = np.nextafter(times[:-1], np.inf), times[1:]
+    nodes[:, -1] = np.nextafter(nodes[:, -1], -np.inf)
+    work, states = new_work(system), (times, z, v)
+    found = _interpolated(system, kernels, work, memory, states, closed, nodes.ravel())
+    history.add(Steps(nodes.ravel(), *found))
+    return history
 
 
 def _interpolated(

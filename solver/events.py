@@ -1,8 +1,8 @@
 """Events of a run: crossings found on its dense output, and breaks.
 
-Every step is looked at in some points, which also are the nodes of the polynomial that
-its dense output is. Between two points on different sides of the value, the crossing is
-found as exactly as numbers allow. Two crossings between two points are missed.
+Every step is looked at in the points of `dense`. Between two points on different sides
+of the value, the crossing is found as exactly as numbers allow. Two crossings between
+two points are missed.
 """
 
 from __future__ import annotations
@@ -18,15 +18,12 @@ from formats.scene import Outputs
 from formats.sid import Array
 
 from . import outputs
+from .dense import Points, Steps
 from .energy_history import History
-from .integrators import stepping
-from .integrators.stepping import Control
 from .kernels.newton import Kernels
 from .scene import System
 from .storage import new_memory, new_work
 
-#: Steps that are looked at together.
-CHUNK = 20
 #: A quantity closer to the value than this part of its size is on it.
 ON_VALUE = 1e-13
 
@@ -42,59 +39,19 @@ class Moment:
     v: Array
 
 
-class _Looks:
-    """Where steps are looked at: two points more than the degree of dense output.
-
-    These are Chebyshev's extrema, with the weights of the barycentric formula through
-    them: J.-P. Berrut, L. N. Trefethen, "Barycentric Lagrange interpolation", SIAM
-    Review 46 (2004), eq. (5.4).
-    """
-
-    def __init__(self, degree: int) -> None:
-        self.count = degree + 2
-        k = np.arange(self.count)
-        self.shares = 0.5 - 0.5 * np.cos(np.pi * k / (self.count - 1))
-        self.weights = (-1.0) ** k
-        self.weights[[0, -1]] *= 0.5
-
-    def interpolated(self, steps: _Steps, t: float) -> tuple[Array, Array]:
-        """z and v at a time inside the steps."""
-        ends = steps.t[self.count - 1 :: self.count]
-        first = self.count * min(int(np.searchsorted(ends, t)), len(ends) - 1)
-        part = slice(first, first + self.count)
-        distance = t - steps.t[part]
-        if (distance == 0.0).any():
-            k = first + int(np.argmin(np.abs(distance)))
-            return steps.z[k].copy(), steps.v[k].copy()
-        weights = self.weights / distance
-        weights /= weights.sum()
-        return weights @ steps.z[part], weights @ steps.v[part]
-
-
-@dataclass(frozen=True, eq=False)
-class _Steps:
-    """Dense output of some steps, at their points one after another."""
-
-    t: Array
-    z: Array
-    v: Array
-
-
 class Watch:
     """Looks for the events of a scene in the steps of a run.
 
     Attributes
     ----------
-    shares : of `Control`
     moments : what was found, in the order of time
     ended : name of the event that ends the run, or empty
     """
 
     def __init__(
-        self, system: System, kernels: Kernels, closed: Array, degree: int
+        self, system: System, kernels: Kernels, closed: Array, points: Points
     ) -> None:
-        self.looks = _Looks(degree)
-        self.shares = np.tile([*self.looks.shares, -1.0], CHUNK)
+        self.points = points
         self.wanted: dict[str, Wanted] = dict(system.scene.events)
         record = tuple(event.quantity for event in self.wanted.values())
         scene = system.scene.model_copy(update={"outputs": Outputs(record=record)})
@@ -108,12 +65,11 @@ class Watch:
         self.moments: list[Moment] = []
         self.ended = ""
 
-    def look(self, control: Control) -> bool:
-        """Looks at the steps since the last call; True when one of them ends the run.
+    def look(self, steps: Steps) -> bool:
+        """Looks at steps; True when one of them ends the run.
 
         What lies behind the end is forgotten.
         """
-        steps = _taken(control)
         if not len(steps.t):
             return False
         heights = self._heights(steps.t, steps.z.copy(), steps.v.copy())
@@ -152,22 +108,22 @@ class Watch:
         return [(int(points[i]), int(beside[i])) for i in changed]
 
     def _moment(
-        self, steps: _Steps, heights: Array, k: int, low: int, high: int
+        self, steps: Steps, heights: Array, k: int, low: int, high: int
     ) -> Moment:
         """The crossing between two points."""
         name = list(self.wanted)[k]
         t = self._zero(steps, k, max(low, 0), high) if high > 0 else steps.t[0]
-        z, v = (y[None] for y in self.looks.interpolated(steps, t))
+        z, v = (y[None] for y in self.points.state(steps, t))
         self._heights(np.array([t]), z, v)
         kind = "rising" if heights[high, k] > 0.0 else "falling"
         return Moment(name, kind, float(t), z[0], v[0])
 
-    def _zero(self, steps: _Steps, k: int, low: int, high: int) -> float:
+    def _zero(self, steps: Steps, k: int, low: int, high: int) -> float:
         """Time of a crossing [s]; it is at the first point if that is on the value."""
         from scipy.optimize import brentq
 
         def height(t: float) -> float:
-            z, v = self.looks.interpolated(steps, t)
+            z, v = self.points.state(steps, t)
             return float(self._heights(np.array([t]), z[None], v[None])[0, k])
 
         begin, end = float(steps.t[low]), float(steps.t[high])
@@ -189,15 +145,6 @@ class Watch:
             self.moments.append(moment)
         if stops and count == (wanted.count or 1):
             self.ended = moment.name
-
-
-def _taken(control: Control) -> _Steps:
-    """Dense output since the last call, which the control forgets."""
-    used = int(control.whole[stepping.SHARE])
-    control.whole[stepping.SHARE] = 0
-    inside = np.flatnonzero(control.shares[:used] >= 0.0)
-    rows = len(control.times) + inside
-    return _Steps(control.moments[inside], control.out_z[rows], control.out_v[rows])
 
 
 def events_of(

@@ -16,7 +16,7 @@ from formats.result import Event, FlexibleBody, Result
 from formats.scene import output_times
 from formats.sid import Array
 
-from . import assembly, events, outputs, warmup
+from . import assembly, dense, events, outputs, warmup
 from .body_measures import expected_bodies, reached_bodies
 from .energy_history import History, is_wanted
 from .errors import SimulationError
@@ -107,15 +107,16 @@ class _Run:
         self.kernels = kernels(system.planar)
         self.times = output_times(system.scene)
         self.closed = closed_below(system, settings)
+        points = dense.Points(max(m.dense for m in methods))
         self.watch = None
         if system.scene.events:
-            degree = max(m.dense for m in methods)
-            self.watch = events.Watch(system, self.kernels, self.closed, degree)
-        shares = np.zeros(0) if self.watch is None else self.watch.shares
+            self.watch = events.Watch(system, self.kernels, self.closed, points)
+        self.history = History(points) if is_wanted(system.scene) else None
+        self.inside = self.watch is not None or self.history is not None
+        shares = points.wanted() if self.inside else np.zeros(0)
         self.control = new_control(
             system, settings, start, self.times, shares, self.closed
         )
-        self.history = History() if is_wanted(system.scene) else None
         self.breaks: list[events.Moment] = []
         self.begin = system.scene.time.start
         self.advance = self._prepare()
@@ -129,15 +130,13 @@ class _Run:
         """Integrates over all smooth intervals; the reason if one is not finished."""
         control = self.control
         now = self.begin
-        limit = CHUNK if self.watch is None else events.CHUNK
+        limit = dense.CHUNK if self.inside else CHUNK
         for stop in self.system.breaks:
             self._enter(now, stop)
-            self._remember()
             code = stepping.CHUNK
             while code == stepping.CHUNK:
-                code = self.advance(limit if self.history is None else 1)
-                self._remember()
-                if self.watch is not None and self.watch.look(control):
+                code = self.advance(limit)
+                if self.inside and self._look_inside():
                     return ""
                 if self._is_stiff(code):
                     self._switch(stop)
@@ -183,11 +182,12 @@ class _Run:
         for name in self.system.causes.get(t, ()):
             self.breaks.append(events.Moment(name, "break", t, z, v))
 
-    def _remember(self) -> None:
-        """Keeps the state at the end of a step when powers are to be integrated."""
+    def _look_inside(self) -> bool:
+        """Keeps the last steps for integrals; True when an event ends the run."""
+        steps = dense.taken(self.control)
         if self.history is not None:
-            t = float(self.control.real[stepping.TIME])
-            self.history.add(t, self.control.z, self.control.v)
+            self.history.add(steps)
+        return self.watch is not None and self.watch.look(steps)
 
     def _enter(self, begin: float, end: float) -> None:
         """Starts a smooth interval: no memory of steps before."""

@@ -73,7 +73,7 @@ class SceneQuantities:
 
     @cached_property
     def _integrals(self) -> tuple[Array, Array]:
-        if self.history is None or len(self.history.t) < 2:
+        if self.history is None:
             nothing = np.zeros(len(self.times))
             return nothing, nothing
         return integrated_energies(

@@ -37,7 +37,12 @@ class Accuracy(Table):
     rtol: float = Field(
         default=1e-6, ge=1e-13, le=0.1, description="relative tolerance"
     )
-    integrator: str = "radau5"
+    integrator: str = Field(
+        default="radau9",
+        description="radau5, radau9, radau13, dop853 (not stiff), generalised_alpha, "
+        "trapezoidal, or auto: dop853 for rigid bodies, radau9 else and where they are "
+        "stiff",
+    )
     step: float | None = Field(default=None, gt=0, description="fixed step [s]")
     spectral_radius: float = Field(
         default=0.8,

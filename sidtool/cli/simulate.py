@@ -15,7 +15,11 @@ from .common import check_target, existing, progress_bar, target
 @click.argument("scene", metavar="SCENE", type=existing)
 @click.option("-o", "--output", type=target, help="Result file to write (HDF5).")
 @click.option("--csv", type=target, help="Outputs as text: t and one column each.")
-@click.option("--integrator", metavar="NAME", help="radau5 (default), trapezoidal, ...")
+@click.option(
+    "--integrator",
+    metavar="NAME",
+    help="radau9 (default), auto, ...; see `sidtool schema scene`.",
+)
 @click.option("--rtol", type=float, help="Relative tolerance, for example 1e-6.")
 @click.option("--step", type=float, help="Fixed step in seconds, no error control.")
 @click.option(

@@ -10,7 +10,7 @@ from formats.sid import Array
 
 from .. import kernel_calls, outputs
 from ..assembly import Start, dense_jacobian
-from ..energy_history import History
+from ..energy_history import history_between, is_wanted
 from ..integrators import stepping
 from ..kernels import layout as at
 from ..kernels.coordinates import retract
@@ -122,12 +122,14 @@ def recorded(
     """The scene's outputs at some states, as a result."""
     z = np.array([s.z for s in states]).reshape(len(states), system.n_positions)
     v = np.array([s.v for s in states]).reshape(len(states), system.n_velocities)
-    history = History(list(times), list(z.copy()), list(v.copy()))
     span = system.scene.time.end - system.scene.time.start
     closed = np.array([1.0, 1.0 / span]) * CLOSED[0] * system.length
+    calls, history = kernels(system.planar), None
+    if is_wanted(system.scene):
+        history = history_between(system, calls, times, z, v, closed)
     found = outputs.record(
         system,
-        kernels(system.planar),
+        calls,
         new_work(system),
         new_memory(system, 0),
         times,
