@@ -16,8 +16,9 @@ from .settings import Settings
 #: Constraints are met when they are open by less than this part of the size: at least
 #: what rounding allows, at most what keeps the drift invisible.
 CLOSED = (1e-13, 1e-11)
-#: Tolerance per step in units of the requested relative error.
-STEP_TOLERANCE = 1.0
+#: Tolerance per step in units of the requested relative error: errors of undamped
+#: vibrations add up from step to step.
+STEP_TOLERANCE = 0.3
 
 
 def closed_below(system: System, settings: Settings) -> Array:
