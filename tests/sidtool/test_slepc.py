@@ -140,7 +140,7 @@ def test_one_bad_process_ends_all_with_its_message(tmp_path: Path) -> None:
     done = mpirun(
         tmp_path, ["1", "convert", "good.json", *end], ["1", "convert", "no.json", *end]
     )
-    assert done.returncode == 2
+    assert done.returncode != 0  # mpirun's own: that of the process it misses first
     assert done.stderr.count("sidtool:") == 1
     assert "sidtool: no.json: there is no such file" in done.stderr
     assert not (tmp_path / "x.h5").exists()
