@@ -47,12 +47,11 @@ def _radau(stages: int) -> Integrator:
     ) -> Advance:
         from . import radau
 
-        method = radau.method(stages)
         storage = radau.new_stages(
             stages, system.n_positions, system.n_velocities, system.n_newton_rows
         )
         return lambda limit: radau.advance(
-            kernels, system.arrays, work, memory, method, control, storage, limit
+            kernels, system.arrays, work, memory, control, storage, limit
         )
 
     title = f"Radau IIA of order {2 * stages - 1}, index 1, projected"

@@ -23,7 +23,7 @@ from numba import float64, int64, types
 
 from formats.sid import Array
 
-from ..kernels.compiling import entry, inner
+from ..kernels.compiling import inner
 from ..kernels.index3 import (
     add_mass_times,
     index3_factor,
@@ -52,45 +52,26 @@ from ..kernels.newton import (
     ITERATIONS,
     KERNELS,
     MEMORY,
-    REJECTED,
-    STEPS,
 )
 from ..kernels.tables import Table, TableType
+from .implicit import step_loop
 from .stepping import (
-    CHUNK,
-    CONTRACTION,
     CONTROL,
-    FACTORED_STEP,
     FIXED_STEP,
-    NEEDS_JACOBIAN,
-    NO_CONVERGENCE,
-    NOT_FINITE,
-    OFF_CONSTRAINTS,
     OLD_STEP,
-    REACHED,
     STOP,
     TIME,
-    TOO_SMALL,
-    after_divergence,
-    all_finite,
     copy,
     fade_contraction,
-    finish_step,
-    growth,
     judge,
     land,
     move,
     newton_limit,
-    next_step,
     note_drift,
     scaled_norm,
-    take_jacobian,
-    too_small,
-    update_scales,
     write_cubic,
 )
 
-ORDER = 2
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 0.1
 #: For what errors of the multipliers, left out here, do to elastic coordinates.
@@ -251,8 +232,8 @@ def _inertia(alpha):
     return (1.0 - w[ALPHA_M]) / (w[BETA] * (1.0 - w[ALPHA_F]))
 
 
-@inner(int64(SYSTEM, WORK, MEMORY, ALPHA, float64))
-def _factor(system, work, memory, alpha, h):
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, ALPHA, float64))
+def _factor(kernels, system, work, memory, alpha, h):
     damping = h * alpha.weights[GAMMA] / alpha.weights[BETA]
     return index3_factor(system, work, memory, _inertia(alpha), damping, h * h)
 
@@ -311,8 +292,8 @@ def _filter(system, memory, alpha):
     index3_solve(system, memory, alpha.p, alpha.g)
 
 
-@inner(float64(SYSTEM, MEMORY, CONTROL, ALPHA, float64))
-def _error(system, memory, control, alpha, h):
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
+def _error(kernels, system, work, memory, control, alpha, h):
     """Norm of the local error, passed through Newton's matrix for stiff coordinates.
 
     Position: h^3 z_II'' from the change of a. Velocity: h^3 z_II''' from its second
@@ -395,65 +376,20 @@ def _accept(kernels, system, work, memory, control, alpha, h):
     return status
 
 
-@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, int64))
-def advance(kernels, system, work, memory, control, alpha, limit):
-    """Steps until the end of the smooth interval or for at most `limit` steps.
+@inner(int64(ALPHA))
+def _order(alpha):
+    return 2
 
-    Entered and left with (z, v) on the constraints and evaluated, accelerations in
-    memory. Returns one of the codes of `stepping`.
-    """
-    real, whole = control.real, control.whole
-    for _ in range(limit):
-        h = next_step(control)
-        if h == 0.0:
-            return REACHED
-        update_scales(system, control)
-        if real[OLD_STEP] == 0.0 and whole[FIXED_STEP] == 0:
-            h *= FIRST_STEP
-        _begin_step(kernels, system, memory, control, alpha)
-        fresh = whole[NEEDS_JACOBIAN]
-        if fresh == 1:
-            take_jacobian(kernels, system, work, memory, control)
-            real[CONTRACTION] = 1.0
-        failures = 0
-        while True:
-            if too_small(control, h):
-                return TOO_SMALL
-            status = 0
-            if real[FACTORED_STEP] != h:
-                status = _factor(system, work, memory, alpha, h)
-                real[FACTORED_STEP] = h
-            iterations = 0
-            if status == 0:
-                iterations = _newton(kernels, system, work, memory, control, alpha, h)
-            if iterations == 0:
-                failures += 1
-                factor = after_divergence(
-                    kernels, system, work, memory, control, fresh, failures
-                )
-                if factor == 0.0:
-                    return NO_CONVERGENCE
-                fresh = 1
-                h *= factor
-                real[CONTRACTION] = 1.0
-                continue
-            error = 0.0
-            if whole[FIXED_STEP] == 0:
-                error = _error(system, memory, control, alpha, h)
-            if not error < 1.0:
-                failures += 1
-                memory.counters[REJECTED] += 1
-                h *= growth(ORDER, error, iterations)
-                continue
-            if _accept(kernels, system, work, memory, control, alpha, h) == 0:
-                break
-            failures += 1
-            memory.counters[REJECTED] += 1
-            if whole[FIXED_STEP] == 1:
-                return OFF_CONSTRAINTS
-            h *= 0.5
-        finish_step(control, ORDER, JACOBIAN_SERVES, h, error, iterations, failures)
-        memory.counters[STEPS] += 1
-        if not all_finite(control.z, control.v):
-            return NOT_FINITE
-    return CHUNK
+
+advance = step_loop(
+    "generalised_alpha",
+    ALPHA,
+    _begin_step,
+    _factor,
+    _newton,
+    _error,
+    _accept,
+    _order,
+    JACOBIAN_SERVES,
+    FIRST_STEP,
+)

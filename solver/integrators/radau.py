@@ -17,7 +17,7 @@ from numba import float64, int64, types
 
 from formats.sid import Array
 
-from ..kernels.compiling import entry, inner
+from ..kernels.compiling import inner
 from ..kernels.layout import (
     C1,
     F1,
@@ -29,49 +29,32 @@ from ..kernels.newton import (
     ITERATIONS,
     KERNELS,
     MEMORY,
-    REJECTED,
-    STEPS,
 )
 from ..kernels.tables import Table, TableType
+from .implicit import step_loop
 from .stepping import (
-    CHUNK,
     CONTRACTION,
     CONTROL,
-    FACTORED_STEP,
-    FIXED_STEP,
+    FAILURES,
     NEAR,
-    NEEDS_JACOBIAN,
-    NO_CONVERGENCE,
-    NOT_FINITE,
-    OFF_CONSTRAINTS,
     OLD_STEP,
     PREDICT,
-    REACHED,
     STAGE_STEP,
     STILL,
     TIME,
-    TOO_SMALL,
     accelerate,
-    after_divergence,
-    all_finite,
     copy,
     factor_real,
-    finish_step,
-    growth,
     judge,
     move,
     newton_goal,
     newton_limit,
-    next_step,
     note_drift,
     output_due,
     project,
     scaled_norm,
     share_of_step,
     solve_real,
-    take_jacobian,
-    too_small,
-    update_scales,
 )
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
@@ -101,8 +84,9 @@ METHOD = TableType(Method, [F1, F2, F2, F1, C1, F1])
 
 
 class Stages(Table):
-    """Stage increments Z, their transforms W, slopes F, and scratch vectors."""
+    """The method; stage increments Z, their transforms W, slopes F; scratch vectors."""
 
+    method: Method
     Zz: Array
     Zv: Array
     Wz: Array
@@ -127,7 +111,7 @@ class Stages(Table):
     old_Zv: Array
 
 
-STAGES = TableType(Stages, [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 2)
+STAGES = TableType(Stages, [METHOD] + [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 2)
 
 
 @cache
@@ -191,15 +175,16 @@ def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stag
     arrays: list[Any] = [np.zeros(shape) for shape in shapes]
     arrays += [np.zeros(shape, complex) for shape in complex_shapes]
     arrays += [np.zeros((s, n)), np.zeros((s, m))]
-    return Stages(*arrays)
+    return Stages(method(s), *arrays)
 
 
-@inner(types.void(METHOD, CONTROL, STAGES, float64))
-def _predict(method, control, stages, h):
+@inner(types.void(CONTROL, STAGES, float64))
+def _predict(control, stages, h):
     """First guess of Z from the last collocation polynomial.
 
     It is continued after an accepted step, and shortened after a rejected one.
     """
+    method = stages.method
     s = len(method.c)
     for i in range(s):
         copy(stages.Zz[i], stages.old_Zz[i])
@@ -239,9 +224,10 @@ def _transform(matrix, source, out):
             out[i, k] = total
 
 
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, float64))
-def _factor(kernels, system, work, memory, method, h):
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
+def _factor(kernels, system, work, memory, stages, h):
     """Factors the Newton matrices of all eigenvalues for the step h."""
+    method = stages.method
     mu = method.real_eigenvalue[0] / h
     status = factor_real(kernels, system, work, memory, mu)
     for k in range(len(method.complex_eigenvalues)):
@@ -280,9 +266,10 @@ def _solve_real(kernels, system, work, memory, stages, mu):
     )
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, METHOD, STAGES, float64))
-def _correct(kernels, system, work, memory, method, stages, h):
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
+def _correct(kernels, system, work, memory, stages, h):
     """One Newton correction of W, left in F (which held the transformed slopes)."""
+    method = stages.method
     mu = method.real_eigenvalue[0] / h
     for i in range(len(stages.rz)):
         stages.rz[i] = stages.Fz[0, i] - mu * stages.Wz[0, i]
@@ -326,13 +313,14 @@ def _correct(kernels, system, work, memory, method, stages, h):
             stages.Fv[b, i] = stages.crv[i].imag
 
 
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, CONTROL, STAGES, float64))
-def _newton(kernels, system, work, memory, method, control, stages, h):
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _newton(kernels, system, work, memory, control, stages, h):
     """Solves the collocation equations; iterations used, or 0 without convergence."""
+    method = stages.method
     s = len(method.c)
     t = control.real[TIME]
     control.real[CONTRACTION] = 1.0
-    _predict(method, control, stages, h)
+    _predict(control, stages, h)
     _transform(method.TI, stages.Zz, stages.Wz)
     _transform(method.TI, stages.Zv, stages.Wv)
     old_norm = 0.0
@@ -349,7 +337,7 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
             copy(memory.acceleration, stages.old_Zv[i])
         _transform(method.TI, stages.old_Zz, stages.Fz)
         _transform(method.TI, stages.old_Zv, stages.Fv)
-        _correct(kernels, system, work, memory, method, stages, h)
+        _correct(kernels, system, work, memory, stages, h)
         memory.counters[ITERATIONS] += 1
         norm = 0.0
         for i in range(s):
@@ -374,21 +362,11 @@ def _newton(kernels, system, work, memory, method, control, stages, h):
     return 0
 
 
-@inner(
-    float64(
-        KERNELS,
-        SYSTEM,
-        WORK,
-        MEMORY,
-        METHOD,
-        CONTROL,
-        STAGES,
-        float64,
-        int64,
-    )
-)
-def _error(kernels, system, work, memory, method, control, stages, h, cautious):
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _error(kernels, system, work, memory, control, stages, h):
     """Norm of the error estimate, made anew where it first seems too large."""
+    method = stages.method
+    cautious = control.whole[FAILURES] > 0 or control.real[OLD_STEP] == 0.0
     s = len(method.c)
     mu = method.real_eigenvalue[0] / h
     for attempt in range(2):
@@ -408,7 +386,7 @@ def _error(kernels, system, work, memory, method, control, stages, h, cautious):
                 stages.rv[k] += memory.acceleration[k] - stages.acc0[k]
         _solve_real(kernels, system, work, memory, stages, mu)
         error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
-        if error < 1.0 or cautious == 0 or attempt == 1:
+        if error < 1.0 or not cautious or attempt == 1:
             return error
         for k in range(len(stages.rz)):
             stages.z1[k] = control.z[k] + stages.rz[k]
@@ -420,9 +398,10 @@ def _error(kernels, system, work, memory, method, control, stages, h, cautious):
     return error
 
 
-@inner(types.void(METHOD, CONTROL, STAGES, float64))
-def _write_outputs(method, control, stages, h):
+@inner(types.void(CONTROL, STAGES, float64))
+def _write_outputs(control, stages, h):
     """Dense output: the collocation polynomial at the output times inside the step."""
+    method = stages.method
     s = len(method.c)
     while True:
         k = output_due(control, h)
@@ -444,11 +423,11 @@ def _write_outputs(method, control, stages, h):
                 control.out_v[k, n] += weight * stages.Zv[i, n]
 
 
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, METHOD, CONTROL, STAGES, float64))
-def _accept(kernels, system, work, memory, method, control, stages, h):
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _accept(kernels, system, work, memory, control, stages, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
     real = control.real
-    s = len(method.c)
+    s = len(stages.method.c)
     for i in range(len(stages.z1)):
         stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]
     for i in range(len(stages.v1)):
@@ -469,89 +448,31 @@ def _accept(kernels, system, work, memory, method, control, stages, h):
     if status != 0:
         return status
     note_drift(system, work, control)
-    _write_outputs(method, control, stages, h)
+    _write_outputs(control, stages, h)
     move(control, h, stages.z1, stages.v1)
     return 0
 
 
-@entry(
-    int64(
-        KERNELS,
-        SYSTEM,
-        WORK,
-        MEMORY,
-        METHOD,
-        CONTROL,
-        STAGES,
-        int64,
-    )
-)
-def advance(kernels, system, work, memory, method, control, stages, limit):
-    """Steps until the end of the smooth interval or for at most `limit` steps.
+@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, STAGES))
+def _begin_step(kernels, system, memory, control, stages):
+    """Slopes at the beginning of the step."""
+    kernels.rate(system, control.z, control.v, stages.rate0)
+    copy(memory.acceleration, stages.acc0)
 
-    Entered and left with (z, v) on the constraints and evaluated, accelerations in
-    memory. Returns one of the codes of `stepping`.
-    """
-    real, whole = control.real, control.whole
-    order = len(method.c)
-    for _ in range(limit):
-        h = next_step(control)
-        if h == 0.0:
-            return REACHED
-        update_scales(system, control)
-        kernels.rate(system, control.z, control.v, stages.rate0)
-        copy(memory.acceleration, stages.acc0)
-        fresh = whole[NEEDS_JACOBIAN]
-        if fresh == 1:
-            take_jacobian(kernels, system, work, memory, control)
-        failures = 0
-        while True:
-            if too_small(control, h):
-                return TOO_SMALL
-            status = 0
-            if real[FACTORED_STEP] != h:
-                status = _factor(kernels, system, work, memory, method, h)
-                real[FACTORED_STEP] = h
-            iterations = 0
-            if status == 0:
-                iterations = _newton(
-                    kernels, system, work, memory, method, control, stages, h
-                )
-            real[STAGE_STEP] = h
-            if iterations == 0:
-                failures += 1
-                whole[PREDICT] = 0
-                factor = after_divergence(
-                    kernels, system, work, memory, control, fresh, failures
-                )
-                if factor == 0.0:
-                    return NO_CONVERGENCE
-                fresh = 1
-                h *= factor
-                continue
-            cautious = 1 if failures > 0 or real[OLD_STEP] == 0.0 else 0
-            error = 0.0
-            if whole[FIXED_STEP] == 0:
-                error = _error(
-                    kernels, system, work, memory, method, control, stages, h, cautious
-                )
-            if not error < 1.0:
-                failures += 1
-                memory.counters[REJECTED] += 1
-                whole[PREDICT] = 2 if math.isfinite(error) else 0
-                h *= growth(order, error, iterations)
-                continue
-            if _accept(kernels, system, work, memory, method, control, stages, h) == 0:
-                break
-            failures += 1
-            memory.counters[REJECTED] += 1
-            whole[PREDICT] = 0
-            if whole[FIXED_STEP] == 1:
-                return OFF_CONSTRAINTS
-            h *= 0.5
-        whole[PREDICT] = 1
-        finish_step(control, order, JACOBIAN_SERVES, h, error, iterations, failures)
-        memory.counters[STEPS] += 1
-        if not all_finite(control.z, control.v):
-            return NOT_FINITE
-    return CHUNK
+
+@inner(int64(STAGES))
+def _order(stages):
+    return len(stages.method.c)
+
+
+advance = step_loop(
+    "radau",
+    STAGES,
+    _begin_step,
+    _factor,
+    _newton,
+    _error,
+    _accept,
+    _order,
+    JACOBIAN_SERVES,
+)

@@ -66,7 +66,8 @@ NEEDS_JACOBIAN = 2
 PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected one
 SHARE = 4  # next entry of the shares
 STIFF = 5  # steps that stability, not accuracy, has limited
-N_WHOLE = 6
+FAILURES = 6  # attempts of the present step that failed
+N_WHOLE = 7
 
 #: A scene is stiff when stability limits more than one step in so many; between such
 #: steps the error control tries longer ones.

@@ -16,45 +16,27 @@ from numba import float64, int64, types
 
 from formats.sid import Array
 
-from ..kernels.compiling import entry, inner
+from ..kernels.compiling import inner
 from ..kernels.layout import F1, SYSTEM, WORK
-from ..kernels.newton import ITERATIONS, KERNELS, MEMORY, REJECTED, STEPS
+from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from ..kernels.tables import Table, TableType
+from .implicit import step_loop
 from .stepping import (
-    CHUNK,
-    CONTRACTION,
     CONTROL,
-    FACTORED_STEP,
-    FIXED_STEP,
-    NEEDS_JACOBIAN,
-    NO_CONVERGENCE,
-    NOT_FINITE,
-    OFF_CONSTRAINTS,
     OLD_STEP,
-    REACHED,
     TIME,
-    TOO_SMALL,
     accelerate,
-    after_divergence,
-    all_finite,
     copy,
     factor_real,
     fade_contraction,
-    finish_step,
-    growth,
     judge,
     land,
     newton_goal,
     newton_limit,
-    next_step,
     scaled_norm,
     solve_real,
-    take_jacobian,
-    too_small,
-    update_scales,
 )
 
-ORDER = 2
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
 
@@ -201,63 +183,24 @@ def _accept(kernels, system, work, memory, control, slopes, h):
     )
 
 
-@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, int64))
-def advance(kernels, system, work, memory, control, slopes, limit):
-    """Steps until the end of the smooth interval or for at most `limit` steps.
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, SLOPES, float64))
+def _factor(kernels, system, work, memory, slopes, h):
+    return factor_real(kernels, system, work, memory, 2.0 / h)
 
-    Entered and left with (z, v) on the constraints and evaluated, accelerations in
-    memory. Returns one of the codes of `stepping`.
-    """
-    real, whole = control.real, control.whole
-    for _ in range(limit):
-        h = next_step(control)
-        if h == 0.0:
-            return REACHED
-        update_scales(system, control)
-        _begin_step(kernels, system, memory, control, slopes)
-        fresh = whole[NEEDS_JACOBIAN]
-        if fresh == 1:
-            take_jacobian(kernels, system, work, memory, control)
-            real[CONTRACTION] = 1.0
-        failures = 0
-        while True:
-            if too_small(control, h):
-                return TOO_SMALL
-            status = 0
-            if real[FACTORED_STEP] != h:
-                status = factor_real(kernels, system, work, memory, 2.0 / h)
-                real[FACTORED_STEP] = h
-            iterations = 0
-            if status == 0:
-                iterations = _newton(kernels, system, work, memory, control, slopes, h)
-            if iterations == 0:
-                failures += 1
-                factor = after_divergence(
-                    kernels, system, work, memory, control, fresh, failures
-                )
-                if factor == 0.0:
-                    return NO_CONVERGENCE
-                fresh = 1
-                h *= factor
-                real[CONTRACTION] = 1.0
-                continue
-            error = 0.0
-            if whole[FIXED_STEP] == 0:
-                error = _error(kernels, system, work, memory, control, slopes, h)
-            if not error < 1.0:
-                failures += 1
-                memory.counters[REJECTED] += 1
-                h *= growth(ORDER, error, iterations)
-                continue
-            if _accept(kernels, system, work, memory, control, slopes, h) == 0:
-                break
-            failures += 1
-            memory.counters[REJECTED] += 1
-            if whole[FIXED_STEP] == 1:
-                return OFF_CONSTRAINTS
-            h *= 0.5
-        finish_step(control, ORDER, JACOBIAN_SERVES, h, error, iterations, failures)
-        memory.counters[STEPS] += 1
-        if not all_finite(control.z, control.v):
-            return NOT_FINITE
-    return CHUNK
+
+@inner(int64(SLOPES))
+def _order(slopes):
+    return 2
+
+
+advance = step_loop(
+    "trapezoidal",
+    SLOPES,
+    _begin_step,
+    _factor,
+    _newton,
+    _error,
+    _accept,
+    _order,
+    JACOBIAN_SERVES,
+)

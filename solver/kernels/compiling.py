@@ -178,7 +178,7 @@ class _KernelCache(FunctionCache):
         stamp = hashlib.sha256()
         for signature in signatures:
             stamp.update(_type_text(signature).encode())
-        stamp.update(_code_text(function.__code__, function.__globals__, {}).encode())
+        stamp.update(_code_text(function, {}).encode())
         self._cache_file = _CacheFile(
             cache_path=self._cache_path,
             filename_base=self._impl.filename_base,
@@ -206,20 +206,25 @@ def _type_text(kind: Any) -> str:
     return str(kind)
 
 
-def _code_text(code: CodeType, scope: dict[str, Any], seen: dict[CodeType, int]) -> str:
+def _code_text(function: FunctionType, seen: dict[CodeType, int]) -> str:
     """Bytecode and constants of a function and of everything it refers to."""
+    code = function.__code__
     if code in seen:
         return f"<{seen[code]}>"
     seen[code] = len(seen)
     parts = [code.co_code.hex(), repr(code.co_varnames), repr(code.co_names)]
     parts += [repr(constant) for constant in code.co_consts]
-    for name in code.co_names:
-        value = scope.get(name)
+    scope = {name: function.__globals__.get(name) for name in code.co_names}
+    cells = function.__closure__ or ()
+    enclosed = {
+        n: c.cell_contents for n, c in zip(code.co_freevars, cells, strict=True)
+    }
+    for name, value in (scope | enclosed).items():
         if isinstance(value, ModuleType) or value is None:
             continue
         python = getattr(value, "py_func", None)
         if python is not None:
-            parts.append(_code_text(python.__code__, python.__globals__, seen))
+            parts.append(_code_text(python, seen))
         else:
             parts.append(f"{name}={value!r}")
     return " ".join(parts)

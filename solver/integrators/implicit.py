@@ -1,0 +1,147 @@
+"""The step loop of implicit methods: Newton, error, next step.
+
+A method brings five inner kernels; what it keeps between them is its storage.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from numba import int64
+
+from ..kernels.compiling import Entry, entry
+from ..kernels.layout import SYSTEM, WORK
+from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
+from .stepping import (
+    CHUNK,
+    CONTRACTION,
+    CONTROL,
+    FACTORED_STEP,
+    FAILURES,
+    FIXED_STEP,
+    NEEDS_JACOBIAN,
+    NO_CONVERGENCE,
+    NOT_FINITE,
+    OFF_CONSTRAINTS,
+    OLD_STEP,
+    PREDICT,
+    REACHED,
+    STAGE_STEP,
+    TOO_SMALL,
+    after_divergence,
+    all_finite,
+    finish_step,
+    growth,
+    next_step,
+    take_jacobian,
+    too_small,
+    update_scales,
+)
+
+
+def step_loop(
+    name: str,
+    storage_type: Any,
+    begin: Any,
+    factor: Any,
+    newton: Any,
+    error_of: Any,
+    accept: Any,
+    order_of: Any,
+    serves: float,
+    first_step: float = 1.0,
+) -> Entry:
+    """`advance` of an implicit method: the entry kernel of its step loop.
+
+    Parameters
+    ----------
+    name : tells the cache on disk which method it is
+    storage_type : compiled type of its storage
+    begin(kernels, system, memory, control, storage) : keeps the slopes at the beginning
+    factor(kernels, system, work, memory, storage, h) : 0 on success
+    newton(kernels, system, work, memory, control, storage, h) : iterations, 0 without
+        convergence
+    error_of(kernels, system, work, memory, control, storage, h) : relative to the
+        tolerated one
+    accept(kernels, system, work, memory, control, storage, h) : ends the step, 0 on
+        success
+    order_of(storage) : of the error estimate
+    serves : a Jacobian is kept while Newton's iteration contracts the error this much
+    first_step : part of the proposed step that is taken after a break
+    """
+
+    def advance(kernels, system, work, memory, control, storage, limit):  # type: ignore[no-untyped-def]
+        """Steps until the end of the smooth interval or for at most `limit` steps.
+
+        Entered and left with (z, v) on the constraints and evaluated, accelerations in
+        memory. Returns one of the codes of `stepping`.
+        """
+        real, whole = control.real, control.whole
+        order = order_of(storage)
+        for _ in range(limit):
+            h = next_step(control)
+            if h == 0.0:
+                return REACHED
+            update_scales(system, control)
+            if real[OLD_STEP] == 0.0 and whole[FIXED_STEP] == 0:
+                h *= first_step
+            begin(kernels, system, memory, control, storage)
+            fresh = whole[NEEDS_JACOBIAN]
+            if fresh == 1:
+                take_jacobian(kernels, system, work, memory, control)
+                real[CONTRACTION] = 1.0
+            whole[FAILURES] = 0
+            while True:
+                if too_small(control, h):
+                    return TOO_SMALL
+                status = 0
+                if real[FACTORED_STEP] != h:
+                    status = factor(kernels, system, work, memory, storage, h)
+                    real[FACTORED_STEP] = h
+                iterations = 0
+                if status == 0:
+                    iterations = newton(
+                        kernels, system, work, memory, control, storage, h
+                    )
+                real[STAGE_STEP] = h
+                if iterations == 0:
+                    whole[FAILURES] += 1
+                    whole[PREDICT] = 0
+                    shorter = after_divergence(
+                        kernels, system, work, memory, control, fresh, whole[FAILURES]
+                    )
+                    if shorter == 0.0:
+                        return NO_CONVERGENCE
+                    fresh = 1
+                    h *= shorter
+                    real[CONTRACTION] = 1.0
+                    continue
+                error = 0.0
+                if whole[FIXED_STEP] == 0:
+                    error = error_of(kernels, system, work, memory, control, storage, h)
+                if not error < 1.0:
+                    whole[FAILURES] += 1
+                    memory.counters[REJECTED] += 1
+                    whole[PREDICT] = 2 if math.isfinite(error) else 0
+                    h *= growth(order, error, iterations)
+                    continue
+                if accept(kernels, system, work, memory, control, storage, h) == 0:
+                    break
+                whole[FAILURES] += 1
+                memory.counters[REJECTED] += 1
+                whole[PREDICT] = 0
+                if whole[FIXED_STEP] == 1:
+                    return OFF_CONSTRAINTS
+                h *= 0.5
+            whole[PREDICT] = 1
+            finish_step(control, order, serves, h, error, iterations, whole[FAILURES])
+            memory.counters[STEPS] += 1
+            if not all_finite(control.z, control.v):
+                return NOT_FINITE
+        return CHUNK
+
+    advance.__qualname__ = f"advance_{name}"
+    signature = int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type, int64)
+    compiled: Entry = entry(signature)(advance)
+    return compiled
