@@ -4,14 +4,16 @@
                                    eq. (3): M and f of every body
     kernels/*_constraints          eq. (3): c, its rate, C, and its second derivative
     kernels/coordinates            eq. (3): z_I' = Z z_II and the tangent space of z_I
-    kernels/saddle, newton         the linear systems of eq. (3)
+    kernels/mass, saddle, newton   the linear systems of eq. (3)
+    kernels/tables, compiling      what kernels read, and how they are compiled
     integrators/                   eq. (3) in time
     scene, bodies, joints          from a scene and SIDs to the tables of the kernels
-    assembly                       consistent initial conditions
+    assembly, start, redundancy    consistent initial conditions
     forces, newton_rows            forces between markers, and their Newton matrices
     energies, joint_forces         what is told beside the motion
     analyses/                      equilibrium, natural modes, inverse dynamics
-    run, sampling, outputs         a run and what is recorded of it
+    run, events, sampling, outputs a run and what is recorded of it
+    body_measures, excitation      what a run says of its flexible bodies
 
 Source: A. Held, A. Hildebrandt, "Flexible Multibody Simulations with Global Shape
 Functions Obtained from Isogeometric Finite Element Models".
