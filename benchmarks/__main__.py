@@ -14,6 +14,8 @@ BENCHMARKS = (
     "slider_crank",
     "simeon",
     "four_bars",
+    "integrators",
+    "bdf",
     "spatial",
     "chain",
     "elastic",

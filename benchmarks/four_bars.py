@@ -21,7 +21,7 @@ RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """Measure sidtool's integrators; the plot goes to `folder`."""
     system = scenes.four_bars()
-    truth = _one_degree_of_freedom(system.scene.time.end, 100)
+    truth = one_degree_of_freedom(system.scene.time.end, 100)
     runs = own_runs(system, truth, say, rtols=RTOLS)
     plot_runs(folder / f"{name}.png", runs, "max |dx| / 1 m")
     off = {key: abs(truth[key][-1] - value) for key, value in EXACT.items()}
@@ -44,7 +44,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     )
 
 
-def _one_degree_of_freedom(end: float, count: int) -> dict[str, np.ndarray]:
+def one_degree_of_freedom(end: float, count: int) -> dict[str, np.ndarray]:
     """The posts turn alike: (N+1) / 3 + N times m L^2 against gravity, N = 2."""
     from scipy.integrate import solve_ivp
 
