@@ -36,7 +36,7 @@ class TableType(types.Type):
 
     def __init__(self, owner: type[Table], members: list[Any]) -> None:
         self.fields = tuple(owner.__annotations__)
-        super().__init__(owner.__name__)
+        super().__init__(f"{owner.__module__}.{owner.__qualname__}")
         self.members = {
             field: self if kind is None else kind
             for field, kind in zip(self.fields, members, strict=True)
