@@ -1,7 +1,9 @@
 """Geometric stiffening from the stress states of unit loads.
 
 Every load that a moving body feels makes a stress state; its geometric stiffness enters
-the SID as a first-order term that multiplies the load (sid-format, section 6).
+the SID as a first-order term that multiplies the load (sid-format, section 6). Of
+forces and moments at markers that is the second derivative of the marker's motion,
+which a stress state tells of the rows of the marker: see `marker_motion`.
 
 Source: O. Wallrapp, R. Schwertassek, "Representation of geometric stiffening in
 multibody system simulation", Int. J. Numer. Methods Eng. 32, 1991.
@@ -19,10 +21,11 @@ from numpy.typing import NDArray
 
 from formats.errors import InputError
 from formats.model_reduction import Prestress, Stiffening
-from formats.sid import OE_INDICES, SID, Taylor
+from formats.sid import OE_INDICES, SID, Node, Taylor
 
 from .frontends.continuum import stress_from_gradient
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
+from .marker_motion import excess_of_rows, work_in_rigid_pieces
 from .reduction.basis import ReducedBasis, hertz, oriented
 from .reduction.frames import Frame
 from .reduction.space import admissible
@@ -57,26 +60,18 @@ def stiffened(
     acceleration = loads.acceleration() if settings.acceleration else None
     angular = loads.angular_acceleration() if settings.angular_acceleration else None
     centrifugal = loads.centrifugal() if settings.centrifugal else None
-    forces = {m.node: m.displacement.T.toarray() for m in marked}
-    moments = {m.node: m.rotation.T.toarray() for m in marked}
-    parts = [acceleration, angular, centrifugal, *forces.values(), *moments.values()]
+    rows = [part for m in marked for part in (m.displacement, m.rotation)]
+    parts = [acceleration, angular, centrifugal, *(part.T.toarray() for part in rows)]
     results = iter(geometric_stiffness(body, frame, basis.shapes, parts))
     blocks: dict[str, Taylor] = {}
     for name in ("Ct", "Cr", "Oe"):
         blocks[name] = _added(getattr(sid, name), next(results))
-    phi1 = {node: next(results) for node in forces}
-    psi1 = {node: next(results) for node in moments}
-    nodes = []
-    for node in sid.nodes:
-        number = int(node.id)
-        if number in phi1:
-            phi = _loaded(node.phi, phi1[number])
-            # a marker that is held does not turn: the frame takes its moments
-            held = not node.psi.m0.any()
-            psi = node.psi if held else _loaded(node.psi, psi1[number])
-            node = replace(node, phi=phi, psi=psi)
-        nodes.append(node)
-    changes: dict[str, Any] = {**blocks, "nodes": tuple(nodes)}
+    loaded = {}
+    for marker in marked:
+        excess = excess_of_rows(body, marker, basis.shapes)
+        loaded[marker.node] = (next(results), next(results)), excess
+    nodes = tuple(_loaded_node(node, loaded.get(int(node.id))) for node in sid.nodes)
+    changes: dict[str, Any] = {**blocks, "nodes": nodes}
     return replace(sid, **changes)
 
 
@@ -104,8 +99,10 @@ def geometric_stiffness(
     given = [group for group in groups if group is not None]
     if not given:
         return [None for _ in groups]
-    states = supported(body, frame, np.hstack(given))
+    loads = balanced(body, frame, np.hstack(given))
+    states = admissible(body, frame).static(loads)
     total = projected_stiffness(body, states, shapes)
+    total += piece_stiffness(body, loads, states, shapes)
     results: list[Array | None] = []
     start = 0
     for group in groups:
@@ -115,17 +112,29 @@ def geometric_stiffness(
     return results
 
 
-def supported(body: FiniteElementModel, frame: Frame, loads: Array) -> Array:
-    """Static displacements (ndof, n) of the body that its frame supports.
+def balanced(body: FiniteElementModel, frame: Frame, loads: Array) -> Array:
+    """Loads (ndof, n) with the reactions of a frame that is defined by conditions.
 
-    A frame that is defined by conditions reacts with the forces that do no work on
-    admissible displacements.
+    It reacts with the forces that do no work on admissible displacements.
     """
-    if frame.rows is not None:
-        rigid = body.rigid_body_modes(frame.origin)
-        reactions = np.linalg.solve((frame.rows @ rigid).T, rigid.T @ loads)
-        loads = loads - frame.rows.T @ reactions
-    return admissible(body, frame).static(loads)
+    if frame.rows is None:
+        return loads
+    rigid = body.rigid_body_modes(frame.origin)
+    reactions = np.linalg.solve((frame.rows @ rigid).T, rigid.T @ loads)
+    balanced: Array = loads - frame.rows.T @ reactions
+    return balanced
+
+
+def piece_stiffness(
+    body: FiniteElementModel, loads: Array, states: Array, shapes: Array
+) -> Array:
+    """(n, nq, nq) stiffness of the forces that hold rigid ties together.
+
+    They are what the static displacements (ndof, n) of loads leave open.
+    """
+    if not body.rigid_sets:
+        return np.zeros((loads.shape[1], shapes.shape[1], shapes.shape[1]))
+    return work_in_rigid_pieces(body, body.stiffness @ states - loads, shapes)
 
 
 def projected_stiffness(
@@ -276,9 +285,24 @@ def _added(block: Taylor, stiffness: Array | None) -> Taylor:
     return replace(block, m1=first + np.moveaxis(stiffness, 0, -1), order=1)
 
 
-def _loaded(block: Taylor, stiffness: Array | None) -> Taylor:
+def _loaded_node(node: Node, stiffness: Any) -> Node:
+    """With the stiffness of forces and moments, and the excess of their rows.
+
+    A marker that does not turn has no excess; if it is held, the frame takes its
+    moments.
+    """
+    if stiffness is None:
+        return node
+    (force, moment), (shift, turn) = stiffness
+    if not node.psi.m0.any():
+        return replace(node, phi=_loaded(node.phi, force))
+    phi, psi = _loaded(node.phi, force + shift), _loaded(node.psi, moment + turn)
+    return replace(node, phi=phi, psi=psi)
+
+
+def _loaded(block: Taylor, stiffness: Array) -> Taylor:
     """phi or psi on the side of the load: m1[l, axis, k] = -Kg."""
-    if stiffness is None or not stiffness.any():
+    if not stiffness.any():
         return block
     return replace(block, m1=-np.moveaxis(stiffness, 0, 1), order=1)
 
@@ -311,13 +335,13 @@ def prestressed(
     InputError : numbers do not fit the dimension, or the body buckles.
     """
     uniform = _uniform(settings, body.dimension)
-    loads = np.zeros((body.ndof, 1))
-    for name, force in settings.forces.items():
-        loads[:, 0] += _load(body.marker(name), force, body.dimension, "forces")
-    for name, moment in settings.moments.items():
-        loads[:, 0] += _load(body.marker(name), moment, body.dimension, "moments")
-    state = supported(body, frame, loads) if loads.any() else np.zeros_like(loads)
+    loads, excess = _prescribed(body, basis.shapes, settings)
+    loads = balanced(body, frame, loads)
+    state = np.zeros_like(loads)
+    if loads.any():
+        state = admissible(body, frame).static(loads)
     extra, generalised = _effects(body, state, uniform, basis.shapes)
+    extra += excess + piece_stiffness(body, loads, state, basis.shapes)[0]
     values, mixing = np.linalg.eigh(basis.stiffness + extra)
     if values[0] <= 0:
         raise InputError(
@@ -337,6 +361,25 @@ def prestressed(
     new = ReducedBasis(shapes, np.diag(values), labels, shares, basis.report)
     signs = np.sign(np.sum(shapes * (basis.shapes @ mixing), axis=0))
     return InitialStress(new, signs * (mixing.T @ generalised), state, uniform)
+
+
+def _prescribed(
+    body: FiniteElementModel, shapes: Array, settings: Prestress
+) -> tuple[Array, Array]:
+    """Loads (ndof, 1) on markers, and what their rows are short of in stiffness."""
+    loads, excess = np.zeros((body.ndof, 1)), np.zeros((shapes.shape[1],) * 2)
+    for kind, given in (("forces", settings.forces), ("moments", settings.moments)):
+        for name, values in given.items():
+            marker = body.marker(name)
+            load = _load(marker, values, body.dimension, kind)
+            of_forces, of_moments = excess_of_rows(body, marker, shapes)
+            if kind == "forces":
+                loads[:, 0] += marker.displacement.T @ load
+                excess += np.tensordot(load, of_forces, 1)
+            else:
+                loads[:, 0] += marker.rotation.T @ load
+                excess += np.tensordot(load, of_moments, 1)
+    return loads, excess
 
 
 def _effects(
@@ -369,6 +412,7 @@ def _uniform(settings: Prestress, d: int) -> Array:
 
 
 def _load(marker: MarkerRows, values: tuple[float, ...], d: int, kind: str) -> Array:
+    """(3,) force or moment on a marker."""
     place = f"stiffening.prestress.{kind}.{marker.name}"
     count = 1 if (d, kind) == (2, "moments") else d
     _check_count(values, count, place)
@@ -377,8 +421,7 @@ def _load(marker: MarkerRows, values: tuple[float, ...], d: int, kind: str) -> A
         full[2] = values[0]
     else:
         full[:d] = values
-    rows = marker.displacement if kind == "forces" else marker.rotation
-    return rows.T @ full
+    return full
 
 
 def _check_count(values: tuple[float, ...], count: int, place: str) -> None:
