@@ -291,7 +291,8 @@ class _Builder:
         if joint.type != "fixed" and drive is None:
             return False
         node = self.data[tip[0]].node(tip[1])
-        return not (node.phi.m0.any() or node.psi.m0.any())
+        parts = (node.phi.m0, node.phi.m1, node.psi.m0, node.psi.m1)
+        return not any(part is not None and part.any() for part in parts)
 
     def _eliminated(self) -> dict[str, str]:
         gone = {}
