@@ -13,7 +13,7 @@ import numpy as np
 from formats.scene import marker_names, marker_reference
 from formats.sid import SID, Array
 
-from .force_measures import function_values, measured
+from .force_measures import function_values, measured, torque_axis
 from .joint_forces import wrench
 from .kernels import layout as at
 from .kernels import planar, spatial
@@ -123,11 +123,12 @@ def _wrenches(
         if element.kind <= at.FOLLOWING:
             if element.b[0] == body:
                 yield element.b[1], _given(system, samples, times, k)
-        elif element.kind in (at.SPAN, at.SLIDE):
-            for end, marker in ((-1.0, element.a), (1.0, element.b)):
-                if marker is not None and marker[0] == body:
-                    force = end * _between(system, samples, times, k)
-                    yield marker[1], (force, 0.0 * force)
+            continue
+        for marker, pair in zip(
+            (element.a, element.b), _between(system, samples, times, k), strict=True
+        ):
+            if marker is not None and marker[0] == body:
+                yield marker[1], pair
 
 
 def _of_joints(
@@ -178,21 +179,34 @@ def _components(system: System, data: tuple[float, ...]) -> Wrench:
     return np.array(data[:3]), np.array(data[3:])
 
 
-def _between(system: System, samples: Samples, times: Array, k: int) -> Array:
-    """Force on the second marker of a force along a line, (nt, 3)."""
+def _between(
+    system: System, samples: Samples, times: Array, k: int
+) -> tuple[Wrench, Wrench]:
+    """Forces and moments on both markers of a force between two, (nt, 3) each."""
     element = system.forces[k]
     assert element.a is not None
+    size = _size(system, samples, times, k)[:, None]
+    if element.kind in (at.TWIST, at.TILT):
+        torque = size * torque_axis(system, samples, k)
+        return (0.0 * torque, -torque), (0.0 * torque, torque)
+    A, B = (_at(system, samples, end) for end in (element.a, element.b))
+    line = B.x - A.x
+    if element.kind == at.SPAN:
+        length = np.linalg.norm(line, axis=1, keepdims=True)
+        force = size * line / np.maximum(length, 1e-300)
+        return (-force, 0.0 * force), (force, 0.0 * force)
+    local = np.array(element.data[:3])
+    if system.planar:
+        local = np.array([np.cos(local[0]), np.sin(local[0]), 0.0])
+    force = size * (A.R @ local)
+    return (-force, np.cross(force, line)), (force, 0.0 * force)
+
+
+def _size(system: System, samples: Samples, times: Array, k: int) -> Array:
+    """What a force law yields, (nt,) [N] or [N m]."""
+    element = system.forces[k]
     law, measure = element.law, measured(system, samples, k)
     size = law.applied * function_values(system, element.function, times)
     size = size - law.stiffness.value(measure.g - law.rest)
     size = size - law.damping.value(measure.rate)
-    size = size - law.friction * np.tanh(measure.rate / law.speed)
-    A, B = (_at(system, samples, end) for end in (element.a, element.b))
-    if element.kind == at.SPAN:
-        line = B.x - A.x
-        length = np.linalg.norm(line, axis=1, keepdims=True)
-        return size[:, None] * line / np.maximum(length, 1e-300)
-    local = np.array(element.data[:3])
-    if system.planar:
-        local = np.array([np.cos(local[0]), np.sin(local[0]), 0.0])
-    return size[:, None] * (A.R @ local)
+    return size - law.friction * np.tanh(measure.rate / law.speed)

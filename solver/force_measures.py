@@ -28,7 +28,8 @@ def measured(system: System, samples: Samples, k: int) -> Measured:
     A = marker_motion(system, samples, int(row[at.F_A]))
     B = marker_motion(system, samples, int(row[at.F_B]))
     if element.kind in (at.TWIST, at.TILT):
-        return _turning(system, k, A, B)
+        g, axis = _turning(system, k, A, B)
+        return Measured(g, np.sum(axis * (B.w - A.w), axis=1))
     x, v = B.x - A.x, B.v - A.v
     if element.kind == at.SPAN:
         length = np.linalg.norm(x, axis=1)
@@ -42,12 +43,25 @@ def measured(system: System, samples: Samples, k: int) -> Measured:
     return Measured(np.sum(n * x, axis=1), rate)
 
 
-def _turning(system: System, k: int, A: Motion, B: Motion) -> Measured:
+def torque_axis(system: System, samples: Samples, k: int) -> Array:
+    """Inertial torque (nt, 3) on the second marker of a unit force on an angle."""
+    row = system.arrays.force[k]
+    A = marker_motion(system, samples, int(row[at.F_A]))
+    B = marker_motion(system, samples, int(row[at.F_B]))
+    return _turning(system, k, A, B)[1]
+
+
+def _turning(system: System, k: int, A: Motion, B: Motion) -> tuple[Array, Array]:
+    """The angle (nt,) of TWIST or TILT and the inertial axis (nt, 3) of its torque.
+
+    Of a component of the rotation vector theta along e that is T(theta)^-T e, as in
+    `kernels.spatial_forces`.
+    """
     element = system.forces[k]
     if system.planar:
-        return Measured(B.angle - A.angle, (B.w - A.w)[:, 2])
+        axis = np.broadcast_to([0.0, 0.0, 1.0], (len(A.angle), 3))
+        return B.angle - A.angle, axis
     relative = np.einsum("tji,tjk->tik", A.R, B.R)
-    spin = np.einsum("tji,tj->ti", A.R, B.w - A.w)
     data = np.array(element.data)
     if element.kind == at.TWIST:
         first, second = data[:3], data[3:6]
@@ -55,16 +69,16 @@ def _turning(system: System, k: int, A: Motion, B: Motion) -> Measured:
         rest = element.law.rest
         angle = np.arctan2(b @ second, b @ first) - rest
         angle -= 2.0 * np.pi * np.floor(0.5 + angle / (2.0 * np.pi))
-        return Measured(rest + angle, spin @ np.cross(first, second))
+        return rest + angle, A.R @ np.cross(first, second)
     from scipy.spatial.transform import Rotation
 
     theta = Rotation.from_matrix(relative).as_rotvec()
     size = np.maximum(np.linalg.norm(theta, axis=1), 1e-9)
     c = 1.0 / size**2 - (1.0 + np.cos(size)) / (2.0 * size * np.sin(size))
     c = np.where(size < 1e-3, 1.0 / 12.0, c)
-    turned = np.cross(theta, spin)
-    rate = spin - 0.5 * turned + c[:, None] * np.cross(theta, turned)
-    return Measured(theta @ data, rate @ data)
+    turned = np.cross(theta, data)
+    local = data + 0.5 * turned + c[:, None] * np.cross(theta, turned)
+    return theta @ data, np.einsum("tij,tj->ti", A.R, local)
 
 
 def function_values(system: System, function: int, times: Array) -> Array:

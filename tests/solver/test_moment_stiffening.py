@@ -15,17 +15,19 @@ import pytest
 from formats.sid import SID, Taylor
 from solver import simulate
 from solver.assembly import assemble
+from solver.body_loads import recorded_loads
 from solver.kernel_calls import linearise
 from solver.kernels import layout as at
 from solver.kernels import planar, spatial
 from solver.kernels.coordinates import rate
-from solver.sampling import complete_accelerations
+from solver.sampling import Samples, complete_accelerations
 from solver.scene import System
 from tests.solver.scenes import Probe, compiled, scene, soft_body
-from tests.solver.test_equations import not_turning, random_state
+from tests.solver.test_equations import STILL, not_turning, random_state
 
 DIMENSIONS = ["planar", "spatial"]
 STEP = 1e-5
+NO_FORCES = np.zeros((0, at.N_FORCE), np.int64)
 
 
 def loaded(dimension: str) -> System:
@@ -102,6 +104,52 @@ def test_forces_are_linearised(dimension: str) -> None:
         assert matrix[kept, kept] == pytest.approx(
             exact[kept, kept], rel=1e-7, abs=1e-7
         )
+
+
+@pytest.mark.parametrize("dimension", DIMENSIONS)
+def test_measured_forces_and_moments_are_those_that_act(dimension: str) -> None:
+    """What the stiffening ratio is told of all forces makes the generalised force."""
+    system = loaded(dimension)
+    probe, sid = random_state(system, 3), system.bodies[system.index("soft")].sid
+    samples = Samples(
+        probe.z[None],
+        probe.v[None],
+        probe.work.frame[None].copy(),
+        probe.work.point[None].copy(),
+        np.zeros((1, system.n_velocities)),
+        np.zeros((1, system.n_rows)),
+    )
+    loads = recorded_loads(system, samples, np.array([probe.t]), "soft")
+    found = np.zeros(sid.nq)
+    for node in sid.nodes:
+        phi, psi = (
+            part.m0 + np.einsum("lak,l->ak", part.first_order(sid.nq), STILL)
+            for part in (node.phi, node.psi)
+        )
+        found += loads.forces[node.id][0] @ phi + loads.moments[node.id][0] @ psi
+    silent = replace(system, arrays=system.arrays.replaced(force=NO_FORCES))
+    row = system.arrays.body[system.index("soft")]
+    elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
+    other = Probe(silent, probe.t, probe.z, probe.v)
+    acting = probe.work.f[elastic] - other.work.f[elastic]
+    assert found == pytest.approx(acting, rel=1e-9)
+
+
+def test_a_marker_that_moves_by_second_order_alone_does_not_carry_the_frame() -> None:
+    """Its Phi and Psi are zero at rest, their derivatives are not."""
+    soft = soft_body(3, seed=5, stiffening=True)
+    still = np.zeros((3, 3))
+    first, *others = soft.nodes
+    described = scene(
+        {"soft": {"sid": "-"}},
+        {"hold": {"type": "fixed", "markers": ["ground", "soft.1"]}},
+    )
+    rows = []
+    for phi1, psi1 in ((None, None), (first.phi.m1, None), (None, first.psi.m1)):
+        held = replace(first, phi=Taylor(still, phi1), psi=Taylor(still, psi1))
+        body = replace(soft, nodes=(held, *others))
+        rows.append(compiled(described, soft=body).n_rows)
+    assert rows == [0, 3, 3]
 
 
 def geared(dimension: str) -> System:
