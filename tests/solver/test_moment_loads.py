@@ -66,8 +66,8 @@ def arc() -> SID:
 
 
 @cache
-def bar() -> SID:
-    """A straight bar along x, higher (y) than wide (z)."""
+def bar(tie: str | None = None) -> SID:
+    """A straight bar along x, higher (y) than wide (z), its tip a point or tied."""
     points = [
         [
             [[x, y, z] for z in (-WIDTH / 2, WIDTH / 2)]
@@ -82,9 +82,13 @@ def bar() -> SID:
         "control_points": points,
     }
     mesh = {"degrees": [3, 2, 2], "elements": [8, 2, 2]}
-    return sid_from_model(
-        model(geometry, mesh, "left", [0.5, 0.5], youngs_modulus=YOUNG)
-    )
+    body = model(geometry, mesh, "left", [0.5, 0.5], youngs_modulus=YOUNG)
+    if tie is None:
+        return sid_from_model(body)
+    data = body.model_dump(mode="json", exclude_none=True)
+    data["markers"]["tip"] = {"node": 2, "tie": {"type": tie, "to": "right"}}
+    data["reduction"]["modes"] = 10
+    return sid_from_model(validated(data, ModelFile))
 
 
 def held(sid: SID, torque: Any, dimension: str) -> System:
@@ -169,10 +173,28 @@ def test_a_moment_buckles_a_bar_sideways() -> None:
         extra, load_stiffness(sid, moments={"2": (0, 0, 1.0)}), atol=1e-9 * scale
     )
     assert_allclose((exact + exact.T) / 2, kernel, atol=1e-6 * np.abs(kernel).max())
-    a, b = HEIGHT, WIDTH
-    series = sum(np.tanh(n * np.pi * a / (2 * b)) / n**5 for n in range(1, 20, 2))
-    torsion = a * b**3 / 3 * (1 - 192 * b / (np.pi**5 * a) * series)
-    critical = np.pi / LENGTH * YOUNG * np.sqrt(a * b**3 / 12 * torsion / 2)
+    critical = critical_moment()
     ratios = scipy.linalg.eigh(extra, sid.Ke.m0, eigvals_only=True)
     assert -1 / ratios[0] == pytest.approx(critical, rel=1e-2)
     assert 1 / ratios[-1] == pytest.approx(critical, rel=1e-2)
+
+
+def critical_moment() -> float:
+    """pi sqrt(EI GJ) / L of the bar [N m]."""
+    a, b = HEIGHT, WIDTH
+    series = sum(np.tanh(n * np.pi * a / (2 * b)) / n**5 for n in range(1, 20, 2))
+    torsion = a * b**3 / 3 * (1 - 192 * b / (np.pi**5 * a) * series)
+    return float(np.pi / LENGTH * YOUNG * np.sqrt(a * b**3 / 12 * torsion / 2))
+
+
+@pytest.mark.parametrize("tie", ["rigid", "distributing"])
+def test_a_moment_at_a_tie_buckles_a_bar_sideways(tie: str) -> None:
+    """The same critical moment at an end that is tied.
+
+    A little above: the clamp, and a rigid tie, keep their ends from warping.
+    """
+    sid = bar(tie)
+    unit = load_stiffness(sid, moments={"2": (0, 0, 1.0)})
+    ratios = scipy.linalg.eigh(unit, sid.Ke.m0, eigvals_only=True)
+    assert -1 / ratios[0] == pytest.approx(critical_moment(), rel=1.5e-2)
+    assert 1 / ratios[-1] == pytest.approx(critical_moment(), rel=1.5e-2)
