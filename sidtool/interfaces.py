@@ -3,7 +3,8 @@
 Both markers move as the rigid motion that fits the nodes best in the least-squares
 sense; loads spread over the nodes by the transposed rows. A rigid tie also makes the
 nodes one rigid piece. On edges and faces of a patch the fit weighs by length or area,
-on plain node sets every node alike.
+on plain node sets every node alike. The rows are the first order of that fit; what
+`marker_motion` adds for stiffening is the second.
 """
 
 from __future__ import annotations
