@@ -13,7 +13,7 @@ import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from types import CodeType, FunctionType, ModuleType
+from types import CodeType, FunctionType
 from typing import Any
 
 import numba
@@ -29,6 +29,9 @@ _numba: Any = numba  # its stubs know no private parts
 #: Division by zero gives infinity, as in C. Kernels allocate nothing, so that views of
 #: arrays need no reference counts: half the time of a call.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
+
+#: Globals that kernels take into their code; others only share a name with a field.
+CONSTANTS = (bool, int, float, complex, str, tuple, types.Type)
 
 
 class _InnerLibrary(JITCodeLibrary):
@@ -175,15 +178,15 @@ class _KernelCache(FunctionCache):
 
     def __init__(self, function: FunctionType, signatures: tuple[Any, ...]) -> None:
         super().__init__(function)
-        stamp = hashlib.sha256()
-        for signature in signatures:
-            stamp.update(_type_text(signature).encode())
-        stamp.update(_code_text(function, {}).encode())
         self._cache_file = _CacheFile(
             cache_path=self._cache_path,
             filename_base=self._impl.filename_base,
-            source_stamp=stamp.hexdigest(),
+            source_stamp=stamp(function, signatures),
         )
+
+    def _index_key(self, signature: Any, codegen: Any) -> Any:
+        """The stamp of the file knows the code, also that of enclosed kernels."""
+        return signature, codegen.magic_tuple()
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """What is on disk, without the compiler's own preparations.
@@ -192,6 +195,13 @@ class _KernelCache(FunctionCache):
         """
         with self._guard_against_spurious_io_errors():
             return self._load_overload(signature, target_context)
+
+
+def stamp(function: FunctionType, signatures: tuple[Any, ...]) -> str:
+    """Tells one version of a kernel, with all that it calls, from another."""
+    texts = [_type_text(signature) for signature in signatures]
+    texts.append(_code_text(function, {}))
+    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
 def _type_text(kind: Any) -> str:
@@ -220,11 +230,9 @@ def _code_text(function: FunctionType, seen: dict[CodeType, int]) -> str:
         n: c.cell_contents for n, c in zip(code.co_freevars, cells, strict=True)
     }
     for name, value in (scope | enclosed).items():
-        if isinstance(value, ModuleType) or value is None:
-            continue
         python = getattr(value, "py_func", None)
         if python is not None:
             parts.append(_code_text(python, seen))
-        else:
+        elif isinstance(value, CONSTANTS):
             parts.append(f"{name}={value!r}")
     return " ".join(parts)
