@@ -16,20 +16,23 @@ from queue import Empty, Queue
 
 Say = Callable[[str], None]
 
-#: Entry kernels of every run, as module:name, the slowest to compile first.
-COMMON = (
-    "kernels.newton:newton_factor",
-    "kernels.newton:newton_solve",
+#: Entry kernels as module:name, in groups that share inner kernels: one process
+#: compiles a group, the slowest to compile first.
+Group = tuple[str, ...]
+PLANAR: Group = ("kernels.planar_forces:linearise", "kernels.planar_forces:evaluate")
+SPATIAL: Group = (
+    "kernels.spatial_forces:linearise",
+    "kernels.spatial_forces:evaluate",
+)
+RECORDING: Group = ("integrators.stepping:sample", "integrators.stepping:begin")
+NEWTON: Group = ("kernels.newton:newton_factor", "kernels.newton:newton_solve")
+MASS: Group = (
     "kernels.newton:solve_accelerations",
-    "integrators.stepping:sample",
     "kernels.newton:project_once",
+    "kernels.newton:remember",
     "kernels.coordinates:rate",
     "kernels.coordinates:retract",
-    "integrators.stepping:begin",
-    "kernels.newton:remember",
 )
-PLANAR = ("kernels.planar_forces:linearise", "kernels.planar_forces:evaluate")
-SPATIAL = ("kernels.spatial_forces:linearise", "kernels.spatial_forces:evaluate")
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
 
@@ -42,36 +45,53 @@ def ensure(planar: bool, step_loops: Iterable[str], say: Say | None = None) -> N
     step_loops : the entry kernels of the integrators, as module:name
     say : told once, and only when something has to be compiled
     """
-    names = (*step_loops, *(PLANAR if planar else SPATIAL), *COMMON)
-    _compile([name for name in names if not _is_cached(name)], say)
+    equations = PLANAR if planar else SPATIAL
+    _compile(_missing([*_of_loops(step_loops), NEWTON, equations, MASS]), say)
 
 
 def warm_up(say: Say | None = None) -> int:
     """Compiles all kernels of all integrators; the number that had to be compiled."""
+    missing = _missing(all_groups())
+    _compile(missing, say, at_least=1)
+    return sum(map(len, missing))
+
+
+def all_groups() -> list[Group]:
+    """All entry kernels."""
     from .integrators import INTEGRATORS
 
     loops = dict.fromkeys(method.step_loop for method in INTEGRATORS.values())
-    names = (*loops, *SPATIAL, *PLANAR, *COMMON)
-    missing = [name for name in names if not _is_cached(name)]
-    _compile(missing, say, at_least=1)
-    return len(missing)
+    return [*_of_loops(loops), SPATIAL, NEWTON, PLANAR, MASS]
+
+
+def _of_loops(step_loops: Iterable[str]) -> list[Group]:
+    """One group for each, the recording with the first."""
+    first, *others = step_loops
+    return [(first, *RECORDING), *((loop,) for loop in others)]
+
+
+def _missing(groups: Iterable[Group]) -> list[Group]:
+    """What of them is not on disk."""
+    left = [tuple(n for n in group if not _is_cached(n)) for group in groups]
+    return [group for group in left if group]
 
 
 def _compile(
-    names: list[str], say: Say | None, at_least: int = WORTH_PROCESSES
+    groups: list[Group], say: Say | None, at_least: int = WORTH_PROCESSES
 ) -> None:
-    if len(names) < at_least:
-        for name in names:
+    count = sum(map(len, groups))
+    if count < at_least:
+        for name in (name for group in groups for name in group):
             _compile_here(name)
         return
     if say is not None:
-        say(f"compiling {len(names)} kernels, once (half a minute or less)")
-    queue: Queue[str] = Queue()
-    for name in names:
-        queue.put(name)
+        say(f"compiling {count} kernels, once (half a minute or less)")
+    queue: Queue[Group] = Queue()
+    for group in groups:
+        queue.put(group)
     workers = [
         threading.Thread(target=_work, args=(queue,))
-        for _ in range(min(len(names), os.cpu_count() or 1))
+        for _ in range(min(len(groups), os.cpu_count() or 1))
     ]
     for worker in workers:
         worker.start()
@@ -79,7 +99,7 @@ def _compile(
         worker.join()
 
 
-def _work(queue: Queue[str]) -> None:
+def _work(queue: Queue[Group]) -> None:
     """Feeds one process with names until none is left.
 
     A process that dies is no harm: what it did not compile is compiled at first use.
@@ -94,7 +114,7 @@ def _work(queue: Queue[str]) -> None:
     assert process.stdin is not None and process.stdout is not None
     try:
         while True:
-            process.stdin.write(queue.get_nowait() + "\n")
+            process.stdin.write(" ".join(queue.get_nowait()) + "\n")
             process.stdin.flush()
             if not process.stdout.readline():
                 return
@@ -125,7 +145,8 @@ def _compile_here(name: str) -> None:
 def _serve(lines: Iterable[str]) -> None:
     """Compiles the kernels named on standard input, answering each with a line."""
     for line in lines:
-        _compile_here(line.strip())
+        for name in line.split():
+            _compile_here(name)
         print("done", flush=True)
 
 

@@ -10,7 +10,6 @@ from typing import Any
 from numba import float64
 
 from solver import warmup
-from solver.integrators import INTEGRATORS
 from solver.kernels.compiling import entry, inner, stamp
 
 STAMPS = """
@@ -22,10 +21,8 @@ for name, text in stamps().items():
 
 def stamps() -> dict[str, str]:
     """Of all entry kernels, by their names."""
-    loops = dict.fromkeys(method.step_loop for method in INTEGRATORS.values())
-    names = (*loops, *warmup.SPATIAL, *warmup.PLANAR, *warmup.COMMON)
     found = {}
-    for name in names:
+    for name in (name for group in warmup.all_groups() for name in group):
         kernel = warmup._find(name)
         found[name] = stamp(kernel._function, kernel.signatures)
     return found
