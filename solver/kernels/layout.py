@@ -157,8 +157,9 @@ class System(Table):
     dims : sizes and switches
     pool : all real data
     gravity : (3,) acceleration in the inertial frame [m/s2]
-    slack : (rows,) added to the diagonal of the Schur complement: positive for a
-        redundant constraint, whose multiplier is then zero
+    slack : (rows,) added to the diagonal of the Schur complement: positive for
+        constraints that depend on each other, which share their force, see
+        `solver.minimum_norm`
     force : integer table, columns as above
     newton : the same for Newton matrices, whose rows are constraints and forces, see
         `newton`: other body, segment, dims and slack
