@@ -112,7 +112,7 @@ def test_a_wrong_model_is_refused(
         ('"crank.pin"', '"crank.pon"', "crank has no marker 'pon'"),
         ("piston_pin = 2", "piston_pin = 7", "7"),
         ("rod_q4.SID_FEM", "rod_q5.SID_FEM", "rod_q5.SID_FEM"),
-        ('integrator = "radau5"', 'integrator = "euler"', "euler"),
+        ('integrator = "radau9"', 'integrator = "euler"', "euler"),
         ('"rod.q5"', '"rod.q9"', "q9"),
     ],
 )
