@@ -113,11 +113,6 @@ class FiniteElementModel:
         table[:, :d] = np.arange(n * d).reshape(n, d)
         return table
 
-    @property
-    def has_rotations(self) -> bool:
-        """Whether any node has a rotation of its own."""
-        return self.dof_table is not None and bool((self.dof_table[:, 3:] >= 0).any())
-
     def marker(self, name: str) -> MarkerRows:
         """The marker with this name."""
         return next(marker for marker in self.markers if marker.name == name)

@@ -96,11 +96,6 @@ class ReferenceElement:
         """Of the element itself."""
         return self.nodes.shape[1]
 
-    @property
-    def is_linear_simplex(self) -> bool:
-        """Whether the strain inside is constant."""
-        return self.name in ("tri3", "tet4")
-
     def at(self, points: Array) -> tuple[Array, Array]:
         """Values (g, m) and gradients (g, m, d) at other points (g, d)."""
         return _tabulated(self.name, points)
