@@ -26,7 +26,6 @@ from .stepping import (
     CONTROL,
     CRAWLING,
     FIXED_STEP,
-    NEAR,
     NOT_FINITE,
     OFF_CONSTRAINTS,
     OUTPUT,
@@ -35,19 +34,17 @@ from .stepping import (
     SHARE,
     STIFF,
     STIFF_PART,
-    STILL,
     TIME,
     TOO_SMALL,
     accelerate,
     all_finite,
+    close_step,
     copy,
     finish_step,
     growth,
     move,
     next_step,
-    note_drift,
     output_due,
-    project,
     scaled_norm,
     share_of_step,
     too_small,
@@ -215,23 +212,10 @@ def _try_step(kernels, system, work, memory, tableau, control, slopes, h):
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, float64))
 def _accept(kernels, system, work, memory, tableau, control, slopes, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
-    real = control.real
-    status = project(
-        kernels,
-        system,
-        work,
-        memory,
-        real[TIME] + h,
-        slopes.z1,
-        slopes.v1,
-        slopes.dv,
-        slopes.p,
-        real[NEAR],
-        real[STILL],
-    )
+    z1, v1, dz, dv = slopes.z1, slopes.v1, slopes.dv, slopes.p
+    status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
     if status != 0:
         return status
-    note_drift(system, work, control)
     kernels.rate(system, slopes.z1, slopes.v1, slopes.Kz[END])
     copy(memory.acceleration, slopes.Kv[END])
     _look_for_stiffness(control, slopes, h)

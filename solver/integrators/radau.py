@@ -36,22 +36,19 @@ from .stepping import (
     CONTRACTION,
     CONTROL,
     FAILURES,
-    NEAR,
     OLD_STEP,
     PREDICT,
     STAGE_STEP,
-    STILL,
     TIME,
     accelerate,
+    close_step,
     copy,
     factor_real,
     judge,
     move,
     newton_goal,
     newton_limit,
-    note_drift,
     output_due,
-    project,
     scaled_norm,
     share_of_step,
     solve_real,
@@ -426,28 +423,15 @@ def _write_outputs(control, stages, h):
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _accept(kernels, system, work, memory, control, stages, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
-    real = control.real
     s = len(stages.method.c)
     for i in range(len(stages.z1)):
         stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]
     for i in range(len(stages.v1)):
         stages.v1[i] = control.v[i] + stages.Zv[s - 1, i]
-    status = project(
-        kernels,
-        system,
-        work,
-        memory,
-        real[TIME] + h,
-        stages.z1,
-        stages.v1,
-        stages.x,
-        stages.p,
-        real[NEAR],
-        real[STILL],
-    )
+    z1, v1, dz, dv = stages.z1, stages.v1, stages.x, stages.p
+    status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
     if status != 0:
         return status
-    note_drift(system, work, control)
     _write_outputs(control, stages, h)
     move(control, h, stages.z1, stages.v1)
     return 0

@@ -491,6 +491,20 @@ def write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rate1)
         k = output_due(control, h)
 
 
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
+def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
+    """Projects the end of a step onto the constraints and notes what is left open.
+
+    dz and dv are scratch. Returns 0, or the code of `project`.
+    """
+    real = control.real
+    at, near, still = real[TIME] + h, real[NEAR], real[STILL]
+    status = project(kernels, system, work, memory, at, z1, v1, dz, dv, near, still)
+    if status == 0:
+        note_drift(system, work, control)
+    return status
+
+
 @inner(
     int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1, F1, F1)
 )
@@ -499,12 +513,9 @@ def land(kernels, system, work, memory, control, h, z1, v1, rate0, acc0, rz, dz,
 
     rate0 and acc0 are the slopes at its beginning; rz, dz and dv are scratch.
     """
-    real = control.real
-    at, near, still = real[TIME] + h, real[NEAR], real[STILL]
-    status = project(kernels, system, work, memory, at, z1, v1, dz, dv, near, still)
+    status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
     if status != 0:
         return status
-    note_drift(system, work, control)
     write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rz)
     move(control, h, z1, v1)
     return 0

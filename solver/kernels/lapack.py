@@ -18,7 +18,7 @@ from numba.np.arrayobj import make_array
 from numpy.typing import NDArray
 
 from .compiling import inner
-from .tables import Table, TableType
+from .tables import Pointer, Table, TableType
 
 #: Blocks from this size on go to LAPACK: measured, real blocks.
 LARGE = 24
@@ -51,17 +51,6 @@ LAPACK = TableType(
 )
 
 
-class _Routine(types.WrapperAddressProtocol):
-    def __init__(self, address: int, signature: Any) -> None:
-        self._address, self._signature = address, signature
-
-    def __wrapper_address__(self) -> int:
-        return self._address
-
-    def signature(self) -> Any:
-        return self._signature
-
-
 @cache
 def lapack(kind: str, largest: int) -> Lapack:
     """The routines for real ("d") or complex ("z") blocks up to a size.
@@ -75,7 +64,7 @@ def lapack(kind: str, largest: int) -> Lapack:
         for name in names
     ]
     word = np.array([0, 1, 0, ord("T")], np.int64)
-    return Lapack(_Routine(found[0], FACTOR), _Routine(found[1], SOLVE), word)
+    return Lapack(Pointer(found[0], FACTOR), Pointer(found[1], SOLVE), word)
 
 
 @intrinsic

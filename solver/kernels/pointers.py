@@ -5,29 +5,17 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from numba import types
-
 from . import newton
 from .compiling import Entry
 from .coordinates import rate, retract
+from .tables import Pointer
 
 
-class Pointer(types.WrapperAddressProtocol):
-    """The address of one compiled signature of a kernel."""
-
-    def __init__(self, kernel: Entry, signature: Any) -> None:
-        compiled = kernel.compiled(signature)
-        self._kernel = kernel
-        self._signature = signature
-        self._address = compiled.library.get_pointer_to_function(
-            compiled.fndesc.llvm_cfunc_wrapper_name
-        )
-
-    def __wrapper_address__(self) -> int:
-        return self._address
-
-    def signature(self) -> Any:
-        return self._signature
+def pointer(kernel: Entry, signature: Any) -> Pointer:
+    """To one compiled signature of a kernel, which stays with its module."""
+    compiled = kernel.compiled(signature)
+    name = compiled.fndesc.llvm_cfunc_wrapper_name
+    return Pointer(compiled.library.get_pointer_to_function(name), signature)
 
 
 def entries(planar: bool) -> tuple[Entry, ...]:
@@ -55,4 +43,4 @@ def entries(planar: bool) -> tuple[Entry, ...]:
 def kernels(planar: bool) -> newton.Kernels:
     """Pointers to the kernels; loads or compiles them once."""
     pairs = zip(entries(planar), newton.SIGNATURES, strict=True)
-    return newton.Kernels(*(Pointer(kernel, signature) for kernel, signature in pairs))
+    return newton.Kernels(*(pointer(kernel, signature) for kernel, signature in pairs))

@@ -340,6 +340,17 @@ def _rotation_rates(point, theta, rate, out):
     point[T + 8] = 1.0 - s3 * (x * x + y * y)
 
 
+@inner(types.UniTuple(VECTOR, 2)(F1, int64, int64, F1, int64, F1, int64))
+def _bent(pool, line, nq, z, q, v, qd):
+    """What the elastic coordinates, and their rates, add to a column of Phi or Psi."""
+    g, h = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(nq):
+        bend = column(pool, line, nq * nq, i)
+        g = plus(g, times(z[q + i], bend))
+        h = plus(h, times(v[qd + i], bend))
+    return g, h
+
+
 @inner(types.void(SYSTEM, WORK, int64, F1, F1))
 def _marker(system, work, m, z, v):
     """Position, orientation, their rates and bias accelerations of a marker."""
@@ -357,11 +368,7 @@ def _marker(system, work, m, z, v):
         base = column(pool, data + 12, nq, k)
         tilt = column(pool, data + 12 + 3 * nq, nq, k)
         if phi1 >= 0:
-            g, h = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-            for i in range(nq):
-                bend = column(pool, phi1 + k * nq, nq * nq, i)
-                g = plus(g, times(z[q + i], bend))
-                h = plus(h, times(v[qd + i], bend))
+            g, h = _bent(pool, phi1 + k * nq, nq, z, q, v, qd)
             for a in range(3):
                 work.phi[phi + a * nq + k] = base[a] + g[a]
             extra = plus(extra, times(v[qd + k], h))
@@ -369,11 +376,7 @@ def _marker(system, work, m, z, v):
         d = plus(d, times(z[q + k], base))
         u = plus(u, times(v[qd + k], column(work.phi, phi, nq, k)))
         if psi1 >= 0:
-            g, h = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-            for i in range(nq):
-                bend = column(pool, psi1 + k * nq, nq * nq, i)
-                g = plus(g, times(z[q + i], bend))
-                h = plus(h, times(v[qd + i], bend))
+            g, h = _bent(pool, psi1 + k * nq, nq, z, q, v, qd)
             for a in range(3):
                 work.phi[psi + a * nq + k] = tilt[a] + g[a]
             curl = plus(curl, times(v[qd + k], h))

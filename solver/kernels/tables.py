@@ -106,6 +106,19 @@ def _words(kind: Any, value: Any) -> list[int]:
     return [value.ctypes.data, *value.shape]
 
 
+class Pointer(types.WrapperAddressProtocol):
+    """The address of a compiled function, as a field of a table."""
+
+    def __init__(self, address: int, signature: Any) -> None:
+        self._address, self._signature = address, signature
+
+    def __wrapper_address__(self) -> int:
+        return self._address
+
+    def signature(self) -> Any:
+        return self._signature
+
+
 @typeof_impl.register(Table)
 def _type_of(value: Table, context: Any) -> TableType:
     return value.kind
