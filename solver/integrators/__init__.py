@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from ..kernels.layout import Work
 from ..kernels.newton import Kernels, Memory
 from ..scene import System
+from ..sizes import coordinate_sizes
 from .stepping import Control
 
 Advance = Callable[[int], int]
@@ -90,7 +91,8 @@ def _generalised_alpha(
     from . import generalised_alpha, stepping
 
     rho = float(control.real[stepping.RADIUS])
-    storage = generalised_alpha.new_alpha(system.arrays, rho)
+    sizes = coordinate_sizes(system)
+    storage = generalised_alpha.new_alpha(system.arrays, rho, sizes)
     return lambda limit: generalised_alpha.advance(
         kernels, system.arrays, work, memory, control, storage, limit
     )

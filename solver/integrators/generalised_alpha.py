@@ -18,6 +18,8 @@ A step finds accelerations with M z_II' - C^T lambda = f and c = 0 at its end, w
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import float64, int64, types
 
@@ -31,6 +33,8 @@ from ..kernels.index3 import (
     index3_solve,
 )
 from ..kernels.layout import (
+    C_RATE,
+    C_VALUE,
     F1,
     I1,
     N_POS,
@@ -38,8 +42,10 @@ from ..kernels.layout import (
     N_VEL,
     NP,
     NQ,
+    NV,
     POS,
     RD,
+    S_BODY,
     S_OFFSET,
     S_ROW,
     SYSTEM,
@@ -59,30 +65,43 @@ from .stepping import (
     CONTROL,
     FIXED_STEP,
     OLD_STEP,
+    PERIOD,
+    STEP,
     STOP,
+    STUB,
     TIME,
+    accelerate,
+    close_step,
     copy,
     fade_contraction,
     judge,
-    land,
+    keep_step,
     move,
     newton_limit,
     note_drift,
     scaled_norm,
+    spent,
     write_cubic,
 )
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 0.1
-#: For what errors of the multipliers, left out here, do to elastic coordinates.
-CAUTION = 2.0
-#: After a break, part of the step before it: the lag of a is not known yet.
-FIRST_STEP = 0.05
+#: After a break, part of the step before it.
+FIRST_STEP = 0.3
+#: The first jerk is a difference over this part of the first step.
+GLANCE = 0.01
 #: What Newton's iteration may leave of the tolerance.
 NEWTON_GOAL = 0.03
+#: What rounding leaves of positions, relative to their size.
+ROUNDED = 1e-15
+#: Errors are told from rounding above so many times as much.
+MARGIN = 3.0
+#: Share of the tolerance that the lag of constraint forces may take.
+LAG = 10.0
 
 # Entries of Alpha.weights
-ALPHA_M, ALPHA_F, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR, N_WEIGHTS = range(7)
+ALPHA_M, ALPHA_F, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR = range(6)
+FORCE_ERROR, CURVATURE = 6, 7
 
 
 class Alpha(Table):
@@ -90,17 +109,21 @@ class Alpha(Table):
 
     place : row of each constraint in the Newton matrix, -1 for none
     weights : see the entries above
-    a, v, acc : accelerations, velocities and z_II' of the algorithm
+    a, v, kept : accelerations, velocities and z_II' that the last step left
     old_a : a one step before
-    a0, v0 : a and v as they are for the length of the step ahead
+    a0, v0, acc : the same at the beginning of this step
     rate0, acc0 : z_I' and z_II' at the beginning of the step, on the constraints
+    jerk, snap : slope of acc0 and its own, from steps before
+    bend : h^2 z_II''' of this step
     lam, old_lam : lambda at the beginning of this step and one before
     lam1 : at the end of the step
     a1, z1, v1, acc1 : at the end of the step
     dx : motion during the step, in the tangent space
     rz : scratch like z_I
+    nz, nv : parts of tangent vectors that the constraints impose
     p, g : right-hand side and solution of a correction
-    scale : tolerated error of tangent vectors
+    scale, pace : tolerated errors of tangent vectors and of velocities
+    floor : what rounding makes of positions, as tangent vectors
     """
 
     place: np.ndarray
@@ -113,6 +136,10 @@ class Alpha(Table):
     v0: Array
     rate0: Array
     acc0: Array
+    jerk: Array
+    bend: Array
+    kept: Array
+    snap: Array
     lam: Array
     old_lam: Array
     lam1: Array
@@ -121,20 +148,26 @@ class Alpha(Table):
     v1: Array
     acc1: Array
     dx: Array
+    dv: Array
     rz: Array
+    nz: Array
+    nv: Array
     p: Array
     g: Array
     scale: Array
+    pace: Array
+    floor: Array
 
 
-ALPHA = TableType(Alpha, [I1] + [F1] * 21)
+ALPHA = TableType(Alpha, [I1] + [F1] * 30)
 
 
 def coefficients(rho: float) -> Array:
     """Weights for a spectral radius rho at infinite frequency, 0 to 1.
 
     The errors are those of one step with the exact acceleration z_II' + (alpha_m -
-    alpha_f) h z_II'' + ... as a: h^3 z_II'' and h^3 z_II''' times the last two.
+    alpha_f) h z_II'' + ... as a: h^3 z_II'' and h^3 z_II''' times the last but two.
+    Where constraints prescribe z_I, z_II' is off by h^2 z_II''' times the last one.
     """
     alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
     shift = alpha_m - alpha_f
@@ -143,16 +176,20 @@ def coefficients(rho: float) -> Array:
     bend = 0.5 * (1.0 - alpha_f) - (1.0 - alpha_m) * (0.5 + shift)
     position = beta + 0.5 * shift - 1.0 / 6.0
     velocity = bend + gamma * (0.5 + shift) - 1.0 / 6.0
-    return np.array([alpha_m, alpha_f, beta, gamma, position, velocity])
+    force = 1.0 / 6.0 + 0.5 * shift + 0.25 * shift**2 - (1.0 - alpha_f) * shift
+    curvature = shift**2 + 1.0 / 12.0 - beta - 0.5 * shift
+    weights = [alpha_m, alpha_f, beta, gamma, position, velocity, force, curvature]
+    return np.array(weights)
 
 
-def new_alpha(system: System, rho: float) -> Alpha:
-    """Storage for a run."""
+def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
+    """Storage for a run; `sizes` are those of tangent vectors."""
     n, m = int(system.dims[N_POS]), int(system.dims[N_VEL])
     rows, newton_rows = int(system.dims[N_ROWS]), int(system.newton.dims[N_ROWS])
-    sizes = [m] * 6 + [n, m, rows, rows, rows, m, n, m, m, m, n, m, newton_rows, m]
-    vectors = (np.zeros(size) for size in sizes)
-    return Alpha(newton_places(system), coefficients(rho), *vectors)
+    lengths = [m] * 6 + [n] + [m] * 5 + [rows] * 3 + [m, n, m, m, m, m, n, m, m, m]
+    vectors = [np.zeros(length) for length in (*lengths, newton_rows, m, m)]
+    floor = ROUNDED * sizes
+    return Alpha(newton_places(system), coefficients(rho), *vectors, floor)
 
 
 def newton_places(system: System) -> np.ndarray:
@@ -164,42 +201,76 @@ def newton_places(system: System) -> np.ndarray:
     return places
 
 
-@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, ALPHA))
-def _begin_step(kernels, system, memory, control, alpha):
-    """Slopes at the beginning; after a break the algorithm starts anew."""
-    kernels.rate(system, control.z, control.v, alpha.rate0)
-    copy(memory.acceleration, alpha.acc0)
-    if control.real[OLD_STEP] == 0.0:
-        copy(memory.acceleration, alpha.a)
-        copy(memory.acceleration, alpha.old_a)
-        copy(memory.acceleration, alpha.acc)
-        copy(control.v, alpha.v)
-        copy(memory.multiplier, alpha.lam)
-        copy(memory.multiplier, alpha.old_lam)
-    for b in range(len(system.body)):
-        row = system.body[b]
-        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
-        for k in range(rd):
-            alpha.scale[u + k] = control.scale_z[p + k]
-        for k in range(nq):
-            alpha.scale[u + rd + k] = control.scale_z[p + row[NP] - nq + k]
+@inner(types.void(SYSTEM, WORK, F1, int64))
+def _rates_of_rows(system, work, x, column):
+    """C x into a column of the rows."""
+    for i in range(system.dims[N_ROWS]):
+        work.row[i, column] = 0.0
+    for k in range(len(system.segment)):
+        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
+        b = system.segment[k, S_BODY]
+        first = system.body[b, VEL]
+        for i in range(system.body[b, NV]):
+            work.row[row, column] += work.C[at + i] * x[first + i]
 
 
-@inner(types.void(CONTROL, ALPHA, float64))
-def _fit_to_step(control, alpha, h):
-    """What the algorithm's a and v are off grows with h and h^2: a step that changes.
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, ALPHA, F1, F1))
+def _split(kernels, system, work, memory, alpha, x, y):
+    """Moves from tangent vectors x and y to nz and nv what constraints impose on them.
 
-    The lag of a is a part of the step ahead; v meets the constraints to second order.
-    Also the first guess of a1 and lambda: they go on as they changed so far.
+    In the metric of projections: the rigid motion bears it, not the deformation.
     """
+    _rates_of_rows(system, work, x, C_VALUE)
+    _rates_of_rows(system, work, y, C_RATE)
+    status = kernels.project_once(system, work, memory, alpha.nz, alpha.nv)
+    for i in range(len(x)):
+        x[i] += alpha.nz[i]
+        y[i] += alpha.nv[i]
+    return status
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA))
+def _begin_step(kernels, system, work, memory, control, alpha):
+    """Slopes at the beginning."""
     old = control.real[OLD_STEP]
-    ratio = h / old if old > 0.0 else 1.0
-    for i in range(len(alpha.a)):
-        alpha.a0[i] = alpha.acc[i] + ratio * (alpha.a[i] - alpha.acc[i])
-        alpha.v0[i] = control.v[i] + ratio * ratio * (alpha.v[i] - control.v[i])
-        alpha.a1[i] = alpha.a0[i] + ratio * (alpha.a[i] - alpha.old_a[i])
-    for i in range(len(alpha.lam)):
-        alpha.lam1[i] = alpha.lam[i] + ratio * (alpha.lam[i] - alpha.old_lam[i])
+    kernels.rate(system, control.z, control.v, alpha.rate0)
+    if old > 0.0:
+        for i in range(len(alpha.acc0)):
+            jerk = (memory.acceleration[i] - alpha.acc0[i]) / old
+            alpha.snap[i] = (jerk - alpha.jerk[i]) / old
+            alpha.jerk[i] = jerk
+    copy(memory.acceleration, alpha.acc0)
+    if old == 0.0:
+        _glance(kernels, system, work, memory, control, alpha)
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA))
+def _glance(kernels, system, work, memory, control, alpha):
+    """The slope of the acceleration after a break, and the slope of that."""
+    t, glance = control.real[TIME], GLANCE * control.real[STEP]
+    copy(control.z, alpha.z1)
+    copy(control.v, alpha.v1)
+    for _ in range(2):
+        kernels.rate(system, alpha.z1, alpha.v1, alpha.rz)
+        for i in range(len(alpha.v1)):
+            alpha.dx[i] = alpha.v1[i] + 0.5 * glance * memory.acceleration[i]
+            alpha.v1[i] += glance * memory.acceleration[i]
+            alpha.p[i] = memory.acceleration[i]
+        kernels.rate(system, alpha.z1, alpha.dx, alpha.rz)
+        for i in range(len(alpha.z1)):
+            alpha.z1[i] += glance * alpha.rz[i]
+        t += glance
+        accelerate(kernels, system, work, memory, t, alpha.z1, alpha.v1)
+        for i in range(len(alpha.acc0)):
+            jerk = (memory.acceleration[i] - alpha.p[i]) / glance
+            alpha.snap[i] = (jerk - alpha.jerk[i]) / glance
+            alpha.jerk[i] = jerk
+    for i in range(len(alpha.jerk)):
+        alpha.jerk[i] -= 1.5 * glance * alpha.snap[i]
+    t = control.real[TIME]
+    accelerate(kernels, system, work, memory, t, control.z, control.v)
+    copy(memory.multiplier, alpha.lam)
+    copy(memory.multiplier, alpha.old_lam)
 
 
 @inner(types.void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
@@ -232,6 +303,82 @@ def _inertia(alpha):
     return (1.0 - w[ALPHA_M]) / (w[BETA] * (1.0 - w[ALPHA_F]))
 
 
+@inner(types.void(SYSTEM, MEMORY, ALPHA, F1))
+def _filter(system, memory, alpha, x):
+    """Passes a tangent vector through the Newton matrix, into p."""
+    for i in range(len(alpha.p)):
+        alpha.p[i] = 0.0
+    for i in range(len(alpha.g)):
+        alpha.g[i] = 0.0
+    add_mass_times(system, memory.M, x, _inertia(alpha), alpha.p)
+    index3_solve(system, memory, alpha.p, alpha.g)
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
+def _fit_to_step(kernels, system, work, memory, control, alpha, h):
+    """The algorithm's a and v for the step ahead, and a first guess of a1 and lambda.
+
+    While the step stays, a and v go on. Where it changes they start anew as they are in
+    a smooth motion: what constraints leave of rounding in a and v is a part of it that
+    would grow with the steps.
+    """
+    old, w = control.real[OLD_STEP], alpha.weights
+    ratio = h / old if old > 0.0 else 0.0
+    for i in range(len(alpha.lam)):
+        alpha.lam1[i] = alpha.lam[i] + ratio * (alpha.lam[i] - alpha.old_lam[i])
+    if abs(ratio - 1.0) <= STUB:
+        copy(alpha.kept, alpha.acc)
+        copy(alpha.v, alpha.v0)
+        for i in range(len(alpha.a)):
+            alpha.a0[i] = alpha.a[i]
+            alpha.a1[i] = 2.0 * alpha.a[i] - alpha.old_a[i]
+        return
+    for i in range(len(alpha.a)):
+        slow = 1.0 / (1.0 + (h * control.frequency[i]) ** 2)
+        alpha.dx[i] = h * slow * (alpha.jerk[i] + 0.5 * old * alpha.snap[i])
+        alpha.bend[i] = (h * slow) ** 2 * alpha.snap[i]
+    _filter(system, memory, alpha, alpha.bend)
+    for i in range(len(alpha.a)):
+        change, bend = alpha.dx[i], alpha.bend[i]
+        alpha.acc[i] = alpha.acc0[i] - w[FORCE_ERROR] * (bend - alpha.p[i])
+        alpha.a0[i] = alpha.acc[i] + (w[FORCE_ERROR] + w[CURVATURE]) * bend
+        alpha.a0[i] += (w[ALPHA_M] - w[ALPHA_F]) * change
+        alpha.a1[i] = alpha.a0[i] + change
+        alpha.a1[i] += (0.5 + w[ALPHA_M] - w[ALPHA_F]) * bend
+    copy(control.v, alpha.v0)
+    _place(kernels, system, control, alpha, h)
+    kernels.evaluate(system, work, control.real[TIME] + h, alpha.z1, alpha.v1)
+    memory.counters[EVALUATIONS] += 1
+    kernels.project_once(system, work, memory, alpha.nz, alpha.nv)
+    for i in range(len(alpha.v0)):
+        alpha.v0[i] += alpha.nz[i] / h
+
+
+@inner(float64(SYSTEM, CONTROL, ALPHA, float64))
+def _tolerate(system, control, alpha, h):
+    """Tolerated errors of tangent vectors, not below rounding; velocities are
+    differences of positions.
+
+    Returns what Newton's iteration may leave, in units of rounding: constraints make
+    errors of large motions errors of small deformations.
+    """
+    goal, rate = math.inf, alpha.weights[BETA] * h / alpha.weights[GAMMA]
+    for b in range(len(system.body)):
+        row = system.body[b]
+        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
+        for k in range(rd):
+            alpha.scale[u + k] = control.scale_z[p + k]
+        for k in range(nq):
+            alpha.scale[u + rd + k] = control.scale_z[p + row[NP] - nq + k]
+    for i in range(len(alpha.floor)):
+        least = MARGIN * alpha.floor[i]
+        alpha.scale[i] = max(alpha.scale[i], least)
+        alpha.pace[i] = max(control.scale_v[i], least / h)
+        tolerated = min(alpha.scale[i], rate * alpha.pace[i])
+        goal = min(goal, tolerated / alpha.floor[i])
+    return goal
+
+
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, ALPHA, float64))
 def _factor(kernels, system, work, memory, alpha, h):
     damping = h * alpha.weights[GAMMA] / alpha.weights[BETA]
@@ -244,7 +391,8 @@ def _newton(kernels, system, work, memory, control, alpha, h):
     real = control.real
     h2 = h * h
     by_a = 1.0 / (alpha.weights[BETA] * h2)
-    _fit_to_step(control, alpha, h)
+    goal = _tolerate(system, control, alpha, h)
+    _fit_to_step(kernels, system, work, memory, control, alpha, h)
     fade_contraction(control)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
@@ -263,122 +411,125 @@ def _newton(kernels, system, work, memory, control, alpha, h):
         )
         index3_solve(system, memory, alpha.p, alpha.g)
         memory.counters[ITERATIONS] += 1
-        by_v = alpha.weights[GAMMA] * h * by_a
+        norm = 0.0
         for i in range(len(alpha.p)):
             alpha.a1[i] += by_a * alpha.p[i]
-            alpha.v1[i] = by_v * alpha.p[i]
+            norm = max(norm, abs(alpha.p[i]) / alpha.floor[i])
         for i in range(len(alpha.place)):
             if alpha.place[i] >= 0:
                 alpha.lam1[i] += alpha.g[alpha.place[i]] / h2
-        norm = scaled_norm(alpha.p, alpha.v1, alpha.scale, control.scale_v)
-        verdict = judge(control, NEWTON_GOAL, iteration, norm, old_norm)
-        if verdict < 0:
-            return 0
-        if verdict == 1:
+        verdict = judge(control, NEWTON_GOAL, iteration, norm / goal, old_norm / goal)
+        if verdict == 1 or norm < 1.0:
             _place(kernels, system, control, alpha, h)
             return iteration + 1
+        if verdict < 0:
+            return 0
         old_norm = norm
     return 0
-
-
-@inner(types.void(SYSTEM, MEMORY, ALPHA))
-def _filter(system, memory, alpha):
-    """Passes the tangent vector v1 through the Newton matrix, into p."""
-    for i in range(len(alpha.p)):
-        alpha.p[i] = 0.0
-    for i in range(len(alpha.g)):
-        alpha.g[i] = 0.0
-    add_mass_times(system, memory.M, alpha.v1, _inertia(alpha), alpha.p)
-    index3_solve(system, memory, alpha.p, alpha.g)
 
 
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
 def _error(kernels, system, work, memory, control, alpha, h):
     """Norm of the local error, passed through Newton's matrix for stiff coordinates.
 
-    Position: h^3 z_II'' from the change of a. Velocity: h^3 z_II''' from its second
-    divided difference; in a first step h z_II''' counts as z_II''.
+    Position: h^3 z_II'', velocity: h^3 z_II''', from accelerations that the constraints
+    allow: differences of a are full of rounding. What constraints impose of both is no
+    error: positions meet them, and the algorithm's v makes up for it.
     """
-    old, w = control.real[OLD_STEP], alpha.weights
-    n = len(alpha.p)
-    for i in range(n):
-        change = alpha.a1[i] - alpha.a0[i]
-        alpha.v1[i] = w[POSITION_ERROR] * h * h * change
-    _filter(system, memory, alpha)
-    copy(alpha.p, alpha.dx)
-    for i in range(n):
-        change = alpha.a1[i] - alpha.a0[i]
-        if old > 0.0:
-            before = (alpha.a[i] - alpha.old_a[i]) * h / old
-            change = 2.0 * h * (change - before) / (h + old)
-        alpha.v1[i] = w[VELOCITY_ERROR] * h * change
-    _filter(system, memory, alpha)
-    return CAUTION * scaled_norm(alpha.dx, alpha.p, alpha.scale, control.scale_v)
+    w, x, y, old = alpha.weights, alpha.dx, alpha.dv, control.real[OLD_STEP]
+    z1, v1 = alpha.z1, alpha.v1
+    copy(v1, alpha.v0)
+    if close_step(kernels, system, work, memory, control, h, z1, v1, x, y) != 0:
+        return math.inf
+    for i in range(len(x)):
+        jerk = (memory.acceleration[i] - alpha.acc0[i]) / h
+        alpha.bend[i] = 2.0 * h * h * (jerk - alpha.jerk[i]) / (h + old)
+        x[i] = w[POSITION_ERROR] * h * h * h * jerk
+        y[i] = w[VELOCITY_ERROR] * h * alpha.bend[i]
+    if _split(kernels, system, work, memory, alpha, x, y) != 0:
+        return math.inf
+    _filter(system, memory, alpha, x)
+    copy(alpha.p, x)
+    _filter(system, memory, alpha, y)
+    for b in range(len(system.body)):
+        first = system.body[b, VEL]
+        for i in range(first, first + system.body[b, RD]):
+            x[i] -= alpha.nz[i]
+            alpha.p[i] -= alpha.nv[i]
+    local = scaled_norm(x, alpha.p, alpha.scale, alpha.pace)
+    return math.hypot(local, _lag(system, memory, control, alpha, h))
 
 
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
-def _land(kernels, system, work, memory, control, alpha, h):
-    """Ends a step; 0 on success.
+@inner(float64(SYSTEM, MEMORY, CONTROL, ALPHA, float64))
+def _lag(system, memory, control, alpha, h):
+    """Norm of the deformation by what the motion that constraints impose is off.
 
-    With error control, and at the end of an interval, on the constraints of position
-    and velocity. Otherwise as the algorithm leaves it, with its own acceleration:
-    steps of one length need no projection, and recorded states are projected anyway.
+    It does not add up from step to step.
     """
-    real = control.real
-    if control.whole[FIXED_STEP] == 1 and real[TIME] + 1.5 * h < real[STOP]:
-        copy(alpha.acc1, memory.acceleration)
-        copy(alpha.lam1, memory.multiplier)
-        note_drift(system, work, control)
-        write_cubic(
-            kernels,
-            system,
-            memory,
-            control,
-            h,
-            alpha.z1,
-            alpha.v1,
-            alpha.rate0,
-            alpha.acc0,
-            alpha.rz,
-        )
-        move(control, h, alpha.z1, alpha.v1)
-        return 0
-    return land(
-        kernels,
-        system,
-        work,
-        memory,
-        control,
-        h,
-        alpha.z1,
-        alpha.v1,
-        alpha.rate0,
-        alpha.acc0,
-        alpha.rz,
-        alpha.dx,
-        alpha.p,
-    )
+    for b in range(len(system.body)):
+        first = system.body[b, VEL]
+        for i in range(first, first + system.body[b, RD]):
+            alpha.bend[i] *= alpha.weights[FORCE_ERROR]
+        for i in range(first + system.body[b, RD], first + system.body[b, NV]):
+            alpha.bend[i] = 0.0
+    _filter(system, memory, alpha, alpha.bend)
+    total = 0.0
+    for b in range(len(system.body)):
+        first = system.body[b, VEL]
+        for i in range(first + system.body[b, RD], first + system.body[b, NV]):
+            slow = max(control.frequency[i], 1.0 / control.real[PERIOD])
+            times = 1.0 / slow**2 + h * h / _inertia(alpha)
+            total += (times * alpha.p[i] / alpha.scale[i]) ** 2
+    part = spent(control, h) / LAG
+    return part * math.sqrt(total / (2 * len(alpha.p)))
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
 def _accept(kernels, system, work, memory, control, alpha, h):
-    """Moves to the end of the step, and the algorithm with it; 0 on success."""
-    _place(kernels, system, control, alpha, h)
-    copy(alpha.v1, alpha.v0)
-    status = _land(kernels, system, work, memory, control, alpha, h)
-    if status == 0:
-        copy(alpha.v0, alpha.v)
-        copy(alpha.a0, alpha.old_a)
-        copy(alpha.a1, alpha.a)
-        copy(alpha.acc1, alpha.acc)
-        copy(alpha.lam, alpha.old_lam)
-        copy(alpha.lam1, alpha.lam)
-    return status
+    """Moves to the end of the step, and the algorithm with it; 0 on success.
+
+    With error control the end is on the constraints of position and velocity already.
+    Fixed steps leave it as the algorithm does, with its own acceleration, but for the
+    end of an interval: steps of one length need no projection, and recorded states are
+    projected anyway.
+    """
+    real, z1, v1 = control.real, alpha.z1, alpha.v1
+    if control.whole[FIXED_STEP] == 1:
+        copy(v1, alpha.v0)
+        if real[TIME] + 1.5 * h < real[STOP]:
+            copy(alpha.acc1, memory.acceleration)
+            note_drift(system, work, control)
+        else:
+            x, y = alpha.dx, alpha.dv
+            status = close_step(kernels, system, work, memory, control, h, z1, v1, x, y)
+            if status != 0:
+                return status
+    copy(alpha.lam1, memory.multiplier)
+    write_cubic(
+        kernels,
+        system,
+        memory,
+        control,
+        h,
+        z1,
+        v1,
+        alpha.rate0,
+        alpha.acc0,
+        alpha.rz,
+    )
+    move(control, h, z1, v1)
+    copy(alpha.v0, alpha.v)
+    copy(alpha.a0, alpha.old_a)
+    copy(alpha.a1, alpha.a)
+    copy(alpha.acc1, alpha.kept)
+    copy(alpha.lam, alpha.old_lam)
+    copy(alpha.lam1, alpha.lam)
+    return 0
 
 
 @inner(int64(ALPHA))
 def _order(alpha):
-    return 2
+    return 1
 
 
 advance = step_loop(
@@ -392,4 +543,6 @@ advance = step_loop(
     _order,
     JACOBIAN_SERVES,
     FIRST_STEP,
+    spent,
+    keep_step,
 )

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import int64
+from numba import float64, int64
 
-from ..kernels.compiling import Entry, entry
+from ..kernels.compiling import Entry, entry, inner
 from ..kernels.layout import SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from .stepping import (
@@ -40,6 +40,12 @@ from .stepping import (
 )
 
 
+@inner(float64(CONTROL, float64))
+def all_of_it(control, h):
+    """For methods of high order: the errors of their few steps hardly add up."""
+    return 1.0
+
+
 def step_loop(
     name: str,
     storage_type: Any,
@@ -51,6 +57,8 @@ def step_loop(
     order_of: Any,
     serves: float,
     first_step: float = 1.0,
+    part_of: Any = all_of_it,
+    finish: Any = finish_step,
 ) -> Entry:
     """`advance` of an implicit method: the entry kernel of its step loop.
 
@@ -58,7 +66,8 @@ def step_loop(
     ----------
     name : tells the cache on disk which method it is
     storage_type : compiled type of its storage
-    begin(kernels, system, memory, control, storage) : keeps the slopes at the beginning
+    begin(kernels, system, work, memory, control, storage) : keeps the slopes at the
+        beginning of a step
     factor(kernels, system, work, memory, storage, h) : 0 on success
     newton(kernels, system, work, memory, control, storage, h) : iterations, 0 without
         convergence
@@ -69,6 +78,8 @@ def step_loop(
     order_of(storage) : of the error estimate
     serves : a Jacobian is kept while Newton's iteration contracts the error this much
     first_step : part of the proposed step that is taken after a break
+    part_of(control, h) : part of the tolerance that a step may use
+    finish : chooses the next step, as `finish_step`
     """
 
     def advance(kernels, system, work, memory, control, storage, limit):  # type: ignore[no-untyped-def]
@@ -83,10 +94,9 @@ def step_loop(
             h = next_step(control)
             if h == 0.0:
                 return REACHED
-            update_scales(system, control)
             if real[OLD_STEP] == 0.0 and whole[FIXED_STEP] == 0:
                 h *= first_step
-            begin(kernels, system, memory, control, storage)
+            begin(kernels, system, work, memory, control, storage)
             fresh = whole[NEEDS_JACOBIAN]
             if fresh == 1:
                 take_jacobian(kernels, system, work, memory, control)
@@ -95,6 +105,7 @@ def step_loop(
             while True:
                 if too_small(control, h):
                     return TOO_SMALL
+                update_scales(system, control, part_of(control, h))
                 status = 0
                 if real[FACTORED_STEP] != h:
                     status = factor(kernels, system, work, memory, storage, h)
@@ -135,7 +146,7 @@ def step_loop(
                     return OFF_CONSTRAINTS
                 h *= 0.5
             whole[PREDICT] = 1
-            finish_step(control, order, serves, h, error, iterations, whole[FAILURES])
+            finish(control, order, serves, h, error, iterations, whole[FAILURES])
             memory.counters[STEPS] += 1
             if not all_finite(control.z, control.v):
                 return NOT_FINITE

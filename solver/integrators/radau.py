@@ -437,8 +437,8 @@ def _accept(kernels, system, work, memory, control, stages, h):
     return 0
 
 
-@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, STAGES))
-def _begin_step(kernels, system, memory, control, stages):
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES))
+def _begin_step(kernels, system, work, memory, control, stages):
     """Slopes at the beginning of the step."""
     kernels.rate(system, control.z, control.v, stages.rate0)
     copy(memory.acceleration, stages.acc0)

@@ -67,11 +67,15 @@ PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected on
 SHARE = 4  # next entry of the shares
 STIFF = 5  # steps that stability, not accuracy, has limited
 FAILURES = 6  # attempts of the present step that failed
-N_WHOLE = 7
+KEPT = 7  # steps of the same length before this one
+N_WHOLE = 8
 
 #: A scene is stiff when stability limits more than one step in so many; between such
 #: steps the error control tries longer ones.
 STIFF_PART = 4
+
+#: Sums of fixed steps miss the end of an interval by less than this part of a step.
+STUB = 1e-3
 
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
@@ -127,14 +131,31 @@ PATIENCE = 4
 STAGNATION = 0.03
 SAFETY = 0.9
 
+#: For methods that a change of the step disturbs: the factor by which steps grow, and
+#: the number of steps after which the last change has died out.
+LONGER, SETTLED = 1.5, 10
+
 #: Relative to the size of the mechanism: the elastic displacement below which the
 #: error of a deformation is not resolved any further.
 SMALLEST_DEFORMATION = 1e-7
 
+#: What steps of low order may err, times their part of the run: the errors of so many
+#: steps add up. Not less than rounding, relative to the largest motion.
+SPENDING = 8.0
+ROUNDING = 1e-15
 
-@inner(types.void(SYSTEM, CONTROL))
-def update_scales(system, control):
-    """Tolerated errors: relative to the largest motion of each kind so far.
+
+@inner(float64(CONTROL, float64))
+def spent(control, h):
+    """Part of the tolerance that a step of low order may use."""
+    real = control.real
+    part = max(SPENDING * h / real[PERIOD], ROUNDING / real[TOLERANCE])
+    return min(1.0, part)
+
+
+@inner(types.void(SYSTEM, CONTROL, float64))
+def update_scales(system, control, part):
+    """Tolerated errors: a part of those relative to the largest motion so far.
 
     Positions are measured against the size of the mechanism, not against their
     coordinates, so that moving the origin changes nothing. The error of elastic
@@ -142,7 +163,7 @@ def update_scales(system, control):
     """
     real = control.real
     z, v = control.z, control.v
-    tolerance = real[TOLERANCE]
+    tolerance = part * real[TOLERANCE]
     for b in range(len(system.body)):
         row = system.body[b]
         rd, nq, u = row[RD], row[NQ], row[VEL]
@@ -215,7 +236,7 @@ def next_step(control):
         return 0.0
     fixed = control.whole[FIXED_STEP] == 1
     h = real[STEP] if fixed else min(real[STEP], real[LARGEST])
-    if h >= remaining * (1.0 - 1e-9):
+    if h >= remaining * (1.0 - STUB):
         return remaining
     if h > 0.5 * remaining and not fixed:
         return 0.5 * remaining
@@ -309,6 +330,24 @@ def finish_step(control, order, serves, h, error, iterations, failures):
     if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= factor < 1.2:
         factor = 1.0
     real[STEP] = h * factor
+
+
+@inner(types.void(CONTROL, int64, float64, float64, float64, int64, int64))
+def keep_step(control, order, serves, h, error, iterations, failures):
+    """`finish_step` of methods that a change of the step disturbs.
+
+    Steps are lengthened when the last change has died out, by one factor or not at all.
+    """
+    real, whole = control.real, control.whole
+    whole[NEEDS_JACOBIAN] = 1 if real[CONTRACTION] > serves else 0
+    kept = abs(h - real[OLD_STEP]) <= STUB * h
+    whole[KEPT] = whole[KEPT] + 1 if kept else 0
+    real[OLD_STEP] = h
+    if whole[FIXED_STEP] == 1:
+        return
+    real[STEP] = h
+    if whole[KEPT] >= SETTLED and growth(order, error, iterations) > LONGER:
+        real[STEP] = LONGER * h
 
 
 @inner(int64(CONTROL, float64))

@@ -31,14 +31,16 @@ from .stepping import (
     fade_contraction,
     judge,
     land,
-    newton_goal,
     newton_limit,
     scaled_norm,
     solve_real,
+    spent,
 )
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
+#: What Newton's iteration may leave of the tolerance.
+NEWTON_GOAL = 0.03
 
 
 class Slopes(Table):
@@ -66,8 +68,8 @@ def new_slopes(n_positions: int, n_velocities: int, n_rows: int) -> Slopes:
     return Slopes(*(np.zeros(k) for k in (n, m, n, m, n, m, n, m, m, m, n_rows)))
 
 
-@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, SLOPES))
-def _begin_step(kernels, system, memory, control, slopes):
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES))
+def _begin_step(kernels, system, work, memory, control, slopes):
     """Shifts the slopes by one step."""
     copy(slopes.rate0, slopes.old_rate)
     copy(slopes.acc0, slopes.old_acc)
@@ -109,7 +111,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
         _solve(kernels, system, work, memory, slopes, mu)
         memory.counters[ITERATIONS] += 1
         norm = scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
-        verdict = judge(control, newton_goal(control), iteration, norm, old_norm)
+        verdict = judge(control, NEWTON_GOAL, iteration, norm, old_norm)
         if verdict < 0:
             return 0
         for i in range(len(z1)):
@@ -190,7 +192,7 @@ def _factor(kernels, system, work, memory, slopes, h):
 
 @inner(int64(SLOPES))
 def _order(slopes):
-    return 2
+    return 1
 
 
 advance = step_loop(
@@ -203,4 +205,5 @@ advance = step_loop(
     _accept,
     _order,
     JACOBIAN_SERVES,
+    part_of=spent,
 )
