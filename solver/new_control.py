@@ -8,7 +8,7 @@ from formats.sid import Array
 
 from .assembly import Start
 from .bodies import amplitudes, frequencies
-from .integrators import stepping
+from .integrators import INTEGRATORS, stepping
 from .kernels import layout as at
 from .scene import System
 from .settings import Settings
@@ -19,6 +19,9 @@ CLOSED = (1e-13, 1e-11)
 #: Tolerance per step in units of the requested relative error: errors of undamped
 #: vibrations add up from step to step.
 STEP_TOLERANCE = 0.3
+#: The same for methods of order 2, times the square root of the requested error: their
+#: steps become so many more, and the errors of all add up.
+LOW_ORDER_TOLERANCE = 0.1
 
 
 def closed_below(system: System, settings: Settings) -> Array:
@@ -27,6 +30,14 @@ def closed_below(system: System, settings: Settings) -> Array:
     near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
     still = CLOSED[0] / (scene.time.end - scene.time.start)
     return system.length * np.array([near, still])
+
+
+def tolerance_per_step(settings: Settings) -> float:
+    """Relative; proportional to the requested error is that of the whole run."""
+    rtol = settings.rtol
+    if INTEGRATORS[settings.integrator].order > 2:
+        return STEP_TOLERANCE * rtol
+    return LOW_ORDER_TOLERANCE * rtol**1.5
 
 
 def new_control(
@@ -40,7 +51,8 @@ def new_control(
     scene = system.scene
     duration = scene.time.end - scene.time.start
     real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
-    real[stepping.TOLERANCE] = STEP_TOLERANCE * settings.rtol
+    real[stepping.TOLERANCE] = tolerance_per_step(settings)
+    real[stepping.WANTED] = settings.rtol
     real[stepping.LENGTH] = system.length
     real[stepping.PERIOD] = duration
     real[stepping.RADIUS] = settings.radius

@@ -246,7 +246,7 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
         h = next_step(control)
         if h == 0.0:
             return REACHED
-        update_scales(system, control, 1.0)
+        update_scales(system, control)
         kernels.rate(system, control.z, control.v, slopes.Kz[0])
         copy(memory.acceleration, slopes.Kv[0])
         failures = 0

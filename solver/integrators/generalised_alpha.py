@@ -70,6 +70,8 @@ from .stepping import (
     STOP,
     STUB,
     TIME,
+    TOLERANCE,
+    WANTED,
     accelerate,
     close_step,
     copy,
@@ -80,7 +82,6 @@ from .stepping import (
     newton_limit,
     note_drift,
     scaled_norm,
-    spent,
     write_cubic,
 )
 
@@ -480,7 +481,7 @@ def _lag(system, memory, control, alpha, h):
             slow = max(control.frequency[i], 1.0 / control.real[PERIOD])
             times = 1.0 / slow**2 + h * h / _inertia(alpha)
             total += (times * alpha.p[i] / alpha.scale[i]) ** 2
-    part = spent(control, h) / LAG
+    part = control.real[TOLERANCE] / (LAG * control.real[WANTED])
     return part * math.sqrt(total / (2 * len(alpha.p)))
 
 
@@ -529,7 +530,7 @@ def _accept(kernels, system, work, memory, control, alpha, h):
 
 @inner(int64(ALPHA))
 def _order(alpha):
-    return 1
+    return 2
 
 
 advance = step_loop(
@@ -543,6 +544,5 @@ advance = step_loop(
     _order,
     JACOBIAN_SERVES,
     FIRST_STEP,
-    spent,
     keep_step,
 )

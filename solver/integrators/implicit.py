@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import float64, int64
+from numba import int64
 
-from ..kernels.compiling import Entry, entry, inner
+from ..kernels.compiling import Entry, entry
 from ..kernels.layout import SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from .stepping import (
@@ -40,12 +40,6 @@ from .stepping import (
 )
 
 
-@inner(float64(CONTROL, float64))
-def all_of_it(control, h):
-    """For methods of high order: the errors of their few steps hardly add up."""
-    return 1.0
-
-
 def step_loop(
     name: str,
     storage_type: Any,
@@ -57,7 +51,6 @@ def step_loop(
     order_of: Any,
     serves: float,
     first_step: float = 1.0,
-    part_of: Any = all_of_it,
     finish: Any = finish_step,
 ) -> Entry:
     """`advance` of an implicit method: the entry kernel of its step loop.
@@ -78,7 +71,6 @@ def step_loop(
     order_of(storage) : of the error estimate
     serves : a Jacobian is kept while Newton's iteration contracts the error this much
     first_step : part of the proposed step that is taken after a break
-    part_of(control, h) : part of the tolerance that a step may use
     finish : chooses the next step, as `finish_step`
     """
 
@@ -94,6 +86,7 @@ def step_loop(
             h = next_step(control)
             if h == 0.0:
                 return REACHED
+            update_scales(system, control)
             if real[OLD_STEP] == 0.0 and whole[FIXED_STEP] == 0:
                 h *= first_step
             begin(kernels, system, work, memory, control, storage)
@@ -105,7 +98,6 @@ def step_loop(
             while True:
                 if too_small(control, h):
                     return TOO_SMALL
-                update_scales(system, control, part_of(control, h))
                 status = 0
                 if real[FACTORED_STEP] != h:
                     status = factor(kernels, system, work, memory, storage, h)

@@ -57,7 +57,8 @@ CONTRACTION = 15  # of the last Newton iteration
 FACTORED_STEP = 16  # step of the factors at hand, 0 for none
 STAGE_STEP = 17  # step that the stages at hand belong to
 RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that have one
-N_REAL = 19
+WANTED = 19  # requested relative error of the run
+N_REAL = 20
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
@@ -139,23 +140,10 @@ LONGER, SETTLED = 1.5, 10
 #: error of a deformation is not resolved any further.
 SMALLEST_DEFORMATION = 1e-7
 
-#: What steps of low order may err, times their part of the run: the errors of so many
-#: steps add up. Not less than rounding, relative to the largest motion.
-SPENDING = 8.0
-ROUNDING = 1e-15
 
-
-@inner(float64(CONTROL, float64))
-def spent(control, h):
-    """Part of the tolerance that a step of low order may use."""
-    real = control.real
-    part = max(SPENDING * h / real[PERIOD], ROUNDING / real[TOLERANCE])
-    return min(1.0, part)
-
-
-@inner(types.void(SYSTEM, CONTROL, float64))
-def update_scales(system, control, part):
-    """Tolerated errors: a part of those relative to the largest motion so far.
+@inner(types.void(SYSTEM, CONTROL))
+def update_scales(system, control):
+    """Tolerated errors: relative to the largest motion of each kind so far.
 
     Positions are measured against the size of the mechanism, not against their
     coordinates, so that moving the origin changes nothing. The error of elastic
@@ -163,7 +151,7 @@ def update_scales(system, control, part):
     """
     real = control.real
     z, v = control.z, control.v
-    tolerance = part * real[TOLERANCE]
+    tolerance = real[TOLERANCE]
     for b in range(len(system.body)):
         row = system.body[b]
         rd, nq, u = row[RD], row[NQ], row[VEL]

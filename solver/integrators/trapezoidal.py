@@ -34,7 +34,6 @@ from .stepping import (
     newton_limit,
     scaled_norm,
     solve_real,
-    spent,
 )
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
@@ -192,7 +191,7 @@ def _factor(kernels, system, work, memory, slopes, h):
 
 @inner(int64(SLOPES))
 def _order(slopes):
-    return 1
+    return 2
 
 
 advance = step_loop(
@@ -205,5 +204,4 @@ advance = step_loop(
     _accept,
     _order,
     JACOBIAN_SERVES,
-    part_of=spent,
 )
