@@ -65,13 +65,10 @@ from .stepping import (
     CONTROL,
     FIXED_STEP,
     OLD_STEP,
-    PERIOD,
     STEP,
     STOP,
     STUB,
     TIME,
-    TOLERANCE,
-    WANTED,
     accelerate,
     close_step,
     copy,
@@ -94,11 +91,11 @@ GLANCE = 0.01
 #: What Newton's iteration may leave of the tolerance.
 NEWTON_GOAL = 0.03
 #: What rounding leaves of positions, relative to their size.
-ROUNDED = 1e-15
+ROUNDED = 2e-16
 #: Errors are told from rounding above so many times as much.
-MARGIN = 3.0
-#: Share of the tolerance that the lag of constraint forces may take.
-LAG = 10.0
+MARGIN = 15.0
+#: Corrections that no longer shrink are rounding below so many times as much.
+STAGNANT = 500.0
 
 # Entries of Alpha.weights
 ALPHA_M, ALPHA_F, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR = range(6)
@@ -420,7 +417,7 @@ def _newton(kernels, system, work, memory, control, alpha, h):
             if alpha.place[i] >= 0:
                 alpha.lam1[i] += alpha.g[alpha.place[i]] / h2
         verdict = judge(control, NEWTON_GOAL, iteration, norm / goal, old_norm / goal)
-        if verdict == 1 or norm < 1.0:
+        if verdict == 1 or norm < 1.0 or (verdict < 0 and norm < STAGNANT):
             _place(kernels, system, control, alpha, h)
             return iteration + 1
         if verdict < 0:
@@ -457,32 +454,7 @@ def _error(kernels, system, work, memory, control, alpha, h):
         for i in range(first, first + system.body[b, RD]):
             x[i] -= alpha.nz[i]
             alpha.p[i] -= alpha.nv[i]
-    local = scaled_norm(x, alpha.p, alpha.scale, alpha.pace)
-    return math.hypot(local, _lag(system, memory, control, alpha, h))
-
-
-@inner(float64(SYSTEM, MEMORY, CONTROL, ALPHA, float64))
-def _lag(system, memory, control, alpha, h):
-    """Norm of the deformation by what the motion that constraints impose is off.
-
-    It does not add up from step to step.
-    """
-    for b in range(len(system.body)):
-        first = system.body[b, VEL]
-        for i in range(first, first + system.body[b, RD]):
-            alpha.bend[i] *= alpha.weights[FORCE_ERROR]
-        for i in range(first + system.body[b, RD], first + system.body[b, NV]):
-            alpha.bend[i] = 0.0
-    _filter(system, memory, alpha, alpha.bend)
-    total = 0.0
-    for b in range(len(system.body)):
-        first = system.body[b, VEL]
-        for i in range(first + system.body[b, RD], first + system.body[b, NV]):
-            slow = max(control.frequency[i], 1.0 / control.real[PERIOD])
-            times = 1.0 / slow**2 + h * h / _inertia(alpha)
-            total += (times * alpha.p[i] / alpha.scale[i]) ** 2
-    part = control.real[TOLERANCE] / (LAG * control.real[WANTED])
-    return part * math.sqrt(total / (2 * len(alpha.p)))
+    return scaled_norm(x, alpha.p, alpha.scale, alpha.pace)
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
