@@ -12,6 +12,7 @@ from .integrators import stepping
 from .kernels import layout as at
 from .scene import System
 from .settings import Settings
+from .sizes import row_sizes
 
 #: Constraints are met when they are open by less than this part of the size: at least
 #: what rounding allows, at most what keeps the drift invisible.
@@ -22,11 +23,11 @@ STEP_TOLERANCE = 0.3
 
 
 def closed_below(system: System, settings: Settings) -> Array:
-    """(2,) |c| and |dc/dt| below which constraints are met."""
+    """(rows, 2) |c| and |dc/dt| below which constraints are met."""
     scene = system.scene
     near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
     still = CLOSED[0] / (scene.time.end - scene.time.start)
-    return system.length * np.array([near, still])
+    return np.outer(row_sizes(system), [near, still])
 
 
 def new_control(
@@ -44,7 +45,7 @@ def new_control(
     real[stepping.LENGTH] = system.length
     real[stepping.PERIOD] = duration
     real[stepping.RADIUS] = settings.radius
-    real[stepping.NEAR], real[stepping.STILL] = closed
+    real[stepping.SINGULAR] = np.inf
     real[stepping.LARGEST] = 0.1 * duration
     real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
     real[stepping.SPEED] = system.length / duration
@@ -68,6 +69,7 @@ def new_control(
         frequency,
         np.ones(n),
         np.ones(m),
+        closed,
         times,
         shares,
         np.zeros(len(shares)),

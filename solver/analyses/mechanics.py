@@ -123,7 +123,7 @@ def recorded(
     z = np.array([s.z for s in states]).reshape(len(states), system.n_positions)
     v = np.array([s.v for s in states]).reshape(len(states), system.n_velocities)
     span = system.scene.time.end - system.scene.time.start
-    closed = np.array([1.0, 1.0 / span]) * CLOSED[0] * system.length
+    closed = np.outer(row_sizes(system), [1.0, 1.0 / span]) * CLOSED[0]
     calls, history = kernels(system.planar), None
     if is_wanted(system.scene):
         history = history_between(system, calls, times, z, v, closed)

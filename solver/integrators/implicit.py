@@ -8,17 +8,19 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import int64
+from numba import float64, int64, types
 
-from ..kernels.compiling import Entry, entry
+from ..kernels.compiling import Entry, entry, inner
 from ..kernels.layout import SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from .stepping import (
     CHUNK,
     CONTRACTION,
     CONTROL,
+    CROSSING,
     FACTORED_STEP,
     FAILURES,
+    FAR,
     FIXED_STEP,
     NEEDS_JACOBIAN,
     NO_CONVERGENCE,
@@ -28,16 +30,24 @@ from .stepping import (
     PREDICT,
     REACHED,
     STAGE_STEP,
+    TIME,
     TOO_SMALL,
+    accelerate,
     after_divergence,
     all_finite,
+    beside_singular,
     finish_step,
     growth,
+    look_at_start,
+    look_back,
     next_step,
     take_jacobian,
     too_small,
     update_scales,
 )
+
+#: The Jacobian is that of the end of the step.
+AHEAD = 2
 
 
 def step_loop(
@@ -71,6 +81,20 @@ def step_loop(
     first_step : part of the proposed step that is taken after a break
     """
 
+    def look_ahead(kernels, system, work, memory, control, storage, h):  # type: ignore[no-untyped-def]
+        """Linearises where the step ends if slopes stay as they are."""
+        t, z, v = control.real[TIME] + h, storage.z1, storage.v1
+        for i in range(len(z)):
+            z[i] = control.z[i] + h * storage.rate0[i]
+        for i in range(len(v)):
+            v[i] = control.v[i] + h * storage.acc0[i]
+        accelerate(kernels, system, work, memory, t, z, v)
+        take_jacobian(kernels, system, work, memory, control, t, z, v)
+
+    look_ahead = inner(
+        types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type, float64)
+    )(look_ahead)
+
     def advance(kernels, system, work, memory, control, storage, limit):  # type: ignore[no-untyped-def]
         """Steps until the end of the smooth interval or for at most `limit` steps.
 
@@ -84,17 +108,28 @@ def step_loop(
             if h == 0.0:
                 return REACHED
             update_scales(system, control)
-            if real[OLD_STEP] == 0.0 and whole[FIXED_STEP] == 0:
-                h *= first_step
+            t = real[TIME]
+            if real[OLD_STEP] == 0.0:
+                h *= 1.0 if whole[FIXED_STEP] == 1 else first_step
+                look_at_start(system, memory, control)
             begin(kernels, system, memory, control, storage)
             fresh = whole[NEEDS_JACOBIAN]
             if fresh == 1:
-                take_jacobian(kernels, system, work, memory, control)
+                take_jacobian(
+                    kernels, system, work, memory, control, t, control.z, control.v
+                )
                 real[CONTRACTION] = 1.0
             whole[FAILURES] = 0
             while True:
                 if too_small(control, h):
                     return TOO_SMALL
+                h = beside_singular(control, h)
+                if whole[CROSSING] != FAR:
+                    look_ahead(kernels, system, work, memory, control, storage, h)
+                    fresh = AHEAD
+                elif fresh == AHEAD:
+                    look_back(kernels, system, work, memory, control)
+                    fresh = 1
                 status = 0
                 if real[FACTORED_STEP] != h:
                     status = factor(kernels, system, work, memory, storage, h)
@@ -136,6 +171,8 @@ def step_loop(
                 h *= 0.5
             whole[PREDICT] = 1
             finish_step(control, order, serves, h, error, iterations, whole[FAILURES])
+            if fresh == AHEAD:
+                whole[NEEDS_JACOBIAN] = 1
             memory.counters[STEPS] += 1
             if not all_finite(control.z, control.v):
                 return NOT_FINITE

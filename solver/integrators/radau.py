@@ -35,7 +35,9 @@ from .implicit import step_loop
 from .stepping import (
     CONTRACTION,
     CONTROL,
+    CROSSING,
     FAILURES,
+    FAR,
     OLD_STEP,
     PREDICT,
     STAGE_STEP,
@@ -56,6 +58,9 @@ from .stepping import (
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
+#: Largest correction of a step past a singular position, relative to the tolerated
+#: error of the transformed stages.
+LARGEST_CORRECTION = 100.0
 
 
 class Method(Table):
@@ -67,6 +72,8 @@ class Method(Table):
     real_eigenvalue : (1,)
     complex_eigenvalues : (pairs,)
     error : (s,) weights of the stages in the error estimate
+    weights : (s,) of the stages in an integral over the step
+    slope : (s,) of the stages in the slope at the end
     """
 
     c: Array
@@ -75,13 +82,18 @@ class Method(Table):
     real_eigenvalue: Array
     complex_eigenvalues: np.ndarray
     error: Array
+    weights: Array
+    slope: Array
 
 
-METHOD = TableType(Method, [F1, F2, F2, F1, C1, F1])
+METHOD = TableType(Method, [F1, F2, F2, F1, C1] + [F1] * 3)
 
 
 class Stages(Table):
-    """The method; stage increments Z, their transforms W, slopes F; scratch vectors."""
+    """The method; stage increments Z, their transforms W, slopes F; scratch vectors.
+
+    last_Z : the increments of the last accepted step
+    """
 
     method: Method
     Zz: Array
@@ -106,9 +118,11 @@ class Stages(Table):
     cg: np.ndarray
     old_Zz: Array
     old_Zv: Array
+    last_Zz: Array
+    last_Zv: Array
 
 
-STAGES = TableType(Stages, [METHOD] + [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 2)
+STAGES = TableType(Stages, [METHOD] + [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 4)
 
 
 @cache
@@ -139,6 +153,8 @@ def method(stages: int) -> Method:
         real_eigenvalue=np.array([gamma]),
         complex_eigenvalues=np.conj(eigenvalues[pairs]),
         error=_error_weights(A, c, gamma),
+        weights=A[-1].copy(),
+        slope=np.linalg.inv(A)[-1].copy(),
     )
 
 
@@ -171,7 +187,7 @@ def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stag
     complex_shapes = [n, m, m, m, n_rows]
     arrays: list[Any] = [np.zeros(shape) for shape in shapes]
     arrays += [np.zeros(shape, complex) for shape in complex_shapes]
-    arrays += [np.zeros((s, n)), np.zeros((s, m))]
+    arrays += [np.zeros(shape) for shape in [(s, n), (s, m)] * 2]
     return Stages(method(s), *arrays)
 
 
@@ -310,49 +326,139 @@ def _correct(kernels, system, work, memory, stages, h):
             stages.Fv[b, i] = stages.crv[i].imag
 
 
+@inner(float64(METHOD, float64, float64))
+def _bend(method, ratio, at):
+    """q(at): q(0) = 0, q'(1) = 1, q' = 0 at the stages of a step before.
+
+    It ended where this one, `ratio` times as long, begins.
+    """
+    total = 0.0
+    for j in range(len(method.c)):
+        slope = method.weights[j] * at
+        for c in method.c:
+            start = (c - 1.0) / ratio
+            slope *= (at * method.c[j] - start) / (1.0 - start)
+        total += slope
+    return total
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _pass(kernels, system, work, memory, control, stages, h):
+    """A step past a singular position; iterations used, or 0 without convergence.
+
+    Newton's iteration for stages on both sides of it diverges. Here slopes are those of
+    the stages of the last step and the one at the end of this step, an Adams formula of
+    order s + 1: the polynomial E of the last step goes on as E + d q, see `_bend`.
+    """
+    method, real = stages.method, control.real
+    s = len(method.c)
+    ratio = h / real[OLD_STEP]
+    for i in range(s):
+        copy(stages.last_Zz[i], stages.Zz[i])
+        copy(stages.last_Zv[i], stages.Zv[i])
+    control.whole[PREDICT] = 1
+    real[STAGE_STEP] = real[OLD_STEP]
+    _predict(control, stages, h)
+    bend = _bend(method, ratio, 1.0)
+    mu = 1.0 / (bend * h)
+    status = factor_real(kernels, system, work, memory, mu)
+    z1, v1, dz, dv = stages.z1, stages.v1, stages.Wz[0], stages.Wv[0]
+    old_norm, verdict, iteration = 0.0, 0, 0
+    for k in range(len(z1)):
+        z1[k], dz[k] = control.z[k] + stages.Zz[s - 1, k], 0.0
+    for k in range(len(v1)):
+        v1[k], dv[k] = control.v[k] + stages.Zv[s - 1, k], 0.0
+    while status == 0 and verdict == 0 and iteration < newton_limit(control):
+        at = real[TIME] + h
+        status = accelerate(kernels, system, work, memory, at, z1, v1)
+        kernels.rate(system, z1, v1, stages.rz)
+        for k in range(len(z1)):
+            stages.rz[k] -= dz[k] / h
+            for i in range(s):
+                stages.rz[k] -= method.slope[i] / h * stages.Zz[i, k]
+        for k in range(len(v1)):
+            stages.rv[k] = memory.acceleration[k] - dv[k] / h
+            for i in range(s):
+                stages.rv[k] -= method.slope[i] / h * stages.Zv[i, k]
+        _solve_real(kernels, system, work, memory, stages, mu)
+        memory.counters[ITERATIONS] += 1
+        norm = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
+        verdict = judge(control, newton_goal(control), iteration, norm, old_norm)
+        for k in range(len(z1)):
+            z1[k] += stages.rz[k]
+            dz[k] += stages.rz[k] / bend
+        for k in range(len(v1)):
+            v1[k] += stages.rv[k]
+            dv[k] += stages.rv[k] / bend
+        old_norm = norm
+        iteration += 1
+    if status != 0 or verdict != 1:
+        return 0
+    for i in range(s):
+        bend = _bend(method, ratio, method.c[i])
+        for k in range(len(z1)):
+            stages.Zz[i, k] += bend * dz[k]
+        for k in range(len(v1)):
+            stages.Zv[i, k] += bend * dv[k]
+    mu = method.real_eigenvalue[0] / h
+    return iteration if factor_real(kernels, system, work, memory, mu) == 0 else 0
+
+
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _sweep(kernels, system, work, memory, control, stages, h):
+    """The next correction of W, in F; its norm, infinite where there is no slope."""
+    method = stages.method
+    s = len(method.c)
+    for i in range(s):
+        for k in range(len(stages.z1)):
+            stages.z1[k] = control.z[k] + stages.Zz[i, k]
+        for k in range(len(stages.v1)):
+            stages.v1[k] = control.v[k] + stages.Zv[i, k]
+        at = control.real[TIME] + method.c[i] * h
+        if accelerate(kernels, system, work, memory, at, stages.z1, stages.v1) != 0:
+            return math.inf
+        kernels.rate(system, stages.z1, stages.v1, stages.old_Zz[i])
+        copy(memory.acceleration, stages.old_Zv[i])
+    _transform(method.TI, stages.old_Zz, stages.Fz)
+    _transform(method.TI, stages.old_Zv, stages.Fv)
+    _correct(kernels, system, work, memory, stages, h)
+    memory.counters[ITERATIONS] += 1
+    norm = 0.0
+    for i in range(s):
+        size = scaled_norm(stages.Fz[i], stages.Fv[i], control.scale_z, control.scale_v)
+        norm += size * size / s
+    return math.sqrt(norm)
+
+
+@inner(types.void(STAGES))
+def _take_correction(stages):
+    """Adds F to W."""
+    for i in range(len(stages.Wz)):
+        for k in range(len(stages.z1)):
+            stages.Wz[i, k] += stages.Fz[i, k]
+        for k in range(len(stages.v1)):
+            stages.Wv[i, k] += stages.Fv[i, k]
+    _transform(stages.method.T, stages.Wz, stages.Zz)
+    _transform(stages.method.T, stages.Wv, stages.Zv)
+
+
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _newton(kernels, system, work, memory, control, stages, h):
     """Solves the collocation equations; iterations used, or 0 without convergence."""
     method = stages.method
-    s = len(method.c)
-    t = control.real[TIME]
     control.real[CONTRACTION] = 1.0
+    if control.whole[CROSSING] != FAR:
+        return _pass(kernels, system, work, memory, control, stages, h)
     _predict(control, stages, h)
     _transform(method.TI, stages.Zz, stages.Wz)
     _transform(method.TI, stages.Zv, stages.Wv)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
-        for i in range(s):
-            for k in range(len(stages.z1)):
-                stages.z1[k] = control.z[k] + stages.Zz[i, k]
-            for k in range(len(stages.v1)):
-                stages.v1[k] = control.v[k] + stages.Zv[i, k]
-            at = t + method.c[i] * h
-            if accelerate(kernels, system, work, memory, at, stages.z1, stages.v1) != 0:
-                return 0
-            kernels.rate(system, stages.z1, stages.v1, stages.old_Zz[i])
-            copy(memory.acceleration, stages.old_Zv[i])
-        _transform(method.TI, stages.old_Zz, stages.Fz)
-        _transform(method.TI, stages.old_Zv, stages.Fv)
-        _correct(kernels, system, work, memory, stages, h)
-        memory.counters[ITERATIONS] += 1
-        norm = 0.0
-        for i in range(s):
-            size = scaled_norm(
-                stages.Fz[i], stages.Fv[i], control.scale_z, control.scale_v
-            )
-            norm += size * size / s
-        norm = math.sqrt(norm)
+        norm = _sweep(kernels, system, work, memory, control, stages, h)
         verdict = judge(control, newton_goal(control), iteration, norm, old_norm)
         if verdict < 0:
             return 0
-        for i in range(s):
-            for k in range(len(stages.z1)):
-                stages.Wz[i, k] += stages.Fz[i, k]
-            for k in range(len(stages.v1)):
-                stages.Wv[i, k] += stages.Fv[i, k]
-        _transform(method.T, stages.Wz, stages.Zz)
-        _transform(method.T, stages.Wv, stages.Zv)
+        _take_correction(stages)
         if verdict == 1:
             return iteration + 1
         old_norm = norm
@@ -422,8 +528,19 @@ def _write_outputs(control, stages, h):
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _accept(kernels, system, work, memory, control, stages, h):
-    """Moves to the end of the step, projected onto the constraints; 0 on success."""
+    """Moves to the end of the step, projected onto the constraints; 0 on success.
+
+    A step near a singular position still lacks a correction of the collocation
+    equations, which takes away most of its error.
+    """
     s = len(stages.method.c)
+    if control.whole[CROSSING] != FAR:
+        _transform(stages.method.TI, stages.Zz, stages.Wz)
+        _transform(stages.method.TI, stages.Zv, stages.Wv)
+        norm = _sweep(kernels, system, work, memory, control, stages, h)
+        if not norm < LARGEST_CORRECTION:
+            return 1
+        _take_correction(stages)
     for i in range(len(stages.z1)):
         stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]
     for i in range(len(stages.v1)):
@@ -432,6 +549,9 @@ def _accept(kernels, system, work, memory, control, stages, h):
     status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
     if status != 0:
         return status
+    for i in range(s):
+        copy(stages.Zz[i], stages.last_Zz[i])
+        copy(stages.Zv[i], stages.last_Zv[i])
     _write_outputs(control, stages, h)
     move(control, h, stages.z1, stages.v1)
     return 0

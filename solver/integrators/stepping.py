@@ -27,6 +27,7 @@ from ..kernels.layout import (
     VEL,
     WORK,
 )
+from ..kernels.mass import independence
 from ..kernels.newton import (
     EVALUATIONS,
     JACOBIANS,
@@ -35,6 +36,7 @@ from ..kernels.newton import (
     PROJECTIONS,
     REJECTED,
 )
+from ..kernels.saddle import REGULARISATION
 from ..kernels.tables import Table, TableType
 
 # Entries of Control.real
@@ -46,8 +48,8 @@ OLD_ERROR = 4  # its error estimate
 TOLERANCE = 5  # relative tolerance per step
 LENGTH = 6  # size of the mechanism [m]
 PERIOD = 7  # duration of the run [s]
-NEAR = 8  # constraints met when |c| is below
-STILL = 9  # and |dc/dt| is below
+INDEPENDENCE = 8  # of the constraints, see `kernels.mass`
+SINGULAR = 9  # when they become dependent if it goes on falling
 SPEED = 10  # largest speed so far
 SPIN = 11  # largest angular velocity so far
 DRIFT = 12  # largest |c| met at the end of a step, after projection
@@ -67,14 +69,25 @@ PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected on
 SHARE = 4  # next entry of the shares
 STIFF = 5  # steps that stability, not accuracy, has limited
 FAILURES = 6  # attempts of the present step that failed
-N_WHOLE = 7
+CROSSING = 7  # how the step lies to a singular position, see `beside_singular`
+N_WHOLE = 8
 
 #: A scene is stiff when stability limits more than one step in so many; between such
 #: steps the error control tries longer ones.
 STIFF_PART = 4
 
+#: How a step lies to the next singular position.
+FAR, NEAR = 0, 1
+#: The part of a step that lies before a singular position when it passes it; the most
+#: with which it is not approached first; and the most of which it is near.
+PASSING_SHARE, AT_ONCE, NEAR_SHARE = 0.43, 0.5, 4.0
+#: A start in a singular position leaves less independence than this.
+SINGULAR_START = 1e-6
+
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
+#: Of projections near a singular position: how many, and their regularisation.
+SOFT_PROJECTIONS, SOFT = 2, 1e-13
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
@@ -90,6 +103,7 @@ class Control(Table):
     amplitude : per velocity coordinate, displacement per unit of an elastic coordinate
     frequency : per velocity coordinate, its angular frequency [rad/s]
     scale_z, scale_v : tolerated error per coordinate
+    closed : (rows, 2) |c| and |dc/dt| below which each constraint is met
     times : output times
     shares : of steps, at which dense output is wanted beside the output times; a
         negative one ends the list of a step
@@ -106,6 +120,7 @@ class Control(Table):
     frequency: Array
     scale_z: Array
     scale_v: Array
+    closed: Array
     times: Array
     shares: Array
     moments: Array
@@ -113,7 +128,7 @@ class Control(Table):
     out_v: Array
 
 
-CONTROL = TableType(Control, [F1, I1] + [F1] * 10 + [F2, F2])
+CONTROL = TableType(Control, [F1, I1] + [F1] * 7 + [F2] + [F1] * 3 + [F2, F2])
 
 NEWTON_LIMIT = 8
 #: Trust in a known contraction of Newton's iteration fades from step to step.
@@ -222,6 +237,42 @@ def next_step(control):
     return h
 
 
+@inner(float64(CONTROL, float64))
+def beside_singular(control, h):
+    """A step, h or less, that keeps its ends and stages away from a singular position.
+
+    It passes it, or is one of a few equal steps the last of which does.
+    """
+    whole = control.whole
+    share = (control.real[SINGULAR] - control.real[TIME]) / h
+    whole[CROSSING] = NEAR if 0.0 <= share < NEAR_SHARE else FAR
+    if whole[FIXED_STEP] == 1 or not AT_ONCE < share < NEAR_SHARE:
+        return h
+    before = math.ceil(share - AT_ONCE)
+    return h * min(1.0, share / (before + PASSING_SHARE))
+
+
+@inner(types.void(SYSTEM, MEMORY, CONTROL, float64))
+def foresee(system, memory, control, h):
+    """When constraints become dependent, as it seems at the end of a step."""
+    real = control.real
+    before, now = real[INDEPENDENCE], independence(system, memory.mass_S)
+    real[INDEPENDENCE] = now
+    if real[OLD_STEP] > 0.0 and now < before:
+        real[SINGULAR] = real[TIME] + h + h * now / (before - now)
+    elif real[SINGULAR] > real[TIME] + h:
+        real[SINGULAR] = math.inf
+
+
+@inner(types.void(SYSTEM, MEMORY, CONTROL))
+def look_at_start(system, memory, control):
+    """The same where nothing is known of steps before."""
+    real = control.real
+    real[INDEPENDENCE] = independence(system, memory.mass_S)
+    singular = real[INDEPENDENCE] < SINGULAR_START
+    real[SINGULAR] = real[TIME] if singular else math.inf
+
+
 @inner(boolean(CONTROL, float64))
 def too_small(control, h):
     """Whether the time does not resolve a step."""
@@ -231,7 +282,9 @@ def too_small(control, h):
 @inner(int64(CONTROL))
 def newton_limit(control):
     """Iterations after which Newton's iteration is given up."""
-    return PATIENT_NEWTON_LIMIT if control.whole[FIXED_STEP] == 1 else NEWTON_LIMIT
+    if control.whole[FIXED_STEP] == 1:
+        return PATIENT_NEWTON_LIMIT
+    return NEWTON_LIMIT
 
 
 @inner(float64(CONTROL))
@@ -369,12 +422,14 @@ def accelerate(kernels, system, work, memory, t, z, v):
     return kernels.solve_accelerations(system, work, memory)
 
 
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, float64, float64))
-def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F2, float64))
+def project(kernels, system, work, memory, t, z, v, dz, dv, closed, soft):
     """Brings z and v onto the constraints, then solves for accelerations.
 
-    Done when every |c| <= near and |dc/dt| <= still, at the last attempt (close to a
-    singular position) a hundred times that. dz and dv are scratch.
+    Done when every |c| and |dc/dt| is below those in `closed`, at the last attempt a
+    hundred times that. With `near` = 1, near a singular position, constraints that
+    hardly differ there from others are left out: what is open of them, multiplied with
+    large numbers, would be in the velocities. dz and dv are scratch.
     Quaternions get unit length even where no constraint moves their body.
     Returns 0, or a code when the constraints are singular or cannot be met.
     """
@@ -383,18 +438,19 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
         for i in range(len(dz)):
             dz[i] = 0.0
         kernels.retract(system, work.frame, z, dz)
+    regularisation = max(soft, REGULARISATION)
     for attempt in range(PROJECTIONS_LIMIT):
         kernels.evaluate(system, work, t, z, v)
         memory.counters[EVALUATIONS] += 1
         loose = 1.0 if attempt + 1 < PROJECTIONS_LIMIT else 100.0
-        met = True
-        for i in range(m):
-            met = met and abs(work.row[i, C_VALUE]) <= loose * near
-            met = met and abs(work.row[i, C_RATE]) <= loose * still
+        met = soft == 0.0 or attempt == SOFT_PROJECTIONS
+        for i in range(m if soft == 0.0 else 0):
+            met = met and abs(work.row[i, C_VALUE]) <= loose * closed[i, 0]
+            met = met and abs(work.row[i, C_RATE]) <= loose * closed[i, 1]
         if met:
             return kernels.solve_accelerations(system, work, memory)
         memory.counters[PROJECTIONS] += 1
-        status = kernels.project_once(system, work, memory, dz, dv)
+        status = kernels.project_once(system, work, memory, regularisation, dz, dv)
         if status != 0:
             return status
         kernels.retract(system, work.frame, z, dz)
@@ -403,14 +459,21 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
     return 3
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
-def take_jacobian(kernels, system, work, memory, control):
-    """Linearises at the current state, which was just evaluated and solved."""
-    t, z, v = control.real[TIME], control.z, control.v
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1))
+def take_jacobian(kernels, system, work, memory, control, t, z, v):
+    """Linearises at a state that was just evaluated and solved."""
     kernels.linearise(system, work, t, z, v, memory.acceleration, memory.multiplier)
     kernels.remember(system, work, memory)
     memory.counters[JACOBIANS] += 1
     control.real[FACTORED_STEP] = 0.0
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
+def look_back(kernels, system, work, memory, control):
+    """Linearises at the current state again, after others were evaluated."""
+    t, z, v = control.real[TIME], control.z, control.v
+    accelerate(kernels, system, work, memory, t, z, v)
+    take_jacobian(kernels, system, work, memory, control, t, z, v)
 
 
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, int64, int64))
@@ -419,13 +482,12 @@ def after_divergence(kernels, system, work, memory, control, fresh, failures):
 
     A Jacobian that is not fresh is renewed first; then the step is halved.
     """
-    if control.whole[FIXED_STEP] == 1 and (failures > 1 or fresh == 1):
+    if control.whole[FIXED_STEP] == 1 and (failures > 1 or fresh > 0):
         return 0.0
-    if fresh == 1:
+    if fresh > 0:
         memory.counters[REJECTED] += 1
         return 0.5
-    accelerate(kernels, system, work, memory, control.real[TIME], control.z, control.v)
-    take_jacobian(kernels, system, work, memory, control)
+    look_back(kernels, system, work, memory, control)
     return 1.0
 
 
@@ -497,11 +559,13 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
 
     dz and dv are scratch. Returns 0, or the code of `project`.
     """
-    real = control.real
-    at, near, still = real[TIME] + h, real[NEAR], real[STILL]
-    status = project(kernels, system, work, memory, at, z1, v1, dz, dv, near, still)
+    at, closed = control.real[TIME] + h, control.closed
+    near = abs(control.real[SINGULAR] - at) < NEAR_SHARE * h
+    soft = SOFT / control.real[TOLERANCE] if near else 0.0
+    status = project(kernels, system, work, memory, at, z1, v1, dz, dv, closed, soft)
     if status == 0:
         note_drift(system, work, control)
+        foresee(system, memory, control, h)
     return status
 
 
@@ -529,7 +593,7 @@ def begin(kernels, system, work, memory, t, z, v):
 
 @entry(
     types.void(
-        KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2
+        KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2
     )
 )
 def sample(
@@ -552,7 +616,7 @@ def sample(
     """Projects recorded states onto the constraints and solves eq. (3) there.
 
     Dense output meets the constraints to the tolerance of the run only; what is
-    recorded meets them to `closed` (|c|, |dc/dt|). States that cannot be projected stay
+    recorded meets them to `closed`, see `Control`. States that cannot be projected stay
     as they are; accelerations are NaN where eq. (3) is singular. step_z and step_v
     are scratch, of one and three rows.
     """
@@ -573,8 +637,8 @@ def sample(
             step_v[0],
             step_v[1],
             step_v[2],
-            closed[0],
-            closed[1],
+            closed,
+            0.0,
         )
         if status == 0:
             copy(step_z[0], z[k])
