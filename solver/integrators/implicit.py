@@ -20,8 +20,8 @@ from .stepping import (
     CROSSING,
     FACTORED_STEP,
     FAILURES,
-    FAR,
     FIXED_STEP,
+    NEAR,
     NEEDS_JACOBIAN,
     NO_CONVERGENCE,
     NOT_FINITE,
@@ -124,7 +124,7 @@ def step_loop(
                 if too_small(control, h):
                     return TOO_SMALL
                 h = beside_singular(control, h)
-                if whole[CROSSING] != FAR:
+                if whole[CROSSING] == NEAR:
                     look_ahead(kernels, system, work, memory, control, storage, h)
                     fresh = AHEAD
                 elif fresh == AHEAD:

@@ -38,6 +38,7 @@ from .stepping import (
     CROSSING,
     FAILURES,
     FAR,
+    NEAR,
     OLD_STEP,
     PREDICT,
     STAGE_STEP,
@@ -47,6 +48,7 @@ from .stepping import (
     copy,
     factor_real,
     judge,
+    keep_free_part,
     move,
     newton_goal,
     newton_limit,
@@ -447,7 +449,7 @@ def _newton(kernels, system, work, memory, control, stages, h):
     """Solves the collocation equations; iterations used, or 0 without convergence."""
     method = stages.method
     control.real[CONTRACTION] = 1.0
-    if control.whole[CROSSING] != FAR:
+    if control.whole[CROSSING] == NEAR:
         return _pass(kernels, system, work, memory, control, stages, h)
     _predict(control, stages, h)
     _transform(method.TI, stages.Zz, stages.Wz)
@@ -463,6 +465,19 @@ def _newton(kernels, system, work, memory, control, stages, h):
             return iteration + 1
         old_norm = norm
     return 0
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _keep_free_part(kernels, system, work, memory, control, stages, h):
+    """Takes from the error what projection takes from the end of the step."""
+    s = len(stages.method.c)
+    t, z, v = control.real[TIME] + h, stages.z1, stages.v1
+    for i in range(len(z)):
+        z[i] = control.z[i] + stages.Zz[s - 1, i]
+    for i in range(len(v)):
+        v[i] = control.v[i] + stages.Zv[s - 1, i]
+    error, dz, dv = stages.rv, stages.x, stages.p
+    keep_free_part(kernels, system, work, memory, t, z, v, error, dz, dv)
 
 
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
@@ -488,6 +503,8 @@ def _error(kernels, system, work, memory, control, stages, h):
             for k in range(len(stages.rv)):
                 stages.rv[k] += memory.acceleration[k] - stages.acc0[k]
         _solve_real(kernels, system, work, memory, stages, mu)
+        if control.whole[CROSSING] != FAR:
+            _keep_free_part(kernels, system, work, memory, control, stages, h)
         error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
         if error < 1.0 or not cautious or attempt == 1:
             return error
@@ -534,7 +551,7 @@ def _accept(kernels, system, work, memory, control, stages, h):
     equations, which takes away most of its error.
     """
     s = len(stages.method.c)
-    if control.whole[CROSSING] != FAR:
+    if control.whole[CROSSING] == NEAR:
         _transform(stages.method.TI, stages.Zz, stages.Wz)
         _transform(stages.method.TI, stages.Zv, stages.Wv)
         norm = _sweep(kernels, system, work, memory, control, stages, h)

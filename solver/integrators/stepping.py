@@ -20,9 +20,13 @@ from ..kernels.layout import (
     N_ROWS,
     NP,
     NQ,
+    NV,
     PLANAR,
     POS,
     RD,
+    S_BODY,
+    S_OFFSET,
+    S_ROW,
     SYSTEM,
     VEL,
     WORK,
@@ -77,7 +81,7 @@ N_WHOLE = 8
 STIFF_PART = 4
 
 #: How a step lies to the next singular position.
-FAR, NEAR = 0, 1
+FAR, BEYOND, NEAR = range(3)
 #: The part of a step that lies before a singular position when it passes it; the most
 #: with which it is not approached first; and the most of which it is near.
 PASSING_SHARE, AT_ONCE, NEAR_SHARE = 0.43, 0.5, 4.0
@@ -87,7 +91,7 @@ SINGULAR_START = 1e-6
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
 #: Of projections near a singular position: how many, and their regularisation.
-SOFT_PROJECTIONS, SOFT = 2, 1e-13
+SOFT_PROJECTIONS, SOFT = 2, 1e-14
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
@@ -245,7 +249,9 @@ def beside_singular(control, h):
     """
     whole = control.whole
     share = (control.real[SINGULAR] - control.real[TIME]) / h
-    whole[CROSSING] = NEAR if 0.0 <= share < NEAR_SHARE else FAR
+    whole[CROSSING] = FAR
+    if abs(share) < NEAR_SHARE:
+        whole[CROSSING] = NEAR if share >= 0.0 else BEYOND
     if whole[FIXED_STEP] == 1 or not AT_ONCE < share < NEAR_SHARE:
         return h
     before = math.ceil(share - AT_ONCE)
@@ -457,6 +463,26 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed, soft):
         for i in range(len(v)):
             v[i] += dv[i]
     return 3
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F1))
+def keep_free_part(kernels, system, work, memory, t, z, v, error, dz, dv):
+    """Takes from an error of velocities what projection takes at the state (z, v).
+
+    dz and dv are scratch.
+    """
+    kernels.evaluate(system, work, t, z, v)
+    memory.counters[EVALUATIONS] += 1
+    for i in range(system.dims[N_ROWS]):
+        work.row[i, C_VALUE] = work.row[i, C_RATE] = 0.0
+    for k in range(len(system.segment)):
+        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
+        b = system.segment[k, S_BODY]
+        for i in range(system.body[b, NV]):
+            work.row[row, C_RATE] += work.C[at + i] * error[system.body[b, VEL] + i]
+    if kernels.project_once(system, work, memory, REGULARISATION, dz, dv) == 0:
+        for i in range(len(error)):
+            error[i] += dv[i]
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1))
