@@ -544,6 +544,34 @@ def _write_outputs(control, stages, h):
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _refine(kernels, system, work, memory, control, stages, h):
+    """A correction of the collocation equations after `_pass`; 0 if it is not too large.
+
+    A stage very close to the singular position may spoil it: then what it changes of
+    the free motion, at the end of the step, tells whether the step is good without it.
+    """
+    method = stages.method
+    s = len(method.c)
+    _transform(method.TI, stages.Zz, stages.Wz)
+    _transform(method.TI, stages.Zv, stages.Wv)
+    size = _sweep(kernels, system, work, memory, control, stages, h)
+    control.real[36] = size
+    if size < LARGEST_CORRECTION:
+        _take_correction(stages)
+        return 0
+    for k in range(len(stages.rz)):
+        stages.rz[k] = 0.0
+    for k in range(len(stages.rv)):
+        stages.rv[k] = 0.0
+        for i in range(s):
+            stages.rv[k] += method.T[s - 1, i] * stages.Fv[i, k]
+    _keep_free_part(kernels, system, work, memory, control, stages, h)
+    error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
+    control.real[37] = error
+    return 0 if error < 0.1 else 1
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _accept(kernels, system, work, memory, control, stages, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success.
 
@@ -552,12 +580,9 @@ def _accept(kernels, system, work, memory, control, stages, h):
     """
     s = len(stages.method.c)
     if control.whole[CROSSING] == NEAR:
-        _transform(stages.method.TI, stages.Zz, stages.Wz)
-        _transform(stages.method.TI, stages.Zv, stages.Wv)
-        norm = _sweep(kernels, system, work, memory, control, stages, h)
-        if not norm < LARGEST_CORRECTION:
+        if _refine(kernels, system, work, memory, control, stages, h) != 0:
+            control.real[33] += 1
             return 1
-        _take_correction(stages)
     for i in range(len(stages.z1)):
         stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]
     for i in range(len(stages.v1)):

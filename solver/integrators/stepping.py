@@ -63,7 +63,7 @@ CONTRACTION = 15  # of the last Newton iteration
 FACTORED_STEP = 16  # step of the factors at hand, 0 for none
 STAGE_STEP = 17  # step that the stages at hand belong to
 RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that have one
-N_REAL = 19
+N_REAL = 50
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
@@ -82,9 +82,11 @@ STIFF_PART = 4
 
 #: How a step lies to the next singular position.
 FAR, BEYOND, NEAR = range(3)
-#: The part of a step that lies before a singular position when it passes it; the most
-#: with which it is not approached first; and the most of which it is near.
-PASSING_SHARE, AT_ONCE, NEAR_SHARE = 0.43, 0.5, 4.0
+#: The part of a step that lies before a singular position when it passes it; the least
+#: and the most with which it does; and the most of which it is near.
+PASSING_SHARE, AT_LEAST, AT_ONCE, NEAR_SHARE = 0.43, 0.2, 0.5, 4.0
+#: Constraints of which so much is independent are far from a singular position.
+INDEPENDENT = 0.3
 #: A start in a singular position leaves less independence than this.
 SINGULAR_START = 1e-6
 
@@ -252,9 +254,9 @@ def beside_singular(control, h):
     whole[CROSSING] = FAR
     if abs(share) < NEAR_SHARE:
         whole[CROSSING] = NEAR if share >= 0.0 else BEYOND
-    if whole[FIXED_STEP] == 1 or not AT_ONCE < share < NEAR_SHARE:
+    if whole[FIXED_STEP] == 1 or not AT_LEAST < share < NEAR_SHARE:
         return h
-    before = math.ceil(share - AT_ONCE)
+    before = max(0, math.ceil(share - AT_ONCE))
     return h * min(1.0, share / (before + PASSING_SHARE))
 
 
@@ -264,7 +266,7 @@ def foresee(system, memory, control, h):
     real = control.real
     before, now = real[INDEPENDENCE], independence(system, memory.mass_S)
     real[INDEPENDENCE] = now
-    if real[OLD_STEP] > 0.0 and now < before:
+    if real[OLD_STEP] > 0.0 and now < min(before, INDEPENDENT):
         real[SINGULAR] = real[TIME] + h + h * now / (before - now)
     elif real[SINGULAR] > real[TIME] + h:
         real[SINGULAR] = math.inf
