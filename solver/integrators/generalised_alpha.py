@@ -57,10 +57,12 @@ from ..kernels.tables import Table, TableType
 from .implicit import step_loop
 from .stepping import (
     CONTROL,
+    FAILURES,
     FIXED_STEP,
     OLD_STEP,
     STOP,
     TIME,
+    TOLERANCE,
     copy,
     fade_contraction,
     judge,
@@ -80,6 +82,9 @@ CAUTION = 2.0
 FIRST_STEP = 0.05
 #: What Newton's iteration may leave of the tolerance.
 NEWTON_GOAL = 0.03
+#: Displacements below this part of the size of the mechanism are rounding, however fast
+#: they are in a short step.
+ROUNDING = 1e-14
 
 # Entries of Alpha.weights
 ALPHA_M, ALPHA_F, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR, N_WEIGHTS = range(7)
@@ -190,14 +195,19 @@ def _fit_to_step(control, alpha, h):
     """What the algorithm's a and v are off grows with h and h^2: a step that changes.
 
     The lag of a is a part of the step ahead; v meets the constraints to second order.
-    Also the first guess of a1 and lambda: they go on as they changed so far.
+    Also the first guess of a1 and lambda: they go on as they changed so far, or, where
+    that did not do, a1 takes the bodies where their true motion does.
     """
     old = control.real[OLD_STEP]
     ratio = h / old if old > 0.0 else 1.0
+    beta = alpha.weights[BETA]
     for i in range(len(alpha.a)):
         alpha.a0[i] = alpha.acc[i] + ratio * (alpha.a[i] - alpha.acc[i])
         alpha.v0[i] = control.v[i] + ratio * ratio * (alpha.v[i] - control.v[i])
         alpha.a1[i] = alpha.a0[i] + ratio * (alpha.a[i] - alpha.old_a[i])
+        if control.whole[FAILURES] > 0:
+            off = (control.v[i] - alpha.v0[i]) / h + 0.5 * alpha.acc0[i]
+            alpha.a1[i] = (off - (0.5 - beta) * alpha.a0[i]) / beta
     for i in range(len(alpha.lam)):
         alpha.lam1[i] = alpha.lam[i] + ratio * (alpha.lam[i] - alpha.old_lam[i])
 
@@ -238,6 +248,12 @@ def _factor(kernels, system, work, memory, alpha, h):
     return index3_factor(system, work, memory, _inertia(alpha), damping, h * h)
 
 
+@inner(float64(ALPHA))
+def _displacement(alpha):
+    """The last correction relative to the tolerated error."""
+    return scaled_norm(alpha.p, alpha.p, alpha.scale, alpha.scale)
+
+
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
 def _newton(kernels, system, work, memory, control, alpha, h):
     """Finds a1 and lambda; iterations used, or 0 without convergence."""
@@ -272,6 +288,8 @@ def _newton(kernels, system, work, memory, control, alpha, h):
                 alpha.lam1[i] += alpha.g[alpha.place[i]] / h2
         norm = scaled_norm(alpha.p, alpha.v1, alpha.scale, control.scale_v)
         verdict = judge(control, NEWTON_GOAL, iteration, norm, old_norm)
+        if verdict < 0 and real[TOLERANCE] * _displacement(alpha) < ROUNDING:
+            verdict = 1
         if verdict < 0:
             return 0
         if verdict == 1:

@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import float64, int64, types
+from numba import boolean, float64, int64, types
 
 from formats.sid import Array
 
@@ -328,6 +328,12 @@ def _correct(kernels, system, work, memory, stages, h):
             stages.Fv[b, i] = stages.crv[i].imag
 
 
+@inner(boolean(CONTROL))
+def _is_beside(control):
+    """Whether a singular position is near and a step before is known."""
+    return control.whole[CROSSING] == NEAR and control.real[OLD_STEP] > 0.0
+
+
 @inner(float64(METHOD, float64, float64))
 def _bend(method, ratio, at):
     """q(at): q(0) = 0, q'(1) = 1, q' = 0 at the stages of a step before.
@@ -449,7 +455,7 @@ def _newton(kernels, system, work, memory, control, stages, h):
     """Solves the collocation equations; iterations used, or 0 without convergence."""
     method = stages.method
     control.real[CONTRACTION] = 1.0
-    if control.whole[CROSSING] == NEAR:
+    if _is_beside(control):
         return _pass(kernels, system, work, memory, control, stages, h)
     _predict(control, stages, h)
     _transform(method.TI, stages.Zz, stages.Wz)
@@ -579,7 +585,7 @@ def _accept(kernels, system, work, memory, control, stages, h):
     equations, which takes away most of its error.
     """
     s = len(stages.method.c)
-    if control.whole[CROSSING] == NEAR:
+    if _is_beside(control):
         if _refine(kernels, system, work, memory, control, stages, h) != 0:
             control.real[33] += 1
             return 1
