@@ -57,7 +57,9 @@ from ..kernels.tables import Table, TableType
 from .implicit import step_loop
 from .stepping import (
     CONTROL,
+    CROSSING,
     FAILURES,
+    FAR,
     FIXED_STEP,
     OLD_STEP,
     STOP,
@@ -66,6 +68,7 @@ from .stepping import (
     copy,
     fade_contraction,
     judge,
+    keep_free_part,
     land,
     move,
     newton_limit,
@@ -331,6 +334,21 @@ def _error(kernels, system, work, memory, control, alpha, h):
             change = 2.0 * h * (change - before) / (h + old)
         alpha.v1[i] = w[VELOCITY_ERROR] * h * change
     _filter(system, memory, alpha)
+    if control.whole[CROSSING] != FAR:
+        at = control.real[TIME] + h
+        for error in (alpha.dx, alpha.p):
+            keep_free_part(
+                kernels,
+                system,
+                work,
+                memory,
+                at,
+                alpha.z1,
+                control.v,
+                error,
+                memory.dx,
+                alpha.v1,
+            )
     return CAUTION * scaled_norm(alpha.dx, alpha.p, alpha.scale, control.scale_v)
 
 

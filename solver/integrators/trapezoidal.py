@@ -23,6 +23,8 @@ from ..kernels.tables import Table, TableType
 from .implicit import step_loop
 from .stepping import (
     CONTROL,
+    CROSSING,
+    FAR,
     OLD_STEP,
     TIME,
     accelerate,
@@ -30,6 +32,7 @@ from .stepping import (
     factor_real,
     fade_contraction,
     judge,
+    keep_free_part,
     land,
     newton_goal,
     newton_limit,
@@ -160,6 +163,10 @@ def _error(kernels, system, work, memory, control, slopes, h):
         change -= before * (slopes.acc0[i] - slopes.old_acc[i])
         slopes.rv[i] = mu * weight * change
     _solve(kernels, system, work, memory, slopes, mu)
+    if control.whole[CROSSING] != FAR:
+        at, z1, v1 = control.real[TIME] + h, slopes.z1, slopes.v1
+        x, p = slopes.x, slopes.p
+        keep_free_part(kernels, system, work, memory, at, z1, v1, slopes.rv, x, p)
     return scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
 
 
