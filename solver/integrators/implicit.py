@@ -30,6 +30,7 @@ from .stepping import (
     PREDICT,
     REACHED,
     STAGE_STEP,
+    STOP,
     TIME,
     TOO_SMALL,
     accelerate,
@@ -110,8 +111,9 @@ def step_loop(
             update_scales(system, control)
             t = real[TIME]
             if real[OLD_STEP] == 0.0:
-                h *= 1.0 if whole[FIXED_STEP] == 1 else first_step
-                look_at_start(system, memory, control)
+                least = look_at_start(system, memory, control)
+                if whole[FIXED_STEP] == 0:
+                    h = max(first_step * h, min(least, 0.1 * (real[STOP] - t)))
             begin(kernels, system, memory, control, storage)
             fresh = whole[NEEDS_JACOBIAN]
             if fresh == 1:

@@ -272,13 +272,20 @@ def foresee(system, memory, control, h):
         real[SINGULAR] = math.inf
 
 
-@inner(types.void(SYSTEM, MEMORY, CONTROL))
+@inner(float64(SYSTEM, MEMORY, CONTROL))
 def look_at_start(system, memory, control):
-    """The same where nothing is known of steps before."""
+    """The same where nothing is known of steps before; the least step to begin with.
+
+    In a singular position it leads to where rounding does not spoil velocities.
+    """
     real = control.real
     real[INDEPENDENCE] = independence(system, memory.mass_S)
-    singular = real[INDEPENDENCE] < SINGULAR_START
-    real[SINGULAR] = real[TIME] if singular else math.inf
+    real[SINGULAR] = math.inf
+    if real[INDEPENDENCE] > SINGULAR_START:
+        return 0.0
+    real[SINGULAR] = real[TIME]
+    fast = max(real[SPEED] / real[LENGTH], real[SPIN])
+    return math.sqrt(0.1 * SOFT / real[TOLERANCE]) / fast
 
 
 @inner(boolean(CONTROL, float64))
