@@ -121,12 +121,12 @@ def step_loop(
                     kernels, system, work, memory, control, t, control.z, control.v
                 )
                 real[CONTRACTION] = 1.0
-            whole[FAILURES] = 0
+            whole[FAILURES], ahead = 0, False
             while True:
                 if too_small(control, h):
                     return TOO_SMALL
                 h = beside_singular(control, h)
-                if whole[CROSSING] == NEAR:
+                if whole[CROSSING] == NEAR or ahead:
                     look_ahead(kernels, system, work, memory, control, storage, h)
                     fresh = AHEAD
                 elif fresh == AHEAD:
@@ -149,10 +149,11 @@ def step_loop(
                     shorter = after_divergence(
                         kernels, system, work, memory, control, fresh, whole[FAILURES]
                     )
-                    if shorter == 0.0:
+                    if shorter == 0.0 and fresh == AHEAD:
                         return NO_CONVERGENCE
-                    fresh = 1
-                    h *= shorter
+                    ahead = shorter == 0.0
+                    h *= 1.0 if ahead else shorter
+                    fresh = max(fresh, 1)
                     real[CONTRACTION] = 1.0
                     continue
                 error = 0.0
