@@ -123,12 +123,8 @@ def _stage(kernels, system, work, memory, tableau, control, slopes, h, i):
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, float64))
 def _error(kernels, system, work, memory, tableau, control, slopes, h):
     """Norm of the error estimate, made of those of order 5 and 3."""
-    fifth = _estimate(
-        kernels, system, work, memory, tableau.fifth, control, slopes, h
-    )
-    third = _estimate(
-        kernels, system, work, memory, tableau.third, control, slopes, h
-    )
+    fifth = _estimate(kernels, system, work, memory, tableau.fifth, control, slopes, h)
+    third = _estimate(kernels, system, work, memory, tableau.third, control, slopes, h)
     if fifth == 0.0:
         return 0.0
     return CAUTION * fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third)
@@ -141,7 +137,13 @@ def _estimate(kernels, system, work, memory, weights, control, slopes, h):
             x[n] = 0.0
         _add_slopes(x, h, weights, K, END, x)
     if control.whole[CROSSING] != FAR:
-        t, z1, v1, dv, p = control.real[TIME] + h, slopes.z1, slopes.v1, slopes.dv, slopes.p
+        t, z1, v1, dv, p = (
+            control.real[TIME] + h,
+            slopes.z1,
+            slopes.v1,
+            slopes.dv,
+            slopes.p,
+        )
         keep_free_part(kernels, system, work, memory, t, z1, v1, dv, memory.dx, p)
     return scaled_norm(slopes.dz, slopes.dv, control.scale_z, control.scale_v)
 
@@ -262,7 +264,13 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
             return REACHED
         update_scales(system, control)
         if control.real[OLD_STEP] == 0.0:
-            h = max(h, min(0.1 * (control.real[STOP] - control.real[TIME]), look_at_start(system, memory, control)))
+            h = max(
+                h,
+                min(
+                    0.1 * (control.real[STOP] - control.real[TIME]),
+                    look_at_start(system, memory, control),
+                ),
+            )
         kernels.rate(system, control.z, control.v, slopes.Kz[0])
         copy(memory.acceleration, slopes.Kv[0])
         failures = 0

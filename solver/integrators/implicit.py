@@ -160,7 +160,8 @@ def step_loop(
                 if whole[FIXED_STEP] == 0:
                     error = error_of(kernels, system, work, memory, control, storage, h)
                 if not error < 1.0:
-                    real[31] += 1; real[35] = error
+                    real[31] += 1
+                    real[35] = error
                     whole[FAILURES] += 1
                     memory.counters[REJECTED] += 1
                     whole[PREDICT] = 2 if math.isfinite(error) else 0

@@ -92,8 +92,9 @@ SINGULAR_START = 1e-6
 
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
-#: Of projections near a singular position: how many, and their regularisation.
-SOFT_PROJECTIONS, SOFT = 2, 1e-14
+#: Near a singular position: projections, their regularisation times the tolerance, and
+#: the largest change of velocities, relative to the largest ones.
+PROJECTIONS_NEAR, SOFT, LARGEST_JUMP = 2, 1e-14, 0.1
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
@@ -437,14 +438,12 @@ def accelerate(kernels, system, work, memory, t, z, v):
     return kernels.solve_accelerations(system, work, memory)
 
 
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F2, float64))
-def project(kernels, system, work, memory, t, z, v, dz, dv, closed, soft):
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F2))
+def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
     """Brings z and v onto the constraints, then solves for accelerations.
 
     Done when every |c| and |dc/dt| is below those in `closed`, at the last attempt a
-    hundred times that. With `near` = 1, near a singular position, constraints that
-    hardly differ there from others are left out: what is open of them, multiplied with
-    large numbers, would be in the velocities. dz and dv are scratch.
+    hundred times that. dz and dv are scratch.
     Quaternions get unit length even where no constraint moves their body.
     Returns 0, or a code when the constraints are singular or cannot be met.
     """
@@ -453,25 +452,47 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed, soft):
         for i in range(len(dz)):
             dz[i] = 0.0
         kernels.retract(system, work.frame, z, dz)
-    regularisation = max(soft, REGULARISATION)
     for attempt in range(PROJECTIONS_LIMIT):
         kernels.evaluate(system, work, t, z, v)
         memory.counters[EVALUATIONS] += 1
         loose = 1.0 if attempt + 1 < PROJECTIONS_LIMIT else 100.0
-        met = soft == 0.0 or attempt == SOFT_PROJECTIONS
-        for i in range(m if soft == 0.0 else 0):
+        met = True
+        for i in range(m):
             met = met and abs(work.row[i, C_VALUE]) <= loose * closed[i, 0]
             met = met and abs(work.row[i, C_RATE]) <= loose * closed[i, 1]
         if met:
             return kernels.solve_accelerations(system, work, memory)
         memory.counters[PROJECTIONS] += 1
-        status = kernels.project_once(system, work, memory, regularisation, dz, dv)
+        status = kernels.project_once(system, work, memory, REGULARISATION, dz, dv)
         if status != 0:
             return status
         kernels.retract(system, work.frame, z, dz)
         for i in range(len(v)):
             v[i] += dv[i]
     return 3
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
+def project_near(kernels, system, work, memory, control, t, z, v, dz, dv):
+    """The same near a singular position, where constraints hardly differ from others.
+
+    What these leave open is rounding, which velocities would get multiplied with large
+    numbers: so much is left as it is. Returns 0, or a code also when velocities would
+    have to change too much: then the step has left the motion.
+    """
+    tolerance = control.real[TOLERANCE]
+    for _ in range(PROJECTIONS_NEAR):
+        kernels.evaluate(system, work, t, z, v)
+        memory.counters[EVALUATIONS] += 1
+        memory.counters[PROJECTIONS] += 1
+        status = kernels.project_once(system, work, memory, SOFT / tolerance, dz, dv)
+        jump = tolerance * scaled_norm(dv, dv, control.scale_v, control.scale_v)
+        if status != 0 or not jump < LARGEST_JUMP:
+            return max(status, 4)
+        kernels.retract(system, work.frame, z, dz)
+        for i in range(len(v)):
+            v[i] += dv[i]
+    return accelerate(kernels, system, work, memory, t, z, v)
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F1))
@@ -595,9 +616,12 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
     dz and dv are scratch. Returns 0, or the code of `project`.
     """
     at, closed = control.real[TIME] + h, control.closed
-    near = abs(control.real[SINGULAR] - at) < NEAR_SHARE * h
-    soft = SOFT / control.real[TOLERANCE] if near else 0.0
-    status = project(kernels, system, work, memory, at, z1, v1, dz, dv, closed, soft)
+    if abs(control.real[SINGULAR] - at) < NEAR_SHARE * h:
+        status = project_near(
+            kernels, system, work, memory, control, at, z1, v1, dz, dv
+        )
+    else:
+        status = project(kernels, system, work, memory, at, z1, v1, dz, dv, closed)
     if status == 0:
         note_drift(system, work, control)
         foresee(system, memory, control, h)
@@ -673,7 +697,6 @@ def sample(
             step_v[1],
             step_v[2],
             closed,
-            0.0,
         )
         if status == 0:
             copy(step_z[0], z[k])

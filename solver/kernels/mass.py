@@ -33,6 +33,7 @@ from .layout import (
     SYSTEM,
     VEL,
 )
+
 #: A constraint depends on others when this many slacks are left of it.
 CLEAR_OF_SLACK = 10.0
 
