@@ -54,6 +54,7 @@ LENGTH = 6  # size of the mechanism [m]
 PERIOD = 7  # duration of the run [s]
 INDEPENDENCE = 8  # of the constraints, see `kernels.mass`
 SINGULAR = 9  # when they become dependent if it goes on falling
+CLEAREST = 19  # largest independence so far
 SPEED = 10  # largest speed so far
 SPIN = 11  # largest angular velocity so far
 DRIFT = 12  # largest |c| met at the end of a step, after projection
@@ -95,6 +96,8 @@ PROJECTIONS_LIMIT = 6
 #: Near a singular position: projections, their regularisation times the tolerance, and
 #: the largest change of velocities, relative to the largest ones.
 PROJECTIONS_NEAR, SOFT, LARGEST_JUMP = 2, 1e-14, 0.1
+#: Part of the independence that is left where a singular position is certain.
+LOST = 0.01
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
@@ -261,12 +264,22 @@ def beside_singular(control, h):
     return h * min(1.0, share / (before + PASSING_SHARE))
 
 
+@inner(boolean(CONTROL, float64))
+def is_near(control, h):
+    """Whether a step ends where rounding of positions would spoil velocities."""
+    real = control.real
+    if abs(real[SINGULAR] - real[TIME] - h) < NEAR_SHARE * h:
+        return True
+    known = real[INDEPENDENCE] < LOST * real[CLEAREST]
+    return known and real[INDEPENDENCE] < math.sqrt(SOFT / real[TOLERANCE])
+
+
 @inner(types.void(SYSTEM, MEMORY, CONTROL, float64))
 def foresee(system, memory, control, h):
     """When constraints become dependent, as it seems at the end of a step."""
     real = control.real
     before, now = real[INDEPENDENCE], independence(system, memory.mass_S)
-    real[INDEPENDENCE] = now
+    real[INDEPENDENCE], real[CLEAREST] = now, max(now, real[CLEAREST])
     if real[OLD_STEP] > 0.0 and now < min(before, INDEPENDENT):
         real[SINGULAR] = real[TIME] + h + h * now / (before - now)
     elif real[SINGULAR] > real[TIME] + h:
@@ -284,7 +297,7 @@ def look_at_start(system, memory, control):
     real[SINGULAR] = math.inf
     if real[INDEPENDENCE] > SINGULAR_START:
         return 0.0
-    real[SINGULAR] = real[TIME]
+    real[SINGULAR], real[CLEAREST] = real[TIME], 1.0
     fast = max(real[SPEED] / real[LENGTH], real[SPIN])
     return math.sqrt(0.1 * SOFT / real[TOLERANCE]) / fast
 
@@ -616,7 +629,7 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
     dz and dv are scratch. Returns 0, or the code of `project`.
     """
     at, closed = control.real[TIME] + h, control.closed
-    if abs(control.real[SINGULAR] - at) < NEAR_SHARE * h:
+    if is_near(control, h):
         status = project_near(
             kernels, system, work, memory, control, at, z1, v1, dz, dv
         )
