@@ -138,7 +138,7 @@ class _Run:
                 code = self.advance(limit)
                 if self.inside and self._look_inside():
                     return ""
-                if self._is_stiff(code):
+                if self._is_hard(code):
                     self._switch(stop)
                     code = stepping.CHUNK
                 if progress is not None:
@@ -149,16 +149,19 @@ class _Run:
             now = stop
         return ""
 
-    def _is_stiff(self, code: int) -> bool:
-        """Whether another method has to go on."""
+    def _is_hard(self, code: int) -> bool:
+        """Whether another method has to go on: stiffness, or a singular position."""
         waits = self.settings.when_stiff and math.isnan(self.switched)
         if not waits or code not in (stepping.CHUNK, stepping.CRAWLING):
             return False
-        stiff = self.control.whole[stepping.STIFF]
+        whole = self.control.whole
+        if whole[stepping.CROSSING] == stepping.NEAR:
+            return True
+        stiff = whole[stepping.STIFF]
         return bool(stepping.STIFF_PART * stiff > self.memory.counters[newton.STEPS])
 
     def _switch(self, stop: float) -> None:
-        """Goes on from here with the method for stiff scenes."""
+        """Goes on from here with the method for hard scenes."""
         now = float(self.control.real[stepping.TIME])
         self.method, self.switched = INTEGRATORS[self.settings.when_stiff], now
         self.advance = self._prepare()

@@ -28,6 +28,7 @@ from .stepping import (
     CROSSING,
     FAR,
     FIXED_STEP,
+    NEAR,
     NOT_FINITE,
     OFF_CONSTRAINTS,
     OLD_STEP,
@@ -305,4 +306,6 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
             return NOT_FINITE
         if whole[FIXED_STEP] == 0 and _crawls(memory, control, h):
             return CRAWLING
+        if whole[CROSSING] == NEAR:
+            return CHUNK
     return CHUNK

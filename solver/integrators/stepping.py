@@ -299,7 +299,7 @@ def look_at_start(system, memory, control):
         return 0.0
     real[SINGULAR], real[CLEAREST] = real[TIME], 1.0
     fast = max(real[SPEED] / real[LENGTH], real[SPIN])
-    return math.sqrt(0.1 * SOFT / real[TOLERANCE]) / fast
+    return math.sqrt(100.0 * SOFT / real[TOLERANCE]) / fast
 
 
 @inner(boolean(CONTROL, float64))
