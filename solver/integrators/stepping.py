@@ -55,6 +55,7 @@ PERIOD = 7  # duration of the run [s]
 INDEPENDENCE = 8  # of the constraints, see `kernels.mass`
 SINGULAR = 9  # when they become dependent if it goes on falling
 CLEAREST = 19  # largest independence so far
+DECLINE = 20  # mean slope of the independence in the last step, 0 for unknown
 SPEED = 10  # largest speed so far
 SPIN = 11  # largest angular velocity so far
 DRIFT = 12  # largest |c| met at the end of a step, after projection
@@ -276,12 +277,22 @@ def is_near(control, h):
 
 @inner(types.void(SYSTEM, MEMORY, CONTROL, float64))
 def foresee(system, memory, control, h):
-    """When constraints become dependent, as it seems at the end of a step."""
+    """When constraints become dependent: the next zero of a parabola.
+
+    It goes through the independence at the ends of the last three steps, of which this
+    is one. A singular position that was passed is kept.
+    """
     real = control.real
-    before, now = real[INDEPENDENCE], independence(system, memory.mass_S)
+    old, now = real[OLD_STEP], independence(system, memory.mass_S)
+    mean = (now - real[INDEPENDENCE]) / h
+    bend = (mean - real[DECLINE]) / (h + old) if real[DECLINE] < 0.0 else 0.0
+    slope = mean + bend * h
     real[INDEPENDENCE], real[CLEAREST] = now, max(now, real[CLEAREST])
-    if real[OLD_STEP] > 0.0 and now < min(before, INDEPENDENT):
-        real[SINGULAR] = real[TIME] + h + h * now / (before - now)
+    real[DECLINE] = mean if old > 0.0 else 0.0
+    root = slope * slope - 4.0 * bend * now
+    if old > 0.0 and now < INDEPENDENT and slope < 0.0 and root >= 0.0:
+        left = 2.0 * now / (math.sqrt(root) - slope)
+        real[SINGULAR] = real[TIME] + h + left
     elif real[SINGULAR] > real[TIME] + h:
         real[SINGULAR] = math.inf
 
@@ -294,7 +305,7 @@ def look_at_start(system, memory, control):
     """
     real = control.real
     real[INDEPENDENCE] = independence(system, memory.mass_S)
-    real[SINGULAR] = math.inf
+    real[SINGULAR], real[DECLINE] = math.inf, 0.0
     if real[INDEPENDENCE] > SINGULAR_START:
         return 0.0
     real[SINGULAR], real[CLEAREST] = real[TIME], 1.0
