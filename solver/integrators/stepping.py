@@ -285,12 +285,13 @@ def foresee(system, memory, control, h):
     real = control.real
     old, now = real[OLD_STEP], independence(system, memory.mass_S)
     mean = (now - real[INDEPENDENCE]) / h
-    bend = (mean - real[DECLINE]) / (h + old) if real[DECLINE] < 0.0 else 0.0
+    bend = (mean - real[DECLINE]) / (h + old)
     slope = mean + bend * h
+    root = slope * slope - 4.0 * bend * now
+    falls = max(mean, slope, real[DECLINE]) < 0.0
     real[INDEPENDENCE], real[CLEAREST] = now, max(now, real[CLEAREST])
     real[DECLINE] = mean if old > 0.0 else 0.0
-    root = slope * slope - 4.0 * bend * now
-    if old > 0.0 and now < INDEPENDENT and slope < 0.0 and root >= 0.0:
+    if falls and now < INDEPENDENT and root >= 0.0:
         left = 2.0 * now / (math.sqrt(root) - slope)
         real[SINGULAR] = real[TIME] + h + left
     elif real[SINGULAR] > real[TIME] + h:
