@@ -88,7 +88,7 @@ FAR, BEYOND, NEAR = range(3)
 #: and the most with which it does; and the most of which it is near.
 PASSING_SHARE, AT_LEAST, AT_ONCE, NEAR_SHARE = 0.43, 0.2, 0.5, 4.0
 #: Constraints of which so much is independent are far from a singular position.
-INDEPENDENT = 0.3
+INDEPENDENT = 0.12
 #: A start in a singular position leaves less independence than this.
 SINGULAR_START = 1e-6
 
