@@ -159,7 +159,9 @@ class State:
             n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
             entries = self.work.M[o : o + n * n] + self.memory.metric[o : o + n * n]
             W[first : first + n, first : first + n] = entries.reshape(n, n)
-        return W + 1e-14 * np.trace(W) / max(1, len(W)) * np.eye(len(W))
+        scale = coordinate_sizes(self.system) ** 2
+        typical = float(np.diag(W) @ scale) / max(1, len(W))
+        return W + 1e-14 * typical * np.diag(1.0 / scale)
 
 
 def close(state: State) -> float:
