@@ -143,7 +143,6 @@ def step_loop(
                     )
                 real[STAGE_STEP] = h
                 if iterations == 0:
-                    real[30] += 1
                     whole[FAILURES] += 1
                     whole[PREDICT] = 0
                     shorter = after_divergence(
@@ -160,8 +159,6 @@ def step_loop(
                 if whole[FIXED_STEP] == 0:
                     error = error_of(kernels, system, work, memory, control, storage, h)
                 if not error < 1.0:
-                    real[31] += 1
-                    real[35] = error
                     whole[FAILURES] += 1
                     memory.counters[REJECTED] += 1
                     whole[PREDICT] = 2 if math.isfinite(error) else 0
@@ -169,7 +166,6 @@ def step_loop(
                     continue
                 if accept(kernels, system, work, memory, control, storage, h) == 0:
                     break
-                real[32] += 1
                 whole[FAILURES] += 1
                 memory.counters[REJECTED] += 1
                 whole[PREDICT] = 0

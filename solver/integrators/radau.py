@@ -561,7 +561,6 @@ def _refine(kernels, system, work, memory, control, stages, h):
     _transform(method.TI, stages.Zz, stages.Wz)
     _transform(method.TI, stages.Zv, stages.Wv)
     size = _sweep(kernels, system, work, memory, control, stages, h)
-    control.real[36] = size
     if size < LARGEST_CORRECTION:
         _take_correction(stages)
         return 0
@@ -573,7 +572,6 @@ def _refine(kernels, system, work, memory, control, stages, h):
             stages.rv[k] += method.T[s - 1, i] * stages.Fv[i, k]
     _keep_free_part(kernels, system, work, memory, control, stages, h)
     error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
-    control.real[37] = error
     return 0 if error < 0.1 else 1
 
 
@@ -587,7 +585,6 @@ def _accept(kernels, system, work, memory, control, stages, h):
     s = len(stages.method.c)
     if _is_beside(control):
         if _refine(kernels, system, work, memory, control, stages, h) != 0:
-            control.real[33] += 1
             return 1
     for i in range(len(stages.z1)):
         stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]

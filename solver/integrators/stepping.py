@@ -54,8 +54,6 @@ LENGTH = 6  # size of the mechanism [m]
 PERIOD = 7  # duration of the run [s]
 INDEPENDENCE = 8  # of the constraints, see `kernels.mass`
 SINGULAR = 9  # when they become dependent if it goes on falling
-CLEAREST = 19  # largest independence so far
-DECLINE = 20  # mean slope of the independence in the last step, 0 for unknown
 SPEED = 10  # largest speed so far
 SPIN = 11  # largest angular velocity so far
 DRIFT = 12  # largest |c| met at the end of a step, after projection
@@ -65,7 +63,9 @@ CONTRACTION = 15  # of the last Newton iteration
 FACTORED_STEP = 16  # step of the factors at hand, 0 for none
 STAGE_STEP = 17  # step that the stages at hand belong to
 RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that have one
-N_REAL = 50
+CLEAREST = 19  # largest independence so far
+DECLINE = 20  # mean slope of the independence in the last step, 0 for unknown
+N_REAL = 21
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
