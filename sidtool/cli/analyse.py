@@ -99,17 +99,31 @@ def modes(scene: Path, about: str, output: Path | None, accept_defects: bool) ->
 
 @analyse.command()
 @click.argument("scene", metavar="SCENE", type=existing)
+@click.option(
+    "--quasi-static",
+    is_flag=True,
+    help="Flexible bodies deform without vibrating: at each time they are in "
+    "equilibrium with the inertia, gravity and joint forces of the motion.",
+)
 @click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
 @_ACCEPT
-def inverse(scene: Path, output: Path | None, accept_defects: bool) -> None:
+def inverse(
+    scene: Path, quasi_static: bool, output: Path | None, accept_defects: bool
+) -> None:
     """Find the forces of a SCENE whose motion is prescribed completely.
 
-    Needs as many drives as the mechanism has degrees of freedom, and rigid bodies.
-    Record outputs such as JOINT.fx or DRIVE.f1 to get forces and drive torques.
+    Needs as many drives as the mechanism has degrees of freedom. Record outputs such
+    as JOINT.fx or DRIVE.f1 to get forces and drive torques.
+
+    No drive prescribes the vibrations of flexible bodies. --quasi-static leaves them
+    out, velocities and accelerations of the elastic coordinates with them: what a
+    transient run comes to when the motion is slow against all natural frequencies and
+    vibrations have died out. Bodies that follow more softly need sidtool simulate.
 
     \b
-    Example:
+    Examples:
       sidtool analyse inverse press.toml -o forces.csv
+      sidtool analyse inverse slider_crank.toml --quasi-static -o forces.csv
 
     Exit status: 0 done, 1 the motion is impossible, 2 the input is wrong.
     """
@@ -117,7 +131,12 @@ def inverse(scene: Path, output: Path | None, accept_defects: bool) -> None:
     from ..report.analysis import describe_inverse
 
     check_target(output)
-    result = _attempt(inverse_dynamics, scene, accept_defects=accept_defects)
+    result = _attempt(
+        inverse_dynamics,
+        scene,
+        quasi_static=quasi_static,
+        accept_defects=accept_defects,
+    )
     _write_result(output, result)
     click.echo(describe_inverse(result))
 

@@ -92,7 +92,7 @@ class _Motion:
             place="drives",
             expected="as many drives as the mechanism has degrees of freedom"
             + (
-                ", and of flexible bodies the quasi-static deformation"
+                ", and the option quasi-static, which leaves out vibrations"
                 if flexible and self.driven.all()
                 else ""
             ),
