@@ -125,7 +125,8 @@ def inverse(
       sidtool analyse inverse press.toml -o forces.csv
       sidtool analyse inverse slider_crank.toml --quasi-static -o forces.csv
 
-    Exit status: 0 done, 1 the motion is impossible, 2 the input is wrong.
+    Exit status: 0 done, 1 the motion is impossible (the file holds what comes before),
+    2 the input is wrong.
     """
     from ..analysing import inverse_dynamics
     from ..report.analysis import describe_inverse
@@ -134,6 +135,7 @@ def inverse(
     result = _attempt(
         inverse_dynamics,
         scene,
+        output,
         quasi_static=quasi_static,
         accept_defects=accept_defects,
     )
@@ -141,14 +143,21 @@ def inverse(
     click.echo(describe_inverse(result))
 
 
-def _attempt(analysis: Any, scene: Path, **settings: Any) -> Any:
-    """Runs an analysis; one line and status 1 when physics does not allow it."""
+def _attempt(
+    analysis: Any, scene: Path, output: Path | None = None, **settings: Any
+) -> Any:
+    """Runs an analysis; one line and status 1 when physics does not allow it.
+
+    What there is of a result goes to `output` then.
+    """
     from solver.errors import SimulationError
 
     try:
         return analysis(scene, **settings)
     except SimulationError as error:
         click.echo(f"sidtool: {scene}: {error}", err=True)
+        if error.result is not None:
+            _write_result(output, error.result)
         raise click.exceptions.Exit(1) from None
 
 
@@ -157,4 +166,4 @@ def _write_result(output: Path | None, result: Any) -> None:
 
     if output is not None:
         write(output, result)
-        click.echo(f"{output} written")
+        click.echo(f"{output} written", err=not result.completed)

@@ -119,7 +119,10 @@ def null_space(matrix: Array) -> Array:
 def recorded(
     system: System, kind: str, times: Array, states: list[Start], message: str = ""
 ) -> Result:
-    """The scene's outputs at some states, as a result."""
+    """The scene's outputs at some states, as a result.
+
+    message : why later states are missing, if they are
+    """
     z = np.array([s.z for s in states]).reshape(len(states), system.n_positions)
     v = np.array([s.v for s in states]).reshape(len(states), system.n_velocities)
     span = system.scene.time.end - system.scene.time.start
@@ -152,6 +155,7 @@ def recorded(
         settings={"analysis": kind},
         scene=system.scene.model_dump_json(by_alias=True, exclude_none=True),
         versions=versions(),
+        completed=not message,
         message=message,
     )
 

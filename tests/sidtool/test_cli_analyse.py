@@ -104,6 +104,26 @@ def test_inverse_of_flexible_bodies_is_quasi_static_on_demand(
     assert written["rod.q1"][-1] != 0
 
 
+def test_inverse_keeps_what_comes_before_an_impossible_position(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The bob on its arm of 1 m reaches down to y = -1."""
+    scene, target = tmp_path / "pulled.toml", tmp_path / "forces.h5"
+    pull = """
+[drives.pull]
+marker = "bob"
+coordinate = "y"
+function = { type = "polynomial", pieces = [{ from = 0, coefficients = [-0.6, -1.1] }] }
+"""
+    scene.write_text(PENDULUM + pull)
+    assert run(["analyse", "inverse", str(scene), "-o", str(target)]) == 1
+    assert "cannot reach" in capsys.readouterr().err
+    result = read_result(target)
+    assert not result.completed and "cannot reach" in result.message
+    assert len(result.t) == 4
+    assert result["bob.y"] == pytest.approx(-0.6 - 1.1 * result.t, abs=1e-9)
+
+
 def test_a_body_that_can_fall_is_said_in_one_line(
     pendulum: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
