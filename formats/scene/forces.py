@@ -124,14 +124,19 @@ class Bushing(_Force):
 class Friction(_Force):
     """Regularised Coulomb friction in a joint: force tanh(rate / speed) + viscous rate.
 
-    Below `speed` a held joint creeps instead of sticking.
+    Below `speed` a held joint creeps instead of sticking. The limit is given and does
+    not follow the load: friction coefficient times normal force (times radius in a
+    bearing) has to be put in as a number. The load that a run finds, the outputs fx to
+    mz of the joint, tells whether that number was right.
     """
 
     type: Literal["friction"]
     joint: str = Field(description="a joint with a coordinate")
     coordinate: str | None = Field(default=None, description=_COORDINATE)
-    force: float = Field(gt=0, description="limit, [N] or [N m]")
-    speed: float = Field(gt=0, description="width of the regularisation")
+    force: float = Field(gt=0, description="constant limit [N] or [N m]")
+    speed: float = Field(
+        gt=0, description="width of the regularisation [m/s] or [rad/s]"
+    )
     viscous: float = Field(default=0.0, ge=0, description="[N s/m] or [N m s/rad]")
 
 
