@@ -31,12 +31,11 @@ from formats.sid import Array
 
 from .callables import Derivatives
 from .functions import FunctionTable
+from .ingredients import Reference
 from .joints import joint_parts
 from .kernels import layout as at
 from .kernels.layout import IntTable
 from .pool import Pool
-
-Reference = tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
