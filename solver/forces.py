@@ -221,6 +221,8 @@ def _pair(
     coordinates = joint_parts(connects, context.planar).coordinates
     part = coordinates[coordinate or connects.coordinates[0]]
     a, b = (marker_reference(text) for text in marker_names(connects))
+    if part.swapped:
+        a, b = b, a
     data = tuple(map(float, part.data))
     return Element(
         context.name, _MEASURES[part.kind], a, b, data, law, context.function

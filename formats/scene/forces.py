@@ -28,9 +28,7 @@ Powers = Annotated[
 ]
 _MARKERS = "two markers: the force acts on the second, and backwards on the first"
 _JOINT = "a joint instead of markers: the force acts on its coordinate"
-_COORDINATE = "angle, displacement or length of the joint, default the first it has"
-#: Coordinates of joints that a force may act on.
-FORCED = ("angle", "displacement", "length")
+_COORDINATE = "coordinate of the joint, such as angle, default the first it has"
 
 
 class Characteristic(Table):

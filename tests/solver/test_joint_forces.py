@@ -26,7 +26,9 @@ FREE += [("spatial", kind, "") for kind in SPATIAL]
 SPEEDS = ((1.0, 0.7, 2.0), (0.5, -0.4, 1.0))
 
 
-def driven_pair(dimension: str, kind: str, names: str, flexible: bool) -> Any:
+def driven_pair(
+    dimension: str, kind: str, names: str, flexible: bool, **tables: Any
+) -> Any:
     """Two bodies and a joint whose coordinates of these names are driven."""
     content, sids = pair(dimension, {"type": kind}, flexible)
     drives = {
@@ -44,7 +46,7 @@ def driven_pair(dimension: str, kind: str, names: str, flexible: bool) -> Any:
     outputs = {"record": tuple(f"{o}.{c}" for o in owners for c in COMPONENTS)}
     data = content.model_dump(by_alias=True, exclude_none=True)
     data["time"] = {"end": 0.2, "output_times": TIMES}
-    data |= {"drives": drives, "outputs": outputs}
+    data |= {"drives": drives, "outputs": outputs, **tables}
     return compile_scene(type(content).model_validate(data), sids=sids)
 
 
