@@ -43,6 +43,17 @@ def measured(system: System, samples: Samples, k: int) -> Measured:
     return Measured(np.sum(n * x, axis=1), rate)
 
 
+def deflection(system: System, samples: Samples, k: int) -> Array:
+    """The rotation from rest of TWIST (nt, 1), the rotation vector of TILT (nt, 3)."""
+    element = system.forces[k]
+    if element.kind == at.TWIST:
+        return measured(system, samples, k).g[:, None] - element.law.rest
+    row = system.arrays.force[k]
+    A = marker_motion(system, samples, int(row[at.F_A]))
+    B = marker_motion(system, samples, int(row[at.F_B]))
+    return _rotation_vector(A, B)
+
+
 def torque_axis(system: System, samples: Samples, k: int) -> Array:
     """Inertial torque (nt, 3) on the second marker of a unit force on an angle."""
     row = system.arrays.force[k]
@@ -61,18 +72,15 @@ def _turning(system: System, k: int, A: Motion, B: Motion) -> tuple[Array, Array
     if system.planar:
         axis = np.broadcast_to([0.0, 0.0, 1.0], (len(A.angle), 3))
         return B.angle - A.angle, axis
-    relative = np.einsum("tji,tjk->tik", A.R, B.R)
     data = np.array(element.data)
     if element.kind == at.TWIST:
         first, second = data[:3], data[3:6]
-        b = relative @ first
+        b = np.einsum("tji,tj->ti", A.R, B.R @ first)
         rest = element.law.rest
         angle = np.arctan2(b @ second, b @ first) - rest
         angle -= 2.0 * np.pi * np.floor(0.5 + angle / (2.0 * np.pi))
         return rest + angle, A.R @ np.cross(first, second)
-    from scipy.spatial.transform import Rotation
-
-    theta = Rotation.from_matrix(relative).as_rotvec()
+    theta = _rotation_vector(A, B)
     size = np.maximum(np.linalg.norm(theta, axis=1), 1e-9)
     c = 1.0 / size**2 - (1.0 + np.cos(size)) / (2.0 * size * np.sin(size))
     c = np.where(size < 1e-3, 1.0 / 12.0, c)
@@ -81,17 +89,22 @@ def _turning(system: System, k: int, A: Motion, B: Motion) -> tuple[Array, Array
     return theta @ data, np.einsum("tij,tj->ti", A.R, local)
 
 
+def _rotation_vector(A: Motion, B: Motion) -> Array:
+    """From marker A to marker B, in the axes of A, below half a turn; (nt, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    relative = np.einsum("tji,tjk->tik", A.R, B.R)
+    return np.asarray(Rotation.from_matrix(relative).as_rotvec())
+
+
 def function_values(system: System, function: int, times: Array) -> Array:
     """Values of a row of the table of functions, 1 for no function."""
     if function < 0:
         return np.ones(len(times))
-    edges = np.array([system.scene.time.start, *system.breaks])
-    part = np.clip(np.searchsorted(edges, times) - 1, 0, len(edges) - 2)
-    clocks = 0.5 * (edges[part] + edges[part + 1])
     evaluate = drive_value.py_func
     return np.array(
         [
             evaluate(system.arrays, function, clock, t)[0]
-            for clock, t in zip(clocks, times, strict=True)
+            for clock, t in zip(system.clocks(times), times, strict=True)
         ]
     )

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from formats.scene import SceneFile
+from formats.sid import Array
 
 from .bodies import BodyData
 from .forces import Element
@@ -77,6 +80,12 @@ class System:
     def n_newton_rows(self) -> int:
         """Constraints and forces, see `newton_rows`."""
         return int(self.arrays.newton.dims[at.N_ROWS])
+
+    def clocks(self, times: Array) -> Array:
+        """The middle of the smooth interval that each time lies in, (nt,) [s]."""
+        edges = np.array([self.scene.time.start, *self.breaks])
+        part = np.clip(np.searchsorted(edges, times) - 1, 0, len(edges) - 2)
+        return np.asarray(0.5 * (edges[part] + edges[part + 1]))
 
     def index(self, body: str) -> int:
         """Row of a body in the tables."""

@@ -77,6 +77,9 @@ class SpringDamper(_Pair):
 
     With the deflection x = (length or joint coordinate) - rest the force that pulls
     back is k1 x + k2 x^2 + ... + d1 x' + d2 x'^2 + ..., or that of a `table`.
+
+    A spring about an axis counts turns in planar scenes. In spatial ones it knows its
+    deflection below half a turn, and a run that gets there stops.
     """
 
     type: Literal["spring_damper"]
@@ -108,7 +111,7 @@ class Bushing(_Force):
     """Springs and dampers along and about the axes of the first marker.
 
     Planar: x, y and the angle. Spatial: x, y, z and the three components of the
-    rotation vector from the first to the second marker, below half a turn.
+    rotation vector from the first to the second marker; a run stops at half a turn.
     """
 
     type: Literal["bushing"]

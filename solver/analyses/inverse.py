@@ -212,7 +212,8 @@ def _reach(motion: _Motion, state: Start, when: float) -> Start | None:
     """The state at `when`, from a prediction; None if that is too far away."""
     mechanics = motion.mechanics
     before, h = mechanics.t, when - mechanics.t
-    _set_clock(mechanics, 0.5 * (before + when))
+    middle = np.array([0.5 * (before + when)])
+    mechanics.work.clock[:1] = mechanics.system.clocks(middle)
     x = h * state.v / mechanics.scale + 0.5 * h * h * motion.accelerations(state)
     z = mechanics.moved(state.z, x)
     mechanics.t = when
@@ -220,9 +221,3 @@ def _reach(motion: _Motion, state: Start, when: float) -> Start | None:
     if reached is None:
         mechanics.t = before
     return reached
-
-
-def _set_clock(mechanics: Mechanics, t: float) -> None:
-    edges = np.array([mechanics.system.scene.time.start, *mechanics.system.breaks])
-    part = int(np.clip(np.searchsorted(edges, t) - 1, 0, len(edges) - 2))
-    mechanics.work.clock[0] = 0.5 * (edges[part] + edges[part + 1])

@@ -90,9 +90,7 @@ def linearise(
         system, start = assemble(system)
         z, v = start.z, start.v
     t = system.scene.time.start if time is None else time
-    edges = np.array([system.scene.time.start, *system.breaks])
-    part = int(np.clip(np.searchsorted(edges, t) - 1, 0, len(edges) - 2))
-    mechanics = Mechanics(system, t, 0.5 * (edges[part] + edges[part + 1]))
+    mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
     mechanics.set_scale(z)
     matrix, motion = state_matrix(mechanics, z, v)
     return _modes(mechanics, matrix, motion, z, v)
