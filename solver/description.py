@@ -51,7 +51,7 @@ def describe(system: System) -> list[str]:
         names = ", ".join(dict.fromkeys(names_of_rows(system, system.redundant)))
         lines.append(
             f"{len(system.redundant)} redundant constraints ({names}): met by the "
-            "others, their multipliers are zero"
+            "others; of all multipliers that hold them the smallest are told"
         )
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
     lines.append(f"markers: {used} used of {total} exported nodes")

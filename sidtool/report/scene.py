@@ -64,7 +64,12 @@ def describe_scene(scene: SceneFile) -> str:
 def _body(body: Body) -> list[str]:
     markers = ", ".join(body.markers)
     if isinstance(body, SidBody):
-        return ["flexible", body.sid, markers]
+        terms = [body.sid]
+        if body.damping is not None:
+            terms.append(f"damping {body.damping.type}")
+        if body.quadratic_inertia:
+            terms.append("quadratic inertia")
+        return ["flexible", ", ".join(terms), markers]
     kind = "rigid" if body.inertia is not None else "point mass"
     return [kind, f"{body.mass:g} kg", markers]
 
@@ -86,7 +91,10 @@ def _drive(drive: Drive, scene: SceneFile) -> list[str]:
 def _force(force: Force) -> list[str]:
     pair = getattr(force, "markers", None) or (getattr(force, "marker", None),)
     joint = getattr(force, "joint", None)
-    return [force.type, joint if joint else " - ".join(map(str, pair))]
+    if joint is None:
+        return [force.type, " - ".join(map(str, pair))]
+    coordinate = getattr(force, "coordinate", None)
+    return [force.type, f"{joint}, {coordinate}" if coordinate else joint]
 
 
 def _event(event: Event) -> list[str]:
