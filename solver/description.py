@@ -40,6 +40,7 @@ def describe(system: System) -> list[str]:
         if data.name != GROUND_NAME:
             lines.append(f"body {data.name}: {_body(row, data)}")
             lines += _stiffened_markers(system, data)
+            lines += _prestress(data)
     for name, body in expected_bodies(system, start).items():
         lines.append(f"body {name}: {body.before}")
     lines += _defects(system)
@@ -75,6 +76,16 @@ def _stiffened_markers(system: System, data: BodyData) -> list[str]:
             listed = ", ".join(found)
             lines.append(f"body {data.name}: stiffening by {what} at {listed}")
     return lines
+
+
+def _prestress(data: BodyData) -> list[str]:
+    """What a body under initial stress needs of the scene, and must not hold itself."""
+    if not data.sid.ksigma.m0.any():
+        return []
+    return [
+        f"body {data.name}: prestressed (ksigma), undeformed under the loads of its "
+        "prestress only; what these stiffen at markers must not be in its Ke as well"
+    ]
 
 
 def _defects(system: System) -> list[str]:

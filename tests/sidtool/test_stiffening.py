@@ -18,6 +18,7 @@ from formats.toml_files import validated
 from sidtool.analysing import linearise
 from sidtool.convert import sid_from_model
 from sidtool.validate import check
+from solver import compile_scene, describe
 
 from .beams import DISCRETISATIONS, IGA, beam
 from .models import rod
@@ -225,14 +226,8 @@ def test_the_force_of_a_prestress_stiffens_once(carriers: dict[str, Any]) -> Non
     assert [c.id for c in check(pulled) if c.failed] == []
 
 
-@pytest.mark.parametrize("force", [5.0, 8.0])
-def test_a_scene_that_pulls_counts_the_pull_once(force: float) -> None:
-    """The same motion with both SIDs, also where the scene pulls otherwise.
-
-    The plain body is longer under the pull, by its modes along the axis; as force
-    and stress are linear in them the rest is the same.
-    """
-    reduction = {"method": "modal", "modes": 5}
+def pulled_rod(force: float) -> SceneFile:
+    """A cantilever under a force at its tip."""
     table = {
         "format": "sidtool scene",
         "version": 1,
@@ -242,13 +237,31 @@ def test_a_scene_that_pulls_counts_the_pull_once(force: float) -> None:
         "joints": {"wall": {"type": "fixed", "markers": ["ground", "rod.root"]}},
         "forces": {"pull": {"type": "force", "marker": "rod.tip", "force": [force, 0]}},
     }
-    scene = validated(table, SceneFile)
+    return validated(table, SceneFile)
+
+
+@pytest.mark.parametrize("force", [5.0, 8.0])
+def test_a_scene_that_pulls_counts_the_pull_once(force: float) -> None:
+    """The same motion with both SIDs, also where the scene pulls otherwise.
+
+    The plain body is longer under the pull, by its modes along the axis; as force
+    and stress are linear in them the rest is the same.
+    """
+    reduction = {"method": "modal", "modes": 5}
+    scene = pulled_rod(force)
     found = []
     for stiffening in ({}, tension(5.0)):
         model = beam(IGA, reduction=reduction, stiffening=stiffening)
         modes = linearise(scene, sids={"rod": sid_from_model(model)})
         found.append(modes.frequencies)
     assert_allclose(found[1], found[0], rtol=1e-7)
+
+
+def test_a_scene_says_that_a_body_is_prestressed() -> None:
+    sids = {"rod": sid_from_model(beam(IGA, stiffening=tension(5.0)))}
+    told = "\n".join(describe(compile_scene(pulled_rod(5.0), ".", sids)))
+    assert "body rod: prestressed (ksigma)" in told
+    assert "body rod: stiffening by forces kept at tip" in told
 
 
 @pytest.mark.parametrize("carriers", CARRIERS[::2])
