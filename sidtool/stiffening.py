@@ -20,24 +20,18 @@ from numpy.typing import NDArray
 
 from formats.errors import InputError
 from formats.model_reduction import Stiffening
-from formats.sid import OE_INDICES, SID, Node, Taylor
+from formats.sid import SID, Node, Taylor
 
+from .beam_stiffening import beam_stiffness
 from .frontends.continuum import stress_from_gradient
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .marker_motion import excess_of_rows, work_in_rigid_pieces
 from .reduction.basis import ReducedBasis
 from .reduction.frames import Frame
 from .reduction.space import admissible
+from .rotary import CENTRIFUGAL, centrifugal_loads
 
 Array = NDArray[np.float64]
-
-#: (6, 3, 3) coefficients W of the products of omega in omega~ omega~, in Oe's order.
-CENTRIFUGAL = np.zeros((6, 3, 3))
-for _k, (_a, _b) in enumerate(OE_INDICES):
-    CENTRIFUGAL[_k, _a, _b] += 1
-    CENTRIFUGAL[_k, _b, _a] += _a != _b
-    CENTRIFUGAL[_k] -= np.eye(3) * (_a == _b)
-CENTRIFUGAL.setflags(write=False)
 
 
 def stiffened(
@@ -154,6 +148,8 @@ def projected_stiffness(
     ------
     InputError : the body came without elements.
     """
+    if body.beam_material is not None:
+        return beam_stiffness(body.beam_material, states, shapes)
     nq = shapes.shape[1]
     total = np.zeros((states.shape[1], nq, nq))
     for part in quadrature(body):
@@ -263,7 +259,7 @@ class _Loads:
         return -self._body.mass @ self._rigid()[:, 3:]
 
     def centrifugal(self) -> Array:
-        """-rho W_k c."""
+        """-rho W_k c; of particles with rotary inertia their moments, too."""
         d = self._body.dimension
         arms = self._body.positions - self._origin[:d]
         fields = np.zeros((self._body.ndof, 6))
@@ -272,7 +268,11 @@ class _Loads:
                 numbers = self._body.table[:, axis]
                 there = numbers >= 0
                 fields[numbers[there], k] = (arms @ products[axis, :d])[there]
-        return -self._body.mass @ fields
+        loads: Array = -self._body.field_mass @ fields
+        points = self._body.inertia_points
+        if points is None or self._body.full_mass is not None:
+            return loads
+        return loads + centrifugal_loads(points, self._origin)
 
     def _rigid(self) -> Array:
         rigid = self._body.rigid_body_modes(self._origin)
