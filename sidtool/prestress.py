@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from formats.errors import InputError
 from formats.model_reduction import Prestress, Stiffening
 
-from .frontends.continuum import stress_from_gradient
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .marker_motion import excess_of_rows
 from .reduction.basis import ReducedBasis, hertz, oriented
@@ -57,24 +56,27 @@ def prestressed(
     """Adds the geometric stiffness of an initial stress to Ke, in natural modes.
 
     A simulation applies the loads of the prestress as well. What they bring by the
-    first-order terms of their markers is left out of Ke, so that it counts once.
+    first-order terms of their markers is left out of Ke, so that it counts once. A
+    uniform stress needs loads, too, but for what of it the unloaded body keeps.
 
     Raises
     ------
     InputError : numbers do not fit the dimension, or the body buckles.
     """
     uniform, shapes = _uniform(prestress, body.dimension), basis.shapes
-    names = {marker.name for marker in body.markers}
-    loads, excess = _prescribed(body, shapes, prestress, names)
-    loads = balanced(body, frame, loads)
-    state = np.zeros_like(loads)
-    if loads.any():
-        state = admissible(body, frame).static(loads)
-    extra, generalised = _effects(body, state, uniform, shapes)
-    extra += excess + piece_stiffness(body, loads, state, shapes)[0]
+    holding = _holding(body, uniform)
+    marked = {marker.name for marker in stiffening_markers(body, settings)}
+    loads, excess = _prescribed(body, shapes, prestress)
+    felt, excess_felt = _prescribed(body, shapes, prestress, marked)
+    if marked:
+        felt = felt + holding
+    states, stiffness = _under(body, frame, shapes, np.hstack([loads, felt]))
+    extra = stiffness[0] + excess + _stiffness_of(body, uniform, shapes)
     _refuse_buckling(basis.stiffness + extra, "under its prestress")
-    extra -= _brought(body, frame, shapes, prestress, uniform, settings)
+    extra -= stiffness[1] + excess_felt
     _refuse_buckling(basis.stiffness + extra, "without the loads of its prestress")
+    state = states[:, :1]
+    generalised = shapes.T @ (body.stiffness @ state + holding)[:, 0]
     values, mixing = np.linalg.eigh(basis.stiffness + extra)
     shapes = oriented(basis.shapes @ mixing, body)
     labels = tuple(
@@ -99,29 +101,16 @@ def _refuse_buckling(stiffness: Array, when: str) -> None:
         )
 
 
-def _brought(
-    body: FiniteElementModel,
-    frame: Frame,
-    shapes: Array,
-    prestress: Prestress,
-    uniform: Array,
-    settings: Stiffening,
-) -> Array:
-    """Stiffness (nq, nq) that the loads of the prestress bring, being applied.
-
-    A uniform stress needs loads, too, but for what remains in the unloaded body.
-    """
-    names = {marker.name for marker in stiffening_markers(body, settings)}
-    loads, excess = _prescribed(body, shapes, prestress, names)
-    if names:
-        loads += _holding(body, uniform)
+def _under(
+    body: FiniteElementModel, frame: Frame, shapes: Array, loads: Array
+) -> tuple[Array, Array]:
+    """Displacements (ndof, n) under loads, and the stiffness (n, nq, nq) they bring."""
     if not loads.any():
-        return excess
+        return np.zeros_like(loads), np.zeros((loads.shape[1], *(shapes.shape[1],) * 2))
     loads = balanced(body, frame, loads)
-    state = admissible(body, frame).static(loads)
-    stiffness = projected_stiffness(body, state, shapes)
-    stiffness += piece_stiffness(body, loads, state, shapes)
-    return excess + stiffness[0]
+    states = admissible(body, frame).static(loads)
+    stiffness = projected_stiffness(body, states, shapes)
+    return states, stiffness + piece_stiffness(body, loads, states, shapes)
 
 
 def _holding(body: FiniteElementModel, uniform: Array) -> Array:
@@ -135,13 +124,17 @@ def _holding(body: FiniteElementModel, uniform: Array) -> Array:
 
 
 def _prescribed(
-    body: FiniteElementModel, shapes: Array, settings: Prestress, names: set[str]
+    body: FiniteElementModel,
+    shapes: Array,
+    settings: Prestress,
+    names: set[str] | None = None,
 ) -> tuple[Array, Array]:
-    """Loads (ndof, 1) on those markers, and what rows are short of in stiffness."""
+    """Loads (ndof, 1) on markers, all or those of some names, and what rows are short
+    of in stiffness."""
     loads, excess = np.zeros((body.ndof, 1)), np.zeros((shapes.shape[1],) * 2)
     for kind, given in (("forces", settings.forces), ("moments", settings.moments)):
         for name, values in given.items():
-            if name not in names:
+            if names is not None and name not in names:
                 continue
             marker = body.marker(name)
             load = _load(marker, values, body.dimension, kind)
@@ -155,19 +148,14 @@ def _prescribed(
     return loads, excess
 
 
-def _effects(
-    body: FiniteElementModel, state: Array, uniform: Array, shapes: Array
-) -> tuple[Array, Array]:
-    """Geometric stiffness (nq, nq) and generalised force (nq,) of a stress."""
-    nq = shapes.shape[1]
-    stiffness, force = np.zeros((1, nq, nq)), np.zeros(nq)
-    for part in quadrature(body):
-        stress = stress_from_gradient(part.gradients(state), part.law) + uniform
-        weighted = stress * part.weights[:, None, None, None]
-        slopes = part.gradients(shapes)
-        stiffness += contracted(weighted, slopes)
-        force += np.einsum("pab,pkab->k", weighted[:, 0], slopes)
-    return (stiffness[0] + stiffness[0].T) / 2, force
+def _stiffness_of(body: FiniteElementModel, uniform: Array, shapes: Array) -> Array:
+    """Geometric stiffness (nq, nq) of a uniform stress."""
+    stiffness = np.zeros((1, *(shapes.shape[1],) * 2))
+    if uniform.any():
+        for part in quadrature(body):
+            stress = uniform * part.weights[:, None, None, None]
+            stiffness += contracted(stress, part.gradients(shapes))
+    return np.asarray((stiffness[0] + stiffness[0].T) / 2)
 
 
 def _uniform(settings: Prestress, d: int) -> Array:

@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose
 
 from formats.model import ModelFile
 from formats.sid import SID, Node
+from formats.stiffening import load_stiffness
 from formats.toml_files import validated
 from sidtool.convert import sid_from_model
 from sidtool.validate.checks import check
@@ -175,3 +176,19 @@ def signs(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
     assert_allclose(found, expected, rtol=0, atol=tolerance * abs(expected).max())
+
+
+@pytest.mark.parametrize("carriers", [{}, {"markers": []}])
+def test_the_load_of_a_prestressed_beam_stiffens_once(carriers: dict[str, Any]) -> None:
+    force = (5e5, 3e4, 0.0)
+    settings = {"type": "beam", "elements": 12}
+    pull = {"stiffening": {"prestress": {"forces": {"tip": force}}, **carriers}}
+    plain = sid_from_model(model(line(STRIP), settings))
+    pulled = sid_from_model(model(line(STRIP), settings, **pull))
+    stretched = plain.Ke.m0 + load_stiffness(plain, forces={"2": force})
+    found = pulled.Ke.m0 + load_stiffness(pulled, forces={"2": force})
+    expected = scipy.linalg.eigvalsh(stretched, plain.Me.m0)
+    assert expected[0] > 1.1 * np.diag(plain.Ke.m0).min()
+    assert_allclose(scipy.linalg.eigvalsh(found, pulled.Me.m0), expected, rtol=1e-9)
+    load = force @ pulled.node(2).phi.m0
+    assert_allclose(pulled.ksigma.m0[:, 0], load, atol=1e-9 * np.abs(load).max())
