@@ -118,7 +118,7 @@ def inverse(
     No drive prescribes the vibrations of flexible bodies. --quasi-static leaves them
     out, velocities and accelerations of the elastic coordinates with them: what a
     transient run comes to when the motion is slow against all natural frequencies and
-    vibrations have died out. Bodies that follow more softly need sidtool simulate.
+    vibrations have died out. Softer bodies need sidtool simulate.
 
     \b
     Examples:
