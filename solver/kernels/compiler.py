@@ -120,12 +120,14 @@ class InnerCompiler(EntryCompiler):
         return result._replace(entry_point=name)
 
 
-#: What is asked again and again with the same answer while kernels are compiled: what
-#: an operator returns for arguments of certain types, how large a type is, and whether
-#: somebody has registered anything new.
-QUESTIONS: tuple[tuple[type, str], ...] = (
+#: What is asked again and again with the same answer: what an operator returns for
+#: arguments of certain types, and how large a type is.
+QUESTIONS: tuple[tuple[Any, str], ...] = (
     (types.Function, "get_call_type"),
     (BaseContext, "get_abi_sizeof"),
+)
+#: And while one kernel is compiled: whether somebody has registered anything new.
+PREPARATIONS: tuple[tuple[Any, str], ...] = (
     (BaseContext, "refresh"),
     (TypingContext, "refresh"),
 )
@@ -171,22 +173,27 @@ def _place_in_array(
     return address, shape[count:], strides[count:]
 
 
-_substitutes = [
-    (owner, name, getattr(owner, name), _remembering(getattr(owner, name)))
-    for owner, name in QUESTIONS
+_Substitute = tuple[Any, str, Callable[..., Any]]
+
+_substitutes: list[_Substitute] = [
+    (owner, name, _remembering(getattr(owner, name))) for owner, name in QUESTIONS
 ]
-_substitutes.append(
-    (arrayobj, "basic_indexing", arrayobj.basic_indexing, _place_in_array)
-)
+_substitutes.append((arrayobj, "basic_indexing", _place_in_array))
 
 
 @contextmanager
 def compiling_kernels() -> Iterator[None]:
-    """Has the compiler ask itself each of `QUESTIONS` once, and index plainly."""
-    for owner, name, _, substitute in _substitutes:
+    """Has the compiler ask itself the same question once, and index plainly."""
+    prepared = [
+        (owner, name, _remembering(getattr(owner, name)))
+        for owner, name in PREPARATIONS
+    ]
+    substitutes = [*_substitutes, *prepared]
+    originals = [(owner, name, getattr(owner, name)) for owner, name, _ in substitutes]
+    for owner, name, substitute in substitutes:
         setattr(owner, name, substitute)
     try:
         yield
     finally:
-        for owner, name, original, _ in _substitutes:
+        for owner, name, original in originals:
             setattr(owner, name, original)
