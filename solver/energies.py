@@ -79,9 +79,9 @@ def potential(system: System, samples: Samples) -> Array:
         q, _ = elastic_state(system, samples, b)
         moment = np.einsum("tij,tj->ti", frame.R, _first_moment(data, q))
         total -= (data.sid.mass * frame.X + moment) @ gravity
-    for k, element in enumerate(system.forces):
+    for element in system.forces:
         if element.kind > at.FOLLOWING:
-            deflection = measured(system, samples, k).g - element.law.rest
+            deflection = measured(system, samples, element).g - element.law.rest
             total += element.law.stiffness.integral(deflection)
     return total
 
@@ -92,9 +92,9 @@ def dissipation(system: System, samples: Samples) -> Array:
     for b, data in _bodies(system):
         _, qd = elastic_state(system, samples, b)
         total += np.einsum("tk,kl,tl->t", qd, data.sid.De.m0, qd)
-    for k, element in enumerate(system.forces):
+    for element in system.forces:
         if element.kind > at.FOLLOWING:
-            law, rate = element.law, measured(system, samples, k).rate
+            law, rate = element.law, measured(system, samples, element).rate
             total += law.damping.value(rate) * rate
             total += law.friction * np.tanh(rate / law.speed) * rate
     return total
@@ -111,7 +111,7 @@ def supply(system: System, samples: Samples, times: Array, drift: Array) -> Arra
         if element.kind <= at.FOLLOWING:
             total += factor * _given_power(system, samples, k)
         elif element.law.applied:
-            measure: Measured = measured(system, samples, k)
+            measure: Measured = measured(system, samples, element)
             total += factor * element.law.applied * measure.rate
     return total
 

@@ -62,6 +62,7 @@ from .stepping import (
     STOP,
     TIME,
     copy,
+    count_turns,
     fade_contraction,
     judge,
     land,
@@ -326,6 +327,9 @@ def _land(kernels, system, work, memory, control, alpha, h):
     """
     real = control.real
     if control.whole[FIXED_STEP] == 1 and real[TIME] + 1.5 * h < real[STOP]:
+        status = count_turns(system, work, control, h, alpha.z1)
+        if status != 0:
+            return status
         copy(alpha.acc1, memory.acceleration)
         copy(alpha.lam1, memory.multiplier)
         note_drift(system, work, control)
