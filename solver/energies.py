@@ -56,7 +56,7 @@ def _inertia(data: BodyData, q: Array) -> Array:
         xx, yy, zz, xy, yz, xz = oe1(sid)
         second = np.stack([xx, yy, zz, 0.5 * xy, 0.5 * xz, 0.5 * yz])
         six = six - np.einsum("akl,tk,tl->ta", second, q, q)
-    return np.array([symmetric_3x3(row) for row in six])
+    return np.array([symmetric_3x3(row) for row in six]).reshape(-1, 3, 3)
 
 
 def elastic(system: System, samples: Samples) -> Array:
