@@ -133,7 +133,7 @@ def test_a_bushing_stops_before_a_full_turn(settings: dict[str, Any]) -> None:
 
 def test_a_bushing_starts_at_half_a_turn() -> None:
     """Exactly there the skew part of the rotation vanishes."""
-    turned = {"rotation": {"axis": [0.6, 0.0, 0.8], "angle": math.pi}}
+    turned = {"axis_angle": [0.6 * math.pi, 0.0, 0.8 * math.pi]}
     body = {"mass": 1.0, "inertia": [1.0, 1.0, 1.0], "initial": turned}
     result = simulate(compile_scene(mount([0.0] * 3, bodies={"top": body})))
     energy = 0.5 * math.pi**2
