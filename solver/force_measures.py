@@ -60,7 +60,7 @@ def torque_axis(system: System, samples: Samples, element: Element) -> Array:
     first = element.turn - int(np.argmax(data))
     theta = np.column_stack([_turned(system, samples, first + i) for i in range(3)])
     size = np.maximum(np.linalg.norm(theta, axis=1), 1e-9)
-    c = 1.0 / size**2 - (1.0 + np.cos(size)) / (2.0 * size * np.sin(size))
+    c = 1.0 / size**2 - 0.5 / (size * np.tan(0.5 * size))
     c = np.where(size < 1e-3, 1.0 / 12.0, c)
     turned = np.cross(theta, data)
     local = data + 0.5 * turned + c[:, None] * np.cross(theta, turned)

@@ -122,7 +122,7 @@ def tilt_direction(theta, e):
         c = 1.0 / 12.0 + n2 / 720.0 + n2 * n2 / 30240.0
     else:
         n = math.sqrt(n2)
-        c = 1.0 / n2 - (1.0 + math.cos(n)) / (2.0 * n * math.sin(n))
+        c = 1.0 / n2 - 0.5 / (n * math.tan(0.5 * n))
     turned = cross(theta, e)
     return plus(e, plus(times(0.5, turned), times(c, cross(theta, turned))))
 
