@@ -15,6 +15,7 @@ from typing import Any
 import numba
 from llvmlite import binding as llvm
 from numba import types
+from numba.core import cgutils
 from numba.core.base import BaseContext
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
@@ -27,6 +28,7 @@ from numba.core.typed_passes import (
 )
 from numba.core.typing.context import BaseContext as TypingContext
 from numba.core.untyped_passes import FixupArgs, IRProcessing, TranslateByteCode
+from numba.np import arrayobj
 
 _numba: Any = numba  # its stubs know no private parts
 
@@ -46,7 +48,7 @@ class EntryLibrary(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         """Without the first round, which only serves reference counts."""
-        passes, builder = self._codegen._module_pass_manager()
+        passes, builder = self._codegen._module_pass_manager(loop_vectorize=False)
         passes.run(self._final_module, builder)
 
     def serialize_using_object_code(self) -> Any:
@@ -141,19 +143,50 @@ def _remembering(ask: Callable[..., Any]) -> Callable[..., Any]:
     return answer
 
 
-_remembered = [
+def _place_in_array(
+    context: Any,
+    builder: Any,
+    kind: Any,
+    array: Any,
+    index_types: Any,
+    indices: Any,
+    boundscheck: Any = None,
+) -> tuple[Any, list[Any], list[Any]]:
+    """Address, shape and strides of array[indices]; indices do not count from the end.
+
+    Parameters as those of numba's `basic_indexing`, in whose place it stands.
+    """
+    assert kind.layout == "C"
+    shape = cgutils.unpack_tuple(builder, array.shape, kind.ndim)
+    strides = cgutils.unpack_tuple(builder, array.strides, kind.ndim)
+    count = len(indices)
+    place = context.get_constant(types.intp, 0)
+    for axis in range(kind.ndim):
+        if axis > 0:
+            place = builder.mul(place, shape[axis])
+        if axis < count:
+            index = context.cast(builder, indices[axis], index_types[axis], types.intp)
+            place = builder.add(place, index)
+    address = builder.gep(array.data, [place], inbounds=True)
+    return address, shape[count:], strides[count:]
+
+
+_substitutes = [
     (owner, name, getattr(owner, name), _remembering(getattr(owner, name)))
     for owner, name in QUESTIONS
 ]
+_substitutes.append(
+    (arrayobj, "basic_indexing", arrayobj.basic_indexing, _place_in_array)
+)
 
 
 @contextmanager
-def remembered_answers() -> Iterator[None]:
-    """Has the compiler ask itself each of `QUESTIONS` once only."""
-    for owner, name, _, answer in _remembered:
-        setattr(owner, name, answer)
+def compiling_kernels() -> Iterator[None]:
+    """Has the compiler ask itself each of `QUESTIONS` once, and index plainly."""
+    for owner, name, _, substitute in _substitutes:
+        setattr(owner, name, substitute)
     try:
         yield
     finally:
-        for owner, name, ask, _ in _remembered:
-            setattr(owner, name, ask)
+        for owner, name, original, _ in _substitutes:
+            setattr(owner, name, original)

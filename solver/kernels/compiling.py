@@ -20,7 +20,7 @@ from numba import types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.typeinfer import register_dispatcher
 
-from .compiler import EntryCompiler, InnerCompiler, remembered_answers
+from .compiler import EntryCompiler, InnerCompiler, compiling_kernels
 from .tables import TableType
 
 _numba: Any = numba  # its stubs know no private parts
@@ -60,7 +60,7 @@ class Entry:
         dispatcher = self._dispatcher
         arguments = tuple(signature.args)
         if arguments not in dispatcher.overloads:
-            with register_dispatcher(dispatcher), remembered_answers():
+            with register_dispatcher(dispatcher), compiling_kernels():
                 dispatcher.compile(signature)
         return dispatcher.overloads[arguments]
 
