@@ -16,6 +16,7 @@ from formats.errors import InputError
 from formats.scene import (
     SceneFile,
     as_3d,
+    coordinate_of,
     parse_output,
     position_3d,
     rotation,
@@ -29,15 +30,16 @@ from .callables import Derivatives
 from .constraint_tables import ConstraintTables, constraint_tables
 from .constraints import Constraint, constraints_of
 from .eliminated import eliminated_frames, eliminated_joints
-from .forces import Element, compile_forces, force_table
+from .forces import Element, compile_forces, force_table, joint_coordinate
 from .functions import FunctionTable
-from .ingredients import Ingredients, Reference
+from .ingredients import Ingredients, Reference, driven_coordinates
 from .kernels import layout as at
 from .kernels.layout import IntTable
 from .newton_rows import newton_rows
 from .pool import Pool
 from .scene import GROUND_NAME, System
 from .sizes import mechanism_size
+from .turns import Coordinate, Turn, turn_table, with_turns
 
 
 def build_system(
@@ -77,12 +79,14 @@ def _system(
     parts: Ingredients, functions: FunctionTable, elements: tuple[Element, ...]
 ) -> System:
     constraints = constraints_of(parts)
-    markers = _used_markers(parts, constraints, elements)
+    elements, coordinates, turns = _turning(parts, elements)
+    markers = _used_markers(parts, constraints, [*elements, *coordinates.values()])
     body = body_table(parts, markers)
     marker, phi = marker_table(parts, markers)
     tables = constraint_tables(parts, constraints, markers, body, marker)
-    dims = _dims(parts, body, tables, phi)
+    dims = _dims(parts, body, tables, phi, turns)
     force = force_table(elements, markers, parts.pool)
+    turn = turn_table(turns, markers, parts.pool)
     rows_of_newton = newton_rows(body, marker, tables.segment, dims, force)
     arrays = at.System(
         body,
@@ -95,6 +99,7 @@ def _system(
         as_3d(parts.scene.gravity),
         np.zeros(int(dims[at.N_ROWS])),
         force,
+        turn,
         None,
     )
     newton = arrays.replaced(**rows_of_newton._asdict())
@@ -109,16 +114,46 @@ def _system(
         causes=functions.causes(),
         length=mechanism_size(parts.scene, parts.data, markers),
         forces=elements,
+        coordinates=coordinates,
+        turns=turns,
         from_start=tables.from_start,
     )
 
 
+def _turning(
+    parts: Ingredients, elements: tuple[Element, ...]
+) -> tuple[tuple[Element, ...], dict[Coordinate, Element], tuple[Turn, ...]]:
+    """Forces and watched joint coordinates, with what counts their turns."""
+    scene = parts.scene
+    names = [parse_output(text) for text in watched(scene)]
+    keys = [
+        (name.owner, coordinate_of(name.quantity))
+        for name in names
+        if name.owner in scene.joints and coordinate_of(name.quantity)
+    ]
+    coordinates = {key: joint_coordinate(scene, *key) for key in keys}
+    if parts.planar:
+        return elements, coordinates, ()
+    driven = driven_coordinates(scene)
+
+    def drive_of(coordinate: Coordinate) -> int:
+        drive = driven[coordinate[0]].get(coordinate[1])
+        return -1 if drive is None else parts.drive_index[drive]
+
+    return with_turns(elements, coordinates, drive_of)
+
+
 def _dims(
-    parts: Ingredients, body: IntTable, tables: ConstraintTables, phi: int
+    parts: Ingredients,
+    body: IntTable,
+    tables: ConstraintTables,
+    phi: int,
+    turns: tuple[Turn, ...],
 ) -> np.ndarray:
     dims = np.zeros(at.N_DIMS, np.int64)
     dims[at.PLANAR] = int(parts.planar)
-    dims[at.N_POS] = body[:, at.NP].sum()
+    dims[at.N_TURNS] = sum(len(turn.angles) for turn in turns if turn.counted)
+    dims[at.N_POS] = body[:, at.NP].sum() + dims[at.N_TURNS]
     dims[at.N_VEL] = body[:, at.NV].sum()
     dims[at.N_ROWS] = sum(row.count for row in tables.rows)
     dims[at.BANDWIDTH] = tables.bandwidth

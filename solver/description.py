@@ -33,7 +33,7 @@ def describe(system: System) -> list[str]:
     system, start = assemble(system)
     kind = "planar" if system.planar else "spatial"
     lines = [
-        f"{kind} scene: {system.n_positions} position coordinates, "
+        f"{kind} scene: {system.n_positions - system.n_turns} position coordinates, "
         f"{system.n_velocities} velocity coordinates, {system.n_rows} constraints"
     ]
     for row, data in zip(system.arrays.body, system.bodies, strict=True):

@@ -12,6 +12,7 @@ import numpy as np
 from formats.scene import (
     Joint,
     SceneFile,
+    coordinate_of,
     marker_names,
     marker_reference,
     parse_output,
@@ -38,7 +39,7 @@ def eliminated_frames(
     known = {GROUND_NAME}
     frames: dict[str, Frame] = {}
     outputs = [parse_output(text) for text in watched(scene)]
-    wanted = {output.owner for output in outputs}
+    wanted = {o.owner for o in outputs if not coordinate_of(o.quantity)}
     if any(output.quantity in _OF_ALL_JOINTS for output in outputs):
         return frames
     driven = driven_coordinates(scene)

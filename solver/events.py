@@ -84,11 +84,6 @@ class Watch:
                 return True
         return False
 
-    def forget(self, t: float) -> None:
-        """Takes back what was found from a time on."""
-        self.moments = [moment for moment in self.moments if moment.t < t]
-        self.ended = ""
-
     def _heights(self, t: Array, z: Array, v: Array) -> Array:
         """How far the quantities lie above their values, (nt, events).
 

@@ -20,7 +20,6 @@ from . import assembly, dense, events, outputs, warmup
 from .body_measures import expected_bodies, reached_bodies
 from .energy_history import History, is_wanted
 from .errors import SimulationError
-from .half_turns import HalfTurns, springs_about_axes
 from .integrators import INTEGRATORS, Advance, stepping
 from .kernels import newton
 from .kernels.layout import Work
@@ -31,6 +30,7 @@ from .scene import System
 from .settings import Settings, settings_of
 from .stopping import CAUSES, explained, singular
 from .storage import new_memory, new_work
+from .turn_counts import keep_turns, lost_turn
 
 #: Steps between two reports of progress.
 CHUNK = 500
@@ -113,11 +113,7 @@ class _Run:
         if system.scene.events:
             self.watch = events.Watch(system, self.kernels, self.closed, points)
         self.history = History(points) if is_wanted(system.scene) else None
-        self.turns = None
-        if springs_about_axes(system):
-            self.turns = HalfTurns(system)
-        looks = (self.watch, self.history, self.turns)
-        self.inside = any(look is not None for look in looks)
+        self.inside = self.watch is not None or self.history is not None
         shares = points.wanted() if self.inside else np.zeros(0)
         self.control = new_control(
             system, settings, start, self.times, shares, self.closed
@@ -142,7 +138,7 @@ class _Run:
             while code == stepping.CHUNK:
                 code = self.advance(limit)
                 if self.inside and self._look_inside():
-                    return self._lost_turn()
+                    return ""
                 if self._is_stiff(code):
                     self._switch(stop)
                     code = stepping.CHUNK
@@ -192,19 +188,7 @@ class _Run:
         steps = dense.taken(self.control)
         if self.history is not None:
             self.history.add(steps)
-        ended = self.watch is not None and self.watch.look(steps)
-        lost = self.turns is not None and self.turns.look(steps)
-        return ended or lost
-
-    def _lost_turn(self) -> str:
-        """Why the run cannot go on, unless an event ended it before."""
-        if self.turns is None or not self.turns.name:
-            return ""
-        if self.watch is not None:
-            if self.watch.ended and self.watch.moments[-1].t < self.turns.t:
-                return ""
-            self.watch.forget(self.turns.t)
-        return self.turns.sentence()
+        return self.watch is not None and self.watch.look(steps)
 
     def _enter(self, begin: float, end: float) -> None:
         """Starts a smooth interval: no memory of steps before."""
@@ -229,10 +213,13 @@ class _Run:
         )
         if status != 0:
             raise SimulationError(singular(self.system, begin, status))
+        keep_turns(self.system, self.work, control.z)
 
     def _failure(self, code: int) -> str:
         t = self.control.real[stepping.TIME]
         cause = CAUSES.get(code, f"code {code}")
+        if code in (stepping.TOO_SMALL, stepping.OFF_CONSTRAINTS):
+            cause = lost_turn(self.system, self.work, self.control) or cause
         worst = outputs.busiest_body(self.system, self.control)
         text = f"stopped at t = {t:.9g} s: {cause} (fastest change: {worst})"
         if self.system.redundant:
@@ -288,8 +275,6 @@ class _Run:
     def _recorded(self) -> tuple[Array, Array, Array]:
         """Times, z and v at the output times, and last where an event ended the run."""
         count = int(self.control.whole[stepping.OUTPUT])
-        if self.turns is not None:
-            count = int(np.searchsorted(self.times[:count], self.turns.t))
         found = (self.times, self.control.out_z, self.control.out_v)
         if self.watch is None or not self.watch.ended:
             return found[0][:count], found[1][:count], found[2][:count]

@@ -13,6 +13,7 @@ from formats.sid import Array
 from .bodies import BodyData
 from .forces import Element
 from .kernels import layout as at
+from .turns import Coordinate, Turn
 
 GROUND_NAME = "ground"
 
@@ -42,6 +43,8 @@ class System:
     causes : drives and forces by the times at which they break
     length : size of the mechanism [m]
     forces : rows of the force table
+    coordinates : of joints, what measures those that outputs and events look at
+    turns : rows of the table of rotations in space
     from_start : (entry of the pool, constraint row) of constants that the assembled
         start decides
     redundant : constraint rows that follow from the others
@@ -57,6 +60,8 @@ class System:
     causes: Mapping[float, tuple[str, ...]]
     length: float
     forces: tuple[Element, ...] = field(default=())
+    coordinates: Mapping[Coordinate, Element] = field(default_factory=dict)
+    turns: tuple[Turn, ...] = field(default=())
     from_start: tuple[tuple[int, int], ...] = field(default=())
     redundant: tuple[int, ...] = field(default=())
 
@@ -66,7 +71,12 @@ class System:
 
     @property
     def n_positions(self) -> int:
+        """Entries of z_I: coordinates of bodies, then counted rotations."""
         return int(self.arrays.dims[at.N_POS])
+
+    @property
+    def n_turns(self) -> int:
+        return int(self.arrays.dims[at.N_TURNS])
 
     @property
     def n_velocities(self) -> int:

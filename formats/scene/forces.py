@@ -78,8 +78,8 @@ class SpringDamper(_Pair):
     With the deflection x = (length or joint coordinate) - rest the force that pulls
     back is k1 x + k2 x^2 + ... + d1 x' + d2 x'^2 + ..., or that of a `table`.
 
-    A spring about an axis counts turns in planar scenes. In spatial ones it knows its
-    deflection below half a turn, and a run that gets there stops.
+    A spring about an axis counts turns. What orientations leave open at the start of a
+    spatial scene is the angle nearest to `rest`, or to that of a drive of the joint.
     """
 
     type: Literal["spring_damper"]
@@ -111,7 +111,8 @@ class Bushing(_Force):
     """Springs and dampers along and about the axes of the first marker.
 
     Planar: x, y and the angle. Spatial: x, y, z and the three components of the
-    rotation vector from the first to the second marker; a run stops at half a turn.
+    rotation vector from the first to the second marker, which is at most half a turn at
+    the start; a run stops before a full one (at 6 rad), where it has no direction.
     """
 
     type: Literal["bushing"]

@@ -48,7 +48,7 @@ def describe_scene(scene: SceneFile) -> str:
     parts.append(table(["body", "kind", "", "markers"], bodies))
     if scene.joints:
         joints = [[name, *_joint(joint)] for name, joint in scene.joints.items()]
-        parts.append(table(["joint", "kind", "markers", "axis"], joints))
+        parts.append(table(["joint", "kind", "markers", "axis", "coordinates"], joints))
     if scene.drives:
         drives = [[name, *_drive(drive, scene)] for name, drive in scene.drives.items()]
         parts.append(table(["drive", "of", "coordinate", "function"], drives))
@@ -77,7 +77,8 @@ def _body(body: Body) -> list[str]:
 def _joint(joint: Joint) -> list[str]:
     axis = getattr(joint, "axis", None)
     between = " - ".join(marker_names(joint) or getattr(joint, "joints", ()))
-    return [joint.type, between, _vector(axis) if axis else ""]
+    coordinates = ", ".join(joint.coordinates)
+    return [joint.type, between, _vector(axis) if axis else "", coordinates]
 
 
 def _drive(drive: Drive, scene: SceneFile) -> list[str]:
