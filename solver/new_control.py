@@ -47,6 +47,7 @@ def new_control(
     real[stepping.RADIUS] = settings.radius
     real[stepping.SINGULAR] = np.inf
     real[stepping.LARGEST] = 0.1 * duration
+    real[stepping.UNTURNED] = np.inf
     real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
     real[stepping.SPEED] = system.length / duration
     real[stepping.SPIN] = 1.0 / duration
@@ -67,7 +68,7 @@ def new_control(
         np.zeros(len(system.bodies)),
         amplitude,
         frequency,
-        np.ones(n),
+        np.ones(n - system.n_turns),
         np.ones(m),
         closed,
         times,

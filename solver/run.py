@@ -30,6 +30,7 @@ from .scene import System
 from .settings import Settings, settings_of
 from .stopping import CAUSES, explained, singular
 from .storage import new_memory, new_work
+from .turn_counts import keep_turns, lost_turn
 
 #: Steps between two reports of progress.
 CHUNK = 500
@@ -186,7 +187,7 @@ class _Run:
             self.breaks.append(events.Moment(name, "break", t, z, v))
 
     def _look_inside(self) -> bool:
-        """Keeps the last steps for integrals; True when an event ends the run."""
+        """Keeps the last steps for integrals; True when the run ends in them."""
         steps = dense.taken(self.control)
         if self.history is not None:
             self.history.add(steps)
@@ -215,10 +216,13 @@ class _Run:
         )
         if status != 0:
             raise SimulationError(singular(self.system, begin, status))
+        keep_turns(self.system, self.work, control.z)
 
     def _failure(self, code: int) -> str:
         t = self.control.real[stepping.TIME]
         cause = CAUSES.get(code, f"code {code}")
+        if code in (stepping.TOO_SMALL, stepping.OFF_CONSTRAINTS):
+            cause = lost_turn(self.system, self.work, self.control) or cause
         worst = outputs.busiest_body(self.system, self.control)
         text = f"stopped at t = {t:.9g} s: {cause} (fastest change: {worst})"
         if self.system.redundant:

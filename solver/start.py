@@ -18,6 +18,7 @@ from .kernels.newton import Memory
 from .scene import GROUND_NAME, System
 from .sizes import coordinate_sizes, row_sizes
 from .storage import new_memory, new_work
+from .turn_counts import starting_turns
 
 ITERATIONS = 60
 #: Constraints are closed when they are open by less, relative to their sizes.
@@ -61,6 +62,7 @@ def guess(system: System) -> Start:
                 v[u + 3 : u + 6] = _angular_velocity(initial.angular_velocity, matrix)
         z[p + rigid : p + row[at.NP]] = _elastic(initial, "elastic", data)
         v[u + row[at.RD] : u + row[at.NV]] = _elastic(initial, "elastic_velocity", data)
+    z[len(z) - system.n_turns :] = starting_turns(system)
     return Start(z, v)
 
 

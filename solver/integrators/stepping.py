@@ -18,6 +18,7 @@ from ..kernels.layout import (
     F3,
     I1,
     N_ROWS,
+    N_TURNS,
     NP,
     NQ,
     NV,
@@ -28,6 +29,8 @@ from ..kernels.layout import (
     S_OFFSET,
     S_ROW,
     SYSTEM,
+    TURN_RATE,
+    TURNED,
     VEL,
     WORK,
 )
@@ -63,9 +66,10 @@ CONTRACTION = 15  # of the last Newton iteration
 FACTORED_STEP = 16  # step of the factors at hand, 0 for none
 STAGE_STEP = 17  # step that the stages at hand belong to
 RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that have one
-CLEAREST = 19  # largest independence so far
-DECLINE = 20  # mean slope of the independence in the last step, 0 for unknown
-N_REAL = 21
+UNTURNED = 19  # step in which nothing turns too far to count its turns
+CLEAREST = 20  # largest independence so far
+DECLINE = 21  # mean slope of the independence in the last step, 0 for unknown
+N_REAL = 22
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
@@ -153,6 +157,10 @@ PATIENCE = 4
 STAGNATION = 0.03
 SAFETY = 0.9
 
+#: Most that one marker turns against another in a step where turns are counted, of the
+#: half turn that two orientations tell [rad].
+LARGEST_TURN = 2.5
+
 #: Relative to the size of the mechanism: the elastic displacement below which the
 #: error of a deformation is not resolved any further.
 SMALLEST_DEFORMATION = 1e-7
@@ -206,11 +214,11 @@ def update_scales(system, control):
 def scaled_norm(dz, dv, scale_z, scale_v):
     """Root mean square of an error relative to the tolerated one."""
     total = 0.0
-    for i in range(len(dz)):
+    for i in range(len(scale_z)):
         total += (dz[i] / scale_z[i]) ** 2
     for i in range(len(dv)):
         total += (dv[i] / scale_v[i]) ** 2
-    return math.sqrt(total / max(1, len(dz) + len(dv)))
+    return math.sqrt(total / max(1, len(scale_z) + len(dv)))
 
 
 @inner(boolean(F1, F1))
@@ -240,7 +248,7 @@ def next_step(control):
     if remaining <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
         return 0.0
     fixed = control.whole[FIXED_STEP] == 1
-    h = real[STEP] if fixed else min(real[STEP], real[LARGEST])
+    h = real[STEP] if fixed else min(real[STEP], real[LARGEST], real[UNTURNED])
     if h >= remaining * (1.0 - 1e-9):
         return remaining
     if h > 0.5 * remaining and not fixed:
@@ -441,6 +449,25 @@ def note_drift(system, work, control):
         real[DRIFT_RATE] = max(real[DRIFT_RATE], abs(work.row[i, C_RATE]))
 
 
+@inner(int64(SYSTEM, WORK, CONTROL, float64, F1))
+def count_turns(system, work, control, h, z):
+    """Lets z, at the end of a step and just evaluated, say how far its markers turned.
+
+    Returns 0, or 4 when they turned too far in the step to be sure.
+    """
+    count = system.dims[N_TURNS]
+    first, fastest = len(z) - count, 0.0
+    for i in range(count):
+        way = abs(work.turn[i, TURNED] - z[first + i])
+        fastest = max(fastest, way / h, abs(work.turn[i, TURN_RATE]))
+    if h * fastest > LARGEST_TURN:
+        return 4
+    control.real[UNTURNED] = 0.8 * LARGEST_TURN / max(fastest, 1e-300)
+    for i in range(count):
+        z[first + i] = work.turn[i, TURNED]
+    return 0
+
+
 @inner(types.void(CONTROL, float64, F1, F1))
 def move(control, h, z, v):
     """Makes the state at the end of a step the current one."""
@@ -638,7 +665,7 @@ def write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rate1)
 def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
     """Projects the end of a step onto the constraints and notes what is left open.
 
-    dz and dv are scratch. Returns 0, or the code of `project`.
+    dz and dv are scratch. Returns 0, or the code of `project` or `count_turns`.
     """
     at, closed = control.real[TIME] + h, control.closed
     if is_near(control, h):
@@ -649,6 +676,8 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
         status = project(kernels, system, work, memory, at, z1, v1, dz, dv, closed)
     if status == 0:
         note_drift(system, work, control)
+        status = count_turns(system, work, control, h, z1)
+    if status == 0:
         foresee(system, memory, control, h)
     return status
 
@@ -732,6 +761,9 @@ def sample(
             copy(work.frame[b], frames[k, b])
         for m in range(work.point.shape[0]):
             copy(work.point[m], points[k, m])
+        first = z.shape[1] - system.dims[N_TURNS]
+        for i in range(system.dims[N_TURNS]):
+            z[k, first + i] = work.turn[i, TURNED]
         copy(memory.acceleration, acc[k])
         copy(memory.multiplier, lam[k])
         if status != 0:
