@@ -14,6 +14,7 @@ from ..kernels.compiling import Entry, entry, inner
 from ..kernels.layout import SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from .stepping import (
+    AHEAD,
     CHUNK,
     CONTRACTION,
     CONTROL,
@@ -21,6 +22,8 @@ from .stepping import (
     FACTORED_STEP,
     FAILURES,
     FIXED_STEP,
+    FRESH,
+    JACOBIAN,
     NEAR,
     NEEDS_JACOBIAN,
     NO_CONVERGENCE,
@@ -46,10 +49,6 @@ from .stepping import (
     too_small,
     update_scales,
 )
-
-#: The Jacobian is that of the end of the step.
-AHEAD = 2
-
 
 def step_loop(
     name: str,
@@ -91,6 +90,7 @@ def step_loop(
             v[i] = control.v[i] + h * storage.acc0[i]
         accelerate(kernels, system, work, memory, t, z, v)
         take_jacobian(kernels, system, work, memory, control, t, z, v)
+        control.whole[JACOBIAN] = AHEAD
 
     look_ahead = inner(
         types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type, float64)
@@ -115,23 +115,22 @@ def step_loop(
                 if whole[FIXED_STEP] == 0:
                     h = max(first_step * h, min(least, 0.1 * (real[STOP] - t)))
             begin(kernels, system, memory, control, storage)
-            fresh = whole[NEEDS_JACOBIAN]
-            if fresh == 1:
+            whole[JACOBIAN] = whole[NEEDS_JACOBIAN]
+            if whole[JACOBIAN] == FRESH:
                 take_jacobian(
                     kernels, system, work, memory, control, t, control.z, control.v
                 )
                 real[CONTRACTION] = 1.0
-            whole[FAILURES], ahead = 0, False
+            whole[FAILURES] = 0
             while True:
                 if too_small(control, h):
                     return TOO_SMALL
                 h = beside_singular(control, h)
-                if whole[CROSSING] == NEAR or ahead:
+                last_try = whole[FIXED_STEP] == 1 and whole[JACOBIAN] == AHEAD
+                if whole[CROSSING] == NEAR or last_try:
                     look_ahead(kernels, system, work, memory, control, storage, h)
-                    fresh = AHEAD
-                elif fresh == AHEAD:
+                elif whole[JACOBIAN] == AHEAD:
                     look_back(kernels, system, work, memory, control)
-                    fresh = 1
                 status = 0
                 if real[FACTORED_STEP] != h:
                     status = factor(kernels, system, work, memory, storage, h)
@@ -145,14 +144,10 @@ def step_loop(
                 if iterations == 0:
                     whole[FAILURES] += 1
                     whole[PREDICT] = 0
-                    shorter = after_divergence(
-                        kernels, system, work, memory, control, fresh, whole[FAILURES]
-                    )
-                    if shorter == 0.0 and fresh == AHEAD:
+                    shorter = after_divergence(kernels, system, work, memory, control)
+                    if shorter == 0.0:
                         return NO_CONVERGENCE
-                    ahead = shorter == 0.0
-                    h *= 1.0 if ahead else shorter
-                    fresh = max(fresh, 1)
+                    h *= shorter
                     real[CONTRACTION] = 1.0
                     continue
                 error = 0.0
@@ -174,7 +169,7 @@ def step_loop(
                 h *= 0.5
             whole[PREDICT] = 1
             finish_step(control, order, serves, h, error, iterations, whole[FAILURES])
-            if fresh == AHEAD:
+            if whole[JACOBIAN] == AHEAD:
                 whole[NEEDS_JACOBIAN] = 1
             memory.counters[STEPS] += 1
             if not all_finite(control.z, control.v):

@@ -80,7 +80,11 @@ SHARE = 4  # next entry of the shares
 STIFF = 5  # steps that stability, not accuracy, has limited
 FAILURES = 6  # attempts of the present step that failed
 CROSSING = 7  # how the step lies to a singular position, see `beside_singular`
-N_WHOLE = 8
+JACOBIAN = 8  # the one at hand, see below
+N_WHOLE = 9
+
+#: Of a step before, of the beginning of this step, or of its end.
+KEPT, FRESH, AHEAD = range(3)
 
 #: A scene is stiff when stability limits more than one step in so many; between such
 #: steps the error control tries longer ones.
@@ -582,17 +586,23 @@ def look_back(kernels, system, work, memory, control):
     t, z, v = control.real[TIME], control.z, control.v
     accelerate(kernels, system, work, memory, t, z, v)
     take_jacobian(kernels, system, work, memory, control, t, z, v)
+    control.whole[JACOBIAN] = FRESH
 
 
-@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, int64, int64))
-def after_divergence(kernels, system, work, memory, control, fresh, failures):
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
+def after_divergence(kernels, system, work, memory, control):
     """Factor for the step after Newton's iteration failed; 0 when nothing helps.
 
-    A Jacobian that is not fresh is renewed first; then the step is halved.
+    A Jacobian that is not fresh is renewed first; then the step is halved. A fixed one
+    is tried with the Jacobian of its end.
     """
-    if control.whole[FIXED_STEP] == 1 and (failures > 1 or fresh > 0):
+    whole = control.whole
+    if whole[FIXED_STEP] == 1 and whole[JACOBIAN] == AHEAD:
         return 0.0
-    if fresh > 0:
+    if whole[FIXED_STEP] == 1 and whole[JACOBIAN] == FRESH:
+        whole[JACOBIAN] = AHEAD
+        return 1.0
+    if whole[JACOBIAN] != KEPT:
         memory.counters[REJECTED] += 1
         return 0.5
     look_back(kernels, system, work, memory, control)
