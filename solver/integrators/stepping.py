@@ -95,8 +95,11 @@ FAR, BEYOND, NEAR = range(3)
 #: The part of a step that lies before a singular position when it passes it; the least
 #: and the most with which it does; and the most of which it is near.
 PASSING_SHARE, AT_LEAST, AT_ONCE, NEAR_SHARE = 0.43, 0.2, 0.5, 4.0
-#: Constraints of which so much is independent are far from a singular position.
-INDEPENDENT = 0.12
+#: The longest passing step, relative to the one before.
+SHORTER = 0.6
+#: Constraints of which so much is independent are far from a singular position; with
+#: less than the second one a step has to take care before it fails.
+INDEPENDENT, DEPENDENT = 0.5, 0.12
 #: A start in a singular position leaves less independence than this.
 SINGULAR_START = 1e-6
 
@@ -264,24 +267,32 @@ def next_step(control):
 def beside_singular(control, h):
     """A step, h or less, that keeps its ends and stages away from a singular position.
 
-    It passes it, or is one of a few equal steps the last of which does.
+    It passes it, or is one of a few equal steps before one that does. Each is at most
+    as long as the one before, the passing one shorter: it rests on slopes of that.
     """
-    whole = control.whole
-    share = (control.real[SINGULAR] - control.real[TIME]) / h
+    real, whole = control.real, control.whole
+    left, old = real[SINGULAR] - real[TIME], real[OLD_STEP]
     whole[CROSSING] = FAR
-    if abs(share) < NEAR_SHARE:
-        whole[CROSSING] = NEAR if share >= 0.0 else BEYOND
-    if whole[FIXED_STEP] == 1 or not AT_LEAST < share < NEAR_SHARE:
+    warned = real[INDEPENDENCE] < DEPENDENT or whole[FAILURES] > 0
+    if abs(left) < NEAR_SHARE * h and warned:
+        whole[CROSSING] = NEAR if left >= 0.0 else BEYOND
+    if whole[FIXED_STEP] == 1 or whole[CROSSING] != NEAR or old == 0.0:
         return h
-    before = max(0, math.ceil(share - AT_ONCE))
-    return h * min(1.0, share / (before + PASSING_SHARE))
+    passing = min(h, SHORTER * old)
+    if left < AT_LEAST * passing:
+        return passing
+    if left < AT_ONCE * passing:
+        return min(passing, left / PASSING_SHARE)
+    before = max(1.0, math.ceil(left / min(h, old) - AT_ONCE * SHORTER))
+    return min(h, left / (before + PASSING_SHARE * SHORTER))
 
 
 @inner(boolean(CONTROL, float64))
 def is_near(control, h):
     """Whether a step ends where rounding of positions would spoil velocities."""
     real = control.real
-    if abs(real[SINGULAR] - real[TIME] - h) < NEAR_SHARE * h:
+    left = abs(real[SINGULAR] - real[TIME] - h)
+    if left < NEAR_SHARE * h and real[INDEPENDENCE] < DEPENDENT:
         return True
     known = real[INDEPENDENCE] < LOST * real[CLEAREST]
     return known and real[INDEPENDENCE] < math.sqrt(SOFT / real[TOLERANCE])
