@@ -27,10 +27,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from formats.scene import SceneFile
-from formats.sid import SID
-
 if TYPE_CHECKING:
+    from formats.scene import SceneFile
+    from formats.sid import SID
+
     from .analyses.inverse import inverse_dynamics as inverse_dynamics
     from .analyses.linear import linearise as linearise
     from .analyses.static import static_equilibrium as static_equilibrium
