@@ -50,6 +50,7 @@ from .stepping import (
     update_scales,
 )
 
+
 def step_loop(
     name: str,
     storage_type: Any,
