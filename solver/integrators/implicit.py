@@ -59,6 +59,7 @@ def step_loop(
     error_of: Any,
     accept: Any,
     order_of: Any,
+    foretell: Any,
     serves: float,
     first_step: float = 1.0,
 ) -> Entry:
@@ -77,17 +78,16 @@ def step_loop(
     accept(kernels, system, work, memory, control, storage, h) : ends the step, 0 on
         success
     order_of(storage) : of the error estimate
+    foretell(kernels, system, control, storage, h) : places the end of the step, as it
+        seems before, in z1 and v1 of the storage
     serves : a Jacobian is kept while Newton's iteration contracts the error this much
     first_step : part of the proposed step that is taken after a break
     """
 
     def look_ahead(kernels, system, work, memory, control, storage, h):  # type: ignore[no-untyped-def]
-        """Linearises where the step ends if slopes stay as they are."""
+        """Linearises at the end of the step, as it seems before."""
+        foretell(kernels, system, control, storage, h)
         t, z, v = control.real[TIME] + h, storage.z1, storage.v1
-        for i in range(len(z)):
-            z[i] = control.z[i] + h * storage.rate0[i]
-        for i in range(len(v)):
-            v[i] = control.v[i] + h * storage.acc0[i]
         accelerate(kernels, system, work, memory, t, z, v)
         take_jacobian(kernels, system, work, memory, control, t, z, v)
         control.whole[JACOBIAN] = AHEAD

@@ -350,6 +350,40 @@ def _bend(method, ratio, at):
     return total
 
 
+@inner(types.void(CONTROL, STAGES, float64))
+def _continue(control, stages, h):
+    """Z as the polynomial of the last accepted step goes on."""
+    for i in range(len(stages.Zz)):
+        copy(stages.last_Zz[i], stages.Zz[i])
+        copy(stages.last_Zv[i], stages.Zv[i])
+    control.whole[PREDICT] = 1
+    control.real[STAGE_STEP] = control.real[OLD_STEP]
+    _predict(control, stages, h)
+
+
+@inner(types.void(KERNELS, SYSTEM, CONTROL, STAGES, float64))
+def _foretell(kernels, system, control, stages, h):
+    """The end of the step as the last one goes on, or as slopes are where there is none."""
+    if control.real[OLD_STEP] > 0.0:
+        _continue(control, stages, h)
+        _take_end(control, stages)
+        return
+    for i in range(len(stages.z1)):
+        stages.z1[i] = control.z[i] + h * stages.rate0[i]
+    for i in range(len(stages.v1)):
+        stages.v1[i] = control.v[i] + h * stages.acc0[i]
+
+
+@inner(types.void(CONTROL, STAGES))
+def _take_end(control, stages):
+    """The last stage, into z1 and v1."""
+    s = len(stages.method.c)
+    for i in range(len(stages.z1)):
+        stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]
+    for i in range(len(stages.v1)):
+        stages.v1[i] = control.v[i] + stages.Zv[s - 1, i]
+
+
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _pass(kernels, system, work, memory, control, stages, h):
     """A step past a singular position; iterations used, or 0 without convergence.
@@ -361,21 +395,17 @@ def _pass(kernels, system, work, memory, control, stages, h):
     method, real = stages.method, control.real
     s = len(method.c)
     ratio = h / real[OLD_STEP]
-    for i in range(s):
-        copy(stages.last_Zz[i], stages.Zz[i])
-        copy(stages.last_Zv[i], stages.Zv[i])
-    control.whole[PREDICT] = 1
-    real[STAGE_STEP] = real[OLD_STEP]
-    _predict(control, stages, h)
+    _continue(control, stages, h)
     bend = _bend(method, ratio, 1.0)
     mu = 1.0 / (bend * h)
     status = factor_real(kernels, system, work, memory, mu)
     z1, v1, dz, dv = stages.z1, stages.v1, stages.Wz[0], stages.Wv[0]
     old_norm, verdict, iteration = 0.0, 0, 0
+    _take_end(control, stages)
     for k in range(len(z1)):
-        z1[k], dz[k] = control.z[k] + stages.Zz[s - 1, k], 0.0
+        dz[k] = 0.0
     for k in range(len(v1)):
-        v1[k], dv[k] = control.v[k] + stages.Zv[s - 1, k], 0.0
+        dv[k] = 0.0
     while status == 0 and verdict == 0 and iteration < newton_limit(control):
         at = real[TIME] + h
         status = accelerate(kernels, system, work, memory, at, z1, v1)
@@ -476,12 +506,8 @@ def _newton(kernels, system, work, memory, control, stages, h):
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _keep_free_part(kernels, system, work, memory, control, stages, h):
     """Takes from the error what projection takes from the end of the step."""
-    s = len(stages.method.c)
     t, z, v = control.real[TIME] + h, stages.z1, stages.v1
-    for i in range(len(z)):
-        z[i] = control.z[i] + stages.Zz[s - 1, i]
-    for i in range(len(v)):
-        v[i] = control.v[i] + stages.Zv[s - 1, i]
+    _take_end(control, stages)
     error, dz, dv = stages.rv, stages.x, stages.p
     keep_free_part(kernels, system, work, memory, t, z, v, error, dz, dv)
 
@@ -586,10 +612,7 @@ def _accept(kernels, system, work, memory, control, stages, h):
     if _is_beside(control):
         if _refine(kernels, system, work, memory, control, stages, h) != 0:
             return 1
-    for i in range(len(stages.z1)):
-        stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]
-    for i in range(len(stages.v1)):
-        stages.v1[i] = control.v[i] + stages.Zv[s - 1, i]
+    _take_end(control, stages)
     z1, v1, dz, dv = stages.z1, stages.v1, stages.x, stages.p
     status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
     if status != 0:
@@ -623,5 +646,6 @@ advance = step_loop(
     _error,
     _accept,
     _order,
+    _foretell,
     JACOBIAN_SERVES,
 )

@@ -78,8 +78,8 @@ def _begin_step(kernels, system, memory, control, slopes):
     copy(memory.acceleration, slopes.acc0)
 
 
-@inner(types.void(CONTROL, SLOPES, float64))
-def _predict(control, slopes, h):
+@inner(types.void(KERNELS, SYSTEM, CONTROL, SLOPES, float64))
+def _predict(kernels, system, control, slopes, h):
     """First guess of the end of the step: slopes go on as they changed so far."""
     old = control.real[OLD_STEP]
     bend = 0.5 * h * h / old if old > 0.0 else 0.0
@@ -96,7 +96,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
     """Solves y1 = y0 + h (y0' + y1') / 2; iterations used, or 0 without convergence."""
     real = control.real
     mu = 2.0 / h
-    _predict(control, slopes, h)
+    _predict(kernels, system, control, slopes, h)
     fade_contraction(control)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
@@ -209,5 +209,6 @@ advance = step_loop(
     _error,
     _accept,
     _order,
+    _predict,
     JACOBIAN_SERVES,
 )
