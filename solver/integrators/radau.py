@@ -61,8 +61,8 @@ from .stepping import (
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
 #: Largest correction of a step past a singular position, relative to the tolerated
-#: error of the transformed stages.
-LARGEST_CORRECTION = 100.0
+#: error, and the largest one of its free motion that may be left out.
+LARGEST_CORRECTION, LEFT_ALONE = 10.0, 0.1
 
 
 class Method(Table):
@@ -582,23 +582,25 @@ def _refine(kernels, system, work, memory, control, stages, h):
     A stage very close to the singular position may spoil it: then what it changes of
     the free motion, at the end of the step, tells whether the step is good without it.
     """
-    method = stages.method
-    s = len(method.c)
+    method, s = stages.method, len(stages.method.c)
     _transform(method.TI, stages.Zz, stages.Wz)
     _transform(method.TI, stages.Zv, stages.Wv)
-    size = _sweep(kernels, system, work, memory, control, stages, h)
+    if not math.isfinite(_sweep(kernels, system, work, memory, control, stages, h)):
+        return 1
+    dz, dv, size = stages.old_Zz, stages.old_Zv, 0.0
+    _transform(method.T, stages.Fz, dz)
+    _transform(method.T, stages.Fv, dv)
+    for i in range(s):
+        size = max(size, scaled_norm(dz[i], dv[i], control.scale_z, control.scale_v))
     if size < LARGEST_CORRECTION:
         _take_correction(stages)
         return 0
     for k in range(len(stages.rz)):
         stages.rz[k] = 0.0
-    for k in range(len(stages.rv)):
-        stages.rv[k] = 0.0
-        for i in range(s):
-            stages.rv[k] += method.T[s - 1, i] * stages.Fv[i, k]
+    copy(dv[s - 1], stages.rv)
     _keep_free_part(kernels, system, work, memory, control, stages, h)
     error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
-    return 0 if error < 0.1 else 1
+    return 0 if error < LEFT_ALONE else 1
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
