@@ -96,7 +96,7 @@ FAR, BEYOND, NEAR = range(3)
 #: and the most with which it does; and the most of which it is near.
 PASSING_SHARE, AT_LEAST, AT_ONCE, NEAR_SHARE = 0.43, 0.2, 0.5, 4.0
 #: The longest passing step, relative to the one before.
-SHORTER = 1.0
+SHORTER = 0.3
 #: Constraints of which so much is independent are far from a singular position; with
 #: less than the second one a step has to take care before it fails.
 INDEPENDENT, DEPENDENT = 0.5, 0.12
@@ -283,7 +283,7 @@ def beside_singular(control, h):
         return passing
     if left < AT_ONCE * passing:
         return min(passing, left / PASSING_SHARE)
-    before = max(1.0, math.ceil(left / min(h, 2.0 * old) - AT_ONCE * SHORTER))
+    before = max(1.0, math.ceil(left / min(h, old) - AT_ONCE * SHORTER))
     return min(h, left / (before + PASSING_SHARE * SHORTER))
 
 
