@@ -278,7 +278,7 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
         while True:
             if too_small(control, h):
                 return TOO_SMALL
-            h = beside_singular(control, h)
+            h = beside_singular(control, h, 1.0)
             error, factor = 0.0, 0.5
             status = _try_step(
                 kernels, system, work, memory, tableau, control, slopes, h

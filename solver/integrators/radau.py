@@ -60,6 +60,8 @@ from .stepping import (
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
+#: Past a singular position a step rests on slopes of the one before: they reach so far.
+REACH = 0.3
 #: Largest correction of a step past a singular position, relative to the tolerated
 #: error, and the largest one of its free motion that may be left out.
 LARGEST_CORRECTION, LEFT_ALONE = 10.0, 0.1
@@ -650,4 +652,5 @@ advance = step_loop(
     _order,
     _foretell,
     JACOBIAN_SERVES,
+    reach=REACH,
 )

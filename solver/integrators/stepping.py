@@ -95,8 +95,6 @@ FAR, BEYOND, NEAR = range(3)
 #: The part of a step that lies before a singular position when it passes it; the least
 #: and the most with which it does; and the most of which it is near.
 PASSING_SHARE, AT_LEAST, AT_ONCE, NEAR_SHARE = 0.43, 0.2, 0.5, 4.0
-#: The longest passing step, relative to the one before.
-SHORTER = 0.3
 #: Constraints of which so much is independent are far from a singular position; with
 #: less than the second one a step has to take care before it fails.
 INDEPENDENT, DEPENDENT = 0.5, 0.12
@@ -110,6 +108,8 @@ PROJECTIONS_LIMIT = 6
 PROJECTIONS_NEAR, SOFT, LARGEST_JUMP = 2, 1e-14, 0.1
 #: Part of the independence that is left where a singular position is certain.
 LOST = 0.01
+#: Part of the independence at which rounding is seen, at which motions are the same.
+TOO_NEAR = 0.03
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
@@ -263,12 +263,12 @@ def next_step(control):
     return h
 
 
-@inner(float64(CONTROL, float64))
-def beside_singular(control, h):
+@inner(float64(CONTROL, float64, float64))
+def beside_singular(control, h, reach):
     """A step, h or less, that keeps its ends and stages away from a singular position.
 
     It passes it, or is one of a few equal steps before one that does. Each is at most
-    as long as the one before, the passing one shorter: it rests on slopes of that.
+    as long as the one before, the passing one times `reach`.
     """
     real, whole = control.real, control.whole
     left, old = real[SINGULAR] - real[TIME], real[OLD_STEP]
@@ -278,13 +278,21 @@ def beside_singular(control, h):
         whole[CROSSING] = NEAR if left >= 0.0 else BEYOND
     if whole[FIXED_STEP] == 1 or whole[CROSSING] != NEAR or old == 0.0:
         return h
-    passing = min(h, SHORTER * old)
+    passing = min(h, reach * old)
     if left < AT_LEAST * passing:
         return passing
     if left < AT_ONCE * passing:
         return min(passing, left / PASSING_SHARE)
-    before = max(1.0, math.ceil(left / min(h, old) - AT_ONCE * SHORTER))
-    return min(h, left / (before + PASSING_SHARE * SHORTER))
+    longest = min(h, old if left < NEAR_SHARE * old else 2.0 * old)
+    before = max(1.0, math.ceil(left / longest - AT_ONCE * reach))
+    return min(h, left / (before + PASSING_SHARE * reach))
+
+
+@inner(float64(CONTROL))
+def noisy(control):
+    """The independence below which rounding is seen, where it has been much larger."""
+    noise = math.sqrt(SOFT / control.real[TOLERANCE])
+    return min(LOST * control.real[CLEAREST], noise)
 
 
 @inner(boolean(CONTROL, float64))
@@ -294,19 +302,22 @@ def is_near(control, h):
     left = abs(real[SINGULAR] - real[TIME] - h)
     if left < NEAR_SHARE * h and real[INDEPENDENCE] < DEPENDENT:
         return True
-    known = real[INDEPENDENCE] < LOST * real[CLEAREST]
-    return known and real[INDEPENDENCE] < math.sqrt(SOFT / real[TOLERANCE])
+    return real[INDEPENDENCE] < noisy(control)
 
 
-@inner(types.void(SYSTEM, MEMORY, CONTROL, float64))
+@inner(int64(SYSTEM, MEMORY, CONTROL, float64))
 def foresee(system, memory, control, h):
     """When constraints become dependent: the next zero of a parabola.
 
     It goes through the independence at the ends of the last three steps, of which this
-    is one. A singular position that was passed is kept.
+    is one. A singular position that was passed is kept. Returns 0, or 5 when the step
+    ends where the motions that meet there cannot be told apart.
     """
     real = control.real
     old, now = real[OLD_STEP], independence(system, memory.mass_S)
+    ahead = real[SINGULAR] > real[TIME]
+    if ahead and now < min(real[INDEPENDENCE], TOO_NEAR * noisy(control)):
+        return 5
     mean = (now - real[INDEPENDENCE]) / h
     bend = (mean - real[DECLINE]) / (h + old)
     slope = mean + bend * h
@@ -319,6 +330,7 @@ def foresee(system, memory, control, h):
         real[SINGULAR] = real[TIME] + h + left
     elif real[SINGULAR] > real[TIME] + h:
         real[SINGULAR] = math.inf
+    return 0
 
 
 @inner(float64(SYSTEM, MEMORY, CONTROL))
@@ -699,7 +711,7 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
         note_drift(system, work, control)
         status = count_turns(system, work, control, h, z1)
     if status == 0:
-        foresee(system, memory, control, h)
+        status = foresee(system, memory, control, h)
     return status
 
 
