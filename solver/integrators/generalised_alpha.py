@@ -449,11 +449,14 @@ def _order(alpha):
 
 @inner(types.void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
 def _foretell(kernels, system, control, alpha, h):
-    """The end of the step if slopes stay as they are; `a` may be off."""
-    for i in range(len(alpha.z1)):
-        alpha.z1[i] = control.z[i] + h * alpha.rate0[i]
+    """The end of the step if accelerations stay as they are; `a` may be off."""
     for i in range(len(alpha.v1)):
-        alpha.v1[i] = control.v[i] + h * alpha.acc0[i]
+        alpha.v1[i] = control.v[i] + 0.5 * h * alpha.acc0[i]
+    kernels.rate(system, control.z, alpha.v1, alpha.rz)
+    for i in range(len(alpha.z1)):
+        alpha.z1[i] = control.z[i] + h * alpha.rz[i]
+    for i in range(len(alpha.v1)):
+        alpha.v1[i] += 0.5 * h * alpha.acc0[i]
 
 
 advance = step_loop(
