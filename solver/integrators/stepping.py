@@ -263,6 +263,13 @@ def next_step(control):
     return h
 
 
+@inner(float64(CONTROL))
+def noisy(control):
+    """The independence below which rounding is seen, where it has been much larger."""
+    noise = math.sqrt(SOFT / control.real[TOLERANCE])
+    return min(LOST * control.real[CLEAREST], noise)
+
+
 @inner(float64(CONTROL, float64, float64))
 def beside_singular(control, h, reach):
     """A step, h or less, that keeps its ends and stages away from a singular position.
@@ -272,7 +279,7 @@ def beside_singular(control, h, reach):
     """
     real, whole = control.real, control.whole
     left, old = real[SINGULAR] - real[TIME], real[OLD_STEP]
-    whole[CROSSING] = FAR
+    whole[CROSSING] = BEYOND if real[INDEPENDENCE] < noisy(control) else FAR
     warned = real[INDEPENDENCE] < DEPENDENT or whole[FAILURES] > 0
     if abs(left) < NEAR_SHARE * h and warned:
         whole[CROSSING] = NEAR if left >= 0.0 else BEYOND
@@ -286,13 +293,6 @@ def beside_singular(control, h, reach):
     longest = min(h, old if left < NEAR_SHARE * old else 2.0 * old)
     before = max(1.0, math.ceil(left / longest - AT_ONCE * reach))
     return min(h, left / (before + PASSING_SHARE * reach))
-
-
-@inner(float64(CONTROL))
-def noisy(control):
-    """The independence below which rounding is seen, where it has been much larger."""
-    noise = math.sqrt(SOFT / control.real[TOLERANCE])
-    return min(LOST * control.real[CLEAREST], noise)
 
 
 @inner(boolean(CONTROL, float64))
