@@ -59,11 +59,12 @@ from ..kernels.newton import (
 )
 from ..kernels.tables import Table, TableType
 from .implicit import step_loop
+from .landing import land
+from .singular import FAR, keep_free_part
 from .stepping import (
     CONTROL,
     CROSSING,
     FAILURES,
-    FAR,
     FIXED_STEP,
     OLD_STEP,
     STOP,
@@ -73,8 +74,6 @@ from .stepping import (
     count_turns,
     fade_contraction,
     judge,
-    keep_free_part,
-    land,
     move,
     newton_limit,
     note_drift,

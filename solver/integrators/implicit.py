@@ -14,6 +14,7 @@ from ..kernels.compiling import Entry, entry, inner
 from ..kernels.layout import SYSTEM, WORK
 from ..kernels.mass import independence
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
+from .singular import FAR, NEAR, beside_singular, look_at_start
 from .stepping import (
     AHEAD,
     CHUNK,
@@ -22,12 +23,10 @@ from .stepping import (
     CROSSING,
     FACTORED_STEP,
     FAILURES,
-    FAR,
     FIXED_STEP,
     FRESH,
     INDEPENDENCE,
     JACOBIAN,
-    NEAR,
     NEEDS_JACOBIAN,
     NO_CONVERGENCE,
     NOT_FINITE,
@@ -43,10 +42,8 @@ from .stepping import (
     accelerate,
     after_divergence,
     all_finite,
-    beside_singular,
     finish_step,
     growth,
-    look_at_start,
     look_back,
     next_step,
     take_jacobian,

@@ -21,10 +21,11 @@ from ..kernels.layout import F1, SYSTEM, WORK
 from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from ..kernels.tables import Table, TableType
 from .implicit import step_loop
+from .landing import land
+from .singular import FAR, keep_free_part
 from .stepping import (
     CONTROL,
     CROSSING,
-    FAR,
     OLD_STEP,
     TIME,
     accelerate,
@@ -32,8 +33,6 @@ from .stepping import (
     factor_real,
     fade_contraction,
     judge,
-    keep_free_part,
-    land,
     newton_goal,
     newton_limit,
     scaled_norm,
