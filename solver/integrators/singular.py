@@ -71,8 +71,9 @@ SINGULAR_START, LEAVING = 1e-6, 10.0
 PROJECTIONS_NEAR, SOFT, LARGEST_JUMP = 2, 1e-14, 0.1
 #: Part of the independence that is left where a singular position is certain.
 LOST = 0.01
-#: Part of the independence at which rounding is seen, at which motions are the same.
-TOO_NEAR = 0.03
+#: Motions are alike, within what projection leaves open, with less independence than
+#: this; and with less than this part of that at which rounding is seen.
+ALIKE, TOO_NEAR = 1e-5, 0.03
 
 
 @inner(float64(CONTROL))
@@ -97,11 +98,11 @@ def beside_singular(control, h, reach):
         whole[CROSSING] = NEAR if left >= 0.0 else BEYOND
     if whole[FIXED_STEP] == 1 or whole[CROSSING] != NEAR or old == 0.0:
         return h
-    passing = min(h, reach * old)
+    passing, longest = min(h, reach * old), min(h, 2.0 * reach * old)
     if left < AT_LEAST * passing:
         return passing
-    if left < AT_ONCE * passing:
-        return min(passing, left / PASSING_SHARE)
+    if left < AT_ONCE * longest:
+        return min(longest, left / PASSING_SHARE)
     longest = min(h, old if left < NEAR_SHARE * old else 2.0 * old)
     before = max(1.0, math.ceil(left / longest - AT_ONCE * reach))
     return min(h, left / (before + PASSING_SHARE * reach))
@@ -128,7 +129,8 @@ def foresee(system, memory, control, h):
     real = control.real
     old, now = real[OLD_STEP], independence(system, memory.mass_S)
     ahead = real[SINGULAR] > real[TIME]
-    if ahead and now < min(real[INDEPENDENCE], TOO_NEAR * noisy(control)):
+    too_near = min(LOST * real[CLEAREST], max(ALIKE, TOO_NEAR * noisy(control)))
+    if ahead and now < min(real[INDEPENDENCE], too_near):
         return 5
     mean = (now - real[INDEPENDENCE]) / h
     bend = (mean - real[DECLINE]) / (h + old)
