@@ -21,6 +21,7 @@ from .body_measures import expected_bodies, reached_bodies
 from .energy_history import History, is_wanted
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Advance, stepping
+from .integrators.singular import NEAR
 from .kernels import newton
 from .kernels.layout import Work
 from .kernels.newton import Memory
@@ -28,7 +29,7 @@ from .kernels.pointers import kernels
 from .new_control import closed_below, new_control
 from .scene import System
 from .settings import Settings, settings_of
-from .stopping import CAUSES, explained, singular
+from .stopping import CAUSES, explained, near_singular, singular
 from .storage import new_memory, new_work
 from .turn_counts import keep_turns, lost_turn
 
@@ -156,7 +157,7 @@ class _Run:
         if not waits or code not in (stepping.CHUNK, stepping.CRAWLING):
             return False
         whole = self.control.whole
-        if whole[stepping.CROSSING] == stepping.NEAR:
+        if whole[stepping.CROSSING] == NEAR:
             return True
         stiff = whole[stepping.STIFF]
         return bool(stepping.STIFF_PART * stiff > self.memory.counters[newton.STEPS])
@@ -225,6 +226,7 @@ class _Run:
             cause = lost_turn(self.system, self.work, self.control) or cause
         worst = outputs.busiest_body(self.system, self.control)
         text = f"stopped at t = {t:.9g} s: {cause} (fastest change: {worst})"
+        text += near_singular(self.control)
         if self.system.redundant:
             rows = assembly.names_of_rows(self.system, self.system.redundant)
             names = ", ".join(dict.fromkeys(rows))

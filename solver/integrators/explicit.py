@@ -21,14 +21,14 @@ from ..kernels.layout import F1, F2, SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from ..kernels.tables import Table, TableType
 from .dop853 import END, STAGES, TABLEAU
+from .landing import close_step
+from .singular import FAR, NEAR, beside_singular, keep_free_part, look_at_start
 from .stepping import (
     CHUNK,
     CONTROL,
     CRAWLING,
     CROSSING,
-    FAR,
     FIXED_STEP,
-    NEAR,
     NOT_FINITE,
     OFF_CONSTRAINTS,
     OLD_STEP,
@@ -43,13 +43,9 @@ from .stepping import (
     TOO_SMALL,
     accelerate,
     all_finite,
-    beside_singular,
-    close_step,
     copy,
     finish_step,
     growth,
-    keep_free_part,
-    look_at_start,
     move,
     next_step,
     output_due,
@@ -278,7 +274,7 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
         while True:
             if too_small(control, h):
                 return TOO_SMALL
-            h = beside_singular(control, h)
+            h = beside_singular(control, h, 1.0)
             error, factor = 0.0, 0.5
             status = _try_step(
                 kernels, system, work, memory, tableau, control, slopes, h

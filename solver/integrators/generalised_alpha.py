@@ -59,11 +59,12 @@ from ..kernels.newton import (
 )
 from ..kernels.tables import Table, TableType
 from .implicit import step_loop
+from .landing import land
+from .singular import FAR, keep_free_part
 from .stepping import (
     CONTROL,
     CROSSING,
     FAILURES,
-    FAR,
     FIXED_STEP,
     OLD_STEP,
     STOP,
@@ -73,8 +74,6 @@ from .stepping import (
     count_turns,
     fade_contraction,
     judge,
-    keep_free_part,
-    land,
     move,
     newton_limit,
     note_drift,
@@ -447,6 +446,18 @@ def _order(alpha):
     return 2
 
 
+@inner(types.void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
+def _foretell(kernels, system, control, alpha, h):
+    """The end of the step if accelerations stay as they are; `a` may be off."""
+    for i in range(len(alpha.v1)):
+        alpha.v1[i] = control.v[i] + 0.5 * h * alpha.acc0[i]
+    kernels.rate(system, control.z, alpha.v1, alpha.rz)
+    for i in range(len(alpha.z1)):
+        alpha.z1[i] = control.z[i] + h * alpha.rz[i]
+    for i in range(len(alpha.v1)):
+        alpha.v1[i] += 0.5 * h * alpha.acc0[i]
+
+
 advance = step_loop(
     "generalised_alpha",
     ALPHA,
@@ -456,6 +467,7 @@ advance = step_loop(
     _error,
     _accept,
     _order,
+    _foretell,
     JACOBIAN_SERVES,
     FIRST_STEP,
 )

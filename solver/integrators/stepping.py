@@ -21,20 +21,15 @@ from ..kernels.layout import (
     N_TURNS,
     NP,
     NQ,
-    NV,
     PLANAR,
     POS,
     RD,
-    S_BODY,
-    S_OFFSET,
-    S_ROW,
     SYSTEM,
     TURN_RATE,
     TURNED,
     VEL,
     WORK,
 )
-from ..kernels.mass import independence
 from ..kernels.newton import (
     EVALUATIONS,
     JACOBIANS,
@@ -79,7 +74,7 @@ PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected on
 SHARE = 4  # next entry of the shares
 STIFF = 5  # steps that stability, not accuracy, has limited
 FAILURES = 6  # attempts of the present step that failed
-CROSSING = 7  # how the step lies to a singular position, see `beside_singular`
+CROSSING = 7  # how the step lies to a singular position, see `singular`
 JACOBIAN = 8  # the one at hand, see below
 N_WHOLE = 9
 
@@ -90,26 +85,8 @@ KEPT, FRESH, AHEAD = range(3)
 #: steps the error control tries longer ones.
 STIFF_PART = 4
 
-#: How a step lies to the next singular position.
-FAR, BEYOND, NEAR = range(3)
-#: The part of a step that lies before a singular position when it passes it; the least
-#: and the most with which it does; and the most of which it is near.
-PASSING_SHARE, AT_LEAST, AT_ONCE, NEAR_SHARE = 0.43, 0.2, 0.5, 4.0
-#: The longest passing step, relative to the one before.
-SHORTER = 0.6
-#: Constraints of which so much is independent are far from a singular position; with
-#: less than the second one a step has to take care before it fails.
-INDEPENDENT, DEPENDENT = 0.5, 0.12
-#: A start in a singular position leaves less independence than this.
-SINGULAR_START = 1e-6
-
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
-#: Near a singular position: projections, their regularisation times the tolerance, and
-#: the largest change of velocities, relative to the largest ones.
-PROJECTIONS_NEAR, SOFT, LARGEST_JUMP = 2, 1e-14, 0.1
-#: Part of the independence that is left where a singular position is certain.
-LOST = 0.01
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
@@ -261,80 +238,6 @@ def next_step(control):
     if h > 0.5 * remaining and not fixed:
         return 0.5 * remaining
     return h
-
-
-@inner(float64(CONTROL, float64))
-def beside_singular(control, h):
-    """A step, h or less, that keeps its ends and stages away from a singular position.
-
-    It passes it, or is one of a few equal steps before one that does. Each is at most
-    as long as the one before, the passing one shorter: it rests on slopes of that.
-    """
-    real, whole = control.real, control.whole
-    left, old = real[SINGULAR] - real[TIME], real[OLD_STEP]
-    whole[CROSSING] = FAR
-    warned = real[INDEPENDENCE] < DEPENDENT or whole[FAILURES] > 0
-    if abs(left) < NEAR_SHARE * h and warned:
-        whole[CROSSING] = NEAR if left >= 0.0 else BEYOND
-    if whole[FIXED_STEP] == 1 or whole[CROSSING] != NEAR or old == 0.0:
-        return h
-    passing = min(h, SHORTER * old)
-    if left < AT_LEAST * passing:
-        return passing
-    if left < AT_ONCE * passing:
-        return min(passing, left / PASSING_SHARE)
-    before = max(1.0, math.ceil(left / min(h, old) - AT_ONCE * SHORTER))
-    return min(h, left / (before + PASSING_SHARE * SHORTER))
-
-
-@inner(boolean(CONTROL, float64))
-def is_near(control, h):
-    """Whether a step ends where rounding of positions would spoil velocities."""
-    real = control.real
-    left = abs(real[SINGULAR] - real[TIME] - h)
-    if left < NEAR_SHARE * h and real[INDEPENDENCE] < DEPENDENT:
-        return True
-    known = real[INDEPENDENCE] < LOST * real[CLEAREST]
-    return known and real[INDEPENDENCE] < math.sqrt(SOFT / real[TOLERANCE])
-
-
-@inner(types.void(SYSTEM, MEMORY, CONTROL, float64))
-def foresee(system, memory, control, h):
-    """When constraints become dependent: the next zero of a parabola.
-
-    It goes through the independence at the ends of the last three steps, of which this
-    is one. A singular position that was passed is kept.
-    """
-    real = control.real
-    old, now = real[OLD_STEP], independence(system, memory.mass_S)
-    mean = (now - real[INDEPENDENCE]) / h
-    bend = (mean - real[DECLINE]) / (h + old)
-    slope = mean + bend * h
-    root = slope * slope - 4.0 * bend * now
-    falls = max(mean, slope, real[DECLINE]) < 0.0
-    real[INDEPENDENCE], real[CLEAREST] = now, max(now, real[CLEAREST])
-    real[DECLINE] = mean if old > 0.0 else 0.0
-    if falls and now < INDEPENDENT and root >= 0.0:
-        left = 2.0 * now / (math.sqrt(root) - slope)
-        real[SINGULAR] = real[TIME] + h + left
-    elif real[SINGULAR] > real[TIME] + h:
-        real[SINGULAR] = math.inf
-
-
-@inner(float64(SYSTEM, MEMORY, CONTROL))
-def look_at_start(system, memory, control):
-    """The same where nothing is known of steps before; the least step to begin with.
-
-    In a singular position it leads to where rounding does not spoil velocities.
-    """
-    real = control.real
-    real[INDEPENDENCE] = independence(system, memory.mass_S)
-    real[SINGULAR], real[DECLINE] = math.inf, 0.0
-    if real[INDEPENDENCE] > SINGULAR_START:
-        return 0.0
-    real[SINGULAR], real[CLEAREST] = real[TIME], 1.0
-    fast = max(real[SPEED] / real[LENGTH], real[SPIN])
-    return math.sqrt(100.0 * SOFT / real[TOLERANCE]) / fast
 
 
 @inner(boolean(CONTROL, float64))
@@ -539,49 +442,6 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
     return 3
 
 
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
-def project_near(kernels, system, work, memory, control, t, z, v, dz, dv):
-    """The same near a singular position, where constraints hardly differ from others.
-
-    What these leave open is rounding, which velocities would get multiplied with large
-    numbers: so much is left as it is. Returns 0, or a code also when velocities would
-    have to change too much: then the step has left the motion.
-    """
-    tolerance = control.real[TOLERANCE]
-    for _ in range(PROJECTIONS_NEAR):
-        kernels.evaluate(system, work, t, z, v)
-        memory.counters[EVALUATIONS] += 1
-        memory.counters[PROJECTIONS] += 1
-        status = kernels.project_once(system, work, memory, SOFT / tolerance, dz, dv)
-        jump = tolerance * scaled_norm(dv, dv, control.scale_v, control.scale_v)
-        if status != 0 or not jump < LARGEST_JUMP:
-            return max(status, 4)
-        kernels.retract(system, work.frame, z, dz)
-        for i in range(len(v)):
-            v[i] += dv[i]
-    return accelerate(kernels, system, work, memory, t, z, v)
-
-
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F1))
-def keep_free_part(kernels, system, work, memory, t, z, v, error, dz, dv):
-    """Takes from an error of velocities what projection takes at the state (z, v).
-
-    dz and dv are scratch.
-    """
-    kernels.evaluate(system, work, t, z, v)
-    memory.counters[EVALUATIONS] += 1
-    for i in range(system.dims[N_ROWS]):
-        work.row[i, C_VALUE] = work.row[i, C_RATE] = 0.0
-    for k in range(len(system.segment)):
-        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
-        b = system.segment[k, S_BODY]
-        for i in range(system.body[b, NV]):
-            work.row[row, C_RATE] += work.C[at + i] * error[system.body[b, VEL] + i]
-    if kernels.project_once(system, work, memory, REGULARISATION, dz, dv) == 0:
-        for i in range(len(error)):
-            error[i] += dv[i]
-
-
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1))
 def take_jacobian(kernels, system, work, memory, control, t, z, v):
     """Linearises at a state that was just evaluated and solved."""
@@ -680,43 +540,6 @@ def write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rate1)
             control.out_v[k, i] = (1.0 - end) * control.v[i] + end * v1[i]
             control.out_v[k, i] += first * acc0[i] + last * acc1[i]
         k = output_due(control, h)
-
-
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
-def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
-    """Projects the end of a step onto the constraints and notes what is left open.
-
-    dz and dv are scratch. Returns 0, or the code of `project` or `count_turns`.
-    """
-    at, closed = control.real[TIME] + h, control.closed
-    if is_near(control, h):
-        status = project_near(
-            kernels, system, work, memory, control, at, z1, v1, dz, dv
-        )
-    else:
-        status = project(kernels, system, work, memory, at, z1, v1, dz, dv, closed)
-    if status == 0:
-        note_drift(system, work, control)
-        status = count_turns(system, work, control, h, z1)
-    if status == 0:
-        foresee(system, memory, control, h)
-    return status
-
-
-@inner(
-    int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1, F1, F1)
-)
-def land(kernels, system, work, memory, control, h, z1, v1, rate0, acc0, rz, dz, dv):
-    """Ends a step at (z1, v1), projected onto the constraints; 0 on success.
-
-    rate0 and acc0 are the slopes at its beginning; rz, dz and dv are scratch.
-    """
-    status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
-    if status != 0:
-        return status
-    write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rz)
-    move(control, h, z1, v1)
-    return 0
 
 
 @entry(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))

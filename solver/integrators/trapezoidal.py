@@ -21,10 +21,11 @@ from ..kernels.layout import F1, SYSTEM, WORK
 from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from ..kernels.tables import Table, TableType
 from .implicit import step_loop
+from .landing import land
+from .singular import FAR, keep_free_part
 from .stepping import (
     CONTROL,
     CROSSING,
-    FAR,
     OLD_STEP,
     TIME,
     accelerate,
@@ -32,8 +33,6 @@ from .stepping import (
     factor_real,
     fade_contraction,
     judge,
-    keep_free_part,
-    land,
     newton_goal,
     newton_limit,
     scaled_norm,
@@ -78,8 +77,8 @@ def _begin_step(kernels, system, memory, control, slopes):
     copy(memory.acceleration, slopes.acc0)
 
 
-@inner(types.void(CONTROL, SLOPES, float64))
-def _predict(control, slopes, h):
+@inner(types.void(KERNELS, SYSTEM, CONTROL, SLOPES, float64))
+def _predict(kernels, system, control, slopes, h):
     """First guess of the end of the step: slopes go on as they changed so far."""
     old = control.real[OLD_STEP]
     bend = 0.5 * h * h / old if old > 0.0 else 0.0
@@ -96,7 +95,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
     """Solves y1 = y0 + h (y0' + y1') / 2; iterations used, or 0 without convergence."""
     real = control.real
     mu = 2.0 / h
-    _predict(control, slopes, h)
+    _predict(kernels, system, control, slopes, h)
     fade_contraction(control)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
@@ -209,5 +208,6 @@ advance = step_loop(
     _error,
     _accept,
     _order,
+    _predict,
     JACOBIAN_SERVES,
 )
