@@ -5,33 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from sidtool.study import Setting, timed
+from solver.scene import System
 
 from . import scenes
 from .machine import describe_machine
 from .plots import plot_scaling
 from .report import Report, Table
 from .scaling import exponent
+from .step_costs import Lines, step_costs
 
 MODES = (5, 10, 20, 50, 100, 200)
-STEP, END = 1e-3, 0.1
-INTEGRATORS = ("radau5", "trapezoidal", "generalised_alpha")
+TIME = {"end": 0.1, "output_step": 0.01}
 
 
 def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """Measure steps of a fixed size; the plot goes to `folder`."""
-    from solver.integrators import INTEGRATORS as KNOWN
-
-    chosen = [i for i in INTEGRATORS if i in KNOWN]
-    lines: dict[str, list[tuple[float, float]]] = {i: [] for i in chosen}
-    for modes in MODES:
-        system = scenes.slider_crank(modes, time={"end": END, "output_step": 0.01})
-        for integrator in chosen:
-            setting = Setting(integrator, step=STEP, rtol=1e-6)
-            result, seconds = timed(system, setting, repeats=3)
-            cost = 1e6 * seconds / result.counters["steps"]
-            lines[integrator].append((modes, cost))
-            say(f"  {integrator} {modes} modes: {cost:.0f} us a step")
+    lines = step_costs(_system, MODES, "modes", say)
     plot_scaling(folder / f"{name}.png", lines, "elastic coordinates", "us a step")
     return Report(
         title="Slider-crank with 5 to 200 elastic coordinates",
@@ -41,7 +30,11 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     )
 
 
-def _table(lines: dict[str, list[tuple[float, float]]]) -> Table:
+def _system(modes: int) -> System:
+    return scenes.slider_crank(modes, time=TIME)
+
+
+def _table(lines: Lines) -> Table:
     """Cost and local exponent, that is between neighbours."""
     rows = []
     for k, modes in enumerate(MODES):

@@ -12,21 +12,9 @@ from solver import compile_scene
 from solver.scene import System
 from tests.references import test_simeon as source
 
-from .machine import describe_machine
-from .precision import (
-    at_equal_error,
-    ode_runs,
-    own_runs,
-    plot_runs,
-    remark_on_callers,
-    runs_table,
-    settled,
-    truth_of,
-)
+from .against_peers import ODE_SOLVERS, report_on
+from .precision import ode_runs, own_runs, truth_of
 from .report import Report
-
-WANTED = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
-PEERS = ("scipy Radau", "scipy BDF", "IDA (scikit-sundae)")
 
 
 def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
@@ -34,31 +22,15 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     system = simeon()
     truth, uncertainty = truth_of(system)
     last = {key: abs(truth[key][-1] - source.END[key]) for key in truth}
-    runs = own_runs(system, truth, say) + ode_runs(system, truth, say)
-    runs = settled(runs, WANTED)
-    plot_runs(folder / f"{name}.png", runs, "max |dq1| / max |q1|")
-    return Report(
-        title="Slider-crank of the IVP test set (Simeon), 0.1 s",
-        tables=[
-            at_equal_error(
-                runs,
-                WANTED,
-                PEERS,
-                "Seconds to reach an error of q1 (max |dq1| / max |q1|), and how many "
-                "times as long the others take with their best setting:",
-            ),
-            runs_table(runs, truth, "All runs that no faster one of the method beats:"),
-        ],
-        remarks=[
-            f"The reference is good to {uncertainty:.0e} and ends "
-            + " and ".join(
-                f"{off:.0e} from the published {k}" for k, off in last.items()
-            )
-            + ". "
-            + remark_on_callers(system)
-        ],
-        plot=f"{name}.png",
-        machine=describe_machine(),
+    ends = " and ".join(f"{off:.0e} from the published {k}" for k, off in last.items())
+    return report_on(
+        system,
+        "Slider-crank of the IVP test set (Simeon), 0.1 s",
+        own_runs(system, truth, say) + ode_runs(system, truth, say),
+        truth,
+        ODE_SOLVERS,
+        f"The reference is good to {uncertainty:.0e} and ends {ends}.",
+        folder / f"{name}.png",
     )
 
 

@@ -8,23 +8,10 @@ from pathlib import Path
 from formats.sid import Array
 
 from . import scenes
-from .machine import describe_machine
-from .precision import (
-    Run,
-    at_equal_error,
-    errors_of,
-    line,
-    ode_runs,
-    own_runs,
-    plot_runs,
-    remark_on_callers,
-    runs_table,
-    settled,
-    truth_of,
-)
+from .against_peers import ODE_SOLVERS, report_on
+from .precision import Run, errors_of, line, ode_runs, own_runs, truth_of
 from .report import Report
 
-WANTED = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 FIXED_STEPS = (1e-2, 5e-3, 2e-3, 1e-3)
 #: Exudyn's steps [s], tolerances of its Newton iteration, and how often it is run.
 EXUDYN = (
@@ -39,7 +26,6 @@ EXUDYN = (
     (2e-5, (1e-6,), 1),
 )
 EXUDYN_NAME = "Exudyn generalised-alpha"
-PEERS = (EXUDYN_NAME, "scipy Radau", "scipy BDF", "IDA (scikit-sundae)")
 
 
 def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
@@ -48,28 +34,16 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     truth, uncertainty = truth_of(system)
     truth = {key: truth[key] for key in ("rod.q1", "piston.x")}
     runs = own_runs(system, truth, say, FIXED_STEPS)
-    runs += ode_runs(system, truth, say)
-    runs = settled(runs + _exudyn_runs(say), WANTED)
-    plot_runs(folder / f"{name}.png", runs, "max |dq1| / max |q1|")
-    return Report(
-        title="Founding slider-crank, 3 s, five modes",
-        tables=[
-            at_equal_error(
-                runs,
-                WANTED,
-                PEERS,
-                "Seconds to reach an error of q1 (max |dq1| / max |q1|), and how many "
-                "times as long the others take with their best setting:",
-            ),
-            runs_table(runs, truth, "All runs that no faster one of the method beats:"),
-        ],
-        remarks=[
-            f"The reference is good to {uncertainty:.0e}. Exudyn keeps the moments of "
-            "inertia quadratic in q and is compared with a reference that does, too. "
-            + remark_on_callers(system)
-        ],
-        plot=f"{name}.png",
-        machine=describe_machine(),
+    runs += ode_runs(system, truth, say) + _exudyn_runs(say)
+    return report_on(
+        system,
+        "Founding slider-crank, 3 s, five modes",
+        runs,
+        truth,
+        (EXUDYN_NAME, *ODE_SOLVERS),
+        f"The reference is good to {uncertainty:.0e}. Exudyn keeps the moments of "
+        "inertia quadratic in q and is compared with a reference that does, too.",
+        folder / f"{name}.png",
     )
 
 

@@ -233,6 +233,11 @@ Vector = tuple[float, ...]
 class Prestress(Part):
     """A stress state of the undeformed body.
 
+    The body rests undeformed when a scene applies the loads of its prestress: forces
+    and moments as given here, and what holds a uniform stress. They stiffen it as all
+    loads at its markers do (phi m1, psi m1). Ke holds the rest: the stiffness of the
+    stress that the unloaded body keeps, and of loads at markers that do not stiffen.
+
     Attributes
     ----------
     stress : uniform stress (xx, yy, xy), in space (xx, yy, zz, xy, yz, xz) [Pa]

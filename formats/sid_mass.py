@@ -140,16 +140,6 @@ def plane_of_motion(sid: SID) -> int | None:
     return None
 
 
-def can_move_freely(sid: SID, *, planar: bool = False) -> bool:
-    """Can this body be simulated with a frame that moves freely?
-
-    Parameters
-    ----------
-    planar : in the x-y plane only, so that inertias about x and y do not matter
-    """
-    return free_motion(sid, IN_PLANE[2] if planar else SPATIAL).possible
-
-
 def _rigid_part(sid: SID, rigid: tuple[int, ...]) -> FreeMotion:
     turning = [i - 3 for i in rigid if i >= 3]
     shifting = [i for i in rigid if i < 3]

@@ -73,11 +73,15 @@ def linearise(
 def inverse_dynamics(
     scene: SceneFile | Path_,
     *,
+    quasi_static: bool = False,
     sids: Sids | None = None,
     base_folder: Path_ | None = None,
     accept_defects: bool = False,
 ) -> Result:
     """Motion and joint forces of a scene whose drives prescribe everything.
+
+    quasi_static : flexible bodies deform without vibrating; velocities and
+        accelerations of their elastic coordinates are left out
 
     Raises
     ------
@@ -88,7 +92,7 @@ def inverse_dynamics(
     from solver.analyses.inverse import inverse_dynamics as analyse
 
     with _Compiled(scene, sids, base_folder, accept_defects) as system:
-        return analyse(system)
+        return analyse(system, quasi_static=quasi_static)
 
 
 class _Compiled:

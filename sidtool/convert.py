@@ -18,11 +18,12 @@ from formats.sid_mass import skew
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.registry import finite_element_model
 from .gram import body_inertia
+from .prestress import prestressed
 from .reduction.frames import FRAMES, Frame
 from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
 from .reduction.running import running
-from .stiffening import prestressed, stiffened
+from .stiffening import stiffened
 from .stress import with_stress
 
 __all__ = ["finite_element_model", "sid_from_model"]
@@ -71,7 +72,7 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
         progress(sentence)
     stiffening, initial = model.stiffening, None
     if stiffening and stiffening.prestress:
-        initial = prestressed(body, frame, basis, stiffening.prestress)
+        initial = prestressed(body, frame, basis, stiffening.prestress, stiffening)
         basis = initial.basis
     progress("integrating the inertia")
     sid = assembled_sid(body, frame, basis, model.damping, title=model.title)

@@ -17,6 +17,10 @@ marker at one point D f = 0, and H f is a product of strain and rotation. Of a t
 hold products of two rotations: in a plane D f at a distance from the tie's centroid,
 in space H f as well.
 
+The points of a cross-section of a beam have f = theta x (theta x r) / 2. A bending
+moment does its work along the beam and a torsional one across it, in equal parts along
+both axes of the section, so that H f = (e . theta) theta x e / 2 with the tangent e.
+
 Nodes of a rigid tie go the second-order way f of their piece, on which the forces that
 hold the piece together do work.
 
@@ -56,7 +60,17 @@ def excess_of_rows(
     nodes = np.flatnonzero(np.isin(body.table[:, :3], dofs).any(axis=1))
     rows = np.vstack([marker.displacement.toarray(), marker.rotation.toarray()])
     work = _second_order_work(body, marker, nodes, shapes, rows.T)
-    return work[:3], work[3:]
+    shift, turn = work[:3], work[3:]
+    if marker.tangent is not None:
+        turn = turn + _excess_of_section(marker.tangent, marker.rotation @ shapes)
+    return shift, turn
+
+
+def _excess_of_section(tangent: Array, turn: Array) -> Array:
+    """(3, nq, nq) from H f of a cross-section that turns by turn (3, nq)."""
+    crossed = np.einsum("abc,bk,c->ak", LEVI_CIVITA, turn, tangent)
+    pairs = np.einsum("ak,l->akl", crossed, tangent @ turn)
+    return (pairs + np.swapaxes(pairs, 1, 2)) / 2
 
 
 def work_in_rigid_pieces(

@@ -35,7 +35,7 @@ from formats.sid import (
 from formats.sid_mass import centre_of_mass, coupled_mass_matrix, skew
 
 from .relabel import relabelled
-from .stiffening import CENTRIFUGAL
+from .rotary import CENTRIFUGAL
 from .validate.measures import has_stiffening
 from .vectors import LEVI_CIVITA
 

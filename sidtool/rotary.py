@@ -16,6 +16,14 @@ from .vectors import LEVI_CIVITA
 
 Array = NDArray[np.float64]
 
+#: (6, 3, 3) coefficients W of the products of omega in omega~ omega~, in Oe's order.
+CENTRIFUGAL = np.zeros((6, 3, 3))
+for _k, (_a, _b) in enumerate(OE_INDICES):
+    CENTRIFUGAL[_k, _a, _b] += 1
+    CENTRIFUGAL[_k, _b, _a] += _a != _b
+    CENTRIFUGAL[_k] -= np.eye(3) * (_a == _b)
+CENTRIFUGAL.setflags(write=False)
+
 
 def with_rotary_inertia(
     blocks: Mapping[str, Taylor], points: InertiaPoints, shapes: Array
@@ -45,6 +53,20 @@ def with_rotary_inertia(
     )
     added["Me"] = Taylor(np.einsum("pia,pab,plb->il", psi, t, psi))
     return dict(blocks) | {k: _sum(blocks[k], added[k]) for k in added}
+
+
+def centrifugal_loads(points: InertiaPoints, origin: Array) -> Array:
+    """(ndof, 6) forces and moments of the particles in a frame that turns steadily.
+
+    One column for each product of angular velocities in Oe's order: -m omega x (omega
+    x c) and -omega x (T omega).
+    """
+    arms = points.positions - origin
+    forces = -np.einsum("kab,pb,p->pak", CENTRIFUGAL, arms, points.masses)
+    moments = np.einsum("abc,pbd->padc", LEVI_CIVITA, points.inertias)
+    moments = (moments + np.swapaxes(moments, 2, 3)) / 2
+    total: Array = points.displacement.T @ forces.reshape(-1, 6)
+    return total + points.rotation.T @ _products(moments).reshape(-1, 6)
 
 
 def blocks_of_full_mass(

@@ -11,7 +11,6 @@ multibody system simulation", Int. J. Numer. Methods Eng. 32, 1991.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,25 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.errors import InputError
-from formats.model_reduction import Prestress, Stiffening
-from formats.sid import OE_INDICES, SID, Node, Taylor
+from formats.model_reduction import Stiffening
+from formats.sid import SID, Node, Taylor
 
+from .beam_stiffening import beam_stiffness
 from .frontends.continuum import stress_from_gradient
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .marker_motion import excess_of_rows, work_in_rigid_pieces
-from .reduction.basis import ReducedBasis, hertz, oriented
+from .reduction.basis import ReducedBasis
 from .reduction.frames import Frame
 from .reduction.space import admissible
+from .rotary import CENTRIFUGAL, centrifugal_loads
 
 Array = NDArray[np.float64]
-
-#: (6, 3, 3) coefficients W of the products of omega in omega~ omega~, in Oe's order.
-CENTRIFUGAL = np.zeros((6, 3, 3))
-for _k, (_a, _b) in enumerate(OE_INDICES):
-    CENTRIFUGAL[_k, _a, _b] += 1
-    CENTRIFUGAL[_k, _b, _a] += _a != _b
-    CENTRIFUGAL[_k] -= np.eye(3) * (_a == _b)
-CENTRIFUGAL.setflags(write=False)
 
 
 def stiffened(
@@ -55,8 +48,7 @@ def stiffened(
     InputError : the body came without elements, so that no stress is known.
     """
     loads = _Loads(body, frame)
-    names = settings.markers
-    marked = [m for m in body.markers if names is None or m.name in names]
+    marked = stiffening_markers(body, settings)
     acceleration = loads.acceleration() if settings.acceleration else None
     angular = loads.angular_acceleration() if settings.angular_acceleration else None
     centrifugal = loads.centrifugal() if settings.centrifugal else None
@@ -73,6 +65,14 @@ def stiffened(
     nodes = tuple(_loaded_node(node, loaded.get(int(node.id))) for node in sid.nodes)
     changes: dict[str, Any] = {**blocks, "nodes": nodes}
     return replace(sid, **changes)
+
+
+def stiffening_markers(
+    body: FiniteElementModel, settings: Stiffening
+) -> list[MarkerRows]:
+    """Markers at which forces and moments stiffen."""
+    names = settings.markers
+    return [m for m in body.markers if names is None or m.name in names]
 
 
 def geometric_stiffness(
@@ -148,16 +148,18 @@ def projected_stiffness(
     ------
     InputError : the body came without elements.
     """
+    if body.beam_material is not None:
+        return beam_stiffness(body.beam_material, states, shapes)
     nq = shapes.shape[1]
     total = np.zeros((states.shape[1], nq, nq))
     for part in quadrature(body):
         stress = stress_from_gradient(part.gradients(states), part.law)
         slopes = part.gradients(shapes)
-        total += _contracted(stress * part.weights[:, None, None, None], slopes)
+        total += contracted(stress * part.weights[:, None, None, None], slopes)
     return (total + np.swapaxes(total, 1, 2)) / 2
 
 
-def _contracted(stress: Array, slopes: Array) -> Array:
+def contracted(stress: Array, slopes: Array) -> Array:
     """sum over points of stress (p, n, d, d) with slopes (p, nq, c, d) twice."""
     p, n, d, _ = stress.shape
     nq = slopes.shape[1]
@@ -257,7 +259,7 @@ class _Loads:
         return -self._body.mass @ self._rigid()[:, 3:]
 
     def centrifugal(self) -> Array:
-        """-rho W_k c."""
+        """-rho W_k c; of particles with rotary inertia their moments, too."""
         d = self._body.dimension
         arms = self._body.positions - self._origin[:d]
         fields = np.zeros((self._body.ndof, 6))
@@ -266,7 +268,11 @@ class _Loads:
                 numbers = self._body.table[:, axis]
                 there = numbers >= 0
                 fields[numbers[there], k] = (arms @ products[axis, :d])[there]
-        return -self._body.mass @ fields
+        loads: Array = -self._body.field_mass @ fields
+        points = self._body.inertia_points
+        if points is None or self._body.full_mass is not None:
+            return loads
+        return loads + centrifugal_loads(points, self._origin)
 
     def _rigid(self) -> Array:
         rigid = self._body.rigid_body_modes(self._origin)
@@ -305,127 +311,3 @@ def _loaded(block: Taylor, stiffness: Array) -> Taylor:
     if not stiffness.any():
         return block
     return replace(block, m1=-np.moveaxis(stiffness, 0, 1), order=1)
-
-
-@dataclass(frozen=True, eq=False)
-class InitialStress:
-    """The stress of the undeformed body, by its generalised effects.
-
-    Attributes
-    ----------
-    basis : shape functions of the prestressed body
-    force : (nq,) generalised elastic force at q = 0 (ksigma)
-    displacement : (ndof, 1) whose stress it is; None for a uniform stress
-    uniform : (d, d) uniform stress [Pa]
-    """
-
-    basis: ReducedBasis
-    force: Array
-    displacement: Array
-    uniform: Array
-
-
-def prestressed(
-    body: FiniteElementModel, frame: Frame, basis: ReducedBasis, settings: Prestress
-) -> InitialStress:
-    """Adds the geometric stiffness of an initial stress to Ke, in natural modes.
-
-    Raises
-    ------
-    InputError : numbers do not fit the dimension, or the body buckles.
-    """
-    uniform = _uniform(settings, body.dimension)
-    loads, excess = _prescribed(body, basis.shapes, settings)
-    loads = balanced(body, frame, loads)
-    state = np.zeros_like(loads)
-    if loads.any():
-        state = admissible(body, frame).static(loads)
-    extra, generalised = _effects(body, state, uniform, basis.shapes)
-    extra += excess + piece_stiffness(body, loads, state, basis.shapes)[0]
-    values, mixing = np.linalg.eigh(basis.stiffness + extra)
-    if values[0] <= 0:
-        raise InputError(
-            "the body buckles under its prestress",
-            place="stiffening.prestress",
-            expected="a prestress below the buckling load",
-        )
-    shapes = oriented(basis.shapes @ mixing, body)
-    labels = tuple(
-        re.sub(r":\s*[\d.]+ Hz.*", f":{f:13.3f} Hz", label)
-        for label, f in zip(basis.labels, hertz(values), strict=True)
-    )
-    shares = {
-        kind: np.einsum("ij,ij,i->j", mixing, mixing, share)
-        for kind, share in basis.shares.items()
-    }
-    new = ReducedBasis(shapes, np.diag(values), labels, shares, basis.report)
-    signs = np.sign(np.sum(shapes * (basis.shapes @ mixing), axis=0))
-    return InitialStress(new, signs * (mixing.T @ generalised), state, uniform)
-
-
-def _prescribed(
-    body: FiniteElementModel, shapes: Array, settings: Prestress
-) -> tuple[Array, Array]:
-    """Loads (ndof, 1) on markers, and what their rows are short of in stiffness."""
-    loads, excess = np.zeros((body.ndof, 1)), np.zeros((shapes.shape[1],) * 2)
-    for kind, given in (("forces", settings.forces), ("moments", settings.moments)):
-        for name, values in given.items():
-            marker = body.marker(name)
-            load = _load(marker, values, body.dimension, kind)
-            of_forces, of_moments = excess_of_rows(body, marker, shapes)
-            if kind == "forces":
-                loads[:, 0] += marker.displacement.T @ load
-                excess += np.tensordot(load, of_forces, 1)
-            else:
-                loads[:, 0] += marker.rotation.T @ load
-                excess += np.tensordot(load, of_moments, 1)
-    return loads, excess
-
-
-def _effects(
-    body: FiniteElementModel, state: Array, uniform: Array, shapes: Array
-) -> tuple[Array, Array]:
-    """Geometric stiffness (nq, nq) and generalised force (nq,) of a stress."""
-    nq = shapes.shape[1]
-    stiffness, force = np.zeros((1, nq, nq)), np.zeros(nq)
-    for part in quadrature(body):
-        stress = stress_from_gradient(part.gradients(state), part.law) + uniform
-        weighted = stress * part.weights[:, None, None, None]
-        slopes = part.gradients(shapes)
-        stiffness += _contracted(weighted, slopes)
-        force += np.einsum("pab,pkab->k", weighted[:, 0], slopes)
-    return (stiffness[0] + stiffness[0].T) / 2, force
-
-
-def _uniform(settings: Prestress, d: int) -> Array:
-    if settings.stress is None:
-        return np.zeros((d, d))
-    place, count = "stiffening.prestress.stress", 3 if d == 2 else 6
-    _check_count(settings.stress, count, place)
-    pairs = [(0, 0), (1, 1), (0, 1)]
-    if d == 3:
-        pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2)]
-    tensor = np.zeros((d, d))
-    for value, (a, b) in zip(settings.stress, pairs, strict=True):
-        tensor[a, b] = tensor[b, a] = value
-    return tensor
-
-
-def _load(marker: MarkerRows, values: tuple[float, ...], d: int, kind: str) -> Array:
-    """(3,) force or moment on a marker."""
-    place = f"stiffening.prestress.{kind}.{marker.name}"
-    count = 1 if (d, kind) == (2, "moments") else d
-    _check_count(values, count, place)
-    full = np.zeros(3)
-    if count == 1:
-        full[2] = values[0]
-    else:
-        full[:d] = values
-    return full
-
-
-def _check_count(values: tuple[float, ...], count: int, place: str) -> None:
-    if len(values) != count:
-        raise InputError(
-            f"has {len(values)} numbers", place=place, expected=f"{count} of them"
-        )

@@ -15,9 +15,10 @@ from formats.stress import von_mises
 
 from .frontends.continuum import stress_from_gradient, stress_rows, stress_six
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
+from .prestress import InitialStress
 from .reduction.basis import ReducedBasis
 from .reduction.frames import Frame
-from .stiffening import InitialStress, QuadraturePart, quadrature
+from .stiffening import QuadraturePart, quadrature
 from .vectors import LEVI_CIVITA
 
 #: Random states of equal energy that the peak points are chosen from.

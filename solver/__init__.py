@@ -7,7 +7,8 @@
     kernels/mass, saddle, newton   the linear systems of eq. (3)
     kernels/tables, compiling      what kernels read, and how they are compiled
     integrators/                   eq. (3) in time
-    scene, bodies, joints          from a scene and SIDs to the tables of the kernels
+    scene                          a scene as the tables of the kernels
+    building, bodies, joints, ...  from a scene and its SIDs to these tables
     assembly, start, redundancy    consistent initial conditions
     forces, newton_rows            forces between markers, and their Newton matrices
     energies, joint_forces         what is told beside the motion
@@ -26,10 +27,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from formats.scene import SceneFile
-from formats.sid import SID
-
 if TYPE_CHECKING:
+    from formats.scene import SceneFile
+    from formats.sid import SID
+
     from .analyses.inverse import inverse_dynamics as inverse_dynamics
     from .analyses.linear import linearise as linearise
     from .analyses.static import static_equilibrium as static_equilibrium
@@ -68,8 +69,8 @@ def compile_scene(
     InputError : a SID cannot be read or describes an impossible body, a marker does
         not exist, or an output asks for what there is not.
     """
+    from .building import build_system
     from .checks import check_attachments, check_masses, check_outputs
-    from .scene import build_system
 
     system = build_system(scene, Path(base_folder), sids, drives, keep_joints, forces)
     check_outputs(system)

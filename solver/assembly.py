@@ -28,6 +28,7 @@ from .start import (
     names_of_rows,
     widest_open,
 )
+from .turn_counts import keep_turns
 
 __all__ = ["Start", "assemble", "dense_jacobian", "guess", "names_of_rows"]
 
@@ -42,10 +43,15 @@ def assemble(system: System) -> tuple[System, Start]:
     ------
     InputError : the start position cannot be reached, or constraints contradict.
     """
-    start = guess(system)
-    if system.n_rows == 0:
-        return system, start
-    state = State(system, start)
+    state = State(system, guess(system))
+    if system.n_rows > 0:
+        system = _closed(system, state)
+    keep_turns(system, state.work, state.z)
+    return system, Start(state.z, state.v)
+
+
+def _closed(system: System, state: State) -> System:
+    """Moves the state onto the constraints; the system with redundant ones marked."""
     align(system, state.work, state.z)
     state.evaluate()
     _check_rods(state)
@@ -57,7 +63,8 @@ def assemble(system: System) -> tuple[System, Start]:
     system = state.system
     _check_prescribed(state)
     system = mark_redundant(state)
-    return system, Start(state.z, state.v)
+    state.start()
+    return system
 
 
 def _reach_positions(state: State) -> None:

@@ -187,7 +187,7 @@ def _between(
     assert element.a is not None
     size = _size(system, samples, times, k)[:, None]
     if element.kind in (at.TWIST, at.TILT):
-        torque = size * torque_axis(system, samples, k)
+        torque = size * torque_axis(system, samples, element)
         return (0.0 * torque, -torque), (0.0 * torque, torque)
     A, B = (_at(system, samples, end) for end in (element.a, element.b))
     line = B.x - A.x
@@ -205,7 +205,7 @@ def _between(
 def _size(system: System, samples: Samples, times: Array, k: int) -> Array:
     """What a force law yields, (nt,) [N] or [N m]."""
     element = system.forces[k]
-    law, measure = element.law, measured(system, samples, k)
+    law, measure = element.law, measured(system, samples, element)
     size = law.applied * function_values(system, element.function, times)
     size = size - law.stiffness.value(measure.g - law.rest)
     size = size - law.damping.value(measure.rate)

@@ -9,6 +9,7 @@ from formats.errors import InputError
 from formats.scene import (
     SCENE_QUANTITIES,
     SceneFile,
+    coordinate_of,
     is_stress,
     marker_names,
     marker_reference,
@@ -37,6 +38,8 @@ def check_outputs(system: System) -> None:
             check_stress(system, name)
             continue
         if name.marker or name.owner in SCENE_QUANTITIES:
+            continue
+        if coordinate_of(name.quantity):
             continue
         if name.quantity in COMPONENTS:
             second_marker(system, name.owner)

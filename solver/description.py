@@ -33,13 +33,14 @@ def describe(system: System) -> list[str]:
     system, start = assemble(system)
     kind = "planar" if system.planar else "spatial"
     lines = [
-        f"{kind} scene: {system.n_positions} position coordinates, "
+        f"{kind} scene: {system.n_positions - system.n_turns} position coordinates, "
         f"{system.n_velocities} velocity coordinates, {system.n_rows} constraints"
     ]
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         if data.name != GROUND_NAME:
             lines.append(f"body {data.name}: {_body(row, data)}")
             lines += _stiffened_markers(system, data)
+            lines += _prestress(data)
     for name, body in expected_bodies(system, start).items():
         lines.append(f"body {name}: {body.before}")
     lines += _defects(system)
@@ -51,7 +52,7 @@ def describe(system: System) -> list[str]:
         names = ", ".join(dict.fromkeys(names_of_rows(system, system.redundant)))
         lines.append(
             f"{len(system.redundant)} redundant constraints ({names}): met by the "
-            "others, their multipliers are zero"
+            "others; of all multipliers that hold them the smallest are told"
         )
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
     lines.append(f"markers: {used} used of {total} exported nodes")
@@ -75,6 +76,16 @@ def _stiffened_markers(system: System, data: BodyData) -> list[str]:
             listed = ", ".join(found)
             lines.append(f"body {data.name}: stiffening by {what} at {listed}")
     return lines
+
+
+def _prestress(data: BodyData) -> list[str]:
+    """What a body under initial stress needs of the scene, and must not hold itself."""
+    if not data.sid.ksigma.m0.any():
+        return []
+    return [
+        f"body {data.name}: prestressed (ksigma), undeformed under the loads of its "
+        "prestress only; what these stiffen at markers must not be in its Ke as well"
+    ]
 
 
 def _defects(system: System) -> list[str]:

@@ -56,7 +56,7 @@ def _inertia(data: BodyData, q: Array) -> Array:
         xx, yy, zz, xy, yz, xz = oe1(sid)
         second = np.stack([xx, yy, zz, 0.5 * xy, 0.5 * xz, 0.5 * yz])
         six = six - np.einsum("akl,tk,tl->ta", second, q, q)
-    return np.array([symmetric_3x3(row) for row in six])
+    return np.array([symmetric_3x3(row) for row in six]).reshape(-1, 3, 3)
 
 
 def elastic(system: System, samples: Samples) -> Array:
@@ -79,9 +79,9 @@ def potential(system: System, samples: Samples) -> Array:
         q, _ = elastic_state(system, samples, b)
         moment = np.einsum("tij,tj->ti", frame.R, _first_moment(data, q))
         total -= (data.sid.mass * frame.X + moment) @ gravity
-    for k, element in enumerate(system.forces):
+    for element in system.forces:
         if element.kind > at.FOLLOWING:
-            deflection = measured(system, samples, k).g - element.law.rest
+            deflection = measured(system, samples, element).g - element.law.rest
             total += element.law.stiffness.integral(deflection)
     return total
 
@@ -92,9 +92,9 @@ def dissipation(system: System, samples: Samples) -> Array:
     for b, data in _bodies(system):
         _, qd = elastic_state(system, samples, b)
         total += np.einsum("tk,kl,tl->t", qd, data.sid.De.m0, qd)
-    for k, element in enumerate(system.forces):
+    for element in system.forces:
         if element.kind > at.FOLLOWING:
-            law, rate = element.law, measured(system, samples, k).rate
+            law, rate = element.law, measured(system, samples, element).rate
             total += law.damping.value(rate) * rate
             total += law.friction * np.tanh(rate / law.speed) * rate
     return total
@@ -111,7 +111,7 @@ def supply(system: System, samples: Samples, times: Array, drift: Array) -> Arra
         if element.kind <= at.FOLLOWING:
             total += factor * _given_power(system, samples, k)
         elif element.law.applied:
-            measure: Measured = measured(system, samples, k)
+            measure: Measured = measured(system, samples, element)
             total += factor * element.law.applied * measure.rate
     return total
 

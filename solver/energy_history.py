@@ -139,10 +139,8 @@ def _drift(system: System, work: Work, times: Array, z: Array) -> Array:
     if not (system.arrays.constraint[:, at.C_DRIVE] >= 0).any():
         return drift
     rest = np.zeros(system.n_velocities)
-    edges = np.array([system.scene.time.start, *system.breaks])
-    part = np.clip(np.searchsorted(edges, times) - 1, 0, len(edges) - 2)
-    for i, t in enumerate(times):
-        work.clock[0] = 0.5 * (edges[part[i]] + edges[part[i] + 1])
+    for i, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
+        work.clock[0] = clock
         kernel_calls.evaluate(system, work, t, z[i], rest)
         drift[i] = work.row[:, at.C_RATE]
     return drift

@@ -17,6 +17,8 @@ from .scene import System
 
 #: Times at which a drive is looked at in each of its smooth intervals, and in all.
 SAMPLES, LEAST = 200, 3
+#: How the names of driven angles begin: angle, angle_1, rotation of a marker.
+ANGLES = ("angle", "rotation")
 _GOLDEN = 0.6180339887498949
 
 
@@ -75,7 +77,8 @@ def _rotation(system: System, history: DriveHistory, name: str) -> Excitation:
 def _rate_of_angle(system: System, history: DriveHistory, name: str) -> float:
     """Largest rate of what a drive prescribes, 0 if that is no angle."""
     scene = system.scene
-    if not driven_coordinate(scene.drives[name], scene.joints).startswith("angle"):
+    coordinate = driven_coordinate(scene.drives[name], scene.joints)
+    if not coordinate.startswith(ANGLES):
         return 0.0
     return float(np.abs(history.values[name][1]).max())
 

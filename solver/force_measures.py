@@ -8,6 +8,7 @@ import numpy as np
 
 from formats.sid import Array
 
+from .forces import Element
 from .kernels import layout as at
 from .kernels.drives import drive_value
 from .motion import Motion, marker_motion
@@ -22,14 +23,15 @@ class Measured(NamedTuple):
     rate: Array
 
 
-def measured(system: System, samples: Samples, k: int) -> Measured:
-    """The measure of row k of the force table, as in `kernels.planar_forces`."""
-    row, element = system.arrays.force[k], system.forces[k]
-    A = marker_motion(system, samples, int(row[at.F_A]))
-    B = marker_motion(system, samples, int(row[at.F_B]))
+def measured(system: System, samples: Samples, element: Element) -> Measured:
+    """The measure of a force or a coordinate, as in `kernels.planar_forces`."""
+    A, B = _ends(system, samples, element)
     if element.kind in (at.TWIST, at.TILT):
-        g, axis = _turning(system, k, A, B)
-        return Measured(g, np.sum(axis * (B.w - A.w), axis=1))
+        axis = torque_axis(system, samples, element)
+        rate = np.sum(axis * (B.w - A.w), axis=1)
+        if system.planar:
+            return Measured(B.angle - A.angle, rate)
+        return Measured(_turned(system, samples, element.turn), rate)
     x, v = B.x - A.x, B.v - A.v
     if element.kind == at.SPAN:
         length = np.linalg.norm(x, axis=1)
@@ -43,55 +45,50 @@ def measured(system: System, samples: Samples, k: int) -> Measured:
     return Measured(np.sum(n * x, axis=1), rate)
 
 
-def torque_axis(system: System, samples: Samples, k: int) -> Array:
-    """Inertial torque (nt, 3) on the second marker of a unit force on an angle."""
-    row = system.arrays.force[k]
-    A = marker_motion(system, samples, int(row[at.F_A]))
-    B = marker_motion(system, samples, int(row[at.F_B]))
-    return _turning(system, k, A, B)[1]
-
-
-def _turning(system: System, k: int, A: Motion, B: Motion) -> tuple[Array, Array]:
-    """The angle (nt,) of TWIST or TILT and the inertial axis (nt, 3) of its torque.
+def torque_axis(system: System, samples: Samples, element: Element) -> Array:
+    """Inertial torque (nt, 3) on the second marker of a unit force on an angle.
 
     Of a component of the rotation vector theta along e that is T(theta)^-T e, as in
     `kernels.spatial_forces`.
     """
-    element = system.forces[k]
+    A, _ = _ends(system, samples, element)
     if system.planar:
-        axis = np.broadcast_to([0.0, 0.0, 1.0], (len(A.angle), 3))
-        return B.angle - A.angle, axis
-    relative = np.einsum("tji,tjk->tik", A.R, B.R)
+        return np.broadcast_to([0.0, 0.0, 1.0], A.x.shape)
     data = np.array(element.data)
     if element.kind == at.TWIST:
-        first, second = data[:3], data[3:6]
-        b = relative @ first
-        rest = element.law.rest
-        angle = np.arctan2(b @ second, b @ first) - rest
-        angle -= 2.0 * np.pi * np.floor(0.5 + angle / (2.0 * np.pi))
-        return rest + angle, A.R @ np.cross(first, second)
-    from scipy.spatial.transform import Rotation
-
-    theta = Rotation.from_matrix(relative).as_rotvec()
+        return A.R @ np.cross(data[:3], data[3:6])
+    first = element.turn - int(np.argmax(data))
+    theta = np.column_stack([_turned(system, samples, first + i) for i in range(3)])
     size = np.maximum(np.linalg.norm(theta, axis=1), 1e-9)
-    c = 1.0 / size**2 - (1.0 + np.cos(size)) / (2.0 * size * np.sin(size))
+    c = 1.0 / size**2 - 0.5 / (size * np.tan(0.5 * size))
     c = np.where(size < 1e-3, 1.0 / 12.0, c)
     turned = np.cross(theta, data)
     local = data + 0.5 * turned + c[:, None] * np.cross(theta, turned)
-    return theta @ data, np.einsum("tij,tj->ti", A.R, local)
+    return np.einsum("tij,tj->ti", A.R, local)
+
+
+def _ends(system: System, samples: Samples, element: Element) -> tuple[Motion, Motion]:
+    """The markers of a force or a coordinate."""
+    assert element.a is not None
+    a, b = system.markers[element.a], system.markers[element.b]
+    return marker_motion(system, samples, a), marker_motion(system, samples, b)
+
+
+def _turned(system: System, samples: Samples, entry: int) -> Array:
+    """An angle in space (nt,), zero where it is not counted."""
+    if entry >= system.n_turns:
+        return np.zeros(len(samples.z))
+    return samples.z[:, system.n_positions - system.n_turns + entry]
 
 
 def function_values(system: System, function: int, times: Array) -> Array:
     """Values of a row of the table of functions, 1 for no function."""
     if function < 0:
         return np.ones(len(times))
-    edges = np.array([system.scene.time.start, *system.breaks])
-    part = np.clip(np.searchsorted(edges, times) - 1, 0, len(edges) - 2)
-    clocks = 0.5 * (edges[part] + edges[part + 1])
     evaluate = drive_value.py_func
     return np.array(
         [
             evaluate(system.arrays, function, clock, t)[0]
-            for clock, t in zip(clocks, times, strict=True)
+            for clock, t in zip(system.clocks(times), times, strict=True)
         ]
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,12 +31,11 @@ from formats.sid import Array
 
 from .callables import Derivatives
 from .functions import FunctionTable
+from .ingredients import Reference
 from .joints import joint_parts
 from .kernels import layout as at
 from .kernels.layout import IntTable
 from .pool import Pool
-
-Reference = tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +111,8 @@ class Element:
     a, b : markers; a given force has no `a`
     data : direction or components
     function : row of its function of time, -1 for none
+    coordinate : joint and coordinate that are its measure, if they are
+    turn : entry of Work.turn that is its measure, -1 for none, see `turns`
     """
 
     name: str
@@ -121,6 +122,8 @@ class Element:
     data: tuple[float, ...]
     law: Law
     function: int = -1
+    coordinate: tuple[str, str] | None = None
+    turn: int = -1
 
 
 def compile_forces(
@@ -218,14 +221,21 @@ def _pair(
         assert markers is not None
         a, b = (marker_reference(text) for text in markers)
         return Element(context.name, at.SPAN, a, b, (), law, context.function)
-    connects = context.scene.joints[joint]
-    coordinates = joint_parts(connects, context.planar).coordinates
-    part = coordinates[coordinate or connects.coordinates[0]]
+    name = coordinate or context.scene.joints[joint].coordinates[0]
+    measure = joint_coordinate(context.scene, joint, name)
+    return replace(measure, name=context.name, law=law, function=context.function)
+
+
+def joint_coordinate(scene: SceneFile, joint: str, coordinate: str) -> Element:
+    """What measures a coordinate of a joint, without a force."""
+    connects = scene.joints[joint]
+    parts = joint_parts(connects, scene.dimension == "planar")
+    part = parts.coordinates[coordinate]
     a, b = (marker_reference(text) for text in marker_names(connects))
-    data = tuple(map(float, part.data))
-    return Element(
-        context.name, _MEASURES[part.kind], a, b, data, law, context.function
-    )
+    if part.swapped:
+        a, b = b, a
+    data, key = tuple(map(float, part.data)), (joint, coordinate)
+    return Element(joint, _MEASURES[part.kind], a, b, data, Law(), coordinate=key)
 
 
 #: The measure that is the coordinate of a primitive constraint.
@@ -295,4 +305,5 @@ def force_table(
         row[at.F_DATA] = pool.add(element.data)
         row[at.F_LAW] = pool.add(element.law.packed())
         row[at.F_TIME] = element.function
+        row[at.F_TURN] = element.turn
     return table

@@ -28,11 +28,9 @@ def minimum_norm(
     null space of C^T."""
     rows, columns = row_sizes(system), coordinate_sizes(system)
     rank = system.n_rows - len(system.redundant)
-    edges = np.array([system.scene.time.start, *system.breaks])
-    part = np.clip(np.searchsorted(edges, times) - 1, 0, len(edges) - 2)
     result = multipliers.copy()
-    for k, t in enumerate(times):
-        work.clock[0] = 0.5 * (edges[part[k]] + edges[part[k] + 1])
+    for k, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
+        work.clock[0] = clock
         kernel_calls.evaluate(system, work, t, z[k], v[k])
         C = dense_jacobian(system, work.C) * columns / rows[:, None]
         left, sizes, _ = np.linalg.svd(C, full_matrices=False)

@@ -12,6 +12,7 @@ from .integrators import INTEGRATORS, stepping
 from .kernels import layout as at
 from .scene import System
 from .settings import Settings
+from .sizes import row_sizes
 
 #: Constraints are met when they are open by less than this part of the size: at least
 #: what rounding allows, at most what keeps the drift invisible.
@@ -25,11 +26,11 @@ LOW_ORDER_TOLERANCE = 0.1
 
 
 def closed_below(system: System, settings: Settings) -> Array:
-    """(2,) |c| and |dc/dt| below which constraints are met."""
+    """(rows, 2) |c| and |dc/dt| below which constraints are met."""
     scene = system.scene
     near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
     still = CLOSED[0] / (scene.time.end - scene.time.start)
-    return system.length * np.array([near, still])
+    return np.outer(row_sizes(system), [near, still])
 
 
 def tolerance_per_step(settings: Settings) -> float:
@@ -52,12 +53,13 @@ def new_control(
     duration = scene.time.end - scene.time.start
     real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
     real[stepping.TOLERANCE] = tolerance_per_step(settings)
-    real[stepping.WANTED] = settings.rtol
+    real[stepping.REQUEST] = STEP_TOLERANCE * settings.rtol
     real[stepping.LENGTH] = system.length
     real[stepping.PERIOD] = duration
     real[stepping.RADIUS] = settings.radius
-    real[stepping.NEAR], real[stepping.STILL] = closed
+    real[stepping.SINGULAR] = np.inf
     real[stepping.LARGEST] = 0.1 * duration
+    real[stepping.UNTURNED] = np.inf
     real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
     real[stepping.SPEED] = system.length / duration
     real[stepping.SPIN] = 1.0 / duration
@@ -78,8 +80,9 @@ def new_control(
         np.zeros(len(system.bodies)),
         amplitude,
         frequency,
-        np.ones(n),
+        np.ones(n - system.n_turns),
         np.ones(m),
+        closed,
         times,
         shares,
         np.zeros(len(shares)),

@@ -7,10 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from formats.errors import InputError
-from formats.scene import SCENE_QUANTITIES, is_stress, parse_output
+from formats.scene import (
+    SCENE_QUANTITIES,
+    coordinate_of,
+    is_rate,
+    is_stress,
+    parse_output,
+)
 from formats.sid import Array
 
 from .energy_history import History
+from .force_measures import measured
 from .integrators import stepping
 from .joint_forces import COMPONENTS, wrench
 from .kernels import layout as at
@@ -79,6 +86,10 @@ def _columns(system: System, samples: Samples, text: str) -> list[tuple[str, Arr
     if name.marker:
         m = system.markers[name.owner, name.marker]
         return [(text, _marker_column(system, samples, m, name.quantity))]
+    coordinate = system.coordinates.get((name.owner, coordinate_of(name.quantity)))
+    if coordinate is not None:
+        measure = measured(system, samples, coordinate)
+        return [(text, measure.rate if is_rate(name.quantity) else measure.g)]
     if name.quantity in COMPONENTS:
         wrenches = wrench(system, samples, name.owner)
         return [(text, wrenches[:, COMPONENTS.index(name.quantity)])]
@@ -209,10 +220,11 @@ def _displacement(system: System, samples: Samples, m: int) -> Array:
 
 
 def position_names(system: System) -> tuple[str, ...]:
-    """Names of the entries of z_I."""
+    """Names of the entries of z_I: coordinates of bodies, then counted rotations."""
     rigid = {2: "x y", 3: "x y angle" if system.planar else "x y z", 0: ""}
     rigid |= {7: "x y z e0 e1 e2 e3"}
-    return _coordinate_names(system, at.NP, rigid, "q")
+    turns = [name for turn in system.turns if turn.counted for name in turn.angles]
+    return (*_coordinate_names(system, at.NP, rigid, "q"), *turns)
 
 
 def velocity_names(system: System) -> tuple[str, ...]:

@@ -21,6 +21,7 @@ from .body_measures import expected_bodies, reached_bodies
 from .energy_history import History, is_wanted
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Advance, stepping
+from .integrators.singular import NEAR
 from .kernels import newton
 from .kernels.layout import Work
 from .kernels.newton import Memory
@@ -28,8 +29,9 @@ from .kernels.pointers import kernels
 from .new_control import closed_below, new_control
 from .scene import System
 from .settings import Settings, settings_of
-from .stopping import CAUSES, explained, singular
+from .stopping import CAUSES, explained, near_singular, singular
 from .storage import new_memory, new_work
+from .turn_counts import keep_turns, lost_turn
 
 #: Steps between two reports of progress.
 CHUNK = 500
@@ -138,7 +140,7 @@ class _Run:
                 code = self.advance(limit)
                 if self.inside and self._look_inside():
                     return ""
-                if self._is_stiff(code):
+                if self._is_hard(code):
                     self._switch(stop)
                     code = stepping.CHUNK
                 if progress is not None:
@@ -149,16 +151,19 @@ class _Run:
             now = stop
         return ""
 
-    def _is_stiff(self, code: int) -> bool:
-        """Whether another method has to go on."""
+    def _is_hard(self, code: int) -> bool:
+        """Whether another method has to go on: stiffness, or a singular position."""
         waits = self.settings.when_stiff and math.isnan(self.switched)
         if not waits or code not in (stepping.CHUNK, stepping.CRAWLING):
             return False
-        stiff = self.control.whole[stepping.STIFF]
+        whole = self.control.whole
+        if whole[stepping.CROSSING] == NEAR:
+            return True
+        stiff = whole[stepping.STIFF]
         return bool(stepping.STIFF_PART * stiff > self.memory.counters[newton.STEPS])
 
     def _switch(self, stop: float) -> None:
-        """Goes on from here with the method for stiff scenes."""
+        """Goes on from here with the method for hard scenes."""
         now = float(self.control.real[stepping.TIME])
         self.method, self.switched = INTEGRATORS[self.settings.when_stiff], now
         self.advance = self._prepare()
@@ -183,7 +188,7 @@ class _Run:
             self.breaks.append(events.Moment(name, "break", t, z, v))
 
     def _look_inside(self) -> bool:
-        """Keeps the last steps for integrals; True when an event ends the run."""
+        """Keeps the last steps for integrals; True when the run ends in them."""
         steps = dense.taken(self.control)
         if self.history is not None:
             self.history.add(steps)
@@ -212,12 +217,16 @@ class _Run:
         )
         if status != 0:
             raise SimulationError(singular(self.system, begin, status))
+        keep_turns(self.system, self.work, control.z)
 
     def _failure(self, code: int) -> str:
         t = self.control.real[stepping.TIME]
         cause = CAUSES.get(code, f"code {code}")
+        if code in (stepping.TOO_SMALL, stepping.OFF_CONSTRAINTS):
+            cause = lost_turn(self.system, self.work, self.control) or cause
         worst = outputs.busiest_body(self.system, self.control)
         text = f"stopped at t = {t:.9g} s: {cause} (fastest change: {worst})"
+        text += near_singular(self.control)
         if self.system.redundant:
             rows = assembly.names_of_rows(self.system, self.system.redundant)
             names = ", ".join(dict.fromkeys(rows))

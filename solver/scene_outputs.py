@@ -90,10 +90,9 @@ class SceneQuantities:
     def _residuals(self) -> dict[str, Array]:
         """Largest |c| and |dc/dt|."""
         found = np.zeros((len(self.times), 2))
-        edges = np.array([self.system.scene.time.start, *self.system.breaks])
-        for i, t in enumerate(self.times):
-            part = max(int(np.searchsorted(edges, t)) - 1, 0)
-            self.work.clock[0] = 0.5 * (edges[part] + edges[part + 1])
+        clocks = self.system.clocks(self.times)
+        for i, (t, clock) in enumerate(zip(self.times, clocks, strict=True)):
+            self.work.clock[0] = clock
             z, v = self.samples.z[i], self.samples.v[i]
             kernel_calls.evaluate(self.system, self.work, t, z, v)
             rows = np.abs(self.work.row[:, [at.C_VALUE, at.C_RATE]])

@@ -7,17 +7,16 @@ mechanisms of micrometres are closed as well as those of kilometres.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from formats.scene import SceneFile, as_3d
 from formats.sid import Array
 
-from .bodies import amplitudes
+from .bodies import BodyData, amplitudes
 from .kernels import layout as at
-
-if TYPE_CHECKING:
-    from .scene import System
+from .scene import GROUND_NAME, System
 
 _ANGLES = (at.ANGLE, at.PERPENDICULAR, at.COUPLED_ANGLE)
 _TERMS = (at.COUPLED_ANGLE, at.COUPLED_ALONG)
@@ -34,6 +33,39 @@ def diameter(points: Array) -> float:
     away = np.linalg.norm(points - np.mean(points, axis=0), axis=1)
     first = points[np.argmax(away)]
     return float(np.max(np.linalg.norm(points - first, axis=1)))
+
+
+def mechanism_size(
+    scene: SceneFile,
+    data: Mapping[str, BodyData],
+    markers: Iterable[tuple[str, str]],
+) -> float:
+    """Largest distance in a body, or between places of bodies and of the ground [m].
+
+    A body alone that has no extent is measured by how far it flies.
+
+    markers : (body, marker) of all that the scene uses
+    """
+    sizes = []
+    ground = [name for body, name in markers if body == GROUND_NAME]
+    places = [data[GROUND_NAME].node(name).position for name in ground]
+    for name, body in scene.bodies.items():
+        sid = data[name].sid
+        points = [node.position for node in sid.nodes]
+        points += [np.zeros(3), sid.mdCM.m0[:, 0] / (sid.mass or 1.0)]
+        sizes.append(diameter(np.array(points)))
+        places.append(as_3d(body.initial.position))
+    sizes.append(diameter(np.array(places)))
+    return max(sizes) or _travel(scene) or 1.0
+
+
+def _travel(scene: SceneFile) -> float:
+    """How far initial velocities and gravity carry a body at most."""
+    bodies = scene.bodies.values()
+    speeds = [np.linalg.norm(as_3d(body.initial.velocity)) for body in bodies]
+    fall = 0.5 * np.linalg.norm(as_3d(scene.gravity))
+    duration = scene.time.end - scene.time.start
+    return float(duration * (max(speeds) + duration * fall))
 
 
 def coordinate_sizes(system: System) -> Array:

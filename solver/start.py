@@ -18,6 +18,7 @@ from .kernels.newton import Memory
 from .scene import GROUND_NAME, System
 from .sizes import coordinate_sizes, row_sizes
 from .storage import new_memory, new_work
+from .turn_counts import starting_turns
 
 ITERATIONS = 60
 #: Constraints are closed when they are open by less, relative to their sizes.
@@ -61,6 +62,7 @@ def guess(system: System) -> Start:
                 v[u + 3 : u + 6] = _angular_velocity(initial.angular_velocity, matrix)
         z[p + rigid : p + row[at.NP]] = _elastic(initial, "elastic", data)
         v[u + row[at.RD] : u + row[at.NV]] = _elastic(initial, "elastic_velocity", data)
+    z[len(z) - system.n_turns :] = starting_turns(system)
     return Start(z, v)
 
 
@@ -159,7 +161,9 @@ class State:
             n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
             entries = self.work.M[o : o + n * n] + self.memory.metric[o : o + n * n]
             W[first : first + n, first : first + n] = entries.reshape(n, n)
-        return W + 1e-14 * np.trace(W) / max(1, len(W)) * np.eye(len(W))
+        scale = coordinate_sizes(self.system) ** 2
+        typical = float(np.diag(W) @ scale) / max(1, len(W))
+        return W + 1e-14 * typical * np.diag(1.0 / scale)
 
 
 def close(state: State) -> float:

@@ -22,6 +22,9 @@ CAUSES = {
     "use radau5 or radau9",
 }
 
+#: Part of the independence of the constraints that is left near a singular position.
+NEARLY_SINGULAR = 0.01
+
 
 def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
     """The failure, and the bodies that deform without bound as its cause."""
@@ -33,6 +36,19 @@ def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
                 failure += f"; {name} {stage.sentence()}"
                 break
     return failure
+
+
+def near_singular(control: stepping.Control) -> str:
+    """What to know where a run stops close to a singular position."""
+    left = control.real[stepping.INDEPENDENCE] / max(
+        control.real[stepping.CLEAREST], 1e-300
+    )
+    if left > NEARLY_SINGULAR:
+        return ""
+    return (
+        "; the constraints hardly differ from each other here (singular position): "
+        "another tolerance or radau9 may pass it"
+    )
 
 
 def singular(system: System, t: float, status: int) -> str:

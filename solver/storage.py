@@ -31,6 +31,7 @@ def new_work(system: System) -> at.Work:
     blocks = int((body[:, at.NV] ** 2).sum())
     entries = segment_entries(system)
     largest = max(1, int(body[:, at.NV].max()))
+    turns = sum(len(turn.angles) for turn in system.turns)
     frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
     point = PLANAR_POINT if system.planar else SPATIAL_POINT
     return at.Work(
@@ -45,6 +46,7 @@ def new_work(system: System) -> at.Work:
         np.zeros(entries),
         np.zeros(entries),
         np.zeros((system.n_rows, at.N_ROW)),
+        np.zeros((turns, at.N_TURNED)),
         np.zeros(1),
         np.zeros(max(2 * largest, SCRATCH)),
         np.zeros(N_MODAL * int(body[:, at.NQ].max())),

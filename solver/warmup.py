@@ -89,18 +89,30 @@ def _compile(
     queue: Queue[Group] = Queue()
     for group in groups:
         queue.put(group)
-    workers = [
-        threading.Thread(target=_work, args=(queue,))
-        for _ in range(min(len(groups), os.cpu_count() or 1))
+    helpers = [
+        threading.Thread(target=_help, args=(queue,))
+        for _ in range(min(len(groups), os.cpu_count() or 1) - 1)
     ]
-    for worker in workers:
-        worker.start()
-    for worker in workers:
-        worker.join()
+    for helper in helpers:
+        helper.start()
+    _work(queue)
+    for helper in helpers:
+        helper.join()
 
 
 def _work(queue: Queue[Group]) -> None:
-    """Feeds one process with names until none is left.
+    """Compiles here until no group is left."""
+    while True:
+        try:
+            group = queue.get_nowait()
+        except Empty:
+            return
+        for name in group:
+            _compile_here(name)
+
+
+def _help(queue: Queue[Group]) -> None:
+    """Feeds another process with names until none is left.
 
     A process that dies is no harm: what it did not compile is compiled at first use.
     """

@@ -27,7 +27,8 @@ class Result:
     t : (nt,) output times [s]; fewer than asked for when not `completed`
     values : (nt, n outputs)
     positions, velocities, multipliers : (nt, ...) full state, one column per name in
-        `position_names`, `velocity_names`, `multiplier_names`
+        `position_names`, `velocity_names`, `multiplier_names`; positions end with the
+        angles in space that are counted beyond half a turn [rad]
     counters : cost of the run: steps, rejected, evaluations, factorisations, seconds
     drift : largest constraint residuals: position, velocity
     settings : integrator, rtol, step and whatever else the run was made with

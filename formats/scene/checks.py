@@ -15,6 +15,7 @@ from .outputs import (
     NAME,
     RESERVED,
     SCENE_QUANTITIES,
+    coordinate_of,
     is_of_joint,
     is_quantity,
     is_stress,
@@ -91,6 +92,10 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         raise InputError(error.problem, place=place, expected=error.expected) from None
     if name.owner in SCENE_QUANTITIES:
         return
+    coordinate = "" if name.marker else coordinate_of(name.quantity)
+    if coordinate and (name.owner in scene.joints or name.quantity != "angle"):
+        _check_coordinate(name.owner, coordinate, place, scene)
+        return
     if not name.marker and is_of_joint(name.quantity):
         if name.owner not in scene.joints and name.owner not in scene.drives:
             expected = known_names(name.owner, scene.joints, "joint")
@@ -106,3 +111,16 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         check_reference(f"{name.owner}.{name.marker}", place, scene)
     elif ELASTIC.fullmatch(name.quantity) and isinstance(body, RigidBody):
         fail(place, f"{name.owner} is rigid", "elastic coordinates of a SID body")
+
+
+def _check_coordinate(
+    owner: str, coordinate: str, place: str, scene: SceneFile
+) -> None:
+    """Coordinates of joints and their rates; bodies have an angle, too."""
+    if owner not in scene.joints:
+        expected = known_names(owner, scene.joints, "joint")
+        fail(place, f"there is no joint {owner!r}", expected)
+    joint = scene.joints[owner]
+    if coordinate not in joint.coordinates:
+        found = f"{owner}, of type {joint.type}, has no coordinate {coordinate!r}"
+        fail(place, found, " or ".join(joint.coordinates) or "another joint")

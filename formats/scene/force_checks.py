@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from .failures import fail, known_names
 from .forces import (
-    FORCED,
     Bushing,
     Characteristic,
     Force,
@@ -73,13 +72,13 @@ def _check_joint(
     if joint is None:
         expected = known_names(name, scene.joints, "joint")
         fail(f"{place}.joint", f"there is no joint {name!r}", expected)
-    known = [c for c in joint.coordinates if c in FORCED]
-    if not known:
+    if not joint.coordinates:
         found = f"{name} is of type {joint.type}"
-        fail(f"{place}.joint", found, f"a joint with {', '.join(FORCED)}")
-    if coordinate is not None and coordinate not in known:
-        found = f"{name} has no {coordinate!r} that a force can act on"
-        fail(f"{place}.coordinate", found, f"one of {', '.join(known)}")
+        expected = "a joint with a coordinate, such as revolute or prismatic"
+        fail(f"{place}.joint", found, expected)
+    if coordinate is not None and coordinate not in joint.coordinates:
+        found = f"{name} has no coordinate {coordinate!r}"
+        fail(f"{place}.coordinate", found, " or ".join(joint.coordinates))
 
 
 def _check_spring(force: SpringDamper, place: str) -> None:

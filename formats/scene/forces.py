@@ -28,9 +28,7 @@ Powers = Annotated[
 ]
 _MARKERS = "two markers: the force acts on the second, and backwards on the first"
 _JOINT = "a joint instead of markers: the force acts on its coordinate"
-_COORDINATE = "angle, displacement or length of the joint, default the first it has"
-#: Coordinates of joints that a force may act on.
-FORCED = ("angle", "displacement", "length")
+_COORDINATE = "coordinate of the joint, such as angle, default the first it has"
 
 
 class Characteristic(Table):
@@ -79,6 +77,9 @@ class SpringDamper(_Pair):
 
     With the deflection x = (length or joint coordinate) - rest the force that pulls
     back is k1 x + k2 x^2 + ... + d1 x' + d2 x'^2 + ..., or that of a `table`.
+
+    A spring about an axis counts turns. What orientations leave open at the start of a
+    spatial scene is the angle nearest to `rest`, or to that of a drive of the joint.
     """
 
     type: Literal["spring_damper"]
@@ -110,7 +111,8 @@ class Bushing(_Force):
     """Springs and dampers along and about the axes of the first marker.
 
     Planar: x, y and the angle. Spatial: x, y, z and the three components of the
-    rotation vector from the first to the second marker, below half a turn.
+    rotation vector from the first to the second marker, which is at most half a turn at
+    the start; a run stops before a full one (at 6 rad), where it has no direction.
     """
 
     type: Literal["bushing"]
@@ -124,14 +126,19 @@ class Bushing(_Force):
 class Friction(_Force):
     """Regularised Coulomb friction in a joint: force tanh(rate / speed) + viscous rate.
 
-    Below `speed` a held joint creeps instead of sticking.
+    Below `speed` a held joint creeps instead of sticking. The limit is given and does
+    not follow the load: friction coefficient times normal force (times radius in a
+    bearing) has to be put in as a number. The load that a run finds, the outputs fx to
+    mz of the joint, tells whether that number was right.
     """
 
     type: Literal["friction"]
     joint: str = Field(description="a joint with a coordinate")
     coordinate: str | None = Field(default=None, description=_COORDINATE)
-    force: float = Field(gt=0, description="limit, [N] or [N m]")
-    speed: float = Field(gt=0, description="width of the regularisation")
+    force: float = Field(gt=0, description="constant limit [N] or [N m]")
+    speed: float = Field(
+        gt=0, description="width of the regularisation [m/s] or [rad/s]"
+    )
     viscous: float = Field(default=0.0, ge=0, description="[N s/m] or [N m s/rad]")
 
 

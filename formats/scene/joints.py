@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, get_args
 
 from pydantic import Field
 
@@ -179,6 +179,12 @@ Joint = Annotated[
     | Coupling,
     Field(discriminator="type"),
 ]
+
+
+#: Coordinates of all joints.
+COORDINATES = frozenset(
+    name for kind in get_args(get_args(Joint)[0]) for name in kind.coordinates
+)
 
 
 def marker_names(joint: Joint) -> tuple[str, ...]:

@@ -8,7 +8,9 @@ SID with stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sigma_xz and
 von_mises [Pa]. The largest von_mises over all nodes with stress is peak_von_mises of
 the body.
 
-Quantities of a joint or a drive: fx fy fz and mx my mz, the force and torque on its
+Coordinates of a joint are angle, displacement, length, angle_1 and angle_2, as far as
+it has them, and their rates angle_rate, ...; angles go on over many turns. Quantities
+of a joint or a drive: fx fy fz and mx my mz, the force and torque on its
 second marker in inertial axes; fK is its K-th multiplier and f* all of them. Of the
 whole scene: energy.kinetic, .elastic, .potential, .dissipated, .supplied and .balance
 (the first four less the fifth), and constraint.position and .velocity, the largest
@@ -22,6 +24,7 @@ from typing import NamedTuple
 
 from ..errors import InputError
 from ..stress import COMPONENTS as STRESS_COMPONENTS
+from .joints import COORDINATES
 
 POINT_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"])
 #: Stresses at a marker of a flexible body, and the largest one of the whole body.
@@ -41,6 +44,7 @@ INSTANTANEOUS = ("kinetic", "elastic", "potential")
 RESERVED = frozenset(["ground", *SCENE_QUANTITIES])
 ELASTIC = re.compile(r"(q|vq)([1-9]\d*|\*)")
 MULTIPLIER = re.compile(r"f([1-9]\d*|\*)")
+RATE = "_rate"
 NAME = re.compile(r"[^\W\d][\w-]*")
 
 _EXPECTED = "BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.fx, such as piston.x"
@@ -71,13 +75,34 @@ def parse_output(name: str) -> OutputName:
             listed = ", ".join(SCENE_QUANTITIES[owner])
             raise InputError(f"found {name!r}", expected=f"{owner}. and {listed}")
         return OutputName(owner, marker, quantity)
+    if marker or not coordinate_of(quantity):
+        _check_word(name, quantity, marker)
+    return OutputName(owner, marker, quantity)
+
+
+def _check_word(name: str, quantity: str, marker: str) -> None:
     if not is_quantity(quantity, of_marker=bool(marker)):
         known = sorted(MARKER_QUANTITIES if marker else BODY_QUANTITIES)
-        more = "" if marker else ", qN, vqN, q*, vq*, or fN, fx to mz of a joint"
+        more = (
+            ""
+            if marker
+            else ", qN, vqN, q*, vq*, or fN, fx to mz, angle, displacement"
+            " or another coordinate and its rate, such as angle_rate, of a joint"
+        )
         raise InputError(
             f"found {name!r}", expected=f"a quantity out of {', '.join(known)}{more}"
         )
-    return OutputName(owner, marker, quantity)
+
+
+def coordinate_of(quantity: str) -> str:
+    """The joint coordinate that a quantity is, or is the rate of; empty if none."""
+    coordinate = quantity.removesuffix(RATE)
+    return coordinate if coordinate in COORDINATES else ""
+
+
+def is_rate(quantity: str) -> bool:
+    """True for the rate of a joint coordinate."""
+    return quantity.endswith(RATE)
 
 
 def is_quantity(text: str, *, of_marker: bool = False) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -23,6 +24,9 @@ from .validate import validate
 from .warmup import warmup
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
+#: New objects between two searches for garbage: a command makes little, and all that
+#: it imports would be searched through again and again.
+GARBAGE_THRESHOLD = 100_000
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -59,6 +63,7 @@ for command in (
 
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
+    gc.set_threshold(GARBAGE_THRESHOLD)
     sys.exit(run(sys.argv[1:]))
 
 

@@ -99,37 +99,65 @@ def modes(scene: Path, about: str, output: Path | None, accept_defects: bool) ->
 
 @analyse.command()
 @click.argument("scene", metavar="SCENE", type=existing)
+@click.option(
+    "--quasi-static",
+    is_flag=True,
+    help="Flexible bodies deform without vibrating: at each time they are in "
+    "equilibrium with the inertia, gravity and joint forces of the motion.",
+)
 @click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
 @_ACCEPT
-def inverse(scene: Path, output: Path | None, accept_defects: bool) -> None:
+def inverse(
+    scene: Path, quasi_static: bool, output: Path | None, accept_defects: bool
+) -> None:
     """Find the forces of a SCENE whose motion is prescribed completely.
 
-    Needs as many drives as the mechanism has degrees of freedom, and rigid bodies.
-    Record outputs such as JOINT.fx or DRIVE.f1 to get forces and drive torques.
+    Needs as many drives as the mechanism has degrees of freedom. Record outputs such
+    as JOINT.fx or DRIVE.f1 to get forces and drive torques.
+
+    No drive prescribes the vibrations of flexible bodies. --quasi-static leaves them
+    out, velocities and accelerations of the elastic coordinates with them: what a
+    transient run comes to when the motion is slow against all natural frequencies and
+    vibrations have died out. Softer bodies need sidtool simulate.
 
     \b
-    Example:
+    Examples:
       sidtool analyse inverse press.toml -o forces.csv
+      sidtool analyse inverse slider_crank.toml --quasi-static -o forces.csv
 
-    Exit status: 0 done, 1 the motion is impossible, 2 the input is wrong.
+    Exit status: 0 done, 1 the motion is impossible (the file holds what comes before),
+    2 the input is wrong.
     """
     from ..analysing import inverse_dynamics
     from ..report.analysis import describe_inverse
 
     check_target(output)
-    result = _attempt(inverse_dynamics, scene, accept_defects=accept_defects)
+    result = _attempt(
+        inverse_dynamics,
+        scene,
+        output,
+        quasi_static=quasi_static,
+        accept_defects=accept_defects,
+    )
     _write_result(output, result)
     click.echo(describe_inverse(result))
 
 
-def _attempt(analysis: Any, scene: Path, **settings: Any) -> Any:
-    """Runs an analysis; one line and status 1 when physics does not allow it."""
+def _attempt(
+    analysis: Any, scene: Path, output: Path | None = None, **settings: Any
+) -> Any:
+    """Runs an analysis; one line and status 1 when physics does not allow it.
+
+    What there is of a result goes to `output` then.
+    """
     from solver.errors import SimulationError
 
     try:
         return analysis(scene, **settings)
     except SimulationError as error:
         click.echo(f"sidtool: {scene}: {error}", err=True)
+        if error.result is not None:
+            _write_result(output, error.result)
         raise click.exceptions.Exit(1) from None
 
 
@@ -138,4 +166,4 @@ def _write_result(output: Path | None, result: Any) -> None:
 
     if output is not None:
         write(output, result)
-        click.echo(f"{output} written")
+        click.echo(f"{output} written", err=not result.completed)

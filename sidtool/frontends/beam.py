@@ -19,6 +19,7 @@ from formats.model import Marker, ModelFile
 from formats.model_discretisation import BeamDiscretisation
 from formats.model_geometry import BeamGeometry, GeneralSection, RectangularSection
 
+from .beam_material import BeamMaterial
 from .finite_element_model import FiniteElementModel, MarkerRows
 from .inertia_points import InertiaPoints
 from .patch_markers import at_marker, check_length, placed
@@ -70,12 +71,13 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     g /= 2 * (1 + material.poissons_ratio)
     ndof = 6 * len(ends)
     stiffness = sp.lil_matrix((ndof, ndof))
-    particles = _Particles(ndof)
+    particles, points = _Particles(ndof), _MaterialPoints(ndof)
     for i in range(settings.elements):
         beam = _Element(geometry, line, ends[i], ends[i + 1], e, g, settings.theory)
         dofs = slice(6 * i, 6 * i + 12)
         turn = np.kron(np.eye(4), line.axes)
         stiffness[dofs, dofs] += turn.T @ beam.stiffness() @ turn
+        points.add(beam, i)
         if settings.mass == "lumped":
             particles.lump(beam, i, material.density)
         else:
@@ -97,6 +99,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
                     position=line.at(np.array(at)),
                     displacement=_pruned(displacement),
                     rotation=_pruned(rotation),
+                    tangent=line.axes[0],
                 )
             )
     n = len(ends)
@@ -108,6 +111,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         markers=tuple(markers),
         inertia_points=particles.points(),
         dof_table=np.arange(ndof).reshape(n, 6),
+        beam_material=points.material(),
     )
 
 
@@ -230,6 +234,16 @@ class _Element:
             b[axis, columns] = gamma * flip
         return u, r, b
 
+    def shear_forces(self) -> Array:
+        """(2, 12) along y and z: the change of the moments along the element."""
+        (first, last), middle = (
+            (self.shapes(s)[2] for s in (0.0, 1.0)),
+            self.section(0.5),
+        )
+        change = (last[4:] - first[4:]) * self.e / self.length
+        forces: Array = np.array([-middle.iz * change[1], middle.iy * change[0]])
+        return forces
+
     def stiffness(self) -> Array:
         """(12, 12) in the axes of the element."""
         total = np.zeros((12, 12))
@@ -350,16 +364,58 @@ class _Particles:
         )
 
 
+class _MaterialPoints:
+    """Collects the points of `BeamMaterial`."""
+
+    def __init__(self, ndof: int) -> None:
+        self._ndof = ndof
+        self._rows: list[list[sp.csr_matrix]] = [[], [], []]
+        self._values: list[list[float]] = []
+
+    def add(self, beam: _Element, i: int) -> None:
+        """The Gauss points of element i."""
+        shear_forces = beam.shear_forces()
+        for s, weight in zip(*beam.gauss(), strict=True):
+            _, turns, strains = beam.shapes(s)
+            for kept, rows in zip(
+                self._rows, (strains, turns, shear_forces), strict=True
+            ):
+                kept.append(_resolved(rows, i, beam.line, self._ndof))
+            p = beam.section(s)
+            stiffness = [beam.e * p.area, beam.g * p.torsion, beam.e * p.iy]
+            ratios = [p.iy / p.area, p.iz / p.area]
+            self._values.append([weight, *stiffness, beam.e * p.iz, *ratios])
+
+    def material(self) -> BeamMaterial:
+        strains, turns, forces = (sp.vstack(rows, format="csr") for rows in self._rows)
+        values = np.array(self._values)
+        return BeamMaterial(
+            weights=values[:, 0],
+            strains=strains,
+            turns=turns,
+            shear_forces=forces,
+            stretching=values[:, 1],
+            twisting=values[:, 2],
+            bending=values[:, 3:5],
+            gyration=values[:, 5:7],
+        )
+
+
 def _turned(tensor: Array, line: Line) -> Array:
     return line.axes.T @ tensor @ line.axes
 
 
 def _global(rows: Array, i: int, line: Line, ndof: int) -> sp.csr_matrix:
     """(3, 12) in the axes of element i as (3, ndof) in those of the model."""
-    values = line.axes.T @ rows @ np.kron(np.eye(4), line.axes)
-    columns = np.tile(np.arange(6 * i, 6 * i + 12), 3)
-    index = (np.repeat(np.arange(3), 12), columns)
-    return sp.csr_matrix((values.ravel(), index), shape=(3, ndof))
+    return _resolved(line.axes.T @ rows, i, line, ndof)
+
+
+def _resolved(rows: Array, i: int, line: Line, ndof: int) -> sp.csr_matrix:
+    """(r, 12) for the degrees of freedom in the axes of element i as (r, ndof)."""
+    values, count = rows @ np.kron(np.eye(4), line.axes), len(rows)
+    columns = np.tile(np.arange(6 * i, 6 * i + 12), count)
+    index = (np.repeat(np.arange(count), 12), columns)
+    return sp.csr_matrix((values.ravel(), index), shape=(count, ndof))
 
 
 def _rows(

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from formats.sid_mass import skew
 
+from .beam_material import BeamMaterial
 from .continuum import Continuum
 from .inertia_points import InertiaPoints
 
@@ -30,6 +31,7 @@ class MarkerRows:
     displacement : (3, ndof) sparse; displacement of the point = rows @ u
     rotation : (3, ndof) sparse; right-handed small rotation of the point = rows @ u
     gradient : (9, ndof) sparse; derivative of u_a by x_b = row 3 a + b
+    tangent : (3,) direction of the beam whose cross-section it is
     """
 
     name: str
@@ -38,6 +40,7 @@ class MarkerRows:
     displacement: sp.csr_matrix
     rotation: sp.csr_matrix
     gradient: sp.csr_matrix | None = None
+    tangent: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +69,7 @@ class FiniteElementModel:
         x, y, z and the rotation about x, y, z of every node; -1 where there is none
     rigid_sets : marker name -> nodes that move as one rigid piece around the marker
     continua : the material of solid elements, for stresses
+    beam_material : the material of beam elements, for stress resultants
     edge_mass : name of an edge or face -> (n, n) sparse integral of N_i N_j over it
     """
 
@@ -79,6 +83,7 @@ class FiniteElementModel:
     dof_table: Indices | None = None
     rigid_sets: Mapping[str, Indices] = field(default_factory=dict)
     continua: tuple[Continuum, ...] = ()
+    beam_material: BeamMaterial | None = None
     edge_mass: Mapping[str, sp.csr_matrix] = field(default_factory=dict)
 
     @property
@@ -94,14 +99,19 @@ class FiniteElementModel:
     @cached_property
     def mass(self) -> sp.csr_matrix:
         """(ndof, ndof) mass matrix."""
+        if self.inertia_points is None or self.full_mass is not None:
+            return self.field_mass
+        points = self.inertia_points.mass_matrix()
+        return sp.csr_matrix(self.field_mass + points)
+
+    @cached_property
+    def field_mass(self) -> sp.csr_matrix:
+        """(ndof, ndof) mass matrix without the inertia points."""
         if self.full_mass is not None:
             return self.full_mass
-        total = sp.csr_matrix((self.ndof, self.ndof))
-        if self.scalar_mass is not None:
-            total = total + self._spread(self.scalar_mass)
-        if self.inertia_points is not None:
-            total = total + self.inertia_points.mass_matrix()
-        return sp.csr_matrix(total)
+        if self.scalar_mass is None:
+            return sp.csr_matrix((self.ndof, self.ndof))
+        return self._spread(self.scalar_mass)
 
     @cached_property
     def table(self) -> Indices:

@@ -48,7 +48,7 @@ def describe_scene(scene: SceneFile) -> str:
     parts.append(table(["body", "kind", "", "markers"], bodies))
     if scene.joints:
         joints = [[name, *_joint(joint)] for name, joint in scene.joints.items()]
-        parts.append(table(["joint", "kind", "markers", "axis"], joints))
+        parts.append(table(["joint", "kind", "markers", "axis", "coordinates"], joints))
     if scene.drives:
         drives = [[name, *_drive(drive, scene)] for name, drive in scene.drives.items()]
         parts.append(table(["drive", "of", "coordinate", "function"], drives))
@@ -64,7 +64,12 @@ def describe_scene(scene: SceneFile) -> str:
 def _body(body: Body) -> list[str]:
     markers = ", ".join(body.markers)
     if isinstance(body, SidBody):
-        return ["flexible", body.sid, markers]
+        terms = [body.sid]
+        if body.damping is not None:
+            terms.append(f"damping {body.damping.type}")
+        if body.quadratic_inertia:
+            terms.append("quadratic inertia")
+        return ["flexible", ", ".join(terms), markers]
     kind = "rigid" if body.inertia is not None else "point mass"
     return [kind, f"{body.mass:g} kg", markers]
 
@@ -72,7 +77,8 @@ def _body(body: Body) -> list[str]:
 def _joint(joint: Joint) -> list[str]:
     axis = getattr(joint, "axis", None)
     between = " - ".join(marker_names(joint) or getattr(joint, "joints", ()))
-    return [joint.type, between, _vector(axis) if axis else ""]
+    coordinates = ", ".join(joint.coordinates)
+    return [joint.type, between, _vector(axis) if axis else "", coordinates]
 
 
 def _drive(drive: Drive, scene: SceneFile) -> list[str]:
@@ -86,7 +92,10 @@ def _drive(drive: Drive, scene: SceneFile) -> list[str]:
 def _force(force: Force) -> list[str]:
     pair = getattr(force, "markers", None) or (getattr(force, "marker", None),)
     joint = getattr(force, "joint", None)
-    return [force.type, joint if joint else " - ".join(map(str, pair))]
+    if joint is None:
+        return [force.type, " - ".join(map(str, pair))]
+    coordinate = getattr(force, "coordinate", None)
+    return [force.type, f"{joint}, {coordinate}" if coordinate else joint]
 
 
 def _event(event: Event) -> list[str]:

@@ -20,6 +20,7 @@ from ..bodies import symmetric
 from ..errors import SimulationError
 from ..kernels import layout as at
 from ..scene import System
+from ..turn_counts import keep_turns
 from .mechanics import Mechanics, least_squares, null_space, recorded, refuse_prescribed
 
 #: Constraints are met when they are open by less, relative to their sizes.
@@ -28,6 +29,8 @@ CLOSED = 1e-12
 HALVINGS = 20
 #: Elastic coordinates are in equilibrium when they change by less, relative to all.
 SETTLED = 1e-11
+#: Turns are counted when they differ less from what the mean speed makes them [rad].
+SURE_TURN = 1.0
 ITERATIONS = 40
 
 
@@ -92,7 +95,7 @@ class _Motion:
             place="drives",
             expected="as many drives as the mechanism has degrees of freedom"
             + (
-                ", and of flexible bodies the quasi-static deformation"
+                ", and the option quasi-static, which leaves out vibrations"
                 if flexible and self.driven.all()
                 else ""
             ),
@@ -212,17 +215,20 @@ def _reach(motion: _Motion, state: Start, when: float) -> Start | None:
     """The state at `when`, from a prediction; None if that is too far away."""
     mechanics = motion.mechanics
     before, h = mechanics.t, when - mechanics.t
-    _set_clock(mechanics, 0.5 * (before + when))
+    middle = np.array([0.5 * (before + when)])
+    mechanics.work.clock[:1] = mechanics.system.clocks(middle)
     x = h * state.v / mechanics.scale + 0.5 * h * h * motion.accelerations(state)
     z = mechanics.moved(state.z, x)
+    rates = mechanics.turn_rates(state)
+    first = len(z) - len(rates)
+    z[first:] += h * rates
     mechanics.t = when
     reached = motion.deformed(z)
-    if reached is None:
-        mechanics.t = before
-    return reached
-
-
-def _set_clock(mechanics: Mechanics, t: float) -> None:
-    edges = np.array([mechanics.system.scene.time.start, *mechanics.system.breaks])
-    part = int(np.clip(np.searchsorted(edges, t) - 1, 0, len(edges) - 2))
-    mechanics.work.clock[0] = 0.5 * (edges[part] + edges[part + 1])
+    if reached is not None:
+        rates = 0.5 * (rates + mechanics.turn_rates(reached))
+        keep_turns(mechanics.system, mechanics.work, reached.z)
+        missed = reached.z[first:] - state.z[first:] - h * rates
+        if np.max(np.abs(missed), initial=0.0) < SURE_TURN:
+            return reached
+    mechanics.t = before
+    return None

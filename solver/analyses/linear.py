@@ -82,6 +82,7 @@ def linearise(
     if state is not None:
         system, _ = assemble(system)
         z, v = (np.array(part, float) for part in state)
+        _check_size(system, z, v)
     elif about == "static":
         found = static_equilibrium(system)
         system, z = found.system, found.z
@@ -90,12 +91,21 @@ def linearise(
         system, start = assemble(system)
         z, v = start.z, start.v
     t = system.scene.time.start if time is None else time
-    edges = np.array([system.scene.time.start, *system.breaks])
-    part = int(np.clip(np.searchsorted(edges, t) - 1, 0, len(edges) - 2))
-    mechanics = Mechanics(system, t, 0.5 * (edges[part] + edges[part + 1]))
+    mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
     mechanics.set_scale(z)
     matrix, motion = state_matrix(mechanics, z, v)
     return _modes(mechanics, matrix, motion, z, v)
+
+
+def _check_size(system: System, z: Array, v: Array) -> None:
+    wanted = (system.n_positions,), (system.n_velocities,)
+    if (z.shape, v.shape) != wanted:
+        raise InputError(
+            f"the state has {z.size} positions and {v.size} velocities",
+            place="state",
+            expected=f"{wanted[0][0]} and {wanted[1][0]} of the same scene, compiled "
+            "in the same way",
+        )
 
 
 def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array]:

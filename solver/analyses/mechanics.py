@@ -20,6 +20,7 @@ from ..run import versions
 from ..scene import System
 from ..sizes import row_sizes
 from ..storage import new_memory, new_work
+from ..turn_counts import keep_turns
 
 #: Singular values of the scaled constraint Jacobian count as zero below this.
 RANK_TOLERANCE = 1e-9
@@ -75,10 +76,16 @@ class Mechanics:
         """Scaled generalised forces (n,) at the state last evaluated."""
         return self.work.f * self.scale
 
+    def turn_rates(self, state: Start) -> Array:
+        """Rates of counted rotations (n_turns,) at a state, which is evaluated."""
+        self.evaluate(state.z, state.v)
+        return self.work.turn[: self.system.n_turns, at.TURN_RATE].copy()
+
     def moved(self, z: Array, x: Array) -> Array:
-        """z moved by the scaled tangent vector x; the frames are those of z."""
+        """z moved by the scaled tangent vector x; frames and turns are those of z."""
         self.evaluate(z, np.zeros(self.system.n_velocities))
         result = z.copy()
+        keep_turns(self.system, self.work, result)
         retract(self.system.arrays, self.work.frame.copy(), result, x * self.scale)
         return result
 
@@ -119,11 +126,14 @@ def null_space(matrix: Array) -> Array:
 def recorded(
     system: System, kind: str, times: Array, states: list[Start], message: str = ""
 ) -> Result:
-    """The scene's outputs at some states, as a result."""
+    """The scene's outputs at some states, as a result.
+
+    message : why later states are missing, if they are
+    """
     z = np.array([s.z for s in states]).reshape(len(states), system.n_positions)
     v = np.array([s.v for s in states]).reshape(len(states), system.n_velocities)
     span = system.scene.time.end - system.scene.time.start
-    closed = np.array([1.0, 1.0 / span]) * CLOSED[0] * system.length
+    closed = np.outer(row_sizes(system), [1.0, 1.0 / span]) * CLOSED[0]
     calls, history = kernels(system.planar), None
     if is_wanted(system.scene):
         history = history_between(system, calls, times, z, v, closed)
@@ -152,6 +162,7 @@ def recorded(
         settings={"analysis": kind},
         scene=system.scene.model_dump_json(by_alias=True, exclude_none=True),
         versions=versions(),
+        completed=not message,
         message=message,
     )
 

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from ..kernels.layout import Work
-from ..kernels.newton import Kernels, Memory
-from ..scene import System
 from ..sizes import coordinate_sizes
-from .stepping import Control
+
+if TYPE_CHECKING:
+    from ..kernels.layout import Work
+    from ..kernels.newton import Kernels, Memory
+    from ..scene import System
+    from .stepping import Control
 
 Advance = Callable[[int], int]
 

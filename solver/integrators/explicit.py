@@ -21,24 +21,28 @@ from ..kernels.layout import F1, F2, SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from ..kernels.tables import Table, TableType
 from .dop853 import END, STAGES, TABLEAU
+from .landing import close_step
+from .singular import FAR, NEAR, beside_singular, keep_free_part, look_at_start
 from .stepping import (
     CHUNK,
     CONTROL,
     CRAWLING,
+    CROSSING,
     FIXED_STEP,
     NOT_FINITE,
     OFF_CONSTRAINTS,
+    OLD_STEP,
     OUTPUT,
     PERIOD,
     REACHED,
     SHARE,
     STIFF,
     STIFF_PART,
+    STOP,
     TIME,
     TOO_SMALL,
     accelerate,
     all_finite,
-    close_step,
     copy,
     finish_step,
     growth,
@@ -113,22 +117,31 @@ def _stage(kernels, system, work, memory, tableau, control, slopes, h, i):
     return status
 
 
-@inner(float64(TABLEAU, CONTROL, STAGE_SLOPES, float64))
-def _error(tableau, control, slopes, h):
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, float64))
+def _error(kernels, system, work, memory, tableau, control, slopes, h):
     """Norm of the error estimate, made of those of order 5 and 3."""
-    fifth = _estimate(tableau.fifth, control, slopes, h)
-    third = _estimate(tableau.third, control, slopes, h)
+    fifth = _estimate(kernels, system, work, memory, tableau.fifth, control, slopes, h)
+    third = _estimate(kernels, system, work, memory, tableau.third, control, slopes, h)
     if fifth == 0.0:
         return 0.0
     return CAUTION * fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third)
 
 
-@inner(float64(F1, CONTROL, STAGE_SLOPES, float64))
-def _estimate(weights, control, slopes, h):
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, F1, CONTROL, STAGE_SLOPES, float64))
+def _estimate(kernels, system, work, memory, weights, control, slopes, h):
     for x, K in ((slopes.dz, slopes.Kz), (slopes.dv, slopes.Kv)):
         for n in range(len(x)):
             x[n] = 0.0
         _add_slopes(x, h, weights, K, END, x)
+    if control.whole[CROSSING] != FAR:
+        t, z1, v1, dv, p = (
+            control.real[TIME] + h,
+            slopes.z1,
+            slopes.v1,
+            slopes.dv,
+            slopes.p,
+        )
+        keep_free_part(kernels, system, work, memory, t, z1, v1, dv, memory.dx, p)
     return scaled_norm(slopes.dz, slopes.dv, control.scale_z, control.scale_v)
 
 
@@ -247,18 +260,29 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
         if h == 0.0:
             return REACHED
         update_scales(system, control)
+        if control.real[OLD_STEP] == 0.0:
+            h = max(
+                h,
+                min(
+                    0.1 * (control.real[STOP] - control.real[TIME]),
+                    look_at_start(system, memory, control),
+                ),
+            )
         kernels.rate(system, control.z, control.v, slopes.Kz[0])
         copy(memory.acceleration, slopes.Kv[0])
         failures = 0
         while True:
             if too_small(control, h):
                 return TOO_SMALL
+            h = beside_singular(control, h, 1.0)
             error, factor = 0.0, 0.5
             status = _try_step(
                 kernels, system, work, memory, tableau, control, slopes, h
             )
             if status == 0 and whole[FIXED_STEP] == 0:
-                error = _error(tableau, control, slopes, h)
+                error = _error(
+                    kernels, system, work, memory, tableau, control, slopes, h
+                )
                 factor = growth(ORDER_OF_ERROR, error, 1)
             if status == 0 and error < 1.0:
                 status = _accept(
@@ -278,4 +302,6 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
             return NOT_FINITE
         if whole[FIXED_STEP] == 0 and _crawls(memory, control, h):
             return CRAWLING
+        if whole[CROSSING] == NEAR:
+            return CHUNK
     return CHUNK

@@ -26,6 +26,7 @@ from numba import float64, int64, types
 from formats.sid import Array
 
 from ..kernels.compiling import inner
+from ..kernels.coordinates import chords, follow_chords
 from ..kernels.index3 import (
     add_mass_times,
     index3_factor,
@@ -43,6 +44,7 @@ from ..kernels.layout import (
     NP,
     NQ,
     NV,
+    PLANAR,
     POS,
     RD,
     S_BODY,
@@ -59,19 +61,30 @@ from ..kernels.newton import (
     KERNELS,
     MEMORY,
 )
+from ..kernels.saddle import REGULARISATION
 from ..kernels.tables import Table, TableType
 from .implicit import step_loop
+from .landing import close_step
+from .singular import FAR, SOFT
 from .stepping import (
+    CLEAREST,
     CONTROL,
+    CROSSING,
+    DECLINE,
     FIXED_STEP,
+    INDEPENDENCE,
     OLD_STEP,
+    REQUEST,
+    SINGULAR,
     STEP,
     STOP,
     STUB,
     TIME,
+    TOLERANCE,
+    UNTURNED,
     accelerate,
-    close_step,
     copy,
+    count_turns,
     fade_contraction,
     judge,
     keep_step,
@@ -112,7 +125,7 @@ class Alpha(Table):
     a0, v0, acc : the same at the beginning of this step
     rate0, acc0 : z_I' and z_II' at the beginning of the step, on the constraints
     jerk, snap : slope of acc0 and its own, from steps before
-    bend : h^2 z_II''' of this step
+    bend : scratch like a
     lam, old_lam : lambda at the beginning of this step and one before
     lam1 : at the end of the step
     a1, z1, v1, acc1 : at the end of the step
@@ -220,10 +233,11 @@ def _split(kernels, system, work, memory, alpha, x, y):
     """
     _rates_of_rows(system, work, x, C_VALUE)
     _rates_of_rows(system, work, y, C_RATE)
-    status = kernels.project_once(system, work, memory, alpha.nz, alpha.nv)
+    nz, nv = alpha.nz, alpha.nv
+    status = kernels.project_once(system, work, memory, REGULARISATION, nz, nv)
     for i in range(len(x)):
-        x[i] += alpha.nz[i]
-        y[i] += alpha.nv[i]
+        x[i] += nz[i]
+        y[i] += nv[i]
     return status
 
 
@@ -275,8 +289,7 @@ def _glance(kernels, system, work, memory, control, alpha):
 def _place(kernels, system, control, alpha, h):
     """z_I, z_II and z_II' at the end of the step from a1.
 
-    The motion during the step is followed by the midpoint rule, which for frames is
-    the exponential map to second order.
+    Frames follow the screw that dx is, the exponential map.
     """
     w = alpha.weights
     beta, gamma, am, af = w[BETA], w[GAMMA], w[ALPHA_M], w[ALPHA_F]
@@ -286,12 +299,9 @@ def _place(kernels, system, control, alpha, h):
         alpha.v1[i] = v0 + h * ((1.0 - gamma) * a0 + gamma * a1)
         change = (1.0 - am) * a1 + am * a0 - af * alpha.acc[i]
         alpha.acc1[i] = change / (1.0 - af)
-    kernels.rate(system, control.z, alpha.dx, alpha.rz)
-    for i in range(len(alpha.z1)):
-        alpha.z1[i] = control.z[i] + 0.5 * alpha.rz[i]
-    kernels.rate(system, alpha.z1, alpha.dx, alpha.rz)
-    for i in range(len(alpha.z1)):
-        alpha.z1[i] = control.z[i] + alpha.rz[i]
+    chords(system, alpha.dx, alpha.p)
+    kernels.rate(system, control.z, alpha.p, alpha.rz)
+    follow_chords(system, control.z, alpha.dx, alpha.rz, alpha.z1)
 
 
 @inner(float64(ALPHA))
@@ -347,7 +357,10 @@ def _fit_to_step(kernels, system, work, memory, control, alpha, h):
     _place(kernels, system, control, alpha, h)
     kernels.evaluate(system, work, control.real[TIME] + h, alpha.z1, alpha.v1)
     memory.counters[EVALUATIONS] += 1
-    kernels.project_once(system, work, memory, alpha.nz, alpha.nv)
+    soft = REGULARISATION
+    if control.whole[CROSSING] != FAR:
+        soft = SOFT / control.real[REQUEST]
+    kernels.project_once(system, work, memory, soft, alpha.nz, alpha.nv)
     for i in range(len(alpha.v0)):
         alpha.v0[i] += alpha.nz[i] / h
 
@@ -432,29 +445,71 @@ def _error(kernels, system, work, memory, control, alpha, h):
 
     Position: h^3 z_II'', velocity: h^3 z_II''', from accelerations that the constraints
     allow: differences of a are full of rounding. What constraints impose of both is no
-    error: positions meet them, and the algorithm's v makes up for it.
+    error of deformations: positions meet them, and the algorithm's v makes up for it.
+    The step ends on the constraints with that, and only has to be accepted.
     """
+    real = control.real
+    singular, independence = real[SINGULAR], real[INDEPENDENCE]
+    clearest, decline, unturned = real[CLEAREST], real[DECLINE], real[UNTURNED]
+    error = math.inf
+    copy(alpha.v1, alpha.v0)
+    z1, v1, x, y = alpha.z1, alpha.v1, alpha.dx, alpha.dv
+    if close_step(kernels, system, work, memory, control, h, z1, v1, x, y) == 0:
+        error = _free_error(kernels, system, work, memory, control, alpha, h)
+    if not error < 1.0:
+        real[SINGULAR], real[INDEPENDENCE] = singular, independence
+        real[CLEAREST], real[DECLINE], real[UNTURNED] = clearest, decline, unturned
+    return error
+
+
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
+def _free_error(kernels, system, work, memory, control, alpha, h):
+    """The estimate, after the end of the step was brought onto the constraints."""
     w, x, y, old = alpha.weights, alpha.dx, alpha.dv, control.real[OLD_STEP]
-    z1, v1 = alpha.z1, alpha.v1
-    copy(v1, alpha.v0)
-    if close_step(kernels, system, work, memory, control, h, z1, v1, x, y) != 0:
-        return math.inf
     for i in range(len(x)):
         jerk = (memory.acceleration[i] - alpha.acc0[i]) / h
-        alpha.bend[i] = 2.0 * h * h * (jerk - alpha.jerk[i]) / (h + old)
         x[i] = w[POSITION_ERROR] * h * h * h * jerk
-        y[i] = w[VELOCITY_ERROR] * h * alpha.bend[i]
+        y[i] = (
+            w[VELOCITY_ERROR] * h * h * h * (jerk - alpha.jerk[i]) / (0.5 * (h + old))
+        )
     if _split(kernels, system, work, memory, alpha, x, y) != 0:
         return math.inf
     _filter(system, memory, alpha, x)
     copy(alpha.p, x)
     _filter(system, memory, alpha, y)
+    if control.whole[CROSSING] == FAR:
+        for b in range(len(system.body)):
+            first = system.body[b, VEL]
+            for i in range(first, first + system.body[b, RD]):
+                x[i] -= alpha.nz[i]
+                alpha.p[i] -= alpha.nv[i]
+    error = scaled_norm(x, alpha.p, alpha.scale, alpha.pace)
+    return max(error, _turning_error(system, control, h))
+
+
+@inner(float64(SYSTEM, CONTROL, float64))
+def _turning_error(system, control, h):
+    """What dense output misses of frames that turn steadily, which steps do exactly.
+
+    A cubic misses y'''' / 384 in the middle of a step of one: of positions speed times
+    (angular velocity)^3, of quaternions (angular velocity / 2)^4. It does not add up.
+    """
+    worst, v = 0.0, control.v
     for b in range(len(system.body)):
-        first = system.body[b, VEL]
-        for i in range(first, first + system.body[b, RD]):
-            x[i] -= alpha.nz[i]
-            alpha.p[i] -= alpha.nv[i]
-    return scaled_norm(x, alpha.p, alpha.scale, alpha.pace)
+        row = system.body[b]
+        rd, u, p = row[RD], row[VEL], row[POS]
+        if rd == 6:
+            way = h * math.sqrt(v[u] * v[u] + v[u + 1] * v[u + 1] + v[u + 2] * v[u + 2])
+            x, y, z = v[u + 3], v[u + 4], v[u + 5]
+            turn = h * math.sqrt(x * x + y * y + z * z)
+            worst = max(worst, (0.5 * turn) ** 4 / control.scale_z[p + 3])
+        elif rd == 3 and system.dims[PLANAR] == 1:
+            way = h * math.sqrt(v[u] * v[u] + v[u + 1] * v[u + 1])
+            turn = h * abs(v[u + 2])
+        else:
+            continue
+        worst = max(worst, way * turn**3 / control.scale_z[p])
+    return worst / 384.0 * control.real[TOLERANCE] / control.real[REQUEST]
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
@@ -470,13 +525,14 @@ def _accept(kernels, system, work, memory, control, alpha, h):
     if control.whole[FIXED_STEP] == 1:
         copy(v1, alpha.v0)
         if real[TIME] + 1.5 * h < real[STOP]:
+            status = count_turns(system, work, control, h, z1)
             copy(alpha.acc1, memory.acceleration)
             note_drift(system, work, control)
         else:
             x, y = alpha.dx, alpha.dv
             status = close_step(kernels, system, work, memory, control, h, z1, v1, x, y)
-            if status != 0:
-                return status
+        if status != 0:
+            return status
     copy(alpha.lam1, memory.multiplier)
     write_cubic(
         kernels,
@@ -505,6 +561,18 @@ def _order(alpha):
     return 2
 
 
+@inner(types.void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
+def _foretell(kernels, system, control, alpha, h):
+    """The end of the step if accelerations stay as they are; `a` may be off."""
+    for i in range(len(alpha.v1)):
+        alpha.v1[i] = control.v[i] + 0.5 * h * alpha.acc0[i]
+    kernels.rate(system, control.z, alpha.v1, alpha.rz)
+    for i in range(len(alpha.z1)):
+        alpha.z1[i] = control.z[i] + h * alpha.rz[i]
+    for i in range(len(alpha.v1)):
+        alpha.v1[i] += 0.5 * h * alpha.acc0[i]
+
+
 advance = step_loop(
     "generalised_alpha",
     ALPHA,
@@ -514,7 +582,8 @@ advance = step_loop(
     _error,
     _accept,
     _order,
+    _foretell,
     JACOBIAN_SERVES,
     FIRST_STEP,
-    keep_step,
+    finish=keep_step,
 )

@@ -8,18 +8,25 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba import int64
+from numba import float64, int64, types
 
-from ..kernels.compiling import Entry, entry
+from ..kernels.compiling import Entry, entry, inner
 from ..kernels.layout import SYSTEM, WORK
+from ..kernels.mass import independence
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
+from .singular import FAR, NEAR, beside_singular, look_at_start
 from .stepping import (
+    AHEAD,
     CHUNK,
     CONTRACTION,
     CONTROL,
+    CROSSING,
     FACTORED_STEP,
     FAILURES,
     FIXED_STEP,
+    FRESH,
+    INDEPENDENCE,
+    JACOBIAN,
     NEEDS_JACOBIAN,
     NO_CONVERGENCE,
     NOT_FINITE,
@@ -27,17 +34,25 @@ from .stepping import (
     OLD_STEP,
     PREDICT,
     REACHED,
+    SINGULAR,
     STAGE_STEP,
+    STOP,
+    TIME,
     TOO_SMALL,
+    accelerate,
     after_divergence,
     all_finite,
     finish_step,
     growth,
+    look_back,
     next_step,
     take_jacobian,
     too_small,
     update_scales,
 )
+
+#: Most looks ahead for a singular position.
+LOOKS = 3
 
 
 def step_loop(
@@ -49,8 +64,10 @@ def step_loop(
     error_of: Any,
     accept: Any,
     order_of: Any,
+    foretell: Any,
     serves: float,
     first_step: float = 1.0,
+    reach: float = 1.0,
     finish: Any = finish_step,
 ) -> Entry:
     """`advance` of an implicit method: the entry kernel of its step loop.
@@ -69,10 +86,55 @@ def step_loop(
     accept(kernels, system, work, memory, control, storage, h) : ends the step, 0 on
         success
     order_of(storage) : of the error estimate
+    foretell(kernels, system, control, storage, h) : places the end of the step, as it
+        seems before, in z1 and v1 of the storage
     serves : a Jacobian is kept while Newton's iteration contracts the error this much
     first_step : part of the proposed step that is taken after a break
+    reach : longest step past a singular position, relative to the one before
     finish : chooses the next step, as `finish_step`
     """
+
+    def look_ahead(kernels, system, work, memory, control, storage, h):  # type: ignore[no-untyped-def]
+        """Linearises at the end of the step, as it seems before."""
+        foretell(kernels, system, control, storage, h)
+        t, z, v = control.real[TIME] + h, storage.z1, storage.v1
+        accelerate(kernels, system, work, memory, t, z, v)
+        take_jacobian(kernels, system, work, memory, control, t, z, v)
+        control.whole[JACOBIAN] = AHEAD
+
+    look_ahead = inner(
+        types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type, float64)
+    )(look_ahead)
+
+    def seen(kernels, system, work, memory, control, storage, later):  # type: ignore[no-untyped-def]
+        """The independence of the constraints a little later, as it seems before."""
+        foretell(kernels, system, control, storage, later)
+        t, z, v = control.real[TIME] + later, storage.z1, storage.v1
+        accelerate(kernels, system, work, memory, t, z, v)
+        return independence(system, memory.mass_S)
+
+    seen = inner(
+        float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type, float64)
+    )(seen)
+
+    def sharpen(kernels, system, work, memory, control, storage):  # type: ignore[no-untyped-def]
+        """Corrects when the next singular position comes, by looks ahead."""
+        real = control.real
+        left = real[SINGULAR] - real[TIME]
+        rest = seen(kernels, system, work, memory, control, storage, left)
+        for _ in range(LOOKS):
+            off = left * rest / real[INDEPENDENCE]
+            later = left + off
+            then = seen(kernels, system, work, memory, control, storage, later)
+            if not then < rest:
+                left -= off
+                break
+            left, rest = later, then
+        real[SINGULAR] = real[TIME] + left
+
+    sharpen = inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type))(
+        sharpen
+    )
 
     def advance(kernels, system, work, memory, control, storage, limit):  # type: ignore[no-untyped-def]
         """Steps until the end of the smooth interval or for at most `limit` steps.
@@ -87,17 +149,33 @@ def step_loop(
             if h == 0.0:
                 return REACHED
             update_scales(system, control)
-            if real[OLD_STEP] == 0.0 and whole[FIXED_STEP] == 0:
-                h *= first_step
+            t = real[TIME]
+            if real[OLD_STEP] == 0.0:
+                least = look_at_start(system, memory, control)
+                if whole[FIXED_STEP] == 0:
+                    h = max(first_step * h, min(least, 0.1 * (real[STOP] - t)))
             begin(kernels, system, work, memory, control, storage)
-            fresh = whole[NEEDS_JACOBIAN]
-            if fresh == 1:
-                take_jacobian(kernels, system, work, memory, control)
+            whole[JACOBIAN] = whole[NEEDS_JACOBIAN]
+            if whole[JACOBIAN] == FRESH:
+                take_jacobian(
+                    kernels, system, work, memory, control, t, control.z, control.v
+                )
                 real[CONTRACTION] = 1.0
-            whole[FAILURES] = 0
+            whole[FAILURES], whole[CROSSING] = 0, FAR
             while True:
                 if too_small(control, h):
                     return TOO_SMALL
+                was = whole[CROSSING]
+                proposed, h = h, beside_singular(control, h, reach)
+                known = real[OLD_STEP] > 0.0 and whole[FIXED_STEP] == 0
+                if whole[CROSSING] == NEAR and was != NEAR and known:
+                    sharpen(kernels, system, work, memory, control, storage)
+                    h = beside_singular(control, proposed, reach)
+                last_try = whole[FIXED_STEP] == 1 and whole[JACOBIAN] == AHEAD
+                if whole[CROSSING] == NEAR or last_try:
+                    look_ahead(kernels, system, work, memory, control, storage, h)
+                elif whole[JACOBIAN] == AHEAD:
+                    look_back(kernels, system, work, memory, control)
                 status = 0
                 if real[FACTORED_STEP] != h:
                     status = factor(kernels, system, work, memory, storage, h)
@@ -111,12 +189,9 @@ def step_loop(
                 if iterations == 0:
                     whole[FAILURES] += 1
                     whole[PREDICT] = 0
-                    shorter = after_divergence(
-                        kernels, system, work, memory, control, fresh, whole[FAILURES]
-                    )
+                    shorter = after_divergence(kernels, system, work, memory, control)
                     if shorter == 0.0:
                         return NO_CONVERGENCE
-                    fresh = 1
                     h *= shorter
                     real[CONTRACTION] = 1.0
                     continue
@@ -139,6 +214,8 @@ def step_loop(
                 h *= 0.5
             whole[PREDICT] = 1
             finish(control, order, serves, h, error, iterations, whole[FAILURES])
+            if whole[JACOBIAN] == AHEAD:
+                whole[NEEDS_JACOBIAN] = 1
             memory.counters[STEPS] += 1
             if not all_finite(control.z, control.v):
                 return NOT_FINITE

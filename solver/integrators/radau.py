@@ -8,42 +8,42 @@ positions and velocities after every accepted step.
 
 from __future__ import annotations
 
-import math
-from functools import cache
-from typing import Any
-
-import numpy as np
 from numba import float64, int64, types
 
-from formats.sid import Array
-
 from ..kernels.compiling import inner
-from ..kernels.layout import (
-    C1,
-    F1,
-    F2,
-    SYSTEM,
-    WORK,
-)
-from ..kernels.newton import (
-    ITERATIONS,
-    KERNELS,
-    MEMORY,
-)
-from ..kernels.tables import Table, TableType
+from ..kernels.layout import SYSTEM, WORK
+from ..kernels.newton import KERNELS, MEMORY
 from .implicit import step_loop
+from .landing import close_step
+from .radau_passing import (
+    REACH,
+    foretell,
+    is_beside,
+    keep_free_error,
+    pass_singular,
+    refine,
+)
+from .radau_stages import (
+    STAGES,
+    factor,
+    new_stages,
+    predict,
+    solve,
+    sweep,
+    take_correction,
+    take_end,
+    transform,
+)
+from .singular import FAR
 from .stepping import (
     CONTRACTION,
     CONTROL,
+    CROSSING,
     FAILURES,
     OLD_STEP,
-    PREDICT,
-    STAGE_STEP,
     TIME,
     accelerate,
-    close_step,
     copy,
-    factor_real,
     judge,
     move,
     newton_goal,
@@ -51,308 +51,31 @@ from .stepping import (
     output_due,
     scaled_norm,
     share_of_step,
-    solve_real,
 )
+
+__all__ = ["advance", "new_stages"]
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
-
-
-class Method(Table):
-    """A Radau IIA method with s stages.
-
-    c : (s,) nodes
-    T, TI : (s, s) transformation of the stages that makes A^-1 block diagonal: one
-        real eigenvalue first, then pairs of rows for complex ones, and its inverse
-    real_eigenvalue : (1,)
-    complex_eigenvalues : (pairs,)
-    error : (s,) weights of the stages in the error estimate
-    """
-
-    c: Array
-    T: Array
-    TI: Array
-    real_eigenvalue: Array
-    complex_eigenvalues: np.ndarray
-    error: Array
-
-
-METHOD = TableType(Method, [F1, F2, F2, F1, C1, F1])
-
-
-class Stages(Table):
-    """The method; stage increments Z, their transforms W, slopes F; scratch vectors."""
-
-    method: Method
-    Zz: Array
-    Zv: Array
-    Wz: Array
-    Wv: Array
-    Fz: Array
-    Fv: Array
-    rate0: Array
-    acc0: Array
-    z1: Array
-    v1: Array
-    rz: Array
-    rv: Array
-    x: Array
-    p: Array
-    g: Array
-    crz: np.ndarray
-    crv: np.ndarray
-    cx: np.ndarray
-    cp: np.ndarray
-    cg: np.ndarray
-    old_Zz: Array
-    old_Zv: Array
-
-
-STAGES = TableType(Stages, [METHOD] + [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 2)
-
-
-@cache
-def method(stages: int) -> Method:
-    """Coefficients of Radau IIA, from the zeros of its node polynomial.
-
-    Raises
-    ------
-    ValueError : the number of stages is not odd; even ones have no real eigenvalue.
-    """
-    if stages % 2 == 0:
-        raise ValueError("Radau IIA is used with an odd number of stages")
-    c = _radau_nodes(stages)
-    powers = np.vander(c, stages, increasing=True)
-    A = (powers * c[:, None] / np.arange(1, stages + 1)) @ np.linalg.inv(powers)
-    eigenvalues, vectors = np.linalg.eig(np.linalg.inv(A))
-    real = int(np.argmin(abs(eigenvalues.imag)))
-    pairs = [k for k in np.argsort(eigenvalues.imag) if eigenvalues[k].imag > 1e-9]
-    columns = [vectors[:, real].real]
-    for k in pairs:
-        columns += [vectors[:, k].real, vectors[:, k].imag]
-    T = np.column_stack(columns)
-    gamma = float(eigenvalues[real].real)
-    return Method(
-        c=c,
-        T=np.ascontiguousarray(T),
-        TI=np.ascontiguousarray(np.linalg.inv(T)),
-        real_eigenvalue=np.array([gamma]),
-        complex_eigenvalues=np.conj(eigenvalues[pairs]),
-        error=_error_weights(A, c, gamma),
-    )
-
-
-def _radau_nodes(stages: int) -> Array:
-    """Zeros of P_s - P_{s-1} (Legendre, shifted to [0, 1])."""
-    series = np.zeros(stages + 1)
-    series[stages], series[stages - 1] = 1.0, -1.0
-    nodes = np.sort(np.polynomial.legendre.legroots(series).real)
-    nodes[-1] = 1.0
-    return 0.5 * (nodes + 1.0)
-
-
-def _error_weights(A: Array, c: Array, gamma: float) -> Array:
-    """Weights e of the error estimate (gamma/h - J)^-1 (f(y0) + sum_i e_i Z_i / h).
-
-    The embedded formula y0 + h (f(y0) / gamma + sum b_i f(Y_i)) has order s; the
-    estimate is its difference to the collocation solution, times gamma / h.
-    """
-    s = len(c)
-    right = 1.0 / np.arange(1, s + 1)
-    right[0] -= 1.0 / gamma
-    embedded = np.linalg.solve(np.vander(c, s, increasing=True).T, right)
-    return gamma * (embedded - A[-1]) @ np.linalg.inv(A)
-
-
-def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stages:
-    """Storage for a run with s stages."""
-    n, m = n_positions, n_velocities
-    shapes = [(s, n), (s, m)] * 3 + [n, m, n, m, n, m, m, m, n_rows]
-    complex_shapes = [n, m, m, m, n_rows]
-    arrays: list[Any] = [np.zeros(shape) for shape in shapes]
-    arrays += [np.zeros(shape, complex) for shape in complex_shapes]
-    arrays += [np.zeros((s, n)), np.zeros((s, m))]
-    return Stages(method(s), *arrays)
-
-
-@inner(types.void(CONTROL, STAGES, float64))
-def _predict(control, stages, h):
-    """First guess of Z from the last collocation polynomial.
-
-    It is continued after an accepted step, and shortened after a rejected one.
-    """
-    method = stages.method
-    s = len(method.c)
-    for i in range(s):
-        copy(stages.Zz[i], stages.old_Zz[i])
-        copy(stages.Zv[i], stages.old_Zv[i])
-        for n in range(stages.Zz.shape[1]):
-            stages.Zz[i, n] = 0.0
-        for n in range(stages.Zv.shape[1]):
-            stages.Zv[i, n] = 0.0
-    if control.whole[PREDICT] == 0:
-        return
-    ratio = h / control.real[STAGE_STEP]
-    begin = 1.0 if control.whole[PREDICT] == 1 else 0.0
-    for i in range(s):
-        at = begin + method.c[i] * ratio
-        for j in range(s):
-            weight = at / method.c[j]
-            for k in range(s):
-                if k != j:
-                    weight *= (at - method.c[k]) / (method.c[j] - method.c[k])
-            if j == s - 1:
-                weight -= begin
-            for n in range(stages.Zz.shape[1]):
-                stages.Zz[i, n] += weight * stages.old_Zz[j, n]
-            for n in range(stages.Zv.shape[1]):
-                stages.Zv[i, n] += weight * stages.old_Zv[j, n]
-
-
-@inner(types.void(F2, F2, F2))
-def _transform(matrix, source, out):
-    """out = matrix source for small matrices."""
-    s, n = source.shape
-    for i in range(s):
-        for k in range(n):
-            total = 0.0
-            for j in range(s):
-                total += matrix[i, j] * source[j, k]
-            out[i, k] = total
-
-
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
-def _factor(kernels, system, work, memory, stages, h):
-    """Factors the Newton matrices of all eigenvalues for the step h."""
-    method = stages.method
-    mu = method.real_eigenvalue[0] / h
-    status = factor_real(kernels, system, work, memory, mu)
-    for k in range(len(method.complex_eigenvalues)):
-        if status != 0:
-            return status
-        status = kernels.factor_complex(
-            system,
-            work,
-            memory,
-            memory.complex_lapack,
-            method.complex_eigenvalues[k] / h,
-            memory.complex_A[k],
-            memory.complex_G[k],
-            memory.complex_Y[k],
-            memory.complex_S[k],
-            memory.complex_pivots[k],
-            memory.complex_row_pivots[k],
-        )
-    return status
-
-
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
-def _solve_real(kernels, system, work, memory, stages, mu):
-    """Solves (mu - J) x = (rz, rv) in place."""
-    solve_real(
-        kernels,
-        system,
-        work,
-        memory,
-        mu,
-        stages.rz,
-        stages.rv,
-        stages.x,
-        stages.p,
-        stages.g,
-    )
-
-
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
-def _correct(kernels, system, work, memory, stages, h):
-    """One Newton correction of W, left in F (which held the transformed slopes)."""
-    method = stages.method
-    mu = method.real_eigenvalue[0] / h
-    for i in range(len(stages.rz)):
-        stages.rz[i] = stages.Fz[0, i] - mu * stages.Wz[0, i]
-    for i in range(len(stages.rv)):
-        stages.rv[i] = stages.Fv[0, i] - mu * stages.Wv[0, i]
-    _solve_real(kernels, system, work, memory, stages, mu)
-    copy(stages.rz, stages.Fz[0])
-    copy(stages.rv, stages.Fv[0])
-    for k in range(len(method.complex_eigenvalues)):
-        nu = method.complex_eigenvalues[k] / h
-        a, b = 1 + 2 * k, 2 + 2 * k
-        for i in range(len(stages.crz)):
-            w = complex(stages.Wz[a, i], stages.Wz[b, i])
-            stages.crz[i] = complex(stages.Fz[a, i], stages.Fz[b, i]) - nu * w
-        for i in range(len(stages.crv)):
-            w = complex(stages.Wv[a, i], stages.Wv[b, i])
-            stages.crv[i] = complex(stages.Fv[a, i], stages.Fv[b, i]) - nu * w
-        kernels.solve_complex(
-            system,
-            work,
-            memory,
-            memory.complex_lapack,
-            nu,
-            memory.complex_A[k],
-            memory.complex_G[k],
-            memory.complex_Y[k],
-            memory.complex_S[k],
-            memory.complex_pivots[k],
-            memory.complex_row_pivots[k],
-            stages.crz,
-            stages.crv,
-            stages.cx,
-            stages.cp,
-            stages.cg,
-        )
-        for i in range(len(stages.crz)):
-            stages.Fz[a, i] = stages.crz[i].real
-            stages.Fz[b, i] = stages.crz[i].imag
-        for i in range(len(stages.crv)):
-            stages.Fv[a, i] = stages.crv[i].real
-            stages.Fv[b, i] = stages.crv[i].imag
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _newton(kernels, system, work, memory, control, stages, h):
     """Solves the collocation equations; iterations used, or 0 without convergence."""
     method = stages.method
-    s = len(method.c)
-    t = control.real[TIME]
     control.real[CONTRACTION] = 1.0
-    _predict(control, stages, h)
-    _transform(method.TI, stages.Zz, stages.Wz)
-    _transform(method.TI, stages.Zv, stages.Wv)
+    if is_beside(control):
+        return pass_singular(kernels, system, work, memory, control, stages, h)
+    predict(control, stages, h)
+    transform(method.TI, stages.Zz, stages.Wz)
+    transform(method.TI, stages.Zv, stages.Wv)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
-        for i in range(s):
-            for k in range(len(stages.z1)):
-                stages.z1[k] = control.z[k] + stages.Zz[i, k]
-            for k in range(len(stages.v1)):
-                stages.v1[k] = control.v[k] + stages.Zv[i, k]
-            at = t + method.c[i] * h
-            if accelerate(kernels, system, work, memory, at, stages.z1, stages.v1) != 0:
-                return 0
-            kernels.rate(system, stages.z1, stages.v1, stages.old_Zz[i])
-            copy(memory.acceleration, stages.old_Zv[i])
-        _transform(method.TI, stages.old_Zz, stages.Fz)
-        _transform(method.TI, stages.old_Zv, stages.Fv)
-        _correct(kernels, system, work, memory, stages, h)
-        memory.counters[ITERATIONS] += 1
-        norm = 0.0
-        for i in range(s):
-            size = scaled_norm(
-                stages.Fz[i], stages.Fv[i], control.scale_z, control.scale_v
-            )
-            norm += size * size / s
-        norm = math.sqrt(norm)
+        norm = sweep(kernels, system, work, memory, control, stages, h)
         verdict = judge(control, newton_goal(control), iteration, norm, old_norm)
         if verdict < 0:
             return 0
-        for i in range(s):
-            for k in range(len(stages.z1)):
-                stages.Wz[i, k] += stages.Fz[i, k]
-            for k in range(len(stages.v1)):
-                stages.Wv[i, k] += stages.Fv[i, k]
-        _transform(method.T, stages.Wz, stages.Zz)
-        _transform(method.T, stages.Wv, stages.Zv)
+        take_correction(stages)
         if verdict == 1:
             return iteration + 1
         old_norm = norm
@@ -381,7 +104,9 @@ def _error(kernels, system, work, memory, control, stages, h):
                 stages.rz[k] += stages.old_Zz[0, k] - stages.rate0[k]
             for k in range(len(stages.rv)):
                 stages.rv[k] += memory.acceleration[k] - stages.acc0[k]
-        _solve_real(kernels, system, work, memory, stages, mu)
+        solve(kernels, system, work, memory, stages, mu)
+        if control.whole[CROSSING] != FAR:
+            keep_free_error(kernels, system, work, memory, control, stages, h)
         error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
         if error < 1.0 or not cautious or attempt == 1:
             return error
@@ -422,16 +147,24 @@ def _write_outputs(control, stages, h):
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _accept(kernels, system, work, memory, control, stages, h):
-    """Moves to the end of the step, projected onto the constraints; 0 on success."""
-    s = len(stages.method.c)
-    for i in range(len(stages.z1)):
-        stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]
-    for i in range(len(stages.v1)):
-        stages.v1[i] = control.v[i] + stages.Zv[s - 1, i]
+    """Moves to the end of the step, projected onto the constraints; 0 on success.
+
+    A step near a singular position still lacks a correction of the collocation
+    equations, which takes away most of its error.
+    """
+    status = 0
+    if is_beside(control):
+        status = refine(kernels, system, work, memory, control, stages, h)
+    if status != 0:
+        return status
+    take_end(control, stages)
     z1, v1, dz, dv = stages.z1, stages.v1, stages.x, stages.p
     status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
     if status != 0:
         return status
+    for i in range(len(stages.Zz)):
+        copy(stages.Zz[i], stages.last_Zz[i])
+        copy(stages.Zv[i], stages.last_Zv[i])
     _write_outputs(control, stages, h)
     move(control, h, stages.z1, stages.v1)
     return 0
@@ -453,10 +186,12 @@ advance = step_loop(
     "radau",
     STAGES,
     _begin_step,
-    _factor,
+    factor,
     _newton,
     _error,
     _accept,
     _order,
+    foretell,
     JACOBIAN_SERVES,
+    reach=REACH,
 )

@@ -18,12 +18,15 @@ from ..kernels.layout import (
     F3,
     I1,
     N_ROWS,
+    N_TURNS,
     NP,
     NQ,
     PLANAR,
     POS,
     RD,
     SYSTEM,
+    TURN_RATE,
+    TURNED,
     VEL,
     WORK,
 )
@@ -35,6 +38,7 @@ from ..kernels.newton import (
     PROJECTIONS,
     REJECTED,
 )
+from ..kernels.saddle import REGULARISATION
 from ..kernels.tables import Table, TableType
 
 # Entries of Control.real
@@ -46,8 +50,8 @@ OLD_ERROR = 4  # its error estimate
 TOLERANCE = 5  # relative tolerance per step
 LENGTH = 6  # size of the mechanism [m]
 PERIOD = 7  # duration of the run [s]
-NEAR = 8  # constraints met when |c| is below
-STILL = 9  # and |dc/dt| is below
+INDEPENDENCE = 8  # of the constraints, see `kernels.mass`
+SINGULAR = 9  # when they become dependent if it goes on falling
 SPEED = 10  # largest speed so far
 SPIN = 11  # largest angular velocity so far
 DRIFT = 12  # largest |c| met at the end of a step, after projection
@@ -57,8 +61,11 @@ CONTRACTION = 15  # of the last Newton iteration
 FACTORED_STEP = 16  # step of the factors at hand, 0 for none
 STAGE_STEP = 17  # step that the stages at hand belong to
 RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that have one
-WANTED = 19  # requested relative error of the run
-N_REAL = 20
+UNTURNED = 19  # step in which nothing turns too far to count its turns
+CLEAREST = 20  # largest independence so far
+DECLINE = 21  # mean slope of the independence in the last step, 0 for unknown
+REQUEST = 22  # what TOLERANCE is for methods of high order, whose errors hardly add up
+N_REAL = 23
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
@@ -68,8 +75,13 @@ PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected on
 SHARE = 4  # next entry of the shares
 STIFF = 5  # steps that stability, not accuracy, has limited
 FAILURES = 6  # attempts of the present step that failed
-KEPT = 7  # steps of the same length before this one
-N_WHOLE = 8
+CROSSING = 7  # how the step lies to a singular position, see `singular`
+JACOBIAN = 8  # the one at hand, see below
+SAME = 9  # steps of the same length before this one
+N_WHOLE = 10
+
+#: Of a step before, of the beginning of this step, or of its end.
+KEPT, FRESH, AHEAD = range(3)
 
 #: A scene is stiff when stability limits more than one step in so many; between such
 #: steps the error control tries longer ones.
@@ -95,6 +107,7 @@ class Control(Table):
     amplitude : per velocity coordinate, displacement per unit of an elastic coordinate
     frequency : per velocity coordinate, its angular frequency [rad/s]
     scale_z, scale_v : tolerated error per coordinate
+    closed : (rows, 2) |c| and |dc/dt| below which each constraint is met
     times : output times
     shares : of steps, at which dense output is wanted beside the output times; a
         negative one ends the list of a step
@@ -111,6 +124,7 @@ class Control(Table):
     frequency: Array
     scale_z: Array
     scale_v: Array
+    closed: Array
     times: Array
     shares: Array
     moments: Array
@@ -118,7 +132,7 @@ class Control(Table):
     out_v: Array
 
 
-CONTROL = TableType(Control, [F1, I1] + [F1] * 10 + [F2, F2])
+CONTROL = TableType(Control, [F1, I1] + [F1] * 7 + [F2] + [F1] * 3 + [F2, F2])
 
 NEWTON_LIMIT = 8
 #: Trust in a known contraction of Newton's iteration fades from step to step.
@@ -135,6 +149,10 @@ SAFETY = 0.9
 #: For methods that a change of the step disturbs: the factor by which steps grow, and
 #: the number of steps after which the last change has died out.
 LONGER, SETTLED = 1.5, 10
+
+#: Most that one marker turns against another in a step where turns are counted, of the
+#: half turn that two orientations tell [rad].
+LARGEST_TURN = 2.5
 
 #: Relative to the size of the mechanism: the elastic displacement below which the
 #: error of a deformation is not resolved any further.
@@ -189,11 +207,11 @@ def update_scales(system, control):
 def scaled_norm(dz, dv, scale_z, scale_v):
     """Root mean square of an error relative to the tolerated one."""
     total = 0.0
-    for i in range(len(dz)):
+    for i in range(len(scale_z)):
         total += (dz[i] / scale_z[i]) ** 2
     for i in range(len(dv)):
         total += (dv[i] / scale_v[i]) ** 2
-    return math.sqrt(total / max(1, len(dz) + len(dv)))
+    return math.sqrt(total / max(1, len(scale_z) + len(dv)))
 
 
 @inner(boolean(F1, F1))
@@ -223,7 +241,7 @@ def next_step(control):
     if remaining <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
         return 0.0
     fixed = control.whole[FIXED_STEP] == 1
-    h = real[STEP] if fixed else min(real[STEP], real[LARGEST])
+    h = real[STEP] if fixed else min(real[STEP], real[LARGEST], real[UNTURNED])
     if h >= remaining * (1.0 - STUB):
         return remaining
     if h > 0.5 * remaining and not fixed:
@@ -240,7 +258,9 @@ def too_small(control, h):
 @inner(int64(CONTROL))
 def newton_limit(control):
     """Iterations after which Newton's iteration is given up."""
-    return PATIENT_NEWTON_LIMIT if control.whole[FIXED_STEP] == 1 else NEWTON_LIMIT
+    if control.whole[FIXED_STEP] == 1:
+        return PATIENT_NEWTON_LIMIT
+    return NEWTON_LIMIT
 
 
 @inner(float64(CONTROL))
@@ -328,13 +348,13 @@ def keep_step(control, order, serves, h, error, iterations, failures):
     """
     real, whole = control.real, control.whole
     whole[NEEDS_JACOBIAN] = 1 if real[CONTRACTION] > serves else 0
-    kept = abs(h - real[OLD_STEP]) <= STUB * h
-    whole[KEPT] = whole[KEPT] + 1 if kept else 0
+    same = abs(h - real[OLD_STEP]) <= STUB * h
+    whole[SAME] = whole[SAME] + 1 if same else 0
     real[OLD_STEP] = h
     if whole[FIXED_STEP] == 1:
         return
     real[STEP] = h
-    if whole[KEPT] >= SETTLED and growth(order, error, iterations) > LONGER:
+    if whole[SAME] >= SETTLED and growth(order, error, iterations) > LONGER:
         real[STEP] = LONGER * h
 
 
@@ -374,6 +394,25 @@ def note_drift(system, work, control):
         real[DRIFT_RATE] = max(real[DRIFT_RATE], abs(work.row[i, C_RATE]))
 
 
+@inner(int64(SYSTEM, WORK, CONTROL, float64, F1))
+def count_turns(system, work, control, h, z):
+    """Lets z, at the end of a step and just evaluated, say how far its markers turned.
+
+    Returns 0, or 4 when they turned too far in the step to be sure.
+    """
+    count = system.dims[N_TURNS]
+    first, fastest = len(z) - count, 0.0
+    for i in range(count):
+        way = abs(work.turn[i, TURNED] - z[first + i])
+        fastest = max(fastest, way / h, abs(work.turn[i, TURN_RATE]))
+    if h * fastest > LARGEST_TURN:
+        return 4
+    control.real[UNTURNED] = 0.8 * LARGEST_TURN / max(fastest, 1e-300)
+    for i in range(count):
+        z[first + i] = work.turn[i, TURNED]
+    return 0
+
+
 @inner(types.void(CONTROL, float64, F1, F1))
 def move(control, h, z, v):
     """Makes the state at the end of a step the current one."""
@@ -396,12 +435,12 @@ def accelerate(kernels, system, work, memory, t, z, v):
     return kernels.solve_accelerations(system, work, memory)
 
 
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, float64, float64))
-def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F2))
+def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
     """Brings z and v onto the constraints, then solves for accelerations.
 
-    Done when every |c| <= near and |dc/dt| <= still, at the last attempt (close to a
-    singular position) a hundred times that. dz and dv are scratch.
+    Done when every |c| and |dc/dt| is below those in `closed`, at the last attempt a
+    hundred times that. dz and dv are scratch.
     Quaternions get unit length even where no constraint moves their body.
     Returns 0, or a code when the constraints are singular or cannot be met.
     """
@@ -416,12 +455,12 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
         loose = 1.0 if attempt + 1 < PROJECTIONS_LIMIT else 100.0
         met = True
         for i in range(m):
-            met = met and abs(work.row[i, C_VALUE]) <= loose * near
-            met = met and abs(work.row[i, C_RATE]) <= loose * still
+            met = met and abs(work.row[i, C_VALUE]) <= loose * closed[i, 0]
+            met = met and abs(work.row[i, C_RATE]) <= loose * closed[i, 1]
         if met:
             return kernels.solve_accelerations(system, work, memory)
         memory.counters[PROJECTIONS] += 1
-        status = kernels.project_once(system, work, memory, dz, dv)
+        status = kernels.project_once(system, work, memory, REGULARISATION, dz, dv)
         if status != 0:
             return status
         kernels.retract(system, work.frame, z, dz)
@@ -430,29 +469,41 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, near, still):
     return 3
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
-def take_jacobian(kernels, system, work, memory, control):
-    """Linearises at the current state, which was just evaluated and solved."""
-    t, z, v = control.real[TIME], control.z, control.v
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1))
+def take_jacobian(kernels, system, work, memory, control, t, z, v):
+    """Linearises at a state that was just evaluated and solved."""
     kernels.linearise(system, work, t, z, v, memory.acceleration, memory.multiplier)
     kernels.remember(system, work, memory)
     memory.counters[JACOBIANS] += 1
     control.real[FACTORED_STEP] = 0.0
 
 
-@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, int64, int64))
-def after_divergence(kernels, system, work, memory, control, fresh, failures):
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
+def look_back(kernels, system, work, memory, control):
+    """Linearises at the current state again, after others were evaluated."""
+    t, z, v = control.real[TIME], control.z, control.v
+    accelerate(kernels, system, work, memory, t, z, v)
+    take_jacobian(kernels, system, work, memory, control, t, z, v)
+    control.whole[JACOBIAN] = FRESH
+
+
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
+def after_divergence(kernels, system, work, memory, control):
     """Factor for the step after Newton's iteration failed; 0 when nothing helps.
 
-    A Jacobian that is not fresh is renewed first; then the step is halved.
+    A Jacobian that is not fresh is renewed first; then the step is halved. A fixed one
+    is tried with the Jacobian of its end.
     """
-    if control.whole[FIXED_STEP] == 1 and (failures > 1 or fresh == 1):
+    whole = control.whole
+    if whole[FIXED_STEP] == 1 and whole[JACOBIAN] == AHEAD:
         return 0.0
-    if fresh == 1:
+    if whole[FIXED_STEP] == 1 and whole[JACOBIAN] == FRESH:
+        whole[JACOBIAN] = AHEAD
+        return 1.0
+    if whole[JACOBIAN] != KEPT:
         memory.counters[REJECTED] += 1
         return 0.5
-    accelerate(kernels, system, work, memory, control.real[TIME], control.z, control.v)
-    take_jacobian(kernels, system, work, memory, control)
+    look_back(kernels, system, work, memory, control)
     return 1.0
 
 
@@ -518,36 +569,6 @@ def write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rate1)
         k = output_due(control, h)
 
 
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
-def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
-    """Projects the end of a step onto the constraints and notes what is left open.
-
-    dz and dv are scratch. Returns 0, or the code of `project`.
-    """
-    real = control.real
-    at, near, still = real[TIME] + h, real[NEAR], real[STILL]
-    status = project(kernels, system, work, memory, at, z1, v1, dz, dv, near, still)
-    if status == 0:
-        note_drift(system, work, control)
-    return status
-
-
-@inner(
-    int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1, F1, F1)
-)
-def land(kernels, system, work, memory, control, h, z1, v1, rate0, acc0, rz, dz, dv):
-    """Ends a step at (z1, v1), projected onto the constraints; 0 on success.
-
-    rate0 and acc0 are the slopes at its beginning; rz, dz and dv are scratch.
-    """
-    status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
-    if status != 0:
-        return status
-    write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rz)
-    move(control, h, z1, v1)
-    return 0
-
-
 @entry(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
 def begin(kernels, system, work, memory, t, z, v):
     """`accelerate` for callers in Python."""
@@ -556,7 +577,7 @@ def begin(kernels, system, work, memory, t, z, v):
 
 @entry(
     types.void(
-        KERNELS, SYSTEM, WORK, MEMORY, F1, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2
+        KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2
     )
 )
 def sample(
@@ -579,7 +600,7 @@ def sample(
     """Projects recorded states onto the constraints and solves eq. (3) there.
 
     Dense output meets the constraints to the tolerance of the run only; what is
-    recorded meets them to `closed` (|c|, |dc/dt|). States that cannot be projected stay
+    recorded meets them to `closed`, see `Control`. States that cannot be projected stay
     as they are; accelerations are NaN where eq. (3) is singular. step_z and step_v
     are scratch, of one and three rows.
     """
@@ -600,8 +621,7 @@ def sample(
             step_v[0],
             step_v[1],
             step_v[2],
-            closed[0],
-            closed[1],
+            closed,
         )
         if status == 0:
             copy(step_z[0], z[k])
@@ -612,6 +632,9 @@ def sample(
             copy(work.frame[b], frames[k, b])
         for m in range(work.point.shape[0]):
             copy(work.point[m], points[k, m])
+        first = z.shape[1] - system.dims[N_TURNS]
+        for i in range(system.dims[N_TURNS]):
+            z[k, first + i] = work.turn[i, TURNED]
         copy(memory.acceleration, acc[k])
         copy(memory.multiplier, lam[k])
         if status != 0:

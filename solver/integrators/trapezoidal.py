@@ -21,8 +21,11 @@ from ..kernels.layout import F1, SYSTEM, WORK
 from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from ..kernels.tables import Table, TableType
 from .implicit import step_loop
+from .landing import land
+from .singular import FAR, keep_free_part
 from .stepping import (
     CONTROL,
+    CROSSING,
     OLD_STEP,
     TIME,
     accelerate,
@@ -30,7 +33,6 @@ from .stepping import (
     factor_real,
     fade_contraction,
     judge,
-    land,
     newton_limit,
     scaled_norm,
     solve_real,
@@ -76,8 +78,8 @@ def _begin_step(kernels, system, work, memory, control, slopes):
     copy(memory.acceleration, slopes.acc0)
 
 
-@inner(types.void(CONTROL, SLOPES, float64))
-def _predict(control, slopes, h):
+@inner(types.void(KERNELS, SYSTEM, CONTROL, SLOPES, float64))
+def _predict(kernels, system, control, slopes, h):
     """First guess of the end of the step: slopes go on as they changed so far."""
     old = control.real[OLD_STEP]
     bend = 0.5 * h * h / old if old > 0.0 else 0.0
@@ -94,7 +96,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
     """Solves y1 = y0 + h (y0' + y1') / 2; iterations used, or 0 without convergence."""
     real = control.real
     mu = 2.0 / h
-    _predict(control, slopes, h)
+    _predict(kernels, system, control, slopes, h)
     fade_contraction(control)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
@@ -161,6 +163,10 @@ def _error(kernels, system, work, memory, control, slopes, h):
         change -= before * (slopes.acc0[i] - slopes.old_acc[i])
         slopes.rv[i] = mu * weight * change
     _solve(kernels, system, work, memory, slopes, mu)
+    if control.whole[CROSSING] != FAR:
+        at, z1, v1 = control.real[TIME] + h, slopes.z1, slopes.v1
+        x, p = slopes.x, slopes.p
+        keep_free_part(kernels, system, work, memory, at, z1, v1, slopes.rv, x, p)
     return scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
 
 
@@ -203,5 +209,6 @@ advance = step_loop(
     _error,
     _accept,
     _order,
+    _predict,
     JACOBIAN_SERVES,
 )

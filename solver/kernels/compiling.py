@@ -10,8 +10,7 @@ package that code stands.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import cached_property
 from types import CodeType, FunctionType
 from typing import Any
@@ -19,10 +18,9 @@ from typing import Any
 import numba
 from numba import types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
 from numba.core.typeinfer import register_dispatcher
 
+from .compiler import EntryCompiler, InnerCompiler, compiling_kernels
 from .tables import TableType
 
 _numba: Any = numba  # its stubs know no private parts
@@ -34,67 +32,12 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 CONSTANTS = (bool, int, float, complex, str, tuple, types.Type)
 
 
-class _InnerLibrary(JITCodeLibrary):
-    """Code that is only linked into other code: optimised there, not here."""
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._finalized = True
-
-
-class _InnerCompiler(Compiler):
-    def compile_extra(self, function: FunctionType) -> Any:
-        codegen = self.state.targetctx.codegen()
-        self.state.library = _InnerLibrary(codegen, function.__qualname__)
-        self.state.flags.no_compile = True
-        result = super().compile_extra(function)
-        described, library = result.fndesc, result.library
-        name = _numba._dynfunc.make_function(
-            described.lookup_module(),
-            described.qualname,
-            function.__doc__ or "",
-            0,
-            result.environment,
-            (library,),
-        )
-        result.target_context.insert_user_function(name, described, [library])
-        return result._replace(entry_point=name)
-
-
+#: Options of kernels that only kernels call.
 INNER_OPTIONS: dict[str, Any] = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
-    "pipeline_class": _InnerCompiler,
+    "pipeline_class": InnerCompiler,
 }
-
-
-_known_calls: dict[Any, Any] = {}
-
-
-@contextmanager
-def _remembered_calls() -> Iterator[None]:
-    """Finds out once what an operator returns for arguments of certain types.
-
-    The compiler tries all overloads for each + in the code anew, a third of its time.
-    """
-    operators: Any = types.Function
-    resolve = operators.get_call_type
-
-    def remembered(self: Any, context: Any, args: Any, kws: Any) -> Any:
-        if kws:
-            return resolve(self, context, args, kws)
-        if (self, args) not in _known_calls:
-            _known_calls[self, args] = resolve(self, context, args, kws)
-        return _known_calls[self, args]
-
-    operators.get_call_type = remembered
-    try:
-        yield
-    finally:
-        operators.get_call_type = resolve
 
 
 class Entry:
@@ -106,7 +49,9 @@ class Entry:
 
     @cached_property
     def _dispatcher(self) -> Any:
-        dispatcher = _numba.njit(**OPTIONS)(self._function)
+        dispatcher = _numba.njit(**OPTIONS, pipeline_class=EntryCompiler)(
+            self._function
+        )
         dispatcher._cache = _KernelCache(self._function, self.signatures)
         return dispatcher
 
@@ -115,7 +60,7 @@ class Entry:
         dispatcher = self._dispatcher
         arguments = tuple(signature.args)
         if arguments not in dispatcher.overloads:
-            with register_dispatcher(dispatcher), _remembered_calls():
+            with register_dispatcher(dispatcher), compiling_kernels():
                 dispatcher.compile(signature)
         return dispatcher.overloads[arguments]
 

@@ -213,3 +213,49 @@ def retract(system, frame, z, x):
                 spatial.turn(z, p + 3, x[u + 3], x[u + 4], x[u + 5])
         for k in range(nq):
             z[p + row[NP] - nq + k] += x[u + rd + k]
+
+
+@inner(types.void(SYSTEM, F1, F1))
+def chords(system, x, y):
+    """Tangent vectors y whose translations are straight where those of x are screws.
+
+    A frame that translates by u and rotates by theta, both resolved in it, all along at
+    the same rates, gets to u + (1 - cos n) / n^2 theta x u + (n - sin n) / n^3 theta x
+    (theta x u) with n = |theta|.
+    """
+    for i in range(len(x)):
+        y[i] = x[i]
+    for b in range(len(system.body)):
+        u, rd = system.body[b, VEL], system.body[b, RD]
+        if rd == 3 and system.dims[PLANAR] == 1:
+            t1, t2, t3, u3 = 0.0, 0.0, x[u + 2], 0.0
+        elif rd == 6:
+            t1, t2, t3, u3 = x[u + 3], x[u + 4], x[u + 5], x[u + 2]
+        else:
+            continue
+        n2 = t1 * t1 + t2 * t2 + t3 * t3
+        if n2 < 1e-4:
+            c, k = 0.5 - n2 / 24.0, 1.0 / 6.0 - n2 / 120.0
+        else:
+            n = math.sqrt(n2)
+            c, k = (1.0 - math.cos(n)) / n2, (n - math.sin(n)) / (n2 * n)
+        u1, u2 = x[u], x[u + 1]
+        a1, a2, a3 = t2 * u3 - t3 * u2, t3 * u1 - t1 * u3, t1 * u2 - t2 * u1
+        y[u] += c * a1 + k * (t2 * a3 - t3 * a2)
+        y[u + 1] += c * a2 + k * (t3 * a1 - t1 * a3)
+        if rd == 6:
+            y[u + 2] += c * a3 + k * (t1 * a2 - t2 * a1)
+
+
+@inner(types.void(SYSTEM, F1, F1, F1, F1))
+def follow_chords(system, z0, x, dz, z1):
+    """z1 = z0 + dz, but quaternions rotate by the vectors in x, of which dz is half."""
+    for i in range(len(z0)):
+        z1[i] = z0[i] + dz[i]
+    for b in range(len(system.body)):
+        if system.body[b, RD] == 6:
+            p, u = system.body[b, POS] + 3, system.body[b, VEL] + 3
+            n = math.sqrt(x[u] * x[u] + x[u + 1] * x[u + 1] + x[u + 2] * x[u + 2])
+            c, s = math.cos(0.5 * n), 2.0 * math.sin(0.5 * n) / max(n, 1e-300)
+            for i in range(p, p + 4):
+                z1[i] = c * z0[i] + (s if n > 1e-12 else 1.0) * dz[i]

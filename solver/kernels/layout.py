@@ -119,7 +119,8 @@ F_SEG_B = 4
 F_DATA = 5  # pool: direction, or components of a given force
 F_LAW = 6  # pool: force law, see `forces`
 F_TIME = 7  # function of time that scales what is applied, -1 for none
-N_FORCE = 8
+F_TURN = 8  # entry of Work.turn of a torque about an axis in space, -1 for none
+N_FORCE = 9
 
 # --- kinds of forces: each belongs to a scalar measure of the markers' motion -----
 GIVEN = 0  # force and torque on marker B, components along inertial axes
@@ -129,6 +130,16 @@ SLIDE = 3  # along a direction fixed in marker A; the displacement of B along it
 TWIST = 4  # torque about an axis fixed in marker A; the angle from A to B
 TILT = 5  # component of the rotation vector from A to B (spatial)
 
+# --- columns of System.turn: rotations from marker A to B in space, of the kind TWIST
+# or TILT. Orientations tell them up to full turns; those that are counted go on from
+# what stands at the end of z_I: their values where the step began.
+T_KIND = 0
+T_A = 1
+T_B = 2
+T_DATA = 3  # pool: directions of TWIST
+T_ENTRY = 4  # first entry of Work.turn: TWIST has one, TILT three; the counted first
+N_TURN = 5
+
 # --- entries of System.dims -----------------------------------------------
 PLANAR = 0
 N_POS = 1
@@ -137,13 +148,20 @@ N_ROWS = 3
 BANDWIDTH = 4  # of the Schur complement
 N_PHI = 5  # entries of Work.phi
 N_ENTRIES = 6  # entries of Work.C that belong to constraints; force rows follow
-N_DIMS = 7
+N_TURNS = 7  # entries of Work.turn that are counted, the last ones of z_I
+N_DIMS = 8
 
 # --- columns of Work.row: one constraint row ------------------------------
 C_VALUE = 0  # c(z_I, t)
 C_RATE = 1  # dc/dt
 C_GAMMA = 2  # right-hand side of C z_II' = gamma
 N_ROW = 3
+
+# --- columns of Work.turn -------------------------------------------------
+TURNED = 0
+TURN_RATE = 1
+TURN_AXIS = 2  # inertial torque on marker B that works on the angle
+N_TURNED = 5
 
 
 #: Fields of a system that Newton matrices have of their own.
@@ -160,7 +178,7 @@ class System(Table):
     slack : (rows,) added to the diagonal of the Schur complement: positive for
         constraints that depend on each other, which share their force, see
         `solver.minimum_norm`
-    force : integer table, columns as above
+    force, turn : integer tables, columns as above
     newton : the same for Newton matrices, whose rows are constraints and forces, see
         `newton`: other body, segment, dims and slack
     """
@@ -175,6 +193,7 @@ class System(Table):
     gravity: Array
     slack: Array
     force: IntTable
+    turn: IntTable
     newton: System
 
     def replaced(self, **changes: Any) -> System:
@@ -199,6 +218,7 @@ class Work(Table):
         constraint accelerations by positions and velocities; then those of the force
         rows: the direction of a force, and minus the derivatives of its size
     row : (rows, N_ROW) values, rates and right-hand sides of the constraints
+    turn : (angles, N_TURNED) rotations between markers in space
     clock : (1,) a time inside the smooth interval that is being integrated
     scratch, modal : intermediate results of one body
     """
@@ -214,6 +234,7 @@ class Work(Table):
     Gp: Array
     Gv: Array
     row: Array
+    turn: Array
     clock: Array
     scratch: Array
     modal: Array
@@ -228,8 +249,8 @@ C3 = types.Array(types.complex128, 3, "C")
 I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
-SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, None])
-WORK = TableType(Work, [F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F1, F1, F1])
+SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, None])
+WORK = TableType(Work, [F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2, F1, F1, F1])
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)

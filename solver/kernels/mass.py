@@ -11,6 +11,8 @@ With W = L^-T C^T the Schur complement S = W^T D^-1 W is a symmetric band matrix
 
 from __future__ import annotations
 
+import math
+
 from numba import boolean, float64, int64, types
 
 from .compiling import inner
@@ -31,7 +33,9 @@ from .layout import (
     SYSTEM,
     VEL,
 )
-from .saddle import REGULARISATION
+
+#: A constraint depends on others when this many slacks are left of it.
+CLEAR_OF_SLACK = 10.0
 
 
 @inner(types.void(F1, F1, float64, F1, int64, int64, int64))
@@ -136,9 +140,11 @@ def _band_solve(S, m, width, x):
             x[i] -= S[k, i] * x[k]
 
 
-@inner(int64(SYSTEM, F1, F1, float64, F1, F1, F1, F2))
-def mass_factor(system, M, K, weight, C, A, W, S):
+@inner(int64(SYSTEM, F1, F1, float64, float64, F1, F1, F1, F2))
+def mass_factor(system, M, K, weight, regularisation, C, A, W, S):
     """Factors the system of M + weight K: A, W and S as above.
+
+    regularisation : added to the diagonal of S, relative to it
 
     Returns 0, or 1 when a block is singular, or 2 when the constraints are dependent.
     """
@@ -154,8 +160,27 @@ def mass_factor(system, M, K, weight, C, A, W, S):
             return 1
         _schur_of_body(system, A, C, W, S, b)
     for i in range(m):
-        S[i, i] *= 1.0 + REGULARISATION
+        S[i, i] *= 1.0 + regularisation
     return 0 if _band_factor(S, m, width) else 2
+
+
+@inner(float64(SYSTEM, F2))
+def independence(system, S):
+    """Sine of the smallest angle between a constraint and those before it, from S.
+
+    Angles in the metric that S was factored with. It passes zero linearly where a
+    mechanism passes a singular position. Redundant constraints do not count.
+    """
+    width, least = system.dims[BANDWIDTH], 1.0
+    for i in range(system.dims[N_ROWS]):
+        pivot = 1.0 / S[i, i]
+        if pivot < CLEAR_OF_SLACK * system.slack[i]:
+            continue
+        total = pivot
+        for k in range(max(0, i - width), i):
+            total += S[i, k] * S[i, k] / S[k, k]
+        least = min(least, abs(pivot / total))
+    return math.sqrt(least)
 
 
 @inner(types.void(SYSTEM, F1, F1, F2, F1, F1))

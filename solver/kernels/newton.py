@@ -50,7 +50,7 @@ from .layout import (
     WORK,
 )
 from .mass import mass_factor, mass_solve
-from .saddle import saddle_factor, saddle_solve
+from .saddle import REGULARISATION, saddle_factor, saddle_solve
 from .tables import Table, TableType
 
 #: Most corrections of accelerations for the regularisation of the constraints.
@@ -111,7 +111,7 @@ MEMORY = TableType(
 )
 
 SOLVE_ACCELERATIONS = int64(SYSTEM, WORK, MEMORY)
-PROJECT_ONCE = int64(SYSTEM, WORK, MEMORY, F1, F1)
+PROJECT_ONCE = int64(SYSTEM, WORK, MEMORY, float64, F1, F1)
 REMEMBER = types.void(SYSTEM, WORK, MEMORY)
 FACTOR_REAL = int64(SYSTEM, WORK, MEMORY, LAPACK, float64, F1, F1, F1, F2, I1, I1)
 FACTOR_COMPLEX = int64(SYSTEM, WORK, MEMORY, LAPACK, complex128, C1, C1, C1, C2, I1, I1)
@@ -166,14 +166,15 @@ def _solve_mass(system, memory, x, mu):
     mass_solve(system, memory.mass_A, memory.mass_W, memory.mass_S, x, mu)
 
 
-@inner(int64(SYSTEM, WORK, MEMORY, float64))
-def _factor_mass(system, work, memory, weight):
+@inner(int64(SYSTEM, WORK, MEMORY, float64, float64))
+def _factor_mass(system, work, memory, weight, regularisation):
     """Factors the saddle-point system of M + weight tau^2 K."""
     return mass_factor(
         system,
         work.M,
         memory.metric,
         weight,
+        regularisation,
         work.C,
         memory.mass_A,
         memory.mass_W,
@@ -205,7 +206,7 @@ def _constraint_defect(system, work, memory):
 @entry(SOLVE_ACCELERATIONS)
 def solve_accelerations(system, work, memory):
     """Accelerations and multipliers of the state in `work`, into `memory`."""
-    status = _factor_mass(system, work, memory, 0.0)
+    status = _factor_mass(system, work, memory, 0.0, REGULARISATION)
     if status != 0:
         return status
     for i in range(len(work.f)):
@@ -232,14 +233,16 @@ def solve_accelerations(system, work, memory):
 
 
 @entry(PROJECT_ONCE)
-def project_once(system, work, memory, dz, dv):
+def project_once(system, work, memory, regularisation, dz, dv):
     """Smallest corrections of positions and velocities onto the linearised constraints.
 
     Smallest in the metric M + tau^2 K: position errors go into the rigid motion and
-    not into stiff elastic coordinates.
+    not into stiff elastic coordinates. Of what is met by constraints that are less
+    independent than the regularisation, relative to the Schur complement, little is
+    corrected.
     """
     m = system.dims[N_ROWS]
-    status = _factor_mass(system, work, memory, 1.0)
+    status = _factor_mass(system, work, memory, 1.0, regularisation)
     if status != 0:
         return status
     for x, column in ((dz, C_VALUE), (dv, C_RATE)):

@@ -7,7 +7,7 @@ import math
 from numba import float64, int64, types
 
 from .compiling import entry, inner
-from .forces import REST, force_law, time_factor
+from .forces import force_law, time_factor
 from .layout import (
     BLOCK,
     EVALUATE,
@@ -16,19 +16,28 @@ from .layout import (
     F_B,
     F_DATA,
     F_KIND,
-    F_LAW,
     F_SEG_A,
     F_SEG_B,
+    F_TURN,
     FOLLOWING,
     GIVEN,
     LINEARISE,
     M_BODY,
     N_ENTRIES,
+    N_TURNS,
     NV,
     RD,
     SLIDE,
     SPAN,
     SYSTEM,
+    T_A,
+    T_B,
+    T_DATA,
+    T_ENTRY,
+    T_KIND,
+    TURN_AXIS,
+    TURN_RATE,
+    TURNED,
     TWIST,
     VEL,
     WORK,
@@ -48,6 +57,7 @@ from .spatial import (
     rotate,
     rotate_back,
     segment,
+    store,
     times,
 )
 from .spatial_constraints import NONE, evaluate_constraints
@@ -64,20 +74,44 @@ from .spatial_linear import add_skew
 
 #: Below this rotation the series of the coefficient of the inverse of T is used.
 SMALL_ROTATION = 0.05
+#: Largest rotation vector that is known [rad]; torques on its components grow without
+#: bound towards a full turn.
+FULL_TURN = 6.0
 
 
 @inner(VECTOR(F1, F1))
 def relative_rotation(A, B):
-    """Rotation vector from marker A to marker B, in the axes of A; below pi."""
+    """Rotation vector from marker A to marker B, in the axes of A; at most pi.
+
+    Near half a turn its direction is a column of R + R^T - 2 cos, else that of the
+    skew part of R.
+    """
     x = rotate_back(A, PR, (B[PR], B[PR + 3], B[PR + 6]))
     y = rotate_back(A, PR, (B[PR + 1], B[PR + 4], B[PR + 7]))
     z = rotate_back(A, PR, (B[PR + 2], B[PR + 5], B[PR + 8]))
     axis = (0.5 * (y[2] - z[1]), 0.5 * (z[0] - x[2]), 0.5 * (x[1] - y[0]))
-    sine = math.sqrt(dot(axis, axis))
-    angle = math.atan2(sine, 0.5 * (x[0] + y[1] + z[2] - 1.0))
-    if sine < 1e-8:
-        return axis
-    return times(angle / sine, axis)
+    sine, cosine = math.sqrt(dot(axis, axis)), 0.5 * (x[0] + y[1] + z[2] - 1.0)
+    angle = math.atan2(sine, cosine)
+    if cosine > -0.9:
+        return axis if sine < 1e-8 else times(angle / sine, axis)
+    if x[0] >= y[1] and x[0] >= z[2]:
+        n = (2.0 * (x[0] - cosine), x[1] + y[0], x[2] + z[0])
+    elif y[1] >= z[2]:
+        n = (x[1] + y[0], 2.0 * (y[1] - cosine), y[2] + z[1])
+    else:
+        n = (x[2] + z[0], y[2] + z[1], 2.0 * (z[2] - cosine))
+    return times(math.copysign(angle, dot(n, axis)) / math.sqrt(dot(n, n)), n)
+
+
+@inner(VECTOR(VECTOR, VECTOR))
+def _continued(theta, known):
+    """The rotation vector of the same rotation that is nearest to a known one."""
+    n = math.sqrt(dot(theta, theta))
+    if n < 1e-8:
+        return theta
+    turn = 2.0 * math.pi
+    size = n + turn * math.floor(0.5 + (dot(theta, known) / n - n) / turn)
+    return times(size / n, theta) if abs(size) < FULL_TURN else theta
 
 
 @inner(VECTOR(VECTOR, VECTOR))
@@ -88,25 +122,52 @@ def tilt_direction(theta, e):
         c = 1.0 / 12.0 + n2 / 720.0 + n2 * n2 / 30240.0
     else:
         n = math.sqrt(n2)
-        c = 1.0 / n2 - (1.0 + math.cos(n)) / (2.0 * n * math.sin(n))
+        c = 1.0 / n2 - 0.5 / (n * math.tan(0.5 * n))
     turned = cross(theta, e)
     return plus(e, plus(times(0.5, turned), times(c, cross(theta, turned))))
 
 
-@inner(types.Tuple([float64, VECTOR])(SYSTEM, WORK, int64))
-def _turning(system, work, k):
-    """Angle measure of TWIST or TILT and the inertial axis of its torque."""
-    row, pool = system.force[k], system.pool
-    A, B, data = work.point[row[F_A]], work.point[row[F_B]], row[F_DATA]
-    if row[F_KIND] == TWIST:
-        first, second = load(pool, data), load(pool, data + 3)
-        b = rotate_back(A, PR, rotate(B, PR, first))
-        rest = pool[row[F_LAW] + REST]
-        angle = math.atan2(dot(second, b), dot(first, b)) - rest
-        angle -= 2.0 * math.pi * math.floor(0.5 + angle / (2.0 * math.pi))
-        return rest + angle, rotate(A, PR, cross(first, second))
-    e, theta = load(pool, data), relative_rotation(A, B)
-    return dot(e, theta), rotate(A, PR, tilt_direction(theta, e))
+@inner(float64(SYSTEM, WORK, int64, float64))
+def _twist(system, work, k, known):
+    """The angle of TWIST that is nearest to a known one."""
+    row, pool = system.turn[k], system.pool
+    first, second = load(pool, row[T_DATA]), load(pool, row[T_DATA] + 3)
+    b = rotate(work.point[row[T_B]], PR, first)
+    b = rotate_back(work.point[row[T_A]], PR, b)
+    turn = 2.0 * math.pi
+    angle = math.atan2(dot(second, b), dot(first, b))
+    return angle - turn * math.floor(0.5 + (angle - known) / turn)
+
+
+@inner(types.void(SYSTEM, WORK, F1))
+def _turns(system, work, z):
+    """Rotations between markers, those that are counted near their values in z."""
+    counted = system.dims[N_TURNS]
+    for k in range(len(system.turn)):
+        row = system.turn[k]
+        A, B, to = work.point[row[T_A]], work.point[row[T_B]], row[T_ENTRY]
+        known = len(z) - counted + to
+        w = minus(load(B, PW), load(A, PW))
+        twist, theta = row[T_KIND] == TWIST, NONE
+        if not twist:
+            theta = _continued(relative_rotation(A, B), load(z, known))
+        elif to < counted:
+            theta = (_twist(system, work, k, z[known]), 0.0, 0.0)
+        for i in range(1 if twist else 3):
+            if twist:
+                data = row[T_DATA]
+                axis = cross(load(system.pool, data), load(system.pool, data + 3))
+            else:
+                e = (
+                    1.0 if i == 0 else 0.0,
+                    1.0 if i == 1 else 0.0,
+                    1.0 if i == 2 else 0.0,
+                )
+                axis = tilt_direction(theta, e)
+            axis = rotate(A, PR, axis)
+            work.turn[to + i, TURNED] = theta[i]
+            work.turn[to + i, TURN_RATE] = dot(axis, w)
+            store(work.turn[to + i], TURN_AXIS, axis)
 
 
 @inner(types.Tuple([float64, float64, VECTOR, VECTOR, VECTOR])(SYSTEM, WORK, int64))
@@ -118,9 +179,9 @@ def measure(system, work, k):
     row = system.force[k]
     A, B = work.point[row[F_A]], work.point[row[F_B]]
     if row[F_KIND] >= TWIST:
-        g, axis = _turning(system, work, k)
-        rate = dot(axis, minus(load(B, PW), load(A, PW)))
-        return g, rate, NONE, times(-1.0, axis), axis
+        turn = work.turn[row[F_TURN]]
+        axis = load(turn, TURN_AXIS)
+        return turn[TURNED], turn[TURN_RATE], NONE, times(-1.0, axis), axis
     x = minus(load(B, PX), load(A, PX))
     v = minus(load(B, PV), load(A, PV))
     if row[F_KIND] == SPAN:
@@ -170,6 +231,7 @@ def _force(system, work, k, t):
 def evaluate(system, work, t, z, v):
     """Everything that eq. (3) needs at one state: M, f, C, c, dc/dt and gamma."""
     evaluate_constraints(system, work, t, z, v)
+    _turns(system, work, z)
     for k in range(len(system.force)):
         _force(system, work, k, t)
 

@@ -54,6 +54,37 @@ def blade(
     return validated(data, ModelFile)
 
 
+def slender_blade(modes: int, elements: int) -> ModelFile:
+    """The same as a beam without rotary inertia, by its bending modes in the plane."""
+    e = 1e15
+    section = {"shape": "general", "area": 1.0, "iy": 1e-5, "iz": BENDING / e}
+    data: dict[str, Any] = {
+        "format": "sidtool model",
+        "version": 1,
+        "title": "Spin-up beam",
+        "material": {
+            "youngs_modulus": e,
+            "poissons_ratio": 0.0,
+            "density": LINE_MASS,
+        },
+        "geometry": {
+            "type": "beam",
+            "start": [0, 0, 0],
+            "end": [LENGTH, 0, 0],
+            "section": section,
+        },
+        "discretisation": {"type": "beam", "elements": elements},
+        "frame": {"type": "tangent", "marker": "root", "clamp": "start"},
+        "markers": {
+            "root": {"node": 1, "parameters": [0]},
+            "tip": {"node": 2, "parameters": [1]},
+        },
+        "reduction": {"method": "modal", "modes": modes},
+        "stiffening": {},
+    }
+    return validated(data, ModelFile)
+
+
 def spin_up(end: float) -> SceneFile:
     """The root turns by theta' = (W/T) (t - T/(2 pi) sin(2 pi t/T)), then by W."""
     starts = range(int(DURATION))

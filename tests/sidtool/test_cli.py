@@ -321,6 +321,28 @@ def test_info_of_a_model_and_a_scene(capsys: pytest.CaptureFixture[str]) -> None
         assert word in text
 
 
+def test_info_of_a_scene_tells_damping_and_what_forces_act_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (EXAMPLE / "slider_crank.toml").read_text()
+    rod = (EXAMPLE / "rod_q4.SID_FEM").as_posix()
+    more = f'{rod}"\nquadratic_inertia = true\ndamping = {{ type = "frequency" }} #'
+    scene = tmp_path / "damped.toml"
+    friction = """
+[forces.rub]
+type = "friction"
+joint = "slider"
+coordinate = "displacement"
+force = 2
+speed = 0.01
+"""
+    scene.write_text(text.replace("rod_q4.SID_FEM", more, 1) + friction)
+    assert run(["info", str(scene)]) == 0
+    told = capsys.readouterr().out
+    assert "rod_q4.SID_FEM, damping frequency, quadratic inertia" in told
+    assert "slider, displacement" in told
+
+
 @pytest.mark.parametrize("kind", ["model", "scene", "reference"])
 def test_the_schema_is_json(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["schema", kind]) == 0

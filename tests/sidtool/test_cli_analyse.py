@@ -12,6 +12,7 @@ import sidtool
 from formats.result import read_result
 from sidtool.cli import run
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 PENDULUM = """
 format = "sidtool scene"
 version = 1
@@ -81,6 +82,46 @@ def test_inverse_needs_a_prescribed_motion(
     assert run(["analyse", "inverse", str(pendulum), "-o", str(target)]) == 0
     assert "turn.f1" in capsys.readouterr().out
     assert len(target.read_text().splitlines()) == 12
+
+
+def test_inverse_of_flexible_bodies_is_quasi_static_on_demand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "slow.toml"
+    text = (EXAMPLE / "slider_crank.toml").read_text()
+    text = text.replace("rod_q4.SID_FEM", (EXAMPLE / "rod_q4.SID_FEM").as_posix())
+    scene.write_text(text.replace("output_step = 0.01", "output_step = 0.5"))
+    assert run(["analyse", "inverse", str(scene)]) == 2
+    assert "the option quasi-static" in capsys.readouterr().err
+    target = tmp_path / "forces.h5"
+    command = ["analyse", "inverse", str(scene), "--quasi-static", "-o", str(target)]
+    assert run(command) == 0
+    assert "crank_angle.f1" in capsys.readouterr().out
+    written = read_result(target)
+    same = sidtool.inverse_dynamics(scene, quasi_static=True)
+    assert "quasi-static" in written.settings["analysis"]
+    assert np.array_equal(written["rod.q1"], same["rod.q1"])
+    assert written["rod.q1"][-1] != 0
+
+
+def test_inverse_keeps_what_comes_before_an_impossible_position(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The bob on its arm of 1 m reaches down to y = -1."""
+    scene, target = tmp_path / "pulled.toml", tmp_path / "forces.h5"
+    pull = """
+[drives.pull]
+marker = "bob"
+coordinate = "y"
+function = { type = "polynomial", pieces = [{ from = 0, coefficients = [-0.6, -1.1] }] }
+"""
+    scene.write_text(PENDULUM + pull)
+    assert run(["analyse", "inverse", str(scene), "-o", str(target)]) == 1
+    assert "cannot reach" in capsys.readouterr().err
+    result = read_result(target)
+    assert not result.completed and "cannot reach" in result.message
+    assert len(result.t) == 4
+    assert result["bob.y"] == pytest.approx(-0.6 - 1.1 * result.t, abs=1e-9)
 
 
 def test_a_body_that_can_fall_is_said_in_one_line(

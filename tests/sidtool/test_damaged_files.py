@@ -18,9 +18,7 @@ from sidtool.geometry.patch import patch_from_model
 
 from . import test_import_matrices as matrices
 from .bodies import SOLIDS, volume, volume_data
-from .models import IGA, annulus
-from .test_frontend_patches import GISMO, geomdl, patches_model, written
-from .test_import_meshes import (
+from .mesh_files import (
     BDF,
     FORMATS,
     cdb_text,
@@ -28,6 +26,8 @@ from .test_import_meshes import (
     mesh_model,
     rod_mesh,
 )
+from .models import IGA, annulus
+from .test_frontend_patches import GISMO, geomdl, patches_model, written
 
 SMALL = {"type": "iga", "degrees": [2, 2], "elements": [1, 1]}
 #: How many spoiled copies of every file are read.

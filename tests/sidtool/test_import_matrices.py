@@ -23,7 +23,7 @@ from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.validate import check
 
 from .bodies import BEAMS, beam, volume, volume_data
-from .test_import_meshes import inp_text, rod_mesh
+from .mesh_files import inp_text, rod_mesh
 
 BLOCK = {"type": "hex20", "elements": [4, 1, 1]}
 

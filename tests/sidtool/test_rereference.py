@@ -19,7 +19,7 @@ from formats.sid_mass import free_modal_mass, skew
 from sidtool.cli import run
 from sidtool.convert import sid_from_model
 from sidtool.rereference import changed, frame_change, rereferenced
-from sidtool.stiffening import CENTRIFUGAL
+from sidtool.rotary import CENTRIFUGAL
 from sidtool.validate import check
 
 from .models import EXAMPLES, rod

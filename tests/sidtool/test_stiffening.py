@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 
 from formats.errors import InputError
+from formats.scene import SceneFile
 from formats.sid import SID
 from formats.stiffening import has_stiffening, load_stiffness, stiffening_ratio
+from formats.toml_files import validated
+from sidtool.analysing import linearise
 from sidtool.convert import sid_from_model
 from sidtool.validate import check
+from solver import compile_scene, describe
 
 from .beams import DISCRETISATIONS, IGA, beam
 from .models import rod
@@ -197,27 +202,106 @@ def tension(value: float) -> dict[str, Any]:
     return {"prestress": {"forces": {"tip": [value, 0.0]}}}
 
 
-def test_prestress_is_in_ke_and_ksigma() -> None:
-    """Pulled by F at the tip: Ke as F phi1 tells, ksigma balances the force."""
+#: Markers that stiffen: all, so that the force of a prestress does, or none.
+CARRIERS: list[dict[str, Any]] = [{}, {"markers": ["root"]}, {"markers": []}]
+
+
+@pytest.mark.parametrize("carriers", CARRIERS)
+def test_the_force_of_a_prestress_stiffens_once(carriers: dict[str, Any]) -> None:
+    """Pulled by F at the tip: Ke + F phi1 is that of the plain body under F."""
     reduction = {"method": "modal", "modes": 5}
     force = 5.0
     plain = sid_from_model(beam(IGA, reduction=reduction, stiffening={}))
-    pulled = sid_from_model(beam(IGA, reduction=reduction, stiffening=tension(force)))
-    extra = load_stiffness(plain, forces={"2": (force, 0.0, 0.0)})
-    expected = scipy.linalg.eigvalsh(plain.Ke.m0 + extra, plain.Me.m0)
-    assert_allclose(np.diag(pulled.Ke.m0), expected, rtol=1e-9)
+    settings = {**tension(force), **carriers}
+    pulled = sid_from_model(beam(IGA, reduction=reduction, stiffening=settings))
+    tip = {"2": (force, 0.0, 0.0)}
+    stretched = plain.Ke.m0 + load_stiffness(plain, forces=tip)
+    expected = scipy.linalg.eigvalsh(stretched, plain.Me.m0)
+    found = pulled.Ke.m0 + load_stiffness(pulled, forces=tip)
+    assert_allclose(np.linalg.eigvalsh(found), expected, rtol=1e-9)
+    in_ke = expected if carriers else np.diag(plain.Ke.m0)
+    assert_allclose(np.diag(pulled.Ke.m0), in_ke, rtol=1e-9)
     load = pulled.node(2).phi.m0[0] * force
     assert_allclose(pulled.ksigma.m0[:, 0], load, rtol=1e-6, atol=1e-9)
     assert [c.id for c in check(pulled) if c.failed] == []
 
 
-def test_uniform_prestress_is_that_of_a_pulled_bar() -> None:
-    area = 1e-4
-    stress = {"prestress": {"stress": [5.0 / area, 0.0, 0.0]}}
+def pulled_rod(force: float) -> SceneFile:
+    """A cantilever under a force at its tip."""
+    table = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "planar",
+        "time": {"end": 1.0, "output_step": 1.0},
+        "bodies": {"rod": {"sid": "given", "markers": {"root": 1, "tip": 2}}},
+        "joints": {"wall": {"type": "fixed", "markers": ["ground", "rod.root"]}},
+        "forces": {"pull": {"type": "force", "marker": "rod.tip", "force": [force, 0]}},
+    }
+    return validated(table, SceneFile)
+
+
+@pytest.mark.parametrize("force", [5.0, 8.0])
+def test_a_scene_that_pulls_counts_the_pull_once(force: float) -> None:
+    """The same motion with both SIDs, also where the scene pulls otherwise.
+
+    The plain body is longer under the pull, by its modes along the axis; as force
+    and stress are linear in them the rest is the same.
+    """
+    reduction = {"method": "modal", "modes": 5}
+    scene = pulled_rod(force)
+    found = []
+    for stiffening in ({}, tension(5.0)):
+        model = beam(IGA, reduction=reduction, stiffening=stiffening)
+        modes = linearise(scene, sids={"rod": sid_from_model(model)})
+        found.append(modes.frequencies)
+    assert_allclose(found[1], found[0], rtol=1e-7)
+
+
+def test_a_scene_says_that_a_body_is_prestressed() -> None:
+    sids = {"rod": sid_from_model(beam(IGA, stiffening=tension(5.0)))}
+    told = "\n".join(describe(compile_scene(pulled_rod(5.0), ".", sids)))
+    assert "body rod: prestressed (ksigma)" in told
+    assert "body rod: stiffening by forces kept at tip" in told
+
+
+@pytest.mark.parametrize("carriers", CARRIERS[::2])
+def test_uniform_prestress_is_that_of_a_pulled_bar(carriers: dict[str, Any]) -> None:
+    """Held by a force at the tip; none of it remains in the unloaded bar."""
+    area, force = 1e-4, 5.0
+    stress = {"prestress": {"stress": [force / area, 0.0, 0.0]}, **carriers}
     reduction = {"method": "modal", "modes": 3}
+    plain = sid_from_model(beam(IGA, reduction=reduction, stiffening={}))
     uniform = sid_from_model(beam(IGA, reduction=reduction, stiffening=stress))
-    pulled = sid_from_model(beam(IGA, reduction=reduction, stiffening=tension(5.0)))
+    settings = {**tension(force), **carriers}
+    pulled = sid_from_model(beam(IGA, reduction=reduction, stiffening=settings))
     assert_allclose(np.diag(uniform.Ke.m0), np.diag(pulled.Ke.m0), rtol=2e-3)
+    assert_allclose(uniform.ksigma.m0, pulled.ksigma.m0, rtol=2e-3, atol=1e-9)
+    if not carriers:
+        assert_allclose(np.diag(uniform.Ke.m0), np.diag(plain.Ke.m0), rtol=1e-9)
+
+
+def test_a_stress_that_nothing_releases_stays_in_ke() -> None:
+    """A beam that its frame clamps at both ends, in tension T: with a^2 - b^2 = T and
+    ab the frequency, 2 - 2 cosh a cos b + (a / b - b / a) sinh a sin b = 0."""
+    tension = 40.0
+
+    def characteristic(b: float) -> float:
+        a = np.sqrt(b * b + tension)
+        slope = (a / b - b / a) * np.sinh(a) * np.sin(b)
+        return float(2 - 2 * np.cosh(a) * np.cos(b) + slope)
+
+    roots = [brentq(characteristic, *span) for span in ((3.5, 5.0), (6.5, 8.0))]
+    expected = [b * b * (b * b + tension) for b in roots]
+    string = sid_from_model(
+        beam(
+            IGA,
+            frame={"type": "tangent", "marker": "root", "clamp": ["left", "right"]},
+            reduction={"method": "modal", "modes": 6},
+            stiffening={"prestress": {"stress": [tension / 1e-4, 0.0, 0.0]}},
+        )
+    )
+    assert_allclose(np.diag(string.Ke.m0)[:2], expected, rtol=2e-3)
+    assert_allclose(string.ksigma.m0, 0, atol=1e-9 * tension)
 
 
 def test_a_prestress_that_buckles_is_refused() -> None:

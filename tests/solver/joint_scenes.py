@@ -84,7 +84,7 @@ def conserved(system: System, work: Work, z: Array, v: Array) -> Array:
     """Energy without potentials, linear and angular momentum about the origin."""
     total = np.zeros(7)
     for b, row in enumerate(system.arrays.body):
-        n, first, rd = row[at.NV], row[at.VEL], row[at.RD]
+        n, first = row[at.NV], row[at.VEL]
         if n == 0:
             continue
         M = work.M[row[at.BLOCK] : row[at.BLOCK] + n * n].reshape(n, n)
@@ -92,13 +92,20 @@ def conserved(system: System, work: Work, z: Array, v: Array) -> Array:
         q = z[row[at.POS] + row[at.NP] - row[at.NQ] : row[at.POS] + row[at.NP]]
         elastic = q @ system.bodies[b].sid.Ke.m0 @ q if len(q) else 0.0
         total[0] += 0.5 * (speed @ M @ speed + elastic)
-        x, R = frame(system, work, b)
-        own = np.zeros(6)
-        own[[0, 1, 5] if system.planar else slice(0, 6)] = (M @ speed)[:rd]
-        linear = R @ own[:3]
-        total[1:4] += linear
-        total[4:] += R @ own[3:] + np.cross(x, linear)
+        total[1:] += momenta(system, work, b, v)
     return total
+
+
+def momenta(system: System, work: Work, b: int, v: Array) -> Array:
+    """Linear and angular momentum (6,) of a body about the origin."""
+    row = system.arrays.body[b]
+    n, first, rd = row[at.NV], row[at.VEL], row[at.RD]
+    M = work.M[row[at.BLOCK] : row[at.BLOCK] + n * n].reshape(n, n)
+    own = np.zeros(6)
+    own[[0, 1, 5] if system.planar else slice(0, 6)] = (M @ v[first : first + n])[:rd]
+    x, R = frame(system, work, b)
+    linear = R @ own[:3]
+    return np.concatenate([linear, R @ own[3:] + np.cross(x, linear)])
 
 
 def frame(system: System, work: Work, b: int) -> tuple[Array, Array]:

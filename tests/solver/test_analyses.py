@@ -288,7 +288,7 @@ def test_a_rod_at_rest_hangs_through_as_in_static_equilibrium() -> None:
 
 def test_inverse_dynamics_of_flexible_bodies_must_be_asked_for() -> None:
     system = flexible_slider_crank(1.0, ["rod.q1"])
-    with pytest.raises(InputError, match="can move freely.*quasi-static deformation"):
+    with pytest.raises(InputError, match="can move freely.*the option quasi-static"):
         inverse_dynamics(system)
 
 
@@ -298,3 +298,10 @@ def test_a_body_too_soft_for_quasi_statics_is_told() -> None:
         inverse_dynamics(system, quasi_static=True)
     assert failure.value.result is not None
     assert len(failure.value.result.t) > 0
+
+
+def test_a_state_of_another_scene_is_refused() -> None:
+    body = {"mass": 1.0, "inertia": 1.0}
+    system = compile_scene(scene("planar", bodies={"a": body}))
+    with pytest.raises(InputError, match="has 7 positions and 3 velocities"):
+        linearise(system, state=(np.zeros(7), np.zeros(3)))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 from numba import float64
+from numba.core.extending import intrinsic
 
 from solver import warmup
 from solver.kernels.compiling import entry, inner, stamp
@@ -67,3 +69,25 @@ def test_another_constant_in_a_kernel_below_is_another_kernel() -> None:
     assert two(1.5) == 3.0 and three(1.5) == 4.5
     ones = [stamp(k._function, k.signatures) for k in (two, three, _scaled(2.0))]
     assert ones[0] == ones[2] != ones[1]
+
+
+def test_a_kernel_may_use_what_was_registered_after_another_was_compiled() -> None:
+    """What the compiler is kept from asking twice must not outlive one kernel.
+
+    The number is another one in every process, so that no kernel is on disk.
+    """
+    number = float(os.getpid())
+    assert _scaled(number)(2.0) == 2 * number
+
+    @intrinsic
+    def half(context, x):  # type: ignore[no-untyped-def]
+        def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+            return builder.fmul(arguments[0], arguments[0].type(0.5))
+
+        return float64(float64), generate
+
+    @entry(float64(float64))
+    def kernel(x):  # type: ignore[no-untyped-def]
+        return number * half(x)
+
+    assert kernel(3.0) == 1.5 * number

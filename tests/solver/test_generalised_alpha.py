@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from formats.sid import Array, Taylor
-from solver import simulate
+from solver import compile_scene, simulate
 from solver.integrators.generalised_alpha import coefficients
+from tests.solver.joint_scenes import scene as free_scene
 from tests.solver.scenes import compiled, scene, soft_body
 
 RADII = [0.0, 0.5, 0.8, 1.0]
@@ -91,3 +92,31 @@ def test_a_fixed_step_that_does_not_divide_the_time_is_shortened_a_little() -> N
     result = simulate(system, integrator="generalised_alpha", step=0.3)
     assert result.counters["steps"] == 4
     assert result["body.x"] == pytest.approx(result.t, abs=1e-12)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+@pytest.mark.parametrize("rtol", [1e-3, 1e-5])
+def test_a_steady_rotation_is_as_exact_as_asked(dimension: str, rtol: float) -> None:
+    """No acceleration in body axes tells of it: the frame lies beside the centre."""
+    flat, arm, spin = dimension == "planar", 0.4, 20.0
+
+    def vector(x: float, y: float) -> list[float]:
+        return [x, y] if flat else [x, y, 0.0]
+
+    disc = {
+        "mass": 2.0,
+        "inertia": 0.5 if flat else [0.3, 0.4, 0.5],
+        "centre_of_mass": vector(-arm, 0.0),
+        "initial": {
+            "position": vector(arm, 0.0),
+            "velocity": vector(0.0, spin * arm),
+            "angular_velocity": spin if flat else [0.0, 0.0, spin],
+        },
+    }
+    outputs = {"record": ["disc.x", "disc.y"]}
+    content = free_scene(dimension, 4.0, bodies={"disc": disc}, outputs=outputs)
+    system = compile_scene(content)
+    result = simulate(system, integrator="generalised_alpha", rtol=rtol)
+    angle = spin * result.t
+    for name, exact in (("disc.x", np.cos(angle)), ("disc.y", np.sin(angle))):
+        assert result[name] == pytest.approx(arm * exact, abs=rtol * arm)

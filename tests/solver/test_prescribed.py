@@ -125,6 +125,23 @@ def test_a_turning_drive_excites_once_a_turn() -> None:
     assert fastest_rotation(system, drive_history(system))[1] == "turn"
 
 
+def test_the_driven_orientation_of_a_marker_excites_once_a_turn() -> None:
+    drive = {
+        "marker": "box.out",
+        "coordinate": "rotation",
+        "axis": [1.0, 2.0, -2.0],
+        "function": polynomial(0.0, 0.0, -4 * math.pi),
+    }
+    system = compile_scene(
+        scene({"box": BOX}, drives={"whirl": drive}, dimension="spatial")
+    )
+    history = drive_history(system)
+    found = excitation(system, history)
+    assert found.frequency == pytest.approx(4.0)
+    assert found.by == "whirl turns at up to 25.13 rad/s"
+    assert fastest_rotation(system, history)[1] == "whirl"
+
+
 def test_the_fastest_of_drives_and_forces_counts() -> None:
     push = {
         "type": "force",

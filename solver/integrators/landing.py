@@ -1,0 +1,56 @@
+"""Ends of steps: on the constraints, with dense output inside."""
+
+from __future__ import annotations
+
+from numba import float64, int64
+
+from ..kernels.compiling import inner
+from ..kernels.layout import F1, SYSTEM, WORK
+from ..kernels.newton import KERNELS, MEMORY
+from .singular import foresee, is_near, project_near
+from .stepping import (
+    CONTROL,
+    TIME,
+    count_turns,
+    move,
+    note_drift,
+    project,
+    write_cubic,
+)
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
+def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
+    """Projects the end of a step onto the constraints and notes what is left open.
+
+    dz and dv are scratch. Returns 0, or the code of `project` or `count_turns`.
+    """
+    at, closed = control.real[TIME] + h, control.closed
+    if is_near(control, h):
+        status = project_near(
+            kernels, system, work, memory, control, at, z1, v1, dz, dv
+        )
+    else:
+        status = project(kernels, system, work, memory, at, z1, v1, dz, dv, closed)
+    if status == 0:
+        note_drift(system, work, control)
+        status = count_turns(system, work, control, h, z1)
+    if status == 0:
+        status = foresee(system, memory, control, h)
+    return status
+
+
+@inner(
+    int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1, F1, F1)
+)
+def land(kernels, system, work, memory, control, h, z1, v1, rate0, acc0, rz, dz, dv):
+    """Ends a step at (z1, v1), projected onto the constraints; 0 on success.
+
+    rate0 and acc0 are the slopes at its beginning; rz, dz and dv are scratch.
+    """
+    status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
+    if status != 0:
+        return status
+    write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rz)
+    move(control, h, z1, v1)
+    return 0

@@ -1,0 +1,207 @@
+"""Singular positions: foreseen, approached and passed by steps of any method.
+
+In a singular position some constraints follow from others, and motions cross. What
+goes through it is smooth all the same: of the motions that meet there only one goes on
+with the velocities. Three things keep steps from it. Stages close to it get
+accelerations that are quotients of small numbers, so that errors of one stage grow in
+the others; rounding of positions, divided by the distance, appears in velocities; and
+where both motions are met to rounding nothing tells them apart.
+
+So no step may end there and no stage may come close. The independence of the
+constraints falls linearly towards it, which tells when it comes; steps before it are
+chosen so that one passes it well inside. Errors there, and corrections, are those of
+the free motion; what constraints open beside it is left until they are clear again.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import boolean, float64, int64, types
+
+from ..kernels.compiling import inner
+from ..kernels.layout import (
+    C_RATE,
+    C_VALUE,
+    F1,
+    N_ROWS,
+    NV,
+    S_BODY,
+    S_OFFSET,
+    S_ROW,
+    SYSTEM,
+    VEL,
+    WORK,
+)
+from ..kernels.mass import independence
+from ..kernels.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
+from ..kernels.saddle import REGULARISATION
+from .stepping import (
+    CLEAREST,
+    CONTROL,
+    CROSSING,
+    DECLINE,
+    FAILURES,
+    FIXED_STEP,
+    INDEPENDENCE,
+    LENGTH,
+    OLD_STEP,
+    REQUEST,
+    SINGULAR,
+    SPEED,
+    SPIN,
+    TIME,
+    TOLERANCE,
+    accelerate,
+    scaled_norm,
+)
+
+#: How a step lies to a singular position: it may be before it, or behind.
+FAR, BEYOND, NEAR = range(3)
+#: The part of a step that lies before a singular position when it passes it; the least
+#: and the most with which it does; and the most of which it is near.
+PASSING_SHARE, AT_LEAST, AT_ONCE, NEAR_SHARE = 0.43, 0.2, 0.5, 4.0
+#: Constraints of which so much is independent are far from a singular position; with
+#: less than the second one a step has to take care before it fails.
+INDEPENDENT, DEPENDENT = 0.5, 0.12
+#: A start in a singular position leaves less independence than this; the first step is
+#: so many times as long as the way on which rounding is seen.
+SINGULAR_START, LEAVING = 1e-6, 10.0
+#: Near a singular position: projections, their regularisation times the tolerance, and
+#: the largest change of velocities, relative to the largest ones.
+PROJECTIONS_NEAR, SOFT, LARGEST_JUMP = 2, 1e-14, 0.1
+#: Part of the independence that is left where a singular position is certain.
+LOST = 0.01
+#: Motions are alike, within what projection leaves open, with less independence than
+#: this; and with less than this part of that at which rounding is seen.
+ALIKE, TOO_NEAR = 1e-5, 0.03
+
+
+@inner(float64(CONTROL))
+def noisy(control):
+    """The independence below which rounding is seen, where it has been much larger."""
+    noise = math.sqrt(SOFT / control.real[REQUEST])
+    return min(LOST * control.real[CLEAREST], noise)
+
+
+@inner(float64(CONTROL, float64, float64))
+def beside_singular(control, h, reach):
+    """A step, h or less, that keeps its ends and stages away from a singular position.
+
+    It passes it, or is one of a few equal steps before one that does. Each is at most
+    as long as the one before, the passing one times `reach`.
+    """
+    real, whole = control.real, control.whole
+    left, old = real[SINGULAR] - real[TIME], real[OLD_STEP]
+    whole[CROSSING] = BEYOND if real[INDEPENDENCE] < noisy(control) else FAR
+    warned = real[INDEPENDENCE] < DEPENDENT or whole[FAILURES] > 0
+    if abs(left) < NEAR_SHARE * h and warned:
+        whole[CROSSING] = NEAR if left >= 0.0 else BEYOND
+    if whole[FIXED_STEP] == 1 or whole[CROSSING] != NEAR or old == 0.0:
+        return h
+    passing, longest = min(h, reach * old), min(h, 2.0 * reach * old)
+    if left < AT_LEAST * passing:
+        return passing
+    if left < AT_ONCE * longest:
+        return min(longest, left / PASSING_SHARE)
+    longest = min(h, old if left < NEAR_SHARE * old else 2.0 * old)
+    before = max(1.0, math.ceil(left / longest - AT_ONCE * reach))
+    return min(h, left / (before + PASSING_SHARE * reach))
+
+
+@inner(boolean(CONTROL, float64))
+def is_near(control, h):
+    """Whether a step ends where rounding of positions would spoil velocities."""
+    real = control.real
+    left = abs(real[SINGULAR] - real[TIME] - h)
+    if left < NEAR_SHARE * h and real[INDEPENDENCE] < DEPENDENT:
+        return True
+    return real[INDEPENDENCE] < noisy(control)
+
+
+@inner(int64(SYSTEM, MEMORY, CONTROL, float64))
+def foresee(system, memory, control, h):
+    """When constraints become dependent: the next zero of a parabola.
+
+    It goes through the independence at the ends of the last three steps, of which this
+    is one. A singular position that was passed is kept. Returns 0, or 5 when the step
+    ends where the motions that meet there cannot be told apart.
+    """
+    real = control.real
+    old, now = real[OLD_STEP], independence(system, memory.mass_S)
+    ahead = real[SINGULAR] > real[TIME]
+    too_near = min(LOST * real[CLEAREST], max(ALIKE, TOO_NEAR * noisy(control)))
+    if ahead and now < min(real[INDEPENDENCE], too_near):
+        return 5
+    mean = (now - real[INDEPENDENCE]) / h
+    bend = (mean - real[DECLINE]) / (h + old)
+    slope = mean + bend * h
+    root = slope * slope - 4.0 * bend * now
+    falls = max(mean, slope, real[DECLINE]) < 0.0
+    real[INDEPENDENCE], real[CLEAREST] = now, max(now, real[CLEAREST])
+    real[DECLINE] = mean if old > 0.0 else 0.0
+    if falls and now < INDEPENDENT and root >= 0.0:
+        left = 2.0 * now / (math.sqrt(root) - slope)
+        real[SINGULAR] = real[TIME] + h + left
+    elif real[SINGULAR] > real[TIME] + h:
+        real[SINGULAR] = math.inf
+    return 0
+
+
+@inner(float64(SYSTEM, MEMORY, CONTROL))
+def look_at_start(system, memory, control):
+    """Looks for a singular position at a start; returns the least step to begin with.
+
+    In a singular position it leads to where rounding does not spoil velocities.
+    """
+    real = control.real
+    real[INDEPENDENCE] = independence(system, memory.mass_S)
+    real[SINGULAR], real[DECLINE] = math.inf, 0.0
+    if real[INDEPENDENCE] > SINGULAR_START:
+        return 0.0
+    real[SINGULAR], real[CLEAREST] = real[TIME], 1.0
+    fast = max(real[SPEED] / real[LENGTH], real[SPIN])
+    return LEAVING * math.sqrt(SOFT / real[REQUEST]) / fast
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
+def project_near(kernels, system, work, memory, control, t, z, v, dz, dv):
+    """`project` near a singular position, where some constraints hardly add to others.
+
+    What these leave open is rounding, which velocities would get multiplied with large
+    numbers: so much is left as it is. Returns 0, or a code also when velocities would
+    have to change too much: then the step has left the motion.
+    """
+    tolerance, soft = control.real[TOLERANCE], SOFT / control.real[REQUEST]
+    for _ in range(PROJECTIONS_NEAR):
+        kernels.evaluate(system, work, t, z, v)
+        memory.counters[EVALUATIONS] += 1
+        memory.counters[PROJECTIONS] += 1
+        status = kernels.project_once(system, work, memory, soft, dz, dv)
+        jump = tolerance * scaled_norm(dv, dv, control.scale_v, control.scale_v)
+        if status != 0 or not jump < LARGEST_JUMP:
+            return max(status, 4)
+        kernels.retract(system, work.frame, z, dz)
+        for i in range(len(v)):
+            v[i] += dv[i]
+    return accelerate(kernels, system, work, memory, t, z, v)
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F1))
+def keep_free_part(kernels, system, work, memory, t, z, v, error, dz, dv):
+    """Takes from an error of velocities what projection takes at the state (z, v).
+
+    dz and dv are scratch.
+    """
+    kernels.evaluate(system, work, t, z, v)
+    memory.counters[EVALUATIONS] += 1
+    for i in range(system.dims[N_ROWS]):
+        work.row[i, C_VALUE] = work.row[i, C_RATE] = 0.0
+    for k in range(len(system.segment)):
+        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
+        b = system.segment[k, S_BODY]
+        for i in range(system.body[b, NV]):
+            work.row[row, C_RATE] += work.C[at + i] * error[system.body[b, VEL] + i]
+    if kernels.project_once(system, work, memory, REGULARISATION, dz, dv) == 0:
+        for i in range(len(error)):
+            error[i] += dv[i]

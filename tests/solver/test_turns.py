@@ -1,0 +1,186 @@
+"""Springs about axes in space count their turns, as they do in the plane."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from formats.result import Result
+from formats.scene import SceneFile
+from solver import compile_scene, simulate
+from solver.analyses.inverse import inverse_dynamics
+from solver.analyses.static import static_equilibrium
+from solver.errors import SimulationError
+from solver.integrators import INTEGRATORS
+
+from .joint_scenes import scene
+
+#: A rotation of 2 rad/s from 10 rad on.
+TURNING = {
+    "type": "polynomial",
+    "pieces": [{"from": 0.0, "coefficients": [10.0, 2.0]}],
+}
+
+
+def rotor(dimension: str, speed: float, **tables: Any) -> SceneFile:
+    """One kg m2 on an axle with a spring of one N m / rad: the angle is speed sin t."""
+    plane = dimension == "planar"
+    body = {
+        "mass": 1.0,
+        "inertia": 1.0 if plane else [0.5, 0.5, 1.0],
+        "initial": {"angular_velocity": speed if plane else [0.0, 0.0, speed]},
+    }
+    spring = {"type": "spring_damper", "joint": "axle", "stiffness": 1.0}
+    content: dict[str, Any] = {
+        "bodies": {"rotor": body},
+        "joints": {"axle": {"type": "revolute", "markers": ["ground", "rotor"]}},
+        "forces": {"spring": spring},
+        "outputs": {"record": ["rotor.wz", "energy.potential", "energy.balance"]},
+    }
+    return scene(dimension, 8.0, **(content | tables))
+
+
+def mount(velocity: list[float], **tables: Any) -> SceneFile:
+    """A ball of one kg m2 on a bushing of one N m / rad about all axes."""
+    body = {
+        "mass": 1.0,
+        "inertia": [1.0, 1.0, 1.0],
+        "initial": {"angular_velocity": velocity},
+    }
+    stiffness = [9.0, 9.0, 9.0, 1.0, 1.0, 1.0]
+    rubber = {"type": "bushing", "markers": ["ground", "top"], "stiffness": stiffness}
+    outputs = {"record": ["top.wx", "top.wz", "energy.balance"]}
+    content = {"bodies": {"top": body}, "forces": {"mount": rubber}, "outputs": outputs}
+    return scene("spatial", 8.0, **(content | tables))
+
+
+def stopped(content: SceneFile, **settings: Any) -> tuple[str, Result]:
+    with pytest.raises(SimulationError) as failure:
+        simulate(compile_scene(content), **settings)
+    assert failure.value.result is not None
+    return str(failure.value), failure.value.result
+
+
+@pytest.mark.parametrize("speed", [3.1, 20.0])
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_a_spring_counts_its_turns(dimension: str, speed: float) -> None:
+    result = simulate(compile_scene(rotor(dimension, speed)), rtol=1e-9)
+    energy = 0.5 * (speed * np.sin(result.t)) ** 2
+    assert result["rotor.wz"] == pytest.approx(speed * np.cos(result.t), abs=1e-6)
+    assert result["energy.potential"] == pytest.approx(energy, abs=1e-5)
+    assert np.ptp(result["energy.balance"]) < 1e-6 * speed**2
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_every_integrator_counts_turns(integrator: str) -> None:
+    content = rotor("spatial", 5.0)
+    result = simulate(compile_scene(content), integrator=integrator, rtol=1e-5)
+    exact = 5.0 * np.cos(result.t)
+    assert result["rotor.wz"] == pytest.approx(exact, abs=5e-3)
+    assert np.ptp(result["energy.balance"]) < 5e-3
+
+
+@pytest.mark.parametrize("integrator", ["radau9", "dop853", "generalised_alpha"])
+def test_turns_are_counted_between_outputs(integrator: str) -> None:
+    """Some eighty radians lie between two of them, and loose steps are large."""
+    content = rotor("spatial", 200.0)
+    result = simulate(compile_scene(content), integrator=integrator, rtol=1e-3)
+    assert result.position_names[-1] == "spring.angle"
+    assert result.positions[:, -1] == pytest.approx(200.0 * np.sin(result.t), abs=1.0)
+
+
+def test_a_step_that_turns_too_far_is_told() -> None:
+    content = rotor("spatial", 60.0)
+    message, _ = stopped(content, step=0.05)
+    assert "spring turns by more than 2.5 rad in a step" in message
+    result = simulate(compile_scene(content), step=0.02)
+    assert result["rotor.wz"] == pytest.approx(60.0 * np.cos(result.t), abs=1e-3)
+
+
+def test_friction_and_dampers_turn_as_fast_as_they_like() -> None:
+    """Nothing depends on their angle: no steps are needed to count it."""
+    damper = {"type": "spring_damper", "joint": "axle", "damping": 0.1}
+    content = rotor("spatial", 20.0, forces={"d": damper})
+    result = simulate(compile_scene(content), step=0.2)
+    exact = 20.0 * np.exp(-0.1 * result.t)
+    assert result["rotor.wz"] == pytest.approx(exact, rel=1e-5)
+    assert result.positions.shape[1] == 7
+
+
+def test_a_bushing_tumbles_beyond_half_a_turn() -> None:
+    """About an axis across: the rotation is 5 sin t, no component of it alone."""
+    result = simulate(compile_scene(mount([3.0, 0.0, 4.0])), rtol=1e-8)
+    assert result["top.wx"] == pytest.approx(3.0 * np.cos(result.t), abs=1e-5)
+    assert result["top.wz"] == pytest.approx(4.0 * np.cos(result.t), abs=1e-5)
+    assert np.ptp(result["energy.balance"]) < 1e-6
+    exact = 4.0 * np.sin(result.t)
+    assert result.positions[:, -1] == pytest.approx(exact, abs=1e-5)
+
+
+@pytest.mark.parametrize("settings", [{}, {"step": 0.1}, {"integrator": "dop853"}])
+def test_a_bushing_stops_before_a_full_turn(settings: dict[str, Any]) -> None:
+    """The direction of its rotation vector is not defined there."""
+    message, result = stopped(mount([6.0, 0.0, 8.0]), **settings)
+    assert "mount is nearly a full turn away from rest" in message
+    time = float(message.split("t = ")[1].split(" s")[0])
+    step = settings.get("step", 0.0)
+    assert math.asin(0.6) - step - 1e-3 < time < math.asin(0.6) + 1e-3
+    assert result["top.wx"] == pytest.approx(6.0 * np.cos(result.t), abs=1e-3)
+
+
+def test_a_bushing_starts_at_half_a_turn() -> None:
+    """Exactly there the skew part of the rotation vanishes."""
+    turned = {"axis_angle": [0.6 * math.pi, 0.0, 0.8 * math.pi]}
+    body = {"mass": 1.0, "inertia": [1.0, 1.0, 1.0], "initial": turned}
+    result = simulate(compile_scene(mount([0.0] * 3, bodies={"top": body})))
+    energy = 0.5 * math.pi**2
+    assert result["energy.balance"] == pytest.approx(energy, rel=1e-6)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+@pytest.mark.parametrize("extra", [[], ["turn.f1"]], ids=["eliminated", "kept"])
+def test_a_driven_turn_is_counted(dimension: str, extra: list[str]) -> None:
+    """From the value of the drive at the start on, 10 rad."""
+    record = ["axle.angle", "axle.angle_rate", "energy.potential", *extra]
+    tables = {
+        "drives": {"turn": {"joint": "axle", "function": TURNING}},
+        "outputs": {"record": record},
+    }
+    result = simulate(compile_scene(rotor(dimension, 0.0, **tables)))
+    angle = 10.0 + 2.0 * result.t
+    assert result["axle.angle"] == pytest.approx(angle, rel=1e-9)
+    assert result["axle.angle_rate"] == pytest.approx(0.0 * angle + 2.0, rel=1e-9)
+    assert result["energy.potential"] == pytest.approx(0.5 * angle**2, rel=1e-9)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_inverse_dynamics_count_turns(dimension: str) -> None:
+    """Eight radians from one output to the next, and growing."""
+    pieces = [{"from": 0.0, "coefficients": [0.0, 20.0, 3.0]}]
+    function = {"type": "polynomial", "pieces": pieces}
+    tables = {
+        "drives": {"turn": {"joint": "axle", "function": function}},
+        "outputs": {"record": ["turn.f1", "energy.supplied", "energy.potential"]},
+    }
+    content = rotor(dimension, 20.0, **tables)
+    result = inverse_dynamics(compile_scene(content, keep_joints=True))
+    angle = 20.0 * result.t + 3.0 * result.t**2
+    assert np.abs(result["turn.f1"]) == pytest.approx(angle + 6.0, rel=1e-9)
+    assert result["energy.potential"] == pytest.approx(0.5 * angle**2, rel=1e-9)
+    work = 0.5 * angle**2 + 0.5 * (20.0 + 6.0 * result.t) ** 2 - 200.0
+    assert result["energy.supplied"] == pytest.approx(work, rel=1e-3)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_static_equilibrium_winds_springs_up(dimension: str) -> None:
+    torque = 9.0 if dimension == "planar" else [0.0, 0.0, 9.0]
+    forces = {
+        "spring": {"type": "spring_damper", "joint": "axle", "stiffness": 1.0},
+        "load": {"type": "force", "marker": "rotor", "torque": torque},
+    }
+    content = rotor(dimension, 0.0, forces=forces, outputs={"record": ["axle.angle"]})
+    result = static_equilibrium(compile_scene(content, keep_joints=True)).result()
+    assert result["axle.angle"][0] == pytest.approx(9.0, rel=1e-9)
