@@ -265,8 +265,10 @@ def _glance(kernels, system, work, memory, control, alpha):
     for _ in range(2):
         kernels.rate(system, alpha.z1, alpha.v1, alpha.rz)
         for i in range(len(alpha.v1)):
-            alpha.dx[i] = alpha.v1[i] + 0.5 * glance * memory.acceleration[i]
-            alpha.v1[i] += glance * memory.acceleration[i]
+            stiff = (glance * control.frequency[i]) ** 2
+            gain = glance * memory.acceleration[i] / (1.0 + stiff)
+            alpha.dx[i] = alpha.v1[i] + 0.5 * gain
+            alpha.v1[i] += gain
             alpha.p[i] = memory.acceleration[i]
         kernels.rate(system, alpha.z1, alpha.dx, alpha.rz)
         for i in range(len(alpha.z1)):

@@ -242,7 +242,7 @@ def next_step(control):
         return 0.0
     fixed = control.whole[FIXED_STEP] == 1
     h = real[STEP] if fixed else min(real[STEP], real[LARGEST], real[UNTURNED])
-    if h >= remaining * (1.0 - STUB):
+    if h >= remaining * (1.0 - (STUB if fixed else 1e-9)):
         return remaining
     if h > 0.5 * remaining and not fixed:
         return 0.5 * remaining
