@@ -36,6 +36,7 @@ from .stepping import (
     REACHED,
     SINGULAR,
     STAGE_STEP,
+    STEP,
     STOP,
     TIME,
     TOO_SMALL,
@@ -213,6 +214,7 @@ def step_loop(
             finish_step(control, order, serves, h, error, iterations, whole[FAILURES])
             if whole[JACOBIAN] == AHEAD:
                 whole[NEEDS_JACOBIAN] = 1
+                real[STEP] = max(real[STEP], 0.8 * h)
             memory.counters[STEPS] += 1
             if not all_finite(control.z, control.v):
                 return NOT_FINITE
