@@ -130,7 +130,11 @@ def foresee(system, memory, control, h):
     old, now = real[OLD_STEP], independence(system, memory.mass_S)
     ahead = real[SINGULAR] > real[TIME]
     too_near = min(LOST * real[CLEAREST], max(ALIKE, TOO_NEAR * noisy(control)))
-    if ahead and now < min(real[INDEPENDENCE], too_near):
+    if (
+        ahead
+        and control.whole[CROSSING] == NEAR
+        and now < min(real[INDEPENDENCE], too_near)
+    ):
         return 5
     mean = (now - real[INDEPENDENCE]) / h
     bend = (mean - real[DECLINE]) / (h + old)
