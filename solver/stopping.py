@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from formats.result import FlexibleBody
 
 from .integrators import stepping
+from .kernels import layout as at
 from .scene import System
 
 CAUSES = {
@@ -22,6 +25,8 @@ CAUSES = {
     "use radau5 or radau9",
 }
 
+#: Smallest eigenvalue, of a mass matrix with ones on its diagonal, as good as none.
+NO_INERTIA = 1e-5
 #: Part of the independence of the constraints that is left near a singular position.
 NEARLY_SINGULAR = 0.01
 
@@ -36,6 +41,23 @@ def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
                 failure += f"; {name} {stage.sentence()}"
                 break
     return failure
+
+
+def lost_inertia(system: System, work: at.Work) -> str:
+    """What to know where a body has deformed so far that it has no inertia left."""
+    for row, body in zip(system.arrays.body, system.bodies, strict=True):
+        n, first = int(row[at.NV]), int(row[at.BLOCK])
+        M = work.M[first : first + n * n].reshape(n, n)
+        if n == 0 or not np.isfinite(M).all():
+            continue
+        size = np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))
+        left = float(np.linalg.eigvalsh((M + M.T) / 2 / np.outer(size, size))[0])
+        if left < NO_INERTIA:
+            return (
+                f"; {body.name} has deformed so far that the inertia of its SID, which "
+                "holds for small deformations, is no longer positive"
+            )
+    return ""
 
 
 def near_singular(control: stepping.Control) -> str:

@@ -36,6 +36,7 @@ from .stepping import (
     REACHED,
     SINGULAR,
     STAGE_STEP,
+    STEP,
     STOP,
     TIME,
     TOO_SMALL,
@@ -53,6 +54,9 @@ from .stepping import (
 
 #: Most looks ahead for a singular position.
 LOOKS = 3
+#: Where it is seen that a body has lost its inertia, relative to when constraints seem
+#: to become dependent.
+BEHIND = 1.5
 
 
 def step_loop(
@@ -107,10 +111,14 @@ def step_loop(
     )(look_ahead)
 
     def seen(kernels, system, work, memory, control, storage, later):  # type: ignore[no-untyped-def]
-        """The independence of the constraints a little later, as it seems before."""
+        """The independence of the constraints a little later, as it seems before.
+
+        Less than nothing where a mass matrix is not positive.
+        """
         foretell(kernels, system, control, storage, later)
         t, z, v = control.real[TIME] + later, storage.z1, storage.v1
-        accelerate(kernels, system, work, memory, t, z, v)
+        if accelerate(kernels, system, work, memory, t, z, v) == 1:
+            return -1.0
         return independence(system, memory.mass_S)
 
     seen = inner(
@@ -118,10 +126,17 @@ def step_loop(
     )(seen)
 
     def sharpen(kernels, system, work, memory, control, storage):  # type: ignore[no-untyped-def]
-        """Corrects when the next singular position comes, by looks ahead."""
+        """Corrects when the next singular position comes, by looks ahead.
+
+        Where a body loses its inertia the model ends: no step may pass that.
+        """
         real = control.real
         left = real[SINGULAR] - real[TIME]
+        behind = seen(kernels, system, work, memory, control, storage, BEHIND * left)
         rest = seen(kernels, system, work, memory, control, storage, left)
+        if min(behind, rest) < 0.0:
+            real[SINGULAR] = math.inf
+            return
         for _ in range(LOOKS):
             off = left * rest / real[INDEPENDENCE]
             later = left + off
@@ -216,6 +231,7 @@ def step_loop(
             finish(control, order, serves, h, error, iterations, whole[FAILURES])
             if whole[JACOBIAN] == AHEAD:
                 whole[NEEDS_JACOBIAN] = 1
+                real[STEP] = max(real[STEP], 0.8 * h)
             memory.counters[STEPS] += 1
             if not all_finite(control.z, control.v):
                 return NOT_FINITE

@@ -46,7 +46,7 @@ from .stepping import (
 REACH = 0.3
 #: Largest correction, relative to the tolerated error, and the largest one of the free
 #: motion that may be left out.
-LARGEST_CORRECTION, LEFT_ALONE = 10.0, 0.1
+LARGEST_CORRECTION, LEFT_ALONE = 10.0, 0.3
 
 
 @inner(boolean(CONTROL))

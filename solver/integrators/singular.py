@@ -97,8 +97,10 @@ def beside_singular(control, h, reach):
     warned = real[INDEPENDENCE] < DEPENDENT or whole[FAILURES] > 0
     if abs(left) < NEAR_SHARE * h and warned:
         whole[CROSSING] = NEAR if left >= 0.0 else BEYOND
-    if whole[FIXED_STEP] == 1 or whole[CROSSING] != NEAR or old == 0.0:
+    if whole[FIXED_STEP] == 1 or whole[CROSSING] != NEAR:
         return h
+    if old == 0.0:
+        return min(h, left / NEAR_SHARE) if left > 0.0 else h
     passing, longest = min(h, reach * old), min(h, 2.0 * reach * old)
     if left < AT_LEAST * passing:
         return passing
@@ -131,15 +133,20 @@ def foresee(system, memory, control, h):
     old, now = real[OLD_STEP], independence(system, memory.mass_S)
     ahead = real[SINGULAR] > real[TIME]
     too_near = min(LOST * real[CLEAREST], max(ALIKE, TOO_NEAR * noisy(control)))
-    if ahead and now < min(real[INDEPENDENCE], too_near):
+    if (
+        ahead
+        and control.whole[CROSSING] == NEAR
+        and now < min(real[INDEPENDENCE], too_near)
+    ):
         return 5
     mean = (now - real[INDEPENDENCE]) / h
-    bend = (mean - real[DECLINE]) / (h + old)
+    known = real[DECLINE] < 0.0
+    bend = (mean - real[DECLINE]) / (h + old) if known else 0.0
     slope = mean + bend * h
     root = slope * slope - 4.0 * bend * now
-    falls = max(mean, slope, real[DECLINE]) < 0.0
+    falls = max(mean, slope) < 0.0 and (known or ahead and real[SINGULAR] < math.inf)
     real[INDEPENDENCE], real[CLEAREST] = now, max(now, real[CLEAREST])
-    real[DECLINE] = mean if old > 0.0 else 0.0
+    real[DECLINE] = mean
     if falls and now < INDEPENDENT and root >= 0.0:
         left = 2.0 * now / (math.sqrt(root) - slope)
         real[SINGULAR] = real[TIME] + h + left
@@ -156,7 +163,7 @@ def look_at_start(system, memory, control):
     """
     real = control.real
     real[INDEPENDENCE] = independence(system, memory.mass_S)
-    real[SINGULAR], real[DECLINE] = math.inf, 0.0
+    real[DECLINE] = 0.0
     if real[INDEPENDENCE] > SINGULAR_START:
         return 0.0
     real[SINGULAR], real[CLEAREST] = real[TIME], 1.0

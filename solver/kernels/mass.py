@@ -49,13 +49,13 @@ def _copy_block(M, K, weight, A, o, n, reach):
 
 @inner(int64(F1, int64, int64, int64))
 def _block_factor(A, o, n, reach):
-    """L^T D L of the n x n block at o, in place with 1 / D; 1 if singular.
+    """L^T D L of the n x n block at o, in place with 1 / D; 1 if not positive.
 
     reach : rows beyond it are coupled with columns before it only
     """
     for j in range(n - 1, -1, -1):
         row = o + j * n
-        if not abs(A[row + j]) > 0.0:
+        if not A[row + j] > 0.0:
             return 1
         inverse = 1.0 / A[row + j]
         A[row + j] = inverse
@@ -146,7 +146,7 @@ def mass_factor(system, M, K, weight, regularisation, C, A, W, S):
 
     regularisation : added to the diagonal of S, relative to it
 
-    Returns 0, or 1 when a block is singular, or 2 when the constraints are dependent.
+    Returns 0, or 1 when a block is not positive, or 2 when constraints are dependent.
     """
     m, width = system.dims[N_ROWS], system.dims[BANDWIDTH]
     for i in range(m):
