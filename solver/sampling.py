@@ -46,7 +46,7 @@ def sample(
 ) -> Samples:
     """Projects every recorded state and solves eq. (3) there.
 
-    closed : (2,) constraints are met when |c| and |dc/dt| are below
+    closed : (rows, 2) constraints are met when |c| and |dc/dt| are below
     """
     nt = len(times)
     frames = np.zeros((nt, *work.frame.shape))

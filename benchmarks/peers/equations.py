@@ -20,6 +20,7 @@ from solver.kernels.coordinates import rate
 from solver.kernels.newton import solve_accelerations
 from solver.kernels.pointers import kernels
 from solver.scene import System
+from solver.sizes import row_sizes
 from solver.storage import new_memory, new_work
 
 
@@ -39,8 +40,7 @@ class Equations:
         self.start: Array = np.concatenate([begin.z, begin.v])
         self.times = output_times(system.scene)
         duration = system.scene.time.end - system.scene.time.start
-        near = 1e-11 * system.length
-        self._closed = np.array([near, near / duration])
+        self._closed = np.outer(row_sizes(self.system), [1e-11, 1e-11 / duration])
         self._edges = np.array([system.scene.time.start, *self.system.breaks])
         self._n = self.system.n_positions
 

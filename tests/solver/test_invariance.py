@@ -21,6 +21,7 @@ from formats.sid_files import read_sid
 from solver import compile_scene, simulate
 from tests.solver import transformed as other
 from tests.solver.joint_scenes import soft_body
+from tests.solver.scenes import scene as small_scene
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 RTOL, SAME = 1e-9, 1e-7
@@ -199,6 +200,56 @@ def test_no_unit_is_special(
         elif ".q" not in key:
             found[key] = found[key] / units.length
     compare(found, expected[name])
+
+
+def linkage(size: float) -> SceneFile:
+    """Crank, coupler and rocker in space, the axes of their hinges skew.
+
+    Falls in the time that it takes at 1 m, since gravity is as large as the mechanism.
+    """
+    corners = {"crank": (0.0, 0.0, 0.0), "coupler": (0.3, 0.0, 0.0)}
+    head, far = np.array([0.7, 0.9, 0.5]), np.array([1.0, 0.1, -0.2])
+    ends = {"crank": np.array(corners["coupler"]), "coupler": head, "rocker": head}
+    bodies: dict[str, Any] = {}
+    for name, end in ends.items():
+        start = np.array(corners.get(name, far))
+        edge = end - start
+        across = (np.eye(3) * (edge @ edge) - 0.97 * np.outer(edge, edge)) / 12.0
+        bodies[name] = {
+            "mass": 1.0,
+            "inertia": (size**2 * across).tolist(),
+            "centre_of_mass": (0.5 * size * edge).tolist(),
+            "markers": {"tip": {"position": (size * edge).tolist()}},
+            "initial": {"position": (size * start).tolist()},
+        }
+    bodies["crank"]["initial"]["angular_velocity"] = [0.0, 0.0, 6.0]
+
+    def joint(kind: str, *markers: str, **more: Any) -> dict[str, Any]:
+        return {"type": kind, "markers": list(markers), **more}
+
+    joints = {
+        "base": joint("revolute", "ground", "crank", axis=[0.0, 0.0, 1.0]),
+        "ball": joint("spherical", "crank.tip", "coupler"),
+        "cross": joint("universal", "coupler.tip", "rocker.tip", axis=[1.0, 0.0, 0.0]),
+        "pivot": joint("revolute", "ground.far", "rocker", axis=[0.6, 0.0, 0.8]),
+    }
+    return small_scene(
+        bodies,
+        joints,
+        record=[f"coupler.tip.{axis}" for axis in "xyz"],
+        dimension="spatial",
+        gravity=[0.0, -9.81 * size, 0.0],
+        ground={"markers": {"far": {"position": (size * far).tolist()}}},
+    )
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-4, 1e3], ids=["um", "100 um", "km"])
+def test_no_size_is_special(size: float) -> None:
+    """Constraints between directions are as closed as at 1 m, whatever the lengths."""
+    exact = simulate(compile_scene(linkage(1.0)), rtol=RTOL)
+    found = simulate(compile_scene(linkage(size)), rtol=RTOL)
+    assert found.values == pytest.approx(size * exact.values, abs=0.1 * RTOL * size)
+    assert found.counters["steps"] == exact.counters["steps"]
 
 
 def test_a_rigid_body_has_no_favourite_point(
