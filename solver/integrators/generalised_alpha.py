@@ -125,7 +125,6 @@ class Alpha(Table):
     a0, v0, acc : the same at the beginning of this step
     rate0, acc0 : z_I' and z_II' at the beginning of the step, on the constraints
     jerk, snap : slope of acc0 and its own, from steps before
-    bend : scratch like a
     lam, old_lam : lambda at the beginning of this step and one before
     lam1 : at the end of the step
     a1, z1, v1, acc1 : at the end of the step
@@ -148,7 +147,6 @@ class Alpha(Table):
     rate0: Array
     acc0: Array
     jerk: Array
-    bend: Array
     kept: Array
     snap: Array
     lam: Array
@@ -170,7 +168,7 @@ class Alpha(Table):
     floor: Array
 
 
-ALPHA = TableType(Alpha, [I1] + [F1] * 30)
+ALPHA = TableType(Alpha, [I1] + [F1] * 29)
 
 
 def coefficients(rho: float) -> Array:
@@ -197,7 +195,7 @@ def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
     """Storage for a run; `sizes` are those of tangent vectors."""
     n, m = int(system.dims[N_POS]), int(system.dims[N_VEL])
     rows, newton_rows = int(system.dims[N_ROWS]), int(system.newton.dims[N_ROWS])
-    lengths = [m] * 6 + [n] + [m] * 5 + [rows] * 3 + [m, n, m, m, m, m, n, m, m, m]
+    lengths = [m] * 6 + [n] + [m] * 4 + [rows] * 3 + [m, n, m, m, m, m, n, m, m, m]
     vectors = [np.zeros(length) for length in (*lengths, newton_rows, m, m)]
     floor = ROUNDED * sizes
     return Alpha(newton_places(system), coefficients(rho), *vectors, floor)
@@ -343,18 +341,23 @@ def _fit_to_step(kernels, system, work, memory, control, alpha, h):
             alpha.a0[i] = alpha.a[i]
             alpha.a1[i] = 2.0 * alpha.a[i] - alpha.old_a[i]
         return
+    x, y = alpha.dx, alpha.dv
+    for i in range(len(x)):
+        x[i] = h * (alpha.jerk[i] + 0.5 * old * alpha.snap[i])
+        y[i] = h * h * alpha.snap[i]
+    _split(kernels, system, work, memory, alpha, x, y)
+    _filter(system, memory, alpha, x)
+    for i in range(len(x)):
+        x[i] = alpha.p[i] - alpha.nz[i]
+    _filter(system, memory, alpha, y)
+    for i in range(len(y)):
+        y[i] = alpha.p[i] - alpha.nv[i]
+    _filter(system, memory, alpha, y)
+    lag = w[ALPHA_M] - w[ALPHA_F]
     for i in range(len(alpha.a)):
-        slow = 1.0 / (1.0 + (h * control.frequency[i]) ** 2)
-        alpha.dx[i] = h * slow * (alpha.jerk[i] + 0.5 * old * alpha.snap[i])
-        alpha.bend[i] = (h * slow) ** 2 * alpha.snap[i]
-    _filter(system, memory, alpha, alpha.bend)
-    for i in range(len(alpha.a)):
-        change, bend = alpha.dx[i], alpha.bend[i]
-        alpha.acc[i] = alpha.acc0[i] - w[FORCE_ERROR] * (bend - alpha.p[i])
-        alpha.a0[i] = alpha.acc[i] + (w[FORCE_ERROR] + w[CURVATURE]) * bend
-        alpha.a0[i] += (w[ALPHA_M] - w[ALPHA_F]) * change
-        alpha.a1[i] = alpha.a0[i] + change
-        alpha.a1[i] += (0.5 + w[ALPHA_M] - w[ALPHA_F]) * bend
+        alpha.acc[i] = alpha.acc0[i] - w[FORCE_ERROR] * (y[i] - alpha.p[i])
+        alpha.a0[i] = alpha.acc[i] + (w[FORCE_ERROR] + w[CURVATURE]) * y[i] + lag * x[i]
+        alpha.a1[i] = alpha.a0[i] + x[i] + (0.5 + lag) * y[i]
     copy(control.v, alpha.v0)
     _place(kernels, system, control, alpha, h)
     kernels.evaluate(system, work, control.real[TIME] + h, alpha.z1, alpha.v1)
