@@ -65,7 +65,7 @@ from ..kernels.saddle import REGULARISATION
 from ..kernels.tables import Table, TableType
 from .implicit import step_loop
 from .landing import close_step
-from .singular import FAR, SOFT
+from .singular import FAR, SINGULAR_START, SOFT
 from .stepping import (
     CLEAREST,
     CONTROL,
@@ -107,8 +107,9 @@ NEWTON_GOAL = 0.03
 ROUNDED = 2e-16
 #: Errors are told from rounding above so many times as much.
 MARGIN = 15.0
-#: Corrections that no longer shrink are rounding below so many times as much.
-STAGNANT = 500.0
+#: Corrections that no longer shrink are rounding below so many times as much, where
+#: constraints are independent.
+STAGNANT = 100.0
 
 # Entries of Alpha.weights
 ALPHA_M, ALPHA_F, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR = range(6)
@@ -410,6 +411,7 @@ def _newton(kernels, system, work, memory, control, alpha, h):
     goal = _tolerate(system, control, alpha, h)
     _fit_to_step(kernels, system, work, memory, control, alpha, h)
     fade_contraction(control)
+    blunt = STAGNANT / max(real[INDEPENDENCE], SINGULAR_START)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
         _place(kernels, system, control, alpha, h)
@@ -435,7 +437,7 @@ def _newton(kernels, system, work, memory, control, alpha, h):
             if alpha.place[i] >= 0:
                 alpha.lam1[i] += alpha.g[alpha.place[i]] / h2
         verdict = judge(control, NEWTON_GOAL, iteration, norm / goal, old_norm / goal)
-        if verdict == 1 or norm < 1.0 or (verdict < 0 and norm < STAGNANT):
+        if verdict == 1 or norm < 1.0 or (verdict < 0 and norm < blunt):
             _place(kernels, system, control, alpha, h)
             return iteration + 1
         if verdict < 0:

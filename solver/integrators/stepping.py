@@ -441,7 +441,9 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
 
     Done when every |c| and |dc/dt| is below those in `closed`, at the last attempt a
     hundred times that. dz and dv are scratch.
-    Quaternions get unit length even where no constraint moves their body.
+    Quaternions get unit length even where no constraint moves their body. Positions
+    that meet the constraints then stay: near a singular position, to move them by
+    rounding spoils velocities.
     Returns 0, or a code when the constraints are singular or cannot be met.
     """
     m = system.dims[N_ROWS]
@@ -453,17 +455,18 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
         kernels.evaluate(system, work, t, z, v)
         memory.counters[EVALUATIONS] += 1
         loose = 1.0 if attempt + 1 < PROJECTIONS_LIMIT else 100.0
-        met = True
+        placed = still = True
         for i in range(m):
-            met = met and abs(work.row[i, C_VALUE]) <= loose * closed[i, 0]
-            met = met and abs(work.row[i, C_RATE]) <= loose * closed[i, 1]
-        if met:
+            placed = placed and abs(work.row[i, C_VALUE]) <= loose * closed[i, 0]
+            still = still and abs(work.row[i, C_RATE]) <= loose * closed[i, 1]
+        if placed and still:
             return kernels.solve_accelerations(system, work, memory)
         memory.counters[PROJECTIONS] += 1
         status = kernels.project_once(system, work, memory, REGULARISATION, dz, dv)
         if status != 0:
             return status
-        kernels.retract(system, work.frame, z, dz)
+        if attempt == 0 or not placed:
+            kernels.retract(system, work.frame, z, dz)
         for i in range(len(v)):
             v[i] += dv[i]
     return 3
