@@ -23,6 +23,8 @@ CAUSES = {
     stepping.CRAWLING: "the scene is stiff: stability, not accuracy, keeps the steps "
     "of this explicit method so short that the run would take hundreds of thousands; "
     "use radau5 or radau9",
+    stepping.BLURRED: "rounding hides from this method errors as small as the "
+    "tolerance asks for: it cannot be met; ask for a larger one, or use radau9",
 }
 
 #: Smallest eigenvalue, of a mass matrix with ones on its diagonal, as good as none.

@@ -67,13 +67,16 @@ from .implicit import step_loop
 from .landing import close_step
 from .singular import FAR, SINGULAR_START, SOFT
 from .stepping import (
+    BEGIN,
     CLEAREST,
     CONTROL,
     CROSSING,
     DECLINE,
     FIXED_STEP,
     INDEPENDENCE,
+    MISSED,
     OLD_STEP,
+    PERIOD,
     REQUEST,
     SINGULAR,
     STEP,
@@ -110,6 +113,10 @@ MARGIN = 15.0
 #: Corrections that no longer shrink are rounding below so many times as much, where
 #: constraints are independent.
 STAGNANT = 100.0
+#: Steps that tell what of the error estimate is not rounding.
+TREND = 8.0
+#: Part of the run in which motions may still become much larger.
+EARLY = 0.5
 
 # Entries of Alpha.weights
 ALPHA_M, ALPHA_F, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR = range(6)
@@ -133,7 +140,10 @@ class Alpha(Table):
     rz : scratch like z_I
     nz, nv : parts of tangent vectors that the constraints impose
     p, g : right-hand side and solution of a correction
-    scale, pace : tolerated errors of tangent vectors and of velocities
+    wish : tolerated errors of tangent vectors
+    scale, pace : what is told from rounding of these, and of velocities
+    trend_x, trend_v : errors of positions and velocities, mean of the last steps
+    sum_x, sum_v : their integrals over time
     floor : what rounding makes of positions, as tangent vectors
     """
 
@@ -164,12 +174,17 @@ class Alpha(Table):
     nv: Array
     p: Array
     g: Array
+    wish: Array
     scale: Array
     pace: Array
+    trend_x: Array
+    trend_v: Array
+    sum_x: Array
+    sum_v: Array
     floor: Array
 
 
-ALPHA = TableType(Alpha, [I1] + [F1] * 29)
+ALPHA = TableType(Alpha, [I1] + [F1] * 34)
 
 
 def coefficients(rho: float) -> Array:
@@ -197,7 +212,7 @@ def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
     n, m = int(system.dims[N_POS]), int(system.dims[N_VEL])
     rows, newton_rows = int(system.dims[N_ROWS]), int(system.newton.dims[N_ROWS])
     lengths = [m] * 6 + [n] + [m] * 4 + [rows] * 3 + [m, n, m, m, m, m, n, m, m, m]
-    vectors = [np.zeros(length) for length in (*lengths, newton_rows, m, m)]
+    vectors = [np.zeros(length) for length in (*lengths, newton_rows, *[m] * 7)]
     floor = ROUNDED * sizes
     return Alpha(newton_places(system), coefficients(rho), *vectors, floor)
 
@@ -384,12 +399,12 @@ def _tolerate(system, control, alpha, h):
         row = system.body[b]
         rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
         for k in range(rd):
-            alpha.scale[u + k] = control.scale_z[p + k]
+            alpha.wish[u + k] = control.scale_z[p + k]
         for k in range(nq):
-            alpha.scale[u + rd + k] = control.scale_z[p + row[NP] - nq + k]
+            alpha.wish[u + rd + k] = control.scale_z[p + row[NP] - nq + k]
     for i in range(len(alpha.floor)):
         least = MARGIN * alpha.floor[i]
-        alpha.scale[i] = max(alpha.scale[i], least)
+        alpha.scale[i] = max(alpha.wish[i], least)
         alpha.pace[i] = max(control.scale_v[i], least / h)
         tolerated = min(alpha.scale[i], rate * alpha.pace[i])
         goal = min(goal, tolerated / alpha.floor[i])
@@ -494,6 +509,26 @@ def _free_error(kernels, system, work, memory, control, alpha, h):
     return max(error, _turning_error(system, control, h))
 
 
+@inner(types.void(CONTROL, ALPHA, float64))
+def _note_error(control, alpha, h):
+    """Keeps the mean error of a step so far in units of the tolerated one.
+
+    It is larger than one where that cannot be told from rounding. What rounding makes
+    of the estimate changes its sign from step to step. Not judged before the largest
+    motions are known.
+    """
+    real = control.real
+    sum_x, sum_v = alpha.sum_x, alpha.sum_v
+    for i in range(len(sum_x)):
+        alpha.trend_x[i] += (alpha.dx[i] - alpha.trend_x[i]) / TREND
+        alpha.trend_v[i] += (alpha.p[i] - alpha.trend_v[i]) / TREND
+        sum_x[i] += h * abs(alpha.trend_x[i])
+        sum_v[i] += h * abs(alpha.trend_v[i])
+    if real[TIME] - real[BEGIN] > EARLY * real[PERIOD]:
+        total = scaled_norm(sum_x, sum_v, alpha.wish, control.scale_v)
+        real[MISSED] = total / real[PERIOD]
+
+
 @inner(float64(SYSTEM, CONTROL, float64))
 def _turning_error(system, control, h):
     """What dense output misses of frames that turn steadily, which steps do exactly.
@@ -540,6 +575,8 @@ def _accept(kernels, system, work, memory, control, alpha, h):
             status = close_step(kernels, system, work, memory, control, h, z1, v1, x, y)
         if status != 0:
             return status
+    else:
+        _note_error(control, alpha, h)
     copy(alpha.lam1, memory.multiplier)
     write_cubic(
         kernels,

@@ -17,16 +17,20 @@ from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from .singular import FAR, NEAR, beside_singular, look_at_start
 from .stepping import (
     AHEAD,
+    BLURRED,
     CHUNK,
     CONTRACTION,
     CONTROL,
     CROSSING,
     FACTORED_STEP,
     FAILURES,
+    FINEST,
     FIXED_STEP,
     FRESH,
     INDEPENDENCE,
     JACOBIAN,
+    MISSED,
+    MOST_MISSED,
     NEEDS_JACOBIAN,
     NO_CONVERGENCE,
     NOT_FINITE,
@@ -39,6 +43,7 @@ from .stepping import (
     STEP,
     STOP,
     TIME,
+    TOLERANCE,
     TOO_SMALL,
     accelerate,
     after_divergence,
@@ -179,7 +184,7 @@ def step_loop(
             whole[FAILURES], whole[CROSSING] = 0, FAR
             while True:
                 if too_small(control, h):
-                    return TOO_SMALL
+                    return BLURRED if real[TOLERANCE] < FINEST else TOO_SMALL
                 was = whole[CROSSING]
                 proposed, h = h, beside_singular(control, h, reach)
                 known = real[OLD_STEP] > 0.0 and whole[FIXED_STEP] == 0
@@ -235,6 +240,8 @@ def step_loop(
             memory.counters[STEPS] += 1
             if not all_finite(control.z, control.v):
                 return NOT_FINITE
+            if real[MISSED] > MOST_MISSED:
+                return BLURRED
         return CHUNK
 
     advance.__qualname__ = f"advance_{name}"

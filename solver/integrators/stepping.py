@@ -65,7 +65,9 @@ UNTURNED = 19  # step in which nothing turns too far to count its turns
 CLEAREST = 20  # largest independence so far
 DECLINE = 21  # mean slope of the independence in the last step, 0 for unknown
 REQUEST = 22  # what TOLERANCE is for methods of high order, whose errors hardly add up
-N_REAL = 23
+MISSED = 23  # mean error of steps over the run, in units of the tolerated one
+BEGIN = 24  # of the run
+N_REAL = 25
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
@@ -90,12 +92,18 @@ STIFF_PART = 4
 #: Sums of fixed steps miss the end of an interval by less than this part of a step.
 STUB = 1e-3
 
+#: Steps may miss the tolerance on average so many times where it is hidden in rounding.
+MOST_MISSED = 2.0
+
+#: A tolerance per step of which rounding leaves nothing.
+FINEST = 1e-15
+
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
-CRAWLING = 6
+CRAWLING, BLURRED = 6, 7
 
 
 class Control(Table):
