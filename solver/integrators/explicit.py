@@ -58,7 +58,7 @@ from .stepping import (
 #: The estimated error falls with this power of the step, less one.
 ORDER_OF_ERROR = 7
 #: For what the estimate overlooks in large steps, and for the dense output inside.
-CAUTION = 3.0
+CAUTION = 10.0
 #: `finish_step` keeps a Jacobian up to this contraction: there is none.
 NO_JACOBIAN = -1.0
 #: Steps times the fastest eigenvalue at which stability ends is 6.0 to 6.4.
