@@ -34,9 +34,12 @@ def closed_below(system: System, settings: Settings) -> Array:
 
 
 def tolerance_per_step(settings: Settings) -> float:
-    """Relative; proportional to the requested error is that of the whole run."""
+    """Relative; proportional to the requested error is that of the whole run.
+
+    With a fixed step it only says how far equations are solved.
+    """
     rtol = settings.rtol
-    if INTEGRATORS[settings.integrator].order > 2:
+    if INTEGRATORS[settings.integrator].order > 2 or settings.step is not None:
         return STEP_TOLERANCE * rtol
     return LOW_ORDER_TOLERANCE * rtol**1.5
 
