@@ -20,6 +20,7 @@ from numba.core.base import BaseContext
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager
+from numba.core.cpu import CPUContext
 from numba.core.typed_passes import (
     AnnotateTypes,
     NativeLowering,
@@ -227,9 +228,11 @@ _Substitute = tuple[Any, str, Callable[..., Any]]
 _substitutes: list[_Substitute] = [
     (owner, name, _remembering(getattr(owner, name))) for owner, name in QUESTIONS
 ]
+_structure_of_array = arrayobj.make_array
 _substitutes += [
     (arrayobj, "basic_indexing", _place_in_array),
     (arrayobj, "make_array", make_array),
+    (CPUContext, "make_array", lambda _, kind: _structure_of_array(kind)),
     (event, "start_event", _no_event),
     (event, "end_event", _no_event),
 ]
