@@ -41,15 +41,21 @@ INNER_OPTIONS: dict[str, Any] = {
 
 
 class Entry:
-    """A kernel that Python calls, or that other kernels call through a pointer."""
+    """A kernel that Python calls, or that other kernels call through a pointer.
 
-    def __init__(self, function: FunctionType, signatures: tuple[Any, ...]) -> None:
+    Raises TypeError when Python calls one that is for kernels only.
+    """
+
+    def __init__(
+        self, function: FunctionType, signatures: tuple[Any, ...], from_python: bool
+    ) -> None:
         self.signatures = signatures
         self._function = function
+        self._options = {**OPTIONS, "no_cpython_wrapper": not from_python}
 
     @cached_property
     def _dispatcher(self) -> Any:
-        dispatcher = _numba.njit(**OPTIONS, pipeline_class=EntryCompiler)(
+        dispatcher = _numba.njit(**self._options, pipeline_class=EntryCompiler)(
             self._function
         )
         dispatcher._cache = _KernelCache(self._function, self.signatures)
@@ -75,6 +81,8 @@ class Entry:
 
     @cached_property
     def _callable(self) -> Any:
+        if self._options["no_cpython_wrapper"]:
+            raise TypeError(f"{self._function.__name__}: only kernels call it")
         for signature in self.signatures:
             self.compiled(signature)
         self._dispatcher.disable_compile()
@@ -84,9 +92,12 @@ class Entry:
         return self._callable(*arguments)
 
 
-def entry(*signatures: Any) -> Callable[[Any], Entry]:
-    """An entry kernel for the given signatures."""
-    return lambda function: Entry(function, signatures)
+def entry(*signatures: Any, from_python: bool = True) -> Callable[[Any], Entry]:
+    """An entry kernel for the given signatures.
+
+    One that Python does not call, only kernels, takes less to compile.
+    """
+    return lambda function: Entry(function, signatures, from_python)
 
 
 def inner(*signatures: Any) -> Callable[[Any], Any]:
