@@ -51,14 +51,28 @@ class Entry:
     ) -> None:
         self.signatures = signatures
         self._function = function
-        self._options = {**OPTIONS, "no_cpython_wrapper": not from_python}
+        self._from_python = from_python
+
+    @property
+    def stamp(self) -> str:
+        """Tells one version of a kernel, with all that it calls, from another."""
+        texts = [_type_text(signature) for signature in self.signatures]
+        texts += [_code_text(self._function, {}), str(self._from_python)]
+        return hashlib.sha256("\n".join(texts).encode()).hexdigest()
+
+    def for_python(self) -> Entry:
+        """The same kernel for callers in Python."""
+        return Entry(self._function, self.signatures, True)
 
     @cached_property
     def _dispatcher(self) -> Any:
-        dispatcher = _numba.njit(**self._options, pipeline_class=EntryCompiler)(
-            self._function
-        )
-        dispatcher._cache = _KernelCache(self._function, self.signatures)
+        dispatcher = _numba.njit(
+            **OPTIONS,
+            no_cpython_wrapper=not self._from_python,
+            pipeline_class=EntryCompiler,
+        )(self._function)
+        caller = "python" if self._from_python else "kernels"
+        dispatcher._cache = _KernelCache(self._function, caller, self.stamp)
         return dispatcher
 
     def compiled(self, signature: Any) -> Any:
@@ -81,7 +95,7 @@ class Entry:
 
     @cached_property
     def _callable(self) -> Any:
-        if self._options["no_cpython_wrapper"]:
+        if not self._from_python:
             raise TypeError(f"{self._function.__name__}: only kernels call it")
         for signature in self.signatures:
             self.compiled(signature)
@@ -132,12 +146,12 @@ class _CacheFile(IndexDataCacheFile):
 class _KernelCache(FunctionCache):
     """A cache whose entries hold while the code they were made from is the same."""
 
-    def __init__(self, function: FunctionType, signatures: tuple[Any, ...]) -> None:
+    def __init__(self, function: FunctionType, caller: str, stamp: str) -> None:
         super().__init__(function)
         self._cache_file = _CacheFile(
             cache_path=self._cache_path,
-            filename_base=self._impl.filename_base,
-            source_stamp=stamp(function, signatures),
+            filename_base=f"{self._impl.filename_base}.{caller}",
+            source_stamp=stamp,
         )
 
     def _index_key(self, signature: Any, codegen: Any) -> Any:
@@ -151,13 +165,6 @@ class _KernelCache(FunctionCache):
         """
         with self._guard_against_spurious_io_errors():
             return self._load_overload(signature, target_context)
-
-
-def stamp(function: FunctionType, signatures: tuple[Any, ...]) -> str:
-    """Tells one version of a kernel, with all that it calls, from another."""
-    texts = [_type_text(signature) for signature in signatures]
-    texts.append(_code_text(function, {}))
-    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
 def _type_text(kind: Any) -> str:

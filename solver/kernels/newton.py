@@ -203,7 +203,7 @@ def _constraint_defect(system, work, memory):
     return worst / max(size, 1e-300)
 
 
-@entry(SOLVE_ACCELERATIONS, from_python=False)
+@entry(SOLVE_ACCELERATIONS)
 def solve_accelerations(system, work, memory):
     """Accelerations and multipliers of the state in `work`, into `memory`."""
     status = _factor_mass(system, work, memory, 0.0, REGULARISATION)
