@@ -16,7 +16,8 @@ from formats.sid import SID, Array
 from .force_measures import function_values, measured, torque_axis
 from .joint_forces import wrench
 from .kernels import layout as at
-from .kernels import planar, spatial
+from .kernels import planar
+from .kernels import spatial_columns as spatial
 from .motion import Motion, frame_motion, marker_motion
 from .prescribed import FrameHistory
 from .sampling import Samples

@@ -21,7 +21,8 @@ from .force_measures import measured
 from .integrators import stepping
 from .joint_forces import COMPONENTS, wrench
 from .kernels import layout as at
-from .kernels import planar, spatial
+from .kernels import planar
+from .kernels import spatial_columns as spatial
 from .kernels.layout import Work
 from .kernels.newton import Kernels, Memory
 from .motion import place

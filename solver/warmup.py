@@ -16,16 +16,18 @@ from queue import Empty, Queue
 
 Say = Callable[[str], None]
 
-#: Entry kernels as module:name, in groups that share inner kernels: one process
-#: compiles a group, the slowest to compile first.
+#: Entry kernels as module:name, in groups that one process compiles, as they share
+#: inner kernels; the slowest groups first.
 Group = tuple[str, ...]
-PLANAR: Group = ("kernels.planar_forces:linearise", "kernels.planar_forces:evaluate")
-SPATIAL: Group = (
-    "kernels.spatial_forces:linearise",
-    "kernels.spatial_forces:evaluate",
-)
-RECORDING: Group = ("integrators.stepping:sample", "integrators.stepping:begin")
 NEWTON: Group = ("kernels.newton:newton_factor", "kernels.newton:newton_solve")
+PLANAR: list[Group] = [
+    ("kernels.planar_forces:linearise",),
+    ("kernels.planar_forces:evaluate",),
+]
+SPATIAL: list[Group] = [
+    ("kernels.spatial_forces:linearise",),
+    ("kernels.spatial_forces:evaluate",),
+]
 MASS: Group = (
     "kernels.newton:solve_accelerations",
     "kernels.newton:project_once",
@@ -33,6 +35,7 @@ MASS: Group = (
     "kernels.coordinates:rate",
     "kernels.coordinates:retract",
 )
+RECORDING: Group = ("integrators.stepping:sample", "integrators.stepping:begin")
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
 
@@ -46,7 +49,8 @@ def ensure(planar: bool, step_loops: Iterable[str], say: Say | None = None) -> N
     say : told once, and only when something has to be compiled
     """
     equations = PLANAR if planar else SPATIAL
-    _compile(_missing([*_of_loops(step_loops), NEWTON, equations, MASS]), say)
+    loops = [(loop,) for loop in step_loops]
+    _compile(_missing([*loops, NEWTON, *equations, MASS, RECORDING]), say)
 
 
 def warm_up(say: Say | None = None) -> int:
@@ -61,13 +65,8 @@ def all_groups() -> list[Group]:
     from .integrators import INTEGRATORS
 
     loops = dict.fromkeys(method.step_loop for method in INTEGRATORS.values())
-    return [*_of_loops(loops), SPATIAL, NEWTON, PLANAR, MASS]
-
-
-def _of_loops(step_loops: Iterable[str]) -> list[Group]:
-    """One group for each, the recording with the first."""
-    first, *others = step_loops
-    return [(first, *RECORDING), *((loop,) for loop in others)]
+    equations = [*SPATIAL, *PLANAR]
+    return [*((loop,) for loop in loops), NEWTON, *equations, MASS, RECORDING]
 
 
 def _missing(groups: Iterable[Group]) -> list[Group]:

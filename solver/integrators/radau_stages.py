@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import float64, int64, types
+from numba import complex128, float64, int64, types
 
 from formats.sid import Array
 
@@ -202,6 +202,21 @@ def transform(matrix, source, out):
             out[i, k] = total
 
 
+@inner(complex128(METHOD, int64, float64))
+def _eigenvalue(method, k, h):
+    """A complex one over the step; written out, which takes less to compile."""
+    nu = method.complex_eigenvalues[k]
+    return complex(nu.real / h, nu.imag / h)
+
+
+@inner(types.void(complex128, F1, F1, F1, F1))
+def _subtract(nu, w_real, w_imag, f_real, f_imag):
+    """f -= nu w, in real and imaginary parts."""
+    for i in range(len(f_real)):
+        f_real[i] -= nu.real * w_real[i] - nu.imag * w_imag[i]
+        f_imag[i] -= nu.real * w_imag[i] + nu.imag * w_real[i]
+
+
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
 def factor(kernels, system, work, memory, stages, h):
     """Factors the Newton matrices of all eigenvalues for the step h."""
@@ -216,7 +231,7 @@ def factor(kernels, system, work, memory, stages, h):
             work,
             memory,
             memory.complex_lapack,
-            method.complex_eigenvalues[k] / h,
+            _eigenvalue(method, k, h),
             memory.complex_A[k],
             memory.complex_G[k],
             memory.complex_Y[k],
@@ -257,14 +272,14 @@ def correct(kernels, system, work, memory, stages, h):
     copy(stages.rz, stages.Fz[0])
     copy(stages.rv, stages.Fv[0])
     for k in range(len(method.complex_eigenvalues)):
-        nu = method.complex_eigenvalues[k] / h
+        nu = _eigenvalue(method, k, h)
         a, b = 1 + 2 * k, 2 + 2 * k
+        _subtract(nu, stages.Wz[a], stages.Wz[b], stages.Fz[a], stages.Fz[b])
+        _subtract(nu, stages.Wv[a], stages.Wv[b], stages.Fv[a], stages.Fv[b])
         for i in range(len(stages.crz)):
-            w = complex(stages.Wz[a, i], stages.Wz[b, i])
-            stages.crz[i] = complex(stages.Fz[a, i], stages.Fz[b, i]) - nu * w
+            stages.crz[i] = complex(stages.Fz[a, i], stages.Fz[b, i])
         for i in range(len(stages.crv)):
-            w = complex(stages.Wv[a, i], stages.Wv[b, i])
-            stages.crv[i] = complex(stages.Fv[a, i], stages.Fv[b, i]) - nu * w
+            stages.crv[i] = complex(stages.Fv[a, i], stages.Fv[b, i])
         kernels.solve_complex(
             system,
             work,
