@@ -11,8 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ..sizes import coordinate_sizes
-
 if TYPE_CHECKING:
     from ..kernels.layout import Work
     from ..kernels.newton import Kernels, Memory
@@ -91,6 +89,7 @@ def _explicit(
 def _generalised_alpha(
     system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
 ) -> Advance:
+    from ..sizes import coordinate_sizes
     from . import generalised_alpha, stepping
 
     rho = float(control.real[stepping.RADIUS])
