@@ -40,7 +40,13 @@ RECORDING: Group = ("integrators.stepping:sample", "integrators.stepping:begin")
 WORTH_PROCESSES = 3
 
 
-def ensure(planar: bool, step_loops: Iterable[str], say: Say | None = None) -> None:
+def say_compiling(text: str) -> None:
+    """Tells a person who waits why; nobody waits where there is no terminal."""
+    if sys.stderr.isatty():
+        print(f"sidtool: {text}", file=sys.stderr, flush=True)
+
+
+def ensure(planar: bool, step_loops: Iterable[str], say: Say = say_compiling) -> None:
     """Compiles what runs need and is not on disk yet, on all processors.
 
     Parameters
@@ -51,6 +57,13 @@ def ensure(planar: bool, step_loops: Iterable[str], say: Say | None = None) -> N
     equations = PLANAR if planar else SPATIAL
     loops = [(loop,) for loop in step_loops]
     _compile(_missing([*loops, NEWTON, *equations, MASS, RECORDING]), say)
+
+
+def ensure_loop(step_loop: str) -> None:
+    """Compiles a step loop that a run turns out to need."""
+    if not _is_cached(step_loop):
+        say_compiling("compiling the steps past singular positions, once")
+        _compile_here(step_loop)
 
 
 def warm_up(say: Say | None = None) -> int:
@@ -64,9 +77,10 @@ def all_groups() -> list[Group]:
     """All entry kernels."""
     from .integrators import INTEGRATORS
 
-    loops = dict.fromkeys(method.step_loop for method in INTEGRATORS.values())
+    methods = INTEGRATORS.values()
+    loops = {loop for m in methods for loop in (m.step_loop, m.passing_loop) if loop}
     equations = [*SPATIAL, *PLANAR]
-    return [*((loop,) for loop in loops), NEWTON, *equations, MASS, RECORDING]
+    return [*((loop,) for loop in sorted(loops)), NEWTON, *equations, MASS, RECORDING]
 
 
 def _missing(groups: Iterable[Group]) -> list[Group]:

@@ -35,7 +35,10 @@ class Accuracy(Table):
     """How the motion is integrated; a fixed `step` replaces the error control."""
 
     rtol: float = Field(
-        default=1e-6, ge=1e-13, le=0.1, description="relative tolerance"
+        default=1e-6,
+        ge=1e-13,
+        le=0.1,
+        description="error of the run, relative to the largest motion",
     )
     integrator: str = Field(
         default="radau9",

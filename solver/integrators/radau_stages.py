@@ -17,6 +17,7 @@ from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from ..kernels.tables import Table, TableType
 from .stepping import (
     CONTROL,
+    OLD_STEP,
     PREDICT,
     STAGE_STEP,
     TIME,
@@ -352,3 +353,27 @@ def take_correction(stages):
             stages.Wv[i, k] += stages.Fv[i, k]
     transform(stages.method.T, stages.Wz, stages.Zz)
     transform(stages.method.T, stages.Wv, stages.Zv)
+
+
+@inner(types.void(CONTROL, STAGES, float64))
+def go_on(control, stages, h):
+    """Z as the polynomial of the last accepted step goes on."""
+    for i in range(len(stages.Zz)):
+        copy(stages.last_Zz[i], stages.Zz[i])
+        copy(stages.last_Zv[i], stages.Zv[i])
+    control.whole[PREDICT] = 1
+    control.real[STAGE_STEP] = control.real[OLD_STEP]
+    predict(control, stages, h)
+
+
+@inner(types.void(KERNELS, SYSTEM, CONTROL, STAGES, float64))
+def foretell(kernels, system, control, stages, h):
+    """The end of the step as the last one goes on; without one, as slopes are."""
+    if control.real[OLD_STEP] > 0.0:
+        go_on(control, stages, h)
+        take_end(control, stages)
+        return
+    for i in range(len(stages.z1)):
+        stages.z1[i] = control.z[i] + h * stages.rate0[i]
+    for i in range(len(stages.v1)):
+        stages.v1[i] = control.v[i] + h * stages.acc0[i]
