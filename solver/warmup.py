@@ -6,6 +6,7 @@ them asks for all at once, so that every processor compiles a part.
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -38,6 +39,8 @@ MASS: Group = (
 RECORDING: Group = ("integrators.stepping:sample", "integrators.stepping:begin")
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
+#: New objects between two searches for garbage in a process that only compiles.
+GARBAGE_THRESHOLD = 500_000
 
 
 def say_compiling(text: str) -> None:
@@ -169,6 +172,7 @@ def _compile_here(name: str) -> None:
 
 def _serve(lines: Iterable[str]) -> None:
     """Compiles the kernels named on standard input, answering each with a line."""
+    gc.set_threshold(GARBAGE_THRESHOLD)
     for line in lines:
         for name in line.split():
             _compile_here(name)
