@@ -100,6 +100,8 @@ FINEST = 1e-15
 
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
+#: Attempts after which positions that meet the constraints are not moved any more.
+SETTLING = 3
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
@@ -455,8 +457,8 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
     Done when every |c| and |dc/dt| is below those in `closed`, at the last attempt a
     hundred times that. dz and dv are scratch.
     Quaternions get unit length even where no constraint moves their body. Positions
-    that meet the constraints then stay: near a singular position, to move them by
-    rounding spoils velocities.
+    that meet the constraints stay in the last attempts: near a singular position, to
+    move them by rounding spoils velocities.
     Returns 0, or a code when the constraints are singular or cannot be met.
     """
     m = system.dims[N_ROWS]
@@ -478,7 +480,7 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
         status = kernels.project_once(system, work, memory, REGULARISATION, dz, dv)
         if status != 0:
             return status
-        if attempt == 0 or not placed:
+        if attempt < SETTLING or not placed:
             kernels.retract(system, work.frame, z, dz)
         for i in range(len(v)):
             v[i] += dv[i]
