@@ -167,12 +167,10 @@ def relaxed_pair(dimension: str) -> System:
     return compile_scene(scene(dimension, bodies=bodies, forces=forces), ".", sids)
 
 
-@pytest.mark.parametrize("dimension", ["planar", "spatial"])
-def test_newton_matrices_know_the_stiffness_of_forces(dimension: str) -> None:
-    """Rows of forces solve with the J that central differences give."""
-    system = relaxed_pair(dimension)
+def newton_product(system: System, mu: float = 2e3) -> Array:
+    """(mu - J) (mu - J)^-1 at rest: J by central differences, the inverse by Newton's
+    factors."""
     arrays, n = system.arrays, system.n_velocities
-    assert system.n_rows == 0 and system.n_newton_rows == (5 if n == 10 else 8)
     work, memory = new_work(system), new_memory(system, 0)
     z, v = guess(system).z, np.zeros(n)
     kernel_calls.evaluate(system, work, 0.0, z, v)
@@ -193,7 +191,6 @@ def test_newton_matrices_know_the_stiffness_of_forces(dimension: str) -> None:
             columns.append(difference / (2.0 * delta))
         return np.column_stack(columns)
 
-    mu = 2e3
     exact = mu * np.eye(n) - jacobian(1e-4, False) - jacobian(1e-7, True) / mu
     acc = acceleration(v, v)
     kernel_calls.linearise(system, work, 0.0, z, v, acc, np.zeros(0))
@@ -208,8 +205,42 @@ def test_newton_matrices_know_the_stiffness_of_forces(dimension: str) -> None:
         scratch = np.zeros(n), np.zeros(n), np.zeros(system.n_newton_rows)
         newton_solve(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
         columns.append(s)
-    product = exact @ np.column_stack(columns)
-    assert product == pytest.approx(np.eye(n), abs=1e-5)
+    product: Array = exact @ np.column_stack(columns)
+    return product
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_newton_matrices_know_the_stiffness_of_forces(dimension: str) -> None:
+    """Rows of forces solve with the J that central differences give."""
+    system = relaxed_pair(dimension)
+    n = system.n_velocities
+    assert system.n_rows == 0 and system.n_newton_rows == (5 if n == 10 else 8)
+    assert newton_product(system) == pytest.approx(np.eye(n), abs=1e-5)
+
+
+@pytest.mark.parametrize("rest", [0.5, 2.0], ids=["pulls", "pushes"])
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_newton_matrices_know_how_a_strained_spring_turns(
+    dimension: str, rest: float
+) -> None:
+    """Its force over its length acts across it, also on the arm of its marker."""
+    axes = 2 if dimension == "planar" else 3
+    body = {
+        "mass": 1.3,
+        "inertia": 0.2 if axes == 2 else [0.1, 0.2, 0.25],
+        "centre_of_mass": [0.1, -0.2, 0.3][:axes],
+        "markers": {"arm": {"position": [-0.3, 0.2, 0.4][:axes]}},
+        "initial": {"position": [0.9, 0.4, -0.3][:axes]},
+    }
+    spring = {
+        "type": "spring_damper",
+        "markers": ["ground", "body.arm"],
+        "stiffness": 1e7,
+        "rest": rest,
+    }
+    content = scene(dimension, bodies={"body": body}, forces={"spring": spring})
+    product = newton_product(compile_scene(content))
+    assert product == pytest.approx(np.eye(len(product)), abs=1e-5)
 
 
 def test_damping_policies_give_each_mode_its_ratio() -> None:
