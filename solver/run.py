@@ -29,7 +29,14 @@ from .kernels.pointers import kernels
 from .new_control import closed_below, new_control
 from .scene import System
 from .settings import Settings, settings_of
-from .stopping import CAUSES, explained, lost_inertia, near_singular, singular
+from .stopping import (
+    CAUSES,
+    explained,
+    lost_inertia,
+    near_singular,
+    singular,
+    too_light,
+)
 from .storage import new_memory, new_work
 from .turn_counts import keep_turns, lost_turn
 
@@ -231,7 +238,11 @@ class _Run:
             cause = lost_turn(self.system, self.work, self.control) or cause
         worst = outputs.busiest_body(self.system, self.control)
         text = f"stopped at t = {self.now:.9g} s: {cause} (fastest change: {worst})"
-        text += lost_inertia(self.system, self.work) or near_singular(self.control)
+        text += (
+            lost_inertia(self.system, self.work)
+            or too_light(self.system, self.work)
+            or near_singular(self.control)
+        )
         if self.system.redundant:
             rows = assembly.names_of_rows(self.system, self.system.redundant)
             names = ", ".join(dict.fromkeys(rows))
