@@ -186,7 +186,7 @@ def _between(
     element = system.forces[k]
     assert element.a is not None
     size = _size(system, samples, times, k)[:, None]
-    if element.kind in (at.TWIST, at.TILT):
+    if element.kind >= at.TWIST:
         torque = size * torque_axis(system, samples, element)
         return (0.0 * torque, -torque), (0.0 * torque, torque)
     A, B = (_at(system, samples, end) for end in (element.a, element.b))

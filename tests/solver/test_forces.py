@@ -118,7 +118,7 @@ def test_a_stiff_bushing_between_two_bodies_is_a_weld(stiffness: float) -> None:
     assert counters["newton_iterations"] < 4 * counters["steps"]
 
 
-def relaxed_pair(dimension: str) -> System:
+def relaxed_pair(dimension: str, **more: str) -> System:
     """Two flexible bodies at rest under stiff springs, none of which is strained."""
     plane = dimension == "planar"
     rng, axes = np.random.default_rng(4), 2 if plane else 3
@@ -144,6 +144,7 @@ def relaxed_pair(dimension: str) -> System:
             "markers": ["a.p", "b.p"],
             "stiffness": stiff[:count],
             "damping": loss[:count],
+            **more,
         },
         "rod": {
             **rod,
@@ -209,10 +210,15 @@ def newton_product(system: System, mu: float = 2e3) -> Array:
     return product
 
 
-@pytest.mark.parametrize("dimension", ["planar", "spatial"])
-def test_newton_matrices_know_the_stiffness_of_forces(dimension: str) -> None:
+@pytest.mark.parametrize(
+    ("dimension", "more"),
+    [("planar", {}), ("spatial", {}), ("spatial", {"shaft": "y"})],
+)
+def test_newton_matrices_know_the_stiffness_of_forces(
+    dimension: str, more: dict[str, str]
+) -> None:
     """Rows of forces solve with the J that central differences give."""
-    system = relaxed_pair(dimension)
+    system = relaxed_pair(dimension, **more)
     n = system.n_velocities
     assert system.n_rows == 0 and system.n_newton_rows == (5 if n == 10 else 8)
     assert newton_product(system) == pytest.approx(np.eye(n), abs=1e-5)
