@@ -56,10 +56,16 @@ def lost_inertia(system: System, work: at.Work) -> str:
         size = np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))
         left = float(np.linalg.eigvalsh((M + M.T) / 2 / np.outer(size, size))[0])
         if left < NO_INERTIA:
-            return (
+            text = (
                 f"; {body.name} has deformed so far that the inertia of its SID, which "
                 "holds for small deformations, is no longer positive"
             )
+            if (
+                not body.quadratic_inertia
+                and body.sid.Oe.first_order(body.sid.nq).any()
+            ):
+                text += " (quadratic_inertia = true of the body keeps more of it)"
+            return text
     return ""
 
 

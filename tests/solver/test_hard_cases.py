@@ -238,6 +238,7 @@ def test_a_crank_twenty_times_as_fast_tells_why_the_model_ends(rod: SID) -> None
     assert not fine.completed
     assert fine.message.startswith("stopped at t = 0.640761")
     assert "rod has deformed so far that the inertia of its SID" in fine.message
+    assert "quadratic_inertia = true" in fine.message
     assert len(fine.t) == 66 and np.isfinite(fine.values).all()
     for integrator in ("radau5", "radau9", "trapezoidal", "generalised_alpha"):
         coarse = simulate_until_stop(system, integrator, 1e-4)
