@@ -29,7 +29,7 @@ from .joints import joint_parts
 from .kernels import layout as at
 from .kernels.drives import drive_value
 from .kernels.layout import Work
-from .kernels.spatial import PR, R
+from .kernels.spatial_columns import PR, R
 from .scene import System
 
 #: Bodies are turned beforehand when they are off by more than this angle [rad].

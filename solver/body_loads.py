@@ -17,7 +17,8 @@ from .force_measures import function_values
 from .force_wrenches import Wrench, between, components, given, motion_of
 from .joint_forces import wrench
 from .kernels import layout as at
-from .kernels import planar, spatial
+from .kernels import planar
+from .kernels import spatial_columns as spatial
 from .motion import frame_motion
 from .prescribed import FrameHistory
 from .sampling import Samples

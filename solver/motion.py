@@ -11,7 +11,8 @@ import numpy as np
 
 from formats.sid import Array
 
-from .kernels import planar, spatial
+from .kernels import planar
+from .kernels import spatial_columns as spatial
 from .sampling import Samples
 from .scene import System
 

@@ -22,7 +22,8 @@ from .force_wrenches import force_wrench
 from .integrators import stepping
 from .joint_forces import COMPONENTS, is_constraint, wrench
 from .kernels import layout as at
-from .kernels import planar, spatial
+from .kernels import planar
+from .kernels import spatial_columns as spatial
 from .kernels.layout import Work
 from .kernels.newton import Kernels, Memory
 from .motion import place

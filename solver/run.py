@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import platform
-import sys
 import time
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -76,7 +75,7 @@ def simulate(
     """
     settings = settings_of(system, integrator, rtol, step, spectral_radius)
     loops = [INTEGRATORS[name].step_loop for name in settings.possible]
-    warmup.ensure(system.planar, loops, say_compiling)
+    warmup.ensure(system.planar, loops)
     began = time.perf_counter()
     system, start = assembly.assemble(system)
     expected = expected_bodies(system, start)
@@ -91,12 +90,6 @@ def simulate(
     if failure:
         raise SimulationError(result.message, result)
     return result
-
-
-def say_compiling(text: str) -> None:
-    """Tells a person who waits why; nobody waits where there is no terminal."""
-    if sys.stderr.isatty():
-        print(f"sidtool: {text}", file=sys.stderr, flush=True)
 
 
 class _Run:

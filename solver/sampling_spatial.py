@@ -8,7 +8,7 @@ from formats.sid import Array
 
 from .bodies import elastic_rates
 from .kernels import layout as at
-from .kernels.spatial import ALPHA, PA, PAL, A, D, R, T
+from .kernels.spatial_columns import ALPHA, PA, PAL, A, D, R, T
 from .scene import System
 
 

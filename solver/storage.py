@@ -14,9 +14,9 @@ from .kernels.lapack import lapack
 from .kernels.newton import N_COUNTERS, Memory
 from .kernels.planar import N_FRAME as PLANAR_FRAME
 from .kernels.planar import N_POINT as PLANAR_POINT
-from .kernels.spatial import N_FRAME as SPATIAL_FRAME
 from .kernels.spatial import N_MODAL
-from .kernels.spatial import N_POINT as SPATIAL_POINT
+from .kernels.spatial_columns import N_FRAME as SPATIAL_FRAME
+from .kernels.spatial_columns import N_POINT as SPATIAL_POINT
 from .scene import System
 
 #: Weight of stiffness against mass in the metric of projections: radians of the slowest

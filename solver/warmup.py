@@ -6,6 +6,7 @@ them asks for all at once, so that every processor compiles a part.
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
@@ -16,16 +17,18 @@ from queue import Empty, Queue
 
 Say = Callable[[str], None]
 
-#: Entry kernels as module:name, in groups that share inner kernels: one process
-#: compiles a group, the slowest to compile first.
+#: Entry kernels as module:name, in groups that one process compiles, as they share
+#: inner kernels; the slowest groups first.
 Group = tuple[str, ...]
-PLANAR: Group = ("kernels.planar_forces:linearise", "kernels.planar_forces:evaluate")
-SPATIAL: Group = (
-    "kernels.spatial_forces:linearise",
-    "kernels.spatial_forces:evaluate",
-)
-RECORDING: Group = ("integrators.stepping:sample", "integrators.stepping:begin")
 NEWTON: Group = ("kernels.newton:newton_factor", "kernels.newton:newton_solve")
+PLANAR: list[Group] = [
+    ("kernels.planar_forces:linearise",),
+    ("kernels.planar_forces:evaluate",),
+]
+SPATIAL: list[Group] = [
+    ("kernels.spatial_forces:linearise",),
+    ("kernels.spatial_forces:evaluate",),
+]
 MASS: Group = (
     "kernels.newton:solve_accelerations",
     "kernels.newton:project_once",
@@ -33,11 +36,20 @@ MASS: Group = (
     "kernels.coordinates:rate",
     "kernels.coordinates:retract",
 )
+RECORDING: Group = ("integrators.stepping:sample", "integrators.stepping:begin")
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
+#: New objects between two searches for garbage in a process that only compiles.
+GARBAGE_THRESHOLD = 500_000
 
 
-def ensure(planar: bool, step_loops: Iterable[str], say: Say | None = None) -> None:
+def say_compiling(text: str) -> None:
+    """Tells a person who waits why; nobody waits where there is no terminal."""
+    if sys.stderr.isatty():
+        print(f"sidtool: {text}", file=sys.stderr, flush=True)
+
+
+def ensure(planar: bool, step_loops: Iterable[str], say: Say = say_compiling) -> None:
     """Compiles what runs need and is not on disk yet, on all processors.
 
     Parameters
@@ -46,7 +58,15 @@ def ensure(planar: bool, step_loops: Iterable[str], say: Say | None = None) -> N
     say : told once, and only when something has to be compiled
     """
     equations = PLANAR if planar else SPATIAL
-    _compile(_missing([*_of_loops(step_loops), NEWTON, equations, MASS]), say)
+    loops = [(loop,) for loop in step_loops]
+    _compile(_missing([*loops, NEWTON, *equations, MASS, RECORDING]), say)
+
+
+def ensure_loop(step_loop: str) -> None:
+    """Compiles a step loop that a run turns out to need."""
+    if not _is_cached(step_loop):
+        say_compiling("compiling the steps past singular positions, once")
+        _compile_here(step_loop)
 
 
 def warm_up(say: Say | None = None) -> int:
@@ -60,14 +80,10 @@ def all_groups() -> list[Group]:
     """All entry kernels."""
     from .integrators import INTEGRATORS
 
-    loops = dict.fromkeys(method.step_loop for method in INTEGRATORS.values())
-    return [*_of_loops(loops), SPATIAL, NEWTON, PLANAR, MASS]
-
-
-def _of_loops(step_loops: Iterable[str]) -> list[Group]:
-    """One group for each, the recording with the first."""
-    first, *others = step_loops
-    return [(first, *RECORDING), *((loop,) for loop in others)]
+    methods = INTEGRATORS.values()
+    loops = {loop for m in methods for loop in (m.step_loop, m.passing_loop) if loop}
+    equations = [*SPATIAL, *PLANAR]
+    return [*((loop,) for loop in sorted(loops)), NEWTON, *equations, MASS, RECORDING]
 
 
 def _missing(groups: Iterable[Group]) -> list[Group]:
@@ -156,6 +172,7 @@ def _compile_here(name: str) -> None:
 
 def _serve(lines: Iterable[str]) -> None:
     """Compiles the kernels named on standard input, answering each with a line."""
+    gc.set_threshold(GARBAGE_THRESHOLD)
     for line in lines:
         for name in line.split():
             _compile_here(name)

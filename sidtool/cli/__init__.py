@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import sys
@@ -25,8 +26,8 @@ from .warmup import warmup
 
 BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 #: New objects between two searches for garbage: a command makes little, and all that
-#: it imports would be searched through again and again.
-GARBAGE_THRESHOLD = 100_000
+#: it imports would be searched through again and again. At its end nothing is.
+GARBAGE_THRESHOLD = 500_000
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -64,6 +65,7 @@ for command in (
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     gc.set_threshold(GARBAGE_THRESHOLD)
+    atexit.register(gc.freeze)
     sys.exit(run(sys.argv[1:]))
 
 

@@ -22,7 +22,8 @@ from formats.sid import Array
 
 from ..assembly import assemble
 from ..kernels import layout as at
-from ..kernels import planar, spatial
+from ..kernels import planar
+from ..kernels import spatial_columns as spatial
 from ..outputs import velocity_names
 from ..scene import System
 from ..sizes import coordinate_sizes

@@ -28,6 +28,7 @@ class Integrator:
     dense : degree of its dense output as a polynomial of time
     pairs : complex eigenvalues of its Newton matrix
     step_loop : its entry kernel, as module:name in `solver`
+    passing_loop : another one that takes it past singular positions, if it needs one
     prepare : makes the step function of a run
     explicit : stability may limit its steps, which it then counts
     damps : its spectral radius can be chosen
@@ -41,24 +42,40 @@ class Integrator:
     prepare: Callable[[System, Kernels, Work, Memory, Control], Advance]
     explicit: bool = False
     damps: bool = False
+    passing_loop: str = ""
 
 
 def _radau(stages: int) -> Integrator:
     def prepare(
         system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
     ) -> Advance:
-        from . import radau
+        from .. import warmup
+        from ..kernels.newton import STEPS
+        from . import radau, stepping
+        from .radau_stages import new_stages
 
-        storage = radau.new_stages(
+        storage = new_stages(
             stages, system.n_positions, system.n_velocities, system.n_newton_rows
         )
-        return lambda limit: radau.advance(
-            kernels, system.arrays, work, memory, control, storage, limit
-        )
+        parts = kernels, system.arrays, work, memory, control, storage
+
+        def advance(limit: int) -> int:
+            before = memory.counters[STEPS]
+            code = radau.advance(*parts, limit)
+            if code != stepping.BESIDE:
+                return code
+            warmup.ensure_loop(passing)
+            from . import radau_passing
+
+            left = limit - int(memory.counters[STEPS] - before)
+            return radau_passing.advance(*parts, left)
+
+        return advance
 
     title = f"Radau IIA of order {2 * stages - 1}, index 1, projected"
-    loop = "integrators.radau:advance"
-    return Integrator(title, 2 * stages - 1, stages, (stages - 1) // 2, loop, prepare)
+    order, pairs, loop = 2 * stages - 1, (stages - 1) // 2, "integrators.radau:advance"
+    passing = "integrators.radau_passing:advance"
+    return Integrator(title, order, stages, pairs, loop, prepare, passing_loop=passing)
 
 
 def _trapezoidal(

@@ -17,6 +17,7 @@ from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from .singular import FAR, NEAR, beside_singular, look_at_start
 from .stepping import (
     AHEAD,
+    BESIDE,
     CHUNK,
     CONTRACTION,
     CONTROL,
@@ -72,6 +73,7 @@ def step_loop(
     serves: float,
     first_step: float = 1.0,
     reach: float = 1.0,
+    leaves: bool = False,
 ) -> Entry:
     """`advance` of an implicit method: the entry kernel of its step loop.
 
@@ -93,6 +95,7 @@ def step_loop(
     serves : a Jacobian is kept while Newton's iteration contracts the error this much
     first_step : part of the proposed step that is taken after a break
     reach : longest step past a singular position, relative to the one before
+    leaves : returns BESIDE near a singular position, which another loop can pass
     """
 
     def look_ahead(kernels, system, work, memory, control, storage, h):  # type: ignore[no-untyped-def]
@@ -144,8 +147,11 @@ def step_loop(
             left, rest = later, then
         real[SINGULAR] = real[TIME] + left
 
+    def leave(kernels, system, work, memory, control, storage):  # type: ignore[no-untyped-def]
+        """In the place of `sharpen` in a loop that does not come so far."""
+
     sharpen = inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type))(
-        sharpen
+        leave if leaves else sharpen
     )
 
     def advance(kernels, system, work, memory, control, storage, limit):  # type: ignore[no-untyped-def]
@@ -179,6 +185,8 @@ def step_loop(
                     return TOO_SMALL
                 was = whole[CROSSING]
                 proposed, h = h, beside_singular(control, h, reach)
+                if leaves and whole[CROSSING] != FAR:
+                    return BESIDE
                 known = real[OLD_STEP] > 0.0 and whole[FIXED_STEP] == 0
                 if whole[CROSSING] == NEAR and was != NEAR and known:
                     sharpen(kernels, system, work, memory, control, storage)

@@ -3,10 +3,13 @@
 Source: E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", section
 IV.8 (simplified Newton iteration in transformed variables, error estimate, step size
 control), here with the Jacobian kept in saddle-point form and with a projection of
-positions and velocities after every accepted step.
+positions and velocities after every accepted step. Near singular positions the loop of
+`radau_passing` goes on.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 from numba import float64, int64, types
 
@@ -15,18 +18,10 @@ from ..kernels.layout import SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY
 from .implicit import step_loop
 from .landing import close_step
-from .radau_passing import (
-    REACH,
-    foretell,
-    is_beside,
-    keep_free_error,
-    pass_singular,
-    refine,
-)
 from .radau_stages import (
     STAGES,
     factor,
-    new_stages,
+    foretell,
     predict,
     solve,
     sweep,
@@ -34,11 +29,9 @@ from .radau_stages import (
     take_end,
     transform,
 )
-from .singular import FAR
 from .stepping import (
     CONTRACTION,
     CONTROL,
-    CROSSING,
     FAILURES,
     OLD_STEP,
     TIME,
@@ -53,19 +46,15 @@ from .stepping import (
     share_of_step,
 )
 
-__all__ = ["advance", "new_stages"]
-
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
-def _newton(kernels, system, work, memory, control, stages, h):
+def newton(kernels, system, work, memory, control, stages, h):
     """Solves the collocation equations; iterations used, or 0 without convergence."""
     method = stages.method
     control.real[CONTRACTION] = 1.0
-    if is_beside(control):
-        return pass_singular(kernels, system, work, memory, control, stages, h)
     predict(control, stages, h)
     transform(method.TI, stages.Zz, stages.Wz)
     transform(method.TI, stages.Zv, stages.Wv)
@@ -82,42 +71,51 @@ def _newton(kernels, system, work, memory, control, stages, h):
     return 0
 
 
-@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
-def _error(kernels, system, work, memory, control, stages, h):
-    """Norm of the error estimate, made anew where it first seems too large."""
-    method = stages.method
-    cautious = control.whole[FAILURES] > 0 or control.real[OLD_STEP] == 0.0
-    s = len(method.c)
-    mu = method.real_eigenvalue[0] / h
-    for attempt in range(2):
-        for k in range(len(stages.rz)):
-            stages.rz[k] = stages.rate0[k]
-            for i in range(s):
-                stages.rz[k] += method.error[i] / h * stages.Zz[i, k]
-        for k in range(len(stages.rv)):
-            stages.rv[k] = stages.acc0[k]
-            for i in range(s):
-                stages.rv[k] += method.error[i] / h * stages.Zv[i, k]
-        if attempt == 1:
-            kernels.rate(system, stages.z1, stages.v1, stages.old_Zz[0])
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _keep_all(kernels, system, work, memory, control, stages, h):
+    """Far from singular positions all of an error counts."""
+
+
+def error_of(keep: Any) -> Any:
+    """The error estimate; `keep` leaves in (rz, rv) what counts of it."""
+
+    def error(kernels, system, work, memory, control, stages, h):
+        """Norm of the error estimate, made anew where it first seems too large."""
+        method = stages.method
+        cautious = control.whole[FAILURES] > 0 or control.real[OLD_STEP] == 0.0
+        s = len(method.c)
+        mu = method.real_eigenvalue[0] / h
+        for attempt in range(2):
             for k in range(len(stages.rz)):
-                stages.rz[k] += stages.old_Zz[0, k] - stages.rate0[k]
+                stages.rz[k] = stages.rate0[k]
+                for i in range(s):
+                    stages.rz[k] += method.error[i] / h * stages.Zz[i, k]
             for k in range(len(stages.rv)):
-                stages.rv[k] += memory.acceleration[k] - stages.acc0[k]
-        solve(kernels, system, work, memory, stages, mu)
-        if control.whole[CROSSING] != FAR:
-            keep_free_error(kernels, system, work, memory, control, stages, h)
-        error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
-        if error < 1.0 or not cautious or attempt == 1:
-            return error
-        for k in range(len(stages.rz)):
-            stages.z1[k] = control.z[k] + stages.rz[k]
-        for k in range(len(stages.rv)):
-            stages.v1[k] = control.v[k] + stages.rv[k]
-        t = control.real[TIME]
-        if accelerate(kernels, system, work, memory, t, stages.z1, stages.v1) != 0:
-            return error
-    return error
+                stages.rv[k] = stages.acc0[k]
+                for i in range(s):
+                    stages.rv[k] += method.error[i] / h * stages.Zv[i, k]
+            if attempt == 1:
+                kernels.rate(system, stages.z1, stages.v1, stages.old_Zz[0])
+                for k in range(len(stages.rz)):
+                    stages.rz[k] += stages.old_Zz[0, k] - stages.rate0[k]
+                for k in range(len(stages.rv)):
+                    stages.rv[k] += memory.acceleration[k] - stages.acc0[k]
+            solve(kernels, system, work, memory, stages, mu)
+            keep(kernels, system, work, memory, control, stages, h)
+            error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
+            if error < 1.0 or not cautious or attempt == 1:
+                return error
+            for k in range(len(stages.rz)):
+                stages.z1[k] = control.z[k] + stages.rz[k]
+            for k in range(len(stages.rv)):
+                stages.v1[k] = control.v[k] + stages.rv[k]
+            t = control.real[TIME]
+            if accelerate(kernels, system, work, memory, t, stages.z1, stages.v1) != 0:
+                return error
+        return error
+
+    signature = float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64)
+    return inner(signature)(error)
 
 
 @inner(types.void(CONTROL, STAGES, float64))
@@ -146,17 +144,8 @@ def _write_outputs(control, stages, h):
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
-def _accept(kernels, system, work, memory, control, stages, h):
-    """Moves to the end of the step, projected onto the constraints; 0 on success.
-
-    A step near a singular position still lacks a correction of the collocation
-    equations, which takes away most of its error.
-    """
-    status = 0
-    if is_beside(control):
-        status = refine(kernels, system, work, memory, control, stages, h)
-    if status != 0:
-        return status
+def accept(kernels, system, work, memory, control, stages, h):
+    """Moves to the end of the step, projected onto the constraints; 0 on success."""
     take_end(control, stages)
     z1, v1, dz, dv = stages.z1, stages.v1, stages.x, stages.p
     status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
@@ -171,27 +160,28 @@ def _accept(kernels, system, work, memory, control, stages, h):
 
 
 @inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, STAGES))
-def _begin_step(kernels, system, memory, control, stages):
+def begin_step(kernels, system, memory, control, stages):
     """Slopes at the beginning of the step."""
     kernels.rate(system, control.z, control.v, stages.rate0)
     copy(memory.acceleration, stages.acc0)
 
 
 @inner(int64(STAGES))
-def _order(stages):
+def order(stages):
+    """Of the error estimate."""
     return len(stages.method.c)
 
 
 advance = step_loop(
     "radau",
     STAGES,
-    _begin_step,
+    begin_step,
     factor,
-    _newton,
-    _error,
-    _accept,
-    _order,
+    newton,
+    error_of(_keep_all),
+    accept,
+    order,
     foretell,
     JACOBIAN_SERVES,
-    reach=REACH,
+    leaves=True,
 )

@@ -15,23 +15,26 @@ from numba import boolean, float64, int64, types
 from ..kernels.compiling import inner
 from ..kernels.layout import SYSTEM, WORK
 from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
+from .implicit import step_loop
+from .radau import JACOBIAN_SERVES, accept, begin_step, error_of, newton, order
 from .radau_stages import (
     METHOD,
     STAGES,
-    predict,
+    factor,
+    foretell,
+    go_on,
     solve,
     sweep,
     take_correction,
     take_end,
     transform,
 )
-from .singular import NEAR, keep_free_part
+from .singular import FAR, NEAR, keep_free_part
 from .stepping import (
+    CONTRACTION,
     CONTROL,
     CROSSING,
     OLD_STEP,
-    PREDICT,
-    STAGE_STEP,
     TIME,
     accelerate,
     copy,
@@ -50,7 +53,7 @@ LARGEST_CORRECTION, LEFT_ALONE = 10.0, 0.3
 
 
 @inner(boolean(CONTROL))
-def is_beside(control):
+def _is_beside(control):
     """Whether a singular position is near and a step before is known."""
     return control.whole[CROSSING] == NEAR and control.real[OLD_STEP] > 0.0
 
@@ -71,32 +74,8 @@ def _bend(method, ratio, at):
     return total
 
 
-@inner(types.void(CONTROL, STAGES, float64))
-def _continue(control, stages, h):
-    """Z as the polynomial of the last accepted step goes on."""
-    for i in range(len(stages.Zz)):
-        copy(stages.last_Zz[i], stages.Zz[i])
-        copy(stages.last_Zv[i], stages.Zv[i])
-    control.whole[PREDICT] = 1
-    control.real[STAGE_STEP] = control.real[OLD_STEP]
-    predict(control, stages, h)
-
-
-@inner(types.void(KERNELS, SYSTEM, CONTROL, STAGES, float64))
-def foretell(kernels, system, control, stages, h):
-    """The end of the step as the last one goes on; without one, as slopes are."""
-    if control.real[OLD_STEP] > 0.0:
-        _continue(control, stages, h)
-        take_end(control, stages)
-        return
-    for i in range(len(stages.z1)):
-        stages.z1[i] = control.z[i] + h * stages.rate0[i]
-    for i in range(len(stages.v1)):
-        stages.v1[i] = control.v[i] + h * stages.acc0[i]
-
-
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
-def pass_singular(kernels, system, work, memory, control, stages, h):
+def _pass(kernels, system, work, memory, control, stages, h):
     """A step past a singular position; iterations used, or 0 without convergence.
 
     Newton's iteration for stages on both sides of it diverges. Here slopes are those of
@@ -106,7 +85,7 @@ def pass_singular(kernels, system, work, memory, control, stages, h):
     method, real = stages.method, control.real
     s = len(method.c)
     ratio = h / real[OLD_STEP]
-    _continue(control, stages, h)
+    go_on(control, stages, h)
     bend = _bend(method, ratio, 1.0)
     mu = 1.0 / (bend * h)
     status = factor_real(kernels, system, work, memory, mu)
@@ -154,8 +133,10 @@ def pass_singular(kernels, system, work, memory, control, stages, h):
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
-def keep_free_error(kernels, system, work, memory, control, stages, h):
+def _keep_free(kernels, system, work, memory, control, stages, h):
     """Takes from the error what projection takes from the end of the step."""
+    if control.whole[CROSSING] == FAR:
+        return
     t, z, v = control.real[TIME] + h, stages.z1, stages.v1
     take_end(control, stages)
     error, dz, dv = stages.rv, stages.x, stages.p
@@ -163,7 +144,7 @@ def keep_free_error(kernels, system, work, memory, control, stages, h):
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
-def refine(kernels, system, work, memory, control, stages, h):
+def _refine(kernels, system, work, memory, control, stages, h):
     """A correction of the collocation equations; 0 if it is not too large.
 
     A stage very close to the singular position may spoil it: then what it changes of
@@ -185,6 +166,41 @@ def refine(kernels, system, work, memory, control, stages, h):
     for k in range(len(stages.rz)):
         stages.rz[k] = 0.0
     copy(dv[s - 1], stages.rv)
-    keep_free_error(kernels, system, work, memory, control, stages, h)
+    _keep_free(kernels, system, work, memory, control, stages, h)
     error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
     return 0 if error < LEFT_ALONE else 1
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _solve(kernels, system, work, memory, control, stages, h):
+    """The stages of a step; iterations used, or 0 without convergence."""
+    if not _is_beside(control):
+        return newton(kernels, system, work, memory, control, stages, h)
+    control.real[CONTRACTION] = 1.0
+    return _pass(kernels, system, work, memory, control, stages, h)
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def _accept(kernels, system, work, memory, control, stages, h):
+    """`accept`, after what a step past a singular position still lacks."""
+    status = 0
+    if _is_beside(control):
+        status = _refine(kernels, system, work, memory, control, stages, h)
+    if status != 0:
+        return status
+    return accept(kernels, system, work, memory, control, stages, h)
+
+
+advance = step_loop(
+    "radau_passing",
+    STAGES,
+    begin_step,
+    factor,
+    _solve,
+    error_of(_keep_free),
+    _accept,
+    order,
+    foretell,
+    JACOBIAN_SERVES,
+    reach=REACH,
+)

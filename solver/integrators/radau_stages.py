@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import float64, int64, types
+from numba import complex128, float64, int64, types
 
 from formats.sid import Array
 
@@ -17,6 +17,7 @@ from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from ..kernels.tables import Table, TableType
 from .stepping import (
     CONTROL,
+    OLD_STEP,
     PREDICT,
     STAGE_STEP,
     TIME,
@@ -202,6 +203,21 @@ def transform(matrix, source, out):
             out[i, k] = total
 
 
+@inner(complex128(METHOD, int64, float64))
+def _eigenvalue(method, k, h):
+    """A complex one over the step; written out, which takes less to compile."""
+    nu = method.complex_eigenvalues[k]
+    return complex(nu.real / h, nu.imag / h)
+
+
+@inner(types.void(complex128, F1, F1, F1, F1))
+def _subtract(nu, w_real, w_imag, f_real, f_imag):
+    """f -= nu w, in real and imaginary parts."""
+    for i in range(len(f_real)):
+        f_real[i] -= nu.real * w_real[i] - nu.imag * w_imag[i]
+        f_imag[i] -= nu.real * w_imag[i] + nu.imag * w_real[i]
+
+
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
 def factor(kernels, system, work, memory, stages, h):
     """Factors the Newton matrices of all eigenvalues for the step h."""
@@ -216,7 +232,7 @@ def factor(kernels, system, work, memory, stages, h):
             work,
             memory,
             memory.complex_lapack,
-            method.complex_eigenvalues[k] / h,
+            _eigenvalue(method, k, h),
             memory.complex_A[k],
             memory.complex_G[k],
             memory.complex_Y[k],
@@ -257,14 +273,14 @@ def correct(kernels, system, work, memory, stages, h):
     copy(stages.rz, stages.Fz[0])
     copy(stages.rv, stages.Fv[0])
     for k in range(len(method.complex_eigenvalues)):
-        nu = method.complex_eigenvalues[k] / h
+        nu = _eigenvalue(method, k, h)
         a, b = 1 + 2 * k, 2 + 2 * k
+        _subtract(nu, stages.Wz[a], stages.Wz[b], stages.Fz[a], stages.Fz[b])
+        _subtract(nu, stages.Wv[a], stages.Wv[b], stages.Fv[a], stages.Fv[b])
         for i in range(len(stages.crz)):
-            w = complex(stages.Wz[a, i], stages.Wz[b, i])
-            stages.crz[i] = complex(stages.Fz[a, i], stages.Fz[b, i]) - nu * w
+            stages.crz[i] = complex(stages.Fz[a, i], stages.Fz[b, i])
         for i in range(len(stages.crv)):
-            w = complex(stages.Wv[a, i], stages.Wv[b, i])
-            stages.crv[i] = complex(stages.Fv[a, i], stages.Fv[b, i]) - nu * w
+            stages.crv[i] = complex(stages.Fv[a, i], stages.Fv[b, i])
         kernels.solve_complex(
             system,
             work,
@@ -337,3 +353,27 @@ def take_correction(stages):
             stages.Wv[i, k] += stages.Fv[i, k]
     transform(stages.method.T, stages.Wz, stages.Zz)
     transform(stages.method.T, stages.Wv, stages.Zv)
+
+
+@inner(types.void(CONTROL, STAGES, float64))
+def go_on(control, stages, h):
+    """Z as the polynomial of the last accepted step goes on."""
+    for i in range(len(stages.Zz)):
+        copy(stages.last_Zz[i], stages.Zz[i])
+        copy(stages.last_Zv[i], stages.Zv[i])
+    control.whole[PREDICT] = 1
+    control.real[STAGE_STEP] = control.real[OLD_STEP]
+    predict(control, stages, h)
+
+
+@inner(types.void(KERNELS, SYSTEM, CONTROL, STAGES, float64))
+def foretell(kernels, system, control, stages, h):
+    """The end of the step as the last one goes on; without one, as slopes are."""
+    if control.real[OLD_STEP] > 0.0:
+        go_on(control, stages, h)
+        take_end(control, stages)
+        return
+    for i in range(len(stages.z1)):
+        stages.z1[i] = control.z[i] + h * stages.rate0[i]
+    for i in range(len(stages.v1)):
+        stages.v1[i] = control.v[i] + h * stages.acc0[i]

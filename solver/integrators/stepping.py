@@ -90,7 +90,7 @@ PROJECTIONS_LIMIT = 6
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
-CRAWLING = 6
+CRAWLING, BESIDE = 6, 8
 
 
 class Control(Table):
@@ -199,9 +199,11 @@ def scaled_norm(dz, dv, scale_z, scale_v):
     """Root mean square of an error relative to the tolerated one."""
     total = 0.0
     for i in range(len(scale_z)):
-        total += (dz[i] / scale_z[i]) ** 2
+        part = dz[i] / scale_z[i]
+        total += part * part
     for i in range(len(dv)):
-        total += (dv[i] / scale_v[i]) ** 2
+        part = dv[i] / scale_v[i]
+        total += part * part
     return math.sqrt(total / max(1, len(scale_z) + len(dv)))
 
 
@@ -285,7 +287,10 @@ def judge(control, goal, iteration, norm, old_norm):
     if control.whole[FIXED_STEP] == 1 and iteration < PATIENCE:
         return 0
     left = newton_limit(control) - 1 - iteration
-    if contraction >= 1.0 or contraction**left / (1.0 - contraction) * norm > goal:
+    if (
+        contraction >= 1.0
+        or math.pow(contraction, left) / (1.0 - contraction) * norm > goal
+    ):
         return -1
     return 0
 

@@ -15,11 +15,12 @@ from typing import Any
 import numba
 from llvmlite import binding as llvm
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils, event
 from numba.core.base import BaseContext
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
 from numba.core.compiler_machinery import PassManager
+from numba.core.cpu import CPUContext
 from numba.core.typed_passes import (
     AnnotateTypes,
     NativeLowering,
@@ -145,11 +146,55 @@ def _remembering(ask: Callable[..., Any]) -> Callable[..., Any]:
     return answer
 
 
+class ArrayValue:
+    """The parts of an array, read from its value and written into it.
+
+    It stands in the place of numba's structure in memory, which is dear to compile.
+    """
+
+    def __init__(self, context: Any, builder: Any, kind: Any, value: Any) -> None:
+        model = context.data_model_manager[kind]
+        if value is None:
+            value = context.get_constant_null(kind)
+        self.__dict__.update(
+            _context=context,
+            _builder=builder,
+            _datamodel=model,
+            _fe_type=kind,
+            _value=value,
+        )
+
+    def __getattr__(self, part: str) -> Any:
+        place = self._datamodel.get_field_position(part)
+        return self._builder.extract_value(self._value, place)
+
+    def __setattr__(self, part: str, value: Any) -> None:
+        place = self._datamodel.get_field_position(part)
+        self.__dict__["_value"] = self._builder.insert_value(self._value, value, place)
+
+    def extent(self, axis: int) -> Any:
+        """Its length along an axis."""
+        place = self._datamodel.get_field_position("shape")
+        return self._builder.extract_value(self._value, [place, axis])
+
+    def _getvalue(self) -> Any:
+        return self._value
+
+
+def make_array(kind: Any) -> Callable[..., ArrayValue]:
+    """What makes the parts of arrays of one type from values."""
+
+    def make(context: Any, builder: Any, value: Any = None) -> ArrayValue:
+        return ArrayValue(context, builder, kind, value)
+
+    return make
+
+
 def _place_in_array(
     context: Any,
     builder: Any,
     kind: Any,
-    array: Any,
+    array: ArrayValue,
     index_types: Any,
     indices: Any,
     boundscheck: Any = None,
@@ -159,18 +204,23 @@ def _place_in_array(
     Parameters as those of numba's `basic_indexing`, in whose place it stands.
     """
     assert kind.layout == "C"
-    shape = cgutils.unpack_tuple(builder, array.shape, kind.ndim)
-    strides = cgutils.unpack_tuple(builder, array.strides, kind.ndim)
     count = len(indices)
-    place = context.get_constant(types.intp, 0)
-    for axis in range(kind.ndim):
-        if axis > 0:
-            place = builder.mul(place, shape[axis])
+    extents = [array.extent(axis) for axis in range(1, kind.ndim)]
+    place = context.cast(builder, indices[0], index_types[0], types.intp)
+    for axis, extent in enumerate(extents, start=1):
+        place = builder.mul(place, extent)
         if axis < count:
             index = context.cast(builder, indices[axis], index_types[axis], types.intp)
             place = builder.add(place, index)
     address = builder.gep(array.data, [place], inbounds=True)
-    return address, shape[count:], strides[count:]
+    if count == kind.ndim:
+        return address, [], []
+    strides = cgutils.unpack_tuple(builder, array.strides, kind.ndim)
+    return address, extents[count - 1 :], strides[count:]
+
+
+def _no_event(*_: Any, **__: Any) -> None:
+    """Nobody listens to the steps of the compiler."""
 
 
 _Substitute = tuple[Any, str, Callable[..., Any]]
@@ -178,7 +228,14 @@ _Substitute = tuple[Any, str, Callable[..., Any]]
 _substitutes: list[_Substitute] = [
     (owner, name, _remembering(getattr(owner, name))) for owner, name in QUESTIONS
 ]
-_substitutes.append((arrayobj, "basic_indexing", _place_in_array))
+_structure_of_array = arrayobj.make_array
+_substitutes += [
+    (arrayobj, "basic_indexing", _place_in_array),
+    (arrayobj, "make_array", make_array),
+    (CPUContext, "make_array", lambda _, kind: _structure_of_array(kind)),
+    (event, "start_event", _no_event),
+    (event, "end_event", _no_event),
+]
 
 
 @contextmanager

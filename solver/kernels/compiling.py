@@ -41,18 +41,38 @@ INNER_OPTIONS: dict[str, Any] = {
 
 
 class Entry:
-    """A kernel that Python calls, or that other kernels call through a pointer."""
+    """A kernel that Python calls, or that other kernels call through a pointer.
 
-    def __init__(self, function: FunctionType, signatures: tuple[Any, ...]) -> None:
+    Raises TypeError when Python calls one that is for kernels only.
+    """
+
+    def __init__(
+        self, function: FunctionType, signatures: tuple[Any, ...], from_python: bool
+    ) -> None:
         self.signatures = signatures
         self._function = function
+        self._from_python = from_python
+
+    @property
+    def stamp(self) -> str:
+        """Tells one version of a kernel, with all that it calls, from another."""
+        texts = [_type_text(signature) for signature in self.signatures]
+        texts += [_code_text(self._function, {}), str(self._from_python)]
+        return hashlib.sha256("\n".join(texts).encode()).hexdigest()
+
+    def for_python(self) -> Entry:
+        """The same kernel for callers in Python."""
+        return Entry(self._function, self.signatures, True)
 
     @cached_property
     def _dispatcher(self) -> Any:
-        dispatcher = _numba.njit(**OPTIONS, pipeline_class=EntryCompiler)(
-            self._function
-        )
-        dispatcher._cache = _KernelCache(self._function, self.signatures)
+        dispatcher = _numba.njit(
+            **OPTIONS,
+            no_cpython_wrapper=not self._from_python,
+            pipeline_class=EntryCompiler,
+        )(self._function)
+        caller = "python" if self._from_python else "kernels"
+        dispatcher._cache = _KernelCache(self._function, caller, self.stamp)
         return dispatcher
 
     def compiled(self, signature: Any) -> Any:
@@ -75,6 +95,8 @@ class Entry:
 
     @cached_property
     def _callable(self) -> Any:
+        if not self._from_python:
+            raise TypeError(f"{self._function.__name__}: only kernels call it")
         for signature in self.signatures:
             self.compiled(signature)
         self._dispatcher.disable_compile()
@@ -84,9 +106,12 @@ class Entry:
         return self._callable(*arguments)
 
 
-def entry(*signatures: Any) -> Callable[[Any], Entry]:
-    """An entry kernel for the given signatures."""
-    return lambda function: Entry(function, signatures)
+def entry(*signatures: Any, from_python: bool = True) -> Callable[[Any], Entry]:
+    """An entry kernel for the given signatures.
+
+    One that Python does not call, only kernels, takes less to compile.
+    """
+    return lambda function: Entry(function, signatures, from_python)
 
 
 def inner(*signatures: Any) -> Callable[[Any], Any]:
@@ -121,12 +146,12 @@ class _CacheFile(IndexDataCacheFile):
 class _KernelCache(FunctionCache):
     """A cache whose entries hold while the code they were made from is the same."""
 
-    def __init__(self, function: FunctionType, signatures: tuple[Any, ...]) -> None:
+    def __init__(self, function: FunctionType, caller: str, stamp: str) -> None:
         super().__init__(function)
         self._cache_file = _CacheFile(
             cache_path=self._cache_path,
-            filename_base=self._impl.filename_base,
-            source_stamp=stamp(function, signatures),
+            filename_base=f"{self._impl.filename_base}.{caller}",
+            source_stamp=stamp,
         )
 
     def _index_key(self, signature: Any, codegen: Any) -> Any:
@@ -140,13 +165,6 @@ class _KernelCache(FunctionCache):
         """
         with self._guard_against_spurious_io_errors():
             return self._load_overload(signature, target_context)
-
-
-def stamp(function: FunctionType, signatures: tuple[Any, ...]) -> str:
-    """Tells one version of a kernel, with all that it calls, from another."""
-    texts = [_type_text(signature) for signature in signatures]
-    texts.append(_code_text(function, {}))
-    return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
 def _type_text(kind: Any) -> str:

@@ -19,7 +19,7 @@ import math
 
 from numba import complex128, float64, int64, types
 
-from . import planar, spatial
+from . import planar
 from .compiling import entry, inner
 from .layout import (
     C1,
@@ -35,9 +35,10 @@ from .layout import (
     SYSTEM,
     VEL,
 )
+from .spatial_columns import OMEGA, P, R, V
+from .spatial_frames import frame_rate, turn
 
 COS, SIN, VX, VY, W = planar.COS, planar.SIN, planar.VX, planar.VY, planar.W
-R, V, OMEGA, P = spatial.R, spatial.V, spatial.OMEGA, spatial.P
 
 
 RATE = types.void(SYSTEM, F1, F1, F1)
@@ -58,7 +59,7 @@ def rate(system, z, v, out):
             if rd == 3:
                 out[p + 2] = v[u + 2]
         elif rd > 0:
-            spatial.frame_rate(system, b, z, v, out)
+            frame_rate(system, b, z, v, out)
         for k in range(nq):
             out[p + row[NP] - nq + k] = v[u + rd + k]
 
@@ -210,7 +211,7 @@ def retract(system, frame, z, x):
                 o = R + 3 * i
                 z[p + i] += g[o] * x[u] + g[o + 1] * x[u + 1] + g[o + 2] * x[u + 2]
             if rd == 6:
-                spatial.turn(z, p + 3, x[u + 3], x[u + 4], x[u + 5])
+                turn(z, p + 3, x[u + 3], x[u + 4], x[u + 5])
         for k in range(nq):
             z[p + row[NP] - nq + k] += x[u + rd + k]
 

@@ -232,7 +232,7 @@ def solve_accelerations(system, work, memory):
     return 0
 
 
-@entry(PROJECT_ONCE)
+@entry(PROJECT_ONCE, from_python=False)
 def project_once(system, work, memory, regularisation, dz, dv):
     """Smallest corrections of positions and velocities onto the linearised constraints.
 
@@ -254,7 +254,7 @@ def project_once(system, work, memory, regularisation, dz, dv):
     return 0
 
 
-@entry(REMEMBER)
+@entry(REMEMBER, from_python=False)
 def remember(system, work, memory):
     """Keeps M, C and the frames of the state that was just linearised."""
     for i in range(len(work.M)):
@@ -295,7 +295,7 @@ def newton_matrix(system, work, memory, mu, A, G):
         add_row_response(system, memory.frame, b, mu, work.Gp, at, G, at)
 
 
-@entry(*[FACTOR_REAL, FACTOR_COMPLEX])
+@entry(*[FACTOR_REAL, FACTOR_COMPLEX], from_python=False)
 def newton_factor(system, work, memory, lapack, mu, A, G, Y, S, pivots, row_pivots):
     """Factors mu - J; see `newton_matrix` and `saddle_factor`."""
     extended = system.newton
@@ -304,7 +304,7 @@ def newton_factor(system, work, memory, lapack, mu, A, G, Y, S, pivots, row_pivo
     return saddle_factor(extended, lapack, A, memory.C, G, Y, S, pivots, row_pivots)
 
 
-@entry(*[SOLVE_REAL, SOLVE_COMPLEX])
+@entry(*[SOLVE_REAL, SOLVE_COMPLEX], from_python=False)
 def newton_solve(
     system, work, memory, lapack, mu, A, G, Y, S, pivots, row_pivots, r, s, x, p, g
 ):

@@ -12,18 +12,12 @@ import math
 from numba import float64, int64, types
 
 from .compiling import inner
-from .drives import drive_value
 from .layout import (
-    BASE,
     BLOCK,
     DATA,
-    DRIVE,
     F1,
-    FIXED,
     FLAGS,
-    FRAME,
     FREE,
-    GROUND,
     HAS_CR1,
     HAS_CT1,
     HAS_OE1,
@@ -38,27 +32,27 @@ from .layout import (
     NQ,
     NV,
     POS,
-    PRISMATIC,
     RD,
-    REVOLUTE,
     SYSTEM,
-    TIP,
     VEL,
     WORK,
 )
-
-# Columns of Work.frame: position, rotation matrix (body to inertial, by rows),
-# velocity, angular velocity, acceleration and angular acceleration at zero z_II'
-# (body-resolved, absolute), quaternion.
-X, R, V, OMEGA, A, ALPHA, P = 0, 3, 12, 15, 18, 21, 24
-N_FRAME = 28
-
-# Columns of Work.point: inertial position, velocity and acceleration (at zero z_II');
-# body-resolved position and relative velocity; rotation matrix (marker to inertial, by
-# rows), inertial angular velocity and acceleration, and the matrix T that maps rates
-# of the rotation vector Psi q to an angular velocity in the body frame.
-PX, PV, PA, D, U, PR, PW, PAL, T = 0, 3, 6, 9, 12, 15, 24, 27, 30
-N_POINT = 39
+from .spatial_columns import ALPHA, OMEGA, PA, PAL, PR, PV, PW, PX, A, D, R, T, U, V, X
+from .spatial_frames import free_frame, prescribed_frame
+from .vectors import (
+    VECTOR,
+    column,
+    cross,
+    dot,
+    load,
+    minus,
+    plus,
+    rotate,
+    rotate_back,
+    store,
+    times,
+    turned,
+)
 
 # Pool layout of a body: mass, mdCM, J, then arrays over the elastic coordinates:
 # vectors (by component, then mode), then square matrices (row k, column l).
@@ -71,236 +65,6 @@ SMALL_ROTATION = 0.05
 
 #: Entries of Work.modal per elastic coordinate.
 N_MODAL = 17
-
-VECTOR = types.UniTuple(float64, 3)
-
-
-@inner(VECTOR(F1, int64))
-def load(a, at):
-    return a[at], a[at + 1], a[at + 2]
-
-
-@inner(types.void(F1, int64, VECTOR))
-def store(a, at, x):
-    a[at], a[at + 1], a[at + 2] = x[0], x[1], x[2]
-
-
-@inner(VECTOR(VECTOR, VECTOR))
-def cross(a, b):
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-
-
-@inner(float64(VECTOR, VECTOR))
-def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inner(VECTOR(VECTOR, VECTOR))
-def plus(a, b):
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@inner(VECTOR(VECTOR, VECTOR))
-def minus(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@inner(VECTOR(float64, VECTOR))
-def times(s, a):
-    return s * a[0], s * a[1], s * a[2]
-
-
-@inner(VECTOR(F1, int64, VECTOR))
-def rotate(m, at, x):
-    """The matrix m[at:at+9], by rows, times x."""
-    return (
-        m[at] * x[0] + m[at + 1] * x[1] + m[at + 2] * x[2],
-        m[at + 3] * x[0] + m[at + 4] * x[1] + m[at + 5] * x[2],
-        m[at + 6] * x[0] + m[at + 7] * x[1] + m[at + 8] * x[2],
-    )
-
-
-@inner(VECTOR(F1, int64, VECTOR))
-def rotate_back(m, at, x):
-    """The transpose of the matrix m[at:at+9], by rows, times x."""
-    return (
-        m[at] * x[0] + m[at + 3] * x[1] + m[at + 6] * x[2],
-        m[at + 1] * x[0] + m[at + 4] * x[1] + m[at + 7] * x[2],
-        m[at + 2] * x[0] + m[at + 5] * x[1] + m[at + 8] * x[2],
-    )
-
-
-@inner(VECTOR(F1, int64, int64, int64))
-def column(a, at, stride, k):
-    """Entry k of three consecutive vectors of length `stride`."""
-    return a[at + k], a[at + stride + k], a[at + 2 * stride + k]
-
-
-@inner(types.void(F1, int64, F1, int64))
-def rotation_matrix(p, at, out, to):
-    """Rotation matrix, by rows, of the quaternion p[at:at+4], of any length."""
-    a, b, c, d = p[at], p[at + 1], p[at + 2], p[at + 3]
-    n = 2.0 / (a * a + b * b + c * c + d * d)
-    out[to] = 1.0 - n * (c * c + d * d)
-    out[to + 1] = n * (b * c - a * d)
-    out[to + 2] = n * (b * d + a * c)
-    out[to + 3] = n * (b * c + a * d)
-    out[to + 4] = 1.0 - n * (b * b + d * d)
-    out[to + 5] = n * (c * d - a * b)
-    out[to + 6] = n * (b * d - a * c)
-    out[to + 7] = n * (c * d + a * b)
-    out[to + 8] = 1.0 - n * (b * b + c * c)
-
-
-@inner(types.void(SYSTEM, int64, F1, F1, F1))
-def frame_rate(system, b, z, v, out):
-    """Rates of position and quaternion of a body frame: r' = R v, p' = p (0, w) / 2."""
-    row = system.body[b]
-    p, u = row[POS], row[VEL]
-    quaternion, at = z, p + 3
-    if row[RD] == 3:
-        quaternion, at = system.pool, row[FRAME]
-    a, b1, c, d = (
-        quaternion[at],
-        quaternion[at + 1],
-        quaternion[at + 2],
-        quaternion[at + 3],
-    )
-    v1, v2, v3 = v[u], v[u + 1], v[u + 2]
-    n = 2.0 / (a * a + b1 * b1 + c * c + d * d)
-    out[p] = (
-        (1.0 - n * (c * c + d * d)) * v1
-        + n * (b1 * c - a * d) * v2
-        + n * (b1 * d + a * c) * v3
-    )
-    out[p + 1] = (
-        n * (b1 * c + a * d) * v1
-        + (1.0 - n * (b1 * b1 + d * d)) * v2
-        + n * (c * d - a * b1) * v3
-    )
-    out[p + 2] = (
-        n * (b1 * d - a * c) * v1
-        + n * (c * d + a * b1) * v2
-        + (1.0 - n * (b1 * b1 + c * c)) * v3
-    )
-    if row[RD] == 6:
-        w1, w2, w3 = 0.5 * v[u + 3], 0.5 * v[u + 4], 0.5 * v[u + 5]
-        out[p + 3] = -b1 * w1 - c * w2 - d * w3
-        out[p + 4] = a * w1 + c * w3 - d * w2
-        out[p + 5] = a * w2 + d * w1 - b1 * w3
-        out[p + 6] = a * w3 + b1 * w2 - c * w1
-
-
-@inner(types.void(F1, int64, float64, float64, float64))
-def turn(z, at, t1, t2, t3):
-    """Multiplies the quaternion z[at:at+4] by the rotation vector t (body frame)."""
-    angle = math.sqrt(t1 * t1 + t2 * t2 + t3 * t3)
-    c = math.cos(0.5 * angle)
-    s = 0.5 if angle < 1e-12 else math.sin(0.5 * angle) / angle
-    t1, t2, t3 = s * t1, s * t2, s * t3
-    a, b1, b2, b3 = z[at], z[at + 1], z[at + 2], z[at + 3]
-    p0 = c * a - b1 * t1 - b2 * t2 - b3 * t3
-    p1 = c * b1 + a * t1 + b2 * t3 - b3 * t2
-    p2 = c * b2 + a * t2 + b3 * t1 - b1 * t3
-    p3 = c * b3 + a * t3 + b1 * t2 - b2 * t1
-    norm = math.sqrt(p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3)
-    z[at], z[at + 1], z[at + 2], z[at + 3] = p0 / norm, p1 / norm, p2 / norm, p3 / norm
-
-
-@inner(types.void(SYSTEM, WORK, int64, F1, F1))
-def _free_frame(system, work, b, z, v):
-    """Body frame from the coordinates, eq. (1) and (2)."""
-    row = system.body[b]
-    p, u = row[POS], row[VEL]
-    frame = work.frame[b]
-    store(frame, X, load(z, p))
-    store(frame, V, load(v, u))
-    if row[RD] == 6:
-        for i in range(4):
-            frame[P + i] = z[p + 3 + i]
-        store(frame, OMEGA, load(v, u + 3))
-    else:
-        for i in range(4):
-            frame[P + i] = system.pool[row[FRAME] + i]
-        store(frame, OMEGA, (0.0, 0.0, 0.0))
-    rotation_matrix(frame, P, frame, R)
-    store(frame, A, cross(load(frame, OMEGA), load(frame, V)))
-    store(frame, ALPHA, (0.0, 0.0, 0.0))
-
-
-@inner(types.void(F1, int64, VECTOR, float64, F1, int64))
-def _turned(matrix, at, axis, angle, out, to):
-    """The matrix at `at` times the rotation by `angle` about a unit axis."""
-    c, s = math.cos(angle), math.sin(angle)
-    for i in range(3):
-        r = (matrix[at + 3 * i], matrix[at + 3 * i + 1], matrix[at + 3 * i + 2])
-        along = dot(r, axis) * (1.0 - c)
-        turned = cross(r, axis)
-        store(
-            out,
-            to + 3 * i,
-            (
-                c * r[0] + s * turned[0] + along * axis[0],
-                c * r[1] + s * turned[1] + along * axis[1],
-                c * r[2] + s * turned[2] + along * axis[2],
-            ),
-        )
-
-
-@inner(types.void(F1, int64, F1))
-def _undo_tip(pool, tip, frame):
-    """Frame orientation from that of its tip marker: R <- R AP0^T."""
-    for i in range(3):
-        r = load(frame, R + 3 * i)
-        store(frame, R + 3 * i, rotate(pool, tip + 3, r))
-
-
-@inner(types.void(SYSTEM, WORK, int64, float64))
-def _prescribed_frame(system, work, b, t):
-    """Body frame that hangs on a marker of a prescribed body by a driven joint."""
-    row = system.body[b]
-    frame = work.frame[b]
-    pool = system.pool
-    if row[MOTION] == GROUND:
-        for i in range(N_FRAME):
-            frame[i] = 0.0
-        frame[R] = frame[R + 4] = frame[R + 8] = frame[P] = 1.0
-        return
-    base = work.point[row[BASE]]
-    tip = system.marker[row[TIP], M_DATA]
-    s, sd, sdd = 0.0, 0.0, 0.0
-    if row[DRIVE] >= 0:
-        s, sd, sdd = drive_value(system, row[DRIVE], work.clock[0], t)
-    axis = (0.0, 0.0, 1.0)
-    if row[MOTION] != FIXED:
-        axis = load(pool, row[FRAME])
-    e = rotate(base, PR, axis)
-    x, vel, acc = load(base, PX), load(base, PV), load(base, PA)
-    w, al = load(base, PW), load(base, PAL)
-    angle = s if row[MOTION] == REVOLUTE else 0.0
-    _turned(base, PR, axis, angle, frame, R)
-    if row[MOTION] == REVOLUTE:
-        al = plus(al, plus(times(sdd, e), times(sd, cross(w, e))))
-        w = plus(w, times(sd, e))
-    elif row[MOTION] == PRISMATIC:
-        we = cross(w, e)
-        x = plus(x, times(s, e))
-        vel = plus(vel, plus(times(sd, e), times(s, we)))
-        acc = plus(acc, plus(times(sdd, e), times(2.0 * sd, we)))
-        acc = plus(acc, times(s, plus(cross(al, e), cross(w, we))))
-    _undo_tip(pool, tip, frame)
-    r = rotate(frame, R, load(pool, tip))
-    wr = cross(w, r)
-    store(frame, X, minus(x, r))
-    store(frame, V, rotate_back(frame, R, minus(vel, wr)))
-    store(frame, OMEGA, rotate_back(frame, R, w))
-    acc = minus(acc, plus(cross(al, r), cross(w, wr)))
-    store(frame, A, rotate_back(frame, R, acc))
-    store(frame, ALPHA, rotate_back(frame, R, al))
 
 
 @inner(types.void(F1, VECTOR, VECTOR, F1))
@@ -402,7 +166,7 @@ def _marker(system, work, m, z, v):
     store(point, PAL, rotate(frame, R, al))
     size = math.sqrt(dot(theta, theta))
     axis = (0.0, 0.0, 1.0) if size == 0.0 else times(1.0 / size, theta)
-    _turned(frame, R, axis, size, point, PR)
+    turned(frame, R, axis, size, point, PR)
     for i in range(3):
         r = load(point, PR + 3 * i)
         store(point, PR + 3 * i, rotate_back(pool, data + 3, r))
@@ -613,9 +377,9 @@ def evaluate_bodies(system, work, t, z, v):
     markers = len(system.marker)
     for b in range(len(system.body)):
         if system.body[b, MOTION] == FREE:
-            _free_frame(system, work, b, z, v)
+            free_frame(system, work, b, z, v)
         else:
-            _prescribed_frame(system, work, b, t)
+            prescribed_frame(system, work, b, t)
         while m < markers and system.marker[m, M_BODY] == b:
             _marker(system, work, m, z, v)
             m += 1

@@ -31,24 +31,9 @@ from .layout import (
     WORK,
 )
 from .rows import add_term, is_coupled, write_row
-from .spatial import (
-    PA,
-    PAL,
-    PR,
-    PV,
-    PW,
-    PX,
-    VECTOR,
-    cross,
-    dot,
-    evaluate_bodies,
-    load,
-    minus,
-    plus,
-    rotate,
-    segment,
-    times,
-)
+from .spatial import evaluate_bodies, segment
+from .spatial_columns import PA, PAL, PR, PV, PW, PX
+from .vectors import VECTOR, cross, dot, load, minus, plus, rotate, times
 
 NONE = (0.0, 0.0, 0.0)
 X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

@@ -39,32 +39,8 @@ from .layout import (
     W_WEIGHT,
     WORK,
 )
-from .spatial import (
-    ALPHA,
-    OMEGA,
-    PA,
-    PAL,
-    PR,
-    PV,
-    PW,
-    PX,
-    VECTOR,
-    D,
-    R,
-    T,
-    U,
-    V,
-    column,
-    cross,
-    dot,
-    load,
-    minus,
-    plus,
-    rotate,
-    rotate_back,
-    segment,
-    times,
-)
+from .spatial import segment
+from .spatial_columns import ALPHA, OMEGA, PA, PAL, PR, PV, PW, PX, D, R, T, U, V
 from .spatial_constraints import (
     NONE,
     X_AXIS,
@@ -79,6 +55,18 @@ from .spatial_linear import (
     add_skew,
     add_skew_product,
     linearise_body,
+)
+from .vectors import (
+    VECTOR,
+    column,
+    cross,
+    dot,
+    load,
+    minus,
+    plus,
+    rotate,
+    rotate_back,
+    times,
 )
 
 

@@ -44,24 +44,8 @@ from .layout import (
     VEL,
     WORK,
 )
-from .spatial import (
-    PR,
-    PV,
-    PW,
-    PX,
-    VECTOR,
-    R,
-    cross,
-    dot,
-    load,
-    minus,
-    plus,
-    rotate,
-    rotate_back,
-    segment,
-    store,
-    times,
-)
+from .spatial import segment
+from .spatial_columns import PR, PV, PW, PX, R
 from .spatial_constraints import NONE, evaluate_constraints
 from .spatial_constraints_linear import (
     bending_stiffness,
@@ -73,6 +57,18 @@ from .spatial_constraints_linear import (
     vary_velocity,
 )
 from .spatial_linear import add_skew
+from .vectors import (
+    VECTOR,
+    cross,
+    dot,
+    load,
+    minus,
+    plus,
+    rotate,
+    rotate_back,
+    store,
+    times,
+)
 
 #: Below this rotation the series of the coefficient of the inverse of T is used.
 SMALL_ROTATION = 0.05

@@ -23,10 +23,8 @@ from .layout import (
     WORK,
 )
 from .spatial import (
-    ALPHA,
     N_MODAL,
     N_VECTORS,
-    OMEGA,
     P_MASS,
     P_VECTORS,
     S_CR1,
@@ -35,22 +33,12 @@ from .spatial import (
     S_KE,
     S_OE1,
     V_OE0,
-    VECTOR,
-    A,
-    R,
-    V,
     body_state,
-    column,
-    cross,
-    dot,
     inertia_times,
-    load,
-    minus,
     omega_product,
-    plus,
-    rotate_back,
-    times,
 )
+from .spatial_columns import ALPHA, OMEGA, A, R, V
+from .vectors import VECTOR, column, cross, dot, load, minus, plus, rotate_back, times
 
 
 @inner(types.void(F1, int64, int64, VECTOR, float64))

@@ -8,6 +8,7 @@ shape, for a kernel or another table its address.
 
 from __future__ import annotations
 
+import functools
 from typing import Any, ClassVar, NoReturn, Self
 
 import numpy as np
@@ -23,7 +24,8 @@ from numba.core.extending import (
     unbox,
 )
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.np.arrayobj import make_array, populate_array
+
+from .compiler import ArrayValue
 
 _WORD = ir.IntType(64)
 
@@ -158,15 +160,18 @@ def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: s
         function = cgutils.create_struct_proxy(member)(context, builder)
         function.c_addr = builder.inttoptr(address, cgutils.voidptr_t)
         return function._getvalue()
-    array = make_array(member)(context, builder)
     shape = [_load(builder, words, start + 1 + i) for i in range(member.ndim)]
     size = context.get_abi_sizeof(context.get_data_type(member.dtype))
     strides = [context.get_constant(types.intp, size)]
     for extent in shape[:0:-1]:
         strides.insert(0, builder.mul(strides[0], extent))
     data = builder.inttoptr(address, context.get_data_type(member.dtype).as_pointer())
-    itemsize = context.get_constant(types.intp, size)
-    populate_array(array, data, shape, strides, itemsize, meminfo=None)
+    array = ArrayValue(context, builder, member, None)
+    array.data = data
+    array.itemsize = strides[-1]
+    array.nitems = functools.reduce(builder.mul, shape)
+    array.shape = cgutils.pack_array(builder, shape)
+    array.strides = cgutils.pack_array(builder, strides)
     return array._getvalue()
 
 

@@ -12,7 +12,8 @@ from formats.sid import SID, Array, Taylor
 from formats.toml_files import validated
 from solver import kernel_calls
 from solver.kernels import layout as at
-from solver.kernels import planar, spatial
+from solver.kernels import planar
+from solver.kernels import spatial_columns as spatial
 from solver.kernels.layout import Work
 from solver.scene import System
 from solver.storage import new_work

@@ -8,11 +8,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
 from numba import float64
 from numba.core.extending import intrinsic
 
 from solver import warmup
-from solver.kernels.compiling import entry, inner, stamp
+from solver.kernels.compiling import entry, inner
 
 STAMPS = """
 from tests.solver.test_compiling import stamps
@@ -25,8 +26,7 @@ def stamps() -> dict[str, str]:
     """Of all entry kernels, by their names."""
     found = {}
     for name in (name for group in warmup.all_groups() for name in group):
-        kernel = warmup._find(name)
-        found[name] = stamp(kernel._function, kernel.signatures)
+        found[name] = warmup._find(name).stamp
     return found
 
 
@@ -49,7 +49,7 @@ def test_a_kernel_on_disk_is_used() -> None:
     kernel = warmup._find(name)
     for signature in kernel.signatures:
         kernel.compiled(signature)
-        assert type(kernel)(kernel._function, kernel.signatures).is_cached(signature)
+        assert kernel.for_python().is_cached(signature)
 
 
 def _scaled(factor: float) -> Any:
@@ -67,8 +67,18 @@ def _scaled(factor: float) -> Any:
 def test_another_constant_in_a_kernel_below_is_another_kernel() -> None:
     two, three = _scaled(2.0), _scaled(3.0)
     assert two(1.5) == 3.0 and three(1.5) == 4.5
-    ones = [stamp(k._function, k.signatures) for k in (two, three, _scaled(2.0))]
+    ones = [kernel.stamp for kernel in (two, three, _scaled(2.0))]
     assert ones[0] == ones[2] != ones[1]
+
+
+def test_a_kernel_for_kernels_says_so_to_python() -> None:
+    @entry(float64(float64), from_python=False)
+    def kernel(x):  # type: ignore[no-untyped-def]
+        return 2.0 * x
+
+    with pytest.raises(TypeError, match="kernel: only kernels call it"):
+        kernel(1.0)
+    assert kernel.for_python()(1.0) == 2.0
 
 
 def test_a_kernel_may_use_what_was_registered_after_another_was_compiled() -> None:

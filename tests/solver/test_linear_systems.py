@@ -73,11 +73,11 @@ def newton_step(
     parts = factors(system, memory, kind)
     lapack = memory.complex_lapack if kind is complex else memory.real_lapack
     arrays, work = system.arrays, probe.work
-    assert newton_factor(arrays, work, memory, lapack, mu, *parts) == 0
+    assert newton_factor.for_python()(arrays, work, memory, lapack, mu, *parts) == 0
     r, s = r.astype(kind), s.astype(kind)
     n, m = system.n_velocities, system.n_rows
     scratch = np.zeros(n, kind), np.zeros(n, kind), np.zeros(m, kind)
-    newton_solve(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
+    newton_solve.for_python()(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
     return r, s
 
 
@@ -144,7 +144,7 @@ def test_newton_matrix_is_that_of_the_differential_equation(
     arrays, z, v = system.arrays, probe.z, probe.v
     solve(arrays, probe.work, memory)
     linearise(system, probe.work, probe.t, z, v, memory.acceleration, memory.multiplier)
-    remember(arrays, probe.work, memory)
+    remember.for_python()(arrays, probe.work, memory)
     rng = np.random.default_rng(3)
     r = rng.normal(size=system.n_positions)
     s = rng.normal(size=system.n_velocities)

@@ -18,7 +18,8 @@ from solver.assembly import assemble
 from solver.body_loads import recorded_loads
 from solver.kernel_calls import linearise
 from solver.kernels import layout as at
-from solver.kernels import planar, spatial
+from solver.kernels import planar
+from solver.kernels import spatial_columns as spatial
 from solver.kernels.coordinates import rate
 from solver.sampling import Samples, complete_accelerations
 from solver.scene import System
