@@ -8,7 +8,7 @@ import numpy as np
 
 from formats.sid import SID, Array
 
-from .bodies import elastic_mass, shape_functions, symmetric
+from .bodies import elastic_mass, modal_squares, shape_functions, symmetric
 from .kernels import layout as at
 from .kernels.lapack import lapack
 from .kernels.newton import N_COUNTERS, Memory
@@ -123,7 +123,7 @@ def _metric(system: System) -> Callable[[SID], Array]:
 
     def metric(sid: SID) -> Array:
         K = symmetric(sid.Ke.m0)
-        squares = np.linalg.eigvals(np.linalg.pinv(symmetric(sid.Me.m0)) @ K).real
+        squares = modal_squares(sid)
         squares = squares[squares > ZERO * squares.max(initial=0.0)]
         if not len(squares):
             return 0.0 * K
