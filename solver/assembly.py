@@ -47,6 +47,7 @@ def assemble(system: System) -> tuple[System, Start]:
     if system.n_rows > 0:
         system = _closed(system, state)
     keep_turns(system, state.work, state.z)
+    _check_springs(system, state)
     return system, Start(state.z, state.v)
 
 
@@ -98,6 +99,25 @@ def _check_rods(state: State) -> None:
                 f"the markers of {row.name} coincide at the start",
                 place=f"joints.{row.name}",
                 expected="two points at a distance",
+            )
+
+
+def _check_springs(system: System, state: State) -> None:
+    """Raises forces along a line without a direction: their markers coincide."""
+    axes = 2 if system.planar else 3
+    for element in system.forces:
+        if element.kind != at.SPAN or element.a is None:
+            continue
+        ends = [state.work.point[system.markers[m]] for m in (element.a, element.b)]
+        gap = np.linalg.norm(ends[1][:axes] - ends[0][:axes])
+        law = element.law
+        pushes = law.applied != 0.0 or law.stiffness.value(np.array([-law.rest]))[0]
+        if gap <= 1e-12 * system.length and pushes:
+            raise InputError(
+                f"the markers of {element.name} coincide at the start, where its force "
+                "has no direction",
+                place=f"forces.{element.name}",
+                expected="two points at a distance, or no force at none",
             )
 
 

@@ -263,6 +263,17 @@ def frequencies(sid: SID) -> Array:
     return np.sqrt(np.maximum(np.diag(sid.Ke.m0), 0.0) / mass)
 
 
+def modal_squares(sid: SID) -> Array:
+    """Squares of the angular frequencies of the modes of (Ke, Me), growing, (nq,)
+    [rad2/s2]; of single coordinates if Me is no mass matrix."""
+    stiffness, mass = symmetric(sid.Ke.m0), symmetric(sid.Me.m0)
+    try:
+        half = np.linalg.inv(np.linalg.cholesky(mass))
+    except np.linalg.LinAlgError:
+        return np.sort(frequencies(sid) ** 2)
+    return np.asarray(np.linalg.eigvalsh(half @ stiffness @ half.T))
+
+
 def quaternion(matrix: Array) -> Array:
     """Unit quaternion (scalar first, scalar >= 0) of a rotation matrix."""
     m = matrix

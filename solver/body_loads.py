@@ -13,18 +13,17 @@ import numpy as np
 from formats.scene import marker_names, marker_reference
 from formats.sid import SID, Array
 
-from .force_measures import function_values, measured, torque_axis
+from .force_measures import function_values
+from .force_wrenches import Wrench, between, components, given, motion_of
 from .joint_forces import wrench
 from .kernels import layout as at
 from .kernels import planar
 from .kernels import spatial_columns as spatial
-from .motion import Motion, frame_motion, marker_motion
+from .motion import frame_motion
 from .prescribed import FrameHistory
 from .sampling import Samples
 from .scene import System
 from .stiffening import Loads
-
-Wrench = tuple[Array, Array]
 
 
 def recorded_loads(system: System, samples: Samples, times: Array, body: str) -> Loads:
@@ -78,7 +77,7 @@ def _foreseen_forces(
         factor = np.ones((1, 1))
         if element.function >= 0:
             factor = function_values(system, element.function, times)[:, None]
-        pair = _components(system, element.data)
+        pair = components(system, element.data)
         if element.kind == at.FOLLOWING:
             force, moment = (factor * (node.AP.m0 @ vector) for vector in pair)
         else:
@@ -123,10 +122,10 @@ def _wrenches(
     for k, element in enumerate(system.forces):
         if element.kind <= at.FOLLOWING:
             if element.b[0] == body:
-                yield element.b[1], _given(system, samples, times, k)
+                yield element.b[1], given(system, samples, times, k)
             continue
         for marker, pair in zip(
-            (element.a, element.b), _between(system, samples, times, k), strict=True
+            (element.a, element.b), between(system, samples, times, k), strict=True
         ):
             if marker is not None and marker[0] == body:
                 yield marker[1], pair
@@ -145,7 +144,7 @@ def _of_joints(
         if second == body:
             yield b, (force, moment)
         if first == body:
-            A, B = (_at(system, samples, end) for end in ends)
+            A, B = (motion_of(system, samples, end) for end in ends)
             yield a, (-force, -moment - np.cross(B.x - A.x, force))
 
 
@@ -158,56 +157,3 @@ def _ends(system: System, owner: str) -> list[tuple[str, str]]:
         name = owner if drive is None else drive.joint or ""
         texts = marker_names(system.scene.joints[name])
     return [marker_reference(text) for text in texts]
-
-
-def _at(system: System, samples: Samples, end: tuple[str, str]) -> Motion:
-    return marker_motion(system, samples, system.markers[end])
-
-
-def _given(system: System, samples: Samples, times: Array, k: int) -> Wrench:
-    element = system.forces[k]
-    factor = function_values(system, element.function, times)[:, None]
-    force, moment = _components(system, element.data)
-    if element.kind == at.FOLLOWING:
-        R = _at(system, samples, element.b).R
-        return factor * (R @ force), factor * (R @ moment)
-    return factor * force, factor * moment
-
-
-def _components(system: System, data: tuple[float, ...]) -> Wrench:
-    if system.planar:
-        return np.array([*data[:2], 0.0]), np.array([0.0, 0.0, data[2]])
-    return np.array(data[:3]), np.array(data[3:])
-
-
-def _between(
-    system: System, samples: Samples, times: Array, k: int
-) -> tuple[Wrench, Wrench]:
-    """Forces and moments on both markers of a force between two, (nt, 3) each."""
-    element = system.forces[k]
-    assert element.a is not None
-    size = _size(system, samples, times, k)[:, None]
-    if element.kind in (at.TWIST, at.TILT):
-        torque = size * torque_axis(system, samples, element)
-        return (0.0 * torque, -torque), (0.0 * torque, torque)
-    A, B = (_at(system, samples, end) for end in (element.a, element.b))
-    line = B.x - A.x
-    if element.kind == at.SPAN:
-        length = np.linalg.norm(line, axis=1, keepdims=True)
-        force = size * line / np.maximum(length, 1e-300)
-        return (-force, 0.0 * force), (force, 0.0 * force)
-    local = np.array(element.data[:3])
-    if system.planar:
-        local = np.array([np.cos(local[0]), np.sin(local[0]), 0.0])
-    force = size * (A.R @ local)
-    return (-force, np.cross(force, line)), (force, 0.0 * force)
-
-
-def _size(system: System, samples: Samples, times: Array, k: int) -> Array:
-    """What a force law yields, (nt,) [N] or [N m]."""
-    element = system.forces[k]
-    law, measure = element.law, measured(system, samples, element)
-    size = law.applied * function_values(system, element.function, times)
-    size = size - law.stiffness.value(measure.g - law.rest)
-    size = size - law.damping.value(measure.rate)
-    return size - law.friction * np.tanh(measure.rate / law.speed)

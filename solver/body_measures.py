@@ -12,7 +12,7 @@ from formats.sid import SID, Array
 from formats.stiffening import Stiffening
 
 from .assembly import Start
-from .bodies import frequencies, symmetric
+from .bodies import frequencies, modal_squares, symmetric
 from .body_loads import foreseen_loads, recorded_loads, turning_loads
 from .energies import elastic_state
 from .excitation import drive_history, excitation, fastest_rotation
@@ -87,13 +87,7 @@ def reached_bodies(
 
 def highest_frequency(sid: SID) -> float:
     """Of the modes of (Ke, Me) [Hz]; of single coordinates if Me is no mass matrix."""
-    stiffness, mass = symmetric(sid.Ke.m0), symmetric(sid.Me.m0)
-    try:
-        half = np.linalg.inv(np.linalg.cholesky(mass))
-    except np.linalg.LinAlgError:
-        return float(frequencies(sid).max()) / (2.0 * np.pi)
-    square = np.linalg.eigvalsh(half @ stiffness @ half.T)[-1]
-    return float(np.sqrt(max(square, 0.0))) / (2.0 * np.pi)
+    return float(np.sqrt(max(modal_squares(sid)[-1], 0.0))) / (2.0 * np.pi)
 
 
 def _contributions(sid: SID, q: Array) -> tuple[Array, Array]:

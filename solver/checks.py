@@ -18,7 +18,7 @@ from formats.scene import (
 )
 from formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
-from .joint_forces import COMPONENTS, second_marker
+from .joint_forces import COMPONENTS, is_constraint, second_marker
 from .kernels import layout as at
 from .outputs import elastic_range, multiplier_rows
 from .scene import GROUND_NAME, System
@@ -42,7 +42,8 @@ def check_outputs(system: System) -> None:
         if coordinate_of(name.quantity):
             continue
         if name.quantity in COMPONENTS:
-            second_marker(system, name.owner)
+            if is_constraint(system, name.owner):
+                second_marker(system, name.owner)
             continue
         if name.owner not in system.scene.bodies:
             multiplier_rows(system, name.owner, name.quantity)

@@ -26,9 +26,12 @@ class Measured(NamedTuple):
 def measured(system: System, samples: Samples, element: Element) -> Measured:
     """The measure of a force or a coordinate, as in `kernels.planar_forces`."""
     A, B = _ends(system, samples, element)
-    if element.kind in (at.TWIST, at.TILT):
+    if element.kind >= at.TWIST:
         axis = torque_axis(system, samples, element)
         rate = np.sum(axis * (B.w - A.w), axis=1)
+        if element.kind == at.LEAN:
+            first, second = np.reshape(element.data, (2, 3))
+            return Measured(np.sum((A.R @ first) * (B.R @ second), axis=1), rate)
         if system.planar:
             return Measured(B.angle - A.angle, rate)
         return Measured(_turned(system, samples, element.turn), rate)
@@ -51,12 +54,17 @@ def torque_axis(system: System, samples: Samples, element: Element) -> Array:
     Of a component of the rotation vector theta along e that is T(theta)^-T e, as in
     `kernels.spatial_forces`.
     """
-    A, _ = _ends(system, samples, element)
+    A, B = _ends(system, samples, element)
     if system.planar:
         return np.broadcast_to([0.0, 0.0, 1.0], A.x.shape)
     data = np.array(element.data)
+    if element.kind == at.LEAN:
+        return np.cross(B.R @ data[3:], A.R @ data[:3])
     if element.kind == at.TWIST:
-        return A.R @ np.cross(data[:3], data[3:6])
+        axis, b = A.R @ np.cross(data[:3], data[3:]), B.R @ data[:3]
+        off = np.sum(axis * b, axis=1, keepdims=True)
+        flat = b - off * axis
+        return axis - off * flat / np.sum(flat**2, axis=1, keepdims=True)
     first = element.turn - int(np.argmax(data))
     theta = np.column_stack([_turned(system, samples, first + i) for i in range(3)])
     size = np.maximum(np.linalg.norm(theta, axis=1), 1e-9)

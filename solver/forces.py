@@ -249,8 +249,8 @@ def _bushing(force: Bushing, context: _Context) -> list[Element]:
     if context.planar:
         measures = [(at.SLIDE, (0.0,)), (at.SLIDE, (0.5 * math.pi,)), (at.TWIST, ())]
     else:
-        axes = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
-        measures = [(kind, e) for kind in (at.SLIDE, at.TILT) for e in axes]
+        measures = [(at.SLIDE, e) for e in _AXES]
+        measures += _about_shaft(force.shaft) if force.shaft else _about_axes()
     return [
         Element(
             context.name,
@@ -263,6 +263,28 @@ def _bushing(force: Bushing, context: _Context) -> list[Element]:
         for (kind, data), k, d in zip(measures, force.stiffness, damping, strict=True)
         if k != 0.0 or d != 0.0
     ]
+
+
+_AXES = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+
+
+def _about_axes() -> list[tuple[int, tuple[float, ...]]]:
+    """Components of the rotation vector."""
+    return [(at.TILT, e) for e in _AXES]
+
+
+def _about_shaft(shaft: str) -> list[tuple[int, tuple[float, ...]]]:
+    """The angle about an axis of the first marker, and sines of its tilts about the
+    other two: components of the shaft across the axis."""
+    k = "xyz".index(shaft)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    minus_j = tuple(-c for c in _AXES[j])
+    found = {
+        i: (at.LEAN, (*minus_j, *_AXES[k])),
+        j: (at.LEAN, (*_AXES[i], *_AXES[k])),
+        k: (at.TWIST, (*_AXES[i], *_AXES[j])),
+    }
+    return [found[axis] for axis in range(3)]
 
 
 _COMPILERS: dict[type[Force], Callable[..., list[Element]]] = {

@@ -56,7 +56,7 @@ class Pieces:
         return np.concatenate([self.starts, self.terms.ravel()])
 
     def breaks(self) -> list[float]:
-        return [float(t) for t in self.starts]
+        return [float(t) for t in self.starts[1:]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,11 @@ from .scene import System
 COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
+def is_constraint(system: System, owner: str) -> bool:
+    """Whether a name is that of a joint or a drive."""
+    return owner in system.scene.joints or owner in system.scene.drives
+
+
 def second_marker(system: System, owner: str) -> int:
     """Row of the marker on which the force of a joint or a drive is told.
 

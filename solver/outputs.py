@@ -18,8 +18,9 @@ from formats.sid import Array
 
 from .energy_history import History
 from .force_measures import measured
+from .force_wrenches import force_wrench
 from .integrators import stepping
-from .joint_forces import COMPONENTS, wrench
+from .joint_forces import COMPONENTS, is_constraint, wrench
 from .kernels import layout as at
 from .kernels import planar
 from .kernels import spatial_columns as spatial
@@ -73,14 +74,16 @@ def record(
             names.append(text)
             columns.append(whole.column(parsed.owner, parsed.quantity))
             continue
-        for name, column in _columns(system, samples, text):
+        for name, column in _columns(system, samples, times, text):
             names.append(name)
             columns.append(column)
     values = np.column_stack(columns) if columns else np.zeros((len(times), 0))
     return Recorded(tuple(names), values, samples)
 
 
-def _columns(system: System, samples: Samples, text: str) -> list[tuple[str, Array]]:
+def _columns(
+    system: System, samples: Samples, times: Array, text: str
+) -> list[tuple[str, Array]]:
     name = parse_output(text)
     if is_stress(name.quantity):
         return [(text, stress_column(system, samples, name))]
@@ -92,7 +95,10 @@ def _columns(system: System, samples: Samples, text: str) -> list[tuple[str, Arr
         measure = measured(system, samples, coordinate)
         return [(text, measure.rate if is_rate(name.quantity) else measure.g)]
     if name.quantity in COMPONENTS:
-        wrenches = wrench(system, samples, name.owner)
+        if is_constraint(system, name.owner):
+            wrenches = wrench(system, samples, name.owner)
+        else:
+            wrenches = force_wrench(system, samples, times, name.owner)
         return [(text, wrenches[:, COMPONENTS.index(name.quantity)])]
     if name.owner not in system.scene.bodies:
         return _multiplier_columns(system, samples, name.owner, name.quantity)

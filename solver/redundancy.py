@@ -128,7 +128,7 @@ def _slack(state: State) -> Array:
     to remove its effect, and large against what stages of a step leave open.
     """
     C = state.jacobian()
-    diagonal = np.einsum("ij,ji->i", C, np.linalg.solve(state.weight(), C.T))
+    diagonal = np.sum((C @ state.root()) ** 2, axis=1)
     typical = float(np.median(diagonal[diagonal > 0.0])) if diagonal.any() else 1.0
     left, sizes, _ = np.linalg.svd(_scaled_jacobian(state))
     rank = int(np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))))

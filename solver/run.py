@@ -28,7 +28,14 @@ from .kernels.pointers import kernels
 from .new_control import closed_below, new_control
 from .scene import System
 from .settings import Settings, settings_of
-from .stopping import CAUSES, explained, lost_inertia, near_singular, singular
+from .stopping import (
+    CAUSES,
+    explained,
+    lost_inertia,
+    near_singular,
+    singular,
+    too_light,
+)
 from .storage import new_memory, new_work
 from .turn_counts import keep_turns, lost_turn
 
@@ -113,7 +120,7 @@ class _Run:
             system, settings, start, self.times, shares, self.closed
         )
         self.breaks: list[events.Moment] = []
-        self.begin = system.scene.time.start
+        self.control.real[stepping.TIME] = system.scene.time.start
         self.advance = self._prepare()
 
     def _prepare(self) -> Advance:
@@ -123,26 +130,33 @@ class _Run:
 
     def go(self, progress: Progress | None) -> str:
         """Integrates over all smooth intervals; the reason if one is not finished."""
-        control = self.control
-        now = self.begin
         limit = dense.CHUNK if self.inside else CHUNK
         for stop in self.system.breaks:
-            self._enter(now, stop)
+            status = self._enter(stop)
+            if status != 0:
+                return singular(self.system, self.now, status)
             code = stepping.CHUNK
             while code == stepping.CHUNK:
                 code = self.advance(limit)
                 if self.inside and self._look_inside():
                     return ""
                 if self._is_hard(code):
-                    self._switch(stop)
+                    self._switch()
+                    status = self._enter(stop)
+                    if status != 0:
+                        return singular(self.system, self.now, status)
                     code = stepping.CHUNK
                 if progress is not None:
-                    progress(float(control.real[stepping.TIME]))
+                    progress(self.now)
             if code != stepping.REACHED:
                 return self._failure(code)
             self._note_breaks(stop)
-            now = stop
         return ""
+
+    @property
+    def now(self) -> float:
+        """Time that was reached [s]."""
+        return float(self.control.real[stepping.TIME])
 
     def _is_hard(self, code: int) -> bool:
         """Whether another method has to go on: stiffness, or a singular position."""
@@ -155,12 +169,10 @@ class _Run:
         stiff = whole[stepping.STIFF]
         return bool(stepping.STIFF_PART * stiff > self.memory.counters[newton.STEPS])
 
-    def _switch(self, stop: float) -> None:
+    def _switch(self) -> None:
         """Goes on from here with the method for hard scenes."""
-        now = float(self.control.real[stepping.TIME])
-        self.method, self.switched = INTEGRATORS[self.settings.when_stiff], now
+        self.method, self.switched = INTEGRATORS[self.settings.when_stiff], self.now
         self.advance = self._prepare()
-        self._enter(now, stop)
 
     def _told(self) -> dict[str, str | float]:
         """How the run was made, for the result."""
@@ -187,10 +199,11 @@ class _Run:
             self.history.add(steps)
         return self.watch is not None and self.watch.look(steps)
 
-    def _enter(self, begin: float, end: float) -> None:
-        """Starts a smooth interval: no memory of steps before."""
-        control, real = self.control, self.control.real
-        real[stepping.TIME], real[stepping.STOP] = begin, end
+    def _enter(self, end: float) -> int:
+        """Starts a smooth interval, with no memory of steps before; 0, or the code of
+        a singular system."""
+        control, real, begin = self.control, self.control.real, self.now
+        real[stepping.STOP] = end
         real[stepping.OLD_STEP] = 0.0
         real[stepping.FACTORED_STEP] = 0.0
         control.whole[stepping.NEEDS_JACOBIAN] = 1
@@ -199,7 +212,7 @@ class _Run:
         if self.settings.step is not None:
             count = max(1, int(np.ceil((end - begin) / self.settings.step - 1e-9)))
             real[stepping.STEP] = (end - begin) / count
-        status = stepping.begin(
+        status: int = stepping.begin(
             self.kernels,
             self.system.arrays,
             self.work,
@@ -208,18 +221,21 @@ class _Run:
             control.z,
             control.v,
         )
-        if status != 0:
-            raise SimulationError(singular(self.system, begin, status))
-        keep_turns(self.system, self.work, control.z)
+        if status == 0:
+            keep_turns(self.system, self.work, control.z)
+        return status
 
     def _failure(self, code: int) -> str:
-        t = self.control.real[stepping.TIME]
         cause = CAUSES.get(code, f"code {code}")
         if code in (stepping.TOO_SMALL, stepping.OFF_CONSTRAINTS):
             cause = lost_turn(self.system, self.work, self.control) or cause
         worst = outputs.busiest_body(self.system, self.control)
-        text = f"stopped at t = {t:.9g} s: {cause} (fastest change: {worst})"
-        text += lost_inertia(self.system, self.work) or near_singular(self.control)
+        text = f"stopped at t = {self.now:.9g} s: {cause} (fastest change: {worst})"
+        text += (
+            lost_inertia(self.system, self.work)
+            or too_light(self.system, self.work)
+            or near_singular(self.control)
+        )
         if self.system.redundant:
             rows = assembly.names_of_rows(self.system, self.system.redundant)
             names = ", ".join(dict.fromkeys(rows))
@@ -232,18 +248,11 @@ class _Run:
         failure: str,
         expected: Mapping[str, FlexibleBody],
     ) -> Result:
-        t, z, v = self._recorded()
-        recorded = outputs.record(
-            self.system,
-            self.kernels,
-            self.work,
-            self.memory,
-            t,
-            z,
-            v,
-            self.closed,
-            self.history,
-        )
+        t, z, v = self._recorded(bool(failure))
+        recorded = self._record(t, z, v)
+        if failure and not np.isfinite(recorded.samples.accelerations[-1:]).all():
+            t, z, v = t[:-1], z[:-1], v[:-1]
+            recorded = self._record(t, z, v)
         bodies = reached_bodies(self.system, recorded.samples, t, expected)
         return Result(
             title=self.system.scene.title,
@@ -270,13 +279,31 @@ class _Run:
             message=explained(failure, bodies) or self._end(),
         )
 
-    def _recorded(self) -> tuple[Array, Array, Array]:
-        """Times, z and v at the output times, and last where an event ended the run."""
-        count = int(self.control.whole[stepping.OUTPUT])
-        found = (self.times, self.control.out_z, self.control.out_v)
-        if self.watch is None or not self.watch.ended:
+    def _record(self, t: Array, z: Array, v: Array) -> outputs.Recorded:
+        return outputs.record(
+            self.system,
+            self.kernels,
+            self.work,
+            self.memory,
+            t,
+            z,
+            v,
+            self.closed,
+            self.history,
+        )
+
+    def _recorded(self, failed: bool) -> tuple[Array, Array, Array]:
+        """Times, z and v at the output times, and last where the run ended early."""
+        control = self.control
+        count = int(control.whole[stepping.OUTPUT])
+        found = (self.times, control.out_z, control.out_v)
+        last = None
+        if self.watch is not None and self.watch.ended:
+            last = self.watch.moments[-1]
+        elif failed and np.isfinite([*control.z, *control.v]).all():
+            last = events.Moment("", "stop", self.now, control.z, control.v)
+        if last is None:
             return found[0][:count], found[1][:count], found[2][:count]
-        last = self.watch.moments[-1]
         count = int(np.searchsorted(self.times[:count], last.t))
         t = np.append(self.times[:count], last.t)
         z, v = (

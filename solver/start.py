@@ -25,6 +25,8 @@ ITERATIONS = 60
 CLOSED = 1e-13
 #: Rows of the constraint Jacobian count as dependent below this relative size.
 RANK_TOLERANCE = 1e-9
+#: Inertia below this part of the mean one counts as so much.
+NO_INERTIA = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,27 +145,38 @@ class State:
 
     def smallest(self, right: Array) -> tuple[Array, Array]:
         """x with C x = right, smallest in the metric, and what remains of right."""
-        C = self.jacobian()[:, self.free]
-        W = self.weight()[np.ix_(self.free, self.free)]
-        compliance = np.linalg.solve(W, C.T)
-        S = C @ compliance
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-        scale[np.diag(S) <= 1e-300] = 0.0
-        scaled = S * np.outer(scale, scale)
-        solution = np.linalg.lstsq(scaled, scale * right, rcond=RANK_TOLERANCE)[0]
-        x = np.zeros(self.system.n_velocities)
-        x[self.free] = compliance @ (scale * solution)
-        return x, C @ x[self.free] - right
+        C = self.jacobian()
+        N = self.root() * self.free[:, None]
+        Q, R = np.linalg.qr((C @ N).T)
+        lengths = np.linalg.norm(R, axis=0)
+        scale = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, 1e-300), 0.0)
+        scaled = scale[:, None] * R.T
+        y = np.linalg.lstsq(scaled, scale * right, rcond=RANK_TOLERANCE)[0]
+        x = N @ (Q @ y)
+        return x, C @ x - right
 
-    def weight(self) -> Array:
-        W = np.zeros((self.system.n_velocities, self.system.n_velocities))
+    def root(self) -> Array:
+        """N with N N^T = W^-1: with x = N y, the metric x^T W x is y^T y.
+
+        C N has the digits that C N N^T C^T loses where bodies are stiff.
+        """
+        blocks = self.work.M + self.memory.metric
+        sizes = coordinate_sizes(self.system)
+        N = np.zeros((len(sizes), len(sizes)))
+        bodies = []
         for row in self.system.arrays.body:
             n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
-            entries = self.work.M[o : o + n * n] + self.memory.metric[o : o + n * n]
-            W[first : first + n, first : first + n] = entries.reshape(n, n)
-        scale = coordinate_sizes(self.system) ** 2
-        typical = float(np.diag(W) @ scale) / max(1, len(W))
-        return W + 1e-14 * typical * np.diag(1.0 / scale)
+            part = slice(first, first + n)
+            bodies.append((part, blocks[o : o + n * n].reshape(n, n)))
+        inertia = sum(W.diagonal() @ sizes[part] ** 2 for part, W in bodies)
+        least = NO_INERTIA * inertia / max(1, len(sizes)) / sizes**2
+        for part, W in bodies:
+            scale = 1.0 / np.sqrt(np.maximum(W.diagonal(), 0.0) + least[part])
+            W = W * np.outer(scale, scale) + np.diag(least[part] * scale**2)
+            squares, directions = np.linalg.eigh(W)
+            roots = np.sqrt(np.maximum(squares, NO_INERTIA))
+            N[part, part] = scale[:, None] * directions / roots
+        return N
 
 
 def close(state: State) -> float:
@@ -191,13 +204,12 @@ def close(state: State) -> float:
 
 
 def _free_coordinates(system: System) -> Array:
-    """Velocity coordinates of bodies that the assembly may move."""
-    free = []
+    """True for velocity coordinates of bodies that the assembly may move."""
+    free = np.ones(system.n_velocities, bool)
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         if data.name != GROUND_NAME and system.scene.bodies[data.name].initial.fixed:
-            continue
-        free += list(range(row[at.VEL], row[at.VEL] + row[at.NV]))
-    return np.array(free, int)
+            free[row[at.VEL] : row[at.VEL] + row[at.NV]] = False
+    return free
 
 
 def dense_jacobian(system: System, C: Array) -> Array:

@@ -11,6 +11,7 @@ from formats.result import FlexibleBody
 from .integrators import stepping
 from .kernels import layout as at
 from .scene import System
+from .sizes import coordinate_sizes
 
 CAUSES = {
     stepping.TOO_SMALL: "the step size fell below what the time resolves: the motion "
@@ -29,6 +30,8 @@ CAUSES = {
 
 #: Smallest eigenvalue, of a mass matrix with ones on its diagonal, as good as none.
 NO_INERTIA = 1e-5
+#: Of the inertia of two bodies in a mechanism, the ratio that rounding begins to hide.
+LIGHT = 1e-9
 #: Part of the independence of the constraints that is left near a singular position.
 NEARLY_SINGULAR = 0.01
 
@@ -55,11 +58,41 @@ def lost_inertia(system: System, work: at.Work) -> str:
         size = np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))
         left = float(np.linalg.eigvalsh((M + M.T) / 2 / np.outer(size, size))[0])
         if left < NO_INERTIA:
-            return (
+            text = (
                 f"; {body.name} has deformed so far that the inertia of its SID, which "
                 "holds for small deformations, is no longer positive"
             )
+            if (
+                not body.quadratic_inertia
+                and body.sid.Oe.first_order(body.sid.nq).any()
+            ):
+                text += " (quadratic_inertia = true of the body keeps more of it)"
+            return text
     return ""
+
+
+def too_light(system: System, work: at.Work) -> str:
+    """What to know where rounding of large inertia hides that of a body.
+
+    Compared are mass and moments of inertia over the size of the mechanism squared.
+    """
+    sizes, found = coordinate_sizes(system), {}
+    for row, body in zip(system.arrays.body, system.bodies, strict=True):
+        n, rd, first = int(row[at.NV]), int(row[at.RD]), int(row[at.BLOCK])
+        M = work.M[first : first + n * n].reshape(n, n)
+        if rd and np.isfinite(M).all():
+            found[body.name] = (M.diagonal() * sizes[row[at.VEL] :][:n] ** 2)[:rd]
+    largest = max((inertia.max() for inertia in found.values()), default=0.0)
+    lightest = min(found, key=lambda name: found[name].min(), default="")
+    if not lightest or found[lightest].min() > LIGHT * largest:
+        return ""
+    heaviest = max(found, key=lambda name: found[name].max())
+    ratio = found[lightest].min() / largest
+    return (
+        f"; the inertia of {lightest} is {ratio:.1g} of that of {heaviest}, which "
+        "rounding hides: give it more, or put a joint in its place (a massless rod is "
+        "one of type distance)"
+    )
 
 
 def near_singular(control: stepping.Control) -> str:

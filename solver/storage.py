@@ -8,7 +8,7 @@ import numpy as np
 
 from formats.sid import SID, Array
 
-from .bodies import elastic_mass, shape_functions, symmetric
+from .bodies import elastic_mass, modal_squares, shape_functions, symmetric
 from .kernels import layout as at
 from .kernels.lapack import lapack
 from .kernels.newton import N_COUNTERS, Memory
@@ -19,8 +19,11 @@ from .kernels.spatial_columns import N_FRAME as SPATIAL_FRAME
 from .kernels.spatial_columns import N_POINT as SPATIAL_POINT
 from .scene import System
 
-#: Weight of stiffness against mass in the metric of projections [s].
-METRIC_TIME = 0.1
+#: Weight of stiffness against mass in the metric of projections: radians of the slowest
+#: mode of a body, if it had the mass of the heaviest body.
+STIFFER = 1e3
+#: Eigenvalues below this part of the largest one are zero.
+ZERO = 1e-12
 #: Intermediate results of one body or marker.
 SCRATCH = 32
 
@@ -99,7 +102,7 @@ def new_memory(system: System, pairs: int) -> Memory:
         np.zeros(blocks),
         np.zeros(entries),
         np.zeros((len(body), frame)),
-        _elastic_blocks(system, blocks, _metric),
+        _elastic_blocks(system, blocks, _metric(system)),
         np.zeros(n),
         np.zeros(m),
         np.zeros(n),
@@ -110,9 +113,25 @@ def new_memory(system: System, pairs: int) -> Memory:
     )
 
 
-def _metric(sid: SID) -> Array:
-    """tau^2 Ke."""
-    return METRIC_TIME**2 * symmetric(sid.Ke.m0)
+def _metric(system: System) -> Callable[[SID], Array]:
+    """tau^2 Ke of a body, so large that deforming it costs more than moving others.
+
+    It depends neither on units nor on the basis of the shape functions, nor on the
+    density of the body.
+    """
+    heaviest = max(data.sid.mass for data in system.bodies)
+
+    def metric(sid: SID) -> Array:
+        K = symmetric(sid.Ke.m0)
+        squares = modal_squares(sid)
+        squares = squares[squares > ZERO * squares.max(initial=0.0)]
+        if not len(squares):
+            return 0.0 * K
+        share = heaviest / sid.mass if sid.mass > 0.0 else 1.0
+        weight: Array = STIFFER**2 * share / squares.min() * K
+        return weight
+
+    return metric
 
 
 def _elastic_blocks(

@@ -45,7 +45,7 @@ def lost_turn(system: System, work: Work, control: stepping.Control) -> str:
         if np.linalg.norm(known[part]) > np.pi and turn.kind == at.TILT:
             return (
                 f"{name} is nearly a full turn away from rest, beyond which a bushing "
-                "does not know its torque"
+                "does not know its torque; `shaft` names an axis to turn about"
             )
         return (
             f"{name} turns by more than {stepping.LARGEST_TURN} rad in a step, which "

@@ -27,8 +27,8 @@ class Turn:
     """The rotation from marker a to marker b.
 
     name : of its angle, after the force or joint that needs it first
-    kind : TWIST or TILT, see `kernels.layout`
-    data : directions of TWIST
+    kind : TWIST, TILT or LEAN, see `kernels.layout`
+    data : directions of TWIST and LEAN
     entry : its first entry of Work.turn
     counted : whether its angle is known beyond half a turn
     rest : the angle at the start is the one nearest to this [rad]
@@ -48,7 +48,7 @@ class Turn:
     @property
     def angles(self) -> tuple[str, ...]:
         """Names of its entries."""
-        if self.kind == at.TWIST:
+        if self.kind != at.TILT:
             return (self.name,)
         return tuple(f"{self.name}_{axis}" for axis in "xyz")
 
@@ -95,7 +95,7 @@ class _Book:
 
     def rated(self, element: Element) -> Element:
         """The element with an entry for its rate, if it has none and needs one."""
-        if element.kind != at.TWIST or element.turn >= 0:
+        if element.kind not in (at.TWIST, at.LEAN) or element.turn >= 0:
             return element
         known = self._at(element)
         turn = known[0] if known else self._add(element, False)

@@ -24,7 +24,8 @@ class Result:
     ----------
     title : title of the scene
     names : output names, as in the scene, `*` expanded
-    t : (nt,) output times [s]; fewer than asked for when not `completed`
+    t : (nt,) output times [s]; when not `completed` those before the end, which is the
+        last if a state is known there
     values : (nt, n outputs)
     positions, velocities, multipliers : (nt, ...) full state, one column per name in
         `position_names`, `velocity_names`, `multiplier_names`; positions end with the

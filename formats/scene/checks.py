@@ -12,6 +12,7 @@ from .force_checks import check_force
 from .joint_checks import check_drives, check_joint
 from .outputs import (
     ELASTIC,
+    JOINT_QUANTITIES,
     NAME,
     RESERVED,
     SCENE_QUANTITIES,
@@ -97,7 +98,8 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         _check_coordinate(name.owner, coordinate, place, scene)
         return
     if not name.marker and is_of_joint(name.quantity):
-        if name.owner not in scene.joints and name.owner not in scene.drives:
+        told = name.quantity in JOINT_QUANTITIES and name.owner in scene.forces
+        if name.owner not in [*scene.joints, *scene.drives] and not told:
             expected = known_names(name.owner, scene.joints, "joint")
             fail(place, f"there is no joint {name.owner!r}", expected)
         return

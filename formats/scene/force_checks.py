@@ -102,6 +102,10 @@ def _check_table(table: Characteristic, place: str) -> None:
 
 def _check_bushing(force: Bushing, place: str, scene: SceneFile) -> None:
     count = 3 if scene.dimension == "planar" else 6
+    if force.shaft and count == 3:
+        fail(
+            f"{place}.shaft", "found in a planar scene", "a bushing that turns about z"
+        )
     for key in ("stiffness", "damping"):
         values = getattr(force, key)
         if values is not None and len(values) != count:

@@ -113,6 +113,8 @@ class Bushing(_Force):
     Planar: x, y and the angle. Spatial: x, y, z and the three components of the
     rotation vector from the first to the second marker, which is at most half a turn at
     the start; a run stops before a full one (at 6 rad), where it has no direction.
+    With `shaft` the second marker turns without limit about that axis of both markers:
+    the angle about it counts, and of the tilts about the other two axes their sines.
     """
 
     type: Literal["bushing"]
@@ -120,6 +122,9 @@ class Bushing(_Force):
     stiffness: Values = Field(description="3 (planar) or 6 values [N/m], [N m/rad]")
     damping: Values | None = Field(
         default=None, description="3 (planar) or 6 values [N s/m], [N m s/rad]"
+    )
+    shaft: Literal["x", "y", "z"] | None = Field(
+        default=None, description="spatial: the axis about which full turns are made"
     )
 
 

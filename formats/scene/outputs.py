@@ -11,10 +11,11 @@ the body.
 Coordinates of a joint are angle, displacement, length, angle_1 and angle_2, as far as
 it has them, and their rates angle_rate, ...; angles go on over many turns. Quantities
 of a joint or a drive: fx fy fz and mx my mz, the force and torque on its
-second marker in inertial axes; fK is its K-th multiplier and f* all of them. Of the
-whole scene: energy.kinetic, .elastic, .potential, .dissipated, .supplied and .balance
-(the first four less the fifth), and constraint.position and .velocity, the largest
-residual of the constraints.
+second marker in inertial axes; fK is its K-th multiplier and f* all of them. fx to mz
+of a force are what it puts on its marker, or on the second one. Of the whole scene:
+energy.kinetic, .elastic, .potential, .dissipated, .supplied and .balance (the first
+four less the fifth), and constraint.position and .velocity, the largest residual of
+the constraints.
 """
 
 from __future__ import annotations
@@ -115,7 +116,8 @@ def is_quantity(text: str, *, of_marker: bool = False) -> bool:
 
 
 def is_of_joint(quantity: str) -> bool:
-    """True for what only a joint or a drive has: multipliers, force and torque."""
+    """True for what joints and drives have, multipliers, force and torque; the last
+    two forces have as well."""
     return quantity in JOINT_QUANTITIES or MULTIPLIER.fullmatch(quantity) is not None
 
 

@@ -76,6 +76,16 @@ class Mechanics:
         """Scaled generalised forces (n,) at the state last evaluated."""
         return self.work.f * self.scale
 
+    @property
+    def weight(self) -> float:
+        """Size of the scaled weights of all bodies."""
+        gravity = float(np.linalg.norm(self.system.arrays.gravity))
+        squares = 0.0
+        for row, data in zip(self.system.arrays.body, self.system.bodies, strict=True):
+            if row[at.RD] > 0:
+                squares += (data.sid.mass * self.scale[row[at.VEL]]) ** 2
+        return gravity * float(np.sqrt(squares))
+
     def turn_rates(self, state: Start) -> Array:
         """Rates of counted rotations (n_turns,) at a state, which is evaluated."""
         self.evaluate(state.z, state.v)

@@ -23,7 +23,8 @@ from ..sizes import coordinate_sizes, row_sizes
 from .mechanics import Mechanics, least_squares, null_space, recorded, refuse_prescribed
 
 ITERATIONS = 300
-#: Forces that drive the motion vanish when below this part of all forces.
+#: Forces that drive the motion vanish when below this part of the largest ones met, or
+#: of the weight: where springs alone carry a body, nothing is left of their sum.
 BALANCED = 1e-10
 #: Perturbation of positions, relative to the size of the mechanism.
 PERTURBATION = 1e-5
@@ -73,10 +74,11 @@ def static_equilibrium(system: System) -> Equilibrium:
     mechanics = Mechanics(system, t, 0.5 * (t + system.breaks[0]))
     mechanics.set_scale(start.z)
     z = mechanics.closed(start.z)
-    best = np.inf
+    best, largest = np.inf, mechanics.weight
     for iteration in range(ITERATIONS):
         motion, force, left, size = _balance(mechanics, z)
-        residual = float(np.linalg.norm(force) / max(size, 1e-300))
+        largest = max(largest, size)
+        residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
             return Equilibrium(z, left, residual, iteration, system)
         step = motion @ _newton_step(mechanics, z, motion, force, left)

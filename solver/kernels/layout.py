@@ -129,15 +129,16 @@ SPAN = 2  # along the line between the markers; their distance
 SLIDE = 3  # along a direction fixed in marker A; the displacement of B along it
 TWIST = 4  # torque about an axis fixed in marker A; the angle from A to B
 TILT = 5  # component of the rotation vector from A to B (spatial)
+LEAN = 6  # scalar product of a direction of A and one of B (spatial)
 
-# --- columns of System.turn: rotations from marker A to B in space, of the kind TWIST
-# or TILT. Orientations tell them up to full turns; those that are counted go on from
-# what stands at the end of z_I: their values where the step began.
+# --- columns of System.turn: rotations from marker A to B in space, of the kind TWIST,
+# TILT or LEAN. Orientations tell them up to full turns; those that are counted go on
+# from what stands at the end of z_I: their values where the step began.
 T_KIND = 0
 T_A = 1
 T_B = 2
-T_DATA = 3  # pool: directions of TWIST
-T_ENTRY = 4  # first entry of Work.turn: TWIST has one, TILT three; the counted first
+T_DATA = 3  # pool: directions of TWIST and LEAN
+T_ENTRY = 4  # first entry of Work.turn: TILT has three, others one; the counted first
 N_TURN = 5
 
 # --- entries of System.dims -----------------------------------------------

@@ -21,6 +21,7 @@ from .layout import (
     F_TURN,
     FOLLOWING,
     GIVEN,
+    LEAN,
     LINEARISE,
     M_BODY,
     N_ENTRIES,
@@ -35,6 +36,7 @@ from .layout import (
     T_DATA,
     T_ENTRY,
     T_KIND,
+    TILT,
     TURN_AXIS,
     TURN_RATE,
     TURNED,
@@ -123,16 +125,32 @@ def tilt_direction(theta, e):
     return plus(e, plus(times(0.5, turned), times(c, cross(theta, turned))))
 
 
-@inner(float64(SYSTEM, WORK, int64, float64))
-def _twist(system, work, k, known):
-    """The angle of TWIST that is nearest to a known one."""
+@inner(types.Tuple([float64, VECTOR])(SYSTEM, WORK, int64, float64))
+def _angle(system, work, k, known):
+    """Value of TWIST, the nearest to a known one, or of LEAN; and the torque that works
+    on it, in the axes of A. Of TWIST that is the axis, but for what B is tilted."""
     row, pool = system.turn[k], system.pool
-    first, second = load(pool, row[T_DATA]), load(pool, row[T_DATA] + 3)
-    b = rotate(work.point[row[T_B]], PR, first)
+    leans, data = row[T_KIND] == LEAN, row[T_DATA]
+    first, second = load(pool, data), load(pool, data + 3)
+    b = rotate(work.point[row[T_B]], PR, second if leans else first)
     b = rotate_back(work.point[row[T_A]], PR, b)
-    turn = 2.0 * math.pi
+    if leans:
+        return dot(first, b), cross(b, first)
+    axis, turn = cross(first, second), 2.0 * math.pi
     angle = math.atan2(dot(second, b), dot(first, b))
-    return angle - turn * math.floor(0.5 + (angle - known) / turn)
+    off = dot(axis, b)
+    flat = minus(b, times(off, axis))
+    tilt = times(off / max(dot(flat, flat), 1e-300), flat)
+    return angle - turn * math.floor(0.5 + (angle - known) / turn), minus(axis, tilt)
+
+
+@inner(types.void(WORK, int64, int64, float64, VECTOR, VECTOR))
+def _keep_turn(work, to, a, value, axis, w):
+    """An entry of Work.turn; its axis is given in the axes of marker a."""
+    axis = rotate(work.point[a], PR, axis)
+    work.turn[to, TURNED] = value
+    work.turn[to, TURN_RATE] = dot(axis, w)
+    store(work.turn[to], TURN_AXIS, axis)
 
 
 @inner(types.void(SYSTEM, WORK, F1))
@@ -141,29 +159,24 @@ def _turns(system, work, z):
     counted = system.dims[N_TURNS]
     for k in range(len(system.turn)):
         row = system.turn[k]
-        A, B, to = work.point[row[T_A]], work.point[row[T_B]], row[T_ENTRY]
+        a, to = row[T_A], row[T_ENTRY]
+        A, B = work.point[a], work.point[row[T_B]]
         known = len(z) - counted + to
         w = minus(load(B, PW), load(A, PW))
-        twist, theta = row[T_KIND] == TWIST, NONE
-        if not twist:
-            theta = _continued(relative_rotation(A, B), load(z, known))
-        elif to < counted:
-            theta = (_twist(system, work, k, z[known]), 0.0, 0.0)
-        for i in range(1 if twist else 3):
-            if twist:
-                data = row[T_DATA]
-                axis = cross(load(system.pool, data), load(system.pool, data + 3))
-            else:
-                e = (
-                    1.0 if i == 0 else 0.0,
-                    1.0 if i == 1 else 0.0,
-                    1.0 if i == 2 else 0.0,
-                )
-                axis = tilt_direction(theta, e)
-            axis = rotate(A, PR, axis)
-            work.turn[to + i, TURNED] = theta[i]
-            work.turn[to + i, TURN_RATE] = dot(axis, w)
-            store(work.turn[to + i], TURN_AXIS, axis)
+        if row[T_KIND] != TILT:
+            near = z[known] if to < counted else 0.0
+            value, axis = _angle(system, work, k, near)
+            _keep_turn(work, to, a, value, axis, w)
+            continue
+        theta = _continued(relative_rotation(A, B), load(z, known))
+        for i in range(3):
+            e = (
+                1.0 if i == 0 else 0.0,
+                1.0 if i == 1 else 0.0,
+                1.0 if i == 2 else 0.0,
+            )
+            axis = tilt_direction(theta, e)
+            _keep_turn(work, to + i, a, theta[i], axis, w)
 
 
 @inner(types.Tuple([float64, float64, VECTOR, VECTOR, VECTOR])(SYSTEM, WORK, int64))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -206,6 +207,38 @@ def test_a_spring_with_a_table_settles_where_the_table_says() -> None:
     )
     found = static_equilibrium(compiled(content)).result()
     assert found["load.y"][0] == pytest.approx(-0.1, abs=1e-10)
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_a_load_rests_on_springs_alone(dimension: str) -> None:
+    """Between two of 50 N/m and 1 m, pulled from aside: 2 k (l - 1) sin a = m g, and no
+    joint tells how large forces are."""
+    axes = 2 if dimension == "planar" else 3
+    ends = {"left": [-1.0, 0.0, 0.0], "right": [1.0, 0.0, 0.0]}
+    forces = {
+        name: {
+            "type": "spring_damper",
+            "markers": [f"ground.{name}", "load"],
+            "stiffness": 50.0,
+            "rest": 1.0,
+        }
+        for name in ends
+    }
+    start = [0.1, -0.3, 0.2][:axes]
+    content = scene(
+        dimension,
+        ["load.x", "load.y", "left.fx"],
+        bodies={"load": {"mass": 2.0, "initial": {"position": start}}},
+        forces=forces,
+        gravity=[0.0, -G, 0.0][:axes],
+        ground={"markers": {n: {"position": p[:axes]} for n, p in ends.items()}},
+    )
+    found = static_equilibrium(compiled(content)).result()
+    depth = -float(found["load.y"][0])
+    length = math.hypot(1.0, depth)
+    assert found["load.x"][0] == pytest.approx(0.0, abs=1e-9)
+    assert 100.0 * (length - 1.0) * depth / length == pytest.approx(2.0 * G, rel=1e-9)
+    assert found["left.fx"][0] == pytest.approx(-50.0 * (length - 1.0) / length)
 
 
 def test_a_falling_body_has_no_equilibrium() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,9 +10,13 @@ import pytest
 
 from formats.errors import InputError
 from formats.scene import SceneFile
+from formats.sid_files import read_sid
 from solver import simulate
 from solver.assembly import assemble
 from tests.solver.scenes import Probe, compiled, polynomial, scene, slender_rod
+from tests.solver.transformed import Units, in_units, sid_in
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 
 
 def hinge(a: str, b: str) -> dict[str, Any]:
@@ -76,6 +81,48 @@ def test_a_consistent_start_is_not_changed() -> None:
     expected = [0.0, 0.0, 0.5, np.cos(0.5), np.sin(0.5), 0.0]
     assert start.z == pytest.approx(expected, abs=1e-14)
     assert not start.v.any()
+
+
+def clamped() -> dict[str, Any]:
+    """The founding rod between a hinge and a wall that are too far apart, turning."""
+    ends = {"markers": {"a": "1", "b": "2"}}
+    start = {"position": [2e-4, -3e-4], "angle": 1e-3, "angular_velocity": 2.0}
+    joints = {
+        "hinge": hinge("ground", "rod.a"),
+        "wall": {"type": "fixed", "markers": ["ground.wall", "rod.b"]},
+    }
+    ground = {"markers": {"wall": {"position": [1.0001, 0.001]}}}
+    bodies = {"rod": {"sid": "rod", **ends, "initial": start}}
+    described = scene(bodies, joints, ground=ground, end=0.01)
+    return described.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+
+def test_a_body_that_has_to_deform_does_so_with_the_least_energy() -> None:
+    """K q = C_q^T lambda, and no resultant of lambda on the rigid motion, but for what
+    is quadratic in a misfit of 1e-3."""
+    sid = read_sid(EXAMPLE / "rod_q4.SID_FEM")
+    system, start = assemble(compiled(SceneFile.model_validate(clamped()), rod=sid))
+    probe = Probe(system, 0.0, start.z, start.v)
+    C, load = probe.jacobian, np.zeros(8)
+    load[3:] = sid.Ke.m0 @ start.z[3:]
+    held = np.linalg.lstsq(C.T, load, rcond=None)[0]
+    assert abs(probe.work.row[:, :2]).max() < 1e-11
+    assert C.T @ held == pytest.approx(load, abs=1e-3 * abs(load).max())
+
+
+@pytest.mark.parametrize(
+    "units",
+    [Units(1e3, 1e-3), Units(1e3, 1e3, 1e3), Units(1.0, 1.0, 1e6)],
+    ids=["mm t s", "mm g ms", "m kg us"],
+)
+def test_a_start_is_assembled_alike_in_all_units(units: Units) -> None:
+    sid, table = read_sid(EXAMPLE / "rod_q4.SID_FEM"), clamped()
+    _, expected = assemble(compiled(SceneFile.model_validate(table), rod=sid))
+    other = SceneFile.model_validate(in_units(table, units))
+    _, found = assemble(compiled(other, rod=sid_in(sid, units)))
+    q, vq = found.z[3:], found.v[3:] * units.time
+    assert q == pytest.approx(expected.z[3:], abs=1e-9 * abs(expected.z[3:]).max())
+    assert vq == pytest.approx(expected.v[3:], abs=1e-12)
 
 
 def test_a_position_out_of_reach_is_refused_with_the_joint_that_is_open() -> None:

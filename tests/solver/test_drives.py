@@ -275,6 +275,11 @@ def test_a_jump_in_acceleration_is_stepped_to() -> None:
     assert result.values[-1, 3] == pytest.approx(16.0, abs=1e-9)
 
 
+def test_a_smooth_step_breaks_at_its_ends_only() -> None:
+    step = {"type": "smooth_step", "from": 0.5, "to": 0.6, "end": 0.2}
+    assert compile_scene(cart("planar", step)).breaks == (0.5, 0.6, 1.0)
+
+
 def _wave(t: float) -> float:
     return float(np.exp(-t) * np.sin(25.0 * t) + 0.2 * np.tanh(8.0 * (t - 0.5)))
 

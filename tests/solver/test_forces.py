@@ -118,7 +118,7 @@ def test_a_stiff_bushing_between_two_bodies_is_a_weld(stiffness: float) -> None:
     assert counters["newton_iterations"] < 4 * counters["steps"]
 
 
-def relaxed_pair(dimension: str) -> System:
+def relaxed_pair(dimension: str, **more: str) -> System:
     """Two flexible bodies at rest under stiff springs, none of which is strained."""
     plane = dimension == "planar"
     rng, axes = np.random.default_rng(4), 2 if plane else 3
@@ -144,6 +144,7 @@ def relaxed_pair(dimension: str) -> System:
             "markers": ["a.p", "b.p"],
             "stiffness": stiff[:count],
             "damping": loss[:count],
+            **more,
         },
         "rod": {
             **rod,
@@ -167,12 +168,10 @@ def relaxed_pair(dimension: str) -> System:
     return compile_scene(scene(dimension, bodies=bodies, forces=forces), ".", sids)
 
 
-@pytest.mark.parametrize("dimension", ["planar", "spatial"])
-def test_newton_matrices_know_the_stiffness_of_forces(dimension: str) -> None:
-    """Rows of forces solve with the J that central differences give."""
-    system = relaxed_pair(dimension)
+def newton_product(system: System, mu: float = 2e3) -> Array:
+    """(mu - J) (mu - J)^-1 at rest: J by central differences, the inverse by Newton's
+    factors."""
     arrays, n = system.arrays, system.n_velocities
-    assert system.n_rows == 0 and system.n_newton_rows == (5 if n == 10 else 8)
     work, memory = new_work(system), new_memory(system, 0)
     z, v = guess(system).z, np.zeros(n)
     kernel_calls.evaluate(system, work, 0.0, z, v)
@@ -193,23 +192,63 @@ def test_newton_matrices_know_the_stiffness_of_forces(dimension: str) -> None:
             columns.append(difference / (2.0 * delta))
         return np.column_stack(columns)
 
-    mu = 2e3
     exact = mu * np.eye(n) - jacobian(1e-4, False) - jacobian(1e-7, True) / mu
     acc = acceleration(v, v)
     kernel_calls.linearise(system, work, 0.0, z, v, acc, np.zeros(0))
-    remember(arrays, work, memory)
+    remember.for_python()(arrays, work, memory)
     parts = memory.real_A, memory.real_G, memory.real_Y, memory.real_S
     parts += memory.real_pivots, memory.real_row_pivots
     lapack = memory.real_lapack
-    assert newton_factor(arrays, work, memory, lapack, mu, *parts) == 0
+    assert newton_factor.for_python()(arrays, work, memory, lapack, mu, *parts) == 0
     columns = []
     for e in np.eye(n):
         r, s = np.zeros(system.n_positions), e.copy()
         scratch = np.zeros(n), np.zeros(n), np.zeros(system.n_newton_rows)
-        newton_solve(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
+        newton_solve.for_python()(
+            arrays, work, memory, lapack, mu, *parts, r, s, *scratch
+        )
         columns.append(s)
-    product = exact @ np.column_stack(columns)
-    assert product == pytest.approx(np.eye(n), abs=1e-5)
+    product: Array = exact @ np.column_stack(columns)
+    return product
+
+
+@pytest.mark.parametrize(
+    ("dimension", "more"),
+    [("planar", {}), ("spatial", {}), ("spatial", {"shaft": "y"})],
+)
+def test_newton_matrices_know_the_stiffness_of_forces(
+    dimension: str, more: dict[str, str]
+) -> None:
+    """Rows of forces solve with the J that central differences give."""
+    system = relaxed_pair(dimension, **more)
+    n = system.n_velocities
+    assert system.n_rows == 0 and system.n_newton_rows == (5 if n == 10 else 8)
+    assert newton_product(system) == pytest.approx(np.eye(n), abs=1e-5)
+
+
+@pytest.mark.parametrize("rest", [0.5, 2.0], ids=["pulls", "pushes"])
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_newton_matrices_know_how_a_strained_spring_turns(
+    dimension: str, rest: float
+) -> None:
+    """Its force over its length acts across it, also on the arm of its marker."""
+    axes = 2 if dimension == "planar" else 3
+    body = {
+        "mass": 1.3,
+        "inertia": 0.2 if axes == 2 else [0.1, 0.2, 0.25],
+        "centre_of_mass": [0.1, -0.2, 0.3][:axes],
+        "markers": {"arm": {"position": [-0.3, 0.2, 0.4][:axes]}},
+        "initial": {"position": [0.9, 0.4, -0.3][:axes]},
+    }
+    spring = {
+        "type": "spring_damper",
+        "markers": ["ground", "body.arm"],
+        "stiffness": 1e7,
+        "rest": rest,
+    }
+    content = scene(dimension, bodies={"body": body}, forces={"spring": spring})
+    product = newton_product(compile_scene(content))
+    assert product == pytest.approx(np.eye(len(product)), abs=1e-5)
 
 
 def test_damping_policies_give_each_mode_its_ratio() -> None:

@@ -163,7 +163,7 @@ def test_a_mass_that_the_numbers_cannot_hold_stops_the_run() -> None:
         simulate(compiled(SceneFile.model_validate(table)), rtol=1e-6)
     result = failure.value.result
     assert result is not None and np.isfinite(result.values).all()
-    assert "rod" in result.message
+    assert "the inertia of rod is 6e-22 of that of piston" in result.message
 
 
 # --- fast and slow ----------------------------------------------------------------
@@ -238,13 +238,15 @@ def test_a_crank_twenty_times_as_fast_tells_why_the_model_ends(rod: SID) -> None
     assert not fine.completed
     assert fine.message.startswith("stopped at t = 0.640761")
     assert "rod has deformed so far that the inertia of its SID" in fine.message
-    assert len(fine.t) == 65 and np.isfinite(fine.values).all()
+    assert "quadratic_inertia = true" in fine.message
+    assert len(fine.t) == 66 and np.isfinite(fine.values).all()
     for integrator in ("radau5", "radau9", "trapezoidal", "generalised_alpha"):
         coarse = simulate_until_stop(system, integrator, 1e-4)
         assert coarse.message.startswith("stopped at t = 0.6407")
         for name in ("piston.x", "rod.q1"):
-            size = np.abs(fine[name]).max()
-            assert coarse[name] == pytest.approx(fine[name], abs=1e-2 * size)
+            before = fine[name][:-1]
+            size = np.abs(before).max()
+            assert coarse[name][:-1] == pytest.approx(before, abs=1e-2 * size)
 
 
 def simulate_until_stop(system: Any, integrator: str, rtol: float) -> Result:

@@ -205,6 +205,44 @@ def test_a_universal_joint_has_two_angles() -> None:
         )
 
 
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_the_length_of_a_rod_that_grows_and_of_one_that_does_not(
+    dimension: str,
+) -> None:
+    """A load on a boom of 2 + t / 2 metres, whose angular momentum stays: it turns by
+    3 - 6 / (2 + t / 2) rad at 0.75 rad/s; behind it a rod of 1.3 m as it was mounted.
+    """
+    load = {"mass": 2.0, "initial": {"position": plane(dimension, 2.0, 0.0)}}
+    load["initial"]["velocity"] = plane(dimension, 0.5, 1.5)
+    tail = {"mass": 1e-9, "initial": {"position": plane(dimension, 2.5, 1.2)}}
+    tail["initial"]["velocity"] = plane(dimension, 0.5, 1.5)
+    joints = {
+        "boom": {"type": "distance", "markers": ["ground", "load"]},
+        "rope": {"type": "distance", "markers": ["load", "tail"]},
+    }
+    pieces = [{"from": 0.0, "coefficients": [2.0, 0.5]}]
+    function = {"type": "polynomial", "pieces": pieces}
+    words = [f"{joint}.length{end}" for joint in joints for end in ("", "_rate")]
+    tables = {
+        "bodies": {"load": load, "tail": tail},
+        "joints": joints,
+        "drives": {"winch": {"joint": "boom", "function": function}},
+        "events": {"long": {"quantity": "boom.length", "value": 3.0}},
+        "outputs": {"record": [*words, "load.x", "load.y", "tail.x", "tail.y"]},
+    }
+    result = ran(scene(dimension, 4.0, **tables))
+    length = 2.0 + 0.5 * result.t
+    angle = 3.0 - 6.0 / length
+    assert result["load.x"] == pytest.approx(length * np.cos(angle), abs=1e-6)
+    assert result["load.y"] == pytest.approx(length * np.sin(angle), abs=1e-6)
+    exact = length, 0.5 + 0.0 * length, 1.3 + 0.0 * length, 0.0 * length
+    for name, values in zip(words, exact, strict=True):
+        assert result[name] == pytest.approx(values, abs=1e-9)
+    gap = [result[f"tail.{axis}"] - result[f"load.{axis}"] for axis in "xy"]
+    assert np.hypot(*gap) == pytest.approx(1.3, abs=1e-9)
+    assert [event.t for event in result.events] == pytest.approx([2.0], abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

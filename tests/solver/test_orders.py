@@ -24,7 +24,7 @@ from tests.solver.scenes import GRAVITY, compiled, scene, slender_rod
 from tests.solver.test_invariance import arm_in_space
 
 #: Numbers of steps in one second, by order.
-STEPS = {2: (100, 400), 5: (25, 100), 8: (20, 60), 9: (16, 32), 13: (8, 12)}
+STEPS = {2: (100, 400), 5: (25, 100), 8: (20, 60), 9: (24, 48), 13: (8, 12)}
 SHAKEN: dict[str, Any] = {"elastic": [0.1, -0.05], "elastic_velocity": [1.0, 1.0]}
 
 

@@ -184,3 +184,77 @@ def test_static_equilibrium_winds_springs_up(dimension: str) -> None:
     content = rotor(dimension, 0.0, forces=forces, outputs={"record": ["axle.angle"]})
     result = static_equilibrium(compile_scene(content, keep_joints=True)).result()
     assert result["axle.angle"][0] == pytest.approx(9.0, rel=1e-9)
+
+
+def test_a_shaft_turns_in_a_bushing_that_it_leans_on() -> None:
+    """Driven by 2 N m along itself and pushed over by 0.6 N m about a fixed axis. It
+    leans where the torque of the bushing, k sin a cos a, balances that, and speeds up
+    steadily about itself for three turns and more."""
+    tilt = 0.5 * math.asin(2.0 * 0.6 / 5.0)
+    axis = [0.0, -math.sin(tilt), math.cos(tilt)]
+    body = {
+        "mass": 1.0,
+        "inertia": [0.3, 0.3, 0.5],
+        "initial": {"axis_angle": [tilt, 0.0, 0.0]},
+    }
+    forces = {
+        "mount": {
+            "type": "bushing",
+            "markers": ["ground", "shaft"],
+            "stiffness": [9.0, 9.0, 9.0, 5.0, 5.0, 0.0],
+            "shaft": "z",
+        },
+        "motor": {"type": "force", "marker": "shaft", "torque": [0.0, 0.0, 2.0]},
+        "load": {"type": "force", "marker": "shaft", "torque": [0.6, 0.0, 0.0]},
+    }
+    forces["motor"]["axes"] = "marker"
+    record = ["shaft.wx", "shaft.wy", "shaft.wz", "energy.balance"]
+    content = scene(
+        "spatial",
+        4.0,
+        bodies={"shaft": body},
+        forces=forces,
+        outputs={"record": record},
+    )
+    result = simulate(compile_scene(content), rtol=1e-8)
+    turned = 0.5 * 4.0 * result.t[-1] ** 2
+    assert turned > 3.0 * 2.0 * math.pi
+    for name, component in zip(record, axis, strict=False):
+        exact = 4.0 * component * result.t
+        assert result[name] == pytest.approx(exact, abs=1e-5)
+    assert np.ptp(result["energy.balance"]) < 1e-5
+
+
+@pytest.mark.parametrize("shaft", ["x", "y", "z"])
+def test_a_shaft_of_springs_keeps_its_energy(shaft: str) -> None:
+    """Large tilts on stiff springs, while it is wound up and unwinds for turns."""
+    k = "xyz".index(shaft)
+    spin = np.roll([0.8, -0.5, 12.0], k - 2)
+    turning = np.roll([30.0, 40.0, 1.0], k - 2)
+    body = {
+        "mass": 1.0,
+        "inertia": np.roll([0.3, 0.4, 0.5], k - 2).tolist(),
+        "initial": {"angular_velocity": spin.tolist()},
+        "markers": {"end": {"position": [0.1, 0.2, -0.1]}},
+    }
+    mount = {
+        "type": "bushing",
+        "markers": ["ground", "body.end"],
+        "stiffness": [9.0, 7.0, 8.0, *turning.tolist()],
+        "shaft": shaft,
+    }
+    ground = {"markers": {"base": {"position": [0.1, 0.2, -0.1]}}}
+    mount["markers"] = ["ground.base", "body.end"]
+    record = ["energy.balance", "energy.kinetic"]
+    content = scene(
+        "spatial",
+        8.0,
+        ground=ground,
+        bodies={"body": body},
+        forces={"mount": mount},
+        outputs={"record": record},
+    )
+    result = simulate(compile_scene(content), rtol=1e-9)
+    assert result["energy.kinetic"].max() > 30.0 > 10.0 * result["energy.kinetic"].min()
+    assert np.ptp(result["energy.balance"]) < 1e-6 * result["energy.kinetic"].max()
+    assert abs(result.positions[:, -1]).max() > 7.0

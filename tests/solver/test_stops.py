@@ -1,0 +1,112 @@
+"""Runs that cannot go on: what they say, and what they keep."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from formats.result import Result
+from solver import run, simulate
+from solver.errors import SimulationError
+from solver.scene import System
+from tests.solver.scenes import compiled, scene, slender_rod
+
+
+def stopped(system: System, **settings: Any) -> Result:
+    with pytest.raises(SimulationError) as failure:
+        simulate(system, **settings)
+    result = failure.value.result
+    assert result is not None and not result.completed
+    assert str(failure.value) == result.message
+    assert np.isfinite(result.values).all()
+    return result
+
+
+def flywheel(speed: float) -> System:
+    """A wheel of 1 kg m2 that winds up a spring of 1 N m / rad: speed cos t."""
+    wheel = {
+        "mass": 1.0,
+        "inertia": [0.5, 0.5, 1.0],
+        "initial": {"angular_velocity": [0.0, 0.0, speed]},
+    }
+    axle = {"type": "revolute", "markers": ["ground", "wheel"]}
+    spring = {"type": "spring_damper", "joint": "axle", "stiffness": 1.0}
+    described = scene(
+        {"wheel": wheel},
+        {"axle": axle},
+        dimension="spatial",
+        forces={"spring": spring},
+        record=["wheel.wz", "energy.balance", "energy.supplied"],
+    )
+    return compiled(described)
+
+
+def test_a_run_that_fails_in_its_first_step_keeps_the_start() -> None:
+    """60 rad/s in steps of 0.05 s are 3 rad each, more than can be counted."""
+    result = stopped(flywheel(60.0), step=0.05)
+    assert "stopped at t = 0 s" in result.message
+    assert result.t == pytest.approx([0.0], abs=0)
+    assert result["wheel.wz"] == pytest.approx([60.0])
+    assert result["energy.supplied"] == pytest.approx([0.0], abs=0)
+
+
+def test_the_last_state_before_a_stop_is_kept() -> None:
+    """A point between two rods, one of which grows, until both are stretched."""
+    ground = {"markers": {"p": {"position": [1.5, 0.0]}}}
+    joints = {
+        "rod": {"type": "distance", "markers": ["ground.p", "a"], "length": 1.2},
+        "growing": {"type": "distance", "markers": ["ground", "a"]},
+    }
+    pieces = [{"from": 0.0, "coefficients": [0.5, 1.0]}]
+    growth = {"joint": "growing", "function": {"type": "polynomial", "pieces": pieces}}
+    described = scene(
+        {"a": {"mass": 1.0, "initial": {"position": [0.35, 0.35]}}},
+        joints,
+        {"growth": growth},
+        end=5.0,
+        steps=5,
+        ground=ground,
+        record=["a.x", "a.y"],
+    )
+    result = stopped(compiled(described))
+    assert result.t[:-1] == pytest.approx([0.0, 1.0, 2.0], abs=0)
+    assert result.t[-1] == pytest.approx(2.2, abs=1e-6)
+    length = 0.5 + result.t
+    assert np.hypot(result["a.x"], result["a.y"]) == pytest.approx(length, abs=1e-9)
+
+
+def test_an_interval_that_cannot_be_entered_keeps_what_was_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Of a push that ends after 0.5 s, where the equations become singular."""
+    enter = run._Run._enter
+
+    def fails_later(self: run._Run, end: float) -> int:
+        return 2 if self.now > 0.0 else enter(self, end)
+
+    monkeypatch.setattr(run._Run, "_enter", fails_later)
+    pieces = [
+        {"from": 0.0, "to": 0.5, "coefficients": [3.0]},
+        {"from": 0.5, "coefficients": [0.0]},
+    ]
+    push = {
+        "type": "force",
+        "marker": "block",
+        "force": [2.0, 0.0],
+        "function": {"type": "polynomial", "pieces": pieces},
+    }
+    joints = {"rail": {"type": "prismatic", "markers": ["ground", "block.a"]}}
+    described = scene(
+        {"block": slender_rod(1.0, 4.0)},
+        joints,
+        forces={"push": push},
+        steps=4,
+        record=["block.x", "block.ax"],
+    )
+    result = stopped(compiled(described))
+    assert "stopped at t = 0.5 s: the constraints depend" in result.message
+    assert result.t == pytest.approx([0.0, 0.25, 0.5])
+    assert result["block.x"] == pytest.approx(0.75 * result.t**2, abs=1e-9)
+    assert result["block.ax"] == pytest.approx([1.5] * 3)
