@@ -107,11 +107,11 @@ def _generalised_alpha(
     system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
 ) -> Advance:
     from ..sizes import coordinate_sizes
-    from . import generalised_alpha, stepping
+    from . import alpha_table, generalised_alpha, stepping
 
     rho = float(control.real[stepping.RADIUS])
     sizes = coordinate_sizes(system)
-    storage = generalised_alpha.new_alpha(system.arrays, rho, sizes)
+    storage = alpha_table.new_alpha(system.arrays, rho, sizes)
     return lambda limit: generalised_alpha.advance(
         kernels, system.arrays, work, memory, control, storage, limit
     )
