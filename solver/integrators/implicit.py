@@ -26,6 +26,7 @@ from .stepping import (
     FAILURES,
     FIXED_STEP,
     FRESH,
+    FRONTIER,
     INDEPENDENCE,
     JACOBIAN,
     NEEDS_JACOBIAN,
@@ -35,6 +36,7 @@ from .stepping import (
     OLD_STEP,
     PREDICT,
     REACHED,
+    RETREAT,
     SINGULAR,
     STAGE_STEP,
     STEP,
@@ -212,6 +214,8 @@ def step_loop(
                     shorter = after_divergence(kernels, system, work, memory, control)
                     if shorter == 0.0:
                         return NO_CONVERGENCE
+                    if shorter < 1.0:
+                        real[FRONTIER] = RETREAT * h
                     h *= shorter
                     real[CONTRACTION] = 1.0
                     continue

@@ -64,7 +64,8 @@ RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that hav
 UNTURNED = 19  # step in which nothing turns too far to count its turns
 CLEAREST = 20  # largest independence so far
 DECLINE = 21  # mean slope of the independence in the last step, 0 for unknown
-N_REAL = 22
+FRONTIER = 22  # step beyond which Newton's iteration has failed lately
+N_REAL = 23
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
@@ -140,6 +141,9 @@ PATIENCE = 4
 #: Corrections below this part of the tolerance that do not shrink are rounding.
 STAGNATION = 0.03
 SAFETY = 0.9
+#: Part of a step with which Newton's iteration failed that the next ones may have, and
+#: the factor by which each step that succeeds has this limit grow.
+RETREAT, ADVANCE = 0.8, 1.05
 
 #: Most that one marker turns against another in a step where turns are counted, of the
 #: half turn that two orientations tell [rad].
@@ -329,6 +333,8 @@ def finish_step(control, order, serves, h, error, iterations, failures):
         factor = min(factor, max(0.15, factor * ratio * change))
     if failures > 0:
         factor = min(factor, 1.0)
+    factor = min(factor, real[FRONTIER] / h)
+    real[FRONTIER] *= ADVANCE
     real[OLD_STEP] = h
     real[OLD_ERROR] = max(1e-2, error)
     if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= factor < 1.2:
