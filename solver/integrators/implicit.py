@@ -28,6 +28,7 @@ from .stepping import (
     FINEST,
     FIXED_STEP,
     FRESH,
+    FRONTIER,
     INDEPENDENCE,
     JACOBIAN,
     MISSED,
@@ -39,6 +40,7 @@ from .stepping import (
     OLD_STEP,
     PREDICT,
     REACHED,
+    RETREAT,
     SINGULAR,
     STAGE_STEP,
     STEP,
@@ -220,6 +222,8 @@ def step_loop(
                     shorter = after_divergence(kernels, system, work, memory, control)
                     if shorter == 0.0:
                         return NO_CONVERGENCE
+                    if shorter < 1.0:
+                        real[FRONTIER] = RETREAT * h
                     h *= shorter
                     real[CONTRACTION] = 1.0
                     continue

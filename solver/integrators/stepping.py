@@ -67,7 +67,8 @@ DECLINE = 21  # mean slope of the independence in the last step, 0 for unknown
 REQUEST = 22  # what TOLERANCE is for methods of high order, whose errors hardly add up
 MISSED = 23  # mean error of steps over the run, in units of the tolerated one
 BEGIN = 24  # of the run
-N_REAL = 25
+FRONTIER = 25  # step beyond which Newton's iteration has failed lately
+N_REAL = 26
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
@@ -155,6 +156,9 @@ PATIENCE = 4
 #: Corrections below this part of the tolerance that do not shrink are rounding.
 STAGNATION = 0.03
 SAFETY = 0.9
+#: Part of a step with which Newton's iteration failed that the next ones may have, and
+#: the factor by which each step that succeeds has this limit grow.
+RETREAT, ADVANCE = 0.8, 1.05
 
 #: For methods that a change of the step disturbs: the factor by which steps grow, and
 #: the number of steps after which the last change has died out.
@@ -348,6 +352,8 @@ def finish_step(control, order, serves, h, error, iterations, failures):
         factor = min(factor, max(0.15, factor * ratio * change))
     if failures > 0:
         factor = min(factor, 1.0)
+    factor = min(factor, real[FRONTIER] / h)
+    real[FRONTIER] *= ADVANCE
     real[OLD_STEP] = h
     real[OLD_ERROR] = max(1e-2, error)
     if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= factor < 1.2:

@@ -384,3 +384,32 @@ def test_a_drive_in_one_polynomial_or_in_two_is_the_same() -> None:
         for function in functions
     )
     assert first.values == pytest.approx(second.values, abs=1e-9)
+
+
+@pytest.mark.parametrize("integrator", ["radau5", "radau9"])
+def test_a_stiff_spring_that_turns_is_followed_without_failures(
+    integrator: str,
+) -> None:
+    """A rod hung to a spring of 1e8 N/m moves as one hung to a massless rod.
+
+    Where the spring turns too far in a step, Newton's iteration diverges: the steps
+    stay below that, and do not try it again and again.
+    """
+    rods = {"rod": slender_rod(1.0, position=[1.0, 0.0])}
+    ends = ["ground.o", "rod.a"]
+    more: dict[str, Any] = {
+        "end": 2.0,
+        "record": ["rod.b.x", "rod.b.y"],
+        "gravity": [0.0, -GRAVITY],
+        "ground": {"markers": {"o": {"position": [0.0, 0.0]}}},
+    }
+    link = {"link": {"type": "distance", "markers": ends, "length": 1.0}}
+    spring = {"type": "spring_damper", "markers": ends, "stiffness": 1e8, "rest": 1.0}
+    stiff = simulate(compiled(scene(rods, link, **more)), rtol=1e-8)
+    found = simulate(
+        compiled(scene(rods, forces={"link": spring}, **more)),
+        integrator=integrator,
+        rtol=1e-6,
+    )
+    assert found.values == pytest.approx(stiff.values, abs=1e-5)
+    assert found.counters["rejected"] < found.counters["steps"] / 8
