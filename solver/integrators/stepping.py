@@ -77,7 +77,8 @@ STIFF = 5  # steps that stability, not accuracy, has limited
 FAILURES = 6  # attempts of the present step that failed
 CROSSING = 7  # how the step lies to a singular position, see `singular`
 JACOBIAN = 8  # the one at hand, see below
-N_WHOLE = 9
+WELL = 9  # steps since one with which Newton's iteration failed
+N_WHOLE = 10
 
 #: Of a step before, of the beginning of this step, or of its end.
 KEPT, FRESH, AHEAD = range(3)
@@ -142,8 +143,9 @@ PATIENCE = 4
 STAGNATION = 0.03
 SAFETY = 0.9
 #: Part of a step with which Newton's iteration failed that the next ones may have, and
-#: the factor by which each step that succeeds has this limit grow.
-RETREAT, ADVANCE = 0.8, 1.05
+#: the factor by which each step that succeeds has this limit grow. It is set where
+#: the iteration has failed so few steps before: that is no single event.
+RETREAT, ADVANCE, OFTEN = 0.8, 1.05, 4
 
 #: Most that one marker turns against another in a step where turns are counted, of the
 #: half turn that two orientations tell [rad].
@@ -335,6 +337,7 @@ def finish_step(control, order, serves, h, error, iterations, failures):
         factor = min(factor, 1.0)
     factor = min(factor, real[FRONTIER] / h)
     real[FRONTIER] *= ADVANCE
+    whole[WELL] += 1
     real[OLD_STEP] = h
     real[OLD_ERROR] = max(1e-2, error)
     if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= factor < 1.2:
@@ -471,12 +474,13 @@ def look_back(kernels, system, work, memory, control):
     control.whole[JACOBIAN] = FRESH
 
 
-@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
-def after_divergence(kernels, system, work, memory, control):
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64))
+def after_divergence(kernels, system, work, memory, control, h):
     """Factor for the step after Newton's iteration failed; 0 when nothing helps.
 
-    A Jacobian that is not fresh is renewed first; then the step is halved. A fixed one
-    is tried with the Jacobian of its end.
+    A Jacobian that is not fresh is renewed first; then the step is halved, and the next
+    ones are limited if this happens often. A fixed one is tried with the Jacobian of
+    its end.
     """
     whole = control.whole
     if whole[FIXED_STEP] == 1 and whole[JACOBIAN] == AHEAD:
@@ -486,6 +490,10 @@ def after_divergence(kernels, system, work, memory, control):
         return 1.0
     if whole[JACOBIAN] != KEPT:
         memory.counters[REJECTED] += 1
+        again = 0 < whole[WELL] < OFTEN
+        if again or 2.0 * h > control.real[FRONTIER]:
+            control.real[FRONTIER] = RETREAT * h
+        whole[WELL] = 0
         return 0.5
     look_back(kernels, system, work, memory, control)
     return 1.0
