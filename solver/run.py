@@ -207,6 +207,7 @@ class _Run:
         real[stepping.OLD_STEP] = 0.0
         real[stepping.FACTORED_STEP] = 0.0
         real[stepping.FRONTIER] = np.inf
+        control.whole[stepping.WELL] = stepping.OFTEN
         control.whole[stepping.NEEDS_JACOBIAN] = 1
         control.whole[stepping.PREDICT] = 0
         self.work.clock[0] = 0.5 * (begin + end)

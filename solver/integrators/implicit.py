@@ -28,7 +28,6 @@ from .stepping import (
     FINEST,
     FIXED_STEP,
     FRESH,
-    FRONTIER,
     INDEPENDENCE,
     JACOBIAN,
     MISSED,
@@ -40,7 +39,6 @@ from .stepping import (
     OLD_STEP,
     PREDICT,
     REACHED,
-    RETREAT,
     SINGULAR,
     STAGE_STEP,
     STEP,
@@ -219,11 +217,11 @@ def step_loop(
                 if iterations == 0:
                     whole[FAILURES] += 1
                     whole[PREDICT] = 0
-                    shorter = after_divergence(kernels, system, work, memory, control)
+                    shorter = after_divergence(
+                        kernels, system, work, memory, control, h
+                    )
                     if shorter == 0.0:
                         return NO_CONVERGENCE
-                    if shorter < 1.0:
-                        real[FRONTIER] = RETREAT * h
                     h *= shorter
                     real[CONTRACTION] = 1.0
                     continue

@@ -81,7 +81,8 @@ FAILURES = 6  # attempts of the present step that failed
 CROSSING = 7  # how the step lies to a singular position, see `singular`
 JACOBIAN = 8  # the one at hand, see below
 SAME = 9  # steps of the same length before this one
-N_WHOLE = 10
+WELL = 10  # steps since one with which Newton's iteration failed
+N_WHOLE = 11
 
 #: Of a step before, of the beginning of this step, or of its end.
 KEPT, FRESH, AHEAD = range(3)
@@ -157,8 +158,9 @@ PATIENCE = 4
 STAGNATION = 0.03
 SAFETY = 0.9
 #: Part of a step with which Newton's iteration failed that the next ones may have, and
-#: the factor by which each step that succeeds has this limit grow.
-RETREAT, ADVANCE = 0.8, 1.05
+#: the factor by which each step that succeeds has this limit grow. It is set where
+#: the iteration has failed so few steps before: that is no single event.
+RETREAT, ADVANCE, OFTEN = 0.8, 1.05, 4
 
 #: For methods that a change of the step disturbs: the factor by which steps grow, and
 #: the number of steps after which the last change has died out.
@@ -354,6 +356,7 @@ def finish_step(control, order, serves, h, error, iterations, failures):
         factor = min(factor, 1.0)
     factor = min(factor, real[FRONTIER] / h)
     real[FRONTIER] *= ADVANCE
+    whole[WELL] += 1
     real[OLD_STEP] = h
     real[OLD_ERROR] = max(1e-2, error)
     if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= factor < 1.2:
@@ -511,12 +514,13 @@ def look_back(kernels, system, work, memory, control):
     control.whole[JACOBIAN] = FRESH
 
 
-@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
-def after_divergence(kernels, system, work, memory, control):
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64))
+def after_divergence(kernels, system, work, memory, control, h):
     """Factor for the step after Newton's iteration failed; 0 when nothing helps.
 
-    A Jacobian that is not fresh is renewed first; then the step is halved. A fixed one
-    is tried with the Jacobian of its end.
+    A Jacobian that is not fresh is renewed first; then the step is halved, and the next
+    ones are limited if this happens often. A fixed one is tried with the Jacobian of
+    its end.
     """
     whole = control.whole
     if whole[FIXED_STEP] == 1 and whole[JACOBIAN] == AHEAD:
@@ -526,6 +530,10 @@ def after_divergence(kernels, system, work, memory, control):
         return 1.0
     if whole[JACOBIAN] != KEPT:
         memory.counters[REJECTED] += 1
+        again = 0 < whole[WELL] < OFTEN
+        if again or 2.0 * h > control.real[FRONTIER]:
+            control.real[FRONTIER] = RETREAT * h
+        whole[WELL] = 0
         return 0.5
     look_back(kernels, system, work, memory, control)
     return 1.0
