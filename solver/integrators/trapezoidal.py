@@ -28,6 +28,7 @@ from .stepping import (
     CROSSING,
     OLD_STEP,
     TIME,
+    TOLERANCE,
     accelerate,
     copy,
     factor_real,
@@ -42,6 +43,9 @@ from .stepping import (
 JACOBIAN_SERVES = 1e-2
 #: What Newton's iteration may leave of the tolerance.
 NEWTON_GOAL = 0.03
+#: Corrections that no longer shrink are rounding below this, relative; they may be so
+#: much of the tolerance.
+ROUNDED, BLUNT = 1e-15, 0.3
 
 
 class Slopes(Table):
@@ -98,6 +102,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
     mu = 2.0 / h
     _predict(kernels, system, control, slopes, h)
     fade_contraction(control)
+    blunt = min(BLUNT, ROUNDED / real[TOLERANCE])
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
         z1, v1 = slopes.z1, slopes.v1
@@ -113,13 +118,13 @@ def _newton(kernels, system, work, memory, control, slopes, h):
         memory.counters[ITERATIONS] += 1
         norm = scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
         verdict = judge(control, NEWTON_GOAL, iteration, norm, old_norm)
-        if verdict < 0:
+        if verdict < 0 and not norm < blunt:
             return 0
         for i in range(len(z1)):
             z1[i] += slopes.rz[i]
         for i in range(len(v1)):
             v1[i] += slopes.rv[i]
-        if verdict == 1:
+        if verdict != 0:
             return iteration + 1
         old_norm = norm
     return 0
