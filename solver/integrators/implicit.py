@@ -170,6 +170,8 @@ def step_loop(
         """
         real, whole = control.real, control.whole
         order = order_of(storage)
+        if real[TOLERANCE] < FINEST:
+            return BLURRED
         for _ in range(limit):
             h = next_step(control)
             if h == 0.0:
@@ -190,7 +192,7 @@ def step_loop(
             whole[FAILURES], whole[CROSSING] = 0, FAR
             while True:
                 if too_small(control, h):
-                    return BLURRED if real[TOLERANCE] < FINEST else TOO_SMALL
+                    return TOO_SMALL
                 was = whole[CROSSING]
                 proposed, h = h, beside_singular(control, h, reach)
                 if leaves and whole[CROSSING] != FAR:

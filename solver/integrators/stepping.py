@@ -97,7 +97,7 @@ STUB = 1e-3
 #: Steps may miss the tolerance on average so many times where it is hidden in rounding.
 MOST_MISSED = 2.0
 
-#: A tolerance per step of which rounding leaves nothing.
+#: The least tolerance per step that numbers resolve.
 FINEST = 1e-15
 
 #: Most attempts of a projection.

@@ -28,9 +28,7 @@ def test_errors_stay_within_ten_times_the_tolerance(case: str, integrator: str) 
         assert relative_error(case, result) < HONEST * rtol, rtol
 
 
-@pytest.mark.parametrize(
-    ("case", "rtol"), [("founding", 1e-9), ("Simeon", 1e-8), ("Andrews", 1e-10)]
-)
+@pytest.mark.parametrize(("case", "rtol"), [("founding", 1e-9), ("Simeon", 1e-8)])
 def test_generalised_alpha_stops_where_rounding_hides_errors(
     case: str, rtol: float
 ) -> None:
@@ -44,6 +42,7 @@ def test_generalised_alpha_stops_where_rounding_hides_errors(
     assert relative_error(case, result) < 2e-7
 
 
-def test_a_tolerance_that_numbers_do_not_resolve_is_the_cause() -> None:
-    with pytest.raises(SimulationError, match="rounding hides .* use radau9"):
-        simulate(compiled("Simeon"), integrator="trapezoidal", rtol=1e-10)
+@pytest.mark.parametrize("integrator", ["trapezoidal", "generalised_alpha"])
+def test_a_tolerance_that_numbers_do_not_resolve_is_refused(integrator: str) -> None:
+    with pytest.raises(SimulationError, match="t = 0 s: rounding hides .* radau9"):
+        simulate(compiled("Simeon"), integrator=integrator, rtol=1e-10)
