@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from formats.sid import Array
-from sidtool.study import Setting, make_reference, measure, timed
+from sidtool.study import Setting, is_hopeless, make_reference, measure, timed
 from solver import simulate
 from solver.scene import System
 
@@ -63,11 +63,17 @@ def own_runs(
     for name in INTEGRATORS:
         settings = [Setting(name, rtol=rtol) for rtol in rtols]
         measure(system, settings[0], None, repeats=1)
+        slow = False
         for setting in [*settings, *(Setting(name, step=step) for step in steps)]:
+            if slow and setting.rtol:
+                say(f"  {name} {setting.value} left out, far too slow")
+                continue
             run = _own_run(system, truth, setting)
             if run is None:
                 say(f"  {name} {setting.value} stopped early")
                 continue
+            others = ((r.seconds, max(r.errors)) for r in runs)
+            slow = slow or is_hopeless(run.seconds, max(run.errors), others)
             runs.append(run)
             say(line(run))
     return runs

@@ -30,6 +30,9 @@ TIGHT = (("radau13", 1e-12), ("radau9", 1e-11))
 TRUSTED = 1e-3
 #: Runs are repeated until they have taken this long in all [s], or this often.
 ENOUGH, REPEATS = 0.3, 5
+#: An integrator that takes longer than this [s], and so many times as long as another
+#: one for no less error, is not tried with tighter tolerances.
+LONG, HOPELESS = 1.0, 20.0
 
 Say = Callable[[str], None]
 
@@ -111,7 +114,8 @@ def study(
 
     Parameters
     ----------
-    settings : default all integrators at `TOLERANCES`
+    settings : default all integrators at `TOLERANCES`; of integrators that turn out
+        to be far too slow, tighter tolerances are left out
     outputs : names of the outputs that count, default all that the scene records
     say : called with a line before every run
 
@@ -125,11 +129,32 @@ def study(
     chosen = list(default_settings() if settings is None else settings)
     for integrator in dict.fromkeys(s.integrator for s in chosen):
         _warm(system, next(s for s in chosen if s.integrator == integrator), say)
-    points = []
+    points: list[Point] = []
+    slow: dict[str, float] = {}
     for setting in chosen:
+        if (setting.rtol or np.inf) < slow.get(setting.integrator, 0.0):
+            points.append(Point(setting, np.inf, np.inf, 0, "left out, far too slow"))
+            continue
         say(f"{setting.integrator} {setting.value}")
-        points.append(measure(system, setting, reference))
+        point = measure(system, setting, reference)
+        if setting.rtol and is_hopeless(
+            point.seconds, point.error, ((p.seconds, p.error) for p in points)
+        ):
+            slow[setting.integrator] = setting.rtol
+        points.append(point)
     return Study(tuple(points), reference)
+
+
+def is_hopeless(
+    seconds: float, error: float, others: Iterable[tuple[float, float]]
+) -> bool:
+    """Whether a run is far slower than another of no more error.
+
+    others : seconds and errors of other runs
+    """
+    return LONG < seconds < np.inf and any(
+        HOPELESS * time < seconds and other <= error for time, other in others
+    )
 
 
 def _silent(_: str) -> None:

@@ -14,6 +14,7 @@ from sidtool.study import (
     Point,
     Setting,
     default_settings,
+    is_hopeless,
     make_reference,
     recommended,
     study,
@@ -101,6 +102,29 @@ def test_all_integrators_are_studied_unless_told() -> None:
     assert {s.integrator for s in default_settings()} == set(INTEGRATORS)
     with pytest.raises(InputError, match="no integrator 'euler'"):
         default_settings(["euler"])
+
+
+def test_what_is_far_too_slow_gets_no_tighter_tolerances(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Slower at all than another one that errs no more, where that is what counts."""
+    monkeypatch.setattr("sidtool.study.LONG", 0.0)
+    monkeypatch.setattr("sidtool.study.HOPELESS", 1.0)
+    wanted = default_settings(["radau9", "trapezoidal"], [1e-4, 1e-5, 1e-6])
+    found = study(pendulum(), wanted).points
+    assert [p.setting for p in found] == wanted
+    trapezoidal = found[3:]
+    assert trapezoidal[0].steps > 0
+    assert trapezoidal[-1].message == "left out, far too slow"
+    assert study(pendulum(), wanted[3:]).points[-1].steps > 0
+
+
+def test_only_long_runs_are_hopeless() -> None:
+    assert is_hopeless(2.0, 1e-3, [(0.05, 1e-4)])
+    assert not is_hopeless(2.0, 1e-5, [(0.05, 1e-4)])
+    assert not is_hopeless(2.0, 1e-3, [(0.5, 1e-4)])
+    assert not is_hopeless(0.9, 1e-3, [(1e-3, 1e-4)])
+    assert not is_hopeless(np.inf, np.inf, [(1e-3, 1e-4)])
 
 
 def test_the_fastest_setting_that_is_good_enough_is_recommended() -> None:
