@@ -19,7 +19,7 @@ from . import assembly, dense, events, outputs, warmup
 from .body_measures import expected_bodies, reached_bodies
 from .energy_history import History, is_wanted
 from .errors import SimulationError
-from .integrators import INTEGRATORS, Advance, stepping
+from .integrators import INTEGRATORS, Advance, newton_steps, recording, stepping
 from .integrators.singular import NEAR
 from .kernels import newton
 from .kernels.layout import Work
@@ -207,14 +207,14 @@ class _Run:
         real[stepping.OLD_STEP] = 0.0
         real[stepping.FACTORED_STEP] = 0.0
         real[stepping.FRONTIER] = np.inf
-        control.whole[stepping.WELL] = stepping.OFTEN
+        control.whole[stepping.WELL] = newton_steps.OFTEN
         control.whole[stepping.NEEDS_JACOBIAN] = 1
         control.whole[stepping.PREDICT] = 0
         self.work.clock[0] = 0.5 * (begin + end)
         if self.settings.step is not None:
             count = max(1, int(np.ceil((end - begin) / self.settings.step - 1e-9)))
             real[stepping.STEP] = (end - begin) / count
-        status: int = stepping.begin(
+        status: int = recording.begin(
             self.kernels,
             self.system.arrays,
             self.work,

@@ -8,7 +8,7 @@ import numpy as np
 
 from formats.sid import Array
 
-from .integrators import stepping
+from .integrators import recording
 from .kernels.layout import Work
 from .kernels.newton import Kernels, Memory
 from .minimum_norm import minimum_norm
@@ -54,7 +54,7 @@ def sample(
     accelerations = np.zeros((nt, system.n_velocities))
     multipliers = np.zeros((nt, system.n_rows))
     edges = np.array([system.scene.time.start, *system.breaks])
-    stepping.sample(
+    recording.sample(
         kernels,
         system.arrays,
         work,

@@ -6,7 +6,7 @@ import numpy as np
 
 from formats.sid import Array
 
-from .integrators import stepping
+from .integrators import projection, stepping
 from .kernels import layout as at
 from .kernels.drives import drive_value
 from .kernels.layout import Work
@@ -39,7 +39,7 @@ def lost_turn(system: System, work: Work, control: stepping.Control) -> str:
     way = np.maximum(way, h * abs(reached[:, at.TURN_RATE]))
     for turn in system.turns:
         part = slice(turn.entry, turn.entry + len(turn.angles))
-        if not turn.counted or not way[part].max() > stepping.LARGEST_TURN:
+        if not turn.counted or not way[part].max() > projection.LARGEST_TURN:
             continue
         name = turn.name.split(".")[0]
         if np.linalg.norm(known[part]) > np.pi and turn.kind == at.TILT:
@@ -48,7 +48,7 @@ def lost_turn(system: System, work: Work, control: stepping.Control) -> str:
                 "does not know its torque; `shaft` names an axis to turn about"
             )
         return (
-            f"{name} turns by more than {stepping.LARGEST_TURN} rad in a step, which "
+            f"{name} turns by more than {projection.LARGEST_TURN} rad in a step, which "
             "cannot be told from less; a smaller fixed step may help"
         )
     return ""

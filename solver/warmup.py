@@ -36,7 +36,7 @@ MASS: Group = (
     "kernels.coordinates:rate",
     "kernels.coordinates:retract",
 )
-RECORDING: Group = ("integrators.stepping:sample", "integrators.stepping:begin")
+RECORDING: Group = ("integrators.recording:sample", "integrators.recording:begin")
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
 #: New objects between two searches for garbage in a process that only compiles.

@@ -11,7 +11,7 @@ from formats.sid import Array
 from .. import kernel_calls, outputs
 from ..assembly import Start, dense_jacobian
 from ..energy_history import history_between, is_wanted
-from ..integrators import stepping
+from ..integrators import recording
 from ..kernels import layout as at
 from ..kernels.coordinates import retract
 from ..kernels.pointers import kernels
@@ -102,7 +102,7 @@ class Mechanics:
     def accelerations(self, z: Array, v: Array) -> tuple[Array, Array]:
         """z_II' (n,) and multipliers (rows,)."""
         arguments = (self.kernels, self.system.arrays, self.work, self.memory)
-        stepping.begin(*arguments, self.t, z, v)
+        recording.begin(*arguments, self.t, z, v)
         return self.memory.acceleration.copy(), self.memory.multiplier.copy()
 
     def closed(self, z: Array) -> Array:

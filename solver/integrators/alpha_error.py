@@ -45,6 +45,7 @@ from .alpha_table import (
 )
 from .landing import close_step
 from .singular import FAR
+from .step_sizes import scaled_norm
 from .stepping import (
     BEGIN,
     CLEAREST,
@@ -61,7 +62,6 @@ from .stepping import (
     TOLERANCE,
     UNTURNED,
     copy,
-    scaled_norm,
 )
 
 #: Errors are told from rounding above so many times as much.

@@ -22,7 +22,18 @@ from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from ..kernels.tables import Table, TableType
 from .dop853 import END, STAGES, TABLEAU
 from .landing import close_step
+from .projection import accelerate
+from .recording import move, output_due, share_of_step
 from .singular import FAR, NEAR, beside_singular, keep_free_part, look_at_start
+from .step_sizes import (
+    all_finite,
+    finish_step,
+    growth,
+    next_step,
+    scaled_norm,
+    too_small,
+    update_scales,
+)
 from .stepping import (
     CHUNK,
     CONTROL,
@@ -41,18 +52,7 @@ from .stepping import (
     STOP,
     TIME,
     TOO_SMALL,
-    accelerate,
-    all_finite,
     copy,
-    finish_step,
-    growth,
-    move,
-    next_step,
-    output_due,
-    scaled_norm,
-    share_of_step,
-    too_small,
-    update_scales,
 )
 
 #: The estimated error falls with this power of the step, less one.

@@ -50,7 +50,11 @@ from .alpha_table import (
 )
 from .implicit import step_loop
 from .landing import close_step
+from .newton_steps import fade_contraction, judge, newton_limit
+from .projection import accelerate, count_turns, note_drift
+from .recording import move, write_cubic
 from .singular import FAR, SINGULAR_START, SOFT
+from .step_sizes import keep_step
 from .stepping import (
     CONTROL,
     CROSSING,
@@ -62,16 +66,7 @@ from .stepping import (
     STOP,
     STUB,
     TIME,
-    accelerate,
     copy,
-    count_turns,
-    fade_contraction,
-    judge,
-    keep_step,
-    move,
-    newton_limit,
-    note_drift,
-    write_cubic,
 )
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.

@@ -14,7 +14,17 @@ from ..kernels.compiling import Entry, entry, inner
 from ..kernels.layout import SYSTEM, WORK
 from ..kernels.mass import independence
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
+from .newton_steps import after_divergence, look_back, take_jacobian
+from .projection import accelerate
 from .singular import FAR, NEAR, beside_singular, look_at_start
+from .step_sizes import (
+    all_finite,
+    finish_step,
+    growth,
+    next_step,
+    too_small,
+    update_scales,
+)
 from .stepping import (
     AHEAD,
     BESIDE,
@@ -46,16 +56,6 @@ from .stepping import (
     TIME,
     TOLERANCE,
     TOO_SMALL,
-    accelerate,
-    after_divergence,
-    all_finite,
-    finish_step,
-    growth,
-    look_back,
-    next_step,
-    take_jacobian,
-    too_small,
-    update_scales,
 )
 
 #: Most looks ahead for a singular position.

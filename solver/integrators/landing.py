@@ -7,16 +7,10 @@ from numba import float64, int64
 from ..kernels.compiling import inner
 from ..kernels.layout import F1, SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY
+from .projection import count_turns, note_drift, project
+from .recording import move, write_cubic
 from .singular import foresee, is_near, project_near
-from .stepping import (
-    CONTROL,
-    TIME,
-    count_turns,
-    move,
-    note_drift,
-    project,
-    write_cubic,
-)
+from .stepping import CONTROL, TIME
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))

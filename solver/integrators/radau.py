@@ -18,6 +18,8 @@ from ..kernels.layout import SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY
 from .implicit import step_loop
 from .landing import close_step
+from .newton_steps import judge, newton_goal, newton_limit
+from .projection import accelerate
 from .radau_stages import (
     STAGES,
     factor,
@@ -29,22 +31,9 @@ from .radau_stages import (
     take_end,
     transform,
 )
-from .stepping import (
-    CONTRACTION,
-    CONTROL,
-    FAILURES,
-    OLD_STEP,
-    TIME,
-    accelerate,
-    copy,
-    judge,
-    move,
-    newton_goal,
-    newton_limit,
-    output_due,
-    scaled_norm,
-    share_of_step,
-)
+from .recording import move, output_due, share_of_step
+from .step_sizes import scaled_norm
+from .stepping import CONTRACTION, CONTROL, FAILURES, OLD_STEP, TIME, copy
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2

@@ -16,6 +16,8 @@ from ..kernels.compiling import inner
 from ..kernels.layout import SYSTEM, WORK
 from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from .implicit import step_loop
+from .newton_steps import factor_real, judge, newton_goal, newton_limit
+from .projection import accelerate
 from .radau import JACOBIAN_SERVES, accept, begin_step, error_of, newton, order
 from .radau_stages import (
     METHOD,
@@ -30,20 +32,8 @@ from .radau_stages import (
     transform,
 )
 from .singular import FAR, NEAR, keep_free_part
-from .stepping import (
-    CONTRACTION,
-    CONTROL,
-    CROSSING,
-    OLD_STEP,
-    TIME,
-    accelerate,
-    copy,
-    factor_real,
-    judge,
-    newton_goal,
-    newton_limit,
-    scaled_norm,
-)
+from .step_sizes import scaled_norm
+from .stepping import CONTRACTION, CONTROL, CROSSING, OLD_STEP, TIME, copy
 
 #: Slopes of a step reach so far into the next one, relative to its length.
 REACH = 0.3

@@ -15,18 +15,10 @@ from ..kernels.compiling import inner
 from ..kernels.layout import C1, F1, F2, SYSTEM, WORK
 from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from ..kernels.tables import Table, TableType
-from .stepping import (
-    CONTROL,
-    OLD_STEP,
-    PREDICT,
-    STAGE_STEP,
-    TIME,
-    accelerate,
-    copy,
-    factor_real,
-    scaled_norm,
-    solve_real,
-)
+from .newton_steps import factor_real, solve_real
+from .projection import accelerate
+from .step_sizes import scaled_norm
+from .stepping import CONTROL, OLD_STEP, PREDICT, STAGE_STEP, TIME, copy
 
 
 class Method(Table):

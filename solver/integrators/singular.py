@@ -36,6 +36,8 @@ from ..kernels.layout import (
 from ..kernels.mass import independence
 from ..kernels.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
 from ..kernels.saddle import REGULARISATION
+from .projection import accelerate
+from .step_sizes import scaled_norm
 from .stepping import (
     CLEAREST,
     CONTROL,
@@ -52,8 +54,6 @@ from .stepping import (
     SPIN,
     TIME,
     TOLERANCE,
-    accelerate,
-    scaled_norm,
 )
 
 #: How a step lies to a singular position: it may be before it, or behind.

@@ -22,22 +22,11 @@ from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from ..kernels.tables import Table, TableType
 from .implicit import step_loop
 from .landing import land
+from .newton_steps import factor_real, fade_contraction, judge, newton_limit, solve_real
+from .projection import accelerate
 from .singular import FAR, keep_free_part
-from .stepping import (
-    CONTROL,
-    CROSSING,
-    OLD_STEP,
-    TIME,
-    TOLERANCE,
-    accelerate,
-    copy,
-    factor_real,
-    fade_contraction,
-    judge,
-    newton_limit,
-    scaled_norm,
-    solve_real,
-)
+from .step_sizes import scaled_norm
+from .stepping import CONTROL, CROSSING, OLD_STEP, TIME, TOLERANCE, copy
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2

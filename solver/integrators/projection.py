@@ -1,0 +1,107 @@
+"""States on the constraints: projection, and turns counted on the way."""
+
+from __future__ import annotations
+
+from numba import float64, int64, types
+
+from ..kernels.compiling import inner
+from ..kernels.layout import (
+    C_RATE,
+    C_VALUE,
+    F1,
+    F2,
+    N_ROWS,
+    N_TURNS,
+    PLANAR,
+    SYSTEM,
+    TURN_RATE,
+    TURNED,
+    WORK,
+)
+from ..kernels.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
+from ..kernels.saddle import REGULARISATION
+from .stepping import CONTROL, DRIFT, DRIFT_RATE, UNTURNED
+
+#: Most attempts of a projection.
+PROJECTIONS_LIMIT = 6
+#: Attempts after which positions that meet the constraints are not moved any more.
+SETTLING = 3
+#: Most that one marker turns against another in a step where turns are counted, of the
+#: half turn that two orientations tell [rad].
+LARGEST_TURN = 2.5
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
+def accelerate(kernels, system, work, memory, t, z, v):
+    """z_II' and lambda of eq. (3) with the constraints differentiated twice (index 1).
+
+    Returns 0, or the code of a singular system.
+    """
+    kernels.evaluate(system, work, t, z, v)
+    memory.counters[EVALUATIONS] += 1
+    return kernels.solve_accelerations(system, work, memory)
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F2))
+def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
+    """Brings z and v onto the constraints, then solves for accelerations.
+
+    Done when every |c| and |dc/dt| is below those in `closed`, at the last attempt a
+    hundred times that. dz and dv are scratch.
+    Quaternions get unit length even where no constraint moves their body. Positions
+    that meet the constraints stay in the last attempts: near a singular position, to
+    move them by rounding spoils velocities.
+    Returns 0, or a code when the constraints are singular or cannot be met.
+    """
+    m = system.dims[N_ROWS]
+    if system.dims[PLANAR] == 0:
+        for i in range(len(dz)):
+            dz[i] = 0.0
+        kernels.retract(system, work.frame, z, dz)
+    for attempt in range(PROJECTIONS_LIMIT):
+        kernels.evaluate(system, work, t, z, v)
+        memory.counters[EVALUATIONS] += 1
+        loose = 1.0 if attempt + 1 < PROJECTIONS_LIMIT else 100.0
+        placed = still = True
+        for i in range(m):
+            placed = placed and abs(work.row[i, C_VALUE]) <= loose * closed[i, 0]
+            still = still and abs(work.row[i, C_RATE]) <= loose * closed[i, 1]
+        if placed and still:
+            return kernels.solve_accelerations(system, work, memory)
+        memory.counters[PROJECTIONS] += 1
+        status = kernels.project_once(system, work, memory, REGULARISATION, dz, dv)
+        if status != 0:
+            return status
+        if attempt < SETTLING or not placed:
+            kernels.retract(system, work.frame, z, dz)
+        for i in range(len(v)):
+            v[i] += dv[i]
+    return 3
+
+
+@inner(types.void(SYSTEM, WORK, CONTROL))
+def note_drift(system, work, control):
+    """Keeps the largest residuals of the constraints, just evaluated."""
+    real = control.real
+    for i in range(system.dims[N_ROWS]):
+        real[DRIFT] = max(real[DRIFT], abs(work.row[i, C_VALUE]))
+        real[DRIFT_RATE] = max(real[DRIFT_RATE], abs(work.row[i, C_RATE]))
+
+
+@inner(int64(SYSTEM, WORK, CONTROL, float64, F1))
+def count_turns(system, work, control, h, z):
+    """Lets z, at the end of a step and just evaluated, say how far its markers turned.
+
+    Returns 0, or 4 when they turned too far in the step to be sure.
+    """
+    count = system.dims[N_TURNS]
+    first, fastest = len(z) - count, 0.0
+    for i in range(count):
+        way = abs(work.turn[i, TURNED] - z[first + i])
+        fastest = max(fastest, way / h, abs(work.turn[i, TURN_RATE]))
+    if h * fastest > LARGEST_TURN:
+        return 4
+    control.real[UNTURNED] = 0.8 * LARGEST_TURN / max(fastest, 1e-300)
+    for i in range(count):
+        z[first + i] = work.turn[i, TURNED]
+    return 0

@@ -1,0 +1,147 @@
+"""States that are recorded: dense output inside steps, and projection of it."""
+
+from __future__ import annotations
+
+import math
+
+from numba import float64, int64, types
+
+from ..kernels.compiling import entry, inner
+from ..kernels.layout import F1, F2, F3, N_TURNS, SYSTEM, TURNED, WORK
+from ..kernels.newton import KERNELS, MEMORY
+from .projection import accelerate, project
+from .stepping import CONTROL, OUTPUT, PERIOD, SHARE, STOP, TIME, copy
+
+
+@inner(int64(CONTROL, float64))
+def output_due(control, h):
+    """The row of the next state that is wanted inside the step, or -1."""
+    k, t = control.whole[OUTPUT], control.real[TIME]
+    slack = 1e-12 * max(h, abs(t))
+    if k < len(control.times) and control.times[k] <= t + h + slack:
+        control.whole[OUTPUT] += 1
+        return k
+    i = control.whole[SHARE]
+    if i == len(control.shares):
+        return -1
+    control.whole[SHARE] += 1
+    if control.shares[i] < 0.0:
+        return -1
+    control.moments[i] = t + control.shares[i] * h
+    return len(control.times) + i
+
+
+@inner(float64(CONTROL, int64, float64))
+def share_of_step(control, k, h):
+    """Where the state of row k lies in the step, from 0 to 1."""
+    count = len(control.times)
+    if k < count:
+        return (control.times[k] - control.real[TIME]) / h
+    return control.shares[k - count]
+
+
+@inner(types.void(CONTROL, float64, F1, F1))
+def move(control, h, z, v):
+    """Makes the state at the end of a step the current one."""
+    real = control.real
+    copy(z, control.z)
+    copy(v, control.v)
+    real[TIME] += h
+    if real[STOP] - real[TIME] <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
+        real[TIME] = real[STOP]
+
+
+@inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1))
+def write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rate1):
+    """Dense output: the cubic with the states and slopes at both ends of the step."""
+    k = output_due(control, h)
+    if k < 0:
+        return
+    kernels.rate(system, z1, v1, rate1)
+    acc1 = memory.acceleration
+    while k >= 0:
+        s = share_of_step(control, k, h)
+        end = s * s * (3.0 - 2.0 * s)
+        first, last = h * s * (1.0 - s) * (1.0 - s), h * s * s * (s - 1.0)
+        for i in range(len(z1)):
+            control.out_z[k, i] = (1.0 - end) * control.z[i] + end * z1[i]
+            control.out_z[k, i] += first * rate0[i] + last * rate1[i]
+        for i in range(len(v1)):
+            control.out_v[k, i] = (1.0 - end) * control.v[i] + end * v1[i]
+            control.out_v[k, i] += first * acc0[i] + last * acc1[i]
+        k = output_due(control, h)
+
+
+@entry(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1))
+def begin(kernels, system, work, memory, t, z, v):
+    """`accelerate` for callers in Python."""
+    return accelerate(kernels, system, work, memory, t, z, v)
+
+
+@entry(
+    types.void(
+        KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2
+    )
+)
+def sample(
+    kernels,
+    system,
+    work,
+    memory,
+    closed,
+    times,
+    edges,
+    z,
+    v,
+    step_z,
+    step_v,
+    frames,
+    points,
+    acc,
+    lam,
+):
+    """Projects recorded states onto the constraints and solves eq. (3) there.
+
+    Dense output meets the constraints to the tolerance of the run only; what is
+    recorded meets them to `closed`, see `Control`. States that cannot be projected stay
+    as they are; accelerations are NaN where eq. (3) is singular. step_z and step_v
+    are scratch, of one and three rows.
+    """
+    for k in range(len(times)):
+        i = 0
+        while i + 2 < len(edges) and edges[i + 1] < times[k]:
+            i += 1
+        work.clock[0] = 0.5 * (edges[i] + edges[i + 1])
+        copy(z[k], step_z[0])
+        copy(v[k], step_v[0])
+        status = project(
+            kernels,
+            system,
+            work,
+            memory,
+            times[k],
+            step_z[0],
+            step_v[0],
+            step_v[1],
+            step_v[2],
+            closed,
+        )
+        if status == 0:
+            copy(step_z[0], z[k])
+            copy(step_v[0], v[k])
+        else:
+            status = accelerate(kernels, system, work, memory, times[k], z[k], v[k])
+        for b in range(work.frame.shape[0]):
+            copy(work.frame[b], frames[k, b])
+        for m in range(work.point.shape[0]):
+            copy(work.point[m], points[k, m])
+        first = z.shape[1] - system.dims[N_TURNS]
+        for i in range(system.dims[N_TURNS]):
+            z[k, first + i] = work.turn[i, TURNED]
+        copy(memory.acceleration, acc[k])
+        copy(memory.multiplier, lam[k])
+        if status != 0:
+            for n in range(acc.shape[1]):
+                acc[k, n] = math.nan
+            for n in range(lam.shape[1]):
+                lam[k, n] = math.nan

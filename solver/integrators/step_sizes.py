@@ -1,0 +1,188 @@
+"""Tolerated errors, and the length of steps."""
+
+from __future__ import annotations
+
+import math
+
+from numba import boolean, float64, int64, types
+
+from ..kernels.compiling import inner
+from ..kernels.layout import F1, NP, NQ, POS, RD, SYSTEM, VEL
+from .newton_steps import ADVANCE, NEWTON_LIMIT
+from .stepping import (
+    CONTRACTION,
+    CONTROL,
+    FIXED_STEP,
+    FRONTIER,
+    LARGEST,
+    LENGTH,
+    NEEDS_JACOBIAN,
+    OLD_ERROR,
+    OLD_STEP,
+    PERIOD,
+    SAME,
+    SPEED,
+    SPIN,
+    STEP,
+    STOP,
+    STUB,
+    TIME,
+    TOLERANCE,
+    UNTURNED,
+    WELL,
+)
+
+SAFETY = 0.9
+#: For methods that a change of the step disturbs: the factor by which steps grow, and
+#: the number of steps after which the last change has died out.
+LONGER, SETTLED = 1.5, 10
+#: Relative to the size of the mechanism: the elastic displacement below which the
+#: error of a deformation is not resolved any further.
+SMALLEST_DEFORMATION = 1e-7
+
+
+@inner(types.void(SYSTEM, CONTROL))
+def update_scales(system, control):
+    """Tolerated errors: relative to the largest motion of each kind so far.
+
+    Positions are measured against the size of the mechanism, not against their
+    coordinates, so that moving the origin changes nothing. The error of elastic
+    velocities may be as large as the frequency times that of the deformation.
+    """
+    real = control.real
+    z, v = control.z, control.v
+    tolerance = real[TOLERANCE]
+    for b in range(len(system.body)):
+        row = system.body[b]
+        rd, nq, u = row[RD], row[NQ], row[VEL]
+        q = row[POS] + row[NP] - nq
+        turning = 2 if rd == 3 and row[NP] - nq == 3 else 3
+        for k in range(rd):
+            entry = SPEED if k < turning else SPIN
+            real[entry] = max(real[entry], abs(v[u + k]))
+        deformation = 0.0
+        for k in range(nq):
+            deformation = max(
+                deformation, abs(z[q + k]) * control.amplitude[u + rd + k]
+            )
+        control.elastic[b] = max(control.elastic[b], deformation)
+    for b in range(len(system.body)):
+        row = system.body[b]
+        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
+        rigid = row[NP] - nq
+        planar_frame = rigid == 3 and rd == 3
+        turning = 2 if planar_frame or rd == 2 else 3
+        for k in range(rigid):
+            control.scale_z[p + k] = tolerance * (real[LENGTH] if k < turning else 1.0)
+        for k in range(rd):
+            reference = real[SPEED] if k < turning else real[SPIN]
+            control.scale_v[u + k] = tolerance * reference
+        for k in range(nq):
+            i = u + rd + k
+            size = max(control.elastic[b], SMALLEST_DEFORMATION * real[LENGTH])
+            scale = tolerance * size / control.amplitude[i]
+            control.scale_z[p + rigid + k] = scale
+            control.scale_v[i] = scale * max(control.frequency[i], 1.0 / real[PERIOD])
+
+
+@inner(float64(F1, F1, F1, F1))
+def scaled_norm(dz, dv, scale_z, scale_v):
+    """Root mean square of an error relative to the tolerated one."""
+    total = 0.0
+    for i in range(len(scale_z)):
+        part = dz[i] / scale_z[i]
+        total += part * part
+    for i in range(len(dv)):
+        part = dv[i] / scale_v[i]
+        total += part * part
+    return math.sqrt(total / max(1, len(scale_z) + len(dv)))
+
+
+@inner(boolean(F1, F1))
+def all_finite(z, v):
+    total = 0.0
+    for i in range(len(z)):
+        total += abs(z[i])
+    for i in range(len(v)):
+        total += abs(v[i])
+    return math.isfinite(total)
+
+
+@inner(float64(CONTROL))
+def next_step(control):
+    """Proposed step, stretched or halved so that the interval ends without a stub.
+
+    Zero when the end of the interval is reached.
+    """
+    real = control.real
+    remaining = real[STOP] - real[TIME]
+    if remaining <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
+        return 0.0
+    fixed = control.whole[FIXED_STEP] == 1
+    h = real[STEP] if fixed else min(real[STEP], real[LARGEST], real[UNTURNED])
+    if h >= remaining * (1.0 - (STUB if fixed else 1e-9)):
+        return remaining
+    if h > 0.5 * remaining and not fixed:
+        return 0.5 * remaining
+    return h
+
+
+@inner(boolean(CONTROL, float64))
+def too_small(control, h):
+    """Whether the time does not resolve a step."""
+    return h <= 1e-13 * max(abs(control.real[TIME]), control.real[PERIOD])
+
+
+@inner(float64(int64, float64, int64))
+def growth(order, error, iterations):
+    """Factor for the next step from an error estimate of size h^(order + 1)."""
+    if not math.isfinite(error):
+        return 0.1
+    safety = SAFETY * (2 * NEWTON_LIMIT + 1) / (2 * NEWTON_LIMIT + iterations)
+    return min(8.0, max(0.15, safety * max(error, 1e-10) ** (-1.0 / (order + 1))))
+
+
+@inner(types.void(CONTROL, int64, float64, float64, float64, int64, int64))
+def finish_step(control, order, serves, h, error, iterations, failures):
+    """Chooses the next step (Gustafsson); says whether the Jacobian still serves.
+
+    It does while Newton's iteration contracts the error by `serves`.
+    """
+    real, whole = control.real, control.whole
+    whole[NEEDS_JACOBIAN] = 1 if real[CONTRACTION] > serves else 0
+    if whole[FIXED_STEP] == 1:
+        real[OLD_STEP] = h
+        return
+    factor = growth(order, error, iterations)
+    if real[OLD_STEP] > 0.0 and real[OLD_ERROR] > 0.0:
+        ratio = h / real[OLD_STEP]
+        change = (real[OLD_ERROR] / max(error, 1e-10)) ** (1.0 / (order + 1))
+        factor = min(factor, max(0.15, factor * ratio * change))
+    if failures > 0:
+        factor = min(factor, 1.0)
+    factor = min(factor, real[FRONTIER] / h)
+    real[FRONTIER] *= ADVANCE
+    whole[WELL] += 1
+    real[OLD_STEP] = h
+    real[OLD_ERROR] = max(1e-2, error)
+    if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= factor < 1.2:
+        factor = 1.0
+    real[STEP] = h * factor
+
+
+@inner(types.void(CONTROL, int64, float64, float64, float64, int64, int64))
+def keep_step(control, order, serves, h, error, iterations, failures):
+    """`finish_step` of methods that a change of the step disturbs.
+
+    Steps are lengthened when the last change has died out, by one factor or not at all.
+    """
+    real, whole = control.real, control.whole
+    whole[NEEDS_JACOBIAN] = 1 if real[CONTRACTION] > serves else 0
+    same = abs(h - real[OLD_STEP]) <= STUB * h
+    whole[SAME] = whole[SAME] + 1 if same else 0
+    real[OLD_STEP] = h
+    if whole[FIXED_STEP] == 1:
+        return
+    real[STEP] = h
+    if whole[SAME] >= SETTLED and growth(order, error, iterations) > LONGER:
+        real[STEP] = LONGER * h
