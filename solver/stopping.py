@@ -97,10 +97,8 @@ def too_light(system: System, work: at.Work) -> str:
 
 def near_singular(control: stepping.Control) -> str:
     """What to know where a run stops close to a singular position."""
-    left = control.real[stepping.INDEPENDENCE] / max(
-        control.real[stepping.CLEAREST], 1e-300
-    )
-    if left > NEARLY_SINGULAR:
+    clearest = control.real[stepping.CLEAREST]
+    if control.real[stepping.INDEPENDENCE] >= NEARLY_SINGULAR * clearest:
         return ""
     return (
         "; the constraints hardly differ from each other here (singular position): "

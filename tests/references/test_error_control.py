@@ -44,5 +44,6 @@ def test_generalised_alpha_stops_where_rounding_hides_errors(
 
 @pytest.mark.parametrize("integrator", ["trapezoidal", "generalised_alpha"])
 def test_a_tolerance_that_numbers_do_not_resolve_is_refused(integrator: str) -> None:
-    with pytest.raises(SimulationError, match="t = 0 s: rounding hides .* radau9"):
+    with pytest.raises(SimulationError, match="t = 0 s: rounding hides") as failure:
         simulate(compiled("Simeon"), integrator=integrator, rtol=1e-10)
+    assert "radau9" in str(failure.value) and "singular" not in str(failure.value)
