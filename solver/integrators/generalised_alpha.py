@@ -211,7 +211,7 @@ def _newton(kernels, system, work, memory, control, alpha, h):
     _fit_to_step(kernels, system, work, memory, control, alpha, h)
     fade_contraction(control)
     blunt = STAGNANT / max(real[INDEPENDENCE], SINGULAR_START)
-    old_norm = 0.0
+    old_size = 0.0
     for iteration in range(newton_limit(control)):
         _place(kernels, system, control, alpha, h)
         kernels.evaluate(system, work, real[TIME] + h, alpha.z1, alpha.v1)
@@ -228,20 +228,23 @@ def _newton(kernels, system, work, memory, control, alpha, h):
         )
         index3_solve(system, memory, alpha.p, alpha.g)
         memory.counters[ITERATIONS] += 1
-        norm = 0.0
+        norm = size = 0.0
         for i in range(len(alpha.p)):
             alpha.a1[i] += by_a * alpha.p[i]
             norm = max(norm, abs(alpha.p[i]) / alpha.floor[i])
+            size = max(size, abs(alpha.p[i]) / alpha.scale[i])
+        if control.whole[FIXED_STEP] == 0:
+            size = norm / goal
         for i in range(len(alpha.place)):
             if alpha.place[i] >= 0:
                 alpha.lam1[i] += alpha.g[alpha.place[i]] / h2
-        verdict = judge(control, NEWTON_GOAL, iteration, norm / goal, old_norm / goal)
+        verdict = judge(control, NEWTON_GOAL, iteration, size, old_size)
         if verdict == 1 or norm < 1.0 or (verdict < 0 and norm < blunt):
             _place(kernels, system, control, alpha, h)
             return iteration + 1
         if verdict < 0:
             return 0
-        old_norm = norm
+        old_size = size
     return 0
 
 
