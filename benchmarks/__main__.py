@@ -24,9 +24,10 @@ BENCHMARKS = (
     "frontends",
     "error_control",
     "revolutions",
+    "latency",
 )
 #: Those whose summary stands in the README.
-SHORT = ("slider_crank", "chain")
+SHORT = ("slider_crank", "chain", "latency")
 ROOT = Path(__file__).parents[1]
 
 

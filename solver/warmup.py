@@ -29,12 +29,11 @@ SPATIAL: list[Group] = [
     ("kernels.spatial_forces:linearise",),
     ("kernels.spatial_forces:evaluate",),
 ]
-MASS: Group = (
-    "kernels.newton:solve_accelerations",
-    "kernels.newton:project_once",
-    "kernels.newton:remember",
+MASS: Group = ("kernels.newton:solve_accelerations", "kernels.newton:project_once")
+COORDINATES: Group = (
     "kernels.coordinates:rate",
     "kernels.coordinates:retract",
+    "kernels.newton:remember",
 )
 RECORDING: Group = ("integrators.recording:sample", "integrators.recording:begin")
 #: Fewer kernels than this are compiled where they are used.
@@ -59,7 +58,7 @@ def ensure(planar: bool, step_loops: Iterable[str], say: Say = say_compiling) ->
     """
     equations = PLANAR if planar else SPATIAL
     loops = [(loop,) for loop in step_loops]
-    _compile(_missing([*loops, NEWTON, *equations, MASS, RECORDING]), say)
+    _compile(_missing([*loops, NEWTON, *equations, MASS, RECORDING, COORDINATES]), say)
 
 
 def ensure_loop(step_loop: str) -> None:
@@ -83,7 +82,14 @@ def all_groups() -> list[Group]:
     methods = INTEGRATORS.values()
     loops = {loop for m in methods for loop in (m.step_loop, m.passing_loop) if loop}
     equations = [*SPATIAL, *PLANAR]
-    return [*((loop,) for loop in sorted(loops)), NEWTON, *equations, MASS, RECORDING]
+    return [
+        *((loop,) for loop in sorted(loops)),
+        NEWTON,
+        *equations,
+        MASS,
+        RECORDING,
+        COORDINATES,
+    ]
 
 
 def _missing(groups: Iterable[Group]) -> list[Group]:

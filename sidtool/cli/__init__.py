@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import gc
 import os
 import sys
@@ -65,8 +64,9 @@ for command in (
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     gc.set_threshold(GARBAGE_THRESHOLD)
-    atexit.register(gc.freeze)
-    sys.exit(run(sys.argv[1:]))
+    status = run(sys.argv[1:])
+    gc.freeze()
+    sys.exit(status)
 
 
 def run(arguments: Sequence[str]) -> int:

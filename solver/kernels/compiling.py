@@ -18,6 +18,7 @@ from typing import Any
 import numba
 from numba import types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.extending import typeof_impl
 from numba.core.typeinfer import register_dispatcher
 
 from .compiler import EntryCompiler, InnerCompiler, compiling_kernels
@@ -114,15 +115,19 @@ def entry(*signatures: Any, from_python: bool = True) -> Callable[[Any], Entry]:
     return lambda function: Entry(function, signatures, from_python)
 
 
-def inner(*signatures: Any) -> Callable[[Any], Any]:
-    """A kernel that only kernels call; compiled into them.
+class Inner:
+    """A kernel that only kernels call; nothing is made of it before one is compiled.
 
-    The signatures say what it is called with. Literal integers count as integers, so
-    that there is one version for each.
+    py_func : the function itself, for callers in Python
     """
 
-    def compile_later(function: FunctionType) -> Any:
-        dispatcher = _numba.njit(**OPTIONS, **INNER_OPTIONS)(function)
+    def __init__(self, function: FunctionType) -> None:
+        self.py_func = function
+
+    @cached_property
+    def dispatcher(self) -> Any:
+        """What the compiler knows it as. Literal integers count as integers."""
+        dispatcher = _numba.njit(**OPTIONS, **INNER_OPTIONS)(self.py_func)
         template = dispatcher.get_call_template
 
         def plain_template(args: tuple[Any, ...], kws: Any) -> Any:
@@ -131,7 +136,18 @@ def inner(*signatures: Any) -> Callable[[Any], Any]:
         dispatcher.get_call_template = plain_template
         return dispatcher
 
-    return compile_later
+
+@typeof_impl.register(Inner)
+def _type_of_inner(value: Inner, context: Any) -> Any:
+    return typeof_impl(value.dispatcher, context)
+
+
+def inner(*signatures: Any) -> Callable[[Any], Any]:
+    """A kernel that only kernels call; compiled into them.
+
+    The signatures say what it is called with. There is one version for each.
+    """
+    return Inner
 
 
 class _CacheFile(IndexDataCacheFile):
