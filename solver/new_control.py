@@ -57,7 +57,7 @@ def new_control(
     real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
     real[stepping.TOLERANCE] = tolerance_per_step(settings)
     real[stepping.REQUEST] = STEP_TOLERANCE * settings.rtol
-    real[stepping.BEGIN] = scene.time.start
+    real[stepping.TIME] = real[stepping.BEGIN] = scene.time.start
     real[stepping.LENGTH] = system.length
     real[stepping.PERIOD] = duration
     real[stepping.RADIUS] = settings.radius

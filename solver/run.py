@@ -120,7 +120,6 @@ class _Run:
             system, settings, start, self.times, shares, self.closed
         )
         self.breaks: list[events.Moment] = []
-        self.control.real[stepping.TIME] = system.scene.time.start
         self.advance = self._prepare()
 
     def _prepare(self) -> Advance:

@@ -57,8 +57,7 @@ def ensure(planar: bool, step_loops: Iterable[str], say: Say = say_compiling) ->
     say : told once, and only when something has to be compiled
     """
     equations = PLANAR if planar else SPATIAL
-    loops = [(loop,) for loop in step_loops]
-    _compile(_missing([*loops, NEWTON, *equations, MASS, RECORDING, COORDINATES]), say)
+    _compile(_missing(_groups(step_loops, equations)), say)
 
 
 def ensure_loop(step_loop: str) -> None:
@@ -81,15 +80,13 @@ def all_groups() -> list[Group]:
 
     methods = INTEGRATORS.values()
     loops = {loop for m in methods for loop in (m.step_loop, m.passing_loop) if loop}
-    equations = [*SPATIAL, *PLANAR]
-    return [
-        *((loop,) for loop in sorted(loops)),
-        NEWTON,
-        *equations,
-        MASS,
-        RECORDING,
-        COORDINATES,
-    ]
+    return _groups(sorted(loops), [*SPATIAL, *PLANAR])
+
+
+def _groups(step_loops: Iterable[str], equations: list[Group]) -> list[Group]:
+    """The slowest first."""
+    loops = [(loop,) for loop in step_loops]
+    return [*loops, NEWTON, *equations, MASS, RECORDING, COORDINATES]
 
 
 def _missing(groups: Iterable[Group]) -> list[Group]:

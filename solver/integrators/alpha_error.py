@@ -15,16 +15,11 @@ from ..kernels.layout import (
     C_RATE,
     C_VALUE,
     F1,
-    N_ROWS,
     NP,
     NQ,
-    NV,
     PLANAR,
     POS,
     RD,
-    S_BODY,
-    S_OFFSET,
-    S_ROW,
     SYSTEM,
     VEL,
     WORK,
@@ -44,6 +39,7 @@ from .alpha_table import (
     VELOCITY_ERROR,
 )
 from .landing import close_step
+from .projection import rates_of_rows
 from .singular import FAR
 from .step_sizes import scaled_norm
 from .stepping import (
@@ -72,27 +68,14 @@ TREND = 8.0
 EARLY = 0.5
 
 
-@inner(types.void(SYSTEM, WORK, F1, int64))
-def _rates_of_rows(system, work, x, column):
-    """C x into a column of the rows."""
-    for i in range(system.dims[N_ROWS]):
-        work.row[i, column] = 0.0
-    for k in range(len(system.segment)):
-        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
-        b = system.segment[k, S_BODY]
-        first = system.body[b, VEL]
-        for i in range(system.body[b, NV]):
-            work.row[row, column] += work.C[at + i] * x[first + i]
-
-
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, ALPHA, F1, F1))
 def split(kernels, system, work, memory, alpha, x, y):
     """Moves from tangent vectors x and y to nz and nv what constraints impose on them.
 
     In the metric of projections: the rigid motion bears it, not the deformation.
     """
-    _rates_of_rows(system, work, x, C_VALUE)
-    _rates_of_rows(system, work, y, C_RATE)
+    rates_of_rows(system, work, x, C_VALUE)
+    rates_of_rows(system, work, y, C_RATE)
     nz, nv = alpha.nz, alpha.nv
     status = kernels.project_once(system, work, memory, REGULARISATION, nz, nv)
     for i in range(len(x)):

@@ -24,7 +24,7 @@ from .dop853 import END, STAGES, TABLEAU
 from .landing import close_step
 from .projection import accelerate
 from .recording import move, output_due, share_of_step
-from .singular import FAR, NEAR, beside_singular, keep_free_part, look_at_start
+from .singular import NEAR, beside_singular, keep_free_part, leave_start
 from .step_sizes import (
     all_finite,
     finish_step,
@@ -49,7 +49,6 @@ from .stepping import (
     SHARE,
     STIFF,
     STIFF_PART,
-    STOP,
     TIME,
     TOO_SMALL,
     copy,
@@ -133,15 +132,8 @@ def _estimate(kernels, system, work, memory, weights, control, slopes, h):
         for n in range(len(x)):
             x[n] = 0.0
         _add_slopes(x, h, weights, K, END, x)
-    if control.whole[CROSSING] != FAR:
-        t, z1, v1, dv, p = (
-            control.real[TIME] + h,
-            slopes.z1,
-            slopes.v1,
-            slopes.dv,
-            slopes.p,
-        )
-        keep_free_part(kernels, system, work, memory, t, z1, v1, dv, memory.dx, p)
+    z1, v1, dv, p = slopes.z1, slopes.v1, slopes.dv, slopes.p
+    keep_free_part(kernels, system, work, memory, control, h, z1, v1, dv, memory.dx, p)
     return scaled_norm(slopes.dz, slopes.dv, control.scale_z, control.scale_v)
 
 
@@ -261,13 +253,7 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
             return REACHED
         update_scales(system, control)
         if control.real[OLD_STEP] == 0.0:
-            h = max(
-                h,
-                min(
-                    0.1 * (control.real[STOP] - control.real[TIME]),
-                    look_at_start(system, memory, control),
-                ),
-            )
+            h = leave_start(system, memory, control, h)
         kernels.rate(system, control.z, control.v, slopes.Kz[0])
         copy(memory.acceleration, slopes.Kv[0])
         failures = 0

@@ -16,7 +16,7 @@ from ..kernels.mass import independence
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from .newton_steps import after_divergence, look_back, take_jacobian
 from .projection import accelerate
-from .singular import FAR, NEAR, beside_singular, look_at_start
+from .singular import FAR, NEAR, beside_singular, leave_start
 from .step_sizes import (
     all_finite,
     finish_step,
@@ -52,7 +52,6 @@ from .stepping import (
     SINGULAR,
     STAGE_STEP,
     STEP,
-    STOP,
     TIME,
     TOLERANCE,
     TOO_SMALL,
@@ -179,9 +178,8 @@ def step_loop(
             update_scales(system, control)
             t = real[TIME]
             if real[OLD_STEP] == 0.0:
-                least = look_at_start(system, memory, control)
-                if whole[FIXED_STEP] == 0:
-                    h = max(first_step * h, min(least, 0.1 * (real[STOP] - t)))
+                part = first_step if whole[FIXED_STEP] == 0 else 1.0
+                h = leave_start(system, memory, control, part * h)
             begin(kernels, system, work, memory, control, storage)
             whole[JACOBIAN] = whole[NEEDS_JACOBIAN]
             if whole[JACOBIAN] == FRESH:

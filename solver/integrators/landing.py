@@ -1,4 +1,4 @@
-"""Ends of steps: on the constraints, with dense output inside."""
+"""Ends of steps: on the constraints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from ..kernels.compiling import inner
 from ..kernels.layout import F1, SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY
 from .projection import count_turns, note_drift, project
-from .recording import move, write_cubic
 from .singular import foresee, is_near, project_near
 from .stepping import CONTROL, TIME
 
@@ -32,19 +31,3 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
     if status == 0:
         status = foresee(system, memory, control, h)
     return status
-
-
-@inner(
-    int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1, F1, F1)
-)
-def land(kernels, system, work, memory, control, h, z1, v1, rate0, acc0, rz, dz, dv):
-    """Ends a step at (z1, v1), projected onto the constraints; 0 on success.
-
-    rate0 and acc0 are the slopes at its beginning; rz, dz and dv are scratch.
-    """
-    status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
-    if status != 0:
-        return status
-    write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rz)
-    move(control, h, z1, v1)
-    return 0

@@ -12,10 +12,15 @@ from ..kernels.layout import (
     F2,
     N_ROWS,
     N_TURNS,
+    NV,
     PLANAR,
+    S_BODY,
+    S_OFFSET,
+    S_ROW,
     SYSTEM,
     TURN_RATE,
     TURNED,
+    VEL,
     WORK,
 )
 from ..kernels.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
@@ -77,6 +82,19 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
         for i in range(len(v)):
             v[i] += dv[i]
     return 3
+
+
+@inner(types.void(SYSTEM, WORK, F1, int64))
+def rates_of_rows(system, work, x, column):
+    """C x of a tangent vector x, into a column of the rows."""
+    for i in range(system.dims[N_ROWS]):
+        work.row[i, column] = 0.0
+    for k in range(len(system.segment)):
+        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
+        b = system.segment[k, S_BODY]
+        first = system.body[b, VEL]
+        for i in range(system.body[b, NV]):
+            work.row[row, column] += work.C[at + i] * x[first + i]
 
 
 @inner(types.void(SYSTEM, WORK, CONTROL))

@@ -31,7 +31,7 @@ from .radau_stages import (
     take_end,
     transform,
 )
-from .singular import FAR, NEAR, keep_free_part
+from .singular import NEAR, keep_free_part
 from .step_sizes import scaled_norm
 from .stepping import CONTRACTION, CONTROL, CROSSING, OLD_STEP, TIME, copy
 
@@ -125,12 +125,9 @@ def _pass(kernels, system, work, memory, control, stages, h):
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _keep_free(kernels, system, work, memory, control, stages, h):
     """Takes from the error what projection takes from the end of the step."""
-    if control.whole[CROSSING] == FAR:
-        return
-    t, z, v = control.real[TIME] + h, stages.z1, stages.v1
     take_end(control, stages)
-    error, dz, dv = stages.rv, stages.x, stages.p
-    keep_free_part(kernels, system, work, memory, t, z, v, error, dz, dv)
+    z1, v1, rv, x, p = stages.z1, stages.v1, stages.rv, stages.x, stages.p
+    keep_free_part(kernels, system, work, memory, control, h, z1, v1, rv, x, p)
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
@@ -173,11 +170,10 @@ def _solve(kernels, system, work, memory, control, stages, h):
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _accept(kernels, system, work, memory, control, stages, h):
     """`accept`, after what a step past a singular position still lacks."""
-    status = 0
     if _is_beside(control):
         status = _refine(kernels, system, work, memory, control, stages, h)
-    if status != 0:
-        return status
+        if status != 0:
+            return status
     return accept(kernels, system, work, memory, control, stages, h)
 
 

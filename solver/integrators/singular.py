@@ -25,18 +25,13 @@ from ..kernels.layout import (
     C_VALUE,
     F1,
     N_ROWS,
-    NV,
-    S_BODY,
-    S_OFFSET,
-    S_ROW,
     SYSTEM,
-    VEL,
     WORK,
 )
 from ..kernels.mass import independence
 from ..kernels.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
 from ..kernels.saddle import REGULARISATION
-from .projection import accelerate
+from .projection import accelerate, rates_of_rows
 from .step_sizes import scaled_norm
 from .stepping import (
     CLEAREST,
@@ -52,6 +47,7 @@ from .stepping import (
     SINGULAR,
     SPEED,
     SPIN,
+    STOP,
     TIME,
     TOLERANCE,
 )
@@ -155,12 +151,21 @@ def foresee(system, memory, control, h):
     return 0
 
 
-@inner(float64(SYSTEM, MEMORY, CONTROL))
-def look_at_start(system, memory, control):
-    """Looks for a singular position at a start; returns the least step to begin with.
+@inner(float64(SYSTEM, MEMORY, CONTROL, float64))
+def leave_start(system, memory, control, h):
+    """The first step, h or what leads out of a singular position.
 
-    In a singular position it leads to where rounding does not spoil velocities.
+    There it ends where rounding does not spoil velocities. A fixed step stays.
     """
+    least = _least_start(system, memory, control)
+    if control.whole[FIXED_STEP] == 1:
+        return h
+    return max(h, min(least, 0.1 * (control.real[STOP] - control.real[TIME])))
+
+
+@inner(float64(SYSTEM, MEMORY, CONTROL))
+def _least_start(system, memory, control):
+    """Looks for a singular position at a start; returns the least step out of it."""
     real = control.real
     real[INDEPENDENCE] = independence(system, memory.mass_S)
     real[DECLINE] = 0.0
@@ -194,21 +199,19 @@ def project_near(kernels, system, work, memory, control, t, z, v, dz, dv):
     return accelerate(kernels, system, work, memory, t, z, v)
 
 
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F1))
-def keep_free_part(kernels, system, work, memory, t, z, v, error, dz, dv):
-    """Takes from an error of velocities what projection takes at the state (z, v).
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1))
+def keep_free_part(kernels, system, work, memory, control, h, z1, v1, error, dz, dv):
+    """Takes from an error of velocities what projection takes at the end of the step.
 
-    dz and dv are scratch.
+    Far from singular positions all of it counts. dz and dv are scratch.
     """
-    kernels.evaluate(system, work, t, z, v)
+    if control.whole[CROSSING] == FAR:
+        return
+    kernels.evaluate(system, work, control.real[TIME] + h, z1, v1)
     memory.counters[EVALUATIONS] += 1
     for i in range(system.dims[N_ROWS]):
-        work.row[i, C_VALUE] = work.row[i, C_RATE] = 0.0
-    for k in range(len(system.segment)):
-        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
-        b = system.segment[k, S_BODY]
-        for i in range(system.body[b, NV]):
-            work.row[row, C_RATE] += work.C[at + i] * error[system.body[b, VEL] + i]
+        work.row[i, C_VALUE] = 0.0
+    rates_of_rows(system, work, error, C_RATE)
     if kernels.project_once(system, work, memory, REGULARISATION, dz, dv) == 0:
         for i in range(len(error)):
             error[i] += dv[i]

@@ -21,12 +21,13 @@ from ..kernels.layout import F1, SYSTEM, WORK
 from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
 from ..kernels.tables import Table, TableType
 from .implicit import step_loop
-from .landing import land
+from .landing import close_step
 from .newton_steps import factor_real, fade_contraction, judge, newton_limit, solve_real
 from .projection import accelerate
-from .singular import FAR, keep_free_part
+from .recording import move, write_cubic
+from .singular import keep_free_part
 from .step_sizes import scaled_norm
-from .stepping import CONTROL, CROSSING, OLD_STEP, TIME, TOLERANCE, copy
+from .stepping import CONTROL, OLD_STEP, TIME, TOLERANCE, copy
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
@@ -157,31 +158,22 @@ def _error(kernels, system, work, memory, control, slopes, h):
         change -= before * (slopes.acc0[i] - slopes.old_acc[i])
         slopes.rv[i] = mu * weight * change
     _solve(kernels, system, work, memory, slopes, mu)
-    if control.whole[CROSSING] != FAR:
-        at, z1, v1 = control.real[TIME] + h, slopes.z1, slopes.v1
-        x, p = slopes.x, slopes.p
-        keep_free_part(kernels, system, work, memory, at, z1, v1, slopes.rv, x, p)
+    z1, v1, rv, x, p = slopes.z1, slopes.v1, slopes.rv, slopes.x, slopes.p
+    keep_free_part(kernels, system, work, memory, control, h, z1, v1, rv, x, p)
     return scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
 def _accept(kernels, system, work, memory, control, slopes, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
-    return land(
-        kernels,
-        system,
-        work,
-        memory,
-        control,
-        h,
-        slopes.z1,
-        slopes.v1,
-        slopes.rate0,
-        slopes.acc0,
-        slopes.rz,
-        slopes.x,
-        slopes.p,
-    )
+    z1, v1, x, p = slopes.z1, slopes.v1, slopes.x, slopes.p
+    status = close_step(kernels, system, work, memory, control, h, z1, v1, x, p)
+    if status != 0:
+        return status
+    rate0, acc0, rz = slopes.rate0, slopes.acc0, slopes.rz
+    write_cubic(kernels, system, memory, control, h, z1, v1, rate0, acc0, rz)
+    move(control, h, z1, v1)
+    return 0
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, SLOPES, float64))
