@@ -37,6 +37,7 @@ class Result:
     events : crossings that the scene asks for, and breaks, in the order of time
     scene : the scene as JSON
     versions : of this program and of the libraries under it
+    notes : what a reader has to know of the numbers, one sentence each
     completed : False when the run stopped early, for the reason in `message`; True
         when an event of the scene ended it, which `message` then names
 
@@ -62,6 +63,7 @@ class Result:
     events: tuple[Event, ...] = ()
     scene: str = ""
     versions: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
     completed: bool = True
     message: str = ""
 

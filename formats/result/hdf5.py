@@ -1,10 +1,11 @@
 """A result in HDF5.
 
-Attributes of the root: format, format_version, title, completed, message. Datasets:
-t, values, positions, velocities, multipliers, each of the latter four with its columns'
-names in the attribute ``names``; scene (JSON text). Groups counters, drift, settings
-and versions hold their entries as attributes, and so does bodies/NAME for each flexible
-body, see `hdf5_bodies`; group events, see `events`. The file is sealed, see `seal`.
+Attributes of the root: format, format_version, title, completed, message, and notes, a
+list of texts. Datasets: t, values, positions, velocities, multipliers, each of the
+latter four with its columns' names in the attribute ``names``; scene (JSON text).
+Groups counters, drift, settings and versions hold their entries as attributes, and so
+does bodies/NAME for each flexible body, see `hdf5_bodies`; group events, see `events`.
+The file is sealed, see `seal`.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ def _write(path: Path, result: Result) -> None:
             title=result.title,
             completed=result.completed,
             message=result.message,
+            notes=np.array(result.notes, dtype=h5py.string_dtype()),
         )
         file["t"] = result.t
         for table, names in TABLES.items():
@@ -121,6 +123,7 @@ def _result(file: h5py.File) -> Result:
         title=str(file.attrs["title"]),
         completed=bool(file.attrs["completed"]),
         message=str(file.attrs["message"]),
+        notes=tuple(map(_plain, file.attrs.get("notes", ()))),
         scene=file["scene"].asstr()[()],
         **parts,
     )

@@ -45,6 +45,7 @@ def summary(result: Result) -> str:
         entries.append(("estimated error", f"{error:.1e}"))
     if result.message:
         entries.append(("ended" if result.completed else "stopped", result.message))
+    entries += [("note", text) for text in result.notes]
     if _is_stiff(result):
         entries.append(("advice", ADVICE))
     entries += _events(result.events)

@@ -20,6 +20,7 @@ from formats.result import (
     write_result,
 )
 from formats.result.hdf5_bodies import read_bodies
+from formats.seal import seal
 from formats.stiffening import Stiffening
 
 
@@ -43,6 +44,7 @@ def result() -> Result:
         versions={"sidtool": "0.1.0"},
         completed=False,
         message="the step became too small",
+        notes=("the forces of a and b are not determined", "größer als 1e-6"),
     )
 
 
@@ -51,7 +53,8 @@ def test_hdf5_returns_every_bit(result: Result, tmp_path: Path) -> None:
     back = read_result(tmp_path / "r.h5")
     for name in ("t", "values", "positions", "velocities", "multipliers"):
         assert np.array_equal(getattr(back, name), getattr(result, name))
-    for name in ("title", "names", "position_names", "scene", "completed", "message"):
+    texts = ("title", "names", "position_names", "scene", "completed", "message")
+    for name in (*texts, "notes"):
         assert getattr(back, name) == getattr(result, name)
     for name in ("counters", "drift", "settings", "versions"):
         assert dict(getattr(back, name)) == dict(getattr(result, name))
@@ -92,6 +95,18 @@ def test_files_of_before_have_no_flexible_bodies(
         assert len(file["bodies"]) == 0
     assert read_result(tmp_path / "r.h5").bodies == {}
     assert read_bodies(None) == {}
+
+
+def test_a_result_without_notes_and_a_file_of_before_have_none(
+    result: Result, tmp_path: Path
+) -> None:
+    path = tmp_path / "r.h5"
+    write_result(path, replace(result, notes=()))
+    assert read_result(path).notes == ()
+    with h5py.File(path, "r+") as file:
+        del file.attrs["notes"]
+    seal(path)
+    assert read_result(path).notes == ()
 
 
 def test_csv_has_one_header_and_returns_every_bit(
