@@ -19,7 +19,7 @@ from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.registry import finite_element_model
 from .gram import body_inertia
 from .prestress import prestressed
-from .reduction.frames import FRAMES, Frame
+from .reduction.frames import FRAMES, Frame, clamped_dofs
 from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
 from .reduction.running import running
@@ -29,6 +29,9 @@ from .stress import with_stress
 __all__ = ["finite_element_model", "sid_from_model"]
 
 Array = NDArray[np.float64]
+
+#: Clamped nodes lie on a line if their moment of inertia about it is below this share.
+_ON_A_LINE = 1e-12
 
 
 def sid_from_model(
@@ -75,7 +78,10 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
         initial = prestressed(body, frame, basis, stiffening.prestress, stiffening)
         basis = initial.basis
     progress("integrating the inertia")
-    sid = assembled_sid(body, frame, basis, model.damping, title=model.title)
+    held = frame.held
+    if frame.rows is None:
+        held = clamped_dofs(body, frame, model.reduction.fixed_names)
+    sid = assembled_sid(body, frame, basis, model.damping, title=model.title, held=held)
     if initial is not None:
         sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
     if stiffening:
@@ -94,9 +100,17 @@ def assembled_sid(
     damping: RayleighDamping | None = None,
     *,
     title: str = "",
+    held: NDArray[np.bool_] | None = None,
 ) -> SID:
-    """The SID of a discretised body with given frame and shape functions."""
+    """The SID of a discretised body with given frame and shape functions.
+
+    Parameters
+    ----------
+    held : (ndof,) the degrees of freedom that are clamped in the frame; by default
+        those that define it
+    """
     nq = len(basis.labels)
+    held = frame.held if held is None else held
     mass, inertia = body_inertia(body, frame.origin, basis.shapes)
     blocks: dict[str, Any] = dict(inertia)
     blocks["ksigma"] = Taylor(np.zeros((nq, 1)))
@@ -105,7 +119,7 @@ def assembled_sid(
     return SID(
         mass=mass,
         labels=basis.labels,
-        nodes=tuple(_node(marker, frame, basis) for marker in body.markers),
+        nodes=tuple(_node(body, m, frame, basis, held) for m in body.markers),
         title=title,
         **blocks,
     )
@@ -117,11 +131,15 @@ def _damping(me: Array, ke: Array, damping: RayleighDamping | None) -> Array:
     return damping.alpha * me + damping.beta * ke
 
 
-def _node(marker: MarkerRows, frame: Frame, basis: ReducedBasis) -> Node:
+def _node(
+    body: FiniteElementModel,
+    marker: MarkerRows,
+    frame: Frame,
+    basis: ReducedBasis,
+    held: NDArray[np.bool_],
+) -> Node:
     phi = marker.displacement @ basis.shapes
-    psi = marker.rotation @ basis.shapes
-    if _held_around(marker, basis):
-        psi = np.zeros_like(psi)
+    psi = _free_turns(body, marker, held) @ (marker.rotation @ basis.shapes)
     return Node(
         id=str(marker.node),
         origin=Taylor((marker.position - frame.origin)[:, None], phi.T[:, :, None]),
@@ -131,16 +149,25 @@ def _node(marker: MarkerRows, frame: Frame, basis: ReducedBasis) -> Node:
     )
 
 
-def _held_around(marker: MarkerRows, basis: ReducedBasis) -> bool:
-    """Whether the marker lies on an edge that no shape function moves.
+def _free_turns(
+    body: FiniteElementModel, marker: MarkerRows, held: NDArray[np.bool_]
+) -> Array:
+    """(3, 3) projection on the rotations that clamped nodes around a marker leave.
 
-    The gradient beside a clamped edge turns a point on it, which the edge does not.
+    The displacement gradient beside a clamped edge turns a point on it, which the edge
+    does not. Markers with a rotation of their own (beams, ties) lose nothing.
     """
-    point, around = marker.displacement.indices, marker.rotation.indices
-    beside = np.setdiff1d(around, point)
-    still = np.all(basis.shapes == 0, axis=1)
-    several = marker.displacement.getnnz(axis=1).max() > 1
-    return bool(still[point].all() and (several or still[beside].any()))
+    if marker.gradient is None or not held[marker.displacement.indices].all():
+        return np.eye(3)
+    dofs = np.union1d(marker.displacement.indices, marker.gradient.indices)
+    around = np.isin(body.table, dofs).any(axis=1)
+    still = (held[body.table] | (body.table < 0)).all(axis=1)
+    arms = np.zeros(((around & still).sum(), 3))
+    arms[:, : body.dimension] = body.positions[around & still]
+    crossed = skew(arms - marker.position).reshape(-1, 3)
+    sizes, turns = np.linalg.eigh(crossed.T @ crossed)
+    free = turns[:, sizes <= _ON_A_LINE * sizes[-1]]
+    return free @ free.T
 
 
 def _silent(_: str) -> None:

@@ -182,6 +182,18 @@ def held_dofs(
     return held
 
 
+def clamped_dofs(
+    model: FiniteElementModel, frame: Frame, fixed: tuple[str, ...]
+) -> NDArray[np.bool_]:
+    """(ndof,) what the frame holds and the edges and node sets among `fixed`.
+
+    Markers may stand among them; these are conditions of their own.
+    """
+    known = {marker.name for marker in model.markers}
+    sets = tuple(name for name in fixed if name not in known)
+    return frame.held | held_dofs(model, sets, "reduction.fix")
+
+
 def _conditions(model: FiniteElementModel, origin: Array, rows: Array) -> Frame:
     scaled = rows @ model.rigid_body_modes(origin)
     scaled = scaled / np.maximum(np.abs(scaled).max(axis=0), 1e-300)

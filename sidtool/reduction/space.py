@@ -15,7 +15,7 @@ from formats.errors import InputError
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .eigen import free_body_shift, lowest_eigenpairs, symmetric_factors
-from .frames import Frame, held_dofs, motion_rows
+from .frames import Frame, clamped_dofs, motion_rows
 
 Array = NDArray[np.float64]
 
@@ -169,8 +169,7 @@ def admissible(
     InputError : nothing is left, or a rigid piece is held in part.
     """
     known = {marker.name for marker in model.markers}
-    sets = tuple(name for name in fixed if name not in known)
-    held = frame.held | held_dofs(model, sets, "reduction.fix")
+    held = clamped_dofs(model, frame, fixed)
     transform = _transform(model, held)
     stiffness = sp.csr_matrix(transform.T @ model.stiffness @ transform)
     mass = sp.csr_matrix(transform.T @ model.mass @ transform)

@@ -15,7 +15,7 @@ from formats.model_reduction import UserReduction
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .basis import Family, ReducedBasis, finished
-from .frames import Frame
+from .frames import Frame, clamped_dofs
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,8 @@ def user_shapes(
         raise InputError(
             "holds numbers that are not finite", source=path, expected=expected
         )
-    shapes = np.where(frame.held[:, None], 0.0, shapes)
+    held = clamped_dofs(model, frame, settings.fixed_names)
+    shapes = np.where(held[:, None], 0.0, shapes)
     return finished(model, frame, [Family("user shape", shapes)], "User Shape")
 
 
