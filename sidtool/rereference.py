@@ -9,7 +9,9 @@ there the motion is the screw exp(sum_l xi_l q_l), whose inverse is that of -xi:
                + (theta_k x xi_l + theta_l x xi_k) / 2
 
 Every block is changed by what these fields change in its integral (sid-format, section
-5), so that going there and back is the identity.
+5), so that going there and back is the identity. Ke and De belong to the elastic
+coordinates, which are the same ones in every frame, and so do not change; that De was
+perhaps alpha Me + beta Ke with the old Me does not matter.
 
 Source: R. Schwertassek, O. Wallrapp, A. Shabana, "Flexible multibody simulation and
 choice of shape functions", Nonlinear Dynamics 20, 1999.
@@ -151,10 +153,6 @@ def changed(sid: SID, change: FrameChange) -> SID:
     d_rigid = _rigid_differences(sid, old, change)
     blocks = _blocks(sid, d_phi, d_phi_c, d_pairs, d_second, d_rigid)
     blocks["Me"] = _added(sid.Me, _modal_mass_difference(sid, change))
-    damping = _rayleigh(sid)
-    if damping is not None:
-        alpha, beta = damping
-        blocks["De"] = replace(sid.De, m0=alpha * blocks["Me"].m0 + beta * sid.Ke.m0)
     nodes = tuple(_node(node, change, second) for node in sid.nodes)
     return relabelled(replace(sid, nodes=nodes, **blocks))
 
@@ -291,20 +289,6 @@ def _added(block: Taylor, m0: Array, m1: Array | None = None) -> Taylor:
         return replace(block, m0=block.m0 + m0)
     first = block.first_order(len(m1)) + m1
     return replace(block, m0=block.m0 + m0, m1=first)
-
-
-def _rayleigh(sid: SID) -> tuple[float, float] | None:
-    """alpha and beta of De = alpha Me + beta Ke, if De is of that kind."""
-    if not sid.De.m0.any():
-        return None
-    parts = np.stack([sid.Me.m0.ravel(), sid.Ke.m0.ravel()], axis=1)
-    sizes = np.linalg.norm(parts, axis=0)
-    if not sizes.all():
-        return None
-    wanted = sid.De.m0.ravel()
-    found = np.linalg.lstsq(parts / sizes, wanted, rcond=None)[0] / sizes
-    error = np.abs(parts @ found - wanted).max()
-    return (found[0], found[1]) if error <= 1e-9 * np.abs(wanted).max() else None
 
 
 def _six(tensors: Array) -> Array:

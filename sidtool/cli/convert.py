@@ -50,7 +50,13 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
     "--frame",
     metavar="FRAME",
     help="Refer to another body frame: tangent:NODE, chord:NODE,NODE, buckens or "
-    "buckens:NODE.",
+    "buckens:NODE. Ke and De stay as they are: they belong to the elastic coordinates.",
+)
+@click.option(
+    "--damping",
+    metavar="LAW",
+    help="Make De anew from Me and Ke: none, rayleigh:ALPHA,BETA, modal:RATIO[,...] "
+    "or frequency.",
 )
 def convert(
     source: Path,
@@ -60,6 +66,7 @@ def convert(
     repair: bool,
     units: str | None,
     frame: str | None,
+    damping: str | None,
 ) -> None:
     """Convert a model file to a SID, or a SID to another SID file.
 
@@ -74,6 +81,7 @@ def convert(
       sidtool convert beam.SID_FEM -o beam_si.SID_FEM --units mm-t-s:SI
       sidtool convert rod.h5 -o rod.SID_FEM --dialect pysid
       sidtool convert rod.SID_FEM -o mean.SID_FEM --frame buckens
+      sidtool convert rod.SID_FEM -o damped.SID_FEM --damping modal:0.02
       mpirun -n 2 sidtool convert rod_q4.toml -o rod.h5 --engine slepc
     """
     with _processes(engine) as processes:
@@ -85,6 +93,7 @@ def convert(
         sid = _repaired(sid) if repair else sid
         sid = _rescaled(sid, units) if units else sid
         sid = _rereferenced(sid, frame) if frame else sid
+        sid = _damped(sid, damping) if damping else sid
         _written(output, sid, dialect)
 
 
@@ -154,16 +163,28 @@ def _sid(source: Path, engine: str | None, leading: bool) -> Any:
 
 
 def _rereferenced(sid: Any, frame: str) -> Any:
-    from formats.errors import InputError
-
     from ..rereference import rereferenced
 
-    try:
+    with _option("--frame"):
         return rereferenced(sid, frame)
+
+
+def _damped(sid: Any, law: str) -> Any:
+    from ..damping_law import damped_by
+
+    with _option("--damping"):
+        return damped_by(sid, law)
+
+
+@contextmanager
+def _option(name: str) -> Iterator[None]:
+    """Errors inside name this option."""
+    from formats.errors import InputError
+
+    try:
+        yield
     except InputError as error:
-        raise InputError(
-            error.problem, place="--frame", expected=error.expected
-        ) from None
+        raise InputError(error.problem, place=name, expected=error.expected) from None
 
 
 def _summary(sid: Any) -> str:

@@ -18,6 +18,7 @@ from formats.sid_files import read_sid
 from formats.sid_mass import free_modal_mass, skew
 from sidtool.cli import run
 from sidtool.convert import sid_from_model
+from sidtool.damping_law import damped_by
 from sidtool.rereference import changed, frame_change, rereferenced
 from sidtool.rotary import CENTRIFUGAL
 from sidtool.validate import check
@@ -83,6 +84,63 @@ def test_the_free_body_keeps_its_frequencies(sid: SID, frame: str) -> None:
     other = rereferenced(sid, frame)
     values = [scipy.linalg.eigvalsh(s.Ke.m0, free_modal_mass(s)) for s in (sid, other)]
     assert_allclose(values[1], values[0], rtol=1e-9)
+
+
+DAMPING = ["rayleigh:0,3e-5", "rayleigh:40,0", "rayleigh:5,1e-5", "modal:0.1", "random"]
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("law", DAMPING)
+@pytest.mark.parametrize("modes", [1, 4])
+def test_the_free_body_keeps_its_damping(modes: int, law: str, frame: str) -> None:
+    """Complex frequencies of the free body: its frame is only a way to look at it."""
+    plain = sid_from_model(rod(reduction={**MODES, "modes": modes}, damping=None))
+    if law == "random":
+        root = np.random.default_rng(5).normal(size=(modes, modes))
+        old = replace(plain, De=Taylor(20 * root @ root.T))
+    else:
+        old = damped_by(plain, law)
+    values = [decays(body) for body in (old, rereferenced(old, frame))]
+    assert np.abs(values[0].real).max() > 0.1
+    assert_allclose(values[1], values[0], rtol=1e-8)
+
+
+def decays(sid: SID) -> np.ndarray:
+    """Eigenvalues of M s^2 + De s + Ke with the mass of the free body."""
+    mass, zero, one = free_modal_mass(sid), np.zeros((sid.nq,) * 2), np.eye(sid.nq)
+    inverse = np.linalg.inv(mass)
+    first = np.block([[zero, one], [-inverse @ sid.Ke.m0, -inverse @ sid.De.m0]])
+    return np.sort_complex(np.linalg.eigvals(first))
+
+
+def test_one_mode_keeps_its_ratio() -> None:
+    """beta omega / 2 with the frequency of the clamped body, and as it was after."""
+    one = sid_from_model(rod(reduction={**MODES, "modes": 1}, damping=None))
+    omega = float(np.sqrt(one.Ke.m0[0, 0]))
+    damped = damped_by(one, f"rayleigh:0,{2 * 0.158 / omega}")
+    assert float(damped.De.m0[0, 0]) / (2 * omega) == pytest.approx(0.158)
+    before = decays(damped)
+    after = decays(rereferenced(damped, "buckens"))
+    ratios = [-float(v[0].real / abs(v[0])) for v in (before, after)]
+    assert ratios[1] == pytest.approx(ratios[0], rel=1e-9)
+
+
+def test_another_law_of_damping_by_name(tmp_path: Path, capsys: Any) -> None:
+    source, target = EXAMPLES / "rod_q4.SID_FEM", tmp_path / "mean.SID_FEM"
+    arguments = ["convert", str(source), "-o", str(target), "--frame", "chord:1,2"]
+    assert run([*arguments, "--damping", "rayleigh:3.86,2.25e-5"]) == 0
+    sid = read_sid(target)
+    assert_allclose(sid.De.m0, 3.86 * sid.Me.m0 + 2.25e-5 * sid.Ke.m0, rtol=1e-10)
+    assert run([*arguments, "--damping", "modal:0.03"]) == 0
+    sid = read_sid(target)
+    squares, modes = scipy.linalg.eigh(sid.Ke.m0, sid.Me.m0)
+    expected = np.diag(2 * 0.03 * np.sqrt(squares))
+    assert_allclose(modes.T @ sid.De.m0 @ modes, expected, atol=1e-9 * expected.max())
+    assert run([*arguments, "--damping", "none"]) == 0
+    assert not read_sid(target).De.m0.any()
+    for wrong in ("rayleigh:1", "modal", "viscous", "modal:-1", "modal:1,2"):
+        assert run([*arguments, "--damping", wrong]) == 2
+        assert "--damping: " in capsys.readouterr().err
 
 
 def test_frames_do_what_they_say(sid: SID) -> None:
