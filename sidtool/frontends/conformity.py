@@ -65,8 +65,8 @@ def _check_faces(mesh: Mesh, place: str) -> None:
             "a triangular face lies on a quadrilateral one at nodes "
             f"{_labels(mesh, bad[0])}",
             place=place,
-            expected="hexahedra and tetrahedra that meet in wedges' triangles only "
-            "(pyramids are not supported), or elements of one kind",
+            expected="pyramids or wedges between hexahedra and tetrahedra, or elements "
+            "of one kind",
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,12 +29,14 @@ class ElementBatch:
     values : (ne or 1, ng, m) shape functions
     gradients : (ne, ng, m, d) of the shape functions in space [1/m]
     measures : (ne, ng) quadrature weight times Jacobian determinant [m^d]
+    internal : (ne, ng, k, d) gradients of displacements that belong to no node
     """
 
     nodes: Indices
     values: Array
     gradients: Array
     measures: Array
+    internal: Array | None = None
 
 
 def mapped_batch(
@@ -155,17 +157,41 @@ def strain_matrix(gradients: Array) -> Array:
 
 
 def element_stiffness(batch: ElementBatch, law: Array) -> Array:
-    """(ne, d m, d m) integral of B^T D B.
+    """(ne, d m, d m) integral of B^T D B; internal modes are condensed.
 
     Parameters
     ----------
     law : elasticity matrix D [Pa], of a plane body times thickness [N/m]
     """
-    b = strain_matrix(batch.gradients)
-    stress = (law @ b) * batch.measures[..., None, None]
+    if batch.internal is None:
+        return _stiffness(batch.gradients, batch.measures, law)
+    full, own = _with_internal(batch, law)
+    return full[:, :own, :own] + full[:, :own, own:] @ _amplitudes(full, own)
+
+
+def internal_amplitudes(batch: ElementBatch, law: Array) -> Array:
+    """(ne, d k, d m) amplitudes of the internal modes by the displacements."""
+    return _amplitudes(*_with_internal(batch, law))
+
+
+def _with_internal(batch: ElementBatch, law: Array) -> tuple[Array, int]:
+    """The stiffness with internal modes behind the nodes, and the nodes' share."""
+    assert batch.internal is not None
+    gradients = np.concatenate([batch.gradients, batch.internal], axis=2)
+    own = batch.gradients.shape[2] * batch.gradients.shape[3]
+    return _stiffness(gradients, batch.measures, law), own
+
+
+def _amplitudes(full: Array, own: int) -> Array:
+    return -np.asarray(np.linalg.solve(full[:, own:, own:], full[:, own:, :own]), float)
+
+
+def _stiffness(gradients: Array, measures: Array, law: Array) -> Array:
+    b = strain_matrix(gradients)
+    stress = (law @ b) * measures[..., None, None]
     ne, _, _, columns = b.shape
     left = b.reshape(ne, -1, columns)
-    return np.swapaxes(left, 1, 2) @ stress.reshape(ne, -1, columns)
+    return np.asarray(np.swapaxes(left, 1, 2) @ stress.reshape(ne, -1, columns), float)
 
 
 def element_mass(batch: ElementBatch, density: float) -> Array:
@@ -180,8 +206,8 @@ def assembled(
     *,
     density: float,
     law: Array,
-    stiffness: Callable[[ElementBatch, Array], Array] = element_stiffness,
     dimension: int = 2,
+    mass_batches: Iterable[ElementBatch] | None = None,
 ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Scalar mass (n, n) and stiffness (d n, d n) of a body.
 
@@ -190,15 +216,19 @@ def assembled(
     count : number of nodes n
     density : mass per volume [kg/m^3], of a plane body per area [kg/m^2]
     law : elasticity matrix [Pa], of a plane body times thickness [N/m]
-    stiffness : the element stiffness of a batch
     dimension : d
+    mass_batches : the same elements at the quadrature points of the mass, if these
+        are others
     """
     d = dimension
     masses, stiffnesses = _Sum(count), _Sum(d * count)
     for batch in batches:
-        masses.add(element_mass(batch, density), batch.nodes)
+        if mass_batches is None:
+            masses.add(element_mass(batch, density), batch.nodes)
         dofs = (d * batch.nodes[..., None] + np.arange(d)).reshape(len(batch.nodes), -1)
-        stiffnesses.add(stiffness(batch, law), dofs)
+        stiffnesses.add(element_stiffness(batch, law), dofs)
+    for batch in mass_batches or ():
+        masses.add(element_mass(batch, density), batch.nodes)
     return masses.total(), stiffnesses.total()
 
 

@@ -108,7 +108,7 @@ class MeshPoints:
                 corners = self.mesh.positions[block.nodes[row]]
                 where, distance = _inverse(element, corners, target)
                 best = min(best, distance)
-                if distance < 1e-9 * self._size and element.inside(where, _SLACK):
+                if distance < 1e-9 * self._size and element.excess(where) < _SLACK:
                     found.append((block, int(row), where))
         if not found:
             text = ", ".join(f"{x:.6g}" for x in target)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,24 +15,14 @@ from formats.model_geometry import NurbsGeometry
 from ..geometry.bspline import open_uniform_knots
 from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
 from .continuum import continuum_of
-from .elements import (
-    ElementBatch,
-    assembled,
-    check_orientation,
-    element_stiffness,
-    mapped_batch,
-)
+from .elements import ElementBatch, assembled, check_orientation
 from .finite_element_model import FiniteElementModel
+from .mesh import ElementBlock, Mesh
 from .patch_markers import edge_masses, edge_sets, marker_rows
-from .solids import check_locking
+from .solids import check_locking, element_batches
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
-_GAUSS = _CORNERS / np.sqrt(3)
-#: Elements that are integrated at a time: their arrays fit the cache.
-_BATCH = 2_000
 
 
 def q4_model(model: ModelFile) -> FiniteElementModel:
@@ -53,7 +42,10 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
     mesh = sampled_patch(exact, settings.elements)
     thickness, quads = geometry.thickness, quadrilaterals(mesh.shape)
     continuum = continuum_of(
-        partial(_batches, mesh.points, quads), material, settings.state, thickness
+        partial(_batches, mesh.points, quads, relieved),
+        material,
+        settings.state,
+        thickness,
     )
     mass, stiffness = q4_matrices(
         mesh.points,
@@ -116,28 +108,18 @@ def q4_matrices(
     """
     check_orientation(_corner_determinants(positions[quads]), positions[quads], -1e-9)
     return assembled(
-        _batches(positions, quads),
+        _batches(positions, quads, incompatible_modes),
         len(positions),
         density=density,
         law=law,
-        stiffness=partial(_condensed_stiffness, positions=positions)
-        if incompatible_modes
-        else element_stiffness,
     )
 
 
-def _batches(positions: Array, quads: Indices) -> Iterator[ElementBatch]:
-    values, gradients = _bilinear(_GAUSS)
-    for start in range(0, len(quads), _BATCH):
-        part = quads[start : start + _BATCH]
-        yield mapped_batch(part, positions, values[None], gradients[None], np.ones(4))
-
-
-def _bilinear(points: Array) -> tuple[Array, Array]:
-    """Values (ng, 4) and reference gradients (ng, 4, 2)."""
-    factors = 1 + points[:, None, :] * _CORNERS
-    slopes = _CORNERS * factors[..., ::-1] / 4
-    return factors.prod(-1) / 4, slopes
+def _batches(
+    positions: Array, quads: Indices, relieved: bool
+) -> Iterator[ElementBatch]:
+    block = ElementBlock("quad4", quads, np.arange(1, len(quads) + 1))
+    return element_batches(Mesh(positions, (block,)), block, relieved=relieved)
 
 
 def _corner_determinants(corners: Array) -> Array:
@@ -145,24 +127,3 @@ def _corner_determinants(corners: Array) -> Array:
     ahead = np.roll(corners, -1, axis=1) - corners
     back = np.roll(corners, 1, axis=1) - corners
     return ahead[..., 0] * back[..., 1] - ahead[..., 1] * back[..., 0]
-
-
-def _condensed_stiffness(batch: ElementBatch, law: Array, *, positions: Array) -> Array:
-    """QM6 of Taylor, Beresford & Wilson (1976), int. J. numer. methods eng. 10.
-
-    The internal modes 1 - xi^2 and 1 - eta^2 are differentiated with the Jacobian at
-    the centre, scaled by the ratio of determinants, so that their strains vanish in
-    the mean and the patch test is passed; then they are condensed.
-    """
-    _, centre = _bilinear(np.zeros((1, 2)))
-    jacobians = np.swapaxes(positions[batch.nodes], 1, 2) @ centre[0]
-    slopes = np.zeros((4, 2, 2))
-    slopes[:, [0, 1], [0, 1]] = -2 * _GAUSS
-    ratio = np.linalg.det(jacobians)[:, None] / batch.measures
-    internal = slopes @ np.linalg.inv(jacobians)[:, None] * ratio[..., None, None]
-    gradients = np.concatenate([batch.gradients, internal], axis=2)
-    full = element_stiffness(replace(batch, gradients=gradients), law)
-    coupling = full[:, 8:, :8]
-    return full[:, :8, :8] - np.swapaxes(coupling, 1, 2) @ np.linalg.solve(
-        full[:, 8:, 8:], coupling
-    )

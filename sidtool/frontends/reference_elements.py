@@ -1,74 +1,126 @@
-"""Shape functions and quadrature of the solid elements, taken from scikit-fem.
+"""Shape functions and quadrature of the solid elements.
 
-The reference elements are the unit cube, the unit simplex and their product; nodes are
-numbered as in Abaqus, CalculiX and Nastran: corners first, then the middles of edges.
+The reference elements are the unit cube, the unit simplex, their product, and the
+pyramid on the unit square with its apex at (0, 0, 1); nodes are numbered as in Abaqus,
+CalculiX and Nastran: corners first, then the middles of edges. The shape functions are
+those of the element's space that are one at their node and zero at the others; the
+spaces are complete, serendipity (D. N. Arnold, G. Awanou, "The serendipity family of
+finite elements", Found. Comput. Math. 11, 2011), and of pyramids rational
+(G. Bedrosian, "Shape functions and integration formulas for three-dimensional finite
+element analysis", Int. J. Numer. Methods Eng. 35, 1992).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .quadrature_rules import quadrature_rule
+
 Array = NDArray[np.float64]
+Exponents = tuple[int, ...]
 
 _SQUARE = ((0, 1), (1, 2), (2, 3), (3, 0))
-_CUBE = (
-    _SQUARE
-    + tuple((a + 4, b + 4) for a, b in _SQUARE)
-    + tuple((i, i + 4) for i in range(4))
-)
 _TRIANGLE = ((0, 1), (1, 2), (2, 0))
-_TETRAHEDRON = (*_TRIANGLE, (0, 3), (1, 3), (2, 3))
-_PRISM = (
-    *_TRIANGLE,
-    *((a + 3, b + 3) for a, b in _TRIANGLE),
-    *((i, i + 3) for i in range(3)),
-)
-#: By the name without its number: pairs of corners that are edges, and in space faces.
-_EDGES = {
+#: By the name without its number: pairs of corners that are edges.
+_EDGES: dict[str, tuple[tuple[int, int], ...]] = {
     "tri": _TRIANGLE,
     "quad": _SQUARE,
-    "tet": _TETRAHEDRON,
-    "hex": _CUBE,
-    "wedge": _PRISM,
-}
-_FACES: dict[str, tuple[tuple[int, ...], ...]] = {
-    "tet": ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)),
+    "tet": (*_TRIANGLE, (0, 3), (1, 3), (2, 3)),
     "hex": (
-        (0, 1, 2, 3),
+        *_SQUARE,
+        *((a + 4, b + 4) for a, b in _SQUARE),
+        *((i, i + 4) for i in range(4)),
+    ),
+    "wedge": (
+        *_TRIANGLE,
+        *((a + 3, b + 3) for a, b in _TRIANGLE),
+        *((i, i + 3) for i in range(3)),
+    ),
+    "pyramid": (*_SQUARE, *((i, 4) for i in range(4))),
+}
+#: Faces by their corners, counter-clockwise seen from outside.
+_FACES: dict[str, tuple[tuple[int, ...], ...]] = {
+    "tet": ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)),
+    "hex": (
+        (0, 3, 2, 1),
         (4, 5, 6, 7),
         *((a, b, b + 4, a + 4) for a, b in _SQUARE),
     ),
     "wedge": (
-        (0, 1, 2),
+        (0, 2, 1),
         (3, 4, 5),
         *((a, b, b + 3, a + 3) for a, b in _TRIANGLE),
     ),
+    "pyramid": ((0, 3, 2, 1), *((a, b, 4) for a, b in _SQUARE)),
 }
 _QUAD = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
 _SIMPLEX = np.vstack([np.zeros((1, 3)), np.eye(3)])
-_HEX = np.vstack([np.hstack([_QUAD, np.full((4, 1), z)]) for z in (0.0, 1.0)])
-_WEDGE = np.vstack(
-    [np.hstack([_SIMPLEX[:3, :2], np.full((3, 1), z)]) for z in (0.0, 1.0)]
-)
 
-#: Name -> scikit-fem element, corners, edges with a node in the middle, degree up to
-#: which the quadrature is exact.
-_DEFINITIONS: dict[str, tuple[str, Array, tuple[tuple[int, int], ...], int]] = {
-    "tri3": ("ElementTriP1", _SIMPLEX[:3, :2], (), 2),
-    "tri6": ("ElementTriP2", _SIMPLEX[:3, :2], _TRIANGLE, 4),
-    "quad4": ("ElementQuad1", _QUAD, (), 3),
-    "quad8": ("ElementQuadS2", _QUAD, _SQUARE, 5),
-    "tet4": ("ElementTetP1", _SIMPLEX, (), 2),
-    "tet10": ("ElementTetP2", _SIMPLEX, _TETRAHEDRON, 4),
-    "hex8": ("ElementHex1", _HEX, (), 3),
-    "hex20": ("ElementHexS2", _HEX, _CUBE, 5),
-    "wedge6": ("ElementWedge1", _WEDGE, (), 3),
+
+def _layers(corners: Array) -> Array:
+    return np.vstack([np.insert(corners, 2, z, axis=1) for z in (0.0, 1.0)])
+
+
+_CORNERS = {
+    "tri": _SIMPLEX[:3, :2],
+    "quad": _QUAD,
+    "tet": _SIMPLEX,
+    "hex": _layers(_QUAD),
+    "wedge": _layers(_SIMPLEX[:3, :2]),
+    "pyramid": np.vstack([np.insert(_QUAD, 2, 0.0, axis=1), [[0, 0, 1]]]),
+}
+
+
+def _complete(order: int) -> Callable[[Exponents], bool]:
+    return lambda e: sum(e) <= order
+
+
+def _serendipity(order: int) -> Callable[[Exponents], bool]:
+    return lambda e: max(e) <= order and sum(k for k in e if k > 1) <= order
+
+
+def _prismatic(order: int) -> Callable[[Exponents], bool]:
+    return lambda e: (
+        max(e[0] + e[1], e[2]) <= order and sum(e) <= 2 * order - (order > 1)
+    )
+
+
+#: In pyramids beside the complete space of the order: powers of x, y and 1 - z.
+_RATIONAL = {1: ((1, 1, -1),), 2: ((1, 1, -1), (2, 1, -1), (1, 2, -1))}
+_SPACES = {
+    "tri": _complete,
+    "quad": _serendipity,
+    "tet": _complete,
+    "hex": _serendipity,
+    "wedge": _prismatic,
+    "pyramid": _complete,
+}
+
+#: Name -> order, and the degrees to which the quadratures of stiffness and mass are
+#: exact. The mass is exact on distorted elements and those with curved edges, too.
+_DEFINITIONS: dict[str, tuple[int, int, int]] = {
+    "tri3": (1, 2, 2),
+    "tri6": (2, 4, 6),
+    "quad4": (1, 3, 3),
+    "quad8": (2, 5, 7),
+    "tet4": (1, 2, 2),
+    "tet10": (2, 5, 7),
+    "hex8": (1, 3, 5),
+    "hex20": (2, 5, 9),
+    "wedge6": (1, 2, 5),
+    "wedge15": (2, 4, 9),
+    "pyramid5": (1, 3, 5),
+    "pyramid13": (2, 5, 9),
 }
 ELEMENT_KINDS = tuple(_DEFINITIONS)
+#: Linear elements that do not bend at constant volume.
+LINEAR_KINDS = tuple(kind for kind, (order, _, _) in _DEFINITIONS.items() if order == 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,70 +152,116 @@ class ReferenceElement:
         """Values (g, m) and gradients (g, m, d) at other points (g, d)."""
         return _tabulated(self.name, points)
 
-    def inside(self, point: Array, slack: float) -> bool:
-        """Whether a reference point lies in the element."""
-        if point.min() < -slack:
-            return False
-        if self.name.startswith(("tri", "tet")):
-            return bool(point.sum() <= 1 + slack)
-        if self.name.startswith("wedge"):
-            return bool(point[:2].sum() <= 1 + slack and point[2] <= 1 + slack)
-        return bool(point.max() <= 1 + slack)
+    def excess(self, point: Array) -> float:
+        """How far a reference point lies outside the element; at most 0 inside."""
+        shape = shape_of(self.name)
+        beyond = [-point.min()]
+        if shape in ("tri", "tet"):
+            beyond.append(point.sum() - 1)
+        elif shape == "wedge":
+            beyond += [point[:2].sum() - 1, point[2] - 1]
+        elif shape == "pyramid":
+            beyond.append(point[:2].max() + point[2] - 1)
+        else:
+            beyond.append(point.max() - 1)
+        return float(max(beyond))
+
+
+def shape_of(kind: str) -> str:
+    """The name without the number of nodes."""
+    return kind.rstrip("0123456789")
 
 
 def all_edges(kind: str) -> list[tuple[int, int, int]]:
     """The corners of every edge and the node in its middle, -1 for none."""
-    corners = len(_DEFINITIONS[kind][1])
-    middle = {edge: corners + i for i, edge in enumerate(_DEFINITIONS[kind][2])}
-    edges = _EDGES[kind.rstrip("0123456789")]
-    return [(a, b, middle.get((a, b), -1)) for a, b in edges]
+    corners = len(_CORNERS[shape_of(kind)])
+    middle = {edge: corners + i for i, edge in enumerate(edge_nodes(kind))}
+    return [(a, b, middle.get((a, b), -1)) for a, b in _EDGES[shape_of(kind)]]
 
 
 def faces(kind: str, corners: int) -> list[tuple[int, ...]]:
     """The faces of a solid element with so many corners, by their corners."""
-    found = _FACES.get(kind.rstrip("0123456789"), ())
+    found = _FACES.get(shape_of(kind), ())
     return [face for face in found if len(face) == corners]
 
 
 def edge_nodes(kind: str) -> tuple[tuple[int, int], ...]:
     """The pairs of corners between which the further nodes of an element lie."""
-    return _DEFINITIONS[kind][2]
+    return _EDGES[shape_of(kind)] if _DEFINITIONS[kind][0] == 2 else ()
 
 
 @cache
-def reference_element(kind: str) -> ReferenceElement:
-    """The element of that name, one of `ELEMENT_KINDS`."""
-    from skfem.quadrature import get_quadrature
+def reference_element(kind: str, integral: str = "stiffness") -> ReferenceElement:
+    """The element of that name, one of `ELEMENT_KINDS`.
 
-    _, corners, edges, degree = _DEFINITIONS[kind]
-    middles = [(corners[a] + corners[b]) / 2 for a, b in edges]
-    nodes = np.vstack([corners, *middles])
-    points, weights = get_quadrature(_skfem(kind).refdom, degree)
-    values, gradients = _tabulated(kind, points.T)
+    Parameters
+    ----------
+    integral : "stiffness" or "mass", for which the quadrature is
+    """
+    _, stiffness, mass = _DEFINITIONS[kind]
+    degree = stiffness if integral == "stiffness" else mass
+    points, weights = quadrature_rule(shape_of(kind), degree)
+    values, gradients = _tabulated(kind, points)
+    corners = len(_CORNERS[shape_of(kind)])
     return ReferenceElement(
-        kind, nodes, len(corners), points.T, weights, values, gradients
+        kind, _nodes(kind), corners, points, weights, values, gradients
     )
 
 
-def _skfem(kind: str):  # type: ignore[no-untyped-def]  # noqa: ANN202
-    import skfem.element
-
-    return getattr(skfem.element, _DEFINITIONS[kind][0])()
+@cache
+def _nodes(kind: str) -> Array:
+    corners = _CORNERS[shape_of(kind)]
+    return np.vstack(
+        [corners, *((corners[a] + corners[b]) / 2 for a, b in edge_nodes(kind))]
+    )
 
 
 @cache
-def _order(kind: str) -> tuple[int, ...]:
-    """For each of our nodes, its number in scikit-fem."""
-    _, corners, edges, _ = _DEFINITIONS[kind]
-    nodes = [*corners, *((corners[a] + corners[b]) / 2 for a, b in edges)]
-    theirs = _skfem(kind).doflocs
-    return tuple(int(np.argmin(((theirs - x) ** 2).sum(1))) for x in nodes)
+def _exponents(kind: str) -> NDArray[np.int64]:
+    """(m, d) powers whose span the shape functions are."""
+    shape, order = shape_of(kind), _DEFINITIONS[kind][0]
+    dimension = _CORNERS[shape].shape[1]
+    member = _SPACES[shape](order)
+    powers = [e for e in product(range(order + 1), repeat=dimension) if member(e)]
+    return np.array([*powers, *(_RATIONAL[order] if shape == "pyramid" else ())])
+
+
+@cache
+def _coefficients(kind: str) -> Array:
+    """(m, m) of the powers (rows) in the shape functions (columns): whole numbers."""
+    values, _ = _powers(kind, _nodes(kind))
+    coefficients: Array = np.rint(np.linalg.inv(values))
+    return coefficients
 
 
 def _tabulated(kind: str, points: Array) -> tuple[Array, Array]:
-    element = _skfem(kind)
-    pairs = [element.lbasis(points.T, i) for i in _order(kind)]
-    count = len(points)
-    values = [np.broadcast_to(value, count) for value, _ in pairs]
-    slopes = [np.broadcast_to(slope, (points.shape[1], count)) for _, slope in pairs]
-    return np.stack(values, axis=1), np.stack([s.T for s in slopes], axis=1)
+    values, slopes = _powers(kind, points)
+    coefficients = _coefficients(kind)
+    return values @ coefficients, np.einsum("gki,kj->gji", slopes, coefficients)
+
+
+def _powers(kind: str, points: Array) -> tuple[Array, Array]:
+    """Products of powers (g, m) at points and their gradients (g, m, d).
+
+    At the apex of a pyramid, where the gradient depends on the direction, it is that
+    on the line to the middle of the base.
+    """
+    bases, sign = points, np.ones(points.shape[1])
+    if shape_of(kind) == "pyramid":
+        height = np.maximum(1 - points[:, 2], 1e-14)
+        bases = np.column_stack([points[:, :2], height])
+        bases[height < 1e-12, :2] = 0.5e-14
+        sign = np.array([1.0, 1.0, -1.0])
+    exponents = _exponents(kind)
+    powers = bases[:, None, :] ** exponents.astype(float)
+    lowered = exponents * bases[:, None, :] ** np.where(
+        exponents == 0, 0.0, exponents - 1.0
+    )
+    slopes = np.stack(
+        [
+            np.where(np.arange(bases.shape[1]) == i, lowered, powers).prod(axis=2)
+            for i in range(bases.shape[1])
+        ],
+        axis=2,
+    )
+    return powers.prod(axis=2), slopes * sign

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,11 +17,12 @@ from .elements import (
     ElementBatch,
     assembled,
     elasticity,
-    element_stiffness,
     mapped_batch,
 )
+from .internal_modes import RELIEVED_KINDS
+from .internal_modes import relieved as with_modes
 from .mesh import ElementBlock, Mesh
-from .reference_elements import reference_element
+from .reference_elements import LINEAR_KINDS, reference_element
 
 Array = NDArray[np.float64]
 
@@ -59,19 +59,15 @@ def mesh_matrices(
     stiffness = sp.csr_matrix((d * n, d * n))
     for block in mesh.blocks:
         material = materials[block.material]
-        extra = incompatible_modes and block.kind in ("quad4", "hex8")
+        extra = incompatible_modes and block.kind in RELIEVED_KINDS
         check_locking(block.kind, material, state, extra)
         m, k = assembled(
-            _batches(mesh, block),
+            element_batches(mesh, block, relieved=extra),
             n,
             dimension=d,
             density=material.density * thickness,
             law=elasticity(material, state) * thickness,
-            stiffness=partial(
-                _condensed_stiffness, positions=mesh.positions, kind=block.kind
-            )
-            if extra
-            else element_stiffness,
+            mass_batches=element_batches(mesh, block, "mass"),
         )
         mass, stiffness = mass + m, stiffness + k
     return sp.csr_matrix(mass), sp.csr_matrix(stiffness)
@@ -83,11 +79,20 @@ def mesh_continua(
     state: str,
     *,
     thickness: float = 1.0,
+    incompatible_modes: bool = False,
 ) -> tuple[Continuum, ...]:
     """The material of every block; the parameters are those of `mesh_matrices`."""
     return tuple(
         continuum_of(
-            partial(_batches, mesh, block), materials[block.material], state, thickness
+            partial(
+                element_batches,
+                mesh,
+                block,
+                relieved=incompatible_modes and block.kind in RELIEVED_KINDS,
+            ),
+            materials[block.material],
+            state,
+            thickness,
         )
         for block in mesh.blocks
     )
@@ -102,8 +107,7 @@ def check_locking(kind: str, material: Material, state: str, relieved: bool) -> 
     """
     if state == "plane_stress" or relieved:
         return
-    linear = kind in ("tri3", "tet4", "quad4", "hex8", "wedge6")
-    if linear and material.poissons_ratio > _NEARLY_INCOMPRESSIBLE:
+    if kind in LINEAR_KINDS and material.poissons_ratio > _NEARLY_INCOMPRESSIBLE:
         raise InputError(
             f"{material.poissons_ratio} makes {kind} elements lock: they cannot bend "
             "at constant volume",
@@ -113,41 +117,28 @@ def check_locking(kind: str, material: Material, state: str, relieved: bool) -> 
         )
 
 
-def _batches(mesh: Mesh, block: ElementBlock) -> Iterator[ElementBatch]:
-    element = reference_element(block.kind)
+def element_batches(
+    mesh: Mesh,
+    block: ElementBlock,
+    integral: str = "stiffness",
+    *,
+    relieved: bool = False,
+) -> Iterator[ElementBatch]:
+    """The elements of a block at the quadrature points of their stiffness or mass.
+
+    Parameters
+    ----------
+    relieved : whether they get internal modes
+    """
+    element = reference_element(block.kind, integral)
     size = element.gradients.size * 3 * (mesh.dimension + 1)
     step = max(1, _BATCH_ENTRIES // size)
     for start in range(0, len(block.nodes), step):
-        yield mapped_batch(
+        batch = mapped_batch(
             block.nodes[start : start + step],
             mesh.positions,
             element.values[None],
             element.gradients[None],
             element.weights,
         )
-
-
-def _condensed_stiffness(
-    batch: ElementBatch, law: Array, *, positions: Array, kind: str
-) -> Array:
-    """The internal modes xi (1 - xi) of each direction, condensed.
-
-    They are differentiated with the Jacobian at the centre, scaled by the ratio of
-    determinants, so that their strains vanish in the mean and the patch test is
-    passed.
-    """
-    element = reference_element(kind)
-    d = element.dimension
-    _, centre = element.at(np.full((1, d), 0.5))
-    jacobians = np.swapaxes(positions[batch.nodes], 1, 2) @ centre[0]
-    slopes = np.zeros((len(element.points), d, d))
-    slopes[:, range(d), range(d)] = 1 - 2 * element.points
-    ratio = np.linalg.det(jacobians)[:, None] * element.weights / batch.measures
-    internal = slopes @ np.linalg.inv(jacobians)[:, None] * ratio[..., None, None]
-    gradients = np.concatenate([batch.gradients, internal], axis=2)
-    full = element_stiffness(replace(batch, gradients=gradients), law)
-    own = d * element.nodes.shape[0]
-    coupling = full[:, own:, :own]
-    return full[:, :own, :own] - np.swapaxes(coupling, 1, 2) @ np.linalg.solve(
-        full[:, own:, own:], coupling
-    )
+        yield with_modes(batch, mesh.positions, element) if relieved else batch

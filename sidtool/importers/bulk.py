@@ -18,13 +18,19 @@ _NASTRAN = {
     "CHEXA8": "hex8",
     "CHEXA20": "hex20",
     "CPENTA6": "wedge6",
+    "CPENTA15": "wedge15",
+    "CPYRAM5": "pyramid5",
+    "CPYRAM13": "pyramid13",
     "CQUAD4": "quad4",
     "CTRIA3": "tri3",
     "CQUAD8": "quad8",
     "CTRIA6": "tri6",
 }
 #: Corners, then edges of the base, of the top, upright: our order of Nastran's nodes.
-_CHEXA20 = (*range(12), *range(16, 20), *range(12, 16))
+_ORDER = {
+    "CHEXA20": (*range(12), *range(16, 20), *range(12, 16)),
+    "CPENTA15": (*range(9), *range(12, 15), *range(9, 12)),
+}
 #: ANSYS element type -> corners-only kind, kind with middle nodes.
 _ANSYS = {
     185: ("hex8", "hex8"),
@@ -83,8 +89,7 @@ def _from_nastran(data: Any) -> ImportedMesh:
                 f"element {label} is a {element.type} of {len(listed)} nodes",
                 expected=", ".join(_NASTRAN),
             )
-        if name == "CHEXA20":
-            listed = [listed[i] for i in _CHEXA20]
+        listed = [listed[i] for i in _ORDER.get(name, range(len(listed)))]
         place = f"element {label}"
         material = material_of.get(int(element.pid))
         raw.append(RawElement(int(label), _NASTRAN[name], listed, place, material))

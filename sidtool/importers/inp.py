@@ -29,8 +29,10 @@ _MOST_MEMBERS = 100_000_000
 _KINDS = {
     "C3D4": "tet4",
     "C3D6": "wedge6",
+    "C3D5": "pyramid5",
     "C3D8": "hex8",
     "C3D10": "tet10",
+    "C3D15": "wedge15",
     "C3D20": "hex20",
     "CPS3": "tri3",
     "CPS4": "quad4",

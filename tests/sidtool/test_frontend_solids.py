@@ -17,7 +17,11 @@ from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.frontends.elements import elasticity
 from sidtool.frontends.mesh import ElementBlock, Mesh, check_mesh, without_free_nodes
 from sidtool.frontends.mesh_points import MeshPoints
-from sidtool.frontends.reference_elements import ELEMENT_KINDS, reference_element
+from sidtool.frontends.reference_elements import (
+    ELEMENT_KINDS,
+    reference_element,
+    shape_of,
+)
 from sidtool.frontends.sampled_volume import sampled_volume
 from sidtool.frontends.solids import mesh_matrices
 from sidtool.geometry.patch import patch_from_model
@@ -34,8 +38,8 @@ def single(kind: str, seed: int = 0) -> Mesh:
     random = np.random.default_rng(seed)
     corners = element.nodes[: element.corners]
     moved = corners + random.uniform(-0.1, 0.1, corners.shape)
-    linear = {"tri6": "tri3", "quad8": "quad4", "tet10": "tet4", "hex20": "hex8"}
-    values, _ = reference_element(linear.get(kind, kind)).at(element.nodes)
+    linear = next(k for k in ELEMENT_KINDS if shape_of(k) == shape_of(kind))
+    values, _ = reference_element(linear).at(element.nodes)
     block = ElementBlock(kind, np.arange(len(element.nodes))[None], np.array([1]))
     return Mesh(values @ moved, (block,))
 

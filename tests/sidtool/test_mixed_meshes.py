@@ -119,18 +119,41 @@ def prism_and_tetrahedra() -> Mesh:
     return Mesh(points, blocks(wedge6=[[0, 1, 2, 3, 4, 5]], tet4=[[3, 4, 5, 6]]))
 
 
+def hexahedron_pyramid_and_tetrahedra(linear: bool) -> Mesh:
+    """A cube under one of tetrahedra; the pyramid between them has its base below."""
+    points, numbers = grid(1, 1, 2)
+    below, (a, b, c, d, e, f, g, h) = (cell(numbers, (0, 0, k)) for k in (0, 1))
+    points = np.vstack([points, [0.45, 0.6, 1.4]])
+    top = len(points) - 1
+    sides = ([e, h, g, f], [a, e, f, b], [b, f, g, c], [c, g, h, d], [d, h, e, a])
+    tetrahedra = [[*t, top] for side in sides for t in halves(side)]
+    rows = {"hex": [below], "pyramid": [[a, b, c, d, top]], "tet": tetrahedra}
+    kinds = {"hex": "hex8", "pyramid": "pyramid5", "tet": "tet4"}
+    if linear:
+        return Mesh(points, blocks(**{kinds[k]: v for k, v in rows.items()}))
+    kinds = {"hex": "hex20", "pyramid": "pyramid13", "tet": "tet10"}
+    known: dict = {}
+    full = {}
+    for shape, kind in kinds.items():
+        points, full[kind] = middles(points, kind, rows[shape], known)
+    return Mesh(points, blocks(**full))
+
+
+#: With their volumes.
 MESHES = {
-    "quad4 and tri3": plane(True),
-    "quad8 and tri6": plane(False),
-    "hex8 and wedge6": solid(),
-    "wedge6 and tet4": prism_and_tetrahedra(),
+    "quad4 and tri3": (plane(True), 9.0),
+    "quad8 and tri6": (plane(False), 9.0),
+    "hex8 and wedge6": (solid(), 8.0),
+    "wedge6 and tet4": (prism_and_tetrahedra(), 2 / 3),
+    "hex8, pyramid5 and tet4": (hexahedron_pyramid_and_tetrahedra(True), 2.0),
+    "hex20, pyramid13 and tet10": (hexahedron_pyramid_and_tetrahedra(False), 2.0),
 }
 
 
 @pytest.mark.parametrize("name", MESHES)
 def test_patch_test_and_rigid_motion(name: str) -> None:
     """A linear field needs no force inside and has the exact energy."""
-    mesh = MESHES[name]
+    mesh, size = MESHES[name]
     check_mesh(mesh)
     check_conforming(mesh, "mesh")
     d = mesh.dimension
@@ -147,7 +170,7 @@ def test_patch_test_and_rigid_motion(name: str) -> None:
     pairs = ((0, 1),) if d == 2 else ((0, 1), (1, 2), (0, 2))
     strain = [slope[i, i] for i in range(d)]
     strain += [slope[i, j] + slope[j, i] for i, j in pairs]
-    size = mass.sum() / STEEL.density
+    assert mass.sum() == pytest.approx(STEEL.density * size, rel=1e-12)
     energy = size * np.array(strain) @ elasticity(STEEL, state) @ strain
     assert u @ force.ravel() == pytest.approx(energy, rel=1e-11)
     rank = np.linalg.matrix_rank(k.toarray(), tol=1e-9 * k.max())
@@ -185,6 +208,8 @@ def test_faces_and_edges_are_those_of_the_element() -> None:
         "tet10": (6, 4, 0),
         "hex20": (12, 0, 6),
         "wedge6": (9, 2, 3),
+        "wedge15": (9, 2, 3),
+        "pyramid13": (8, 4, 1),
         "quad8": (4, 0, 0),
         "tri3": (3, 0, 0),
     }.items():
