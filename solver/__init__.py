@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .analyses.linear import linearise as linearise
     from .analyses.static import static_equilibrium as static_equilibrium
     from .callables import Derivatives
+    from .callables import Timed as Timed
     from .description import describe as describe
     from .run import simulate as simulate
     from .scene import System
@@ -58,7 +59,9 @@ def compile_scene(
     accept_defects : take SIDs whose coupled mass matrix is indefinite, and joints and
         forces on nodes where all shape functions vanish
     drives : callables that replace the functions of the drives with these names:
-        f(t), or a tuple of f and its first, or first two, derivatives
+        f(t), or a tuple of f and its first, or first two, derivatives, or one of these
+        as `Timed(f, times=..., shortest=...)`: a feature that lasts less than 1/4096 of
+        the run may be missed unless that says where or how short it is
     keep_joints : keep all joints as constraints, whose forces are then known, also
         those that prescribe a frame
     forces : callables f(t) that scale the forces, or are the actuators, with these
@@ -80,10 +83,11 @@ def compile_scene(
     return system
 
 
-_ANALYSES = {
+_ELSEWHERE = {
     "static_equilibrium": "solver.analyses.static",
     "linearise": "solver.analyses.linear",
     "inverse_dynamics": "solver.analyses.inverse",
+    "Timed": "solver.callables",
 }
 
 
@@ -96,6 +100,6 @@ def __getattr__(name: str) -> object:
         from .description import describe
 
         return describe
-    if name in _ANALYSES:
-        return getattr(import_module(_ANALYSES[name]), name)
+    if name in _ELSEWHERE:
+        return getattr(import_module(_ELSEWHERE[name]), name)
     raise AttributeError(f"module 'solver' has no attribute {name!r}")

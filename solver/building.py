@@ -117,6 +117,7 @@ def _system(
         coordinates=coordinates,
         turns=turns,
         from_start=tables.from_start,
+        seen=functions.seen,
     )
 
 

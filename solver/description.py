@@ -54,6 +54,11 @@ def describe(system: System) -> list[str]:
             f"{len(system.redundant)} redundant constraints ({names}): met by the "
             "others; of all multipliers that hold them the smallest are told"
         )
+    for name, shortest in system.seen.items():
+        lines.append(
+            f"{name}: given by a program, of which only values can be seen; what lasts "
+            f"less than {shortest:.3g} s may be missed"
+        )
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
     lines.append(f"markers: {used} used of {total} exported nodes")
     return lines

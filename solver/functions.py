@@ -26,7 +26,7 @@ from formats.scene import (
 )
 from formats.sid import Array
 
-from .callables import Derivatives, interpolate
+from .callables import Derivatives, interpolate, shortest_seen
 from .kernels import layout as at
 from .kernels.layout import IntTable
 from .pool import Pool
@@ -113,6 +113,11 @@ class FunctionTable:
     Parameters
     ----------
     span : times [s] between which functions of a program are evaluated
+
+    Attributes
+    ----------
+    seen : by the drives and forces that a program gives, the duration of the shortest
+        feature that is surely seen [s]
     """
 
     def __init__(self, pool: Pool, span: tuple[float, float]) -> None:
@@ -120,6 +125,7 @@ class FunctionTable:
         self._span = span
         self._rows: list[tuple[int, int, int, int]] = []
         self._breaks: dict[float, list[str]] = {}
+        self.seen: dict[str, float] = {}
 
     def add(
         self,
@@ -141,6 +147,7 @@ class FunctionTable:
         """
         if program is not None:
             compiled: Compiled = Curve(*interpolate(program, self._span, place, smooth))
+            self.seen[place.split(".")[1]] = shortest_seen(program, self._span)
         else:
             compiled = compile_function(function, place)
         if smooth and isinstance(compiled, Pieces):

@@ -48,6 +48,8 @@ class System:
     from_start : (entry of the pool, constraint row) of constants that the assembled
         start decides
     redundant : constraint rows that follow from the others
+    seen : by the drives and forces that a program gives, the duration of the shortest
+        feature that is surely seen [s]
     """
 
     scene: SceneFile
@@ -64,6 +66,7 @@ class System:
     turns: tuple[Turn, ...] = field(default=())
     from_start: tuple[tuple[int, int], ...] = field(default=())
     redundant: tuple[int, ...] = field(default=())
+    seen: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def planar(self) -> bool:

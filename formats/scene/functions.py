@@ -82,7 +82,9 @@ class Spline(Table):
 
 class Given(Table):
     """A function that a program hands to `compile_scene(..., drives={NAME: f})`, or in
-    `forces` if it belongs to a force."""
+    `forces` if it belongs to a force. Of it only values can be seen: what lasts less
+    than 1/4096 of the run may be missed, unless `Timed(f, times=[...])` says where it
+    is, or `shortest` how short."""
 
     type: Literal["callable"]
 
