@@ -25,7 +25,7 @@ from formats.scene import (
 from formats.sid import Array
 
 from .bodies import quaternion, rotation_part
-from .joints import joint_parts
+from .joints import is_of_point, joint_parts
 from .kernels import layout as at
 from .kernels.drives import drive_value
 from .kernels.layout import Work
@@ -150,6 +150,8 @@ def _wishes(system: System) -> Iterator[_Wish]:
     for name, joint in scene.joints.items():
         texts = marker_names(joint)
         if not texts or name in system.eliminated:
+            continue
+        if is_of_point(joint, {data.name: data for data in system.bodies}):
             continue
         constraints = joint_parts(joint, system.planar).constraints
         across = [p for p in constraints if p.kind == at.PERPENDICULAR]

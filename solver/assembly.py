@@ -16,6 +16,7 @@ from formats.errors import InputError
 
 from . import kernel_calls
 from .alignment import align, check_alignment
+from .carried import displacements
 from .kernels import layout as at
 from .redundancy import mark_redundant
 from .scene import System
@@ -32,6 +33,8 @@ from .turn_counts import keep_turns
 
 __all__ = ["Start", "assemble", "dense_jacobian", "guess", "names_of_rows"]
 
+#: Bodies that are fixed may lie off by this part of the size of the mechanism.
+HELD = 1e-10
 #: Times of each smooth interval at which prescribed frames are compared.
 SAMPLES = 21
 
@@ -44,11 +47,29 @@ def assemble(system: System) -> tuple[System, Start]:
     InputError : the start position cannot be reached, or constraints contradict.
     """
     state = State(system, guess(system))
+    _check_held(state)
     if system.n_rows > 0:
         system = _closed(system, state)
     keep_turns(system, state.work, state.z)
     _check_springs(system, state)
+    if system.whole is not None:
+        system = replace(system, whole=assemble(system.whole)[0])
     return system, Start(state.z, state.v)
+
+
+def _check_held(state: State) -> None:
+    """Raises bodies that the user fixed elsewhere than joints and drives put them."""
+    system = state.system
+    for name, (way, angle) in displacements(system, state.work).items():
+        if not system.scene.bodies[name].initial.fixed:
+            continue
+        if way > HELD * system.length or angle > HELD:
+            raise InputError(
+                f"the start position cannot be assembled: joints and drives put {name} "
+                f"{way:.3g} m and {angle:.3g} rad away from where it is fixed",
+                place=f"bodies.{name}.initial",
+                expected="the position that they prescribe, or fixed = false",
+            )
 
 
 def _closed(system: System, state: State) -> System:

@@ -15,6 +15,9 @@ from .kernels import layout as at
 from .kernels.layout import IntTable
 from .scene import GROUND_NAME
 
+#: Columns that prescribe a frame.
+PRESCRIBING = [at.MOTION, at.BASE, at.TIP, at.DRIVE, at.FRAME]
+
 
 def body_table(parts: Ingredients, markers: dict[Reference, int]) -> IntTable:
     """One row for each body, in the order of `parts`.
@@ -40,6 +43,13 @@ def body_table(parts: Ingredients, markers: dict[Reference, int]) -> IntTable:
         position += row[at.NP]
         velocity += row[at.NV]
         block += row[at.NV] ** 2
+    return table
+
+
+def with_prescribed_frames(whole: IntTable, cut: IntTable) -> IntTable:
+    """The body table with all coordinates, and the prescribed frames of another."""
+    table = whole.copy()
+    table[:, PRESCRIBING] = cut[:, PRESCRIBING]
     return table
 
 

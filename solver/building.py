@@ -8,6 +8,7 @@ SID that are zero are not evaluated.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +26,11 @@ from formats.scene import (
 from formats.sid import SID, rigid_node, rigid_sid
 
 from .bodies import BodyData, body_data
-from .body_tables import body_table, marker_table
+from .body_tables import body_table, marker_table, with_prescribed_frames
 from .callables import Derivatives
 from .constraint_tables import ConstraintTables, constraint_tables
 from .constraints import Constraint, constraints_of
-from .eliminated import eliminated_frames, eliminated_joints
+from .eliminated import asks_for_joints, eliminated_frames, eliminated_joints
 from .forces import Element, compile_forces, force_table, joint_coordinate
 from .functions import FunctionTable
 from .ingredients import Ingredients, Reference, driven_coordinates
@@ -68,11 +69,17 @@ def build_system(
     functions = FunctionTable(pool, (scene.time.start, scene.time.end))
     drive_index = _drive_functions(scene, functions, drives or {})
     elements = compile_forces(scene, functions, planar, forces or {})
-    frames = {} if keep_joints else eliminated_frames(scene, data)
+    frames = eliminated_frames(scene, data)
     others = [name for name in scene.bodies if name not in frames]
     order = (GROUND_NAME, *frames, *others)
     parts = Ingredients(scene, data, frames, order, drive_index, pool)
-    return _system(parts, functions, elements)
+    cut = _system(parts, functions, elements)
+    if not frames or not (keep_joints or asks_for_joints(scene, cut.eliminated)):
+        return cut
+    whole = _system(replace(parts, frames={}), functions, elements)
+    carrying = with_prescribed_frames(whole.arrays.body, cut.arrays.body)
+    whole = replace(whole, carrying=carrying)
+    return whole if keep_joints else replace(cut, whole=whole)
 
 
 def _system(

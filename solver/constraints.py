@@ -8,7 +8,15 @@ from formats.scene import Coupling, Drive, Gear, Joint, marker_names, marker_ref
 
 from .couplings import coupling_terms
 from .ingredients import Ingredients, Reference, driven_coordinates
-from .joints import Primitive, joint_parts, marker_coordinate, marker_rotation
+from .joints import (
+    Parts,
+    Primitive,
+    is_of_point,
+    joint_parts,
+    marker_coordinate,
+    marker_rotation,
+)
+from .kernels.layout import COINCIDENT
 
 
 @dataclass(frozen=True)
@@ -55,6 +63,8 @@ def _joint(
     """drives : drive of each driven coordinate of the joint"""
     a, b = (marker_reference(text) for text in marker_names(joint))
     primitives = joint_parts(joint, parts.planar)
+    if is_of_point(joint, parts.data):
+        primitives = Parts([Primitive(COINCIDENT)])
     found = [Constraint(name, part, a, b) for part in primitives.constraints]
     if "length" in drives:
         found = []

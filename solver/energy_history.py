@@ -23,6 +23,7 @@ from .kernels.newton import Kernels, Memory
 from .sampling import sample
 from .scene import System
 from .storage import new_memory, new_work
+from .whole_scene import whole_motion
 
 INTEGRATED = frozenset(["dissipated", "supplied", "balance"])
 
@@ -61,14 +62,15 @@ def integrated_energies(
     for steps in history.points.batches(history.parts):
         z, v = steps.z.copy(), steps.v.copy()
         samples = sample(system, kernels, work, memory, steps.t, z, v, closed)
-        drift = _drift(system, work, steps.t, z)
-        supplied = supply(system, samples, steps.t, drift)
-        powers.append((dissipation(system, samples), supplied))
+        lost = dissipation(system, samples)
+        told, motion = whole_motion(system, steps.t, samples)
+        drift = _drift(told, steps.t, motion.z)
+        powers.append((lost, supply(told, motion, steps.t, drift)))
         t.append(steps.t)
     nodes = np.concatenate(t)
-    lost, given = (np.concatenate(power) for power in zip(*powers, strict=True))
+    dissipated, given = (np.concatenate(power) for power in zip(*powers, strict=True))
     integral = history.points.integral
-    return integral(nodes, lost, times), integral(nodes, given, times)
+    return integral(nodes, dissipated, times), integral(nodes, given, times)
 
 
 def history_between(
@@ -133,12 +135,12 @@ def _rates(system: System, z: Array, v: Array) -> Array:
     return rates
 
 
-def _drift(system: System, work: Work, times: Array, z: Array) -> Array:
+def _drift(system: System, times: Array, z: Array) -> Array:
     """What time alone changes in the constraints: their rates at zero velocity."""
     drift = np.zeros((len(times), system.n_rows))
     if not (system.arrays.constraint[:, at.C_DRIVE] >= 0).any():
         return drift
-    rest = np.zeros(system.n_velocities)
+    rest, work = np.zeros(system.n_velocities), new_work(system)
     for i, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
         work.clock[0] = clock
         kernel_calls.evaluate(system, work, t, z[i], rest)

@@ -8,14 +8,15 @@ in the frame of the first marker.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from formats.scene import Joint, as_3d
+from formats.scene import Joint, as_3d, marker_names, marker_reference
 from formats.sid import Array
 
+from .bodies import BodyData
 from .kernels.layout import ALONG, ANGLE, COINCIDENT, DISTANCE, PERPENDICULAR
 
 
@@ -48,6 +49,17 @@ def joint_parts(joint: Joint, planar: bool) -> Parts:
     if planar:
         return PLANAR[joint.type](joint, planar_axis(joint))
     return SPATIAL[joint.type](joint, spatial_axis(joint))
+
+
+def is_of_point(joint: Joint, data: Mapping[str, BodyData]) -> bool:
+    """Whether a joint fixes a point mass, which has a place and no orientation."""
+    if joint.type != "fixed":
+        return False
+    for text in marker_names(joint):
+        body, marker = marker_reference(text)
+        if body in data and not data[body].rotates and body != "ground":
+            return not data[body].node(marker).position.any()
+    return False
 
 
 def marker_coordinate(name: str, planar: bool) -> Primitive:

@@ -31,6 +31,7 @@ from .sampling import Samples, sample
 from .scene import GROUND_NAME, System
 from .scene_outputs import SceneQuantities
 from .stress_outputs import stress_column
+from .whole_scene import whole_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,7 @@ def record(
     history : the steps of the run, for energies that are integrals
     """
     samples = sample(system, kernels, work, memory, times, z, v, closed)
+    told, motion = whole_motion(system, times, samples)
     whole = SceneQuantities(
         system, kernels, work, memory, times, samples, closed, history
     )
@@ -74,7 +76,7 @@ def record(
             names.append(text)
             columns.append(whole.column(parsed.owner, parsed.quantity))
             continue
-        for name, column in _columns(system, samples, times, text):
+        for name, column in _columns(told, motion, times, text):
             names.append(name)
             columns.append(column)
     values = np.column_stack(columns) if columns else np.zeros((len(times), 0))
@@ -116,7 +118,7 @@ def multiplier_rows(system: System, owner: str, quantity: str) -> dict[str, int]
     """
     rows = [
         i
-        for row in system.rows
+        for row in (system.whole or system).rows
         if row.name == owner
         for i in range(row.first, row.first + row.count)
     ]

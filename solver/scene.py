@@ -50,6 +50,10 @@ class System:
     redundant : constraint rows that follow from the others
     seen : by the drives and forces that a program gives, the duration of the shortest
         feature that is surely seen [s]
+    carrying : of a scene with all of its joints, the body table in which frames that
+        they prescribe have no coordinates
+    whole : of a scene that was cut down, the one with all joints, if their forces are
+        asked for
     """
 
     scene: SceneFile
@@ -67,6 +71,8 @@ class System:
     from_start: tuple[tuple[int, int], ...] = field(default=())
     redundant: tuple[int, ...] = field(default=())
     seen: Mapping[str, float] = field(default_factory=dict)
+    carrying: at.IntTable | None = None
+    whole: System | None = None
 
     @property
     def planar(self) -> bool:

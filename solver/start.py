@@ -12,6 +12,7 @@ from formats.sid import Array
 
 from . import kernel_calls
 from .bodies import quaternion
+from .carried import place_carried
 from .kernels import layout as at
 from .kernels.coordinates import retract
 from .kernels.newton import Memory
@@ -64,6 +65,7 @@ def guess(system: System) -> Start:
                 v[u + 3 : u + 6] = _angular_velocity(initial.angular_velocity, matrix)
         z[p + rigid : p + row[at.NP]] = _elastic(initial, "elastic", data)
         v[u + row[at.RD] : u + row[at.NV]] = _elastic(initial, "elastic_velocity", data)
+    place_carried(system, z, v)
     z[len(z) - system.n_turns :] = starting_turns(system)
     return Start(z, v)
 

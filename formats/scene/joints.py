@@ -34,7 +34,8 @@ class _AxialJoint(_Pair):
 
 
 class Fixed(_Pair):
-    """No relative motion of the two markers."""
+    """No relative motion of the two markers; of a point mass, which has no orientation,
+    its place is held."""
 
     type: Literal["fixed"]
 

@@ -1,0 +1,77 @@
+"""Bodies that are carried: where joints and drives that prescribe frames put them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from formats.scene import as_3d, rotation
+from formats.sid import Array
+
+from . import kernel_calls
+from .bodies import quaternion
+from .kernels import layout as at
+from .kernels import planar
+from .kernels import spatial_columns as spatial
+from .kernels.layout import IntTable, Work
+from .scene import GROUND_NAME, System
+from .storage import new_work
+
+
+def place_carried(system: System, z: Array, v: Array) -> None:
+    """Gives carried bodies the coordinates that their joints prescribe at the start.
+
+    The assembly then leaves them alone, and a scene with all of its joints starts where
+    the one without them does.
+    """
+    if system.carrying is None:
+        return
+    carrying = replace(system, arrays=system.arrays.replaced(body=system.carrying))
+    work = new_work(system)
+    work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
+    kernel_calls.evaluate(carrying, work, system.scene.time.start, z, v)
+    for b in carried_rows(system.carrying):
+        keep_frame(system, b, work.frame[b], z, v)
+
+
+def carried_rows(body: IntTable) -> list[int]:
+    """Rows of the bodies whose frames a body table prescribes."""
+    motion = body[:, at.MOTION]
+    return [int(b) for b in np.flatnonzero((motion != at.FREE) & (motion != at.GROUND))]
+
+
+def keep_frame(system: System, b: int, frame: Array, z: Array, v: Array) -> None:
+    """Writes a frame into the coordinates of its body."""
+    row = system.arrays.body[b]
+    p, u, rigid = row[at.POS], row[at.VEL], row[at.RD]
+    if system.planar:
+        position = frame[[planar.X, planar.Y, planar.ANGLE]]
+        velocity = frame[[planar.VX, planar.VY, planar.W]]
+    else:
+        R = frame[spatial.R : spatial.R + 9].reshape(3, 3)
+        position = np.concatenate([frame[spatial.X : spatial.X + 3], quaternion(R)])
+        velocity = frame[spatial.V : spatial.V + 6]
+    count = row[at.NP] - row[at.NQ]
+    z[p : p + count], v[u : u + rigid] = position[:count], velocity[:rigid]
+
+
+def displacements(system: System, work: Work) -> dict[str, tuple[float, float]]:
+    """How far bodies lie from where the scene file puts them, by name: of the origin
+    [m], and the angle [rad]; `work` holds the frames."""
+    found = {}
+    for b, data in enumerate(system.bodies):
+        if data.name == GROUND_NAME:
+            continue
+        initial, frame = system.scene.bodies[data.name].initial, work.frame[b]
+        if system.planar:
+            place = as_3d(tuple(frame[[planar.X, planar.Y]]))
+            angle = abs(frame[planar.ANGLE] - (initial.angle or 0.0))
+        else:
+            place = frame[spatial.X : spatial.X + 3]
+            R = frame[spatial.R : spatial.R + 9].reshape(3, 3)
+            q = quaternion(rotation(initial).T @ R)
+            angle = 2.0 * np.arctan2(np.linalg.norm(q[1:]), q[0])
+        way = np.linalg.norm(place - as_3d(initial.position))
+        found[data.name] = float(way), float(angle)
+    return found
