@@ -11,10 +11,12 @@ from numpy.typing import ArrayLike
 from .sid import SID, Array
 
 _ZERO = (0.0, 0.0, 0.0)
-#: Below this share of the stiffness, stiffening does not matter.
+#: Below this share of the stiffness, a change of it is called small.
 MATTERS = 0.01
 #: What the SID lacks is made by this.
 REMEDY = "convert the body with a table [stiffening]"
+#: A SID without stiffening terms tells the centrifugal softening only.
+_PARTLY = " (of rotation alone: the SID lacks geometric stiffening by other loads)"
 
 
 def has_stiffening(sid: SID) -> bool:
@@ -135,7 +137,7 @@ def stiffening_ratio(
 ) -> float:
     """The largest share of Ke that loads add or take away, over all deformations.
 
-    Below about 0.01 stiffening does not matter; at -1 the body would buckle, and of a
+    Small below about 0.01, unless near a resonance; at -1 the body would buckle. Of a
     SID without stiffening terms the centrifugal softening alone tells the order, as the
     square of speed over the lowest frequency.
 
@@ -171,6 +173,8 @@ class Stiffening:
     diverges : deformations grow without bound while these loads last
     time : of these loads [s]
     condition : a drive; the body has these loads only if it turns like that
+    axial : the load is a rotation about the long axis of the body, which geometric
+        stiffening does not answer
     """
 
     ratio: float = 0.0
@@ -179,14 +183,21 @@ class Stiffening:
     diverges: bool = False
     time: float = 0.0
     condition: str = ""
+    axial: bool = False
 
     def sentence(self) -> str:
-        """Does stiffening matter, and does the SID carry it?"""
+        """How much loads change the stiffness, and whether the SID carries it all."""
         share = f"{100 * self.ratio:+.3g} % of the stiffness by {self.load}"
+        lacking = not self.carried and not self.axial
         if self.condition and abs(self.ratio) >= MATTERS:
-            lacks = "" if self.carried else " (the SID lacks it)"
+            lacks = " (the SID lacks geometric stiffening)" if lacking else ""
             return f"stiffening {share}, if it turns like {self.condition}{lacks}"
-        if self.diverges and not self.carried:
+        if self.diverges and self.axial:
+            return (
+                f"diverges, {share} about its long axis: between critical speeds of "
+                "the shaft"
+            )
+        if self.diverges and lacking:
             return (
                 f"diverges, {share}: the SID lacks the geometric stiffening that "
                 f"outweighs the centrifugal softening; {REMEDY}"
@@ -194,9 +205,11 @@ class Stiffening:
         if self.diverges:
             return f"buckles, {share}: these loads are more than the body can bear"
         if abs(self.ratio) < MATTERS:
-            amount = f", {share}" if self.load else ""
-            lacks = "" if self.carried else " (rotation alone, all this SID can tell)"
-            return f"stiffening does not matter{amount}{lacks}"
+            amount = f"at most {share}" if self.load else "none by these loads"
+            partly = "" if self.carried else _PARTLY
+            return f"stiffening small, {amount}{partly}"
+        if self.axial:
+            return f"softened by centrifugal forces, {share} about its long axis"
         if self.carried:
             return f"stiffening matters and is in the SID, {share}"
         return f"stiffening matters and the SID lacks it, {share}; {REMEDY}"

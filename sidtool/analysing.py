@@ -11,9 +11,9 @@ from formats.errors import InputError
 from formats.result import Result
 from formats.scene import SceneFile, read_scene
 from formats.sid import SID
-from formats.sid_files import read_sid
 
 from .kinds import expect_kind
+from .swaps import swapped
 
 if TYPE_CHECKING:
     from solver.analyses.linear import Linearisation
@@ -120,15 +120,12 @@ class _Compiled:
             path = Path(self.scene)
             expect_kind(path, "scene")
             content, folder = read_scene(path), Path(self.folder or path.parent)
-        swapped = {
-            body: sid if isinstance(sid, SID) else read_sid(sid)
-            for body, sid in self.sids.items()
-        }
+        content, replaced = swapped(content, self.sids, folder)
         try:
             return compile_scene(
                 content,
                 folder,
-                swapped,
+                replaced,
                 accept_defects=self.accept_defects,
                 keep_joints=True,
             )

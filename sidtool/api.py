@@ -15,6 +15,7 @@ from formats.sid import SID
 from formats.sid_files import read_sid, write_sid
 
 from .kinds import read
+from .swaps import swapped
 from .validate import check, compare, repair
 
 __all__ = ["compare", "convert", "read", "repair", "simulate", "validate", "write"]
@@ -98,13 +99,10 @@ def simulate(
             read_scene(Path(scene)),
             Path(base_folder or Path(scene).parent),
         )
-    swapped = {
-        body: sid if isinstance(sid, SID) else read_sid(sid)
-        for body, sid in (sids or {}).items()
-    }
+    content, replaced = swapped(content, sids or {}, folder)
     try:
         system = compile_scene(
-            content, folder, swapped, accept_defects, drives, forces=forces
+            content, folder, replaced, accept_defects, drives, forces=forces
         )
         return run(
             system,

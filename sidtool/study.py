@@ -1,14 +1,15 @@
 """Error against time: integrators and tolerances over one scene.
 
 The error of a run is its greatest difference to a reference of tight tolerance at the
-output times, relative to the greatest value of each output. The difference of two
-references by different integrators says how far errors can be told. Events that end
+output times, relative to the variation of each output in the run. The difference of two
+references by different integrators says how far errors can be told, and which outputs
+cannot be predicted over the time span at all. Events that end
 runs end them all at almost the same time, the last of the times that are compared.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,8 +27,12 @@ if TYPE_CHECKING:
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 #: Integrators and tolerances of the two references.
 TIGHT = (("radau13", 1e-12), ("radau9", 1e-11))
-#: Outputs whose references differ by more than this part of their size are left out.
+#: Outputs whose references differ by more than this part of their variation cannot be
+#: predicted.
 TRUSTED = 1e-3
+#: Outputs that vary by less than these parts of their own values, or of the largest
+#: variation of an output of their kind, hold rounding only.
+CONSTANT, UNMOVED = 1e-12, 1e-9
 #: Runs are repeated until they have taken this long in all [s], or this often.
 ENOUGH, REPEATS = 0.3, 5
 #: An integrator that takes longer than this [s], and so many times as long as another
@@ -75,9 +80,11 @@ class Reference:
     ----------
     names : outputs that are compared
     values : (nt, n) their course
-    scale : (n,) greatest magnitude
+    scale : (n,) variation, greatest less least value
     uncertainty : relative difference of two references
-    left_out : outputs that cannot be told from rounding
+    left_out : outputs that hold rounding only
+    unpredictable : outputs in which two references differ, and by which part of their
+        variation: a chaotic motion, or one that passes a bifurcation
     seconds : solve time of the tighter one
     """
 
@@ -86,14 +93,18 @@ class Reference:
     scale: np.ndarray
     uncertainty: float
     left_out: tuple[str, ...]
+    unpredictable: Mapping[str, float]
     seconds: float
 
     def error(self, result: Result) -> float:
-        """Greatest relative difference of the outputs of a run."""
+        """Greatest relative difference of the outputs of a run.
+
+        At least the uncertainty of the reference: less cannot be told.
+        """
         count = min(len(result.t), len(self.values))
         found = np.column_stack([result[name] for name in self.names])[:count]
         errors = np.abs(found - self.values[:count]).max(axis=0)
-        return float((errors / self.scale).max())
+        return max(float((errors / self.scale).max()), self.uncertainty)
 
 
 @dataclass(frozen=True)
@@ -166,19 +177,21 @@ def default_settings(
     tolerances: Sequence[float] = (),
     steps: Sequence[float] = (),
 ) -> list[Setting]:
-    """Every integrator with every tolerance and fixed step.
+    """Every integrator with every tolerance and fixed step; "auto" if asked for.
 
     Raises
     ------
     InputError : an integrator is not known.
     """
     from solver.integrators import INTEGRATORS
+    from solver.integrators.automatic import AUTO
 
+    known = (AUTO, *INTEGRATORS)
     for name in integrators:
-        if name not in INTEGRATORS:
+        if name not in known:
             raise InputError(
                 f"there is no integrator {name!r}",
-                expected=f"one of {', '.join(INTEGRATORS)}",
+                expected=f"one of {', '.join(known)}",
             )
     chosen = integrators or tuple(INTEGRATORS)
     if not tolerances and not steps:
@@ -209,24 +222,61 @@ def make_reference(
     count = min(len(tight.t), len(check.t))
     values = np.column_stack([tight[name] for name in names])[:count]
     others = np.column_stack([check[name] for name in names])[:count]
-    scale = np.abs(values).max(axis=0)
+    scale = np.ptp(values, axis=0)
     differences = np.abs(values - others).max(axis=0)
-    good = (scale > 0.0) & (differences <= TRUSTED * scale)
-    if not good.any():
-        raise InputError(
-            "no output can be told from rounding",
-            place="outputs.record",
-            expected="outputs that move, over a time in which the motion is "
-            "predictable",
+    moves = _moves(names, values, scale)
+    good = moves & (differences <= TRUSTED * scale)
+    unpredictable = {
+        name: float(difference / size)
+        for name, difference, size in zip(
+            *(np.array(x)[moves & ~good] for x in (names, differences, scale)),
+            strict=True,
         )
+    }
+    if not good.any():
+        raise _nothing_to_compare(unpredictable)
     return Reference(
         names=tuple(n for n, g in zip(names, good, strict=True) if g),
         values=values[:, good],
         scale=scale[good],
         uncertainty=float((differences[good] / scale[good]).max()),
-        left_out=tuple(n for n, g in zip(names, good, strict=True) if not g),
+        left_out=tuple(n for n, m in zip(names, moves, strict=True) if not m),
+        unpredictable=unpredictable,
         seconds=float(tight.counters["seconds"]),
     )
+
+
+def _moves(names: Sequence[str], values: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Which outputs vary by more than rounding, (n,)."""
+    kinds = [name.rpartition(".")[2].rstrip("0123456789") for name in names]
+    largest = [
+        max(s for s, k in zip(scale, kinds, strict=True) if k[:-1] == kind[:-1])
+        for kind in kinds
+    ]
+    floor = np.maximum(
+        CONSTANT * np.abs(values).max(axis=0), UNMOVED * np.array(largest)
+    )
+    return np.asarray(scale > floor)
+
+
+def _nothing_to_compare(unpredictable: Mapping[str, float]) -> InputError:
+    if unpredictable:
+        return InputError(
+            f"no output can be predicted: {differing(unpredictable)}",
+            place="outputs.record",
+            expected="a shorter time span, over which the motion is predictable",
+        )
+    return InputError(
+        "no output can be told from rounding",
+        place="outputs.record",
+        expected="outputs that move",
+    )
+
+
+def differing(unpredictable: Mapping[str, float]) -> str:
+    """How far two references differ in each output, in words."""
+    parts = [f"{name} by {100 * part:.2g} %" for name, part in unpredictable.items()]
+    return f"two references differ in {', '.join(parts)} of its variation"
 
 
 def _known(result: Result, outputs: Sequence[str]) -> tuple[str, ...]:

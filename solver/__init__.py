@@ -73,8 +73,14 @@ def compile_scene(
         not exist, or an output asks for what there is not.
     """
     from .building import build_system
-    from .checks import check_attachments, check_masses, check_outputs
+    from .checks import (
+        check_attachments,
+        check_masses,
+        check_outputs,
+        check_replaced,
+    )
 
+    check_replaced(scene, sids or {})
     system = build_system(scene, Path(base_folder), sids, drives, keep_joints, forces)
     check_outputs(system)
     if not accept_defects:

@@ -12,7 +12,7 @@ from formats.sid import SID, Array
 from formats.stiffening import Stiffening
 
 from .assembly import Start
-from .bodies import frequencies, modal_squares, symmetric
+from .bodies import body_size, frequencies, modal_squares, symmetric
 from .body_loads import foreseen_loads, recorded_loads, turning_loads
 from .energies import elastic_state
 from .excitation import drive_history, excitation, fastest_rotation
@@ -21,8 +21,8 @@ from .sampling import Samples
 from .scene import System
 from .stiffening import largest_stiffening
 
-#: Instants at which the deflection is looked at.
-INSTANTS = 256
+#: Instants whose deflections are computed together.
+INSTANTS = 64
 
 
 def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
@@ -73,7 +73,7 @@ def reached_bodies(
         sid = system.bodies[b].sid
         q, _ = elastic_state(system, samples, b)
         loads = recorded_loads(system, samples, times, name)
-        amplitudes, shares = _contributions(sid, q)
+        amplitudes, shares = _contributions(sid, q, times)
         found[name] = replace(
             body,
             found=largest_stiffening(sid, loads, times),
@@ -90,13 +90,15 @@ def highest_frequency(sid: SID) -> float:
     return float(np.sqrt(max(modal_squares(sid)[-1], 0.0))) / (2.0 * np.pi)
 
 
-def _contributions(sid: SID, q: Array) -> tuple[Array, Array]:
-    """Largest |q| and elastic energy of each coordinate, see `FlexibleBody`."""
+def _contributions(sid: SID, q: Array, times: Array) -> tuple[Array, Array]:
+    """Largest |q| of each coordinate and its part of the energy, see `FlexibleBody`."""
     largest = np.nanmax(np.abs(q), axis=0, initial=0.0)
     scaled = q / (largest.max() or 1.0)
-    energies = scaled * (scaled @ symmetric(sid.Ke.m0))
-    total = np.nanmax(energies.sum(axis=1), initial=0.0)
-    return largest, np.nanmax(np.abs(energies), axis=0) / (total or 1.0)
+    weights = np.gradient(times) if len(times) > 1 else np.ones(1)
+    energies = np.nansum(
+        weights[:, None] * scaled * (scaled @ symmetric(sid.Ke.m0)), axis=0
+    )
+    return largest, energies / (energies.sum() or 1.0)
 
 
 def _worse(one: Stiffening, other: Stiffening) -> Stiffening:
@@ -104,25 +106,21 @@ def _worse(one: Stiffening, other: Stiffening) -> Stiffening:
 
 
 def _deflection(sid: SID, q: Array) -> float:
-    """Largest displacement over the size of the body.
+    """Largest displacement of a node over the size of the body.
 
-    Of the nodes that move most with a coordinate, at instants of large amplitudes.
+    The sum of |Phi_l| |q_l| bounds it: the largest bounds are looked at first.
     """
-    size = _size(sid)
+    size = body_size(sid)
     if not sid.nodes or not size:
         return 0.0
     shapes = np.array([node.phi.m0 for node in sid.nodes])
     lengths = np.linalg.norm(shapes, axis=1)
-    shapes = shapes[np.unique(lengths.argmax(axis=0))]
-    bound = np.nan_to_num(np.abs(q) @ lengths.max(axis=0))
-    rows = q[np.argsort(-bound)[:INSTANTS]]
-    scale = np.nanmax(np.abs(rows), initial=0.0) or 1.0
-    u = np.einsum("tl,nal->tna", rows / scale, shapes)
-    return float(np.nanmax(np.linalg.norm(u, axis=2), initial=0.0) / size * scale)
-
-
-def _size(sid: SID) -> float:
-    """The largest extent of origin, centre of mass and nodes [m]."""
-    places = [np.zeros(3), sid.mdCM.m0[:, 0] / (sid.mass or 1.0)]
-    places += [node.position for node in sid.nodes]
-    return float(np.linalg.norm(np.ptp(places, axis=0)))
+    bounds = np.nan_to_num((np.abs(q) @ lengths.T).max(axis=1))
+    order, found = np.argsort(-bounds), 0.0
+    for first in range(0, len(order), INSTANTS):
+        rows = order[first : first + INSTANTS]
+        if bounds[rows[0]] <= found:
+            break
+        u = np.einsum("tl,nal->tna", q[rows], shapes)
+        found = max(found, float(np.nanmax(np.linalg.norm(u, axis=2))))
+    return found / size

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from formats.dead_nodes import check_alive, dead_nodes
 from formats.errors import InputError
 from formats.scene import (
     SCENE_QUANTITIES,
     SceneFile,
+    SidBody,
     coordinate_of,
     is_stress,
     marker_names,
@@ -23,6 +24,23 @@ from .kernels import layout as at
 from .outputs import elastic_range, multiplier_rows
 from .scene import GROUND_NAME, System
 from .stress_outputs import check_stress
+
+
+def check_replaced(scene: SceneFile, names: Iterable[str]) -> None:
+    """Bodies whose SIDs are replaced have one.
+
+    Raises
+    ------
+    InputError : one is not a flexible body of the scene.
+    """
+    flexible = [n for n, body in scene.bodies.items() if isinstance(body, SidBody)]
+    for name in names:
+        if name not in flexible:
+            raise InputError(
+                f"there is no flexible body {name!r} whose SID could be replaced",
+                place="sids",
+                expected=", ".join(flexible) or "a flexible body in the scene",
+            )
 
 
 def check_outputs(system: System) -> None:

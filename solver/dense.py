@@ -20,6 +20,9 @@ from .integrators.stepping import Control
 
 #: Steps that a control keeps the points of.
 CHUNK = 20
+#: The same where only ends of steps are wanted; of fixed steps, which are short, those
+#: of so many ones.
+END_CHUNK, FIXED = 500, 10
 #: Steps that are evaluated together.
 BATCH = 500
 
@@ -57,6 +60,11 @@ class Points:
         """`Control.shares` for `CHUNK` steps."""
         return np.tile([*self.shares, -1.0], CHUNK)
 
+    def ends(self, steps: Steps) -> Steps:
+        """The last point of each step."""
+        last = slice(self.count - 1, None, self.count)
+        return Steps(steps.t[last], steps.z[last], steps.v[last])
+
     def state(self, steps: Steps, t: float) -> tuple[Array, Array]:
         """z and v at a time inside the steps."""
         ends = steps.t[self.count - 1 :: self.count]
@@ -90,6 +98,22 @@ class Points:
         size = BATCH * self.count
         for i in range(0, len(t), size):
             yield Steps(t[i : i + size], z[i : i + size], v[i : i + size])
+
+
+def wanted_ends(fixed: bool) -> Array:
+    """`Control.shares` for `END_CHUNK` steps, of which the ends are wanted."""
+    if fixed:
+        return np.tile([1.0] + [-1.0] * FIXED, END_CHUNK // FIXED)
+    return np.tile([1.0, -1.0], END_CHUNK)
+
+
+def taken_ends(control: Control) -> Steps:
+    """Ends of steps since the last call, by `wanted_ends`; the control forgets them."""
+    used = int(control.whole[stepping.SHARE])
+    control.whole[stepping.SHARE] = 0
+    inside = np.flatnonzero(control.shares[:used] > 0.0)
+    rows = len(control.times) + inside
+    return Steps(control.moments[inside], control.out_z[rows], control.out_v[rows])
 
 
 def taken(control: Control) -> Steps:

@@ -26,6 +26,8 @@ from .storage import new_memory, new_work
 
 #: A quantity closer to the value than this part of its size is on it.
 ON_VALUE = 1e-13
+#: Events are at one instant when they lie closer than this part of the time span.
+TOGETHER = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,7 @@ class Watch:
         self, system: System, kernels: Kernels, closed: Array, points: Points
     ) -> None:
         self.points = points
+        self.span = system.scene.time.end - system.scene.time.start
         self.wanted: dict[str, Wanted] = dict(system.scene.events)
         record = tuple(event.quantity for event in self.wanted.values())
         scene = system.scene.model_copy(update={"outputs": Outputs(record=record)})
@@ -78,11 +81,14 @@ class Watch:
             for k in range(len(self.levels))
             for low, high in self._crossings(k, heights[:, k])
         ]
+        latest = np.inf
         for moment in sorted(found, key=lambda m: m.t):
+            if moment.t > latest:
+                break
             self._take(moment)
             if self.ended:
-                return True
-        return False
+                latest = min(latest, moment.t + TOGETHER * (abs(moment.t) + self.span))
+        return bool(self.ended)
 
     def _heights(self, t: Array, z: Array, v: Array) -> Array:
         """How far the quantities lie above their values, (nt, events).

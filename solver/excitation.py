@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from formats.result import Excitation
-from formats.scene import Function, Harmonic, driven_coordinate
+from formats.scene import driven_coordinate
 from formats.sid import Array
 
+from .kernels import layout as at
 from .kernels.drives import drive_value
 from .scene import System
 
@@ -20,6 +21,11 @@ SAMPLES, LEAST = 200, 3
 #: How the names of driven angles begin: angle, angle_1, rotation of a marker.
 ANGLES = ("angle", "rotation")
 _GOLDEN = 0.6180339887498949
+#: Times at which a function is looked at in each of its pieces.
+IN_PIECE = 5
+#: A function varies by nothing below this part of its values; it jumps by more than
+#: this part of its amplitude; and shorter pieces than this part of a run are kinks.
+NOTHING, JUMP, KINK = 1e-12, 1e-6, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,15 +41,61 @@ class DriveHistory:
 
 
 def excitation(system: System, history: DriveHistory) -> Excitation:
-    """The highest frequency of harmonic functions and of prescribed rotations."""
-    scene, found = system.scene, [Excitation()]
-    for name, drive in scene.drives.items():
-        function = _harmonic(name, drive.function)
-        found.append(function or _rotation(system, history, name))
-    for name, force in scene.forces.items():
-        function = _harmonic(name, getattr(force, "function", None))
-        found.append(function or Excitation())
+    """The fastest excitation by drives and by forces that are functions of time.
+
+    A jump of a force excites all frequencies. Else a function f is as fast as a
+    harmonic of its range and its largest curvature, sqrt(max |f''| / amplitude); a
+    prescribed angle that goes round also as its rotation.
+    """
+    found = [Excitation()]
+    for row, name in enumerate(system.scene.drives):
+        found += [_of_function(system, row, name), _rotation(system, history, name)]
+    for element in system.forces:
+        if element.function >= 0:
+            found.append(_of_function(system, element.function, element.name))
     return max(found, key=lambda e: e.frequency)
+
+
+def _of_function(system: System, row: int, name: str) -> Excitation:
+    if system.arrays.drive[row, at.D_KIND] == at.HARMONIC:
+        omega, amplitude = harmonic_of(system, row)
+        return Excitation(omega / (2.0 * math.pi), name) if amplitude else Excitation()
+    t, clocks = _instants(system, row)
+    evaluate = drive_value.py_func
+    f, _, curvature = np.array(
+        [evaluate(system.arrays, row, c, x) for c, x in zip(clocks, t, strict=True)]
+    ).T
+    amplitude = 0.5 * np.ptp(f)
+    if amplitude <= NOTHING * np.abs(f).max():
+        return Excitation()
+    steps = np.abs(np.diff(f))[np.diff(t) == 0.0]
+    if (steps > JUMP * amplitude).any():
+        return Excitation(math.inf, f"{name} jumps")
+    omega = math.sqrt(np.abs(curvature).max() / amplitude)
+    return Excitation(omega / (2.0 * math.pi), name) if omega else Excitation()
+
+
+def harmonic_of(system: System, row: int) -> tuple[float, float]:
+    """Angular frequency [rad/s] and amplitude of a harmonic function."""
+    start = system.arrays.drive[row, at.D_DATA]
+    _, amplitude, omega, _ = system.arrays.pool[start : start + 4]
+    return abs(float(omega)), abs(float(amplitude))
+
+
+def _instants(system: System, row: int) -> tuple[Array, Array]:
+    """Times in every piece of a function, with its ends, and clocks inside the piece.
+
+    Pieces that surround a kink are too short to be looked at.
+    """
+    first, last = system.scene.time.start, system.scene.time.end
+    pieces, start = (int(system.arrays.drive[row, k]) for k in (at.D_PIECES, at.D_DATA))
+    inner = system.arrays.pool[start : start + pieces]
+    edges = np.array([first, *inner[(inner > first) & (inner < last)], last])
+    lengths = np.diff(edges)
+    long = lengths > KINK * (last - first)
+    starts, lengths = edges[:-1][long], lengths[long]
+    t = starts[:, None] + lengths[:, None] * np.linspace(0.0, 1.0, IN_PIECE)
+    return t.ravel(), np.repeat(starts + 0.5 * lengths, IN_PIECE)
 
 
 def fastest_rotation(system: System, history: DriveHistory) -> tuple[float, str]:
@@ -54,21 +106,9 @@ def fastest_rotation(system: System, history: DriveHistory) -> tuple[float, str]
     )
 
 
-def _harmonic(name: str, function: Function | None) -> Excitation | None:
-    """The frequency of a harmonic function; None for others."""
-    if not isinstance(function, Harmonic):
-        return None
-    hertz = function.frequency
-    if hertz is None:
-        hertz = (function.angular_frequency or 0.0) / (2.0 * math.pi)
-    if not function.amplitude:
-        return Excitation()
-    return Excitation(abs(hertz), name)
-
-
 def _rotation(system: System, history: DriveHistory, name: str) -> Excitation:
     rate = _rate_of_angle(system, history, name)
-    if rate == 0.0:
+    if np.ptp(history.values[name][0]) < 2.0 * math.pi:
         return Excitation()
     words = f"{name} turns at up to {rate:.4g} rad/s"
     return Excitation(rate / (2.0 * math.pi), words)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from importlib import metadata
 
 import numpy as np
 
 from formats.result import Event, FlexibleBody, Result
-from formats.scene import output_times
+from formats.scene import SceneFile, output_times
 from formats.sid import Array
 
 from . import assembly, dense, events, outputs, warmup
@@ -26,6 +26,7 @@ from .kernels.layout import Work
 from .kernels.newton import Memory
 from .kernels.pointers import kernels
 from .new_control import closed_below, new_control
+from .sampling import sample
 from .scene import System
 from .settings import Settings, settings_of
 from .stopping import (
@@ -38,6 +39,7 @@ from .stopping import (
 )
 from .storage import new_memory, new_work
 from .turn_counts import keep_turns, lost_turn
+from .visited import Visited
 
 #: Steps between two reports of progress.
 CHUNK = 500
@@ -115,7 +117,15 @@ class _Run:
             self.watch = events.Watch(system, self.kernels, self.closed, points)
         self.history = History(points) if is_wanted(system.scene) else None
         self.inside = self.watch is not None or self.history is not None
-        shares = points.wanted() if self.inside else np.zeros(0)
+        flexible = any(data.sid.nq for data in system.bodies)
+        self.visited = Visited(system) if flexible else None
+        shares, self.limit = np.zeros(0), CHUNK
+        if self.inside:
+            shares, self.limit = points.wanted(), dense.CHUNK
+        elif flexible:
+            shares = dense.wanted_ends(fixed=settings.step is not None)
+            self.limit = dense.END_CHUNK
+        self.points = points
         self.control = new_control(
             system, settings, start, self.times, shares, self.closed
         )
@@ -129,15 +139,14 @@ class _Run:
 
     def go(self, progress: Progress | None) -> str:
         """Integrates over all smooth intervals; the reason if one is not finished."""
-        limit = dense.CHUNK if self.inside else CHUNK
         for stop in self.system.breaks:
             status = self._enter(stop)
             if status != 0:
                 return singular(self.system, self.now, status)
             code = stepping.CHUNK
             while code == stepping.CHUNK:
-                code = self.advance(limit)
-                if self.inside and self._look_inside():
+                code = self.advance(self.limit)
+                if self._look_inside():
                     return ""
                 if self._is_hard(code):
                     self._switch()
@@ -185,6 +194,30 @@ class _Run:
             told["spectral_radius"] = settings.radius
         return told
 
+    def _scene(self) -> SceneFile:
+        """The scene with the settings that the run was made with."""
+        settings, scene = self.settings, self.system.scene
+        accuracy = scene.accuracy.model_copy(
+            update={
+                "integrator": settings.asked,
+                "rtol": settings.rtol,
+                "step": settings.step,
+                "spectral_radius": settings.radius,
+            }
+        )
+        return scene.model_copy(update={"accuracy": accuracy})
+
+    def _notes(self) -> Iterator[str]:
+        """What a reader has to know of the numbers."""
+        time, last = self.system.scene.time, self.times[-1]
+        if time.output_times is None and time.end - last > 1e-9 * (
+            time.end - time.start
+        ):
+            yield (
+                f"the last output time is {last:g} s and not the end, {time.end:g} s: "
+                "output_step does not divide the time span"
+            )
+
     def _note_breaks(self, t: float) -> None:
         """Keeps the state where drives or forces are not smooth."""
         z, v = self.control.z.copy(), self.control.v.copy()
@@ -192,8 +225,14 @@ class _Run:
             self.breaks.append(events.Moment(name, "break", t, z, v))
 
     def _look_inside(self) -> bool:
-        """Keeps the last steps for integrals; True when the run ends in them."""
+        """Keeps what is wanted of the last steps; True when the run ends in them."""
+        if not self.inside:
+            if self.visited is not None:
+                self.visited.add(dense.taken_ends(self.control))
+            return False
         steps = dense.taken(self.control)
+        if self.visited is not None:
+            self.visited.add(self.points.ends(steps))
         if self.history is not None:
             self.history.add(steps)
         return self.watch is not None and self.watch.look(steps)
@@ -254,7 +293,7 @@ class _Run:
         if failure and not np.isfinite(recorded.samples.accelerations[-1:]).all():
             t, z, v = t[:-1], z[:-1], v[:-1]
             recorded = self._record(t, z, v)
-        bodies = reached_bodies(self.system, recorded.samples, t, expected)
+        bodies = self._reached(t, z, v, expected)
         return Result(
             title=self.system.scene.title,
             names=recorded.names,
@@ -274,11 +313,27 @@ class _Run:
             settings=self._told(),
             bodies=bodies,
             events=self._events(),
-            scene=self.system.scene.model_dump_json(by_alias=True, exclude_none=True),
+            scene=self._scene().model_dump_json(by_alias=True, exclude_none=True),
+            notes=tuple(self._notes()),
             versions=versions(),
             completed=not failure,
             message=explained(failure, bodies) or self._end(),
         )
+
+    def _reached(
+        self, t: Array, z: Array, v: Array, expected: Mapping[str, FlexibleBody]
+    ) -> Mapping[str, FlexibleBody]:
+        """What flexible bodies met, at output times and at the ends of steps."""
+        if self.visited is None or not len(t):
+            return expected
+        between = self.visited.until(t[-1])
+        states = [(t, between.t), (z, between.z), (v, between.v)]
+        order = np.argsort(np.concatenate(states[0]), kind="stable")
+        t, z, v = (np.concatenate(pair)[order] for pair in states)
+        samples = sample(
+            self.system, self.kernels, self.work, self.memory, t, z, v, self.closed
+        )
+        return reached_bodies(self.system, samples, t, expected)
 
     def _record(self, t: Array, z: Array, v: Array) -> outputs.Recorded:
         return outputs.record(

@@ -15,10 +15,12 @@ from .scene import System
 class Settings:
     """How a run is made: integrator, relative tolerance, or a fixed step [s].
 
+    asked : integrator that was asked for, perhaps "auto"
     when_stiff : integrator that goes on where the scene turns out to be stiff, or empty
     radius : spectral radius at infinite frequency, of methods that have one
     """
 
+    asked: str
     integrator: str
     when_stiff: str
     rtol: float
@@ -56,4 +58,4 @@ def settings_of(
     if not 0.0 <= radius <= 1.0:
         raise InputError(f"spectral_radius is {radius:g}", expected="0 to 1")
     choice = choose(system, rtol, step) if name == AUTO else Choice(name)
-    return Settings(choice.first, choice.when_stiff, rtol, step, radius)
+    return Settings(name, choice.first, choice.when_stiff, rtol, step, radius)

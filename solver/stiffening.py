@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from formats.sid import SID, Array
+from formats.sid import SID, Array, symmetric_3x3
 from formats.stiffening import (
     Stiffening,
     elastic_basis,
@@ -16,12 +16,15 @@ from formats.stiffening import (
     unit_stiffness,
 )
 
-from .bodies import ge, symmetric
+from .bodies import body_size, ge, symmetric
 
 #: Instants whose eigenvalues are computed together.
 BATCH = 8
 #: A rate of growth counts as none below this part of the fastest frequency.
 NEUTRAL = 1e-7
+#: A body turns about its long axis when its radius of gyration about that axis is below
+#: this part of its length: centrifugal forces do not pull on it.
+SLENDER = 0.1
 _UNITS = {
     "rotation": "rad/s",
     "acceleration": "m/s2",
@@ -56,17 +59,41 @@ def largest_stiffening(sid: SID, loads: Loads, times: Array) -> Stiffening:
     if len(columns) == 0 or not columns.any() or basis.size == 0:
         return Stiffening(carried=carried)
     reduced = basis.T @ matrices @ basis
-    i, ratio, shape = _worst(columns, reduced)
+    worst = _extreme(columns, reduced)
+    sinking = _extreme(columns, -reduced, signed=True, least=1.0)
+    diverges = sinking.ratio >= 1.0 and _grows(
+        sid,
+        loads.angular_velocity[sinking.row],
+        np.tensordot(columns[sinking.row], matrices, 1),
+    )
+    if diverges:
+        worst = replace(sinking, ratio=-sinking.ratio)
+    i, shape = worst.row, worst.shape
     shares = columns[i] * np.einsum("a,jab,b->j", shape, reduced, shape)
     names = list(dict.fromkeys(owners))
     sums = [sum(shares[[owner == name for owner in owners]]) for name in names]
     main = names[int(np.abs(sums).argmax())]
-    diverges = ratio <= -1.0 and _grows(
-        sid, loads.angular_velocity[i], np.tensordot(columns[i], matrices, 1)
-    )
     return Stiffening(
-        ratio, _in_words(main, loads, i), carried, bool(diverges), float(times[i])
+        worst.ratio,
+        _in_words(main, loads, i),
+        carried,
+        bool(diverges),
+        float(times[i]),
+        axial=main == "rotation" and _about_long_axis(sid, loads.angular_velocity[i]),
     )
+
+
+def _about_long_axis(sid: SID, w: Array) -> bool:
+    """Does so little of the body lie beside the axis that nothing pulls on it?
+
+    The radius of gyration about the axis of rotation beside the length of the body.
+    """
+    speed = np.linalg.norm(w)
+    if speed == 0.0 or sid.mass == 0.0:
+        return False
+    axis = w / speed
+    moment = max(0.0, float(axis @ symmetric_3x3(sid.J.m0[:, 0]) @ axis))
+    return bool(np.sqrt(moment / sid.mass) < SLENDER * body_size(sid))
 
 
 def _columns(sid: SID, loads: Loads) -> tuple[Array, Array, list[str]]:
@@ -96,25 +123,38 @@ def _columns(sid: SID, loads: Loads) -> tuple[Array, Array, list[str]]:
     )
 
 
-def _worst(columns: Array, reduced: Array) -> tuple[int, float, Array]:
-    """Instant, eigenvalue and eigenvector that are largest in magnitude.
+@dataclass(frozen=True, eq=False)
+class _Extreme:
+    """Instant, eigenvalue and eigenvector."""
+
+    row: int
+    ratio: float
+    shape: Array
+
+
+def _extreme(
+    columns: Array, reduced: Array, signed: bool = False, least: float = 0.0
+) -> _Extreme:
+    """The largest eigenvalue over all instants, in magnitude unless `signed`.
 
     The Frobenius norm is cheap and bounds the eigenvalues: instants are looked at from
-    the largest norm on, until none can be worse than what was found.
+    the largest norm on, until none can be larger than what was found. What is below
+    `least` need not be found.
     """
     gram = np.einsum("iab,jab->ij", reduced, reduced)
     norms = np.sqrt(np.maximum(np.einsum("ti,ij,tj->t", columns, gram, columns), 0.0))
     order = np.argsort(-norms, kind="stable")
-    best, found = -1.0, (int(order[0]), 0.0, np.zeros(reduced.shape[1]))
+    found = _Extreme(int(order[0]), 0.0, np.zeros(reduced.shape[1]))
     for first in range(0, len(order), BATCH):
         rows = order[first : first + BATCH]
-        if norms[rows[0]] <= best:
+        if norms[rows[0]] <= max(abs(found.ratio), least):
             break
         values, vectors = np.linalg.eigh(np.tensordot(columns[rows], reduced, 1))
-        k, mode = np.unravel_index(np.abs(values).argmax(), values.shape)
-        if abs(values[k, mode]) > best:
-            best = float(abs(values[k, mode]))
-            found = (int(rows[k]), float(values[k, mode]), vectors[k, :, mode])
+        sizes = values if signed else np.abs(values)
+        k, mode = np.unravel_index(sizes.argmax(), values.shape)
+        if sizes[k, mode] > abs(found.ratio):
+            row, shape = int(rows[k]), vectors[k, :, mode]
+            found = _Extreme(row, float(values[k, mode]), shape)
     return found
 
 

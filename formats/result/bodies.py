@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,7 +21,7 @@ ENOUGH = 3.0
 class Excitation:
     """The fastest excitation that drives and forces tell.
 
-    frequency : [Hz], 0 where none is known
+    frequency : [Hz], 0 where none is known, infinite of a jump
     by : what it is, in words
     """
 
@@ -37,13 +38,14 @@ class FlexibleBody:
     highest_frequency : of the modes of (Ke, Me) [Hz]
     excitation : of the scene
     expected : stiffening by what was known before the run
-    found : the largest stiffening at the recorded instants; None before the run
+    found : the largest stiffening at output times and ends of steps; None before the
+        run
     labels : (nq,) names of the elastic coordinates
     frequencies : (nq,) of each elastic coordinate alone [Hz]
-    amplitudes : (nq,) largest |q|
-    energy_shares : (nq,) largest elastic energy of each coordinate, q_i (Ke q)_i / 2,
-        over the largest of the body
-    deflection : largest elastic displacement of a node over the size of the body
+    amplitudes : (nq,) largest |q| at output times and ends of steps
+    energy_shares : (nq,) part of each coordinate, q_i (Ke q)_i / 2, in the elastic
+        energy of the body, meant over time; they add up to one
+    deflection : largest elastic displacement of a node over the length of the body
     """
 
     highest_frequency: float
@@ -88,6 +90,8 @@ class FlexibleBody:
         excitation = self.excitation
         if not excitation.frequency:
             return f"{text}, excitation unknown"
+        if math.isinf(excitation.frequency):
+            return f"{text}, excitation at all frequencies ({excitation.by})"
         ratio = self.highest_frequency / excitation.frequency
         text += f", {ratio:.3g} times the excitation of {excitation.frequency:.4g} Hz"
         text += f" ({excitation.by})"

@@ -126,10 +126,12 @@ def _run(
 
     expect_kind(path, "scene")
     scene = read_scene(path)
-    sids = _swapped(swaps, scene)
     from solver import compile_scene
     from solver import simulate as run
 
+    from ..swaps import swapped
+
+    scene, sids = swapped(scene, _swaps(swaps, scene), path.parent)
     try:
         system = compile_scene(
             scene, path.parent, sids=sids, accept_defects=accept_defects
@@ -155,13 +157,12 @@ def _share(bar: Callable[[float], None] | None, time: Any) -> Any:
     return lambda t: bar((t - time.start) / (time.end - time.start))
 
 
-def _swapped(swaps: tuple[str, ...], scene: Any) -> dict[str, Any]:
+def _swaps(swaps: tuple[str, ...], scene: Any) -> dict[str, str]:
     from formats.errors import InputError
     from formats.scene import SidBody
-    from formats.sid_files import read_sid
 
     flexible = [n for n, body in scene.bodies.items() if isinstance(body, SidBody)]
-    sids = {}
+    found = {}
     for swap in swaps:
         body, _, file = swap.partition("=")
         if body not in flexible or not file:
@@ -170,8 +171,8 @@ def _swapped(swaps: tuple[str, ...], scene: Any) -> dict[str, Any]:
                 place="--sid",
                 expected=f"BODY=FILE with a BODY out of {', '.join(flexible)}",
             )
-        sids[body] = read_sid(file)
-    return sids
+        found[body] = file
+    return found
 
 
 def _write(result: Any, output: Path | None, csv: Path | None) -> None:

@@ -27,7 +27,11 @@ if TYPE_CHECKING:
     help="Wanted relative error; may be given several times. Default 1e-3, 1e-6, 1e-9.",
 )
 @click.option(
-    "--integrator", "integrators", metavar="NAME", multiple=True, help="Default all."
+    "--integrator",
+    "integrators",
+    metavar="NAME",
+    multiple=True,
+    help="Default all; auto if asked for.",
 )
 @click.option(
     "--rtol", "tolerances", type=float, multiple=True, help="Default 1e-2 to 1e-9."
@@ -55,7 +59,8 @@ def study(
 
     Runs integrators and tolerances over the scene and compares each run with a
     reference of tight tolerance at the output times. The error is relative to the
-    greatest value of each output; the worst output counts.
+    variation of each output in the run; the worst output counts. Outputs that cannot
+    be predicted over the time span, as in a chaotic motion, are named.
 
     \b
     Examples:
@@ -124,7 +129,7 @@ def _make_folder(folder: Path) -> None:
 
 
 def _report(result: Study, wanted: tuple[float, ...]) -> str:
-    from ..study import recommendation_table, study_table
+    from ..study import differing, recommendation_table, study_table
 
     reference = result.reference
     parts = [study_table(result)]
@@ -136,6 +141,12 @@ def _report(result: Study, wanted: tuple[float, ...]) -> str:
     )
     if reference.left_out:
         parts.append(f"Left out, rounding only: {', '.join(reference.left_out)}.")
+    if reference.unpredictable:
+        found = differing(reference.unpredictable)
+        parts.append(
+            f"Not predictable over this time span: {found}. No setting above is "
+            "recommended for them; a shorter time span may help."
+        )
     return "\n\n".join(parts)
 
 

@@ -60,10 +60,23 @@ def _is_stiff(result: Result) -> bool:
 
 
 def _events(events: Sequence[Event]) -> list[tuple[str, str]]:
-    """Lines of the first events."""
-    lines = [(e.name, f"{e.kind} at t = {e.t:.12g} s") for e in events[:MOST_EVENTS]]
-    more = len(events) - MOST_EVENTS
-    return [*lines, ("...", f"and {plural(more, 'event')} later")][: len(events)]
+    """Lines of the first crossings, and how many breaks of functions there were."""
+    crossings = [e for e in events if e.kind != "break"]
+    lines = [(e.name, f"{e.kind} at t = {e.t:.12g} s") for e in crossings[:MOST_EVENTS]]
+    more = len(crossings) - MOST_EVENTS
+    if more > 0:
+        lines.append(("...", f"and {plural(more, 'event')} later"))
+    breaks: dict[str, list[float]] = {}
+    for event in events:
+        if event.kind == "break":
+            breaks.setdefault(event.name, []).append(event.t)
+    return lines + [(name, _breaks(times)) for name, times in breaks.items()]
+
+
+def _breaks(times: Sequence[float]) -> str:
+    if len(times) == 1:
+        return f"break at t = {times[0]:.12g} s"
+    return f"{len(times)} breaks from t = {times[0]:.12g} s to {times[-1]:.12g} s"
 
 
 def foreseen(bodies: Mapping[str, FlexibleBody]) -> str:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import sidtool
+from formats.errors import InputError
 from formats.result import read_result
 from sidtool.cli import run
 
@@ -63,7 +66,8 @@ def test_a_run_tells_of_its_flexible_body_before_and_after(
     before, after = lines
     assert "frequencies to 1254.95 Hz, 209 times the excitation of 6 Hz" in before
     assert "-3.58 % of the stiffness by rotation of 37.7 rad/s, if it tur" in before
-    assert "stiffening does not matter, -0.0351 % of the stiffness by rot" in after
+    assert "stiffening small, at most -0.0351 % of the stiffness by rotation" in after
+    assert "the SID lacks geometric stiffening by other loads" in after
 
 
 def test_a_result_tells_what_each_shape_function_did(
@@ -74,12 +78,14 @@ def test_a_result_tells_what_each_shape_function_did(
         read_result(files / "r.h5"),
     )
     columns = [np.abs(result[f"rod.q{i + 1}"]).max() for i in range(5)]
-    assert np.array_equal(body.amplitudes, columns)
-    assert body.energy_shares[0] > 0.7 > body.energy_shares[3]
+    assert np.all(body.amplitudes >= columns)
+    assert body.amplitudes == pytest.approx(columns, rel=1e-2)
+    assert body.energy_shares.sum() == pytest.approx(1.0, rel=1e-12)
+    assert body.energy_shares[0] > 0.5 > body.energy_shares[3]
     assert run(["info", str(files / "r.h5")]) == 0
     text = capsys.readouterr().out
     assert "max |q|  energy %  label" in text
-    assert "q1     31.7011  0.0009992     75.66  Eigen Mode    1" in text
+    assert "q1     31.7011  0.0009994     63." in text
 
 
 def test_many_flexible_bodies_fit_on_a_page() -> None:
@@ -147,3 +153,35 @@ def test_interruption_leaves_no_file(
     assert run(["simulate", SCENE, "-o", str(tmp_path / "r.h5")]) == 130
     assert capsys.readouterr().err.strip() == "sidtool: interrupted"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_result_tells_what_it_was_made_with(files: Path, tmp_path: Path) -> None:
+    """Not what the scene asked for: options replace it."""
+    target = tmp_path / "other.h5"
+    other = EXAMPLE / "rod_iga.SID_FEM"
+    options = ["--sid", f"rod={other}", "--rtol", "1e-4", "--integrator", "radau5"]
+    assert run(["simulate", SCENE, *options, "-o", str(target)]) == 0
+    scene = json.loads(read_result(target).scene)
+    assert scene["bodies"]["rod"]["sid"] == "rod_iga.SID_FEM"
+    assert scene["accuracy"]["rtol"] == 1e-4
+    assert scene["accuracy"]["integrator"] == "radau5"
+
+
+def test_sids_of_bodies_that_are_not_there_are_refused() -> None:
+    sid = sidtool.read(EXAMPLE / "rod_iga.SID_FEM")
+    for call in (sidtool.simulate, sidtool.static_equilibrium):
+        with pytest.raises(InputError, match="no flexible body 'rode' .* expected rod"):
+            call(SCENE, sids={"rode": sid})
+
+
+def test_crossings_stand_before_the_breaks_of_tables() -> None:
+    from formats.result import Event
+    from sidtool.report.result import _events
+
+    nothing = np.zeros(0)
+    breaks = [Event("load", "break", 0.1 * k, *[nothing] * 3) for k in range(50)]
+    lines = _events([*breaks, Event("stop", "rising", 9.0, *[nothing] * 3)])
+    assert lines == [
+        ("stop", "rising at t = 9 s"),
+        ("load", "50 breaks from t = 0 s to 4.9 s"),
+    ]

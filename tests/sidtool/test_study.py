@@ -165,3 +165,48 @@ def test_wrong_wishes_are_refused(
     path.write_text(SCENE)
     assert run(["study", str(path), *arguments]) == 2
     assert "expected" in capsys.readouterr().err
+
+
+def test_errors_below_the_reference_are_not_told() -> None:
+    reference = make_reference(pendulum())
+    point = study(pendulum(), [Setting("radau13", rtol=1e-13)]).points[0]
+    assert point.error >= reference.uncertainty > 0.0
+
+
+def test_auto_is_studied_when_asked_for() -> None:
+    assert default_settings(["auto"], [1e-6]) == [Setting("auto", rtol=1e-6)]
+    point = study(pendulum(), [Setting("auto", rtol=1e-6)]).points[0]
+    assert point.error < 1e-5
+
+
+def chaotic(end: float) -> System:
+    """A double pendulum that starts upside down, beside a body that falls."""
+    bodies: dict[str, Any] = {
+        name: {
+            "mass": 1.0,
+            "inertia": 1.0 / 12.0,
+            "markers": {"a": {"position": [-0.5, 0.0]}, "b": {"position": [0.5, 0.0]}},
+            "initial": {"position": [0.0, height], "angle": angle},
+        }
+        for name, height, angle in (("upper", 0.5, 1.5), ("lower", 1.5, 1.7))
+    }
+    bodies["ball"] = {"mass": 1.0}
+    joints = {
+        "shoulder": {"type": "revolute", "markers": ["ground", "upper.a"]},
+        "elbow": {"type": "revolute", "markers": ["upper.b", "lower.a"]},
+    }
+    record = ["lower.x", "ball.y"]
+    gravity = [0.0, -9.81]
+    return compiled(
+        scene(bodies, joints, end=end, steps=200, gravity=gravity, record=record)
+    )
+
+
+def test_chaotic_outputs_are_named_and_nothing_is_recommended_for_them() -> None:
+    """They do not count as rounding; what can be predicted is compared."""
+    reference = make_reference(chaotic(60.0))
+    assert reference.names == ("ball.y",) and reference.left_out == ()
+    assert reference.unpredictable["lower.x"] > 0.1
+    with pytest.raises(InputError, match="no output can be predicted: two references"):
+        make_reference(chaotic(60.0), ["lower.x"])
+    assert make_reference(chaotic(2.0)).unpredictable == {}

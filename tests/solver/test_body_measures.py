@@ -315,7 +315,9 @@ def test_a_body_that_no_drive_turns_is_judged_by_the_fastest_drive() -> None:
     )
     found = body(simulate(system))
     assert found.expected.ratio == pytest.approx(-((6 / 3.516) ** 2), rel=1e-2)
-    assert found.before.endswith("if it turns like spin (the SID lacks it)")
+    assert found.before.endswith(
+        "if it turns like spin (the SID lacks geometric stiffening)"
+    )
     assert not found.diverges and found.found.ratio == 0
 
 

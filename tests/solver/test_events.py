@@ -232,3 +232,18 @@ def test_what_an_event_cannot_look_at_is_refused(quantity: str, problem: str) ->
     with pytest.raises(InputError, match=problem) as caught:
         ball(wrong={"quantity": quantity})
     assert caught.value.place == "events.wrong.quantity"
+
+
+def test_events_at_the_instant_of_a_stop_are_kept() -> None:
+    """In whatever order they are named; what comes later is not."""
+    for names in (("a", "b", "c"), ("c", "b", "a")):
+        table = {
+            "a": {"quantity": "ball.x", "value": 1.0, "action": "stop"},
+            "b": {"quantity": "ball.x", "value": 1.0},
+            "c": {"quantity": "ball.x", "value": 1.001},
+        }
+        ball = {"mass": 1.0, "initial": {"velocity": [2.0, 0.0]}}
+        events = {name: table[name] for name in names}
+        result = simulate(compiled(scene({"ball": ball}, events=events)))
+        assert sorted(e.name for e in result.events) == ["a", "b"]
+        assert result.t[-1] == pytest.approx(0.5)

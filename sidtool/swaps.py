@@ -1,0 +1,38 @@
+"""SIDs that replace those of a scene."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from formats.scene import SceneFile
+from formats.sid import SID
+from formats.sid_files import read_sid
+
+#: What stands in the scene of a result for a SID that came from a program.
+FROM_PROGRAM = "(given by a program)"
+
+
+def swapped(
+    scene: SceneFile, sids: Mapping[str, SID | str | os.PathLike[str]], folder: Path
+) -> tuple[SceneFile, dict[str, SID]]:
+    """The scene that names what it is simulated with, and the SIDs by body.
+
+    folder : relative paths of the scene begin here
+
+    Raises
+    ------
+    InputError : a file cannot be read, or a name is not that of a flexible body.
+    """
+    from solver.checks import check_replaced
+
+    check_replaced(scene, sids)
+    bodies, found = dict(scene.bodies), {}
+    for name, given in sids.items():
+        found[name] = given if isinstance(given, SID) else read_sid(given)
+        text = (
+            FROM_PROGRAM if isinstance(given, SID) else os.path.relpath(given, folder)
+        )
+        bodies[name] = bodies[name].model_copy(update={"sid": text})
+    return scene.model_copy(update={"bodies": bodies}), found
