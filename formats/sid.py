@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 #: Body blocks in file order. Rows and columns; "q" stands for nq.
 #: Units: mdCM kg m; J kg m2; Ct kg m/[q]; Cr kg m2/[q]; Me kg m2/[q]2;
 #: Gr kg m2/[q]; Ge kg m2/[q]2; Oe kg m2/[q]; ksigma N m/[q]; Ke N m/[q]2;
-#: De N m s/[q]2.
+#: De N m s/[q]2. With m1 of Ke the elastic force is Ke(q) q.
 BLOCK_SHAPES: Mapping[str, tuple[int | str, int | str]] = MappingProxyType(
     {
         "mdCM": (3, 1),

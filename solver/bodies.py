@@ -22,11 +22,13 @@ from formats.sid import (
 from formats.sid_files import read_sid
 
 from .damping import damped
+from .first_order import check_first_order, cubic_stiffness
 from .kernels.layout import (
     DIAGONAL_ME,
     HAS_CR1,
     HAS_CT1,
     HAS_GE,
+    HAS_KE1,
     HAS_OE1,
     HAS_QUADRATIC_J,
 )
@@ -83,6 +85,7 @@ def _flexible_body(
                 place=f"bodies.{name}.markers.{marker}",
                 expected=error.expected,
             ) from None
+    check_first_order(sid, body.sid, f"bodies.{name}.sid")
     nodes = dict(body.markers)
     sid = damped(sid, body.damping, name)
     return BodyData(name, sid, True, body.quadratic_inertia, nodes)
@@ -117,6 +120,7 @@ def flags(sid: SID, quadratic_inertia: bool) -> int:
         HAS_OE1: sid.Oe.first_order(nq).any(),
         HAS_CT1: sid.Ct.first_order(nq).any(),
         HAS_QUADRATIC_J: quadratic_inertia and sid.Oe.first_order(nq).any(),
+        HAS_KE1: sid.Ke.first_order(nq).any(),
         DIAGONAL_ME: is_diagonal(elastic_mass(sid)),
     }
     return sum(bit for bit, needed in applies.items() if needed)
@@ -154,6 +158,11 @@ def oe1(sid: SID) -> Array:
     return 0.5 * (term + term.transpose(0, 2, 1))
 
 
+def _ke1(sid: SID) -> list[Array]:
+    """The first-order term of Ke, if there is one; see `cubic_stiffness`."""
+    return [cubic_stiffness(sid)] if sid.Ke.first_order(sid.nq).any() else []
+
+
 def ct1(sid: SID) -> Array:
     """First-order term of Ct as (axis, k, l): geometric stiffening."""
     return np.moveaxis(sid.Ct.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
@@ -179,6 +188,7 @@ def pack_planar(body: BodyData) -> Array:
         ct1(sid)[0],
         ct1(sid)[1],
         -oe1(sid)[2],
+        *_ke1(sid),
     ]
     head = [sid.mass, sid.mdCM.m0[0, 0], sid.mdCM.m0[1, 0], sid.J.m0[2, 0]]
     return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
@@ -200,6 +210,7 @@ def pack_spatial(body: BodyData) -> Array:
         *cr1(sid),
         *oe1(sid),
         *ct1(sid),
+        *_ke1(sid),
     ]
     head = [sid.mass, *sid.mdCM.m0[:, 0], *sid.J.m0[:, 0]]
     return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])

@@ -19,6 +19,7 @@ _TERMS = {
     at.HAS_CR1: "first-order terms of Cr and Ge",
     at.HAS_OE1: "first-order term of Oe",
     at.HAS_CT1: "geometric stiffening by acceleration (Ct1)",
+    at.HAS_KE1: "elastic forces quadratic in the coordinates (Ke1)",
     at.HAS_QUADRATIC_J: "quadratic inertia",
 }
 

@@ -13,6 +13,7 @@ import numpy as np
 from formats.sid import Array, symmetric_3x3
 
 from .bodies import BodyData, cr1, ct1, oe1, symmetric
+from .first_order import cubic_energy
 from .force_measures import Measured, function_values, measured
 from .kernels import layout as at
 from .motion import FrameMotion, frame_motion, marker_motion
@@ -67,6 +68,7 @@ def elastic(system: System, samples: Samples) -> Array:
         stiffness = symmetric(data.sid.Ke.m0)
         total += 0.5 * np.einsum("tk,kl,tl->t", q, stiffness, q)
         total += q @ data.sid.ksigma.m0[:, 0]
+        total += cubic_energy(data.sid, q)
     return total
 
 

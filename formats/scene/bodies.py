@@ -65,7 +65,11 @@ class RigidBody(Table):
 
 
 class SidBody(Table):
-    """A flexible body: any SID file. Its markers are nodes of that file."""
+    """A flexible body: any SID file. Its markers are nodes of that file.
+
+    Its elastic force is ksigma + Ke(q) q, also with a first-order term of Ke, if that
+    has an energy. First-order terms of Me, De and ksigma are refused.
+    """
 
     sid: str = Field(min_length=1, description="SID file, relative to the scene file")
     markers: dict[str, NodeId] = Field(

@@ -53,6 +53,7 @@ HAS_OE1 = 4
 HAS_CT1 = 8
 HAS_QUADRATIC_J = 16
 DIAGONAL_ME = 32
+HAS_KE1 = 64
 
 # --- columns of System.marker ---------------------------------------------
 M_BODY = 0

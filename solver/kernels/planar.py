@@ -12,6 +12,7 @@ import math
 from numba import float64, int64, types
 
 from .compiling import inner
+from .cubic import add_cubic_force, add_cubic_stiffness
 from .drives import drive_value
 from .layout import (
     BASE,
@@ -28,6 +29,7 @@ from .layout import (
     HAS_CR1,
     HAS_CT1,
     HAS_GE,
+    HAS_KE1,
     HAS_OE1,
     HAS_QUADRATIC_J,
     M_BODY,
@@ -63,7 +65,7 @@ N_POINT = 13
 P_MASS, P_MDX, P_MDY, P_J, P_VECTORS = range(5)
 # Vectors of length nq, in this order; Ct holds two of them.
 V_CTX, V_CTY, V_CR, V_J1, V_OE0, V_KSIGMA, N_VECTORS = range(7)
-# Square matrices, in this order (row k, column l).
+# Square matrices, in this order (row k, column l); behind them the cube of Ke1, if any.
 S_KE, S_DE, S_CR1, S_GE, S_OE1, S_CT1X, S_CT1Y, S_J2, N_SQUARES = range(9)
 
 
@@ -267,6 +269,8 @@ def _body(system, work, b, z, v):
         if rd == 3:
             M[block + (rd + k) * nv + 2] = cr
             M[block + 2 * nv + rd + k] = cr
+    if flags & HAS_KE1:
+        add_cubic_force(pool, sq + N_SQUARES * n2, nq, z, q, f, qd)
     if rd >= 2:
         M[block] = mass
         M[block + 1] = 0.0
@@ -419,6 +423,9 @@ def linearise_body(system, work, b, z, v, acc):
                 ctx * ay - cty * ax + (j1 + 2.0 * j2q) * al + cr1_acc + 2.0 * j2qd * w
             )
             D[block + 2 * nv + rd + k] = (j1 + 2.0 * j2q) * w
+    if flags & HAS_KE1:
+        corner = block + rd * nv + rd
+        add_cubic_stiffness(pool, sq + N_SQUARES * n2, nq, z, q, P, corner, nv)
     if rd >= 2:
         D[block + 1] = -mass * w
         D[block + nv] = mass * w

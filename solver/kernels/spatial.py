@@ -12,6 +12,7 @@ import math
 from numba import float64, int64, types
 
 from .compiling import inner
+from .cubic import add_cubic_force
 from .layout import (
     BLOCK,
     DATA,
@@ -20,6 +21,7 @@ from .layout import (
     FREE,
     HAS_CR1,
     HAS_CT1,
+    HAS_KE1,
     HAS_OE1,
     HAS_QUADRATIC_J,
     M_BODY,
@@ -55,7 +57,8 @@ from .vectors import (
 )
 
 # Pool layout of a body: mass, mdCM, J, then arrays over the elastic coordinates:
-# vectors (by component, then mode), then square matrices (row k, column l).
+# vectors (by component, then mode), then square matrices (row k, column l), then the
+# cube of Ke1, if any.
 P_MASS, P_MD, P_J, P_VECTORS = 0, 1, 4, 10
 V_CT, V_CR, V_J1, V_OE0, V_KSIGMA, N_VECTORS = 0, 3, 6, 12, 18, 19
 S_KE, S_DE, S_CR1, S_OE1, S_CT1, N_SQUARES = 0, 1, 2, 5, 11, 14
@@ -364,6 +367,8 @@ def _body(system, work, b, z, v):
             M[line + i] = M[block + i * nv + rd + k] = ct[i]
         for i in range(rd - 3):
             M[line + 3 + i] = M[block + (3 + i) * nv + rd + k] = cr[i]
+    if row[FLAGS] & HAS_KE1:
+        add_cubic_force(pool, sq + N_SQUARES * n2, nq, z, q, f, qd)
 
 
 @inner(types.void(SYSTEM, WORK, float64, F1, F1))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from numba import float64, int64, types
 
 from .compiling import inner
+from .cubic import add_cubic_stiffness
 from .layout import (
     BLOCK,
     DATA,
@@ -12,6 +13,7 @@ from .layout import (
     FLAGS,
     HAS_CR1,
     HAS_CT1,
+    HAS_KE1,
     HAS_OE1,
     NP,
     NQ,
@@ -24,6 +26,7 @@ from .layout import (
 )
 from .spatial import (
     N_MODAL,
+    N_SQUARES,
     N_VECTORS,
     P_MASS,
     P_VECTORS,
@@ -153,6 +156,9 @@ def _elastic(system, work, b, z, v, acc, a, al):
         if rd == 6:
             add_row(D, line + 3, turn)
             add_column(P, block + 3 * nv + rd + k, nv, follow)
+    if flags & HAS_KE1:
+        corner = block + rd * nv + rd
+        add_cubic_stiffness(pool, sq + N_SQUARES * n2, nq, z, q, P, corner, nv)
 
 
 @inner(types.void(SYSTEM, WORK, int64, F1, F1, F1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -77,6 +78,15 @@ def soft_body(
     sid = particle_body(nq, max(8, nq), planar, seed, nodes, stiffening)
     spread = np.diag(np.random.default_rng(seed).uniform(1.0, 20.0, nq))
     return replace(sid, Ke=Taylor(spread), De=Taylor(0.1 * damped * spread))
+
+
+def with_cubic_energy(sid: SID, seed: int = 0, size: float = 1.0) -> SID:
+    """A first-order term of Ke, the same under all exchanges of its indices."""
+    nq = sid.nq
+    plain = size * np.random.default_rng(seed).normal(size=(nq, nq, nq))
+    orders = list(itertools.permutations(range(3)))
+    term: Array = sum(plain.transpose(o) for o in orders) / len(orders)
+    return replace(sid, Ke=Taylor(sid.Ke.m0, term))
 
 
 class Probe:

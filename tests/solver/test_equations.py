@@ -19,7 +19,14 @@ from solver.kernel_calls import linearise
 from solver.kernels import layout as at
 from solver.kernels.coordinates import rate
 from solver.scene import System
-from tests.solver.scenes import Probe, compiled, polynomial, scene, soft_body
+from tests.solver.scenes import (
+    Probe,
+    compiled,
+    polynomial,
+    scene,
+    soft_body,
+    with_cubic_energy,
+)
 
 #: Joints whose constraint force on one body does not turn with another body.
 FORCES_OF_ONE_BODY = {
@@ -87,6 +94,7 @@ def network(
         ground={"markers": {"m": {"position": [1.0, 0.5, 0.2][space], **turned}}},
     )
     soft = soft_body(3, seed=4, planar=planar, stiffening=True)
+    soft = with_cubic_energy(soft, seed=6)
     if linear and not planar and kind not in NOT_TURNING:
         soft = not_turning(soft)
     return compiled(described, soft=soft)
