@@ -20,15 +20,19 @@ from .scene import System
 from .sizes import coordinate_sizes, row_sizes
 from .start import RANK_TOLERANCE, dense_jacobian
 
+#: Square of the part of a multiplier in the null space of C^T that is no rounding.
+UNDETERMINED = 1e-10
+
 
 def minimum_norm(
     system: System, work: Work, times: Array, z: Array, v: Array, multipliers: Array
-) -> Array:
+) -> tuple[Array, tuple[int, ...]]:
     """Multipliers (nt, rows) of the states z, v at some times, without what lies in the
-    null space of C^T."""
+    null space of C^T; and the rows that have a part in it, which the motion does not
+    determine."""
     rows, columns = row_sizes(system), coordinate_sizes(system)
     rank = system.n_rows - len(system.redundant)
-    result = multipliers.copy()
+    result, known_part = multipliers.copy(), np.ones(system.n_rows)
     for k, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
         work.clock[0] = clock
         kernel_calls.evaluate(system, work, t, z[k], v[k])
@@ -37,4 +41,5 @@ def minimum_norm(
         known = sizes[:rank] > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))
         held = left[:, :rank][:, known]
         result[k] = held @ (held.T @ (multipliers[k] * rows)) / rows
-    return result
+        known_part = np.minimum(known_part, np.sum(held**2, axis=1))
+    return result, tuple(map(int, np.flatnonzero(1.0 - known_part > UNDETERMINED)))

@@ -36,11 +36,17 @@ from .whole_scene import whole_motion
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """Named columns (nt, n), and the states that they were made of."""
+    """Named columns (nt, n), and the states that they were made of.
+
+    system : the scene whose joint forces are told, with all joints if they are
+    undetermined : its constraint rows that the motion does not determine
+    """
 
     names: tuple[str, ...]
     values: Array
     samples: Samples
+    system: System
+    undetermined: tuple[int, ...]
 
     @property
     def multipliers(self) -> Array:
@@ -58,12 +64,16 @@ def record(
     v: Array,
     closed: Array,
     history: History | None = None,
+    samples: Samples | None = None,
 ) -> Recorded:
     """Evaluates the outputs of the scene at the given states.
 
     history : the steps of the run, for energies that are integrals
+    samples : what is known of the states; default they are projected, and solved for
+        accelerations and multipliers
     """
-    samples = sample(system, kernels, work, memory, times, z, v, closed)
+    if samples is None:
+        samples = sample(system, kernels, work, memory, times, z, v, closed)
     told, motion = whole_motion(system, times, samples)
     whole = SceneQuantities(
         system, kernels, work, memory, times, samples, closed, history
@@ -80,7 +90,7 @@ def record(
             names.append(name)
             columns.append(column)
     values = np.column_stack(columns) if columns else np.zeros((len(times), 0))
-    return Recorded(tuple(names), values, samples)
+    return Recorded(tuple(names), values, samples, told, motion.undetermined)
 
 
 def _columns(

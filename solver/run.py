@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
-from importlib import metadata
 
 import numpy as np
 
@@ -15,7 +12,7 @@ from formats.result import Event, FlexibleBody, Result
 from formats.scene import SceneFile, output_times
 from formats.sid import Array
 
-from . import assembly, dense, events, outputs, warmup
+from . import assembly, dense, events, notes, outputs, warmup
 from .body_measures import expected_bodies, reached_bodies
 from .energy_history import History, is_wanted
 from .errors import SimulationError
@@ -39,6 +36,7 @@ from .stopping import (
 )
 from .storage import new_memory, new_work
 from .turn_counts import keep_turns, lost_turn
+from .versions import versions
 from .visited import Visited
 
 #: Steps between two reports of progress.
@@ -314,7 +312,7 @@ class _Run:
             bodies=bodies,
             events=self._events(),
             scene=self._scene().model_dump_json(by_alias=True, exclude_none=True),
-            notes=tuple(self._notes()),
+            notes=(*self._notes(), *notes.of_run(self.system, t, recorded)),
             versions=versions(),
             completed=not failure,
             message=explained(failure, bodies) or self._end(),
@@ -399,17 +397,3 @@ def _counters(memory: Memory) -> dict[str, int | float]:
         "projections": newton.PROJECTIONS,
     }
     return {name: int(memory.counters[i]) for name, i in names.items()}
-
-
-def versions() -> dict[str, str]:
-    """Versions of this program and of what computes under it."""
-    packages = ("sidtool", "numpy", "scipy", "numba")
-    return {"python": platform.python_version()} | {p: _version(p) for p in packages}
-
-
-@cache
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "not installed"

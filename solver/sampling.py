@@ -8,11 +8,13 @@ import numpy as np
 
 from formats.sid import Array
 
+from . import kernel_calls
 from .integrators import recording
 from .kernels.layout import Work
 from .kernels.newton import Kernels, Memory
 from .minimum_norm import minimum_norm
 from .scene import System
+from .turn_counts import keep_turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +26,7 @@ class Samples:
         with accelerations complete
     accelerations : (nt, .) z_II'
     multipliers : (nt, rows), of redundant constraints the smallest, see `minimum_norm`
+    undetermined : rows of multipliers that the motion does not determine
     """
 
     z: Array
@@ -32,6 +35,7 @@ class Samples:
     points: Array
     accelerations: Array
     multipliers: Array
+    undetermined: tuple[int, ...] = ()
 
 
 def sample(
@@ -72,9 +76,32 @@ def sample(
         multipliers,
     )
     complete_accelerations(system, z, frames, points, accelerations)
+    rows: tuple[int, ...] = ()
     if system.redundant:
-        multipliers = minimum_norm(system, work, times, z, v, multipliers)
-    return Samples(z, v, frames, points, accelerations, multipliers)
+        multipliers, rows = minimum_norm(system, work, times, z, v, multipliers)
+    return Samples(z, v, frames, points, accelerations, multipliers, rows)
+
+
+def sample_known(
+    system: System,
+    work: Work,
+    times: Array,
+    z: Array,
+    v: Array,
+    accelerations: Array,
+    multipliers: Array,
+) -> Samples:
+    """Recorded states whose accelerations and multipliers are known."""
+    frames = np.zeros((len(times), *work.frame.shape))
+    points = np.zeros((len(times), *work.point.shape))
+    for k, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
+        work.clock[0] = clock
+        kernel_calls.evaluate(system, work, t, z[k], v[k])
+        keep_turns(system, work, z[k])
+        frames[k], points[k] = work.frame, work.point
+    complete_accelerations(system, z, frames, points, accelerations)
+    smallest, rows = minimum_norm(system, work, times, z, v, multipliers)
+    return Samples(z, v, frames, points, accelerations, smallest, rows)
 
 
 def complete_accelerations(

@@ -48,10 +48,11 @@ def whole_motion(
         work.clock[0] = clock
         kernel_calls.evaluate(whole, work, t, z[i], v[i])
         multipliers[i] = solver.complete(work, acc[i], multipliers[i])
+    rows: tuple[int, ...] = ()
     if whole.redundant:
-        multipliers = minimum_norm(whole, work, times, z, v, multipliers)
+        multipliers, rows = minimum_norm(whole, work, times, z, v, multipliers)
     found = replace(samples, z=z, v=v, accelerations=acc, multipliers=multipliers)
-    return whole, found
+    return whole, replace(found, undetermined=rows)
 
 
 def _expand(

@@ -41,8 +41,9 @@ def analyse() -> None:
 def static(scene: Path, output: Path | None, accept_defects: bool) -> None:
     """Find the static equilibrium of a SCENE, downhill from its start.
 
-    Drives and forces keep the values that they have at the start. Shown are the
-    scene's outputs and the forces of all joints and drives.
+    Drives and forces keep the values that they have at the start; nothing moves.
+    Shown are the scene's outputs and the forces of all joints and drives, and which of
+    them are not determined because the mechanism is over-constrained.
 
     \b
     Example:
@@ -81,7 +82,8 @@ def modes(scene: Path, about: str, output: Path | None, accept_defects: bool) ->
       sidtool analyse modes crane.toml
       sidtool analyse modes rotor.toml --about start -o modes.json
 
-    Exit status: 0 found, 1 there is no equilibrium, 2 the input is wrong.
+    Exit status: 0 found, 1 there is no equilibrium or none that has modes (a singular
+    configuration, no inertia), 2 the input is wrong.
     """
     from ..analysing import linearise
     from ..report.analysis import describe_modes, modes_as_data
@@ -125,8 +127,8 @@ def inverse(
       sidtool analyse inverse press.toml -o forces.csv
       sidtool analyse inverse slider_crank.toml --quasi-static -o forces.csv
 
-    Exit status: 0 done, 1 the motion is impossible (the file holds what comes before),
-    2 the input is wrong.
+    Exit status: 0 done, 1 the motion is impossible or leads to a singular
+    configuration (the file holds what comes before), 2 the input is wrong.
     """
     from ..analysing import inverse_dynamics
     from ..report.analysis import describe_inverse

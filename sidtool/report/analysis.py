@@ -19,7 +19,7 @@ LEADING = 3
 
 
 def describe_equilibrium(found: Equilibrium) -> str:
-    """Iterations, residual, outputs and multipliers."""
+    """Iterations, residual, notes, outputs and multipliers."""
     result = found.result()
     parts = [
         named(
@@ -29,6 +29,7 @@ def describe_equilibrium(found: Equilibrium) -> str:
             ]
         )
     ]
+    parts += _notes(result)
     if result.names:
         rows = zip(result.names, result.values[0], strict=True)
         parts.append(table(["output", "value"], [[n, f"{x:.10g}"] for n, x in rows]))
@@ -71,14 +72,19 @@ def modes_as_data(modes: Linearisation) -> dict[str, Any]:
 
 
 def describe_inverse(result: Result) -> str:
-    """The largest force of each constraint."""
+    """The largest force of each constraint, and notes."""
     rows = [
         [name, f"{np.min(column):.10g}", f"{np.max(column):.10g}"]
         for name, column in zip(
             result.multiplier_names, result.multipliers.T, strict=True
         )
     ]
-    return table(["force", "least", "greatest"], rows)
+    return "\n\n".join([table(["force", "least", "greatest"], rows), *_notes(result)])
+
+
+def _notes(result: Result) -> list[str]:
+    """What has to be known of the numbers, one paragraph or none."""
+    return [named(("note", text) for text in result.notes)] if result.notes else []
 
 
 def _pair(value: complex) -> list[float]:

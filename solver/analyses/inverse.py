@@ -20,11 +20,16 @@ from ..bodies import symmetric
 from ..errors import SimulationError
 from ..kernels import layout as at
 from ..scene import System
+from ..sizes import coordinate_sizes
 from ..turn_counts import keep_turns
-from .mechanics import Mechanics, least_squares, null_space, recorded, refuse_prescribed
+from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
+from .recorded import Found, recorded
 
 #: Constraints are met when they are open by less, relative to their sizes.
 CLOSED = 1e-12
+#: Least independence of the constraints at which they decide motion and forces to six
+#: digits: rounding of positions counts with the inverse of its square.
+SINGULAR = 1e-5
 #: Intervals between output times are halved at most this often.
 HALVINGS = 20
 #: Elastic coordinates are in equilibrium when they change by less, relative to all.
@@ -45,28 +50,30 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     Raises
     ------
     InputError : something can move that no drive prescribes.
-    SimulationError : the drives lead to a position that cannot be reached, or a body is
-        too soft for a quasi-static deformation; its `result` holds what comes before.
+    SimulationError : the drives lead to a position that cannot be reached or to a
+        singular configuration, or a body is too soft for a quasi-static deformation;
+        its `result` holds what comes before.
     """
     refuse_prescribed(system)
     system, start = assemble(system)
     t = system.scene.time.start
     mechanics = Mechanics(system, t, t)
-    mechanics.set_scale(start.z)
+    mechanics.scale = coordinate_sizes(system)
     motion = _Motion(mechanics, quasi_static)
     motion.refuse_freedom(start)
     times = output_times(system.scene)
     kind = "inverse dynamics" + (", quasi-static deformation" if quasi_static else "")
-    states: list[Start] = []
+    states: list[Found] = []
     state = start
     for when in times:
         try:
             state = _follow(motion, state, float(when))
+            found = motion.found(state)
         except SimulationError as error:
             done = np.array(times[: len(states)])
             error.result = recorded(system, kind, done, states, str(error))
             raise
-        states.append(state)
+        states.append(found)
     return recorded(system, kind, times, states)
 
 
@@ -110,16 +117,6 @@ class _Motion:
             K[elastic, elastic] = symmetric(body.sid.Ke.m0)
         return K * np.outer(scale, scale)
 
-    def _mass(self) -> Array:
-        """M of all bodies, scaled, at the state evaluated last."""
-        n, scale = self.system.n_velocities, self.mechanics.scale
-        M = np.zeros((n, n))
-        for row in self.system.arrays.body:
-            k, o, u = row[at.NV], row[at.BLOCK], row[at.VEL]
-            block = self.mechanics.work.M[o : o + k * k].reshape(k, k)
-            M[u : u + k, u : u + k] = block
-        return M * np.outer(scale, scale)
-
     def driven_solution(self, right: Array) -> Array:
         """What the drives make of all scaled coordinates, the elastic ones at zero."""
         x = np.zeros(self.system.n_velocities)
@@ -133,11 +130,11 @@ class _Motion:
         for iteration in range(12):
             mechanics.evaluate(z, rest)
             before, opening = opening, mechanics.opening
-            if opening <= CLOSED:
-                return z
-            if iteration > 2 and opening > 0.5 * before:
+            if iteration > 2 and opening > max(CLOSED, 0.5 * before):
                 return None
             z = mechanics.moved(z, self.driven_solution(-mechanics.residual))
+            if opening <= CLOSED:  # and with the last step as far as rounding allows
+                return z
         return None
 
     def velocities(self, z: Array) -> Array:
@@ -147,7 +144,36 @@ class _Motion:
     def accelerations(self, state: Start) -> Array:
         """Scaled accelerations that the drives demand."""
         self.mechanics.evaluate(state.z, state.v)
-        return self.driven_solution(self.mechanics.work.row[:, at.C_GAMMA])
+        return self.driven_solution(self.mechanics.gamma)
+
+    def found(self, state: Start) -> Found:
+        """A state with the accelerations that the drives demand, and their forces.
+
+        Raises
+        ------
+        SimulationError : the configuration is singular: the drives do not decide the
+            motion, or demand what the mechanism cannot do.
+        """
+        mechanics = self.mechanics
+        mechanics.evaluate(state.z, np.zeros(self.system.n_velocities))
+        C = mechanics.jacobian[:, self.driven]
+        norms = np.linalg.norm(C, axis=1, keepdims=True)
+        sizes = np.linalg.svd(C / np.where(norms > 0.0, norms, 1.0), compute_uv=False)
+        if np.min(sizes, initial=1.0) < SINGULAR:
+            raise SimulationError(
+                f"stopped at t = {mechanics.t:.9g} s: the drives do not decide how the "
+                "mechanism goes on from here (singular configuration)"
+            )
+        mechanics.demanded(C, -mechanics.rates, 1)
+        mechanics.evaluate(state.z, state.v)
+        a = np.zeros(self.system.n_velocities)
+        a[self.driven] = mechanics.demanded(C, mechanics.gamma, 2)
+        return Found(state.z, state.v, a * mechanics.scale, self.multipliers(a))
+
+    def multipliers(self, a: Array) -> Array:
+        """Of the scaled accelerations a at the state evaluated last."""
+        unbalanced = self.mechanics.mass @ a - self.mechanics.force
+        return self.mechanics.multipliers(unbalanced[self.driven], self.driven)
 
     def deformed(self, z: Array) -> Start | None:
         """The closed state near z whose elastic coordinates are in equilibrium."""
@@ -171,10 +197,9 @@ class _Motion:
     def _elastic_change(self, state: Start) -> Array:
         """Scaled correction K^-1 (f + C^T lambda - M a) of the elastic coordinates."""
         a = self.accelerations(state)
-        unbalanced = self._mass() @ a - self.mechanics.force
+        unbalanced = self.mechanics.mass @ a - self.mechanics.force
         C, driven = self.mechanics.jacobian, self.driven
-        multipliers = least_squares(C[:, driven].T, unbalanced[driven])
-        left = unbalanced[~driven] - C[:, ~driven].T @ multipliers
+        left = unbalanced[~driven] - C[:, ~driven].T @ self.multipliers(a)
         change = np.zeros(self.system.n_velocities)
         change[~driven] = np.linalg.solve(self.stiffness, -left)
         return change
@@ -215,8 +240,7 @@ def _reach(motion: _Motion, state: Start, when: float) -> Start | None:
     """The state at `when`, from a prediction; None if that is too far away."""
     mechanics = motion.mechanics
     before, h = mechanics.t, when - mechanics.t
-    middle = np.array([0.5 * (before + when)])
-    mechanics.work.clock[:1] = mechanics.system.clocks(middle)
+    mechanics.work.clock[:1] = mechanics.system.clocks(np.array([when]))
     x = h * state.v / mechanics.scale + 0.5 * h * h * motion.accelerations(state)
     z = mechanics.moved(state.z, x)
     rates = mechanics.turn_rates(state)

@@ -6,9 +6,12 @@ velocities consistent. Then
 
     y' = N^T E N y + w,    w' = N^T (da/dz N + da/dv V) y + N^T da/dv N w,
 
-with E as in `kernels.coordinates`, and accelerations a differentiated by central
-differences. The state should be an equilibrium, or a steady motion such as a constant
-rotation, where these matrices do not depend on time.
+with E as in `kernels.coordinates`. The derivatives of the accelerations a follow from
+those of what eq. (3) leaves at the state's own accelerations and multipliers, by
+central differences: it is solved at the state only. Beside it a body with first-order
+terms of Ct and Cr may have no positive mass matrix. The state should be an equilibrium,
+or a steady motion such as a constant rotation, where these matrices do not depend on
+time.
 """
 
 from __future__ import annotations
@@ -70,12 +73,13 @@ def linearise(
     about : "static", the static equilibrium, or "start", the assembled start with its
         velocities
     state : (z_I, z_II) instead, as in a result's positions and velocities
-    time : of the drives [s], default the start
+    time : of the drives at that state [s], default the start
 
     Raises
     ------
     InputError : there is no such state, or the start cannot be assembled.
-    SimulationError : there is no static equilibrium.
+    SimulationError : there is no static equilibrium, the state is a singular
+        configuration, or its inertia is not positive.
     """
     refuse_prescribed(system)
     if about not in STATES:
@@ -93,7 +97,7 @@ def linearise(
         z, v = start.z, start.v
     t = system.scene.time.start if time is None else time
     mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
-    mechanics.set_scale(z)
+    mechanics.set_scale(z, stiffness=0.0)
     matrix, motion = state_matrix(mechanics, z, v)
     return _modes(mechanics, matrix, motion, z, v)
 
@@ -112,36 +116,59 @@ def _check_size(system: System, z: Array, v: Array) -> None:
 def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array]:
     """(2 d, 2 d) matrix of (y, w) and the (n, d) scaled free directions N."""
     mechanics.evaluate(z, v)
-    C, E = mechanics.jacobian, _frame_motion(mechanics)
+    mechanics.refuse_singular()
+    C, M, E = mechanics.jacobian, mechanics.mass, _frame_motion(mechanics)
     N = null_space(C)
     d = N.shape[1]
-    size = coordinate_sizes(mechanics.system) / mechanics.scale
+    inertia = N.T @ M @ N
+    a, multipliers = mechanics.accelerations()
+    by_z, by_v = _derivatives(mechanics, z, v, a, multipliers)
+    follow = least_squares(C, -by_z.rate @ N)
     matrix = np.zeros((2 * d, 2 * d))
     matrix[:d, :d] = N.T @ E @ N
     matrix[:d, d:] = np.eye(d)
-    for j, direction in enumerate(N.T):
-        delta = PERTURBATION / np.max(np.abs(direction) / size)
-        moved = [mechanics.moved(z, sign * delta * direction) for sign in (1.0, -1.0)]
-        rates = []
-        for position in moved:
-            mechanics.evaluate(position, v)
-            rates.append(mechanics.rates)
-        change = (rates[1] - rates[0]) / (2.0 * delta)
-        follow = least_squares(C, change) if len(C) else 0.0 * N[:, 0]
-        pairs = [
-            mechanics.accelerations(p, v + sign * delta * follow * mechanics.scale)[0]
-            for p, sign in zip(moved, (1.0, -1.0), strict=True)
-        ]
-        matrix[d:, j] = N.T @ ((pairs[0] - pairs[1]) / (2.0 * delta * mechanics.scale))
-        pairs = [
-            mechanics.accelerations(z, v + sign * delta * direction * mechanics.scale)[
-                0
-            ]
-            for sign in (1.0, -1.0)
-        ]
-        column = (pairs[0] - pairs[1]) / (2.0 * delta * mechanics.scale)
-        matrix[d:, d + j] = N.T @ column
+    force = [by_z.force @ N + by_v.force @ follow, by_v.force @ N]
+    gamma = [by_z.gamma @ N + by_v.gamma @ follow, by_v.gamma @ N]
+    held = least_squares(C, np.hstack(gamma))
+    right = N.T @ (np.hstack(force) - M @ held)
+    matrix[d:] = mechanics.solve_inertia(inertia, right)
     return matrix, N
+
+
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """By the n scaled coordinates: f + C^T lambda - M a (n, n), and of the constraints
+    their rates and gamma - C a (rows, n)."""
+
+    force: Array
+    rate: Array
+    gamma: Array
+
+
+def _derivatives(
+    mechanics: Mechanics, z: Array, v: Array, a: Array, multipliers: Array
+) -> tuple[_Change, _Change]:
+    """Central differences by positions and by velocities, at fixed a and lambda."""
+    n, rows = len(v), len(multipliers)
+    found = []
+    deltas = PERTURBATION * coordinate_sizes(mechanics.system) / mechanics.scale
+    for moves in (True, False):
+        change = _Change(np.zeros((n, n)), np.zeros((rows, n)), np.zeros((rows, n)))
+        for k, delta in enumerate(deltas):
+            step = np.zeros(n)
+            step[k] = delta
+            for sign in (1.0, -1.0):
+                if moves:
+                    mechanics.evaluate(mechanics.moved(z, sign * step), v)
+                else:
+                    mechanics.evaluate(z, v + sign * step * mechanics.scale)
+                C, weight = mechanics.jacobian, sign / (2.0 * delta)
+                left = mechanics.force + C.T @ multipliers - mechanics.mass @ a
+                change.force[:, k] += weight * left
+                change.rate[:, k] += weight * mechanics.rates
+                change.gamma[:, k] += weight * (mechanics.gamma - C @ a)
+        found.append(change)
+    return found[0], found[1]
 
 
 def _frame_motion(mechanics: Mechanics) -> Array:

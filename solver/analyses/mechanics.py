@@ -5,23 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from formats.errors import InputError
-from formats.result import Result
 from formats.sid import Array
 
-from .. import kernel_calls, outputs
-from ..assembly import Start, dense_jacobian
-from ..energy_history import history_between, is_wanted
-from ..integrators import recording
+from .. import kernel_calls
+from ..assembly import Start, dense_jacobian, names_of_rows
+from ..errors import SimulationError
 from ..kernels import layout as at
 from ..kernels.coordinates import retract
-from ..kernels.pointers import kernels
-from ..new_control import CLOSED
-from ..run import versions
 from ..scene import System
 from ..sizes import row_sizes
+from ..stopping import lost_inertia
 from ..storage import new_memory, new_work
 from ..turn_counts import keep_turns
 
+#: Least eigenvalue of an inertia with ones on its diagonal that is no rounding.
+NO_INERTIA = 1e-13
+#: Demands of constraints are met when so little of them is left.
+UNMET = 1e-7
 #: Singular values of the scaled constraint Jacobian count as zero below this.
 RANK_TOLERANCE = 1e-9
 
@@ -36,19 +36,22 @@ class Mechanics:
     def __init__(self, system: System, t: float, clock: float) -> None:
         self.system, self.t = system, t
         self.work, self.memory = new_work(system), new_memory(system, 0)
-        self.kernels = kernels(system.planar)
         self.work.clock[0] = clock
         self.scale = np.ones(system.n_velocities)
 
     def evaluate(self, z: Array, v: Array) -> None:
         kernel_calls.evaluate(self.system, self.work, self.t, z, v)
 
-    def set_scale(self, z: Array) -> None:
-        """Takes the scale from the masses and stiffnesses at a position."""
+    def set_scale(self, z: Array, stiffness: float = 1.0) -> None:
+        """Takes the scale from the masses and stiffnesses at a position.
+
+        stiffness : weight of the elastic energy, 0 to leave it out
+        """
         self.evaluate(z, np.zeros(self.system.n_velocities))
+        metric = stiffness * self.memory.metric
         for row in self.system.arrays.body:
             n, o, u = row[at.NV], row[at.BLOCK], row[at.VEL]
-            entries = self.work.M[o : o + n * n] + self.memory.metric[o : o + n * n]
+            entries = self.work.M[o : o + n * n] + metric[o : o + n * n]
             diagonal = np.diag(entries.reshape(n, n))
             self.scale[u : u + n] = 1.0 / np.sqrt(np.maximum(diagonal, 1e-300))
 
@@ -99,11 +102,104 @@ class Mechanics:
         retract(self.system.arrays, self.work.frame.copy(), result, x * self.scale)
         return result
 
-    def accelerations(self, z: Array, v: Array) -> tuple[Array, Array]:
-        """z_II' (n,) and multipliers (rows,)."""
-        arguments = (self.kernels, self.system.arrays, self.work, self.memory)
-        recording.begin(*arguments, self.t, z, v)
-        return self.memory.acceleration.copy(), self.memory.multiplier.copy()
+    @property
+    def mass(self) -> Array:
+        """M of all bodies (n, n), scaled, at the state evaluated last."""
+        n = self.system.n_velocities
+        M = np.zeros((n, n))
+        for row in self.system.arrays.body:
+            k, o, u = row[at.NV], row[at.BLOCK], row[at.VEL]
+            block = self.work.M[o : o + k * k].reshape(k, k)
+            M[u : u + k, u : u + k] = block
+        return M * np.outer(self.scale, self.scale)
+
+    @property
+    def gamma(self) -> Array:
+        """What constraints demand of accelerations, C z_II' = gamma, (rows,)."""
+        return self.work.row[:, at.C_GAMMA].copy()
+
+    def multipliers(self, unbalanced: Array, columns: Array | None = None) -> Array:
+        """The smallest lambda (rows,) with C^T lambda = unbalanced, see `minimum_norm`.
+
+        columns : True for the coordinates along which that is asked, default all
+        """
+        sizes = row_sizes(self.system)
+        C = self.jacobian if columns is None else self.jacobian[:, columns]
+        return least_squares((C / sizes[:, None]).T, unbalanced) / sizes
+
+    def accelerations(self) -> tuple[Array, Array]:
+        """Scaled z_II' (n,) and multipliers (rows,) at the state evaluated last.
+
+        Along the free directions of the constraints only: a mass matrix that is not
+        positive in a direction that they hold does not matter.
+
+        Raises
+        ------
+        SimulationError : the constraints demand accelerations that do not exist, or
+            the inertia is not positive along what can move.
+        """
+        C, M, f = self.jacobian, self.mass, self.force
+        a = self.demanded(C, self.gamma, 2)
+        N = null_space(C)
+        a += N @ self.solve_inertia(N.T @ M @ N, N.T @ (f - M @ a))
+        return a, self.multipliers(M @ a - f)
+
+    def refuse_singular(self) -> None:
+        """Raises a state, evaluated last, whose constraints lose their independence.
+
+        Raises
+        ------
+        SimulationError : more of them depend on others than at the start.
+        """
+        n, wanted = self.system.n_velocities, self.system.n_rows
+        wanted -= len(self.system.redundant)
+        if n - null_space(self.jacobian).shape[1] < wanted:
+            raise SimulationError(
+                f"the constraints depend on each other at t = {self.t:.9g} s (singular "
+                "configuration): the mechanism could move on in several ways"
+            )
+
+    def solve_inertia(self, inertia: Array, right: Array) -> Array:
+        """Solves with the inertia (d, d) along what can move.
+
+        Raises
+        ------
+        SimulationError : it is not positive; names the body.
+        """
+        size = np.sqrt(np.maximum(inertia.diagonal(), np.finfo(float).tiny))
+        scaled = inertia / np.outer(size, size)
+        if len(scaled) and not np.linalg.eigvalsh(scaled)[0] > NO_INERTIA:
+            cause = lost_inertia(self.system, self.work) or "; a body lacks inertia"
+            raise SimulationError(
+                f"no accelerations are known at t = {self.t:.9g} s: the mass matrix is "
+                f"not positive along what can move{cause}"
+            )
+        shape = size.reshape(-1, *[1] * (right.ndim - 1))
+        return np.asarray(np.linalg.solve(scaled, right / shape) / shape, np.float64)
+
+    def demanded(self, C: Array, right: Array, order: int) -> Array:
+        """The smallest x with C x = right, a derivative in time of some order.
+
+        Raises
+        ------
+        SimulationError : there is none; names joints and drives.
+        """
+        norms = np.linalg.norm(C, axis=1)
+        norms = np.where(norms > 0.0, norms, 1.0)
+        x = least_squares(C / norms[:, None], right / norms)
+        sizes, time = row_sizes(self.system), self.system.scene.time
+        left = np.abs(C @ x - right) / sizes
+        size = np.max(np.abs(right) / sizes, initial=(time.end - time.start) ** -order)
+        unmet = np.flatnonzero(left > UNMET * size)
+        if len(unmet):
+            names = dict.fromkeys(names_of_rows(self.system, tuple(unmet)))
+            raise SimulationError(
+                f"stopped at t = {self.t:.9g} s: joints and drives demand "
+                f"{('velocities', 'accelerations')[order - 1]} that do not exist "
+                f"({', '.join(names)}): a singular configuration, or too many "
+                "constraints"
+            )
+        return x
 
     def closed(self, z: Array) -> Array:
         """z moved onto the constraints; where they cannot be met it stays open."""
@@ -131,50 +227,6 @@ def null_space(matrix: Array) -> Array:
     _, sizes, right = np.linalg.svd(matrix / np.where(norms > 0.0, norms, 1.0))
     rank = int(np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))))
     return right[rank:].T
-
-
-def recorded(
-    system: System, kind: str, times: Array, states: list[Start], message: str = ""
-) -> Result:
-    """The scene's outputs at some states, as a result.
-
-    message : why later states are missing, if they are
-    """
-    z = np.array([s.z for s in states]).reshape(len(states), system.n_positions)
-    v = np.array([s.v for s in states]).reshape(len(states), system.n_velocities)
-    span = system.scene.time.end - system.scene.time.start
-    closed = np.outer(row_sizes(system), [1.0, 1.0 / span]) * CLOSED[0]
-    calls, history = kernels(system.planar), None
-    if is_wanted(system.scene):
-        history = history_between(system, calls, times, z, v, closed)
-    found = outputs.record(
-        system,
-        calls,
-        new_work(system),
-        new_memory(system, 0),
-        times,
-        z,
-        v,
-        closed,
-        history,
-    )
-    return Result(
-        title=system.scene.title,
-        names=found.names,
-        t=times,
-        values=found.values,
-        positions=z,
-        velocities=v,
-        multipliers=found.multipliers,
-        position_names=outputs.position_names(system),
-        velocity_names=outputs.velocity_names(system),
-        multiplier_names=outputs.multiplier_names(system),
-        settings={"analysis": kind},
-        scene=system.scene.model_dump_json(by_alias=True, exclude_none=True),
-        versions=versions(),
-        completed=not message,
-        message=message,
-    )
 
 
 def refuse_prescribed(system: System) -> None:

@@ -16,11 +16,15 @@ import numpy as np
 from formats.result import Result
 from formats.sid import Array
 
-from ..assembly import Start, assemble
+from ..assembly import assemble
 from ..errors import SimulationError
 from ..scene import System
-from ..sizes import coordinate_sizes, row_sizes
-from .mechanics import Mechanics, least_squares, null_space, recorded, refuse_prescribed
+from ..sizes import coordinate_sizes
+from ..start import widest_open
+from ..stopping import lost_inertia
+from .held import held
+from .mechanics import Mechanics, null_space, refuse_prescribed
+from .recorded import Found, recorded
 
 ITERATIONS = 300
 #: Forces that drive the motion vanish when below this part of the largest ones met, or
@@ -30,6 +34,8 @@ BALANCED = 1e-10
 PERTURBATION = 1e-5
 #: Largest rotation [rad], and displacement in sizes of the mechanism, of one step.
 LARGEST_STEP = 0.3
+#: Joints are closed when they are open by less, relative to their sizes.
+CLOSED = 1e-10
 #: Scaled stiffnesses are kept above this part of the largest one and of the forces.
 SOFTEST = 1e-12
 
@@ -42,7 +48,8 @@ class Equilibrium:
     multipliers : (rows,) forces of the joints and drives
     residual : what is left of the forces, relative to them
     iterations : Newton steps taken
-    system : the assembled scene
+    system : the assembled scene, its drives and forces held at their values
+    notes : what has to be known of it
     """
 
     z: Array
@@ -50,27 +57,32 @@ class Equilibrium:
     residual: float
     iterations: int
     system: System
+    notes: tuple[str, ...] = ()
 
     def result(self) -> Result:
         """The scene's outputs in equilibrium, as a result of one time."""
-        rest = Start(self.z, np.zeros(self.system.n_velocities))
+        nothing = np.zeros(self.system.n_velocities)
+        rest = Found(self.z, nothing, nothing, self.multipliers)
         times = np.array([self.system.scene.time.start])
-        return recorded(self.system, "static equilibrium", times, [rest])
+        kind = "static equilibrium"
+        return recorded(self.system, kind, times, [rest], notes=self.notes)
 
 
 def static_equilibrium(system: System) -> Equilibrium:
     """The static equilibrium nearest downhill from the start of a scene.
 
-    Drives and functions of time hold their values at the start.
+    Drives and functions of time hold their values at the start: nothing moves, and no
+    inertia of their rates is left.
 
     Raises
     ------
     InputError : the start position cannot be assembled.
-    SimulationError : there is no equilibrium near; a body may fall freely.
+    SimulationError : there is no equilibrium near, a body may fall freely, or joints
+        come apart on the way there.
     """
     refuse_prescribed(system)
     system, start = assemble(system)
-    t = system.scene.time.start
+    system, t = held(system), system.scene.time.start
     mechanics = Mechanics(system, t, 0.5 * (t + system.breaks[0]))
     mechanics.set_scale(start.z)
     z = mechanics.closed(start.z)
@@ -80,7 +92,8 @@ def static_equilibrium(system: System) -> Equilibrium:
         largest = max(largest, size)
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
-            return Equilibrium(z, left, residual, iteration, system)
+            notes = _checked(mechanics)
+            return Equilibrium(z, left, residual, iteration, system, notes)
         step = motion @ _newton_step(mechanics, z, motion, force, left)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
@@ -90,14 +103,28 @@ def static_equilibrium(system: System) -> Equilibrium:
     )
 
 
+def _checked(mechanics: Mechanics) -> tuple[str, ...]:
+    """What has to be known of the equilibrium that was evaluated last.
+
+    Raises
+    ------
+    SimulationError : joints are open in it.
+    """
+    if mechanics.opening > CLOSED:
+        where = widest_open(mechanics.system, mechanics.residual)
+        raise SimulationError(f"no static equilibrium keeps the joints closed: {where}")
+    cause = lost_inertia(mechanics.system, mechanics.work)
+    if not cause:
+        return ()
+    return (f"simulate cannot start in this equilibrium: {cause.removeprefix('; ')}",)
+
+
 def _balance(mechanics: Mechanics, z: Array) -> tuple[Array, Array, Array, float]:
     """Free directions, force along them, multipliers, and the size of all forces."""
     mechanics.evaluate(z, np.zeros(mechanics.system.n_velocities))
     C, f = mechanics.jacobian, mechanics.force
     motion = null_space(C)
-    sizes = row_sizes(mechanics.system)  # see `minimum_norm`
-    multipliers = least_squares((C / sizes[:, None]).T, -f) / sizes
-    return motion, motion.T @ f, multipliers, float(np.linalg.norm(f))
+    return motion, motion.T @ f, mechanics.multipliers(-f), float(np.linalg.norm(f))
 
 
 def _newton_step(

@@ -1,0 +1,100 @@
+"""States that an analysis found, as a result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from formats.result import Result
+from formats.sid import Array
+
+from .. import outputs
+from ..energy_history import history_between, is_wanted
+from ..errors import SimulationError
+from ..kernels.pointers import kernels
+from ..new_control import CLOSED
+from ..notes import undefined_values, undetermined_forces
+from ..sampling import sample_known
+from ..scene import System
+from ..sizes import row_sizes
+from ..storage import new_memory, new_work
+from ..versions import versions
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A state of motion: z_I, z_II, z_II' and the multipliers."""
+
+    z: Array
+    v: Array
+    a: Array
+    multipliers: Array
+
+
+def recorded(
+    system: System,
+    kind: str,
+    times: Array,
+    states: Sequence[Found],
+    message: str = "",
+    notes: Sequence[str] = (),
+) -> Result:
+    """The scene's outputs at some states, as a result.
+
+    message : why later states are missing, if they are
+
+    Raises
+    ------
+    SimulationError : an output is not a number.
+    """
+    count = len(states)
+    z, v, a, multipliers = (
+        np.array([getattr(s, part) for s in states]).reshape(count, size)
+        for part, size in (
+            ("z", system.n_positions),
+            ("v", system.n_velocities),
+            ("a", system.n_velocities),
+            ("multipliers", system.n_rows),
+        )
+    )
+    span = system.scene.time.end - system.scene.time.start
+    closed = np.outer(row_sizes(system), [1.0, 1.0 / span]) * CLOSED[0]
+    calls, history, work = kernels(system.planar), None, new_work(system)
+    if is_wanted(system.scene):
+        history = history_between(system, calls, times, z, v, closed)
+    found = outputs.record(
+        system,
+        calls,
+        work,
+        new_memory(system, 0),
+        times,
+        z,
+        v,
+        closed,
+        history,
+        sample_known(system, work, times, z, v, a, multipliers),
+    )
+    undefined = undefined_values(times, found.names, found.values)
+    if undefined:
+        raise SimulationError(undefined[0])
+    open_forces = undetermined_forces(found)
+    return Result(
+        title=system.scene.title,
+        names=found.names,
+        t=times,
+        values=found.values,
+        positions=z,
+        velocities=v,
+        multipliers=found.multipliers,
+        position_names=outputs.position_names(system),
+        velocity_names=outputs.velocity_names(system),
+        multiplier_names=outputs.multiplier_names(system),
+        settings={"analysis": kind},
+        scene=system.scene.model_dump_json(by_alias=True, exclude_none=True),
+        versions=versions(),
+        notes=(*notes, *open_forces),
+        completed=not message,
+        message=message,
+    )

@@ -1,0 +1,72 @@
+"""What has to be known of recorded numbers, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from formats.scene import parse_output, watched
+from formats.sid import Array
+
+from .joint_forces import COMPONENTS
+from .outputs import Recorded, multiplier_names
+from .scene import System
+from .start import names_of_rows
+
+
+def of_run(system: System, t: Array, recorded: Recorded) -> tuple[str, ...]:
+    """Of what a run recorded at the times t."""
+    names = (*recorded.names, *multiplier_names(system))
+    values = np.hstack([recorded.values, recorded.multipliers])
+    return (
+        *undetermined_forces(recorded, watched(system.scene)),
+        *undefined_values(t, names, values),
+    )
+
+
+def undetermined_forces(
+    recorded: Recorded, outputs: Iterable[str] | None = None
+) -> list[str]:
+    """Of joints and drives that share loads in a way that the motion leaves open.
+
+    outputs : only their forces are spoken of, default those of all joints
+    """
+    system = recorded.system
+    sharing = sorted(set(names_of_rows(system, recorded.undetermined)))
+    told = sharing
+    if outputs is not None:
+        wanted = {name.owner for name in map(parse_output, outputs) if _is_force(name)}
+        told = [name for name in sharing if name in wanted]
+    if not told:
+        return []
+    count, others = len(system.redundant), [n for n in sharing if n not in told]
+    why = "their constraints depend on each other in this configuration"
+    if count:
+        follow = "constraint follows" if count == 1 else "constraints follow"
+        why = f"the mechanism is over-constrained, {count} of its {follow} from others"
+    shared = f", shared with {', '.join(others)}" if others else ""
+    return [
+        f"the forces of {', '.join(told)} are not determined{shared}: {why}; recorded "
+        "are the smallest ones that hold it, real ones depend on stiffness and fit"
+    ]
+
+
+def _is_force(name: object) -> bool:
+    quantity = name.quantity  # type: ignore[attr-defined]
+    numbered = quantity[:1] == "f" and (quantity[1:] == "*" or quantity[1:].isdigit())
+    return quantity in COMPONENTS or numbered
+
+
+def undefined_values(t: Array, names: tuple[str, ...], values: Array) -> list[str]:
+    """Of outputs (nt, n) that are not numbers."""
+    missing = ~np.isfinite(values)
+    if not missing.any():
+        return []
+    when = t[missing.any(axis=1)]
+    what = [name for name, bad in zip(names, missing.T, strict=True) if bad.any()]
+    more = f" and at {len(when) - 1} other times" if len(when) > 1 else ""
+    return [
+        f"{', '.join(what)} could not be computed at t = {when[0]:.9g} s{more}: the "
+        "constraints depend on each other there (singular configuration)"
+    ]
