@@ -24,6 +24,7 @@ from formats.sid import SID, Node, Taylor
 
 from .beam_stiffening import beam_stiffness
 from .frontends.continuum import stress_from_gradient
+from .frontends.elements import ElementBatch, internal_amplitudes
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .marker_motion import excess_of_rows, work_in_rigid_pieces
 from .reduction.basis import ReducedBasis
@@ -185,6 +186,9 @@ class QuadraturePart:
     law : elasticity matrix [Pa]
     transverse : see `Continuum`
     table : (n, d) degrees of freedom by node
+    internal : (p, k, d) slopes of internal modes of the element [1/m]
+    amplitudes : (e, d k, d m) of these by the displacements of the element's nodes
+    element : (p,) row of `amplitudes` of every point
     """
 
     nodes: NDArray[np.int64]
@@ -194,6 +198,9 @@ class QuadraturePart:
     law: Array
     transverse: float
     table: NDArray[np.int64]
+    internal: Array | None = None
+    amplitudes: Array | None = None
+    element: NDArray[np.int64] | None = None
 
     def only(self, row: int) -> QuadraturePart:
         """One of the points."""
@@ -204,12 +211,21 @@ class QuadraturePart:
             values=self.values[cut],
             slopes=self.slopes[cut],
             weights=self.weights[cut],
+            internal=None if self.internal is None else self.internal[cut],
+            element=None if self.element is None else self.element[cut],
         )
 
     def gradients(self, fields: Array) -> Array:
         """(p, n, d, d) displacement gradients [c, b] = du_c/dx_b of (ndof, n)."""
         at_nodes = fields[self.table][self.nodes]
-        return np.einsum("pmb,pmcn->pncb", self.slopes, at_nodes, optimize=True)
+        result = np.einsum("pmb,pmcn->pncb", self.slopes, at_nodes, optimize=True)
+        if self.internal is None:
+            return result
+        assert self.amplitudes is not None
+        p, k, d = self.internal.shape
+        own = self.amplitudes[self.element] @ at_nodes.reshape(p, -1, fields.shape[1])
+        own = own.reshape(p, k, d, -1)
+        return result + np.einsum("pmb,pmcn->pncb", self.internal, own, optimize=True)
 
 
 def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
@@ -233,6 +249,7 @@ def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
             values = np.broadcast_to(batch.values, (ne, *batch.values.shape[1:]))
             for start in range(0, ne, step):
                 cut = slice(start, start + step)
+                inner = _internal(batch, continuum.law, cut)
                 yield QuadraturePart(
                     nodes=np.repeat(batch.nodes[cut], ng, axis=0),
                     values=values[cut].reshape(-1, values.shape[2]),
@@ -241,7 +258,27 @@ def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
                     law=continuum.law,
                     transverse=continuum.transverse,
                     table=body.table[:, :d],
+                    **inner,
                 )
+
+
+def _internal(batch: ElementBatch, law: Array, cut: slice) -> dict[str, Any]:
+    """What a part knows of the internal modes of some elements of a batch."""
+    if batch.internal is None:
+        return {}
+    some = replace(
+        batch,
+        gradients=batch.gradients[cut],
+        measures=batch.measures[cut],
+        internal=batch.internal[cut],
+    )
+    assert some.internal is not None
+    ne, ng, k, d = some.internal.shape
+    return {
+        "internal": some.internal.reshape(-1, k, d),
+        "amplitudes": internal_amplitudes(some, law),
+        "element": np.repeat(np.arange(ne), ng),
+    }
 
 
 class _Loads:

@@ -33,12 +33,14 @@ class Continuum:
     thickness : of a plane body [m]; 1 in space
     transverse : stress zz of a plane body per unit of xx + yy: Poisson's ratio in
         plane strain, 0 in plane stress
+    internal_modes : whether the elements have displacements of their own
     """
 
     batches: Callable[[], Iterable[ElementBatch]]
     law: Array
     thickness: float = 1.0
     transverse: float = 0.0
+    internal_modes: bool = False
 
 
 def continuum_of(
@@ -46,10 +48,13 @@ def continuum_of(
     material: Material,
     state: str,
     thickness: float = 1.0,
+    *,
+    internal_modes: bool = False,
 ) -> Continuum:
     """Elements of an isotropic material; see `elasticity` for the state."""
     transverse = material.poissons_ratio if state == "plane_strain" else 0.0
-    return Continuum(batches, elasticity(material, state), thickness, transverse)
+    law = elasticity(material, state)
+    return Continuum(batches, law, thickness, transverse, internal_modes)
 
 
 def stress_from_gradient(gradient: Array, law: Array) -> Array:

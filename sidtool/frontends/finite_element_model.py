@@ -30,7 +30,8 @@ class MarkerRows:
     position : (3,) in the axes of the model [m]
     displacement : (3, ndof) sparse; displacement of the point = rows @ u
     rotation : (3, ndof) sparse; right-handed small rotation of the point = rows @ u
-    gradient : (9, ndof) sparse; derivative of u_a by x_b = row 3 a + b
+    gradient : (9, ndof) sparse; derivative of u_a by x_b = row 3 a + b, internal modes
+        of the elements included
     tangent : (3,) direction of the beam whose cross-section it is
     """
 

@@ -43,16 +43,16 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         materials = _materials(model, imported)
         state = _state(settings, imported) if plane else "solid"
         thickness = _thickness(geometry, imported) if plane else 1.0
+        relieved = settings.formulation == "incompatible_modes"
         mass, stiffness = mesh_matrices(
-            mesh,
-            materials,
-            state,
-            thickness=thickness,
-            incompatible_modes=settings.formulation == "incompatible_modes",
+            mesh, materials, state, thickness=thickness, incompatible_modes=relieved
         )
     except InputError as error:
         raise error.located(geometry.file) from None
-    points = MeshPoints(mesh)
+    continua = mesh_continua(
+        mesh, materials, state, thickness=thickness, incompatible_modes=relieved
+    )
+    points = MeshPoints(mesh, continua)
     markers = []
     for name, marker in placed(model.markers):
         with at_marker(name):
@@ -64,7 +64,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         stiffness=stiffness,
         node_sets=NamedSets(mesh.node_sets),
         markers=tuple(markers),
-        continua=mesh_continua(mesh, materials, state, thickness=thickness),
+        continua=continua,
     )
 
 

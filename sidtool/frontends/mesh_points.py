@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from formats.errors import InputError
 from formats.model import Marker
+from formats.sid_mass import skew
 
-from .continuum import half_curl
+from .continuum import Continuum, half_curl
+from .elements import internal_amplitudes
 from .finite_element_model import MarkerRows
+from .internal_modes import internal_slopes
 from .mesh import ElementBlock, Mesh
 from .reference_elements import ReferenceElement, reference_element
+from .solids import element_batches
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -23,13 +28,22 @@ _ITERATIONS = 30
 _SLACK = 1e-6
 
 
+#: Elements that are tried for the point of the mesh that is nearest to another.
+_BESIDE = 48
+
+#: Number of a block, row of an element in it, point in the reference element.
+_Holder = tuple[int, int, Array]
+
+
 class MeshPoints:
     """Finds the elements of a mesh around given points."""
 
-    def __init__(self, mesh: Mesh) -> None:
+    def __init__(self, mesh: Mesh, continua: tuple[Continuum, ...] = ()) -> None:
+        """`continua` are the materials of the blocks, for their internal modes."""
         self.mesh = mesh
-        self._tree = cKDTree(mesh.positions)
+        self._continua = continua
         self._size = float(np.ptp(mesh.positions, axis=0).max())
+        self._boxes = [_boxes(mesh.positions[block.nodes]) for block in mesh.blocks]
 
     def node(self, label: int) -> int:
         """The row of a node by its number in the file.
@@ -78,59 +92,143 @@ class MeshPoints:
         """
         target = np.asarray(position, float)
         found = self._holders(target)
+        if not found:
+            raise self._outside(target)
+        return self._rows(name, node, target, found)
+
+    def rows_beside(self, name: str, node: int, position: ArrayLike) -> MarkerRows:
+        """The rows of a marker of a geometry that the mesh samples.
+
+        Facets cut corners of curved faces. Where the marker lies beyond, it keeps its
+        place and moves as a rigid arm of the nearest point of the mesh.
+        """
+        target = np.asarray(position, float)
+        found = self._holders(target)
+        if found:
+            return self._rows(name, node, target, found)
+        foot = self._nearest(target)
+        return carried(self._rows(name, node, foot, self._holders(foot)), target)
+
+    def _rows(
+        self, name: str, node: int, target: Array, found: list[_Holder]
+    ) -> MarkerRows:
         d, ndof = self.mesh.dimension, self.mesh.positions.size
-        block, row, where = found[0]
+        number, row, where = found[0]
+        block = self.mesh.blocks[number]
         values, _ = reference_element(block.kind).at(where[None])
         nodes = block.nodes[row]
         coefficients = np.zeros((3, len(nodes), d))
         coefficients[range(d), :, range(d)] = values[0]
-        gradient = sp.csr_matrix((9, ndof))
+        gradient, internal = sp.csr_matrix((9, ndof)), sp.csr_matrix((9, ndof))
         for holder in found:
-            gradient = gradient + _gradient(self.mesh, *holder)
-        gradient = sp.csr_matrix(gradient * (1 / len(found)))
+            gradient = gradient + self._gradient(*holder)
+            internal = internal + self._internal_gradient(*holder)
+        share = 1 / len(found)
         return MarkerRows(
             name=name,
             node=node,
-            position=np.pad(values[0] @ self.mesh.positions[nodes], (0, 3 - d)),
+            position=np.pad(target, (0, 3 - d)),
             displacement=_sparse(coefficients, nodes, ndof),
-            rotation=half_curl(gradient),
-            gradient=gradient,
+            rotation=half_curl(sp.csr_matrix(gradient * share)),
+            gradient=sp.csr_matrix((gradient + internal) * share),
         )
 
-    def _holders(self, target: Array) -> list[tuple[ElementBlock, int, Array]]:
-        _, near = self._tree.query(target, k=min(8, len(self.mesh.positions)))
+    def _holders(self, target: Array) -> list[_Holder]:
         found = []
-        best = np.inf
-        for block in self.mesh.blocks:
+        for number, block in enumerate(self.mesh.blocks):
             element = reference_element(block.kind)
-            touching = np.isin(block.nodes, np.atleast_1d(near)).any(axis=1)
-            for row in np.flatnonzero(touching):
+            for row in np.flatnonzero(self._gaps(number, target) == 0):
                 corners = self.mesh.positions[block.nodes[row]]
                 where, distance = _inverse(element, corners, target)
-                best = min(best, distance)
                 if distance < 1e-9 * self._size and element.excess(where) < _SLACK:
-                    found.append((block, int(row), where))
-        if not found:
-            text = ", ".join(f"{x:.6g}" for x in target)
-            closest = self.mesh.positions[np.atleast_1d(near)[0]]
-            raise InputError(
-                f"({text}) lies in no element",
-                expected="a point of the mesh; the nearest node is at ("
-                + ", ".join(f"{x:.6g}" for x in closest)
-                + ")",
-            )
+                    found.append((number, int(row), where))
         return found
 
-    def snapped(self, target: Array) -> Array:
-        """The point itself, or the nearest node if the mesh only comes near to it.
+    def _gaps(self, number: int, target: Array) -> Array:
+        """(ne,) distances to the boxes around the elements of a block."""
+        low, high = self._boxes[number]
+        gaps: Array = np.linalg.norm(
+            np.maximum(np.maximum(low - target, target - high), 0), axis=1
+        )
+        return gaps
 
-        Meshes sample curved faces, so that points on these may lie outside.
-        """
-        try:
-            self._holders(target)
-        except InputError:
-            return self.mesh.positions[self._tree.query(target)[1]]
-        return target
+    def _nearest(self, target: Array) -> Array:
+        """A point of the mesh that is nearest, or nearly so."""
+        gaps = [self._gaps(i, target) for i in range(len(self.mesh.blocks))]
+        limit = np.sort(np.concatenate(gaps))[:_BESIDE][-1]
+        best, distance = target, np.inf
+        for block, beside in zip(self.mesh.blocks, gaps, strict=True):
+            element = reference_element(block.kind)
+            for row in np.flatnonzero(beside <= limit):
+                corners = self.mesh.positions[block.nodes[row]]
+                where = element.clamped(_inverse(element, corners, target)[0])
+                foot = element.at(where[None])[0][0] @ corners
+                if np.linalg.norm(foot - target) < distance:
+                    best, distance = foot, float(np.linalg.norm(foot - target))
+        return best
+
+    def _outside(self, target: Array) -> InputError:
+        text = ", ".join(f"{x:.6g}" for x in target)
+        off = ((self.mesh.positions - target) ** 2).sum(axis=1)
+        closest = ", ".join(f"{x:.6g}" for x in self.mesh.positions[off.argmin()])
+        return InputError(
+            f"({text}) lies in no element",
+            expected=f"a point of the mesh; the nearest node is at ({closest})",
+        )
+
+    def _gradient(self, number: int, row: int, where: Array) -> sp.csr_matrix:
+        nodes = self.mesh.blocks[number].nodes[row]
+        element = reference_element(self.mesh.blocks[number].kind)
+        _, gradients = element.at(where[None])
+        jacobian = self.mesh.positions[nodes].T @ gradients[0]
+        scale = np.linalg.norm(jacobian, axis=0).prod()
+        if abs(np.linalg.det(jacobian)) <= 1e-10 * scale:
+            raise InputError(
+                "the geometry degenerates here, so that a rotation is not defined",
+                expected="a place where the edges of the element cross at an angle",
+            )
+        slopes = gradients[0] @ np.linalg.inv(jacobian)
+        d = self.mesh.dimension
+        rows = np.zeros((3, 3, len(nodes), d))
+        for axis in range(d):
+            rows[axis, :d, :, axis] = slopes.T
+        return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
+
+    def _internal_gradient(self, number: int, row: int, where: Array) -> sp.csr_matrix:
+        """(9, ndof) share of the internal modes of one element."""
+        block, d = self.mesh.blocks[number], self.mesh.dimension
+        nodes = block.nodes[row]
+        if not self._continua or not self._continua[number].internal_modes:
+            return sp.csr_matrix((9, self.mesh.positions.size))
+        element, corners = reference_element(block.kind), self.mesh.positions[nodes]
+        alone = ElementBlock(block.kind, nodes[None], block.labels[[row]])
+        (one,) = element_batches(self.mesh, alone, relieved=True)
+        law = self._continua[number].law
+        _, gradients = element.at(where[None])
+        determinants = np.linalg.det(corners.T @ gradients)[None]
+        slopes = internal_slopes(element, corners[None], where[None], determinants)
+        by_node = internal_amplitudes(one, law)[0].reshape(-1, d, len(nodes), d)
+        rows = np.zeros((3, 3, len(nodes), d))
+        rows[:d, :d] = np.einsum("kb,kcmd->cbmd", slopes[0, 0], by_node)
+        return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
+
+
+def _boxes(corners: Array) -> tuple[Array, Array]:
+    """(ne, d) lower and upper ends of boxes around elements, bowed edges included."""
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    slack = 0.1 * (high - low).max(axis=1, keepdims=True)
+    return low - slack, high + slack
+
+
+def carried(marker: MarkerRows, position: Array) -> MarkerRows:
+    """A marker at another place that moves as a rigid arm of this one."""
+    place = np.pad(position, (0, 3 - position.size))
+    arm = sp.csr_matrix(-skew((place - marker.position)[None])[0])
+    return replace(
+        marker,
+        position=place,
+        displacement=sp.csr_matrix(marker.displacement + arm @ marker.rotation),
+    )
 
 
 def _inverse(
@@ -148,18 +246,6 @@ def _inverse(
             break
     values, _ = element.at(where[None])
     return where, float(np.linalg.norm(target - values[0] @ corners))
-
-
-def _gradient(mesh: Mesh, block: ElementBlock, row: int, where: Array) -> sp.csr_matrix:
-    nodes = block.nodes[row]
-    _, gradients = reference_element(block.kind).at(where[None])
-    jacobian = mesh.positions[nodes].T @ gradients[0]
-    slopes = gradients[0] @ np.linalg.inv(jacobian)
-    d = mesh.dimension
-    rows = np.zeros((3, 3, len(nodes), d))
-    for axis in range(d):
-        rows[axis, :d, :, axis] = slopes.T
-    return _sparse(rows.reshape(9, -1, d), nodes, mesh.positions.size)
 
 
 def _sparse(rows: Array, nodes: Indices, ndof: int) -> sp.csr_matrix:

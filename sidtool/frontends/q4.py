@@ -18,7 +18,9 @@ from .continuum import continuum_of
 from .elements import ElementBatch, assembled, check_orientation
 from .finite_element_model import FiniteElementModel
 from .mesh import ElementBlock, Mesh
-from .patch_markers import edge_masses, edge_sets, marker_rows
+from .mesh_points import MeshPoints
+from .patch_markers import edge_masses, edge_sets
+from .sampled_volume import sampled_markers
 from .solids import check_locking, element_batches
 
 Array = NDArray[np.float64]
@@ -46,7 +48,9 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         material,
         settings.state,
         thickness,
+        internal_modes=relieved,
     )
+    points = MeshPoints(_mesh(mesh.points, quads), (continuum,))
     mass, stiffness = q4_matrices(
         mesh.points,
         quads,
@@ -59,7 +63,7 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         scalar_mass=mass,
         stiffness=stiffness,
         node_sets=edge_sets(geometry, mesh),
-        markers=marker_rows(model, exact, mesh),
+        markers=sampled_markers(model, exact, points),
         continua=(continuum,),
         edge_mass=edge_masses(geometry, mesh),
     )
@@ -118,8 +122,13 @@ def q4_matrices(
 def _batches(
     positions: Array, quads: Indices, relieved: bool
 ) -> Iterator[ElementBatch]:
-    block = ElementBlock("quad4", quads, np.arange(1, len(quads) + 1))
-    return element_batches(Mesh(positions, (block,)), block, relieved=relieved)
+    mesh = _mesh(positions, quads)
+    return element_batches(mesh, mesh.blocks[0], relieved=relieved)
+
+
+def _mesh(positions: Array, quads: Indices) -> Mesh:
+    labels = np.arange(1, len(quads) + 1)
+    return Mesh(positions, (ElementBlock("quad4", quads, labels),))
 
 
 def _corner_determinants(corners: Array) -> Array:

@@ -166,6 +166,17 @@ class ReferenceElement:
             beyond.append(point.max() - 1)
         return float(max(beyond))
 
+    def clamped(self, point: Array) -> Array:
+        """A reference point of the element near one outside."""
+        shape, inside = shape_of(self.name), np.clip(point, 0, 1)
+        if shape in ("tri", "tet"):
+            return inside / max(1.0, inside.sum())
+        if shape == "wedge":
+            inside[:2] /= max(1.0, inside[:2].sum())
+        elif shape == "pyramid":
+            inside[:2] = np.minimum(inside[:2], 1 - inside[2])
+        return inside
+
 
 def shape_of(kind: str) -> str:
     """The name without the number of nodes."""

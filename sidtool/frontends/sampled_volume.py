@@ -7,12 +7,12 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.model import ModelFile
+from formats.model import Material, ModelFile
 from formats.model_discretisation import SolidDiscretisation
 from formats.model_geometry import VolumeGeometry
 
 from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
-from .finite_element_model import FiniteElementModel
+from .finite_element_model import FiniteElementModel, MarkerRows
 from .mesh import ElementBlock, Mesh, check_mesh
 from .mesh_points import MeshPoints
 from .patch_markers import at_marker, marker_parameters, placed
@@ -38,28 +38,39 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
     names = geometry.edge_names
     sets = {name: mesh.node_sets[_key(side)] for name, side in names.items()}
     check_mesh(mesh)
+    materials: dict[str | None, Material] = {None: material}
+    relieved = settings.formulation == "incompatible_modes"
     mass, stiffness = mesh_matrices(
-        mesh,
-        {None: material},
-        "solid",
-        incompatible_modes=settings.formulation == "incompatible_modes",
+        mesh, materials, "solid", incompatible_modes=relieved
     )
-    points = MeshPoints(mesh)
-    markers = []
-    for name, marker in placed(model.markers):
-        with at_marker(name):
-            where = marker_parameters(marker, names, exact)
-            axes = tuple(np.array([x]) for x in where)
-            position = evaluate_grid(exact, axes).ravel()
-            markers.append(points.rows(name, marker.node, points.snapped(position)))
+    continua = mesh_continua(mesh, materials, "solid", incompatible_modes=relieved)
     return FiniteElementModel(
         positions=mesh.positions,
         scalar_mass=mass,
         stiffness=stiffness,
         node_sets=sets,
-        markers=tuple(markers),
-        continua=mesh_continua(mesh, {None: material}, "solid"),
+        markers=sampled_markers(model, exact, MeshPoints(mesh, continua)),
+        continua=continua,
     )
+
+
+def sampled_markers(
+    model: ModelFile, exact: NurbsPatch, points: MeshPoints
+) -> tuple[MarkerRows, ...]:
+    """The markers where the geometry has them, on the mesh that samples it.
+
+    Raises
+    ------
+    InputError : a marker lies outside the geometry, or where it degenerates.
+    """
+    markers = []
+    for name, marker in placed(model.markers):
+        with at_marker(name):
+            where = marker_parameters(marker, model.geometry.edge_names, exact)
+            axes = tuple(np.array([x]) for x in where)
+            position = evaluate_grid(exact, axes).ravel()
+            markers.append(points.rows_beside(name, marker.node, position))
+    return tuple(markers)
 
 
 def sampled_volume(

@@ -82,20 +82,15 @@ def mesh_continua(
     incompatible_modes: bool = False,
 ) -> tuple[Continuum, ...]:
     """The material of every block; the parameters are those of `mesh_matrices`."""
-    return tuple(
-        continuum_of(
-            partial(
-                element_batches,
-                mesh,
-                block,
-                relieved=incompatible_modes and block.kind in RELIEVED_KINDS,
-            ),
-            materials[block.material],
-            state,
-            thickness,
+    continua = []
+    for block in mesh.blocks:
+        extra = incompatible_modes and block.kind in RELIEVED_KINDS
+        batches = partial(element_batches, mesh, block, relieved=extra)
+        material = materials[block.material]
+        continua.append(
+            continuum_of(batches, material, state, thickness, internal_modes=extra)
         )
-        for block in mesh.blocks
-    )
+    return tuple(continua)
 
 
 def check_locking(kind: str, material: Material, state: str, relieved: bool) -> None:

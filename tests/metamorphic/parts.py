@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import permutations, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from formats.model import Material
+from formats.model import Material, ModelFile
+from formats.toml_files import validated
 from sidtool.frontends.mesh import ElementBlock, Mesh
 from sidtool.frontends.reference_elements import edge_nodes, reference_element, shape_of
+
+from ..sidtool.models import rod_data
 
 Array = NDArray[np.float64]
 
@@ -183,3 +187,43 @@ def dimension(kind: str) -> int:
 
 def state(kind: str) -> str:
     return "solid" if dimension(kind) == 3 else "plane_stress"
+
+
+def quarter_ring(
+    discretisation: dict[str, Any],
+    inner: float,
+    outer: float,
+    width: float | None = None,
+    **changes: Any,
+) -> ModelFile:
+    """A quarter of a ring about the origin, exact; plane if it has no width."""
+    w = np.sqrt(0.5)
+    arcs = [[[r, 0.0], [r, r], [0.0, r]] for r in (inner, outer)]
+    weights: Any = [[1, w, 1], [1, w, 1]]
+    data = rod_data(discretisation)
+    geometry: dict[str, Any] = {
+        "type": "nurbs",
+        "degrees": [1, 2],
+        "knots": [[0, 0, 1, 1], [0, 0, 0, 1, 1, 1]],
+        "control_points": arcs,
+        "weights": weights,
+        "thickness": 0.1,
+    }
+    if width is not None:
+        del geometry["thickness"]
+        geometry |= {
+            "type": "nurbs_volume",
+            "degrees": [1, 2, 1],
+            "knots": [*geometry["knots"], [0, 0, 1, 1]],
+            "control_points": [
+                [[[*p, z] for z in (0.0, width)] for p in arc] for arc in arcs
+            ],
+            "weights": [[[x, x] for x in row] for row in weights],
+        }
+    data["geometry"] = geometry
+    at: Any = 0.5 if width is None else [0.5, 0.5]
+    data["frame"] = {"type": "tangent", "marker": "foot", "clamp": "bottom"}
+    data["markers"] = {"foot": {"node": 1, "edge": "bottom", "at": at}}
+    data["markers"] |= changes.pop("markers", {})
+    data["reduction"]["modes"] = 3
+    return validated(data | changes, ModelFile)
