@@ -24,6 +24,7 @@ BENCHMARKS = (
     "frontends",
     "error_control",
     "revolutions",
+    "metamorphic",
     "latency",
 )
 #: Those whose summary stands in the README.

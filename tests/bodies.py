@@ -7,6 +7,7 @@ rounding.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -69,34 +70,67 @@ def particle_body(
     for field in (c, phi) if phi1 is None else (c, phi, phi1):
         field[:, 2] *= 0.0 if planar else 1.0
     psi[:, :2] *= 0.0 if planar else 1.0
-    gram = np.einsum("p,pai,paj->ij", masses, phi, phi)
-    phi = phi @ np.linalg.inv(np.linalg.cholesky(gram)).T
+    phi = phi @ orthonormal(masses, phi)
     omega = 2 * np.pi * np.sort(rng.uniform(10.0, 1000.0, nq))
     psi1 = rng.normal(size=(n_particles, 3, nq, nq)) if phi1 is not None else None
     if psi1 is not None:
         psi1 = psi1 + np.swapaxes(psi1, 2, 3)
         psi1[:, :2] *= 0.0 if planar else 1.0
-    blocks: dict[str, Any] = _blocks(masses, c, phi, phi1)
-    return SID(
-        mass=float(masses.sum()),
-        labels=tuple(_label(mode, value) for mode, value in enumerate(omega)),
-        nodes=tuple(
-            _node(
-                str(p + 1),
-                c[p],
-                phi[p],
-                psi[p],
-                None if phi1 is None else phi1[p],
-                None if psi1 is None else psi1[p],
-            )
-            for p in range(nodes)
-        ),
-        title=f"{n_particles} particles",
-        ksigma=Taylor(np.zeros((nq, 1))),
-        Ke=Taylor(np.diag(omega**2)),
-        De=Taylor(np.diag(2.0 + 4e-5 * omega**2)),
-        **blocks,
-    )
+    cloud = Cloud(masses, c, phi, psi, phi1, psi1)
+    return cloud.sid(np.diag(omega**2), np.diag(2.0 + 4e-5 * omega**2), nodes)
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Particles whose displacement is phi q + phi1 q q / 2, rotation likewise.
+
+    Attributes
+    ----------
+    masses : (n,)
+    c : (n, 3) undeformed positions
+    phi, psi : (n, 3, nq)
+    phi1, psi1 : (n, 3, nq, nq), symmetric in the last two
+    """
+
+    masses: Array
+    c: Array
+    phi: Array
+    psi: Array
+    phi1: Array | None = None
+    psi1: Array | None = None
+
+    def sid(self, Ke: Array, De: Array, nodes: int) -> SID:
+        """The body; its first particles become the nodes "1", "2", ..."""
+        nq = self.phi.shape[-1]
+        frequencies = np.sqrt(np.maximum(np.diag(Ke), 0.0))
+        blocks: dict[str, Any] = _blocks(self.masses, self.c, self.phi, self.phi1)
+        return SID(
+            mass=float(self.masses.sum()),
+            labels=tuple(_label(mode, value) for mode, value in enumerate(frequencies)),
+            nodes=tuple(
+                _node(
+                    str(p + 1),
+                    self.c[p],
+                    self.phi[p],
+                    self.psi[p],
+                    None if self.phi1 is None else self.phi1[p],
+                    None if self.psi1 is None else self.psi1[p],
+                )
+                for p in range(nodes)
+            ),
+            title=f"{len(self.masses)} particles",
+            ksigma=Taylor(np.zeros((nq, 1))),
+            Ke=Taylor(Ke),
+            De=Taylor(De),
+            **blocks,
+        )
+
+
+def orthonormal(masses: Array, phi: Array) -> Array:
+    """(nq, nq) combinations of shape functions for which Me is the identity."""
+    gram = np.einsum("p,pai,paj->ij", masses, phi, phi)
+    combined: Array = np.linalg.inv(np.linalg.cholesky(gram)).T
+    return combined
 
 
 def _label(mode: int, omega: float) -> str:

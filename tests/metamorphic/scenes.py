@@ -1,0 +1,90 @@
+"""Random scenes by seed: assembled, away from singular configurations, not stiff."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from .case import Case, Table, run
+from .ingredients import Random, coordinates_of
+from .loads import add_forces
+from .sketch import Sketch
+
+
+def random_scene(seed: int) -> Case:
+    """A scene of one to six bodies; even seeds are planar.
+
+    Joint forces and energies are measured where the seed is a multiple of three.
+    """
+    rng = np.random.default_rng([14, seed])
+    sketch = Sketch(rng, planar=seed % 2 == 0)
+    for _ in range(int(rng.integers(1, 7))):
+        names = list(sketch.poses)
+        parent = str(rng.choice(names)) if len(names) > 1 else "ground"
+        sketch.add_body(None if sketch.chance(0.08) else parent)
+    for _ in range(int(rng.integers(0, 3))):
+        sketch.close()
+    for key in list(sketch.coordinates):
+        if sketch.chance(0.3):
+            sketch.drive(key)
+    if sketch.chance(0.3):
+        sketch.couple()
+    add_forces(sketch)
+    for body in sketch.table["bodies"].values():
+        _push(rng, body["initial"], sketch.planar)
+    return with_measures(settled(sketch.case()), forces=seed % 3 == 0)
+
+
+def _push(rng: Random, initial: Table, planar: bool) -> None:
+    velocity, spin = 0.5 * rng.normal(size=3), rng.normal(size=3)
+    initial["velocity"] = velocity[: 2 if planar else 3].tolist()
+    initial["angular_velocity"] = float(spin[2]) if planar else spin.tolist()
+
+
+def settled(case: Case) -> Case:
+    """The case with initial velocities that its joints and drives allow.
+
+    No transformation then depends on how the assembly changes velocities.
+    """
+    kinds = {
+        name: ("v", "w", "vq")[: 3 if name in case.sids else 2]
+        for name in case.table["bodies"]
+    }
+    looks = replace(
+        case, measures=tuple(f"{n}.{kind}" for n, ks in kinds.items() for kind in ks)
+    )
+    start = case.table["time"]["start"]
+    instant = {"start": start, "end": start + 1e-6, "output_step": 1e-6}
+    looks = replace(looks, table=case.table | {"time": instant})
+    found = run(looks, keep_joints=True)
+    bodies = {}
+    for name, body in case.table["bodies"].items():
+        v, w = found[f"{name}.v"][0], found[f"{name}.w"][0]
+        initial = body["initial"] | {
+            "velocity": v[: 2 if case.planar else 3].tolist(),
+            "angular_velocity": float(w[2]) if case.planar else w.tolist(),
+        }
+        if name in case.sids:
+            initial["elastic_velocity"] = found[f"{name}.vq"][0].tolist()
+        bodies[name] = body | {"initial": initial}
+    return replace(case, table=case.table | {"bodies": bodies})
+
+
+def with_measures(case: Case, forces: bool) -> Case:
+    """What is compared: motion of all bodies and markers, and forces if wanted."""
+    measures = []
+    for name, body in case.table["bodies"].items():
+        measures += [f"{name}.x", f"{name}.v", f"{name}.w"]
+        measures += [f"{name}.{marker}.x" for marker in body["markers"]]
+        if name in case.sids:
+            measures += [f"{name}.q", f"{name}.vq"]
+        if case.planar:
+            measures.append(f"{name}.angle")
+    for name, entry in case.table["joints"].items():
+        measures += [f"{name}.{c}" for c in coordinates_of(entry["type"])]
+    if forces:
+        pairs = [n for n, j in case.table["joints"].items() if "markers" in j]
+        measures += [f"{name}.{kind}" for name in pairs for kind in "fm"]
+        measures += ["energy.kinetic", "energy.elastic"]
+    return replace(case, measures=tuple(measures))
