@@ -124,6 +124,7 @@ def _system(
         coordinates=coordinates,
         turns=turns,
         from_start=tables.from_start,
+        features=functions.features(),
         seen=functions.seen,
     )
 

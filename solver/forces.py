@@ -29,7 +29,9 @@ from formats.scene import (
 )
 from formats.sid import Array
 
+from . import features
 from .callables import Derivatives
+from .features import Features
 from .functions import FunctionTable
 from .ingredients import Reference
 from .joints import joint_parts
@@ -93,6 +95,15 @@ class Law:
     speed: float = 1.0
     stiffness: Polynomials = NOTHING
     damping: Polynomials = NOTHING
+
+    def features(self) -> Features:
+        """Of the force over the measure, which no step may pass unseen."""
+        curve = self.stiffness
+
+        def value(g: Array) -> Array:
+            return curve.value(g - self.rest)
+
+        return features.of_characteristic(value, self.rest + curve.starts)
 
     def packed(self) -> Array:
         """In the order of `kernels.forces`."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from formats.errors import InputError
 from formats.scene import (
@@ -26,13 +27,17 @@ from formats.scene import (
 )
 from formats.sid import Array
 
+from . import features
 from .callables import Derivatives, interpolate, shortest_seen
+from .features import Features
 from .kernels import layout as at
 from .kernels.layout import IntTable
 from .pool import Pool
 
 #: A jump of a value or a rate counts as none below this part of the largest one.
 SAME = 1e-9
+#: Part of its period in which a polynomial of `features` follows a harmonic.
+WELL_FOLLOWED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +62,9 @@ class Pieces:
 
     def breaks(self) -> list[float]:
         return [float(t) for t in self.starts[1:]]
+
+    def features(self, span: tuple[float, float]) -> Features:
+        return features.of_polynomials(self.starts, self.terms, span)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +92,15 @@ class Curve:
     def breaks(self) -> list[float]:
         return list(self.kinks)
 
+    def features(self, span: tuple[float, float]) -> Features:
+        return features.of_curve(self._values, self.edges, self.kinks, span)
+
+    def _values(self, t: Array) -> Array:
+        k = np.searchsorted(self.edges, t, side="right") - 1
+        k = np.clip(k, 0, len(self.terms) - 1)
+        x = 2.0 * (t - self.edges[k]) / np.diff(self.edges)[k] - 1.0
+        return np.asarray(polyval(x, self.terms[k].T, tensor=False))
+
 
 @dataclass(frozen=True)
 class Sine:
@@ -102,6 +119,12 @@ class Sine:
 
     def breaks(self) -> list[float]:
         return []
+
+    def features(self, span: tuple[float, float]) -> Features:
+        if self.amplitude == 0.0 or self.omega == 0.0:
+            return features.NONE
+        part = np.array([WELL_FOLLOWED * 2.0 * math.pi / abs(self.omega)])
+        return Features(features.NONE.starts, part)
 
 
 Compiled = Pieces | Curve | Sine
@@ -125,6 +148,7 @@ class FunctionTable:
         self._span = span
         self._rows: list[tuple[int, int, int, int]] = []
         self._breaks: dict[float, list[str]] = {}
+        self._features: list[Features] = []
         self.seen: dict[str, float] = {}
 
     def add(
@@ -154,6 +178,7 @@ class FunctionTable:
             check_jumps(compiled, self._span, place)
         data = self._pool.add(compiled.data())
         self._rows.append((*compiled.shape, data, compiled.kind))
+        self._features.append(compiled.features(self._span))
         for t in compiled.breaks():
             self._breaks.setdefault(t, []).append(place.split(".")[1])
         return len(self._rows) - 1
@@ -165,6 +190,10 @@ class FunctionTable:
     def breaks(self) -> tuple[float, ...]:
         """Times inside the span at which a function is not smooth, then its end."""
         return (*self.causes(), self._span[1])
+
+    def features(self) -> Features:
+        """What no step may pass of any function."""
+        return features.together(self._features)
 
     def causes(self) -> dict[float, tuple[str, ...]]:
         """Drives and forces by the times inside the span at which they break."""

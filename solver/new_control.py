@@ -6,10 +6,12 @@ import numpy as np
 
 from formats.sid import Array
 
+from . import features
 from .assembly import Start
 from .bodies import amplitudes, frequencies
 from .integrators import INTEGRATORS, stepping
 from .kernels import layout as at
+from .kernels.layout import IntTable
 from .scene import System
 from .settings import Settings
 from .sizes import row_sizes
@@ -92,4 +94,19 @@ def new_control(
         np.zeros(len(shares)),
         np.zeros((count, n)),
         np.zeros((count, m)),
+        *_features(system, settings),
+        np.zeros((len(system.forces), 4)),
     )
+
+
+def _features(system: System, settings: Settings) -> tuple[IntTable, Array, Array]:
+    """`Control.features`, starts and reaches.
+
+    A method of low order needs more steps for what a polynomial of high degree follows.
+    """
+    parts = [system.features, *(force.law.features() for force in system.forces)]
+    ends = np.cumsum([0, *(len(part.starts) for part in parts)])
+    share = min(1.0, INTEGRATORS[settings.integrator].order / features.DEGREE)
+    starts = np.concatenate([part.starts for part in parts])
+    reaches = share * np.concatenate([part.lengths for part in parts])
+    return ends.astype(np.int64), starts, reaches

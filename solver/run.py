@@ -261,6 +261,7 @@ class _Run:
         )
         if status == 0:
             keep_turns(self.system, self.work, control.z)
+            control.measured[:, :2] = self.work.measure
         return status
 
     def _failure(self, code: int) -> str:

@@ -11,6 +11,7 @@ from formats.scene import SceneFile
 from formats.sid import Array
 
 from .bodies import BodyData
+from .features import NONE, Features
 from .forces import Element
 from .kernels import layout as at
 from .turns import Coordinate, Turn
@@ -48,6 +49,7 @@ class System:
     from_start : (entry of the pool, constraint row) of constants that the assembled
         start decides
     redundant : constraint rows that follow from the others
+    features : of functions of time, which no step may pass unseen
     seen : by the drives and forces that a program gives, the duration of the shortest
         feature that is surely seen [s]
     carrying : of a scene with all of its joints, the body table in which frames that
@@ -70,6 +72,7 @@ class System:
     turns: tuple[Turn, ...] = field(default=())
     from_start: tuple[tuple[int, int], ...] = field(default=())
     redundant: tuple[int, ...] = field(default=())
+    features: Features = NONE
     seen: Mapping[str, float] = field(default_factory=dict)
     carrying: at.IntTable | None = None
     whole: System | None = None

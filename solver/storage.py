@@ -50,6 +50,7 @@ def new_work(system: System) -> at.Work:
         np.zeros(entries),
         np.zeros((system.n_rows, at.N_ROW)),
         np.zeros((turns, at.N_TURNED)),
+        np.zeros((len(system.forces), 2)),
         np.zeros(1),
         np.zeros(max(2 * largest, SCRATCH)),
         np.zeros(N_MODAL * int(body[:, at.NQ].max())),

@@ -7,6 +7,7 @@ from numba import float64, int64
 from ..kernels.compiling import inner
 from ..kernels.layout import F1, SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY
+from .passing import check_ways
 from .projection import count_turns, note_drift, project
 from .singular import foresee, is_near, project_near
 from .stepping import CONTROL, TIME
@@ -16,7 +17,8 @@ from .stepping import CONTROL, TIME
 def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
     """Projects the end of a step onto the constraints and notes what is left open.
 
-    dz and dv are scratch. Returns 0, or the code of `project` or `count_turns`.
+    dz and dv are scratch. Returns 0, or the code of `project`, `count_turns` or
+    `check_ways`.
     """
     at, closed = control.real[TIME] + h, control.closed
     if is_near(control, h):
@@ -28,6 +30,8 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
     if status == 0:
         note_drift(system, work, control)
         status = count_turns(system, work, control, h, z1)
+    if status == 0:
+        status = check_ways(work, control, h)
     if status == 0:
         status = foresee(system, memory, control, h)
     return status

@@ -9,6 +9,7 @@ from numba import float64, int64, types
 from ..kernels.compiling import entry, inner
 from ..kernels.layout import F1, F2, F3, N_TURNS, SYSTEM, TURNED, WORK
 from ..kernels.newton import KERNELS, MEMORY
+from .passing import keep_ways
 from .projection import accelerate, project
 from .stepping import CONTROL, OUTPUT, PERIOD, SHARE, STOP, TIME, copy
 
@@ -46,6 +47,7 @@ def move(control, h, z, v):
     real = control.real
     copy(z, control.z)
     copy(v, control.v)
+    keep_ways(control)
     real[TIME] += h
     if real[STOP] - real[TIME] <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
         real[TIME] = real[STOP]

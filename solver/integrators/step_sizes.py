@@ -9,6 +9,7 @@ from numba import boolean, float64, int64, types
 from ..kernels.compiling import inner
 from ..kernels.layout import F1, NP, NQ, POS, RD, SYSTEM, VEL
 from .newton_steps import ADVANCE, NEWTON_LIMIT
+from .passing import unpassed
 from .stepping import (
     CONTRACTION,
     CONTROL,
@@ -110,7 +111,8 @@ def all_finite(z, v):
 
 @inner(float64(CONTROL))
 def next_step(control):
-    """Proposed step, stretched or halved so that the interval ends without a stub.
+    """Proposed step, stretched or halved so that the interval ends without a stub,
+    and short enough to see what functions of time do.
 
     Zero when the end of the interval is reached.
     """
@@ -119,7 +121,9 @@ def next_step(control):
     if remaining <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
         return 0.0
     fixed = control.whole[FIXED_STEP] == 1
-    h = real[STEP] if fixed else min(real[STEP], real[LARGEST], real[UNTURNED])
+    h = real[STEP]
+    if not fixed:
+        h = unpassed(control, real[TIME], min(h, real[LARGEST], real[UNTURNED]))
     if h >= remaining * (1.0 - (STUB if fixed else 1e-9)):
         return remaining
     if h > 0.5 * remaining and not fixed:

@@ -35,7 +35,7 @@ CONTRACTION = 15  # of the last Newton iteration
 FACTORED_STEP = 16  # step of the factors at hand, 0 for none
 STAGE_STEP = 17  # step that the stages at hand belong to
 RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that have one
-UNTURNED = 19  # step in which nothing turns too far to count its turns
+UNTURNED = 19  # step in which nothing turns or moves too far to be followed
 CLEAREST = 20  # largest independence so far
 DECLINE = 21  # mean slope of the independence in the last step, 0 for unknown
 REQUEST = 22  # what TOLERANCE is for methods of high order, whose errors hardly add up
@@ -95,6 +95,11 @@ class Control(Table):
         negative one ends the list of a step
     moments : the times of the shares
     out_z, out_v : states at the output times, then at the moments
+    features : (forces + 2,) where in starts and reaches those of the functions of time
+        begin, then those of each force, and where the last end
+    starts, reaches : pieces that steps may not pass unseen, see `features`
+    measured : (forces, 4) measures of the forces and their rates at the beginning of a
+        step, then at its end
     """
 
     real: Array
@@ -112,9 +117,15 @@ class Control(Table):
     moments: Array
     out_z: Array
     out_v: Array
+    features: np.ndarray
+    starts: Array
+    reaches: Array
+    measured: Array
 
 
-CONTROL = TableType(Control, [F1, I1] + [F1] * 7 + [F2] + [F1] * 3 + [F2, F2])
+CONTROL = TableType(
+    Control, [F1, I1] + [F1] * 7 + [F2] + [F1] * 3 + [F2, F2] + [I1, F1, F1, F2]
+)
 
 
 @inner(types.void(F1, F1))

@@ -221,6 +221,7 @@ class Work(Table):
         rows: the direction of a force, and minus the derivatives of its size
     row : (rows, N_ROW) values, rates and right-hand sides of the constraints
     turn : (angles, N_TURNED) rotations between markers in space
+    measure : (forces, 2) measures that forces act on, and their rates
     clock : (1,) a time inside the smooth interval that is being integrated
     scratch, modal : intermediate results of one body
     """
@@ -237,6 +238,7 @@ class Work(Table):
     Gv: Array
     row: Array
     turn: Array
+    measure: Array
     clock: Array
     scratch: Array
     modal: Array
@@ -252,7 +254,7 @@ I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
 SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, None])
-WORK = TableType(Work, [F2, F2, F1, F1, F1, F1, F1, F1, F1, F1, F2, F2, F1, F1, F1])
+WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1] * 3)
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)

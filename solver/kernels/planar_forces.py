@@ -95,6 +95,7 @@ def _force(system, work, k, t):
         _push(system, work, row[F_B], fx, fy, torque)
         return
     g, rate, ex, ey, torque_a, torque_b = measure(system, work, k)
+    work.measure[k, 0], work.measure[k, 1] = g, rate
     force, _, _ = force_law(system, work, k, t, g, rate)
     _push(system, work, row[F_B], force * ex, force * ey, force * torque_b)
     _push(system, work, row[F_A], -force * ex, -force * ey, force * torque_a)

@@ -231,6 +231,7 @@ def _force(system, work, k, t):
         _push(system, work, row[F_B], force, torque)
         return
     g, rate, n, torque_a, torque_b = measure(system, work, k)
+    work.measure[k, 0], work.measure[k, 1] = g, rate
     size, _, _ = force_law(system, work, k, t, g, rate)
     _push(system, work, row[F_B], times(size, n), times(size, torque_b))
     _push(system, work, row[F_A], times(-size, n), times(size, torque_a))

@@ -1,0 +1,110 @@
+"""How far a step may go without passing over what it cannot see, see `features`."""
+
+from __future__ import annotations
+
+from numba import boolean, float64, int64, types
+
+from ..kernels.compiling import inner
+from ..kernels.layout import F1, WORK
+from .stepping import CONTROL, FIXED_STEP, UNTURNED
+
+#: A step may pass so much more than the reach of a piece: what was foreseen is not
+#: exact.
+OVER = 1.25
+#: So much of the reach may be entered from further away: the end of the step sees it.
+ENTERED = 0.25
+#: Steps grow at most so much.
+GROWTH = 8.0
+
+
+@inner(int64(F1, int64, int64, float64))
+def _piece(starts, first, last, x):
+    """The piece that holds x, from `first` on and before `last`; the first one begins
+    at -inf."""
+    while last - first > 1:
+        middle = (first + last) // 2
+        if starts[middle] <= x:
+            first = middle
+        else:
+            last = middle
+    return first
+
+
+@inner(float64(CONTROL, int64, float64, float64))
+def passable(control, axis, x, way):
+    """How much of a way, with its sign, may be gone from x: at least up to where the
+    next piece begins, and as far as it reaches."""
+    starts, reaches = control.starts, control.reaches
+    first, last = control.features[axis], control.features[axis + 1]
+    k, rest = _piece(starts, first, last, x), abs(way)
+    if way >= 0.0:
+        while k < last and starts[k] < x + rest:
+            rest = min(rest, max(reaches[k], starts[k] - x))
+            k += 1
+        return rest
+    rest = min(rest, reaches[k])
+    while k > first and starts[k] > x - rest:
+        rest = min(rest, max(reaches[k - 1], x - starts[k]))
+        k -= 1
+    return rest
+
+
+@inner(boolean(CONTROL, int64, float64, float64))
+def _passed(control, axis, x, y):
+    """Whether the way from x to y leads through a piece that it cannot have seen."""
+    starts, reaches = control.starts, control.reaches
+    first, last = control.features[axis], control.features[axis + 1]
+    low, high = min(x, y), max(x, y)
+    k = _piece(starts, first, last, low)
+    while k < last and starts[k] < high:
+        end = high
+        if k + 1 < last:
+            end = min(high, starts[k + 1])
+        inside = end - max(low, starts[k])
+        if high - low > OVER * reaches[k] and inside > ENTERED * reaches[k]:
+            return True
+        k += 1
+    return False
+
+
+@inner(int64(WORK, CONTROL, float64))
+def check_ways(work, control, h):
+    """Looks at the way that the measures of forces went in a step, just evaluated.
+
+    Where a measure turns back, its rate falls as a straight line. Limits the next step.
+    Returns 0, or 5 where a feature of a force was passed.
+    """
+    if control.whole[FIXED_STEP] == 1:
+        return 0
+    measured = control.measured
+    for k in range(len(measured)):
+        if control.features[k + 2] - control.features[k + 1] < 2:
+            continue
+        x, rate = measured[k, 0], measured[k, 1]
+        y, then = work.measure[k, 0], work.measure[k, 1]
+        furthest = y
+        if rate * then < 0.0:
+            furthest = x + 0.5 * h * rate * rate / (rate - then)
+        out = _passed(control, k + 1, x, furthest)
+        if out or _passed(control, k + 1, furthest, y):
+            return 5
+        measured[k, 2], measured[k, 3] = y, then
+        way = GROWTH * h * then
+        allowed = passable(control, k + 1, y, way)
+        if allowed < abs(way):
+            control.real[UNTURNED] = min(control.real[UNTURNED], allowed / abs(then))
+    return 0
+
+
+@inner(types.void(CONTROL))
+def keep_ways(control):
+    """Makes the measures at the end of a step the current ones."""
+    measured = control.measured
+    for k in range(len(measured)):
+        measured[k, 0], measured[k, 1] = measured[k, 2], measured[k, 3]
+
+
+@inner(float64(CONTROL, float64, float64))
+def unpassed(control, t, h):
+    """The step, shortened where it would pass over a feature of a function of time."""
+    return passable(control, 0, t, h)

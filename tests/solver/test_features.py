@@ -1,0 +1,156 @@
+"""No step passes over a pulse of time, or over a zone of a force, that is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.interpolate import PchipInterpolator
+
+from formats.sid import Array
+from solver import compile_scene, simulate
+from solver.features import of_characteristic
+from tests.solver.scenes import scene
+
+MASS = 2.0
+LOOSE = {"trapezoidal": 1e-4, "generalised_alpha": 1e-4, "dop853": 1e-6}
+METHODS = ["radau5", "radau9", "radau13", *LOOSE]
+
+
+def flight(
+    speed: float, force: dict[str, Any], end: float, vertical: bool = False
+) -> Any:
+    """A block that slides along a rail without friction, and one force on it."""
+    block = {
+        "mass": MASS,
+        "inertia": 1.0,
+        "markers": {"a": {"position": [0.0, 0.0]}},
+        "initial": {"velocity": [speed, 0.0]},
+    }
+    return scene(
+        {"block": block},
+        {"rail": {"type": "prismatic", "markers": ["ground", "block.a"]}},
+        end=end,
+        record=["block.x", "block.vx"],
+        forces={"f": force},
+        gravity=[-5.0 if vertical else 0.0, 0.0],
+    )
+
+
+def gain(
+    function: Any, method: str, program: Callable[[float], float] | None = None
+) -> float:
+    """Speed that an actuator gives in 10 s."""
+    actuator = {"type": "actuator", "joint": "rail", "function": function}
+    given = {} if program is None else {"f": program}
+    system = compile_scene(flight(0.0, actuator, 10.0), forces=given)
+    result = simulate(system, integrator=method, rtol=LOOSE.get(method, 1e-6))
+    return float(result["block.vx"][-1])
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("part", [1e-2, 1e-3])
+def test_no_smooth_pulse_is_passed(method: str, part: float) -> None:
+    """The block gets its impulse over its mass, wherever the pulse lies."""
+    width = 10.0 * part / 6.0
+    for middle in np.random.default_rng(int(1 / part)).uniform(0.5, 9.5, 6):
+
+        def push(t: float, middle: float = middle) -> float:
+            return 500.0 * math.exp(-0.5 * ((t - middle) / width) ** 2)
+
+        exact = 500.0 * width * math.sqrt(2.0 * math.pi) / MASS
+        found = gain({"type": "callable"}, method, push)
+        assert found == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("width", [1.0, 0.02])
+def test_no_single_value_of_a_table_is_passed(method: str, width: float) -> None:
+    """A spline that is zero but at one time."""
+    times = np.arange(0.0, 10.0 + 0.5 * width, width)
+    times = times if width == 1.0 else np.array([0, 3.3, 3.32, 3.34, 3.36, 3.38, 10.0])
+    values = np.where(np.arange(len(times)) == 3, 40.0, 0.0)
+    curve = PchipInterpolator(times, values)
+    pieces = [
+        {"from": a, "to": b, "coefficients": c[::-1].tolist()}
+        for (a, b), c in zip(pairwise(times), curve.c.T, strict=True)
+    ]
+    exact = float(curve.integrate(0.0, 10.0)) / MASS
+    found = gain({"type": "polynomial", "pieces": pieces}, method)
+    assert found == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_harmonic_with_the_period_of_a_step_is_no_constant(method: str) -> None:
+    """After whole periods the mean force is left."""
+    function = {
+        "type": "harmonic",
+        "offset": 3.0,
+        "amplitude": 3.0,
+        "frequency": 8.0,
+        "phase": 1.5707963267948966,
+    }
+    assert gain(function, method) == pytest.approx(15.0, rel=1e-3)
+
+
+def detent(at: float, width: float, height: float) -> tuple[dict[str, Any], float]:
+    """A force against the motion between at and at + width, and its work."""
+    x = at + width * np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+    x = np.concatenate([[at - 5.0], x, [at + 5.0]])
+    y = height * np.array([0.0, 0.0, 0.6, 1.0, 0.6, 0.0, 0.0])
+    force = {
+        "type": "spring_damper",
+        "joint": "rail",
+        "table": {"deflection": x.tolist(), "force": y.tolist()},
+    }
+    return force, float(PchipInterpolator(x, y).integrate(x[0], x[-1]))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("part", "speed"), [(0.05, 1.0), (0.02, -3.0), (2e-3, 2.0)])
+def test_no_zone_of_a_spring_is_passed(method: str, part: float, speed: float) -> None:
+    """Flown through, it takes its work from the energy."""
+    way = abs(speed) * 10.0
+    for at in np.random.default_rng(5).uniform(0.1 * way, 0.8 * way, 4):
+        height = math.copysign(0.15 * MASS * speed**2 / (part * way), speed)
+        begin = at if speed > 0.0 else -at - part * way
+        force, work = detent(begin, part * way, height)
+        exact = math.sqrt(speed**2 - 2.0 * abs(work) / MASS)
+        rtol = LOOSE.get(method, 1e-6)
+        system = compile_scene(flight(speed, force, 10.0))
+        result = simulate(system, integrator=method, rtol=rtol)
+        assert abs(result["block.vx"][-1]) == pytest.approx(exact, rel=2e-3)
+
+
+@pytest.mark.parametrize("method", ["radau5", "radau9", "dop853"])
+def test_no_zone_is_touched_and_left_unseen(method: str) -> None:
+    """A throw just reaches a zone whose force is stronger than gravity: it goes on."""
+    speed, height = 20.0, 20.0**2 / 10.0
+    zone = np.array([height - 9.0, height - 0.04, height - 0.03, height + 1.0])
+    push = -9.0 * MASS * np.array([0.0, 0.0, 1.0, 1.0])
+    table = {"deflection": zone.tolist(), "force": push.tolist()}
+    spring = {"type": "spring_damper", "joint": "rail", "table": table}
+    free = flight(speed, {**spring, "table": {**table, "force": [0.0] * 4}}, 10.0, True)
+    held = compile_scene(flight(speed, spring, 10.0, True))
+    assert simulate(held, integrator=method, rtol=1e-6)["block.vx"][-1] > 0.0
+    fallen = simulate(compile_scene(free), integrator=method, rtol=1e-6)
+    assert fallen["block.vx"][-1] == pytest.approx(-30.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("function", "most"),
+    [(np.square, 7), (np.sin, 12), (lambda x: np.where(x < 0.3, 0.0, x - 0.3), 12)],
+)
+def test_smooth_tables_are_few_pieces(function: Any, most: int) -> None:
+    """A spring that is told at many points is no obstacle."""
+    x = np.linspace(-1.0, 3.0, 200)
+    curve = PchipInterpolator(x, function(x))
+
+    def value(g: Array) -> Array:
+        return np.asarray(curve(g))
+
+    assert len(of_characteristic(value, x).starts) <= most + 2
