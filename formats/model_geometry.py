@@ -139,6 +139,10 @@ class VolumeGeometry(Part):
 class PatchesGeometry(Part):
     """Several NURBS patches of one file, joined along matching sides.
 
+    Sides match if they have the same control points, weights, degrees and knots. A side
+    that lies wholly on a part of another is tied weakly (mortar method), which
+    `convert` says; sides that touch otherwise and patches that overlap are refused.
+
     The file is a patch file of ours, a geomdl JSON file or a G+Smo XML file; see
     `sidtool.importers.patches`. The sides of patch NAME are called NAME.left and so
     on; `edges` gives names to one or several of them.
@@ -146,8 +150,8 @@ class PatchesGeometry(Part):
     Attributes
     ----------
     thickness : of plane patches [m]
-    tolerance : control points closer than this, relative to the size of the part, are
-        the same
+    tolerance : control points of two sides closer than this, relative to the size of
+        the part, are the same; the gap is closed in its middle
     """
 
     type: Literal["patches"]

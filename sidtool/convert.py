@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +31,9 @@ __all__ = ["finite_element_model", "sid_from_model"]
 
 Array = NDArray[np.float64]
 
+#: What sentences for the user begin with, beside the names of stages.
+NOTE = "note: "
+
 #: Clamped nodes lie on a line if their moment of inertia about it is below this share.
 _ON_A_LINE = 1e-12
 
@@ -45,7 +49,8 @@ def sid_from_model(
     ----------
     model : a model file, read already or by its path
     progress : called with the name of every stage as it begins, and with counts from
-        inside the longest of them
+        inside the longest of them, and with sentences that begin with `NOTE`; without
+        it these are warnings
     engine : what solves the equations, one of `reduction.factors.ENGINES`; the fastest
         that is installed by default
 
@@ -55,9 +60,9 @@ def sid_from_model(
     """
     with running(engine, progress):
         if isinstance(model, ModelFile):
-            return _convert(model, progress or _silent)
+            return _convert(model, progress or _notes_only)
         try:
-            return _convert(read_model(model), progress or _silent)
+            return _convert(read_model(model), progress or _notes_only)
         except InputError as error:
             raise error.located(model) from None
 
@@ -65,6 +70,8 @@ def sid_from_model(
 def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
     progress("discretising")
     body = finite_element_model(model)
+    for sentence in body.notes:
+        progress(NOTE + sentence)
     frame = FRAMES[model.frame.type](body, model.frame)
     gigabytes = expected_gigabytes(body.ndof, body.dimension)
     progress(
@@ -170,5 +177,7 @@ def _free_turns(
     return free @ free.T
 
 
-def _silent(_: str) -> None:
-    """Nobody listens."""
+def _notes_only(text: str) -> None:
+    """Nobody listens to the stages, but notes are told."""
+    if text.startswith(NOTE):
+        warnings.warn(text.removeprefix(NOTE), stacklevel=4)

@@ -245,6 +245,9 @@ class _Stages:
         self._status: Any = None
 
     def __call__(self, text: str) -> None:
+        if text.startswith("note: "):
+            click.echo(text, err=True)
+            return
         seconds = time.monotonic() - self._begin
         self._waiting.append(f"{seconds:6.1f} s  {text}")
         if seconds < PATIENCE:

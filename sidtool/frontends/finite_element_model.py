@@ -72,6 +72,7 @@ class FiniteElementModel:
     continua : the material of solid elements, for stresses
     beam_material : the material of beam elements, for stress resultants
     edge_mass : name of an edge or face -> (n, n) sparse integral of N_i N_j over it
+    notes : sentences on what the model file does not say and the body has
     """
 
     positions: Array
@@ -86,6 +87,7 @@ class FiniteElementModel:
     continua: tuple[Continuum, ...] = ()
     beam_material: BeamMaterial | None = None
     edge_mass: Mapping[str, sp.csr_matrix] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def dimension(self) -> int:

@@ -1,4 +1,7 @@
-"""Isogeometric analysis of several patches joined along matching sides."""
+"""Isogeometric analysis of several patches.
+
+Matching sides are joined; a side on a part of another is tied weakly.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,15 @@ from formats.errors import InputError
 from formats.model import Marker, ModelFile
 from formats.model_geometry import FACES, PatchesGeometry
 
-from ..geometry.multipatch import Joined, joined
+from ..geometry.contact import check_one_part, check_overlaps, weak_ties
+from ..geometry.multipatch import Joined, closed_up, joined, topology
 from ..geometry.patch import NurbsPatch, side_nodes
 from ..importers.patches import read_patches
 from .continuum import Continuum
 from .elements import ElementBatch
 from .finite_element_model import FiniteElementModel, MarkerRows
 from .iga import patch_continuum, patch_matrices, refined_for
+from .mortar import tie_stiffness
 from .named_sets import NamedSets
 from .patch_markers import at_marker, marker_parameters, placed, rows_at
 
@@ -44,9 +49,13 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
             expected="patches of one kind",
         )
     try:
-        joined(exact, geometry.tolerance)
+        check_overlaps(exact)
+        found = topology(exact, geometry.tolerance)
+        ties = weak_ties(exact, found, geometry.tolerance)
+        exact = closed_up(exact, found, geometry.tolerance)
         fine = {name: refined_for(model, patch) for name, patch in exact.items()}
-        numbering = joined(fine, geometry.tolerance)
+        numbering = joined(fine, found)
+        check_one_part(numbering, ties)
     except InputError as error:
         raise error.located(geometry.file) from None
     d = len(next(iter(fine.values())).degrees)
@@ -58,6 +67,10 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
         once, spread = _gathering(numbering, name, d)
         mass, stiffness = mass + once.T @ m @ once, stiffness + spread.T @ k @ spread
         positions[numbering.numbers[name]] = patch.points
+    assert model.material is not None
+    modulus = model.material.youngs_modulus * (geometry.thickness or 1.0)
+    for tie in ties:
+        stiffness = stiffness + tie_stiffness(tie, fine, numbering, modulus)
     return FiniteElementModel(
         positions=positions,
         scalar_mass=sp.csr_matrix(mass),
@@ -69,6 +82,11 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
                 patch_continuum(model, exact[name], patch), numbering.numbers[name]
             )
             for name, patch in fine.items()
+        ),
+        notes=tuple(
+            f"{tie.slave.name} lies on a part of {tie.master.name}: tied weakly "
+            "(mortar method)"
+            for tie in ties
         ),
     )
 

@@ -1,13 +1,14 @@
-"""The parameters of a point that is given by its position."""
+"""The parameters of points that are given by their positions."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from formats.errors import InputError
 
-from .patch import NurbsPatch, evaluate_grid, point_basis
+from .patch import NurbsPatch, evaluate_grid, evaluate_points, scattered_basis
 
 Array = NDArray[np.float64]
 
@@ -20,38 +21,53 @@ _TOLERANCE = 1e-9
 def locate(patch: NurbsPatch, position: ArrayLike) -> Array:
     """The parameters (k,) at which the patch passes through `position`.
 
-    Gauss-Newton with the parameters kept inside [0, 1], from the nearest point of a
-    coarse grid.
-
     Raises
     ------
     InputError : the position lies outside the patch; the nearest point is named.
     """
     target = np.asarray(position, float)
-    axes = tuple(np.linspace(0, 1, _GRID) for _ in patch.degrees)
-    grid = evaluate_grid(patch, axes)
-    size = float(np.ptp(grid.reshape(-1, grid.shape[-1]), axis=0).max())
-    nearest = np.argmin(((grid - target) ** 2).sum(-1))
-    start = np.unravel_index(nearest, grid.shape[:-1])
-    parameters = np.array([axis[i] for axis, i in zip(axes, start, strict=True)])
-    for _ in range(_ITERATIONS):
-        point, jacobian = _point(patch, parameters)
-        step = np.linalg.lstsq(jacobian, target - point, rcond=None)[0]
-        moved = np.clip(parameters + step, 0, 1)
-        if np.abs(moved - parameters).max() < 1e-15:
-            break
-        parameters = moved
-    point, _ = _point(patch, parameters)
-    if np.linalg.norm(point - target) > _TOLERANCE * size:
-        place, near = (", ".join(f"{x:.6g}" for x in p) for p in (target, point))
+    parameters, nearest = nearest_parameters(patch, target[None])
+    size = float(np.ptp(patch.points, axis=0).max())
+    if np.linalg.norm(nearest[0] - target) > _TOLERANCE * size:
+        place, near = (", ".join(f"{x:.6g}" for x in p) for p in (target, nearest[0]))
         raise InputError(
             f"({place}) lies outside the geometry",
             expected=f"a point of the body; near by is ({near})",
         )
-    return parameters
+    return np.asarray(parameters[0], float)
 
 
-def _point(patch: NurbsPatch, parameters: Array) -> tuple[Array, Array]:
-    basis = point_basis(patch, parameters)
-    nodes = patch.points[basis.nodes]
-    return basis.values @ nodes, nodes.T @ basis.gradients
+def nearest_parameters(
+    patch: NurbsPatch, targets: Array, side: tuple[int, int] | None = None
+) -> tuple[Array, Array]:
+    """The parameters (n, k) of points of the patch near to others, and these points.
+
+    Gauss-Newton with the parameters kept inside [0, 1], from the nearest point of a
+    coarse grid.
+
+    Parameters
+    ----------
+    targets : (n, d)
+    side : direction and end of the side that the points are on, if they are on one
+    """
+    axes = [np.linspace(0, 1, _GRID) for _ in patch.degrees]
+    if side is not None:
+        axes[side[0]] = np.array([float(side[1])])
+    free = np.flatnonzero([len(axis) > 1 for axis in axes])
+    grid = evaluate_grid(patch, tuple(axes)).reshape(-1, targets.shape[1])
+    starts = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(len(grid), -1)
+    parameters = starts[cKDTree(grid).query(targets)[1]]
+    moving = np.arange(len(targets))
+    for _ in range(_ITERATIONS):
+        basis = scattered_basis(patch, parameters[moving])
+        corners = patch.points[basis.nodes]
+        miss = targets[moving] - np.einsum("nm,nmd->nd", basis.values, corners)
+        jacobian = np.einsum("nmd,nmk->ndk", corners, basis.gradients[..., free])
+        step = np.einsum("nkd,nd->nk", np.linalg.pinv(jacobian), miss)
+        before = parameters[np.ix_(moving, free)]
+        after = np.clip(before + step, 0, 1)
+        parameters[np.ix_(moving, free)] = after
+        moving = moving[np.abs(after - before).max(axis=1) > 1e-15]
+        if not moving.size:
+            break
+    return parameters, evaluate_points(patch, parameters)

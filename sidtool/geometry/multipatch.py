@@ -1,21 +1,27 @@
-"""Several patches joined along matching sides."""
+"""Several patches joined along matching sides.
+
+What belongs together is decided by the patches as given: two sides with the same
+control points are a seam, and a side that shrinks to a point or a line is one. Refined
+patches are joined along these seams, however close their control points are.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import product
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from formats.errors import InputError
 
-from .patch import NurbsPatch, evaluate_grid, side_nodes
+from .patch import NurbsPatch
 
+Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 SIDE_NAMES = {
@@ -26,6 +32,59 @@ SIDE_NAMES = {
     (2, 0): "back",
     (2, 1): "front",
 }
+#: Distance at which points of refined patches are the same, relative to the part.
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Side:
+    """A side of a patch: where a parameter is 0 or 1."""
+
+    patch: str
+    direction: int
+    end: int
+
+    @property
+    def name(self) -> str:
+        """As in the model file: PATCH.SIDE."""
+        return f"{self.patch}.{SIDE_NAMES[self.direction, self.end]}"
+
+
+@dataclass(frozen=True)
+class Seam:
+    """Two sides that are the same; `turn` takes the net of the second to the first."""
+
+    first: Side
+    second: Side
+    turn: Turn
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Another order and sense of the directions of a net of control points."""
+
+    order: tuple[int, ...]
+    reversed: tuple[bool, ...]
+
+    def of(self, net: NDArray[Any]) -> NDArray[Any]:
+        """The net with its first directions permuted and then reversed."""
+        rest = range(len(self.order), net.ndim)
+        steps = tuple(slice(None, None, -1 if r else None) for r in self.reversed)
+        return np.transpose(net, (*self.order, *rest))[steps]
+
+
+@dataclass(frozen=True, eq=False)
+class Topology:
+    """How patches hang together.
+
+    Attributes
+    ----------
+    seams : pairs of sides that are the same
+    collapsed : sides, and the directions of their nets, along which all points are one
+    """
+
+    seams: tuple[Seam, ...]
+    collapsed: tuple[tuple[Side, int], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,138 +101,171 @@ class Joined:
     count: int
 
 
-def joined(patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9) -> Joined:
-    """Control points of sides at the same place with the same weight become one.
+def sides_of(patches: Mapping[str, NurbsPatch]) -> list[Side]:
+    """All sides of all patches."""
+    return [
+        Side(name, *side)
+        for name, patch in patches.items()
+        for side in product(range(len(patch.degrees)), (0, 1))
+    ]
+
+
+def side_net(patch: NurbsPatch, side: Side, values: NDArray[Any]) -> NDArray[Any]:
+    """Values (n, ...) of all control points on the net of one side."""
+    grid = values.reshape(*patch.shape, *values.shape[1:])
+    return np.take(grid, -side.end, axis=side.direction)
+
+
+def size_of(patches: Mapping[str, NurbsPatch]) -> float:
+    """The largest extension of the control points."""
+    points = np.concatenate([p.points for p in patches.values()])
+    return float(np.ptp(points, axis=0).max())
+
+
+def topology(patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9) -> Topology:
+    """How the patches of a file hang together.
 
     Parameters
     ----------
-    tolerance : distance at which points are the same, relative to the size of the part
+    tolerance : distance at which control points are the same, relative to the part
+    """
+    size, sides = size_of(patches), sides_of(patches)
+    nets = {s: side_net(patches[s.patch], s, patches[s.patch].points) for s in sides}
+    weights = {
+        s: side_net(patches[s.patch], s, patches[s.patch].weights.ravel())
+        for s in sides
+    }
+    seams = []
+    for a, b in combinations(sides, 2):
+        for turn in _turns(nets[a].ndim - 1):
+            if _equal(nets[a], turn.of(nets[b]), tolerance * size) and _proportional(
+                weights[a], turn.of(weights[b])
+            ):
+                seams.append(Seam(a, b, turn))
+                break
+    collapsed = [
+        (side, axis)
+        for side, net in nets.items()
+        for axis in range(net.ndim - 1)
+        if np.ptp(net, axis=axis).max() <= _SAME * size
+    ]
+    return Topology(tuple(seams), tuple(collapsed))
+
+
+def closed_up(
+    patches: Mapping[str, NurbsPatch], found: Topology, tolerance: float
+) -> dict[str, NurbsPatch]:
+    """The patches with the control points of their seams in the middle of the gap."""
+    numbering = joined(patches, found, tolerance)
+    d = next(iter(patches.values())).points.shape[1]
+    total, count = np.zeros((numbering.count, d)), np.zeros(numbering.count)
+    for name, patch in patches.items():
+        np.add.at(total, numbering.numbers[name], patch.points)
+        np.add.at(count, numbering.numbers[name], 1)
+    means = total / count[:, None]
+    return {
+        name: replace(
+            patch,
+            control_points=np.where(
+                (count[numbering.numbers[name]] > 1)[:, None],
+                means[numbering.numbers[name]],
+                patch.points,
+            ).reshape(patch.control_points.shape),
+        )
+        for name, patch in patches.items()
+    }
+
+
+def joined(
+    patches: Mapping[str, NurbsPatch], found: Topology, tolerance: float = _SAME
+) -> Joined:
+    """A common numbering of patches, refined or not, along their seams.
+
+    Parameters
+    ----------
+    tolerance : by which seams may gape, relative to the part
 
     Raises
     ------
-    InputError : two sides share their corners but do not match, or the patches do not
-        hang together.
+    InputError : the control points of a seam differ after refinement.
     """
-    names = list(patches)
-    offsets = np.cumsum([0, *(p.weights.size for p in patches.values())])
-    points = np.concatenate([p.points for p in patches.values()])
-    weights = np.concatenate([p.weights.ravel() for p in patches.values()])
-    sides = {
-        (name, side): offset + side_nodes(patch, *side)
-        for (name, patch), offset in zip(patches.items(), offsets, strict=False)
-        for side in product(range(len(patch.degrees)), (0, 1))
+    ends = np.cumsum([0, *(p.weights.size for p in patches.values())])
+    own = {
+        name: np.arange(a, b)
+        for name, a, b in zip(patches, ends[:-1], ends[1:], strict=True)
     }
-    near = tolerance * float(np.ptp(points, axis=0).max())
-    outside = np.unique(np.concatenate(list(sides.values())))
-    pairs = cKDTree(points[outside]).query_pairs(near, output_type="ndarray")
-    i, j = outside[pairs[:, 0]], outside[pairs[:, 1]]
-    graph = csr_matrix((np.ones(len(i)), (i, j)), shape=(len(points),) * 2)
-    count, classes = connected_components(graph, directed=False)
-    number = _in_order(classes.astype(np.int64))
-    _check_sides(sides, patches, number, weights)
-    parts = {
-        name: number[a:b]
-        for name, a, b in zip(names, offsets, offsets[1:], strict=False)
-    }
-    _check_one_part(parts, count)
-    return Joined(parts, int(count))
-
-
-def _in_order(number: Indices) -> Indices:
-    """The same classes, numbered as they first appear."""
-    _, first, inverse = np.unique(number, return_index=True, return_inverse=True)
+    pairs = [
+        *_along_seams(patches, own, found, tolerance),
+        *_along_collapsed(patches, own, found),
+    ]
+    i, j = np.concatenate([np.zeros((2, 0), np.int64), *map(np.array, pairs)], axis=1)
+    total = int(ends[-1])
+    graph = csr_matrix((np.ones(len(i)), (i, j)), shape=(total, total))
+    _, classes = connected_components(graph, directed=False)
+    _, first, inverse = np.unique(classes, return_index=True, return_inverse=True)
     rank = np.empty(len(first), np.int64)
     rank[np.argsort(first)] = np.arange(len(first))
-    return rank[inverse]
+    numbers = rank[inverse]
+    return Joined({name: numbers[n] for name, n in own.items()}, len(first))
 
 
-def _check_sides(
-    sides: Mapping[tuple[str, tuple[int, int]], Indices],
+def _along_seams(
     patches: Mapping[str, NurbsPatch],
-    number: Indices,
-    weights: NDArray[np.float64],
-) -> None:
-    by_corners: dict[tuple[int, ...], list[tuple[str, tuple[int, int]]]] = {}
-    for key, nodes in sides.items():
-        corners = tuple(sorted(set(number[nodes[_corners(patches[key[0]], key[1])]])))
-        by_corners.setdefault(corners, []).append(key)
-    for keys in by_corners.values():
-        for key in keys[1:]:
-            _check_match(keys[0], key, sides, patches, number, weights)
+    own: Mapping[str, Indices],
+    found: Topology,
+    tolerance: float,
+) -> Iterator[tuple[Indices, Indices]]:
+    size = size_of(patches)
+    for seam in found.seams:
+        p, v, m = _nets(patches, own, seam.first)
+        q, w, n = (seam.turn.of(net) for net in _nets(patches, own, seam.second))
+        if not (_equal(p, q, tolerance * size) and _proportional(v, w)):
+            raise unlike(seam.first, seam.second)
+        yield m.ravel(), n.ravel()
 
 
-def _check_match(
-    a: tuple[str, tuple[int, int]],
-    b: tuple[str, tuple[int, int]],
-    sides: Mapping[tuple[str, tuple[int, int]], Indices],
-    patches: Mapping[str, NurbsPatch],
-    number: Indices,
-    weights: NDArray[np.float64],
-) -> None:
-    if a[0] == b[0] and a[1][0] == b[1][0] and len(set(number[sides[a]])) == 1:
-        return
-    pairs = []
-    for key in (a, b):
-        order = np.argsort(number[sides[key]], kind="stable")
-        pairs.append((number[sides[key]][order], weights[sides[key]][order]))
-    (na, wa), (nb, wb) = pairs
-    same = na.shape == nb.shape and bool((na == nb).all())
-    if same:
-        ratio = wa / wb
-        same = bool(np.ptp(ratio) <= 1e-9 * ratio.max())
-    if not same and _overlap(patches, a, b):
-        names = " and ".join(f"{name}.{SIDE_NAMES[side]}" for name, side in (a, b))
-        raise InputError(
-            f"the sides {names} share their corners but not their control points",
-            place="geometry",
-            expected="the same control points, weights, degrees and knots on both "
-            "sides",
-        )
+def _nets(
+    patches: Mapping[str, NurbsPatch], own: Mapping[str, Indices], side: Side
+) -> list[NDArray[Any]]:
+    """Points, weights and numbers of a side."""
+    patch = patches[side.patch]
+    values = (patch.points, patch.weights.ravel(), own[side.patch])
+    return [side_net(patch, side, value) for value in values]
 
 
-def _overlap(
-    patches: Mapping[str, NurbsPatch],
-    a: tuple[str, tuple[int, int]],
-    b: tuple[str, tuple[int, int]],
-) -> bool:
-    """Whether two sides with common corners lie on each other in the middle.
-
-    The two arcs of a disc made of two halves, for example, do not.
-    """
-    middle = _side_points(patches[a[0]], a[1], 3)
-    middle = middle[len(middle) // 2]
-    others = _side_points(patches[b[0]], b[1], 101)
-    size = float(np.linalg.norm(np.ptp(others, axis=0)))
-    return bool(np.linalg.norm(others - middle, axis=1).min() < 0.02 * size)
-
-
-def _side_points(
-    patch: NurbsPatch, side: tuple[int, int], count: int
-) -> NDArray[np.float64]:
-    axes = [np.linspace(0, 1, count) for _ in patch.degrees]
-    axes[side[0]] = np.array([float(side[1])])
-    return evaluate_grid(patch, tuple(axes)).reshape(-1, patch.points.shape[1])
-
-
-def _corners(patch: NurbsPatch, side: tuple[int, int]) -> Indices:
-    shape = [n for i, n in enumerate(patch.shape) if i != side[0]]
-    grid = np.arange(int(np.prod(shape))).reshape(shape)
-    return grid[np.ix_(*((0, -1) for _ in shape))].ravel()
-
-
-def _check_one_part(parts: Mapping[str, Indices], count: int) -> None:
-    names = list(parts)
-    members = [(i, n) for i, name in enumerate(names) for n in np.unique(parts[name])]
-    rows, columns = np.array(members).T
-    graph = csr_matrix(
-        (np.ones(len(rows)), (rows, len(names) + columns)),
-        shape=(len(names) + count,) * 2,
+def unlike(first: Side, second: Side) -> InputError:
+    """Two sides lie on each other but are not the same."""
+    return InputError(
+        f"the sides {first.name} and {second.name} share their corners but not their "
+        "control points",
+        place="geometry",
+        expected="the same control points, weights, degrees and knots on both sides",
     )
-    _, label = connected_components(graph, directed=False)
-    lost = [n for n, x in zip(names, label, strict=False) if x != label[0]]
-    if lost:
-        raise InputError(
-            f"patch {lost[0]} is not joined to patch {names[0]}",
-            place="geometry",
-            expected="patches that share whole sides",
-        )
+
+
+def _along_collapsed(
+    patches: Mapping[str, NurbsPatch], own: Mapping[str, Indices], found: Topology
+) -> Iterator[tuple[Indices, Indices]]:
+    for side, axis in found.collapsed:
+        net = np.moveaxis(side_net(patches[side.patch], side, own[side.patch]), axis, 0)
+        rest = net[1:].reshape(len(net) - 1, -1)
+        yield np.tile(net[0].ravel(), len(rest)), rest.ravel()
+
+
+def _turns(k: int) -> list[Turn]:
+    return [
+        Turn(order, flips)
+        for order in permutations(range(k))
+        for flips in product((False, True), repeat=k)
+    ]
+
+
+def _equal(a: Array, b: Array, distance: float) -> bool:
+    if a.shape != b.shape:
+        return False
+    return bool(np.linalg.norm(a - b, axis=-1).max() <= distance)
+
+
+def _proportional(a: Array, b: Array) -> bool:
+    ratio = a / b
+    return bool(np.ptp(ratio) <= 1e-9 * ratio.max())

@@ -137,6 +137,33 @@ def point_basis(
     return PointBasis(nodes, values, slopes)
 
 
+def scattered_basis(patch: NurbsPatch, parameters: Array) -> PointBasis:
+    """The rational bases at many points (n, k): arrays of `PointBasis` by point.
+
+    At a knot, derivatives are those of the span to its right.
+    """
+    count = len(parameters)
+    nodes = np.zeros((count, 1), np.int64)
+    values, slopes = np.ones((count, 1)), np.ones((count, 1, len(patch.degrees)))
+    for i, (knots, degree) in enumerate(zip(patch.knots, patch.degrees, strict=True)):
+        row = local_basis(knots, degree, parameters[:, i])
+        index = row.first[:, None] + np.arange(degree + 1)
+        nodes = (nodes[:, :, None] * patch.shape[i] + index[:, None]).reshape(count, -1)
+        values = (values[:, :, None] * row.values[:, None]).reshape(count, -1)
+        factors = np.repeat(row.values[:, :, None], len(patch.degrees), axis=2)
+        factors[:, :, i] = row.derivatives
+        slopes = slopes[:, :, None] * factors[:, None]
+        slopes = slopes.reshape(count, -1, len(patch.degrees))
+    return PointBasis(nodes, *rational(values, slopes, patch.weights.ravel()[nodes]))
+
+
+def evaluate_points(patch: NurbsPatch, parameters: Array) -> Array:
+    """Points (n, d) of the patch at parameters (n, k)."""
+    basis = scattered_basis(patch, parameters)
+    points: Array = np.einsum("nm,nmd->nd", basis.values, patch.points[basis.nodes])
+    return points
+
+
 def rational(values: Array, gradients: Array, weights: Array) -> tuple[Array, Array]:
     """Rational functions w N / sum(w N) and their gradients.
 

@@ -1,0 +1,216 @@
+"""Patches that meet without a seam: sides on a part of a side, and overlaps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+
+from formats.errors import InputError
+
+from .locate import nearest_parameters
+from .multipatch import (
+    Joined,
+    Side,
+    Topology,
+    side_net,
+    sides_of,
+    size_of,
+    unlike,
+)
+from .patch import NurbsPatch, evaluate_points, scattered_basis
+
+Array = NDArray[np.float64]
+
+#: Points per direction at which sides and patches are compared, by the dimension.
+_SAMPLES = {2: 65, 3: 13}
+#: Distance at which a point is on a side, or inside a patch, relative to the part.
+_NEAR = 1e-6
+#: Sides with common corners that are nearer than this to each other, relative to their
+#: size, were meant to be the same.
+_ALIKE = 0.02
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A side that lies wholly on a part of another."""
+
+    slave: Side
+    master: Side
+
+
+def weak_ties(
+    patches: Mapping[str, NurbsPatch], found: Topology, tolerance: float
+) -> list[Tie]:
+    """The sides without a seam that lie on a part of another one.
+
+    Raises
+    ------
+    InputError : two sides touch and neither lies wholly on the other, or they are the
+        same in other control points.
+    """
+    seamed = {side for seam in found.seams for side in (seam.first, seam.second)}
+    loose = [side for side in sides_of(patches) if side not in seamed]
+    near = max(tolerance, _NEAR) * size_of(patches)
+    ties = []
+    for a, b in combinations(loose, 2):
+        if a.patch == b.patch or not _boxes_meet(patches, a, b, near):
+            continue
+        there, back = _distances(patches, a, b), _distances(patches, b, a)
+        on_a, on_b = back <= near, there <= near
+        if on_a.all() and on_b.all():
+            raise unlike(a, b)
+        if on_b.all():
+            ties.append(Tie(a, b))
+        elif on_a.all():
+            ties.append(Tie(b, a))
+        elif on_a.any() or on_b.any():
+            raise InputError(
+                f"the sides {a.name} and {b.name} touch in part, and neither lies "
+                "wholly on the other",
+                place="geometry",
+                expected="sides that are the same, or one that lies wholly on the "
+                "other, which is tied weakly: split one of the patches",
+            )
+        elif _meant_alike(patches, a, b, there, near):
+            raise unlike(a, b)
+    return ties
+
+
+def check_overlaps(patches: Mapping[str, NurbsPatch]) -> None:
+    """Whether every point belongs to one patch.
+
+    Raises
+    ------
+    InputError : points of one patch lie inside another.
+    """
+    size = size_of(patches)
+    for a, b in permutations(patches, 2):
+        low, high = patches[b].points.min(axis=0), patches[b].points.max(axis=0)
+        points = evaluate_points(patches[a], _grid(patches[a], None))
+        slack = _NEAR * size
+        points = points[((points > low + slack) & (points < high - slack)).all(axis=1)]
+        if not len(points):
+            continue
+        parameters, nearest = nearest_parameters(patches[b], points)
+        there = np.linalg.norm(nearest - points, axis=1) <= 1e-9 * size
+        inside = there & (_depths(patches[b], parameters) > slack)
+        if inside.any():
+            where = ", ".join(f"{x:.4g}" for x in points[inside][0])
+            raise InputError(
+                f"patches {a} and {b} overlap near ({where}): mass and stiffness "
+                "would count twice there",
+                place="geometry",
+                expected="patches that meet at their sides only",
+            )
+
+
+def check_one_part(numbering: Joined, ties: list[Tie]) -> None:
+    """Whether all patches hang together.
+
+    Raises
+    ------
+    InputError : names one that does not.
+    """
+    names = list(numbering.numbers)
+    pairs = [
+        (i, len(names) + n)
+        for i, name in enumerate(names)
+        for n in np.unique(numbering.numbers[name])
+    ]
+    pairs += [(names.index(t.slave.patch), names.index(t.master.patch)) for t in ties]
+    rows, columns = np.array(pairs).T
+    graph = csr_matrix(
+        (np.ones(len(rows)), (rows, columns)), shape=(len(names) + numbering.count,) * 2
+    )
+    _, label = connected_components(graph, directed=False)
+    lost = [n for n, x in zip(names, label, strict=False) if x != label[0]]
+    if lost:
+        raise InputError(
+            f"patch {lost[0]} is not joined to patch {names[0]}",
+            place="geometry",
+            expected="patches that share whole sides, or of which one has a side that "
+            "lies wholly on one of the other",
+        )
+
+
+def _grid(patch: NurbsPatch, side: Side | None) -> Array:
+    """Parameters (n, k) all over a patch and its sides, or inside one side."""
+    count = _SAMPLES[len(patch.degrees)]
+    axes = [np.linspace(0, 1, count) for _ in patch.degrees]
+    if side is not None:
+        axes = [axis[1:-1] for axis in axes]
+        axes[side.direction] = np.array([float(side.end)])
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
+
+
+def _distances(patches: Mapping[str, NurbsPatch], a: Side, b: Side) -> Array:
+    """Of points inside side a from the inside of side b; infinite where they cross."""
+    first, second = patches[a.patch], patches[b.patch]
+    grid = _grid(first, a)
+    points, normals = _points_and_normals(first, grid, a)
+    found, nearest = nearest_parameters(second, points, (b.direction, b.end))
+    _, others = _points_and_normals(second, found, b)
+    along = np.abs(np.einsum("nd,nd->n", normals, others)) > 0.5
+    across = [i for i in range(found.shape[1]) if i != b.direction]
+    inside = ((found[:, across] > 0) & (found[:, across] < 1)).all(axis=1)
+    distances = np.linalg.norm(nearest - points, axis=1)
+    return np.where(along & inside, distances, np.inf)
+
+
+def _points_and_normals(
+    patch: NurbsPatch, parameters: Array, side: Side
+) -> tuple[Array, Array]:
+    basis = scattered_basis(patch, parameters)
+    corners = patch.points[basis.nodes]
+    jacobians = np.einsum("nmd,nmk->ndk", corners, basis.gradients)
+    normals = np.linalg.pinv(jacobians)[:, side.direction]
+    lengths = np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return np.einsum("nm,nmd->nd", basis.values, corners), normals / lengths
+
+
+def _boxes_meet(
+    patches: Mapping[str, NurbsPatch], a: Side, b: Side, near: float
+) -> bool:
+    boxes = []
+    for side in (a, b):
+        points = _net(patches, side)
+        boxes.append((points.min(axis=0) - near, points.max(axis=0) + near))
+    (low, high), (other_low, other_high) = boxes
+    return bool((low <= other_high).all() and (other_low <= high).all())
+
+
+def _net(patches: Mapping[str, NurbsPatch], side: Side) -> Array:
+    patch = patches[side.patch]
+    net = side_net(patch, side, patch.points)
+    return net.reshape(-1, net.shape[-1])
+
+
+def _meant_alike(
+    patches: Mapping[str, NurbsPatch], a: Side, b: Side, there: Array, near: float
+) -> bool:
+    """Whether two sides share their corners and run close to each other."""
+    corners = []
+    for side in (a, b):
+        net = side_net(patches[side.patch], side, patches[side.patch].points)
+        ends = np.ix_(*((0, -1) for _ in net.shape[:-1]))
+        corners.append(net[ends].reshape(-1, net.shape[-1]))
+    off = np.linalg.norm(corners[0][:, None] - corners[1], axis=2).min(axis=1)
+    size = float(np.ptp(_net(patches, a), axis=0).max())
+    return bool(off.max() <= near and there.max() < _ALIKE * size)
+
+
+def _depths(patch: NurbsPatch, parameters: Array) -> Array:
+    """About how far points are from the sides of the patch."""
+    basis = scattered_basis(patch, parameters)
+    corners = patch.points[basis.nodes]
+    lengths = np.linalg.norm(
+        np.einsum("nmd,nmk->ndk", corners, basis.gradients), axis=1
+    )
+    depths: Array = (np.minimum(parameters, 1 - parameters) * lengths).min(axis=1)
+    return depths
