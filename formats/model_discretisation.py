@@ -81,8 +81,8 @@ class BeamDiscretisation(Part):
     """Straight two-node beam elements with cubic bending shapes.
 
     `mass` is consistent (that of the displacement field and the turning
-    cross-sections) or lumped (half of an element as a particle with rotary inertia at
-    each of its nodes).
+    cross-sections) or lumped (half of an element as a rigid piece that each of its
+    nodes carries, with its own centre and inertia).
     """
 
     type: Literal["beam"]

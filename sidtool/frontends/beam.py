@@ -18,6 +18,7 @@ from formats.errors import InputError
 from formats.model import Marker, ModelFile
 from formats.model_discretisation import BeamDiscretisation
 from formats.model_geometry import BeamGeometry, GeneralSection, RectangularSection
+from formats.sid_mass import skew
 
 from .beam_material import BeamMaterial
 from .finite_element_model import FiniteElementModel, MarkerRows
@@ -333,24 +334,26 @@ class _Particles:
             )
 
     def lump(self, beam: _Element, i: int, density: float) -> None:
-        """The two halves of an element, each at its node."""
+        """The two halves of an element, each a rigid piece that its node carries."""
         x, w = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
-        for end in (0, 1):
-            mass, tensor = 0.0, np.zeros((3, 3))
-            for s, weight in zip((x + 1) / 4, w * beam.length / 4, strict=True):
-                p = beam.section(1 - s if end else s)
-                m = density * p.area * weight
-                own = density * weight * np.array([p.iy + p.iz, p.iy, p.iz])
-                steiner = m * (s * beam.length) ** 2
-                mass += m
-                tensor += np.diag(own + [0, steiner, steiner])
-            at = beam.last if end else beam.first
-            u, r, _ = beam.shapes(float(end))
+        for end in (0.0, 1.0):
+            places = abs(end - (x + 1) / 4)
+            sections = [beam.section(s) for s in places]
+            weights = density * w * beam.length / 4
+            masses = weights * [p.area for p in sections]
+            mass = masses.sum()
+            centre = masses @ places / mass
+            spread = masses @ (places - centre) ** 2 * beam.length**2
+            own = [[p.iy + p.iz, p.iy, p.iz] for p in sections]
+            tensor = np.diag(weights @ np.array(own) + [0.0, spread, spread])
+            u, r, _ = beam.shapes(end)
+            arm = np.array([(centre - end) * beam.length, 0.0, 0.0])
+            fraction = beam.first + centre * (beam.last - beam.first)
             self.add(
-                beam.line.at(np.array(at)),
+                beam.line.at(fraction),
                 mass,
                 _turned(tensor, beam.line),
-                _global(u, i, beam.line, self._ndof),
+                _global(u - skew(arm) @ r, i, beam.line, self._ndof),
                 _global(r, i, beam.line, self._ndof),
             )
 

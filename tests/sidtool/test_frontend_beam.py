@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
@@ -229,3 +230,44 @@ def test_degenerate_beams(change: dict, message: str | None) -> None:
         message = "becomes -"
     with pytest.raises(InputError, match=message):
         finite_element_model(uniform("euler_bernoulli", 9, **change))
+
+
+@pytest.mark.parametrize("elements", [1, 2, 4, 7])
+def test_lumped_masses_keep_the_inertia(elements: int) -> None:
+    """Mass, centre and J of a uniform and of a tapered beam, by their integrals."""
+    m = 7850 * 2e-4
+    for heights in ([0.02], [0.03, 0.01]):
+        section = {"shape": "rectangle", "height": heights, "width": 0.01}
+        if len(heights) == 1:
+            section["height"] = heights[0]
+        beam = uniform("timoshenko", elements, section=section)
+        settings = beam.discretisation.model_copy(update={"mass": "lumped"})
+        lumped = beam.model_copy(update={"discretisation": settings})
+        inertias = []
+        for model in (beam, lumped):
+            body = finite_element_model(model)
+            inertias.append(body_inertia(body, np.zeros(3), np.zeros((body.ndof, 1))))
+        (mass, blocks), (mass_l, blocks_l) = inertias
+        assert mass_l == pytest.approx(mass, rel=1e-12)
+        for name in ("mdCM", "J"):
+            exact, found = blocks[name].m0, blocks_l[name].m0
+            assert_allclose(found, exact, atol=1e-12 * np.abs(exact).max())
+        x, w = np.polynomial.legendre.leggauss(8)
+        x, w = (x + 1) / 2, w / 2
+        h = np.interp(x, [0, 1], [heights[0], heights[-1]])
+        line = 7850 * 0.01 * h
+        assert mass_l == pytest.approx(w @ line, rel=1e-12) == pytest.approx(m)
+        about_z = w @ (line * (x**2 + h**2 / 12))
+        assert blocks_l["J"].m0[2, 0] == pytest.approx(about_z, rel=1e-12)
+
+
+@pytest.mark.parametrize("elements", [6, 12])
+def test_lumped_masses_leave_the_frequencies(elements: int) -> None:
+    """Of the free beam: bending 4.7300^2 sqrt(EI / rho A) / L^2 about both axes."""
+    beam = uniform("euler_bernoulli", elements, 3.0, masses=[])
+    settings = beam.discretisation.model_copy(update={"mass": "lumped"})
+    body = finite_element_model(beam.model_copy(update={"discretisation": settings}))
+    k, m = body.stiffness.toarray(), body.mass.toarray()
+    found = np.sqrt(scipy.linalg.eigh(k, m, eigvals_only=True)[6:8])
+    exact = 4.730041**2 * np.sqrt(2.1e11 / 7850 / 12) / 9 * np.array([0.01, 0.02])
+    assert_allclose(found, exact, rtol=0.6 / elements**2)
