@@ -41,15 +41,29 @@ def with_stress(
     ------
     InputError : a marker has no stress, or the body came without elements.
     """
+    if not body.continua:
+        raise InputError(
+            "there is no stress in beams and in bodies that came as matrices",
+            place="stress",
+            expected="a body of solid elements, or no table [stress]",
+        )
     nodes = []
     for node in sid.nodes:
         marker = next(m for m in body.markers if str(m.node) == node.id)
         if _wanted(marker, settings):
             rows = _rows(body, marker)
-            fixed = np.zeros(6) if initial is None else _initial(rows, initial)
+            fixed = np.zeros(6)
+            if initial is not None:
+                fixed = _initial(rows, initial, body.continua[0].transverse)
             sigma = Taylor(fixed[:, None], (rows @ basis.shapes).T[:, :, None])
             node = replace(node, sigma=sigma)
         nodes.append(node)
+    if not settings.peak_points and not any(node.sigma for node in nodes):
+        raise InputError(
+            "tells no stress: all markers are tied to node sets",
+            place="stress",
+            expected="a marker at a point of the material, or peak_points",
+        )
     if settings.peak_points:
         points = peak_points(body, basis, settings.peak_points, initial)
         taken = {node.id for node in nodes}
@@ -91,8 +105,8 @@ def _rows(body: FiniteElementModel, marker: MarkerRows) -> NDArray[np.float64]:
     return stress_rows(marker.gradient, body.continua[0]).toarray()
 
 
-def _initial(rows: Array, initial: InitialStress) -> Array:
-    uniform = stress_six(initial.uniform)
+def _initial(rows: Array, initial: InitialStress, transverse: float) -> Array:
+    uniform = stress_six(initial.uniform, transverse)
     return (rows @ initial.displacement)[:, 0] + uniform
 
 
@@ -192,7 +206,8 @@ def _point(
     psi = 0.5 * np.einsum("abc,ncb->an", LEVI_CIVITA, gradient)
     fixed = np.zeros(6)
     if initial is not None:
-        fixed = _sigma(one, initial.displacement)[0, 0] + stress_six(initial.uniform)
+        fixed = _sigma(one, initial.displacement)[0, 0]
+        fixed = fixed + stress_six(initial.uniform, one.transverse)
     return StressPoint(position, phi, psi, _sigma(one, basis.shapes)[0].T, fixed)
 
 

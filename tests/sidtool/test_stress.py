@@ -9,8 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from formats.errors import InputError
+from formats.model import ModelFile
 from formats.sid_files import read_sid, write_sid
 from formats.stress import node_stress, peak_stress, stress_nodes, von_mises
+from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.frontends.continuum import stress_rows
 from sidtool.reduction.frames import FRAMES
@@ -20,7 +22,8 @@ from sidtool.stress import peak_points
 from sidtool.validate import check
 
 from .beams import beam
-from .models import IGA, Q4, rod
+from .bodies import beam_data as beam_rod
+from .models import IGA, Q4, rod, rod_data
 
 TOP = {
     "root": {"node": 1, "edge": "left", "at": 0.5},
@@ -186,3 +189,33 @@ def test_stress_that_is_not_there_is_refused() -> None:
     clash = {"peak_points": 3, "first_node": 1}
     with pytest.raises(InputError, match="stress.first_node"):
         sid_from_model(rod(Q4, stress=clash))
+
+
+def test_prestress_in_plane_strain_is_triaxial() -> None:
+    """sigma_zz = nu (sigma_xx + sigma_yy), given as uniform stress or by a force."""
+    nu, stress = 0.3, (5.0e6, -2.0e6, 1.0e6)
+    mesh = {"type": "q4", "elements": [8, 2]}
+    for state, ratio in (("plane_strain", nu), ("plane_stress", 0.0)):
+        data = rod_data({**mesh, "state": state})
+        data["stress"] = {"peak_points": 2}
+        data["stiffening"] = {"prestress": {"stress": list(stress)}}
+        sid = sid_from_model(validated(data, ModelFile))
+        told = [node.sigma.m0[:, 0] for node in sid.nodes if node.sigma is not None]
+        assert len(told) == 4
+        for sigma in told:
+            assert_allclose(sigma[[0, 1, 3]], stress, rtol=1e-12)
+            assert sigma[2] == pytest.approx(ratio * (stress[0] + stress[1]), abs=1e-3)
+
+
+def test_stress_that_is_not_known_is_refused() -> None:
+    """Not left out without a word: of beams, and where all markers are tied."""
+    data = beam_rod({"type": "beam", "elements": 4}, 3) | {"stress": {}}
+    with pytest.raises(InputError, match="stress: there is no stress in beams"):
+        sid_from_model(validated(data, ModelFile))
+    data = rod_data({"type": "q4", "elements": [8, 2]}) | {"stress": {}}
+    for marker in data["markers"].values():
+        marker["tie"] = {"type": "distributing", "to": marker.pop("edge")}
+        del marker["at"]
+    data["frame"] = {"type": "buckens"}
+    with pytest.raises(InputError, match="stress: tells no stress: all markers"):
+        sid_from_model(validated(data, ModelFile))
