@@ -12,8 +12,9 @@ from formats.sid_mass import skew
 from .magnitudes import refuse_absurd
 from .measures import largest, modes_of, swapped
 
-# Entries that agree to the 12 digits of a file stay as they are.
-_SAME = 1e-11
+# Entries that agree to the 12 digits of a file, their own and those of what they follow
+# from, stay as they are.
+_SAME = 2e-11
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,8 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     Returns
     -------
     The repaired SID and every number that differs from before by more than the print
-    of a file (1e-11 of the block's largest entry); other entries keep their value.
+    of a file (2e-11 of the largest entry of the block and of those it follows from);
+    other entries keep their value.
 
     Raises
     ------
@@ -59,9 +61,16 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     Ge = axis_major(modes.Cr1 - swapped(modes.Cr1))
     Oe1 = modes.Oe1.copy()
     Oe1[..., 3:] = 0.5 * (Oe1 + swapped(Oe1))[..., 3:]
-    new_gr, gr_changes = _replaced("Gr", sid.Gr.m0, Gr, "Gr_l = J1_l - (Cr0_l)~")
-    new_ge, ge_changes = _replaced("Ge", sid.Ge.m0, Ge, "Ge_l = Cr1_l - Cr1_l^T")
-    new_oe, oe_changes = _replaced("Oe", modes.Oe1, Oe1, "Oe1 symmetric in the modes")
+    sources = largest(modes.J1, sid.Cr.m0), largest(modes.Cr1), largest(modes.Oe1)
+    new_gr, gr_changes = _replaced(
+        "Gr", sid.Gr.m0, Gr, "Gr_l = J1_l - (Cr0_l)~", sources[0]
+    )
+    new_ge, ge_changes = _replaced(
+        "Ge", sid.Ge.m0, Ge, "Ge_l = Cr1_l - Cr1_l^T", sources[1]
+    )
+    new_oe, oe_changes = _replaced(
+        "Oe", modes.Oe1, Oe1, "Oe1 symmetric in the modes", sources[2]
+    )
     changes = gr_changes + ge_changes + oe_changes
     if not changes:
         return sid, ()
@@ -75,9 +84,9 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
 
 
 def _replaced(
-    block: str, before: Array, after: Array, reason: str
+    block: str, before: Array, after: Array, reason: str, sources: float
 ) -> tuple[Array, tuple[Change, ...]]:
-    differs = np.abs(after - before) > _SAME * largest(before, after)
+    differs = np.abs(after - before) > _SAME * max(largest(before, after), sources)
     changes = tuple(
         Change(block, _entry(index), float(before[index]), float(after[index]), reason)
         for index in map(tuple, np.argwhere(differs))

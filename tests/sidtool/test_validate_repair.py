@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from formats.sid import BLOCK_SHAPES, SID, Array, Taylor, rigid_sid
-from formats.sid_files import read_sid
+from formats.sid_files import read_sid, write_sid
+from sidtool.rereference import FrameChange, changed
 from sidtool.validate import check, repair
 from tests.bodies import particle_body
 
@@ -108,3 +109,16 @@ def test_field_files(field_data: Path, file: str, blocks: set[str]) -> None:
     assert verdicts["I10"] in ("passed", "not applicable")
     again, more = repair(repaired)
     assert again is repaired and not more
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("shift", [0.0, 30.0])
+def test_a_sound_file_comes_back_as_it_is(
+    tmp_path: Path, seed: int, shift: float
+) -> None:
+    """Twelve digits of a sound body, also stiffened and with its frame far away."""
+    body = particle_body(4, 12, seed=seed, stiffening=True)
+    change = FrameChange(shift * np.ones(3), np.zeros((4, 3)), np.zeros((4, 3)))
+    write_sid(tmp_path / "sound.SID_FEM", changed(body, change))
+    found = read_sid(tmp_path / "sound.SID_FEM")
+    assert repair(found) == (found, ())
