@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.dead_nodes import motion_scale
-from formats.sid import SID, symmetric_3x3
+from formats.sid import SID
+from formats.sid_mass import central_inertia
 
 from ..validate.frequencies import held_modes, hertz
 
@@ -107,11 +108,13 @@ def _frame_kind(sid: SID) -> tuple[str, str]:
     turning = [node for node in still if node.psi.m0.any() and not _unturned(node, sid)]
     held = [node for node in still if node not in turning]
     at_origin = [n for n in still if np.abs(n.position).max() <= 1e-9 * size]
-    if at_origin and at_origin[0] in turning:
+    silent = not any(node.psi.m0.any() for node in sid.nodes)
+    if at_origin and (at_origin[0] in turning or silent):
         end = _end_of_chord(sid, at_origin[0])
         if end is not None:
             return "chord", f"{at_origin[0].id} and {end}"
-        return "other", ""
+        if not silent:
+            return "other", ""
     if at_origin:
         return "held", str(at_origin[0].id)
     if held:
@@ -189,16 +192,27 @@ def _second_moments(sid: SID) -> Array | None:
     """Central integrals of x^2, y^2, z^2 dm; None where the inertia is planar."""
     if sid.mass <= 0:
         return None
-    centre = sid.mdCM.m0[:, 0] / sid.mass
-    steiner = sid.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    inertia = np.diag(symmetric_3x3(sid.J.m0[:, 0]) - steiner)
-    moments = inertia.sum() / 2 - inertia
+    moments = np.diag(_spread(sid))
     return moments if (moments >= -1e-6 * np.abs(moments).max()).all() else None
 
 
+def _spread(sid: SID) -> Array:
+    """(3, 3) central integral of c c^T dm."""
+    inertia = central_inertia(sid)
+    return np.asarray(np.trace(inertia) / 2 * np.eye(3) - inertia)
+
+
 def _kind(sid: SID, shape: Array, long_axis: int | None) -> str:
-    """By the largest displacement at the nodes, or by the effective mass without."""
+    """By the largest displacement at the nodes, or by the effective mass without.
+
+    Torsion is what turns the nodes about the long axis by more than it moves them.
+    """
     motion = _motion_by_axis(sid, shape) + _slopes_by_axis(sid, shape, long_axis)
+    if (
+        long_axis is not None
+        and _twist(sid, shape, long_axis) > _DOMINANT * motion.sum()
+    ):
+        return f"torsion {AXES[long_axis]}"
     rotation = max(
         (np.abs(n.psi.m0 @ shape).max(initial=0.0) for n in sid.nodes), default=0.0
     )
@@ -213,6 +227,23 @@ def _kind(sid: SID, shape: Array, long_axis: int | None) -> str:
     return f"axial {name}" if axis == long_axis else f"bending {name}"
 
 
+def _twist(sid: SID, shape: Array, long_axis: int) -> float:
+    """Square of the motion at the radius of gyration about the long direction."""
+    if _second_moments(sid) is None:
+        return 0.0
+    along = _direction(sid, long_axis)
+    about = float(along @ central_inertia(sid) @ along)
+    turns = [node.psi.m0 @ shape @ along for node in sid.nodes]
+    return float(np.square(turns).sum() * about / sid.mass)
+
+
+def _direction(sid: SID, long_axis: int) -> Array:
+    """(3,) the direction in which a slender body is long."""
+    if _second_moments(sid) is None:
+        return np.eye(3)[long_axis]
+    return np.asarray(np.linalg.eigh(_spread(sid))[1][:, 2])
+
+
 def _length(sid: SID) -> float:
     places = np.array([node.position for node in sid.nodes]).reshape(-1, 3)
     return float(np.ptp(places, axis=0).max()) if len(places) else 0.0
@@ -222,10 +253,10 @@ def _slopes_by_axis(sid: SID, shape: Array, long_axis: int | None) -> Array:
     """(3,) squares of the bending that node rotations tell where no node moves."""
     if long_axis is None:
         return np.zeros(3)
-    length = _length(sid)
+    length, along = _length(sid), _direction(sid, long_axis)
     slopes = np.zeros(3)
     for node in sid.nodes:
-        sideways = np.cross(node.psi.m0 @ shape, np.eye(3)[long_axis])
+        sideways = np.cross(node.psi.m0 @ shape, along)
         slopes += (_SLOPE * length * sideways) ** 2
     return slopes
 
@@ -235,5 +266,6 @@ def _motion_by_axis(sid: SID, shape: Array) -> Array:
     at_nodes = sum(
         ((node.phi.m0 @ shape) ** 2 for node in sid.nodes), start=np.zeros(3)
     )
-    motion = at_nodes if at_nodes.any() else (shape @ sid.Ct.m0) ** 2
+    seen = at_nodes.max() > (_NOTHING * motion_scale(sid) * np.abs(shape).max()) ** 2
+    motion = at_nodes if seen else (shape @ sid.Ct.m0) ** 2
     return np.where(motion > _NOTHING * motion.max(), motion, 0.0)

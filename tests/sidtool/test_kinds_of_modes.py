@@ -1,0 +1,69 @@
+"""What `info` calls modes and frames, against what they are by their frequencies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from formats.model import ModelFile
+from formats.sid import SID, Taylor
+from formats.toml_files import validated
+from sidtool.convert import sid_from_model
+from sidtool.report.modes import boundary_of, modes_of
+
+from .test_held_markers import DIRECTIONS, FRAMES, slender
+
+E, G, RHO, LENGTH = 7.0e10, 7.0e10 / 2.6, 2700.0, 0.8
+NAMES = {"chord": "chord", "back": "chord", "tangent": "held", "buckens": "free"}
+
+
+def round_bar(direction: str, frame: str) -> SID:
+    """A bar whose torsion, stretch and bending have other frequencies."""
+    data = slender(DIRECTIONS[direction], frame)
+    section: dict[str, Any] = {"shape": "general", "area": 1e-3}
+    section |= {"iy": 1.2e-7, "iz": 0.7e-7, "torsion": 0.9e-7}
+    data["geometry"]["section"] = section
+    data["discretisation"]["elements"] = 16
+    data["reduction"] = {"method": "modal", "modes": 9}
+    if frame == "tangent":
+        data["frame"]["clamp"] = "start"
+    return sid_from_model(validated(data, ModelFile))
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_torsion_is_called_torsion(direction: str) -> None:
+    """The clamped bar: pi c / (2 L) with c^2 = G It / (rho Ip), and E / rho."""
+    sid = round_bar(direction, "tangent")
+    kinds = {mode.kind.split()[0]: mode.frequency for mode in reversed(modes_of(sid))}
+    speeds = {"torsion": G * 0.9e-7 / (RHO * 1.9e-7), "axial": E / RHO}
+    for kind, square in speeds.items():
+        assert kinds[kind] == pytest.approx(np.sqrt(square) / (4 * LENGTH), rel=1e-2)
+    assert {mode.kind.split()[0] for mode in modes_of(sid)} == {
+        "torsion",
+        "axial",
+        "bending",
+    }
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("direction", ["x", "z", "askew"])
+def test_frames_are_called_what_they_are(direction: str, frame: str) -> None:
+    sid = round_bar(direction, frame)
+    assert boundary_of(sid) == NAMES[frame]
+    assert sum(mode.kind.startswith("torsion") for mode in modes_of(sid)) >= 1
+
+
+def test_a_chord_whose_nodes_tell_no_rotation() -> None:
+    """As in files of solid elements: psi is zero, the far node moves along only."""
+    chord, tangent = (round_bar("y", frame) for frame in ("chord", "tangent"))
+    for sid, boundary in ((chord, "chord"), (tangent, "held")):
+        assert boundary_of(without_rotation(sid)) == boundary
+
+
+def without_rotation(sid: SID) -> SID:
+    empty = Taylor(np.zeros((3, sid.nq)))
+    nodes = [replace(n, psi=empty, AP=Taylor(np.eye(3))) for n in sid.nodes]
+    return replace(sid, nodes=tuple(nodes))
