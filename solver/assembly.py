@@ -18,6 +18,7 @@ from . import kernel_calls
 from .alignment import align, check_alignment
 from .carried import displacements
 from .kernels import layout as at
+from .planar_turns import with_whole_turns
 from .redundancy import mark_redundant
 from .scene import System
 from .start import (
@@ -46,6 +47,7 @@ def assemble(system: System) -> tuple[System, Start]:
     ------
     InputError : the start position cannot be reached, or constraints contradict.
     """
+    system = with_whole_turns(system)
     state = State(system, guess(system))
     _check_held(state)
     if system.n_rows > 0:

@@ -228,10 +228,8 @@ def rotation_part(matrix: Array) -> Array:
     return left @ right
 
 
-def pack_planar_marker(node: Node) -> Array:
+def pack_planar_marker(node: Node, angle: float) -> Array:
     """Position, angle, Phi (x then y) and Psi of a marker in the plane."""
-    AP = node.AP.m0
-    angle = np.arctan2(AP[1, 0], AP[0, 0])
     place = [*node.position[:2], angle]
     return np.concatenate([place, shape_functions(node, planar=True).ravel()])
 

@@ -73,14 +73,16 @@ def _frame_data(parts: Ingredients, name: str) -> tuple[int, int]:
     if frame is None:
         return parts.pool.add(_orientation(parts, name)), at.FREE
     direction = slide(frame.joint, parts.planar)
+    if parts.planar:
+        direction = np.append(direction, 0.0)
     return parts.pool.add(direction), MOTIONS[frame.joint.type]
 
 
 def _orientation(parts: Ingredients, name: str) -> Array:
-    matrix = rotation(parts.scene.bodies[name].initial)
+    initial = parts.scene.bodies[name].initial
     if parts.planar:
-        return np.array([np.arctan2(matrix[1, 0], matrix[0, 0])])
-    return packing.quaternion(matrix)
+        return np.array([initial.angle or 0.0])
+    return packing.quaternion(rotation(initial))
 
 
 def _frame_drive(parts: Ingredients, name: str) -> int:
@@ -88,6 +90,13 @@ def _frame_drive(parts: Ingredients, name: str) -> int:
     if frame is None or frame.drive is None:
         return -1
     return parts.drive_index[frame.drive]
+
+
+def _packed_marker(parts: Ingredients, reference: Reference) -> Array:
+    node = parts.node(reference)
+    if not parts.planar:
+        return packing.pack_spatial_marker(node)
+    return packing.pack_planar_marker(node, parts.marker_angle(reference))
 
 
 def marker_table(
@@ -98,12 +107,11 @@ def marker_table(
     if parts.planar:
         forces, moments = slice(2), slice(2, 3)
     table = np.zeros((len(markers), at.N_MARKER), np.int64)
-    pack = packing.pack_planar_marker if parts.planar else packing.pack_spatial_marker
     phi = 0
     for reference, i in markers.items():
         node = parts.node(reference)
         table[i, at.M_BODY] = parts.order.index(reference[0])
-        table[i, at.M_DATA] = parts.pool.add(pack(node))
+        table[i, at.M_DATA] = parts.pool.add(_packed_marker(parts, reference))
         table[i, at.M_PHI] = phi
         for column, shapes, rows in (
             (at.M_PHI1, node.phi, forces),

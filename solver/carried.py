@@ -27,12 +27,18 @@ def place_carried(system: System, z: Array, v: Array) -> None:
     """
     if system.carrying is None:
         return
-    carrying = replace(system, arrays=system.arrays.replaced(body=system.carrying))
     work = new_work(system)
     work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
-    kernel_calls.evaluate(carrying, work, system.scene.time.start, z, v)
+    kernel_calls.evaluate(carrying(system), work, system.scene.time.start, z, v)
     for b in carried_rows(system.carrying):
         keep_frame(system, b, work.frame[b], z, v)
+
+
+def carrying(system: System) -> System:
+    """The system in which frames that joints prescribe have no coordinates."""
+    if system.carrying is None:
+        return system
+    return replace(system, arrays=system.arrays.replaced(body=system.carrying))
 
 
 def carried_rows(body: IntTable) -> list[int]:

@@ -33,7 +33,7 @@ def measured(system: System, samples: Samples, element: Element) -> Measured:
             first, second = np.reshape(element.data, (2, 3))
             return Measured(np.sum((A.R @ first) * (B.R @ second), axis=1), rate)
         if system.planar:
-            return Measured(B.angle - A.angle, rate)
+            return Measured(B.angle - A.angle - element.data[0], rate)
         return Measured(_turned(system, samples, element.turn), rate)
     x, v = B.x - A.x, B.v - A.v
     if element.kind == at.SPAN:

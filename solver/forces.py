@@ -258,7 +258,8 @@ def _bushing(force: Bushing, context: _Context) -> list[Element]:
     damping = force.damping or (0.0,) * len(force.stiffness)
     measures: list[tuple[int, tuple[float, ...]]]
     if context.planar:
-        measures = [(at.SLIDE, (0.0,)), (at.SLIDE, (0.5 * math.pi,)), (at.TWIST, ())]
+        measures = [(at.SLIDE, (0.0,)), (at.SLIDE, (0.5 * math.pi,))]
+        measures.append((at.TWIST, (0.0,)))
     else:
         measures = [(at.SLIDE, e) for e in _AXES]
         measures += _about_shaft(force.shaft) if force.shaft else _about_axes()

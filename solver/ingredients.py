@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from formats.scene import Joint, SceneFile, driven_coordinate
+import numpy as np
+
+from formats.scene import Joint, Marker, SceneFile, driven_coordinate
 from formats.sid import Node
 
 from .bodies import BodyData
@@ -51,6 +53,16 @@ class Ingredients:
         """The node behind a marker of a body."""
         body, marker = reference
         return self.data[body].node(marker)
+
+    def marker_angle(self, reference: Reference) -> float:
+        """Of a marker in the plane: as the scene says it, else that of its node."""
+        name, marker = reference
+        owner = self.scene.bodies.get(name, self.scene.ground)
+        stated = owner.markers.get(marker)
+        if isinstance(stated, Marker):
+            return stated.angle or 0.0
+        AP = self.node(reference).AP.m0
+        return float(np.arctan2(AP[1, 0], AP[0, 0]))
 
 
 def driven_coordinates(scene: SceneFile) -> dict[str, dict[str, str]]:

@@ -58,7 +58,7 @@ def guess(system: System) -> Start:
             z[p : p + axes] = as_3d(initial.position)[:axes]
             v[u : u + axes] = (matrix.T @ as_3d(initial.velocity))[:axes]
             if system.planar and rigid == 3:
-                z[p + 2] = initial.angle or np.arctan2(matrix[1, 0], matrix[0, 0])
+                z[p + 2] = initial.angle or 0.0
                 v[u + 2] = float(np.ravel(initial.angular_velocity or 0.0)[-1])
             elif rigid == 7:
                 z[p + 3 : p + 7] = quaternion(matrix)

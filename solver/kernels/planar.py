@@ -126,7 +126,7 @@ def _prescribed_frame(system, work, b, t):
         vy += sd * ey + s * w * ex
         ax += (sdd - s * w * w) * ex - (2.0 * sd * w + s * al) * ey
         ay += (sdd - s * w * w) * ey + (2.0 * sd * w + s * al) * ex
-    angle -= pool[tip + 2]
+    angle += pool[row[FRAME] + 1] - pool[tip + 2]
     c, sn = math.cos(angle), math.sin(angle)
     dx, dy = pool[tip], pool[tip + 1]
     rx, ry = c * dx - sn * dy, sn * dx + c * dy

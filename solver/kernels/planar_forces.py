@@ -51,7 +51,8 @@ def measure(system, work, k):
     row = system.force[k]
     A, B = work.point[row[F_A]], work.point[row[F_B]]
     if row[F_KIND] == TWIST:
-        return B[TH] - A[TH], B[TW] - A[TW], 0.0, 0.0, -1.0, 1.0
+        turned = B[TH] - A[TH] - system.pool[row[F_DATA]]
+        return turned, B[TW] - A[TW], 0.0, 0.0, -1.0, 1.0
     x, y = B[PX] - A[PX], B[PY] - A[PY]
     vx, vy = B[PVX] - A[PVX], B[PVY] - A[PVY]
     if row[F_KIND] == SPAN:
