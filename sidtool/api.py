@@ -15,6 +15,7 @@ from formats.sid import SID
 from formats.sid_files import read_sid, write_sid
 
 from .kinds import read
+from .other_shapes import other_shapes
 from .swaps import swapped
 from .validate import check, compare, repair
 
@@ -99,7 +100,8 @@ def simulate(
             read_scene(Path(scene)),
             Path(base_folder or Path(scene).parent),
         )
-    content, replaced = swapped(content, sids or {}, folder)
+    plain = content
+    content, replaced = swapped(plain, sids or {}, folder)
     try:
         system = compile_scene(
             content, folder, replaced, accept_defects, drives, forces=forces
@@ -111,6 +113,7 @@ def simulate(
             step=step,
             spectral_radius=spectral_radius,
             progress=progress,
+            told=other_shapes(plain, folder, replaced),
         )
     except InputError as error:
         raise error if isinstance(scene, SceneFile) else error.located(scene) from None

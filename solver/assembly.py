@@ -16,7 +16,7 @@ from formats.errors import InputError
 
 from . import kernel_calls
 from .alignment import align, check_alignment
-from .carried import displacements
+from .displacements import displacements
 from .kernels import layout as at
 from .planar_turns import with_whole_turns
 from .redundancy import mark_redundant

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from formats.scene import as_3d, rotation
 from formats.sid import Array
 
 from . import kernel_calls
@@ -14,8 +13,8 @@ from .bodies import quaternion
 from .kernels import layout as at
 from .kernels import planar
 from .kernels import spatial_columns as spatial
-from .kernels.layout import IntTable, Work
-from .scene import GROUND_NAME, System
+from .kernels.layout import IntTable
+from .scene import System
 from .storage import new_work
 
 
@@ -60,24 +59,3 @@ def keep_frame(system: System, b: int, frame: Array, z: Array, v: Array) -> None
         velocity = frame[spatial.V : spatial.V + 6]
     count = row[at.NP] - row[at.NQ]
     z[p : p + count], v[u : u + rigid] = position[:count], velocity[:rigid]
-
-
-def displacements(system: System, work: Work) -> dict[str, tuple[float, float]]:
-    """How far bodies lie from where the scene file puts them, by name: of the origin
-    [m], and the angle [rad]; `work` holds the frames."""
-    found = {}
-    for b, data in enumerate(system.bodies):
-        if data.name == GROUND_NAME:
-            continue
-        initial, frame = system.scene.bodies[data.name].initial, work.frame[b]
-        if system.planar:
-            place = as_3d(tuple(frame[[planar.X, planar.Y]]))
-            angle = abs(frame[planar.ANGLE] - (initial.angle or 0.0))
-        else:
-            place = frame[spatial.X : spatial.X + 3]
-            R = frame[spatial.R : spatial.R + 9].reshape(3, 3)
-            q = quaternion(rotation(initial).T @ R)
-            angle = 2.0 * np.arctan2(np.linalg.norm(q[1:]), q[0])
-        way = np.linalg.norm(place - as_3d(initial.position))
-        found[data.name] = float(way), float(angle)
-    return found

@@ -10,6 +10,7 @@ from .assembly import assemble, names_of_rows
 from .bodies import BodyData
 from .body_measures import expected_bodies
 from .checks import check_attachments
+from .displacements import told_displacements
 from .kernels import layout as at
 from .scene import GROUND_NAME, System
 
@@ -45,6 +46,8 @@ def describe(system: System) -> list[str]:
     for name, body in expected_bodies(system, start).items():
         lines.append(f"body {name}: {body.before}")
     lines += _defects(system)
+    least = system.scene.accuracy.rtol
+    lines += told_displacements(system, start, least)
     for name, owner in system.eliminated.items():
         lines.append(
             f"{name}: dropped from the constraints, the frame of {owner} is prescribed"

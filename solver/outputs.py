@@ -8,6 +8,7 @@ import numpy as np
 
 from formats.errors import InputError
 from formats.scene import (
+    IN_BODY,
     SCENE_QUANTITIES,
     coordinate_of,
     is_rate,
@@ -26,7 +27,7 @@ from .kernels import planar
 from .kernels import spatial_columns as spatial
 from .kernels.layout import Work
 from .kernels.newton import Kernels, Memory
-from .motion import place
+from .motion import frame_motion, place
 from .sampling import Samples, sample
 from .scene import GROUND_NAME, System
 from .scene_outputs import SceneQuantities
@@ -187,6 +188,10 @@ def _elastic_columns(
 
 def _body_column(system: System, samples: Samples, owner: str, quantity: str) -> Array:
     frame = samples.frames[:, system.index(owner)]
+    if quantity.endswith(IN_BODY):
+        motion = frame_motion(system, samples, system.index(owner))
+        V = {"v": motion.V, "w": motion.W}[quantity[0]]
+        return V[:, "xyz".index(quantity[1])]
     if system.planar:
         return _planar_body(frame, quantity)
     return _spatial_body(frame, quantity)
@@ -247,9 +252,10 @@ def position_names(system: System) -> tuple[str, ...]:
 
 
 def velocity_names(system: System) -> tuple[str, ...]:
-    """Names of the entries of z_II; velocities of frames are body-resolved."""
-    rigid = {2: "vx vy", 3: "vx vy wz" if system.planar else "vx vy vz", 0: ""}
-    rigid |= {6: "vx vy vz wx wy wz"}
+    """Names of the entries of z_II; velocities of frames are in body axes."""
+    axes = "vx vy wz" if system.planar else "vx vy vz wx wy wz"
+    names = [name + IN_BODY for name in axes.split()]
+    rigid = {n: " ".join(names[:n]) for n in (0, 2, 3, 6)}
     return _coordinate_names(system, at.NV, rigid, "vq")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from formats.sid import Array
 
 from . import assembly, dense, events, notes, outputs, warmup
 from .body_measures import expected_bodies, reached_bodies
+from .displacements import told_displacements
 from .energy_history import History, is_wanted
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Advance, newton_steps, recording, stepping
@@ -55,6 +56,7 @@ def simulate(
     spectral_radius: float | None = None,
     progress: Progress | None = None,
     foresee: Foresee | None = None,
+    told: Iterable[str] = (),
 ) -> Result:
     """Integrates a compiled scene over its time span.
 
@@ -67,6 +69,7 @@ def simulate(
     spectral_radius : of generalised_alpha, 0 to 1, default as in the scene
     progress : called with the simulated time [s] from time to time
     foresee : called before the first step with what is expected of flexible bodies
+    told : sentences for the notes of the result
 
     Raises
     ------
@@ -81,7 +84,7 @@ def simulate(
     expected = expected_bodies(system, start)
     if foresee is not None:
         foresee(expected)
-    run = _Run(system, settings, start)
+    run = _Run(system, settings, start, tuple(told))
     assembled = time.perf_counter()
     failure = run.go(progress)
     solved = time.perf_counter()
@@ -100,8 +103,10 @@ class _Run:
         system: System,
         settings: Settings,
         start: assembly.Start,
+        told: tuple[str, ...],
     ) -> None:
-        self.system, self.settings = system, settings
+        self.system, self.settings, self.start = system, settings, start
+        self.told = told
         methods = [INTEGRATORS[name] for name in settings.possible]
         self.method, self.switched = methods[0], math.nan
         self.work: Work = new_work(system)
@@ -207,6 +212,8 @@ class _Run:
 
     def _notes(self) -> Iterator[str]:
         """What a reader has to know of the numbers."""
+        yield from self.told
+        yield from told_displacements(self.system, self.start, self.settings.rtol)
         time, last = self.system.scene.time, self.times[-1]
         if time.output_times is None and time.end - last > 1e-9 * (
             time.end - time.start

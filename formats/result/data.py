@@ -28,7 +28,9 @@ class Result:
         last if a state is known there
     values : (nt, n outputs)
     positions, velocities, multipliers : (nt, ...) full state, one column per name in
-        `position_names`, `velocity_names`, `multiplier_names`; positions end with the
+        `position_names`, `velocity_names`, `multiplier_names`; velocities of frames
+        are in body axes (vx_body ... wz_body) and outputs in inertial ones unless
+        their names end in _body; positions end with the
         angles in space that are counted beyond half a turn [rad]
     counters : cost of the run: steps, rejected, evaluations, factorisations, seconds
     drift : largest constraint residuals: position, velocity

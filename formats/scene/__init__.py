@@ -53,6 +53,7 @@ from .joints import (
     marker_names,
 )
 from .outputs import (
+    IN_BODY,
     PEAK_STRESS,
     SCENE_QUANTITIES,
     STRESSES,
@@ -89,6 +90,7 @@ __all__ = [
     "Given",
     "Ground",
     "Harmonic",
+    "IN_BODY",
     "Initial",
     "Joint",
     "Marker",

@@ -26,10 +26,10 @@ class Initial(Placement):
     """Where a body starts; the assembly moves it unless it is `fixed`."""
 
     velocity: Vector | None = Field(
-        default=None, description="of the frame's origin [m/s]"
+        default=None, description="of the frame's origin, in inertial axes [m/s]"
     )
     angular_velocity: AngularVelocity | None = Field(
-        default=None, description="[rad/s]"
+        default=None, description="in inertial axes [rad/s]"
     )
     fixed: bool = Field(
         default=False, description="true: the assembly must not move it"

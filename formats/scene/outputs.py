@@ -2,11 +2,12 @@
 
 BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.QUANTITY, where BODY may be followed by a
 marker name or, for a SID, a node id. Quantities of a body: x y z, angle, vx vy vz,
-wx wy wz, ax ay az, qN, vqN, and q*, vq* for all of them. Quantities of a marker: x y z,
-vx vy vz, ax ay az, ux uy uz for its elastic displacement in the body frame, and, of a
-SID with stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sigma_xz and
-von_mises [Pa]. The largest von_mises over all nodes with stress is peak_von_mises of
-the body.
+wx wy wz, ax ay az, qN, vqN, and q*, vq* for all of them. Motion is in inertial axes;
+vx_body vy_body vz_body and wx_body wy_body wz_body are velocities in the axes of the
+body, which are the states of a result. Quantities of a marker: x y z, vx vy vz,
+ax ay az, ux uy uz for its elastic displacement in the body frame, and, of a SID with
+stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sigma_xz and von_mises [Pa].
+The largest von_mises over all nodes with stress is peak_von_mises of the body.
 
 Coordinates of a joint are angle, displacement, length, angle_1 and angle_2, as far as
 it has them, and their rates angle_rate, ...; angles go on over many turns. Quantities
@@ -32,7 +33,14 @@ POINT_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"]
 STRESSES = (*(f"sigma_{pair}" for pair in STRESS_COMPONENTS), "von_mises")
 PEAK_STRESS = "peak_von_mises"
 MARKER_QUANTITIES = POINT_QUANTITIES | frozenset(["ux", "uy", "uz", *STRESSES])
-BODY_QUANTITIES = POINT_QUANTITIES | frozenset(["angle", "wx", "wy", "wz", PEAK_STRESS])
+#: Velocities of a body frame in its own axes end in this.
+IN_BODY = "_body"
+VELOCITIES = ("vx", "vy", "vz", "wx", "wy", "wz")
+BODY_QUANTITIES = (
+    POINT_QUANTITIES
+    | frozenset(["angle", PEAK_STRESS, *VELOCITIES])
+    | frozenset(name + IN_BODY for name in VELOCITIES)
+)
 JOINT_QUANTITIES = frozenset(["fx", "fy", "fz", "mx", "my", "mz"])
 #: Quantities of the whole scene, by what stands in the place of a body.
 SCENE_QUANTITIES = {

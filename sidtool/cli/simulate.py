@@ -129,15 +129,18 @@ def _run(
     from solver import compile_scene
     from solver import simulate as run
 
+    from ..other_shapes import other_shapes
     from ..swaps import swapped
 
-    scene, sids = swapped(scene, _swaps(swaps, scene), path.parent)
+    plain = scene
+    scene, sids = swapped(plain, _swaps(swaps, scene), path.parent)
+    told = other_shapes(plain, path.parent, sids)
     try:
         system = compile_scene(
             scene, path.parent, sids=sids, accept_defects=accept_defects
         )
         progress = _share(bar, scene.time)
-        return run(system, progress=progress, foresee=_foresee, **settings)
+        return run(system, progress=progress, foresee=_foresee, told=told, **settings)
     except InputError as error:
         raise error.located(path) from None
 

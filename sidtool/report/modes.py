@@ -77,6 +77,12 @@ def modes_of(sid: SID) -> tuple[Mode, ...]:
     return tuple(modes)
 
 
+def kinds_of(sid: SID) -> tuple[str, ...]:
+    """What each elastic coordinate alone is: "bending y", "torsion", ..."""
+    long_axis = _long_axis(sid)
+    return tuple(_kind(sid, shape, long_axis) for shape in np.eye(sid.nq))
+
+
 def frame_of(sid: SID) -> str:
     """The kind of body frame, judged by the couplings and the nodes."""
     if sid.nq == 0:

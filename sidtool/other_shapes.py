@@ -1,0 +1,45 @@
+"""What changes its meaning when a scene is run with another SID of a body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from formats.errors import InputError
+from formats.scene import SceneFile, SidBody
+from formats.sid import SID
+from formats.sid_files import read_sid
+
+from .report.modes import kinds_of
+
+#: Elastic coordinates that are told of.
+MOST = 3
+
+
+def other_shapes(
+    scene: SceneFile, folder: Path, sids: Mapping[str, SID]
+) -> Iterator[str]:
+    """A sentence for each body whose elastic coordinates name other shapes.
+
+    Compared are the kinds of motion, such as bending in y, of the coordinates that both
+    SIDs have. Where the file of the scene cannot be read there is nothing to compare.
+
+    sids : SIDs that replace the files of the bodies with these names
+    """
+    for name, sid in sids.items():
+        body = scene.bodies.get(name)
+        if not isinstance(body, SidBody):
+            continue
+        try:
+            former = kinds_of(read_sid(folder / body.sid))
+        except InputError:
+            continue
+        pairs = enumerate(zip(kinds_of(sid), former, strict=False), 1)
+        changed = [f"q{k} is {a}, was {b}" for k, (a, b) in pairs if a != b]
+        if changed:
+            more = len(changed) - MOST
+            told = changed[:MOST] + ([f"{more} more"] if more > 0 else [])
+            yield (
+                f"elastic coordinates of {name} name other shapes than those of "
+                f"{body.sid}: {', '.join(told)}"
+            )
