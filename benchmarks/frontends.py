@@ -26,7 +26,11 @@ IN_PLANE = 1e-3
 MODES = {2: 5, 3: 18}
 
 PLANE = {
-    "Q4, 150 x 10": {"type": "q4", "elements": [150, 10]},
+    "Q4, 150 x 10": {
+        "type": "q4",
+        "elements": [150, 10],
+        "formulation": "full_integration",
+    },
     "Q4, incompatible modes": {
         "type": "q4",
         "elements": [150, 10],

@@ -16,15 +16,15 @@ Counts = tuple[Count, Count] | tuple[Count, Count, Count]
 class Q4Discretisation(Part):
     """Bilinear quadrilaterals that sample the geometry at equal parameter steps.
 
-    `full_integration` uses 2 x 2 Gauss points; `incompatible_modes` adds the four
-    internal modes of QM6 (Taylor, Beresford & Wilson 1976), which remove the shear
-    locking in bending.
+    `incompatible_modes` adds the four internal modes of QM6 (Taylor, Beresford &
+    Wilson 1976) to 2 x 2 Gauss points, which remove the shear locking in bending;
+    `full_integration` does without them.
     """
 
     type: Literal["q4"]
     elements: tuple[Count, Count]
     state: Literal["plane_stress", "plane_strain"] = "plane_stress"
-    formulation: Formulation = "full_integration"
+    formulation: Formulation = "incompatible_modes"
 
 
 class IgaDiscretisation(Part):
@@ -74,7 +74,7 @@ class SolidDiscretisation(Part):
 
     type: Literal["hex8", "hex20", "tet4", "tet10"]
     elements: tuple[Count, Count, Count]
-    formulation: Formulation = "full_integration"
+    formulation: Formulation = "incompatible_modes"
 
 
 class BeamDiscretisation(Part):
@@ -98,7 +98,11 @@ class MeshDiscretisation(Part):
     state: Literal["plane_stress", "plane_strain"] | None = Field(
         None, description="of plane elements that do not say it themselves"
     )
-    formulation: Formulation = "full_integration"
+    formulation: Formulation | None = Field(
+        None,
+        description="of hex8 and quad4, instead of what the file says; by default "
+        "incompatible modes where the file does not say it",
+    )
 
 
 class MatricesDiscretisation(Part):

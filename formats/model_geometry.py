@@ -247,14 +247,18 @@ class MeshGeometry(Part):
     Attributes
     ----------
     file : relative to the model file
-    unit : length of one unit of the mesh [m]
-    thickness : of plane elements [m]
+    unit : length of one unit of the mesh [m], or the name of a unit system such as
+        mm-kg-ms. Materials of the file are in the same system, with newton and second
+        if only a length is given: MPa and t/mm^3 with 0.001
+    thickness : of plane elements, instead of that in the file [m]
+    ignore : keywords, cards or commands of the file that are left out on purpose
     """
 
     type: Literal["mesh"]
     file: str
-    unit: Positive = 1.0
+    unit: Positive | str = 1.0
     thickness: Positive | None = None
+    ignore: tuple[str, ...] = ()
 
     @property
     def edge_names(self) -> Mapping[str, Any]:

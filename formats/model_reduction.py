@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -297,7 +297,7 @@ class StressRecovery(Part):
 
 
 def check_reduction(
-    reduction: ReductionPart, markers: Iterable[str], sets: Iterable[str]
+    reduction: ReductionPart, markers: Iterable[str], sets: Collection[str]
 ) -> None:
     """Whether a reduction names markers and sets that there are.
 
@@ -309,4 +309,7 @@ def check_reduction(
     for name in reduction.interface_names:
         check_name(name, known, "marker", "reduction.interfaces")
     for name in reduction.fixed_names:
-        check_name(name, (*sets, *known), "edge, node set or marker", "reduction.fix")
+        if name not in sets:
+            check_name(
+                name, (*sets, *known), "edge, node set or marker", "reduction.fix"
+            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from formats.errors import InputError
@@ -11,13 +12,19 @@ from formats.model_geometry import MeshGeometry
 
 from ..importers.imported import ImportedMesh
 from ..importers.meshes import read_mesh
+from ..validate.units import UnitSystem, unit_system
 from .conformity import check_conforming
+from .contact import check_contact
 from .finite_element_model import FiniteElementModel
-from .mesh import check_mesh, without_free_nodes
+from .mesh import Mesh, check_mesh, without_free_nodes
 from .mesh_points import MeshPoints
 from .named_sets import NamedSets
 from .patch_markers import at_marker, placed
 from .solids import mesh_continua, mesh_matrices
+
+#: No solid is as heavy [kg/m^3] or as stiff [Pa]: such a material has other units.
+_HEAVIEST, _STIFFEST = 1e5, 1e13
+Materials = Mapping[str | None, Material]
 
 
 def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
@@ -33,25 +40,23 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     geometry, settings = model.geometry, model.discretisation
     assert isinstance(geometry, MeshGeometry)
     assert isinstance(settings, MeshDiscretisation)
-    imported = read_mesh(geometry.file)
-    mesh = without_free_nodes(imported.mesh)
-    mesh = replace(mesh, positions=mesh.positions * geometry.unit)
-    plane = mesh.dimension == 2
+    units = _units(geometry)
+    imported = read_mesh(geometry.file, geometry.ignore)
     try:
+        mesh = _scaled(without_free_nodes(imported.mesh), geometry, settings, units)
         check_mesh(mesh, "mesh")
         check_conforming(mesh, "mesh")
-        materials = _materials(model, imported)
+        check_contact(mesh, "mesh")
+        own = _own_materials(imported, geometry, units)
+        materials = _materials(model, mesh, own)
+        plane = mesh.dimension == 2
         state = _state(settings, imported) if plane else "solid"
-        thickness = _thickness(geometry, imported) if plane else 1.0
-        relieved = settings.formulation == "incompatible_modes"
-        mass, stiffness = mesh_matrices(
-            mesh, materials, state, thickness=thickness, incompatible_modes=relieved
-        )
+        if plane:
+            _check_thickness(mesh)
+        mass, stiffness = mesh_matrices(mesh, materials, state, incompatible_modes=True)
     except InputError as error:
         raise error.located(geometry.file) from None
-    continua = mesh_continua(
-        mesh, materials, state, thickness=thickness, incompatible_modes=relieved
-    )
+    continua = mesh_continua(mesh, materials, state, incompatible_modes=True)
     points = MeshPoints(mesh, continua)
     markers = []
     for name, marker in placed(model.markers):
@@ -65,24 +70,84 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         node_sets=NamedSets(mesh.node_sets),
         markers=tuple(markers),
         continua=continua,
+        notes=(*imported.notes, *_notes(model, imported, own)),
     )
 
 
-def _materials(model: ModelFile, imported: ImportedMesh) -> dict[str | None, Material]:
-    names = {block.material for block in imported.mesh.blocks}
+def _units(geometry: MeshGeometry) -> UnitSystem:
+    """The units of the file; with a length alone, newton and second."""
+    if isinstance(geometry.unit, str):
+        try:
+            return unit_system(geometry.unit)
+        except InputError as error:
+            raise InputError(
+                error.problem, place="geometry.unit", expected=error.expected
+            ) from None
+    return UnitSystem("", geometry.unit, 1 / geometry.unit, 1.0, "N")
+
+
+def _scaled(
+    mesh: Mesh, geometry: MeshGeometry, settings: MeshDiscretisation, units: UnitSystem
+) -> Mesh:
+    """The mesh in metres, with the choices of the model file."""
+    blocks = []
+    for block in mesh.blocks:
+        own = None if block.thickness is None else block.thickness * units.length
+        blocks.append(
+            replace(
+                block,
+                thickness=geometry.thickness or own,
+                formulation=settings.formulation or block.formulation,
+            )
+        )
+    positions = mesh.positions * units.length
+    return replace(mesh, positions=positions, blocks=tuple(blocks))
+
+
+def _own_materials(
+    imported: ImportedMesh, geometry: MeshGeometry, units: UnitSystem
+) -> dict[str, Material]:
+    """The materials of the file in SI units."""
+    stress = units.mass / units.length / units.time**2
+    density = units.mass / units.length**3
+    return {
+        name: Material(
+            youngs_modulus=own.youngs_modulus * stress,
+            poissons_ratio=own.poissons_ratio,
+            density=own.density * density,
+        )
+        for name, own in imported.materials.items()
+    }
+
+
+def _materials(
+    model: ModelFile, mesh: Mesh, own: Mapping[str, Material]
+) -> dict[str | None, Material]:
+    names = {block.material for block in mesh.blocks}
     if model.material is not None:
         return dict.fromkeys(names, model.material)
     result: dict[str | None, Material] = {}
     for name in names:
-        if name is None or name not in imported.materials:
+        if name is None or name not in own:
             what = "elements without a material" if name is None else f"material {name}"
             raise InputError(
                 f"has {what}, of which E, nu and density are not known",
                 expected="complete and constant materials in the mesh file, or a table "
                 "[material]",
             )
-        result[name] = imported.materials[name]
+        _check_units(name, own[name])
+        result[name] = own[name]
     return result
+
+
+def _check_units(name: str, material: Material) -> None:
+    if material.density > _HEAVIEST or material.youngs_modulus > _STIFFEST:
+        raise InputError(
+            f"material {name} would have {_described(material)}",
+            place="geometry.unit",
+            expected='the units that the file is written in, such as "mm-t-s" or '
+            '"mm-kg-ms", or a table [material]',
+        )
 
 
 def _state(settings: MeshDiscretisation, imported: ImportedMesh) -> str:
@@ -96,11 +161,45 @@ def _state(settings: MeshDiscretisation, imported: ImportedMesh) -> str:
     return state
 
 
-def _thickness(geometry: MeshGeometry, imported: ImportedMesh) -> float:
-    if geometry.thickness is not None:
-        return geometry.thickness
-    if imported.thickness is None:
+def _check_thickness(mesh: Mesh) -> None:
+    if any(block.thickness is None for block in mesh.blocks):
         raise InputError(
             "is missing", place="geometry.thickness", expected="that of plane elements"
         )
-    return imported.thickness * geometry.unit
+
+
+def _notes(
+    model: ModelFile, imported: ImportedMesh, own: Mapping[str, Material]
+) -> Iterator[str]:
+    """What the model file replaces in the mesh file, and what it leaves to it."""
+    blocks, geometry, settings = (
+        imported.mesh.blocks,
+        model.geometry,
+        model.discretisation,
+    )
+    assert isinstance(geometry, MeshGeometry)
+    assert isinstance(settings, MeshDiscretisation)
+    named = {b.material for b in blocks if b.material is not None}
+    if model.material is None:
+        for name in sorted(named):
+            yield f"material {name} of the file: {_described(own[name])}"
+    elif named:
+        yield f"[material] replaces {', '.join(sorted(named))} of the file"
+    depths = {b.thickness for b in blocks if b.thickness is not None}
+    if geometry.thickness is not None and depths:
+        listed = ", ".join(f"{depth:g}" for depth in sorted(depths))
+        yield f"geometry.thickness replaces {listed} of the file"
+    if settings.state and imported.state and settings.state != imported.state:
+        yield f"discretisation.state replaces {imported.state} of the file"
+    chosen = {b.formulation for b in blocks if b.kind in ("hex8", "quad4")}
+    if settings.formulation and chosen - {None, settings.formulation}:
+        yield f"{settings.formulation} of the model file replaces that of the elements"
+    if not settings.formulation and None in chosen:
+        yield "elements without a formulation (hex8, quad4) have incompatible modes"
+
+
+def _described(material: Material) -> str:
+    return (
+        f"E = {material.youngs_modulus:g} Pa, nu = {material.poissons_ratio:g}, "
+        f"density = {material.density:g} kg/m^3"
+    )

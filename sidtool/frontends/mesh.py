@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,12 +28,16 @@ class ElementBlock:
     nodes : (ne, m) rows of the mesh's positions
     labels : (ne,) element numbers in the file they came from
     material : name of their material, if the mesh names materials
+    thickness : of plane elements, if the mesh says it, in its unit of length
+    formulation : "full_integration" or "incompatible_modes", if the mesh says it
     """
 
     kind: str
     nodes: Indices
     labels: Indices
     material: str | None = None
+    thickness: float | None = None
+    formulation: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +97,7 @@ def without_free_nodes(mesh: Mesh) -> Mesh:
     return Mesh(
         positions=mesh.positions[used],
         blocks=tuple(
-            ElementBlock(b.kind, number[b.nodes], b.labels, b.material)
-            for b in mesh.blocks
+            replace(block, nodes=number[block.nodes]) for block in mesh.blocks
         ),
         node_sets={k: number[s[used[s]]] for k, s in mesh.node_sets.items()},
         labels=mesh.labels[used] if mesh.labels.size else mesh.labels,

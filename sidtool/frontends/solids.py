@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 _BATCH_ENTRIES = 200_000
 #: From this Poisson's ratio on, elements that lock in volume are refused.
 _NEARLY_INCOMPRESSIBLE = 0.49
+_FORMULATIONS = ("full_integration", "incompatible_modes")
 
 
 def mesh_matrices(
@@ -46,9 +47,9 @@ def mesh_matrices(
     ----------
     materials : by the names in the blocks of the mesh
     state : "plane_stress", "plane_strain" or "solid"
-    thickness : of a plane body [m]
+    thickness : of plane elements whose block does not say it [m]
     incompatible_modes : whether quad4 and hex8 get the internal modes of Taylor,
-        Beresford & Wilson (1976)
+        Beresford & Wilson (1976), where their block does not say it
 
     Raises
     ------
@@ -59,14 +60,15 @@ def mesh_matrices(
     stiffness = sp.csr_matrix((d * n, d * n))
     for block in mesh.blocks:
         material = materials[block.material]
-        extra = incompatible_modes and block.kind in RELIEVED_KINDS
+        extra = _relieved(block, incompatible_modes)
+        depth = block.thickness or thickness
         check_locking(block.kind, material, state, extra)
         m, k = assembled(
             element_batches(mesh, block, relieved=extra),
             n,
             dimension=d,
-            density=material.density * thickness,
-            law=elasticity(material, state) * thickness,
+            density=material.density * depth,
+            law=elasticity(material, state) * depth,
             mass_batches=element_batches(mesh, block, "mass"),
         )
         mass, stiffness = mass + m, stiffness + k
@@ -84,13 +86,20 @@ def mesh_continua(
     """The material of every block; the parameters are those of `mesh_matrices`."""
     continua = []
     for block in mesh.blocks:
-        extra = incompatible_modes and block.kind in RELIEVED_KINDS
+        extra = _relieved(block, incompatible_modes)
         batches = partial(element_batches, mesh, block, relieved=extra)
-        material = materials[block.material]
+        material, depth = materials[block.material], block.thickness or thickness
         continua.append(
-            continuum_of(batches, material, state, thickness, internal_modes=extra)
+            continuum_of(batches, material, state, depth, internal_modes=extra)
         )
     return tuple(continua)
+
+
+def _relieved(block: ElementBlock, otherwise: bool) -> bool:
+    """Whether the elements of a block get internal modes."""
+    if block.kind not in RELIEVED_KINDS:
+        return False
+    return (block.formulation or _FORMULATIONS[otherwise]) == _FORMULATIONS[True]
 
 
 def check_locking(kind: str, material: Material, state: str, relieved: bool) -> None:

@@ -46,7 +46,7 @@ _ANSYS = {
 }
 
 
-def read_bdf(path: str | Path) -> ImportedMesh:
+def read_bdf(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
     """The mesh of a Nastran bulk data file; needs pyNastran.
 
     Raises
@@ -108,7 +108,7 @@ def _from_nastran(data: Any) -> ImportedMesh:
     return ImportedMesh(assembled_mesh(nodes, raw, sets), materials)
 
 
-def read_cdb(path: str | Path) -> ImportedMesh:
+def read_cdb(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
     """The mesh of an ANSYS archive; needs mapdl-archive.
 
     Raises

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,24 +29,30 @@ class ImportedMesh:
     mesh : in the units of the file; plane meshes in two dimensions
     materials : by the names in the blocks of the mesh; incomplete ones are left out
     state : "plane_stress" or "plane_strain" if the element types say it
-    thickness : of plane elements if the file says it
+    notes : sentences on what was read, replaced and left out
     """
 
     mesh: Mesh
     materials: Mapping[str, Material] = field(default_factory=dict)
     state: str | None = None
-    thickness: float | None = None
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class RawElement:
-    """One element as the file has it: where it stands and the labels of its nodes."""
+    """One element as the file has it: where it stands and the labels of its nodes.
+
+    `thickness` is that of a plane element and `formulation` that of our element, where
+    the file says them.
+    """
 
     label: int
     kind: str
     nodes: Sequence[int]
     place: str
     material: str | None = None
+    thickness: float | None = None
+    formulation: str | None = None
 
 
 def read_lines(path: str | Path) -> list[str]:
@@ -86,7 +93,7 @@ def assembled_mesh(
     """
     labels = np.fromiter(nodes, np.int64, len(nodes))
     row = {label: i for i, label in enumerate(nodes)}
-    groups: dict[tuple[str, str | None], list[RawElement]] = {}
+    groups: dict[tuple[Any, ...], list[RawElement]] = {}
     seen: set[int] = set()
     for element in elements:
         if element.label in seen:
@@ -97,10 +104,11 @@ def assembled_mesh(
             )
         seen.add(element.label)
         _check_nodes(element, row)
-        groups.setdefault((element.kind, element.material), []).append(element)
+        alike = (element.kind, element.material, element.thickness, element.formulation)
+        groups.setdefault(alike, []).append(element)
     if not groups:
         raise InputError("holds no solid element", expected="a mesh of solid elements")
-    dimensions = {reference_element(kind).dimension for kind, _ in groups}
+    dimensions = {reference_element(kind).dimension for kind, *_ in groups}
     if len(dimensions) > 1:
         raise InputError(
             "mixes plane and solid elements", expected="elements of one dimension"
@@ -119,8 +127,10 @@ def assembled_mesh(
             np.array([[row[n] for n in e.nodes] for e in group], np.int64),
             np.array([e.label for e in group], np.int64),
             material,
+            thickness,
+            formulation,
         )
-        for (kind, material), group in groups.items()
+        for (kind, material, thickness, formulation), group in groups.items()
     )
     if d == 2:
         used = np.unique(np.concatenate([b.nodes.ravel() for b in blocks]))

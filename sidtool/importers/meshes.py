@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from formats.errors import InputError
@@ -13,7 +13,7 @@ from .inp import read_inp
 from .msh import read_msh
 
 #: One line adds a format.
-MESH_READERS: dict[str, Callable[[str | Path], ImportedMesh]] = {
+MESH_READERS: dict[str, Callable[[str | Path, frozenset[str]], ImportedMesh]] = {
     ".inp": read_inp,
     ".msh": read_msh,
     ".bdf": read_bdf,
@@ -23,8 +23,12 @@ MESH_READERS: dict[str, Callable[[str | Path], ImportedMesh]] = {
 }
 
 
-def read_mesh(path: str | Path) -> ImportedMesh:
+def read_mesh(path: str | Path, ignored: Iterable[str] = ()) -> ImportedMesh:
     """The mesh of a file.
+
+    Parameters
+    ----------
+    ignored : keywords, cards or commands that are left out on purpose
 
     Raises
     ------
@@ -37,4 +41,5 @@ def read_mesh(path: str | Path) -> ImportedMesh:
             source=path,
             expected=", ".join(MESH_READERS),
         )
-    return MESH_READERS[ending](path)
+    words = frozenset(" ".join(word.upper().strip("*").split()) for word in ignored)
+    return MESH_READERS[ending](path, words)

@@ -90,7 +90,7 @@ class _Content:
     physical: dict[tuple[int, int], list[int]] = field(default_factory=dict)
 
 
-def read_msh(path: str | Path) -> ImportedMesh:
+def read_msh(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
     """The mesh of a Gmsh file.
 
     Raises

@@ -161,7 +161,7 @@ def set_nodes(model: FiniteElementModel, name: str, place: str) -> Indices:
 
     Raises
     ------
-    InputError : there is none of this name.
+    InputError : there is none of this name, or it is empty.
     """
     if name not in model.node_sets:
         raise InputError(
@@ -169,7 +169,14 @@ def set_nodes(model: FiniteElementModel, name: str, place: str) -> Indices:
             place=place,
             expected=f"one of {', '.join(model.node_sets) or 'none at all'}",
         )
-    return model.node_sets[name]
+    nodes = model.node_sets[name]
+    if not nodes.size:
+        raise InputError(
+            f"the set {name!r} holds no node of an element",
+            place=place,
+            expected="a set with nodes of the body",
+        )
+    return nodes
 
 
 def held_dofs(

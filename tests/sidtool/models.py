@@ -14,7 +14,7 @@ from formats.toml_files import read_data, validated
 EXAMPLES = Path(__file__).parents[2] / "examples" / "slider_crank"
 
 #: The smallest sensible discretisations of each frontend.
-Q4 = {"type": "q4", "elements": [30, 4]}
+Q4 = {"type": "q4", "elements": [30, 4], "formulation": "full_integration"}
 QM6 = {**Q4, "formulation": "incompatible_modes"}
 IGA = {"type": "iga", "degrees": [3, 2], "elements": [10, 2]}
 DISCRETISATIONS = {"q4": Q4, "qm6": QM6, "iga": IGA}

@@ -1,0 +1,162 @@
+"""What the keywords of Abaqus and CalculiX mean for a linear elastic body.
+
+Every keyword of a deck is read, listed as without effect, or refused by name: nothing
+is passed over in silence, and what is not known is refused.
+"""
+
+from __future__ import annotations
+
+from formats.errors import InputError
+
+from .inp_blocks import Block
+
+#: Keywords that are read, and the parameters that they may have.
+READ: dict[str, tuple[str, ...]] = {
+    "NODE": ("NSET", "SYSTEM", "INPUT"),
+    "ELEMENT": ("TYPE", "ELSET", "INPUT"),
+    "NSET": ("NSET", "ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
+    "ELSET": ("ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
+    "MATERIAL": ("NAME", "RTOL", "SRATE FACTOR", "STRAIN RATE REGULARIZATION"),
+    "ELASTIC": ("TYPE", "MODULI"),
+    "DENSITY": (),
+    "SOLID SECTION": ("ELSET", "MATERIAL", "ORIENTATION", "CONTROLS", "REF NODE"),
+    "PART": ("NAME",),
+    "END PART": (),
+    "ASSEMBLY": ("NAME",),
+    "END ASSEMBLY": (),
+    "INSTANCE": ("NAME", "PART"),
+    "END INSTANCE": (),
+    "STEP": (),
+    "END STEP": (),
+}
+#: Loads and supports: the model file says where a body is held and loaded.
+_SUPPORTS = """
+    BOUNDARY; CLOAD; DLOAD; DSLOAD; TEMPERATURE; FILM; RADIATE; CFLUX; DFLUX; SFILM;
+    INITIAL CONDITIONS; BASE MOTION; AMPLITUDE; INERTIA RELIEF; CONNECTOR MOTION;
+    CONNECTOR LOAD; FIELD
+"""
+#: Further material data, which a linear elastic body does not ask for.
+_BEYOND_ELASTIC = """
+    EXPANSION; CONDUCTIVITY; SPECIFIC HEAT; PLASTIC; CREEP; VISCO; CYCLIC HARDENING;
+    RATE DEPENDENT; LATENT HEAT; INELASTIC HEAT FRACTION; DEPVAR; TENSILE FAILURE;
+    SHEAR FAILURE; DAMAGE INITIATION; DAMAGE EVOLUTION; ELECTRICAL CONDUCTIVITY;
+    MAGNETIC PERMEABILITY; PERMEABILITY; SOLUBILITY; DIFFUSIVITY; FAIL STRESS;
+    FAIL STRAIN; VISCOELASTIC; POTENTIAL; ANNEAL TEMPERATURE; DENSITY DISTRIBUTION
+"""
+#: Names, axes and contact properties that act through other keywords only.
+_DEFINITIONS = """
+    HEADING; PREPRINT; PHYSICAL CONSTANTS; SURFACE; SURFACE INTERACTION;
+    SURFACE BEHAVIOR; FRICTION; CONTACT CONTROLS; CONTACT DAMPING; GAP CONDUCTANCE;
+    SURFACE PROPERTY ASSIGNMENT; CONTACT FORMULATION; CLEARANCE; ORIENTATION;
+    TRANSFORM; DISTRIBUTION; DISTRIBUTION TABLE; SECTION CONTROLS;
+    HOURGLASS STIFFNESS; DESIGN VARIABLES; TIME POINTS; BASELINE CORRECTION
+"""
+#: What is computed and written; a deck may say it outside its steps.
+_OUTPUT = """
+    RESTART; NODE PRINT; EL PRINT; NODE FILE; EL FILE; CONTACT PRINT; CONTACT FILE;
+    SECTION PRINT; OUTPUT; NODE OUTPUT; ELEMENT OUTPUT; ENERGY OUTPUT; ENERGY PRINT;
+    CONTACT OUTPUT; MONITOR; FILE FORMAT; FILE OUTPUT; STATIC; FREQUENCY; DYNAMIC;
+    BUCKLE; MODAL DYNAMIC; STEADY STATE DYNAMICS; HEAT TRANSFER; SOLUTION TECHNIQUE;
+    COUPLED TEMPERATURE-DISPLACEMENT; UNCOUPLED TEMPERATURE-DISPLACEMENT; GREEN;
+    COMPLEX FREQUENCY; CONTROLS; INTEGRATED OUTPUT; INTEGRATED OUTPUT SECTION;
+    DIAGNOSTICS; SENSITIVITY; FILTER; VIEWFACTOR; USER OUTPUT VARIABLES
+"""
+
+
+def _listed(text: str) -> frozenset[str]:
+    return frozenset(_squeezed(word) for word in text.split(";"))
+
+
+def _squeezed(keyword: str) -> str:
+    """CalculiX reads keywords without their blanks."""
+    return "".join(keyword.split()).upper()
+
+
+WITHOUT_EFFECT = _listed(";".join((_SUPPORTS, _BEYOND_ELASTIC, _DEFINITIONS, _OUTPUT)))
+_DAMPING = _listed("DAMPING; MODAL DAMPING; GLOBAL DAMPING; STRUCTURAL DAMPING")
+#: Refused with what would do instead; what is not known is refused as well.
+_INSTEAD = {
+    _squeezed(keyword): advice
+    for keyword, advice in {
+        "TIE": "one mesh whose nodes are merged",
+        "EQUATION": "a mesh without constraints between its nodes",
+        "MPC": "a mesh without constraints between its nodes",
+        "CYCLIC SYMMETRY MODEL": "a mesh of the whole body",
+        "RIGID BODY": 'a marker with tie = { type = "rigid", to = SET }',
+        "COUPLING": "a marker with tie = { type = ..., to = SET }",
+        "KINEMATIC": 'a marker with tie = { type = "rigid", to = SET }',
+        "KINEMATIC COUPLING": 'a marker with tie = { type = "rigid", to = SET }',
+        "DISTRIBUTING": 'a marker with tie = { type = "distributing", to = SET }',
+        "DISTRIBUTING COUPLING": "a marker with a distributing tie",
+        "NONSTRUCTURAL MASS": "densities that hold all mass",
+        "MASS": "a rigid body in the scene, fixed to a marker",
+        "ROTARY INERTIA": "a rigid body in the scene, fixed to a marker",
+        "SPRING": "a force in the scene between markers",
+        "DASHPOT": "a force in the scene between markers",
+        "MODEL CHANGE": "a deck of the elements that are there",
+        "SYSTEM": "nodes in the global Cartesian system",
+        "CONTACT PAIR": "one body without contact",
+        "EMBEDDED ELEMENT": "one mesh whose nodes are merged",
+    }.items()
+}
+#: Shortest abbreviation of a parameter.
+_SHORTEST = 3
+
+
+def kind_of(block: Block, ignored: frozenset[str]) -> str:
+    """ "read", "damping" or "without effect".
+
+    Parameters
+    ----------
+    ignored : keywords that the model file leaves out on purpose, in capitals
+
+    Raises
+    ------
+    InputError : the keyword changes the body, or is not known.
+    """
+    squeezed = _squeezed(block.keyword)
+    if squeezed in {_squeezed(word) for word in ignored}:
+        return "ignored"
+    if squeezed in _READ:
+        return "read"
+    if squeezed in _DAMPING:
+        return "damping"
+    if squeezed in WITHOUT_EFFECT:
+        return "without effect"
+    advice = _INSTEAD.get(squeezed)
+    what = "is not supported" if advice else "is not known"
+    raise InputError(
+        f"*{block.keyword} {what}",
+        place=block.place,
+        expected=f"{advice or 'a deck without it'}; geometry.ignore = "
+        f'["{block.keyword}"] leaves it out',
+    )
+
+
+def readable(block: Block) -> Block:
+    """The block with its keyword and parameters spelled in full.
+
+    Raises
+    ------
+    InputError : it has a parameter that is not known here.
+    """
+    keyword = _READ[_squeezed(block.keyword)]
+    allowed = READ[keyword]
+    options = {}
+    for name, value in block.options.items():
+        fitting = [word for word in allowed if word == name] or [
+            word for word in allowed if word.startswith(name) and len(name) >= _SHORTEST
+        ]
+        if keyword.endswith("STEP"):
+            continue
+        if len(fitting) != 1:
+            raise InputError(
+                f"*{keyword} has the parameter {name}, which is not supported",
+                place=block.place,
+                expected=f"among {', '.join(allowed) or 'none'}",
+            )
+        options[fitting[0]] = value
+    return Block(keyword, options, block.place, block.rows)
+
+
+_READ = {_squeezed(keyword): keyword for keyword in READ}

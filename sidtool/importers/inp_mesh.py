@@ -1,0 +1,214 @@
+"""From a deck to its mesh: which part, which section of every element, which sets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import replace
+
+from formats.errors import InputError
+from formats.model import Material
+
+from .imported import ImportedMesh, RawElement, assembled_mesh
+from .inp import Deck, Element, Member, Scope, Section
+from .inp_elements import supported
+
+
+def mesh_of(deck: Deck) -> ImportedMesh:
+    """The mesh of the one part of a deck, with what was left out of it.
+
+    Raises
+    ------
+    InputError : there are several parts, sections that contradict each other, or
+        elements that are no solids.
+    """
+    body, instance = _body(deck)
+    sections = _sections(deck, body)
+    elements, apart = _solids(body, sections)
+    raw = [_raw(element, sections.get(element.label)) for element in elements]
+    mesh = assembled_mesh(body.nodes, raw, _sets(deck, body, instance))
+    states = {element.type.state for element in elements}
+    if len(states) > 1:
+        raise InputError("mixes plane stress and plane strain", expected="one of them")
+    named = {section.material for section in sections.values()}
+    return ImportedMesh(
+        mesh,
+        _materials(deck, named),
+        next(iter(states)),
+        tuple(_notes(deck, body, elements, apart)),
+    )
+
+
+def _body(deck: Deck) -> tuple[Scope, str]:
+    """The scope that holds the elements, and the instance it is."""
+    if not deck.instances:
+        if deck.parts and not deck.assembly.elements:
+            if len(deck.parts) == 1:
+                return next(iter(deck.parts.values())), ""
+            raise InputError(
+                f"has {len(deck.parts)} parts and no instance",
+                expected="an *INSTANCE that says which part is the body",
+            )
+        return deck.assembly, ""
+    if deck.assembly.elements:
+        element = next(iter(deck.assembly.elements.values()))
+        raise InputError(
+            f"element {element.label} ({element.given}) belongs to the assembly",
+            place=element.place,
+            expected="elements of the part only",
+        )
+    ((instance, part),) = deck.instances.items()
+    return deck.parts[part], instance
+
+
+def _sections(deck: Deck, body: Scope) -> dict[int, Section]:
+    """The section of every element that has one."""
+    found: dict[int, Section] = {}
+    for section in body.sections:
+        if section.elset not in body.elsets:
+            raise InputError(
+                f"names the element set {section.elset!r}, which is not defined",
+                place=section.place,
+                expected="an *ELSET of this file",
+            )
+        if section.material not in deck.materials:
+            raise InputError(
+                f"names the material {section.material!r}, which is not defined",
+                place=section.place,
+                expected="a *MATERIAL of this file",
+            )
+        for _, label in body.elsets[section.elset]:
+            known = found.setdefault(label, section)
+            same = replace(section, elset=known.elset, place=known.place) == known
+            if not same:
+                raise InputError(
+                    f"element {label} has another section already ({known.place})",
+                    place=section.place,
+                    expected="one section for every element",
+                )
+    return found
+
+
+def _solids(
+    body: Scope, sections: dict[int, Section]
+) -> tuple[list[Element], list[Element]]:
+    """The elements of the body, and those of lower dimension that only name nodes."""
+    elements = list(body.elements.values())
+    top = max((e.type.dimension for e in elements if e.type.kind), default=3)
+    solids, apart = [], []
+    for element in elements:
+        if element.type.kind and element.type.dimension == top:
+            solids.append(element)
+        elif element.label in sections or element.type.dimension >= top:
+            raise _no_solid(element)
+        else:
+            apart.append(element)
+    if apart and not solids:
+        raise _no_solid(apart[0])
+    return solids, apart
+
+
+def _no_solid(element: Element) -> InputError:
+    if element.type.kind:
+        return InputError(
+            "mixes plane and solid elements",
+            place=element.place,
+            expected="elements of one dimension",
+        )
+    return InputError(
+        f"element type {element.given} is not supported",
+        place=element.place,
+        expected=supported(),
+    )
+
+
+def _raw(element: Element, section: Section | None) -> RawElement:
+    kind = element.type.kind
+    assert kind is not None
+    return RawElement(
+        element.label,
+        kind,
+        element.nodes,
+        element.place,
+        material=section.material if section else None,
+        thickness=section.thickness if section and element.type.state else None,
+        formulation=element.type.formulation,
+    )
+
+
+def _sets(deck: Deck, body: Scope, instance: str) -> dict[str, list[int]]:
+    """Node sets by name; those of the assembly come first, and say so."""
+    sets: dict[str, list[int]] = {}
+    scopes = [body] if body is deck.assembly else [deck.assembly, body]
+    for scope in scopes:
+        own = "" if scope is body else instance
+        for name, nodes in _node_sets(scope, body, own).items():
+            if name not in sets:
+                sets[name] = nodes
+            elif set(nodes) != set(sets[name]):
+                part = f"{instance or body.name}.{name}"
+                sets[part] = nodes
+                deck.remarks.append(f"set {name} of the part is called {part} here")
+    return sets
+
+
+def _node_sets(scope: Scope, body: Scope, instance: str) -> dict[str, list[int]]:
+    """The nodes of the body in all sets of a scope, element sets after node sets."""
+    sets = {
+        name: [n for n in _labels(group, instance) if n in body.nodes]
+        for name, group in scope.nsets.items()
+    }
+    for name, group in scope.elsets.items():
+        known = [body.elements.get(label) for label in _labels(group, instance)]
+        nodes = dict.fromkeys(n for e in known if e is not None for n in e.nodes)
+        sets.setdefault(name, list(nodes))
+    return sets
+
+
+def _labels(group: Iterable[Member], instance: str) -> list[int]:
+    return [label for owner, label in group if owner == instance]
+
+
+def _materials(deck: Deck, named: set[str]) -> dict[str, Material]:
+    """The materials of the sections that are complete and constant."""
+    result = {}
+    for name in sorted(named):
+        table = deck.materials[name]
+        elastic, density = table.get("ELASTIC", []), table.get("DENSITY", [])
+        if len(elastic) != 1 or len(density) != 1 or len(elastic[0]) < 2:
+            continue
+        e, nu, rho = elastic[0][0], elastic[0][1], density[0][0]
+        if e <= 0 or rho <= 0 or not -1 < nu < 0.5:
+            raise InputError(
+                f"material {name} has E = {e:g}, nu = {nu:g}, density {rho:g}",
+                expected="E and density above zero, nu between -1 and 0.5",
+            )
+        result[name] = Material(youngs_modulus=e, poissons_ratio=nu, density=rho)
+    return result
+
+
+def _notes(
+    deck: Deck, body: Scope, elements: list[Element], apart: list[Element]
+) -> Iterable[str]:
+    """What was read of how much, what replaced, what left out."""
+    given = Counter(element.given for element in elements)
+    kinds = {element.given: element.type for element in elements}
+    used = {node for element in elements for node in element.nodes}
+    counted = ", ".join(f"{count} {name}" for name, count in given.items())
+    free = len(body.nodes) - len(used)
+    yield (
+        f"read {len(elements)} of {len(body.elements)} elements ({counted}) and "
+        f"{len(used)} of {len(body.nodes)} nodes"
+        + (f"; {free} nodes belong to no element" if free else "")
+    )
+    for name, count in given.items():
+        if kinds[name].replaced:
+            yield f"{count} elements {name}: {kinds[name].replaced}"
+    for name, count in Counter(element.given for element in apart).items():
+        yield f"{count} elements {name} without a section only name nodes"
+    for part in deck.parts.values():
+        if part is not body:
+            yield f"part {part.name} has no instance and is left out"
+    yield from deck.remarks
+    if deck.said:
+        yield "without effect on the body: " + ", ".join(deck.said)
