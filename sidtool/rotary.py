@@ -75,8 +75,9 @@ def blocks_of_full_mass(
     """Mass and blocks of a spatial body from its mass matrix alone.
 
     Source: sid-format, section 5.1, with Gr and Ge by the identities I10 and I8. Exact
-    for solids; with rotational degrees of freedom the first-order terms are as good as
-    the matrix represents a body that turns as a whole.
+    for solids and for lumped masses, whose rotary inertia turns with its node by a
+    finite rotation. A consistent matrix of beams has rotary inertia in displacements as
+    well, where it is not seen to turn: of Oe m1 in torsion a part is missing.
     """
     nq = shapes.shape[1]
     rigid = body.rigid_body_modes(origin)
@@ -89,7 +90,7 @@ def blocks_of_full_mass(
     gr = 2 * np.swapaxes(gram[r, d].reshape(3, nq, 3), 0, 1)
     x = gram[v, d].reshape(nq, nq, 3)
     dd = gram[d, d].reshape(nq, 3, nq, 3)
-    oe1 = -np.einsum("ialb->liab", dd)
+    oe1 = -np.einsum("ialb->liab", dd) - _turned_twice(body, shapes)
     blocks = _blocks(
         inertia=gram[r, r],
         inertia1=(gr + np.swapaxes(gr, 1, 2)) / 2,
@@ -118,6 +119,24 @@ def _turned(body: FiniteElementModel, shapes: Array) -> Array:
     there = body.table >= 0
     result[body.table[there]] = motion[there]
     return result
+
+
+def _turned_twice(body: FiniteElementModel, shapes: Array) -> Array:
+    """(nq, nq, 3, 3): what the second order of the nodes' rotations adds to J.
+
+    In the axes of a node that turns by psi q, an angular velocity w has the second-
+    order part psi~ psi~ w / 2, by which the rotary inertia of the matrix is multiplied.
+    """
+    there = body.table[:, 3:] >= 0
+    dofs = body.table[:, 3:][there]
+    unit = np.zeros((*there.shape, 3))
+    unit[:] = np.eye(3)
+    momentum = np.zeros_like(unit)
+    momentum[there] = body.mass[dofs][:, dofs] @ unit[there]
+    s = skew(np.swapaxes(body.by_node(shapes)[:, 3:], 1, 2))
+    squares = np.einsum("piab,plbc,pcd->liad", s, s, momentum, optimize=True)
+    squares = (squares + np.swapaxes(squares, 0, 1)) / 2
+    return np.asarray((squares + np.swapaxes(squares, 2, 3)) / 2)
 
 
 def _blocks(

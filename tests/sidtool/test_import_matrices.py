@@ -17,7 +17,8 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
 from formats.errors import InputError
-from formats.model import read_model
+from formats.model import ModelFile, read_model
+from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.validate import check
@@ -320,3 +321,52 @@ def test_calculix_itself(tmp_path: Path, kind: str) -> None:
     ours = np.sqrt(np.diag(sid_from_model(path).Ke.m0)) / (2 * np.pi)
     # Straight elements are the same; CalculiX integrates tetrahedra with fewer points.
     assert_allclose(ours, own, rtol=1e-6 if kind != "tet10" else 2e-2)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+def test_torsion_of_matrices_turns_the_inertia(
+    tmp_path: Path, axis: int, mass: str
+) -> None:
+    """J of a bar that is twisted by theta = f q along its axis, as its sections turn.
+
+    J_yy grows by (Iz - Iy) rho f^2 q^2 dx, J_zz shrinks by as much, J = J0 - q Oe1 q;
+    rho (Iy + Iz) f^2 integrates to the modal mass 1. A consistent matrix of slender
+    beams has most of the sections' inertia in its displacements, where it cannot be
+    told from that of the line: it gives the sign only.
+    """
+    axes = np.roll(np.eye(3), -axis, axis=0)
+    height, width = 0.05, 0.01
+    data = beam(BEAMS["beam"]).model_dump(mode="json", exclude_none=True)
+    data["geometry"]["start"] = [0.0, 0.0, 0.0]
+    data["geometry"]["end"] = list(axes[0])
+    data["geometry"]["y_axis"] = list(axes[1])
+    section = {"shape": "rectangle", "height": height, "width": width}
+    data["geometry"]["section"] = section
+    data["discretisation"] = {"type": "beam", "elements": 10, "mass": mass}
+    body = finite_element_model(validated(data, ModelFile))
+    shape = np.zeros((body.ndof, 1))
+    along = np.cos(np.pi * np.linspace(0.0, 1.0, 11))
+    shape[body.table[:, 3:]] = (along[:, None] * axes[0])[..., None]
+    np.save(tmp_path / "shapes.npy", shape)
+    user = {"method": "user", "file": str(tmp_path / "shapes.npy")}
+    ends = {
+        name: {"node": n, "mesh_node": at}
+        for name, n, at in [("a", 1, 1), ("b", 2, 11)]
+    }
+    path = model(tmp_path, as_npz(tmp_path, body), markers=ends, reduction=user)
+    sid = sid_from_model(path)
+    iy, iz = height * width**3, width * height**3
+    ratio = (iy - iz) / (iy + iz)
+    expected = np.zeros((3, 3))
+    expected[1, 1], expected[2, 2] = ratio, -ratio
+    expected = axes.T @ expected @ axes
+    found = sid.Oe.m1[0, 0]
+    if mass == "consistent":
+        assert (np.sign(np.round(found[:3], 9)) == np.sign(np.diag(expected))).all()
+        return
+    assert_allclose(found, [*np.diag(expected), 0.0, 0.0, 0.0], atol=1e-6)
+    del data["damping"]
+    data |= {"reduction": user, "frame": {"type": "buckens"}}
+    own = sid_from_model(validated(data, ModelFile))
+    assert_allclose(own.Oe.m1[0, 0], found, atol=1e-6)
