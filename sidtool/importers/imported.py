@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -144,6 +145,28 @@ def assembled_mesh(
         for name, group in sets.items()
     }
     return Mesh(positions[:, :d], blocks, members, labels)
+
+
+def reading_notes(
+    nodes: Mapping[int, object], elements: Sequence[RawElement], given: int
+) -> list[str]:
+    """What was read of how many elements and nodes of a file.
+
+    Parameters
+    ----------
+    given : elements in the file, with those of lower dimension that only name nodes
+    """
+    counts = Counter(element.kind for element in elements)
+    listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    used = {node for element in elements for node in element.nodes}
+    notes = [
+        f"read {len(elements)} of {given} elements ({listed}) and {len(used)} of "
+        f"{len(nodes)} nodes"
+    ]
+    if given > len(elements):
+        apart = given - len(elements)
+        notes.append(f"{apart} elements of lower dimension only name nodes")
+    return notes
 
 
 def _check_nodes(element: RawElement, row: Mapping[int, int]) -> None:

@@ -7,82 +7,16 @@ and what of it is refused, stands in `inp_keywords`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from formats.errors import InputError
 
 from .imported import ImportedMesh, integers, numbers
 from .inp_blocks import Block, read_blocks
+from .inp_deck import Deck, Element, Scope, Section, twice
 from .inp_elements import ElementType, element_type, supported
 from .inp_keywords import kind_of, readable
-
-#: A generated set of more members is a damaged number.
-_MOST_MEMBERS = 100_000_000
-#: A node or element of an assembly by its instance ("" for the assembly's own).
-Member = tuple[str, int]
-
-
-@dataclass(frozen=True)
-class Element:
-    """An element of a deck."""
-
-    label: int
-    type: ElementType
-    given: str
-    nodes: list[int]
-    place: str
-
-
-@dataclass(frozen=True)
-class Section:
-    """A *SOLID SECTION."""
-
-    elset: str
-    material: str
-    thickness: float | None
-    place: str
-
-
-@dataclass
-class Scope:
-    """What one part defines, or the assembly, or a flat file."""
-
-    name: str = ""
-    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    elements: dict[int, Element] = field(default_factory=dict)
-    nsets: dict[str, list[Member]] = field(default_factory=dict)
-    elsets: dict[str, list[Member]] = field(default_factory=dict)
-    sections: list[Section] = field(default_factory=list)
-
-
-@dataclass
-class Deck:
-    """A deck as it stands in its file.
-
-    Attributes
-    ----------
-    assembly : also what a flat file defines
-    parts, instances : by name; an instance names its part
-    materials : name -> keyword -> rows of numbers
-    said : keywords without effect
-    remarks : sentences on what has another name here
-    """
-
-    assembly: Scope = field(default_factory=Scope)
-    parts: dict[str, Scope] = field(default_factory=dict)
-    instances: dict[str, str] = field(default_factory=dict)
-    materials: dict[str, dict[str, list[list[float]]]] = field(default_factory=dict)
-    said: dict[str, None] = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
-    scope: Scope = field(default_factory=Scope)
-    material: str = ""
-    spelling: dict[str, str] = field(default_factory=dict)
-
-    def name(self, text: str) -> str:
-        """Names are the same in any case; the first spelling is kept."""
-        plain = text.strip('"')
-        return self.spelling.setdefault(plain.upper(), plain)
+from .inp_sets import extend, read_elset, read_nset
 
 
 def read_inp(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
@@ -133,7 +67,7 @@ def _nothing(deck: Deck, block: Block) -> None:
 def _part(deck: Deck, block: Block) -> None:
     name = deck.name(block.options.get("NAME", ""))
     if name in deck.parts:
-        raise _twice("part", name, block.place)
+        raise twice("part", name, block.place)
     deck.scope = deck.parts.setdefault(name, Scope(name))
 
 
@@ -179,12 +113,12 @@ def _nodes(deck: Deck, block: Block) -> None:
                 expected="at most 3, and 3 of a normal",
             )
         if label in deck.scope.nodes:
-            raise _twice("node", label, place)
+            raise twice("node", label, place)
         x, y, z = (*values, 0.0, 0.0, 0.0)[:3]
         deck.scope.nodes[label] = (x, y, z)
         labels.append(label)
     if "NSET" in block.options:
-        _extend(deck, deck.scope.nsets, block.options["NSET"], labels)
+        extend(deck, deck.scope.nsets, block.options["NSET"], labels)
 
 
 def _elements(deck: Deck, block: Block) -> None:
@@ -196,11 +130,11 @@ def _elements(deck: Deck, block: Block) -> None:
     for words, place in _records(block, kind, given):
         label, *nodes = integers(words, place, "element and node numbers")
         if label in deck.scope.elements:
-            raise _twice("element", label, place)
+            raise twice("element", label, place)
         deck.scope.elements[label] = Element(label, kind, given, nodes, place)
         labels.append(label)
     if "ELSET" in block.options:
-        _extend(deck, deck.scope.elsets, block.options["ELSET"], labels)
+        extend(deck, deck.scope.elsets, block.options["ELSET"], labels)
 
 
 def _records(
@@ -227,84 +161,10 @@ def _records(
     return records
 
 
-def _nset(deck: Deck, block: Block) -> None:
-    if "NSET" not in block.options:
-        raise InputError("has no name", place=block.place, expected="NSET=NAME")
-    name = block.options["NSET"]
-    if "ELSET" not in block.options:
-        return _members(deck, block, name, "nsets")
-    elset = deck.name(block.options["ELSET"])
-    known = deck.scope.elements
-    members = deck.scope.elsets.get(elset)
-    if members is None:
-        raise _undefined_set(elset, block.place)
-    nodes = dict.fromkeys(n for _, e in members if e in known for n in known[e].nodes)
-    return _extend(deck, deck.scope.nsets, name, list(nodes))
-
-
-def _elset(deck: Deck, block: Block) -> None:
-    if "ELSET" not in block.options:
-        raise InputError("has no name", place=block.place, expected="ELSET=NAME")
-    _members(deck, block, block.options["ELSET"], "elsets")
-
-
-def _members(deck: Deck, block: Block, name: str, which: str) -> None:
-    instance = deck.name(block.options.get("INSTANCE", ""))
-    if instance and instance not in deck.instances:
-        raise InputError(
-            f"names the instance {instance!r}, which is not defined",
-            place=block.place,
-            expected="an *INSTANCE above",
-        )
-    found: list[Member] = []
-    for words, place in block.rows:
-        if "GENERATE" in block.options:
-            found += [(instance, n) for n in _generated(words, place)]
-            continue
-        for word in filter(None, words):
-            found += _member(deck, which, instance, word, place)
-    group = getattr(deck.scope, which)
-    group.setdefault(deck.name(name), []).extend(found)
-
-
-def _generated(words: list[str], place: str) -> range:
-    values = integers([word for word in words if word], place, "first, last, step")
-    first, last, step = (*values, 1)[:3] if len(values) > 1 else (1, 0, 0)
-    if step < 1 or last < first or (last - first) // step > _MOST_MEMBERS:
-        found = ", ".join(words)
-        raise InputError(f"found {found!r}", place=place, expected="first, last, step")
-    return range(first, last + 1, step)
-
-
-def _member(
-    deck: Deck, which: str, instance: str, word: str, place: str
-) -> list[Member]:
-    """A number or the name of a set, with or without its instance before a point."""
-    own = getattr(deck.scope, which)
-    if not instance and deck.name(word) in own:
-        return list(own[deck.name(word)])
-    head, point, tail = word.rpartition(".")
-    if point and deck.name(head) in deck.instances:
-        instance, word = deck.name(head), tail
-    if word.lstrip("-").isdigit():
-        return [(instance, int(word))]
-    if instance in deck.instances:
-        own = getattr(deck.parts[deck.instances[instance]], which)
-    if deck.name(word) not in own:
-        raise _undefined_set(word, place)
-    return [(instance, label) for _, label in own[deck.name(word)]]
-
-
-def _extend(
-    deck: Deck, sets: dict[str, list[Member]], name: str, labels: list[int]
-) -> None:
-    sets.setdefault(deck.name(name), []).extend(("", label) for label in labels)
-
-
 def _material(deck: Deck, block: Block) -> None:
     deck.material = deck.name(block.options.get("NAME", ""))
     if deck.material in deck.materials:
-        raise _twice("material", deck.material, block.place)
+        raise twice("material", deck.material, block.place)
     deck.materials[deck.material] = {}
 
 
@@ -317,7 +177,7 @@ def _property(deck: Deck, block: Block) -> None:
             expected="a *MATERIAL before it and a line of numbers after it",
         )
     if block.keyword in table:
-        raise _twice(f"*{block.keyword} of material", deck.material, block.place)
+        raise twice(f"*{block.keyword} of material", deck.material, block.place)
     kind = block.options.get("TYPE", "ISO").upper()
     if not kind.startswith("ISO"):
         raise InputError(
@@ -346,8 +206,8 @@ _READERS = {
     "END INSTANCE": _assembly,
     "NODE": _nodes,
     "ELEMENT": _elements,
-    "NSET": _nset,
-    "ELSET": _elset,
+    "NSET": read_nset,
+    "ELSET": read_elset,
     "MATERIAL": _material,
     "ELASTIC": _property,
     "DENSITY": _property,
@@ -360,23 +220,9 @@ def _filled(words: list[str]) -> list[str]:
     return [word or "0" for word in words]
 
 
-def _twice(what: str, name: object, place: str) -> InputError:
-    return InputError(
-        f"{what} {name} is defined twice", place=place, expected="one definition"
-    )
-
-
 def _unsupported(given: str, place: str) -> InputError:
     return InputError(
         f"element type {given or '(none)'} is not supported",
         place=place,
         expected=supported(),
-    )
-
-
-def _undefined_set(name: str, place: str) -> InputError:
-    return InputError(
-        f"names the set {name!r}, which is not defined",
-        place=place,
-        expected="numbers or the name of a set above",
     )

@@ -10,7 +10,7 @@ from formats.errors import InputError
 from formats.model import Material
 
 from .imported import ImportedMesh, RawElement, assembled_mesh
-from .inp import Deck, Element, Member, Scope, Section
+from .inp_deck import Deck, Element, Member, Scope, Section
 from .inp_elements import supported
 
 

@@ -41,5 +41,5 @@ def read_mesh(path: str | Path, ignored: Iterable[str] = ()) -> ImportedMesh:
             source=path,
             expected=", ".join(MESH_READERS),
         )
-    words = frozenset(" ".join(word.upper().strip("*").split()) for word in ignored)
+    words = frozenset(" ".join(word.upper().strip("*$").split()) for word in ignored)
     return MESH_READERS[ending](path, words)

@@ -19,6 +19,7 @@ from .imported import (
     integers,
     numbers,
     read_lines,
+    reading_notes,
 )
 
 #: Gmsh type -> dimension, nodes, our name, our order of its nodes.
@@ -47,6 +48,19 @@ _TYPES: dict[int, tuple[int, int, str | None, tuple[int, ...] | None]] = {
 }
 
 
+_READ = ("MeshFormat", "PhysicalNames", "Entities", "Nodes", "Elements")
+#: Results, and how the mesh came to be.
+_WITHOUT_EFFECT = (
+    "Comments",
+    "ElementData",
+    "ElementNodeData",
+    "InterpolationScheme",
+    "NodeData",
+    "Parametrizations",
+    "Periodic",
+)
+
+
 class _Lines:
     """The lines of one section, in order."""
 
@@ -60,6 +74,21 @@ class _Lines:
         raise InputError(
             f"${self.name} ends early", expected=f"more lines before $End{self.name}"
         )
+
+    def end(self) -> None:
+        """Nothing may be left behind what was announced.
+
+        Raises
+        ------
+        InputError : there is.
+        """
+        left = next(self._lines, None)
+        if left is not None:
+            raise InputError(
+                f"${self.name} holds more than it announces: {left[0][:40]!r}",
+                place=left[1],
+                expected=f"$End{self.name}",
+            )
 
     def count(self) -> int:
         """A line of one number."""
@@ -99,6 +128,7 @@ def read_msh(path: str | Path, ignored: frozenset[str] = frozenset()) -> Importe
     """
     try:
         sections = _sections(read_lines(path))
+        idle = _without_effect(sections, ignored)
         version = _version(sections)
         content = _Content()
         _physical_names(content, sections)
@@ -110,7 +140,7 @@ def read_msh(path: str | Path, ignored: frozenset[str] = frozenset()) -> Importe
                 _entities(content, _section(sections, "Entities"))
             _nodes_4(content, _section(sections, "Nodes"))
             _elements_4(content, _section(sections, "Elements"))
-        return _imported(content)
+        return _imported(content, idle)
     except InputError as error:
         raise error.located(path) from None
 
@@ -132,12 +162,36 @@ def _sections(lines: list[str]) -> dict[str, list[tuple[str, str]]]:
                     f"found {text}", place=place, expected=f"$End{current}"
                 )
             current = text[1:]
+            if current in sections and current in _READ:
+                raise InputError(
+                    f"holds ${current} twice", place=place, expected="one section"
+                )
             sections[current] = []
         elif current is not None and text:
             sections[current].append((text, place))
     if current is not None:
         raise InputError(f"the file ends inside ${current}", expected=f"$End{current}")
     return sections
+
+
+def _without_effect(
+    sections: dict[str, list[tuple[str, str]]], ignored: frozenset[str]
+) -> list[str]:
+    """The sections that are not read.
+
+    Raises
+    ------
+    InputError : one of them may change the body.
+    """
+    others = [name for name in sections if name not in _READ]
+    for name in others:
+        if name not in _WITHOUT_EFFECT and name.upper() not in ignored:
+            raise InputError(
+                f"holds ${name}, which is not supported",
+                expected=f'a mesh without it; geometry.ignore = ["{name}"] leaves it '
+                "out",
+            )
+    return others
 
 
 def _section(sections: dict[str, list[tuple[str, str]]], name: str) -> _Lines:
@@ -162,7 +216,17 @@ def _version(sections: dict[str, list[tuple[str, str]]]) -> int:
 def _physical_names(
     content: _Content, sections: dict[str, list[tuple[str, str]]]
 ) -> None:
-    for text, place in sections.get("PhysicalNames", [])[1:]:
+    if "PhysicalNames" not in sections:
+        return
+    lines = _section(sections, "PhysicalNames")
+    announced = lines.count()
+    named = sections["PhysicalNames"][1:]
+    if announced != len(named):
+        raise InputError(
+            f"$PhysicalNames announces {announced} names and holds {len(named)}",
+            expected="as many as it announces",
+        )
+    for text, place in named:
         words = text.split(maxsplit=2)
         if len(words) < 3:
             raise InputError(
@@ -176,6 +240,7 @@ def _nodes_2(content: _Content, lines: _Lines) -> None:
     for _ in range(lines.count()):
         words, place = lines.next()
         _add_node(content, integers(words[:1], place)[0], words[1:], place)
+    lines.end()
 
 
 def _add_node(content: _Content, label: int, words: list[str], place: str) -> None:
@@ -192,6 +257,7 @@ def _elements_2(content: _Content, lines: _Lines) -> None:
         label, kind, ntags = values[:3]
         tags = values[3 : 3 + ntags][:1]
         _add_element(content, label, kind, values[3 + ntags :], tags, place)
+    lines.end()
 
 
 def _add_element(
@@ -237,6 +303,7 @@ def _nodes_4(content: _Content, lines: _Lines) -> None:
         for label in labels:
             words, place = lines.next()
             _add_node(content, label, words[:3] if parametric else words, place)
+    lines.end()
 
 
 def _elements_4(content: _Content, lines: _Lines) -> None:
@@ -247,9 +314,10 @@ def _elements_4(content: _Content, lines: _Lines) -> None:
         for _ in range(count):
             (label, *nodes), place = lines.integers(1)
             _add_element(content, label, kind, nodes, tags, place)
+    lines.end()
 
 
-def _imported(content: _Content) -> ImportedMesh:
+def _imported(content: _Content, idle: list[str]) -> ImportedMesh:
     top = max((_TYPES[kind][0] for _, kind, *_ in content.elements), default=0)
     if top < 2:
         raise InputError("has no plane or solid element", expected="a mesh of a body")
@@ -269,4 +337,7 @@ def _imported(content: _Content) -> ImportedMesh:
             )
         listed = nodes if order is None else [nodes[i] for i in order]
         raw.append(RawElement(label, ours, listed, place))
-    return ImportedMesh(assembled_mesh(content.nodes, raw, sets))
+    notes = reading_notes(content.nodes, raw, len(content.elements))
+    if idle:
+        notes.append("without effect on the body: $" + ", $".join(idle))
+    return ImportedMesh(assembled_mesh(content.nodes, raw, sets), notes=tuple(notes))

@@ -13,7 +13,6 @@ Three formats, told by the ending and the content:
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -22,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.errors import InputError
-from formats.model_checks import check_knots
 from formats.toml_files import read_data
 
 from ..geometry.patch import NurbsPatch
+from .gismo import patches_of_gismo
+from .patch_parts import array_of, check_count, entry, grid, patch_of
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def read_patches(path: str | Path) -> dict[str, NurbsPatch]:
     path = Path(path)
     try:
         if path.suffix.lower() == ".xml":
-            return _from_gismo(path)
+            return patches_of_gismo(path)
         data = read_data(path)
         if data.get("format") == "sidtool patches":
             return _from_own(data)
@@ -66,15 +66,15 @@ def _from_own(data: Mapping[str, Any]) -> dict[str, NurbsPatch]:
     result = {}
     for name, table in tables.items():
         place = f"patches.{name}"
-        points = _array(table, "control_points", place)
+        points = array_of(table, "control_points", place)
         weights = (
-            _array(table, "weights", place)
+            array_of(table, "weights", place)
             if isinstance(table, dict) and "weights" in table
             else np.ones(points.shape[:-1])
         )
-        degrees = _get(table, "degrees", place)
-        knots = _get(table, "knots", place)
-        result[name] = _patch(degrees, knots, points, weights, place)
+        degrees = entry(table, "degrees", place)
+        knots = entry(table, "knots", place)
+        result[name] = patch_of(degrees, knots, points, weights, place)
     return result
 
 
@@ -89,190 +89,73 @@ def _from_geomdl(shape: Mapping[str, Any]) -> dict[str, NurbsPatch]:
     items = shape.get("data")
     if not isinstance(items, list) or not items:
         raise InputError("is missing", place="shape.data", expected="a list of patches")
+    if shape.get("count", len(items)) != len(items):
+        raise InputError(
+            f"announces {shape['count']!r} patches and holds {len(items)}",
+            place="shape.count",
+            expected="as many as it announces",
+        )
     result = {}
     for i, item in enumerate(items):
         place = f"shape.data[{i}]"
-        sizes = [_get(item, f"size_{x}", place) for x in letters]
-        net = _get(item, "control_points", place)
-        points = _array(net, "points", f"{place}.control_points")
-        _check_count(points, sizes, place)
+        _check_keys(item, letters, place)
+        sizes = [entry(item, f"size_{x}", place) for x in letters]
+        net = entry(item, "control_points", place)
+        points = array_of(net, "points", f"{place}.control_points")
+        check_count(points, sizes, place)
         weights = np.ones(len(points))
         if "weights" in net:
-            weights = _array(net, "weights", f"{place}.control_points").ravel()
+            weights = array_of(net, "weights", f"{place}.control_points").ravel()
         order = (0, 1) if len(letters) == 2 else (2, 0, 1)
-        result[f"patch{i + 1}"] = _patch(
-            [_get(item, f"degree_{x}", place) for x in letters],
-            [_get(item, f"knotvector_{x}", place) for x in letters],
-            _grid(points, sizes, order),
-            _grid(weights[:, None], sizes, order)[..., 0],
+        result[f"patch{i + 1}"] = patch_of(
+            [entry(item, f"degree_{x}", place) for x in letters],
+            [entry(item, f"knotvector_{x}", place) for x in letters],
+            grid(points, sizes, order),
+            grid(weights[:, None], sizes, order)[..., 0],
             place,
         )
     return result
 
 
-def _from_gismo(path: Path) -> dict[str, NurbsPatch]:
-    try:
-        root = ElementTree.parse(path).getroot()
-    except (ElementTree.ParseError, UnicodeDecodeError, LookupError) as error:
-        raise InputError(str(error), expected="valid XML") from None
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})", expected="a file"
-        ) from None
-    result: dict[str, NurbsPatch] = {}
-    for node in root.iter("Geometry"):
-        kind, name = node.get("type", ""), f"patch{node.get('id', len(result))}"
-        directions = kind[-1:]
-        if not kind.startswith(("TensorBSpline", "TensorNurbs")) or directions not in (
-            "2",
-            "3",
-        ):
-            raise InputError(
-                f"is of type {kind!r}",
-                place=f"geometry {name}",
-                expected="TensorBSpline or TensorNurbs of 2 or 3 directions",
-            )
-        result[name] = _gismo_patch(node, int(directions), f"geometry {name}")
-    if not result:
-        raise InputError("holds no Geometry", expected="a G+Smo file of patches")
-    return result
+def _check_keys(item: Any, letters: str, place: str) -> None:
+    """Nothing but the patch itself and how it is drawn.
 
-
-def _gismo_patch(node: ElementTree.Element, k: int, place: str) -> NurbsPatch:
-    vectors = list(node.iter("KnotVector"))
-    coefs = node.find("coefs")
-    if len(vectors) != k or coefs is None:
+    Raises
+    ------
+    InputError : the patch is trimmed, or has a key that is not known.
+    """
+    if not isinstance(item, dict):
+        return
+    trims = item.get("trims")
+    if isinstance(trims, dict):
+        trims = trims.get("data")
+    if trims:
         raise InputError(
-            f"has {len(vectors)} KnotVector and "
-            f"{'no' if coefs is None else 'one'} coefs",
-            place=place,
-            expected=f"{k} KnotVector and one coefs",
+            "has trim curves, which are not supported",
+            place=f"{place}.trims",
+            expected="whole patches",
         )
-    degrees = [_integer(v.get("degree"), f"{place}: KnotVector") for v in vectors]
-    knots = [_numbers(v.text, f"{place}: KnotVector") for v in vectors]
-    d = _integer(coefs.get("geoDim"), f"{place}: coefs geoDim")
-    flat = _numbers(coefs.text, f"{place}: coefs")
-    if d < 1 or len(flat) % d:
+    shaped = {f"{key}_{x}" for key in _BY_DIRECTION for x in letters}
+    unknown = sorted(set(item) - shaped - _OF_PATCH)
+    if unknown:
         raise InputError(
-            f"has {len(flat)} numbers",
-            place=f"{place}: coefs",
-            expected=f"a multiple of geoDim = {d}",
-        )
-    points = np.array(flat).reshape(-1, d)
-    sizes = [len(u) - p - 1 for u, p in zip(knots, degrees, strict=True)]
-    _check_count(points, sizes, place)
-    text = node.find(".//weights")
-    weights = np.ones(len(points))
-    if text is not None:
-        weights = np.array(_numbers(text.text, f"{place}: weights"))
-    order = tuple(range(k))[::-1]
-    return _patch(
-        degrees,
-        knots,
-        _grid(points, sizes, order),
-        _grid(weights[:, None], sizes, order)[..., 0],
-        place,
-    )
-
-
-def _patch(
-    degrees: Any, knots: Any, points: Array, weights: Array, place: str
-) -> NurbsPatch:
-    k = points.ndim - 1
-    for name, value in (("degrees", degrees), ("knots", knots)):
-        if not isinstance(value, list) or len(value) != k:
-            raise InputError(
-                f"{name} does not have {k} entries",
-                place=place,
-                expected="one for every direction of control_points",
-            )
-    if points.shape[-1] == 3 and k == 2 and not points[..., 2].any():
-        points = points[..., :2]
-    if points.shape[-1] != k:
-        raise InputError(
-            f"has {k} directions in {points.shape[-1]} dimensions",
-            place=place,
-            expected="plane patches in the plane z = 0, or volumes in space",
-        )
-    if weights.shape != points.shape[:-1] or not (weights > 0).all():
-        raise InputError(
-            "the weights do not fit",
-            place=place,
-            expected="one positive weight for every control point",
-        )
-    scaled = []
-    for i in range(k):
-        where = f"{place}: knots[{i}]"
-        if not isinstance(degrees[i], int) or degrees[i] < 1:
-            raise InputError(
-                f"found {degrees[i]!r}",
-                place=f"{place}: degrees[{i}]",
-                expected="an integer of at least 1",
-            )
-        vector = [float(x) for x in _array({"k": knots[i]}, "k", where).ravel()]
-        check_knots(vector, degrees[i], points.shape[i], where)
-        u = np.array(vector)
-        scaled.append((u - u[0]) / (u[-1] - u[0]))
-    return NurbsPatch(tuple(degrees), tuple(scaled), points, weights)
-
-
-def _grid(values: Array, sizes: list[int], order: tuple[int, ...]) -> Array:
-    """Values in one list as a grid by direction; `order` from slowest to fastest."""
-    if len(values) != np.prod(sizes):
-        raise InputError(
-            f"has {len(values)} weights for {np.prod(sizes)} control points",
-            expected="one for each",
-        )
-    grid = values.reshape(*(sizes[i] for i in order), -1)
-    return np.transpose(grid, (*np.argsort(order), len(order)))
-
-
-def _check_count(points: Array, sizes: list[Any], place: str) -> None:
-    if any(not isinstance(n, int) or n < 2 for n in sizes) or len(points) != np.prod(
-        sizes
-    ):
-        raise InputError(
-            f"has {len(points)} control points",
-            place=place,
-            expected=" x ".join(map(str, sizes)),
+            "is not known",
+            place=f"{place}.{unknown[0]}",
+            expected=f"one of {', '.join(sorted(shaped | _OF_PATCH))}",
         )
 
 
-def _get(table: Any, key: str, place: str) -> Any:
-    if not isinstance(table, dict) or key not in table:
-        raise InputError("is missing", place=f"{place}.{key}", expected="a value")
-    return table[key]
-
-
-def _array(table: Any, key: str, place: str) -> Array:
-    value = _get(table, key, place)
-    try:
-        array = np.array(value, float)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
-    if array.ndim == 0 or not array.size or not np.isfinite(array).all():
-        raise InputError(
-            "is no regular list of finite numbers",
-            place=f"{place}.{key}",
-            expected="nested lists of the same length",
-        )
-    return array
-
-
-def _numbers(text: str | None, place: str) -> list[float]:
-    try:
-        numbers = [float(word) for word in (text or "").split()]
-    except ValueError as error:
-        raise InputError(str(error), place=place, expected="numbers") from None
-    if not np.isfinite(numbers).all():
-        raise InputError("is not finite", place=place, expected="finite numbers")
-    return numbers
-
-
-def _integer(text: str | None, place: str) -> int:
-    try:
-        return int(text or "")
-    except ValueError:
-        raise InputError(
-            f"found {text!r}", place=place, expected="an integer"
-        ) from None
+_BY_DIRECTION = ("degree", "knotvector", "size", "delta", "sample_size")
+_OF_PATCH = {
+    "control_points",
+    "delta",
+    "dimension",
+    "id",
+    "name",
+    "opt",
+    "rational",
+    "reversed",
+    "sample_size",
+    "trims",
+    "type",
+}

@@ -1,0 +1,80 @@
+"""What an Abaqus or CalculiX deck holds, as it stands in its file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from formats.errors import InputError
+
+from .inp_elements import ElementType
+
+#: A node or element of an assembly by its instance ("" for the assembly's own).
+Member = tuple[str, int]
+
+
+@dataclass(frozen=True)
+class Element:
+    """An element of a deck."""
+
+    label: int
+    type: ElementType
+    given: str
+    nodes: list[int]
+    place: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """A *SOLID SECTION."""
+
+    elset: str
+    material: str
+    thickness: float | None
+    place: str
+
+
+@dataclass
+class Scope:
+    """What one part defines, or the assembly, or a flat file."""
+
+    name: str = ""
+    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    elements: dict[int, Element] = field(default_factory=dict)
+    nsets: dict[str, list[Member]] = field(default_factory=dict)
+    elsets: dict[str, list[Member]] = field(default_factory=dict)
+    sections: list[Section] = field(default_factory=list)
+
+
+@dataclass
+class Deck:
+    """A deck as it stands in its file.
+
+    Attributes
+    ----------
+    assembly : also what a flat file defines
+    parts, instances : by name; an instance names its part
+    materials : name -> keyword -> rows of numbers
+    said : keywords without effect
+    remarks : sentences on what has another name here
+    """
+
+    assembly: Scope = field(default_factory=Scope)
+    parts: dict[str, Scope] = field(default_factory=dict)
+    instances: dict[str, str] = field(default_factory=dict)
+    materials: dict[str, dict[str, list[list[float]]]] = field(default_factory=dict)
+    said: dict[str, None] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
+    scope: Scope = field(default_factory=Scope)
+    material: str = ""
+    spelling: dict[str, str] = field(default_factory=dict)
+
+    def name(self, text: str) -> str:
+        """Names are the same in any case; the first spelling is kept."""
+        plain = text.strip('"')
+        return self.spelling.setdefault(plain.upper(), plain)
+
+
+def twice(what: str, name: object, place: str) -> InputError:
+    return InputError(
+        f"{what} {name} is defined twice", place=place, expected="one definition"
+    )
