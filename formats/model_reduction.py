@@ -234,25 +234,31 @@ class Prestress(Part):
     """A stress state of the undeformed body.
 
     The body rests undeformed when a scene applies the loads of its prestress: forces
-    and moments as given here, and what holds a uniform stress. They stiffen it as all
-    loads at its markers do (phi m1, psi m1). Ke holds the rest: the stiffness of the
-    stress that the unloaded body keeps, and of loads at markers that do not stiffen.
+    and moments as given here, what holds them, and what holds a uniform stress. They
+    stiffen it as all loads at its markers do (phi m1, psi m1). Ke holds the rest: the
+    stiffness of the stress that the unloaded body keeps, and of loads at markers that
+    do not stiffen.
 
     Attributes
     ----------
     stress : uniform stress (xx, yy, xy), in space (xx, yy, zz, xy, yz, xz) [Pa]
     forces : marker -> constant force, which a scene applies as well [N]
     moments : marker -> constant moment: about z, in space about x, y, z [N m]
+    support : the marker that a joint holds while these loads act, whose reactions
+        belong to the prestress; in a tangent frame what defines the frame by default.
+        In other frames loads that are in balance by themselves need none.
     """
 
     stress: Vector | None = None
     forces: Mapping[str, Vector] = {}
     moments: Mapping[str, Vector] = {}
+    support: str | None = None
 
     @property
     def marker_names(self) -> tuple[str, ...]:
-        """The loaded markers."""
-        return (*self.forces, *self.moments)
+        """The loaded markers, and the one that holds them."""
+        held = () if self.support is None else (self.support,)
+        return (*self.forces, *self.moments, *held)
 
 
 class Stiffening(Part):

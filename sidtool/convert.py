@@ -82,7 +82,9 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
         progress(sentence)
     stiffening, initial = model.stiffening, None
     if stiffening and stiffening.prestress:
-        initial = prestressed(body, frame, basis, stiffening.prestress, stiffening)
+        initial = prestressed(
+            body, frame, basis, stiffening.prestress, stiffening, model.frame
+        )
         basis = initial.basis
     progress("integrating the inertia")
     held = frame.held

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.errors import InputError
-from formats.model_reduction import Prestress, Stiffening
+from formats.model_reduction import FrameSettings, Prestress, Stiffening
 
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .marker_motion import excess_of_rows
@@ -26,6 +26,9 @@ from .stiffening import (
 )
 
 Array = NDArray[np.float64]
+
+#: Loads are in balance if their resultant is below this share of them.
+_BALANCED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,7 @@ def prestressed(
     basis: ReducedBasis,
     prestress: Prestress,
     settings: Stiffening,
+    chosen: FrameSettings,
 ) -> InitialStress:
     """Adds the geometric stiffness of an initial stress to Ke, in natural modes.
 
@@ -61,8 +65,10 @@ def prestressed(
 
     Raises
     ------
-    InputError : numbers do not fit the dimension, or the body buckles.
+    InputError : numbers do not fit the dimension, nothing holds the loads, or the body
+        buckles.
     """
+    prestress = _supported(body, prestress, chosen)
     uniform, shapes = _uniform(prestress, body.dimension), basis.shapes
     holding = _holding(body, uniform)
     marked = {marker.name for marker in stiffening_markers(body, settings)}
@@ -90,6 +96,67 @@ def prestressed(
     new = ReducedBasis(shapes, np.diag(values), labels, shares, basis.report)
     signs = np.sign(np.sum(shapes * (basis.shapes @ mixing), axis=0))
     return InitialStress(new, signs * (mixing.T @ generalised), state, uniform)
+
+
+def _supported(
+    body: FiniteElementModel, prestress: Prestress, chosen: FrameSettings
+) -> Prestress:
+    """With the reactions at its support among the forces and moments.
+
+    Reactions of a frame that no joint holds would depend on the frame: only those of a
+    tangent frame are taken for those of a joint.
+    """
+    d = body.dimension
+    force, moment, size = _resultant(body, prestress)
+    balance = np.abs(np.append(force, moment / _extent(body)))
+    if prestress.support is None:
+        if chosen.type != "tangent" and balance.max() > _BALANCED * size:
+            raise InputError(
+                "the forces and moments are not in balance",
+                place="stiffening.prestress",
+                expected="support, the marker that a joint holds against them, or the "
+                "reactions among the loads, or a tangent frame",
+            )
+        return prestress
+    at = body.marker(prestress.support)
+    moment = moment - np.cross(at.position, force)
+    forces, moments = dict(prestress.forces), dict(prestress.moments)
+    own = np.array(forces.get(at.name, np.zeros(d)))
+    forces[at.name] = tuple(own - force[:d])
+    turning = moment if d == 3 else moment[2:]
+    if np.abs(turning).max() > _BALANCED * size * _extent(body):
+        if not at.rotation.nnz:
+            raise InputError(
+                f"marker {at.name} has no rotation, which a moment could hold",
+                place="stiffening.prestress.support",
+                expected="a marker with a rotation, for example tied to an edge",
+            )
+        before = np.array(moments.get(at.name, np.zeros(len(turning))))
+        moments[at.name] = tuple(before - turning)
+    return prestress.model_copy(update={"forces": forces, "moments": moments})
+
+
+def _resultant(
+    body: FiniteElementModel, prestress: Prestress
+) -> tuple[Array, Array, float]:
+    """Sum of the loads, their moment about the origin (3,) each, and their size [N]."""
+    force, moment, size = np.zeros(3), np.zeros(3), 0.0
+    for kind, given in (("forces", prestress.forces), ("moments", prestress.moments)):
+        for name, values in given.items():
+            marker = body.marker(name)
+            load = _load(marker, values, body.dimension, kind)
+            if kind == "forces":
+                force, size = force + load, size + float(np.abs(load).sum())
+                moment = moment + np.cross(marker.position, load)
+            else:
+                moment = moment + load
+                size += float(np.abs(load).sum()) / _extent(body)
+    return force, moment, size
+
+
+def _extent(body: FiniteElementModel) -> float:
+    """The largest extent of the body [m]."""
+    return float(np.ptp(body.positions, axis=0).max())
 
 
 def _refuse_buckling(stiffness: Array, when: str) -> None:
