@@ -20,6 +20,9 @@ from ..frontends.reference_elements import reference_element
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+#: A range of more members is a damaged number.
+MOST_MEMBERS = 5_000_000
+
 
 @dataclass(frozen=True, eq=False)
 class ImportedMesh:

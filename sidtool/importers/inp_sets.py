@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from formats.errors import InputError
 
-from .imported import integers
+from .imported import MOST_MEMBERS, integers
 from .inp_blocks import Block
 from .inp_deck import Deck, Member
-
-#: A generated set of more members is a damaged number.
-_MOST_MEMBERS = 100_000_000
 
 
 def read_nset(deck: Deck, block: Block) -> None:
@@ -55,7 +52,7 @@ def _members(deck: Deck, block: Block, name: str, which: str) -> None:
 def _generated(words: list[str], place: str) -> range:
     values = integers([word for word in words if word], place, "first, last, step")
     first, last, step = (*values, 1)[:3] if len(values) > 1 else (1, 0, 0)
-    if step < 1 or last < first or (last - first) // step > _MOST_MEMBERS:
+    if step < 1 or last < first or (last - first) // step > MOST_MEMBERS:
         found = ", ".join(words)
         raise InputError(f"found {found!r}", place=place, expected="first, last, step")
     return range(first, last + 1, step)

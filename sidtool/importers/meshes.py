@@ -7,7 +7,8 @@ from pathlib import Path
 
 from formats.errors import InputError
 
-from .bulk import read_bdf, read_cdb
+from .bdf import read_bdf
+from .cdb import read_cdb
 from .imported import ImportedMesh
 from .inp import read_inp
 from .msh import read_msh

@@ -118,7 +118,7 @@ CASES: dict[str, Case] = {
     "gismo": patch_case("arc.xml"),
 }
 BINARY = ("npz", "hdf5")
-NEEDED = {"bdf": "pyNastran.bdf.bdf", "cdb": "mapdl_archive"}
+NEEDED = {"cdb": "mapdl_archive"}
 
 
 def spoiled_text(text: str, dice: random.Random) -> str:

@@ -27,17 +27,16 @@ from .mesh_files import (
 
 
 def test_nastran(tmp_path: Path) -> None:
-    """With pyNastran one tetrahedron with its material; without, what is missing."""
+    """One tetrahedron with its material, with and without executive section."""
     path = tmp_path / "one.bdf"
-    path.write_text(BDF)
-    if not importable("pyNastran.bdf.bdf"):
-        with pytest.raises(InputError, match="needs the package pyNastran"):
-            read_mesh(path)
-        return
-    imported = read_mesh(path)
-    assert imported.mesh.blocks[0].kind == "tet4"
-    assert imported.materials["5"].density == 7850.0
-    assert set(imported.mesh.node_sets["SPC9"]) == {0, 1, 2}
+    bare = BDF.split("BEGIN BULK\n")[1]
+    for text in (BDF, bare, "SOL 101\nCEND\nSPC = 9\n" + BDF):
+        path.write_text(text)
+        imported = read_mesh(path)
+        assert imported.mesh.blocks[0].kind == "tet4"
+        assert imported.materials["5"].density == 7850.0
+        assert imported.materials["5"].youngs_modulus == 2.1e11
+        assert set(imported.mesh.node_sets["SPC9"]) == {0, 1, 2}
 
 
 def test_ansys(tmp_path: Path) -> None:
@@ -53,8 +52,8 @@ def test_ansys(tmp_path: Path) -> None:
     check_mesh(imported.mesh)
 
 
-BULK: dict[str, tuple[str, str, Callable[[Mesh], str], str]] = {
-    "bdf": ("pyNastran.bdf.bdf", "rod.bdf", bdf_text, "SPC9"),
+BULK: dict[str, tuple[str | None, str, Callable[[Mesh], str], str]] = {
+    "bdf": (None, "rod.bdf", bdf_text, "SPC9"),
     "cdb": ("mapdl_archive", "rod.cdb", cdb_mesh, "LEFT"),
 }
 
@@ -64,7 +63,7 @@ BULK: dict[str, tuple[str, str, Callable[[Mesh], str], str]] = {
 def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> None:
     """The rod by every element: nodes, order of nodes, sets, and its frequencies."""
     module, file, writer, clamped = BULK[name]
-    if not importable(module):
+    if module and not importable(module):
         pytest.skip(f"{module.split('.')[0]} does not work here")
     mesh = rod_mesh(kind)
     (tmp_path / file).write_text(writer(mesh))
@@ -84,9 +83,9 @@ def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> N
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [
-        ("bdf", "CTETRA,1,7,", "CTETRA,1,7,1", "not defined|cannot be read"),
-        ("bdf", "CTETRA,1,7,1,2,3,4", "CBEAM,1,7,1,2,0.,0.,1.", "is a CBEAM"),
-        ("bdf", "GRID,4,,", "GRID,4,6,", "coordinate system 6"),
+        ("bdf", "CTETRA,1,7,", "CTETRA,1,7,1", "node 11, which is not defined"),
+        ("bdf", "CTETRA,1,7,1,2,3,4", "CBEAM,1,7,1,2,0.,0.,1.", "CBEAM is not"),
+        ("bdf", "GRID,4,,", "GRID,4,6,", "coordinate system"),
         ("cdb", "1,185", "1,181", "of type 181"),
     ],
 )
@@ -94,7 +93,7 @@ def test_mistakes_in_bulk_data(
     tmp_path: Path, name: str, old: str, new: str, message: str
 ) -> None:
     module, file, *_ = BULK[name]
-    if not importable(module):
+    if module and not importable(module):
         pytest.skip(f"{module.split('.')[0]} does not work here")
     text = BDF if name == "bdf" else cdb_text()
     assert old in text
@@ -102,3 +101,95 @@ def test_mistakes_in_bulk_data(
     with pytest.raises(InputError, match=message) as caught:
         read_mesh(tmp_path / file)
     assert caught.value.source == str(tmp_path / file)
+
+
+def fixed(width: int, name: str, *words: str) -> str:
+    return name.ljust(8) + "".join(word.rjust(width) for word in words)
+
+
+#: The tetrahedron of `BDF` in small and large fields, material by E and G.
+SMALL = "\n".join(
+    [
+        "SOL 103",
+        "CEND",
+        "BEGIN BULK",
+        "$ a comment",
+        fixed(8, "GRID", "1", "", "0.", "0.", "0."),
+        fixed(8, "grid", "2", "", "1.", "", "0.0"),
+        fixed(16, "GRID*", "3", "", "0.", "10.-1") + "*A",
+        fixed(16, "*A", "0.0"),
+        "GRID,4,,0.,0.,1.+0",
+        fixed(8, "CTETRA", "1", "7", "1", "2", "3", "4"),
+        fixed(8, "PSOLID", "7", "5"),
+        fixed(8, "MAT1", "5", "2.1+11", "8.077+10", "", "7.85+3"),
+        fixed(8, "SPC1", "9", "123", "1", "THRU", "3"),
+        "ENDDATA",
+        "",
+    ]
+)
+
+
+def test_small_and_large_fields_are_free_ones(tmp_path: Path) -> None:
+    for name, text in (("free", BDF), ("small", SMALL)):
+        (tmp_path / f"{name}.bdf").write_text(text)
+    free, small = (read_mesh(tmp_path / f"{n}.bdf") for n in ("free", "small"))
+    assert_allclose(small.mesh.positions, free.mesh.positions, atol=0)
+    assert (small.mesh.blocks[0].nodes == free.mesh.blocks[0].nodes).all()
+    assert small.materials["5"].density == 7850.0
+    assert small.materials["5"].poissons_ratio == pytest.approx(0.3, abs=1e-4)
+    assert list(small.mesh.node_sets["SPC9"]) == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("card", "message"),
+    [
+        ("CHEXAFD,2,7,1,2,3,4", "CHEXAFD is not supported"),
+        ("CWELD,9,1,1,PARTPAT", "CWELD is not supported"),
+        ("CONM2,9,1,,5.0", "CONM2 is not supported"),
+        ("CONM1,9,1,,5.0", "CONM1 is not supported"),
+        ("CMASS2,9,5.,1,1", "CMASS2 is not supported"),
+        ("CELAS2,9,1e5,1,1", "CELAS2 is not supported"),
+        ("DMIG,K2,0,6,1", "DMIG is not supported"),
+        ("RBE2,9,1,123456,2,3", "RBE2 is not supported"),
+        ("MPC,9,1,1,1.,2,1,-1.", "MPC is not supported"),
+        ("MATT1,5,3", "MATT1 is not supported"),
+        ("GRDSET,,3", "gives all nodes a coordinate system"),
+        ("BEGIN SUPER=2\nGRID,9,,0.,0.,0.", "BEGIN SUPER=2, which is not supp"),
+        ("MAT1,5,7.+10,,.3,2700.", "material 5 is defined twice"),
+        ("PSOLID,7,6", "property 7 is defined twice"),
+        ("GRID,4,,0.,0.,9.", "node 4 is defined twice"),
+        ("CTETRA,2,7,1,2,3,4,5,6", "CTETRA of 6 nodes"),
+        ("CTETRA,1,7,1,2,3,4", "element 1 is defined twice"),
+        ("+X,1,2", "continues no card"),
+        ("GRID,9,,1,2,3,4,5,6,7,8,9", "has 12 fields"),
+    ],
+)
+def test_no_card_is_lost(tmp_path: Path, card: str, message: str) -> None:
+    path = tmp_path / "one.bdf"
+    path.write_text(BDF.replace("ENDDATA", card + "\nENDDATA"))
+    with pytest.raises(InputError, match=message):
+        read_mesh(path)
+    if "is not supported" in message:
+        name = card.split(",")[0].lower()
+        assert len(read_mesh(path, [name]).mesh.blocks) == 1
+
+
+def test_cards_without_effect_are_listed(tmp_path: Path) -> None:
+    path = tmp_path / "one.bdf"
+    more = "FORCE,1,1,,5.,1.,0.,0.\nPARAM,POST,-1\nPARAM,WTMASS,.5\nSPC,8,4,12\n"
+    path.write_text(BDF.replace("ENDDATA", more + "ENDDATA"))
+    imported = read_mesh(path)
+    assert imported.materials["5"].density == 3925.0
+    assert imported.notes == (
+        "read 1 of 1 elements (1 tet4) and 4 of 4 nodes",
+        "PARAM WTMASS multiplies all densities by 0.5",
+        "without effect on the body: FORCE, PARAM POST, directions of SPC8: as a set "
+        "it names nodes",
+    )
+
+
+def test_cards_of_other_files_are_read(tmp_path: Path) -> None:
+    (tmp_path / "more.txt").write_text("GRID,4,,0.,0.,1.\n")
+    text = BDF.replace("GRID,4,,0.,0.,1.\n", "INCLUDE 'more.txt'\n")
+    (tmp_path / "one.bdf").write_text(text)
+    assert len(read_mesh(tmp_path / "one.bdf").mesh.positions) == 4

@@ -1,4 +1,4 @@
-"""Nastran .bdf and ANSYS .cdb meshes, through packages made for them."""
+"""ANSYS .cdb meshes, through a package made for them."""
 
 from __future__ import annotations
 
@@ -8,29 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from formats.errors import InputError
-from formats.model import Material
 
 from .imported import ImportedMesh, RawElement, assembled_mesh, read_lines
 
-_NASTRAN = {
-    "CTETRA4": "tet4",
-    "CTETRA10": "tet10",
-    "CHEXA8": "hex8",
-    "CHEXA20": "hex20",
-    "CPENTA6": "wedge6",
-    "CPENTA15": "wedge15",
-    "CPYRAM5": "pyramid5",
-    "CPYRAM13": "pyramid13",
-    "CQUAD4": "quad4",
-    "CTRIA3": "tri3",
-    "CQUAD8": "quad8",
-    "CTRIA6": "tri6",
-}
-#: Corners, then edges of the base, of the top, upright: our order of Nastran's nodes.
-_ORDER = {
-    "CHEXA20": (*range(12), *range(16, 20), *range(12, 16)),
-    "CPENTA15": (*range(9), *range(12, 15), *range(9, 12)),
-}
 #: ANSYS element type -> corners-only kind, kind with middle nodes.
 _ANSYS = {
     185: ("hex8", "hex8"),
@@ -44,68 +24,6 @@ _ANSYS = {
     42: ("quad4", "quad4"),
     183: ("quad8", "quad8"),
 }
-
-
-def read_bdf(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
-    """The mesh of a Nastran bulk data file; needs pyNastran.
-
-    Raises
-    ------
-    InputError : pyNastran is not installed, or the file is no sound mesh.
-    """
-    read_lines(path)
-    module = _needed("pyNastran.bdf.bdf", "pyNastran", path)
-    data = _guarded(
-        lambda: module.read_bdf(str(path), xref=False, punch=None, debug=None), path
-    )
-    try:
-        return _guarded(lambda: _from_nastran(data), path)
-    except InputError as error:
-        raise error.located(path) from None
-
-
-def _from_nastran(data: Any) -> ImportedMesh:
-    nodes: dict[int, tuple[float, float, float]] = {}
-    for label, node in data.nodes.items():
-        if node.Cp() != 0:
-            raise InputError(
-                f"node {label} is given in coordinate system {node.Cp()}",
-                expected="nodes in the basic system",
-            )
-        x, y, z = (float(value) for value in node.xyz)
-        nodes[int(label)] = (x, y, z)
-    material_of = {
-        int(i): str(p.mid if hasattr(p, "mid") else p.mid1)
-        for i, p in data.properties.items()
-        if hasattr(p, "mid") or hasattr(p, "mid1")
-    }
-    raw = []
-    for label, element in data.elements.items():
-        listed = [int(n) for n in element.node_ids if n]
-        name = element.type if element.type in _NASTRAN else ""
-        name = name or f"{element.type}{len(listed)}"
-        if name not in _NASTRAN:
-            raise InputError(
-                f"element {label} is a {element.type} of {len(listed)} nodes",
-                expected=", ".join(_NASTRAN),
-            )
-        listed = [listed[i] for i in _ORDER.get(name, range(len(listed)))]
-        place = f"element {label}"
-        material = material_of.get(int(element.pid))
-        raw.append(RawElement(int(label), _NASTRAN[name], listed, place, material))
-    sets = {f"SET{i}": list(s.ids) for i, s in data.sets.items()}
-    for i, group in data.spcs.items():
-        members = [int(n) for card in group for n in getattr(card, "nodes", [])]
-        sets[f"SPC{i}"] = members
-    materials = {}
-    for i, m in data.materials.items():
-        if m.type == "MAT1" and m.e and m.rho and -1 < m.nu < 0.5:
-            materials[str(i)] = Material(
-                youngs_modulus=float(m.e),
-                poissons_ratio=float(m.nu),
-                density=float(m.rho),
-            )
-    return ImportedMesh(assembled_mesh(nodes, raw, sets), materials)
 
 
 def read_cdb(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
