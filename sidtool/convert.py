@@ -17,6 +17,7 @@ from formats.sid import SID, Node, Taylor
 from formats.sid_mass import skew
 
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
+from .frontends.geometry_mass import compared_with_geometry
 from .frontends.registry import finite_element_model
 from .gram import body_inertia
 from .prestress import prestressed
@@ -70,7 +71,7 @@ def sid_from_model(
 def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
     progress("discretising")
     body = finite_element_model(model)
-    for sentence in body.notes:
+    for sentence in (*body.notes, *compared_with_geometry(body)):
         progress(NOTE + sentence)
     frame = FRAMES[model.frame.type](body, model.frame)
     gigabytes = expected_gigabytes(body.ndof, body.dimension)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
@@ -15,6 +16,9 @@ from formats.sid_mass import skew
 from .beam_material import BeamMaterial
 from .continuum import Continuum
 from .inertia_points import InertiaPoints
+
+if TYPE_CHECKING:
+    from .geometry_mass import GeometryMass
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -72,6 +76,7 @@ class FiniteElementModel:
     continua : the material of solid elements, for stresses
     beam_material : the material of beam elements, for stress resultants
     edge_mass : name of an edge or face -> (n, n) sparse integral of N_i N_j over it
+    geometry_mass : mass and centre of the geometry by a rule of its own
     notes : sentences on what the model file does not say and the body has
     """
 
@@ -87,6 +92,7 @@ class FiniteElementModel:
     continua: tuple[Continuum, ...] = ()
     beam_material: BeamMaterial | None = None
     edge_mass: Mapping[str, sp.csr_matrix] = field(default_factory=dict)
+    geometry_mass: Callable[[], GeometryMass] | None = None
     notes: tuple[str, ...] = ()
 
     @property

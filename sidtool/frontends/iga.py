@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from itertools import product
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,15 +24,20 @@ from ..geometry.bspline import (
     local_basis,
     open_uniform_knots,
 )
+from ..geometry.measure import map_grid
 from ..geometry.patch import NurbsPatch, patch_from_model, rational
 from ..geometry.refine import refined
 from .continuum import Continuum, continuum_of
 from .elements import ElementBatch, assembled, mapped_batch
 from .finite_element_model import FiniteElementModel
+from .geometry_mass import GeometryMass, patch_mass
 from .patch_markers import edge_masses, edge_sets, marker_rows
 
 Array = NDArray[np.float64]
 
+#: Gauss points per knot span at most, for weights that differ very much; to how much
+#: their integrals are right; and on how many lines across this is looked at.
+_MOST_POINTS, _RATIONAL, _ACROSS = 64, 1e-10, 7
 #: Entries of the largest array of one batch of knot spans.
 _BATCH_ENTRIES = 4_000_000
 
@@ -57,7 +63,16 @@ def iga_model(model: ModelFile) -> FiniteElementModel:
         markers=marker_rows(model, exact, patch),
         continua=(patch_continuum(model, exact, patch),),
         edge_mass=edge_masses(geometry, patch),
+        geometry_mass=lambda: expected_mass(model, [exact]),
     )
+
+
+def expected_mass(model: ModelFile, patches: list[NurbsPatch]) -> GeometryMass:
+    """The mass and centre of the patches of a model, from their sides."""
+    assert model.material is not None
+    plane = len(patches[0].degrees) == 2
+    thickness = getattr(model.geometry, "thickness", 1.0) if plane else 1.0
+    return patch_mass(patches, model.material.density * float(thickness))
 
 
 def patch_continuum(
@@ -72,7 +87,7 @@ def patch_continuum(
         raise InputError(
             "is missing", place="geometry.thickness", expected="that of plane patches"
         )
-    points = quadrature_points(exact.degrees, patch.degrees)
+    points = quadrature_points(exact, patch)
     batches = partial(knot_span_batches, patch, points)
     state = settings.state if plane else "solid"
     return continuum_of(batches, material, state, thickness)
@@ -147,19 +162,41 @@ def refined_for(model: ModelFile, exact: NurbsPatch) -> NurbsPatch:
         raise InputError(error.problem, place=place, expected=error.expected) from None
 
 
-def quadrature_points(
-    geometry_degrees: tuple[int, ...], degrees: tuple[int, ...]
-) -> tuple[int, ...]:
+def quadrature_points(exact: NurbsPatch, patch: NurbsPatch) -> tuple[int, ...]:
     """Gauss points per knot span and direction that integrate the mass exactly.
 
     For weights of 1, N_i N_j has degree 2 p and the determinant of the Jacobian at
-    most d p_geometry - 1 in each direction.
+    most d p_geometry - 1 in each direction. Other weights W divide the integrand by
+    W^2: as many points as det J / W^2 needs then, and p for the polynomials N_i N_j.
     """
-    d = len(degrees)
-    return tuple(
+    d = len(patch.degrees)
+    counts = [
         (2 * p + d * g - 1) // 2 + 1
-        for g, p in zip(geometry_degrees, degrees, strict=True)
-    )
+        for g, p in zip(exact.degrees, patch.degrees, strict=True)
+    ]
+    if np.ptp(exact.weights) > 1e-12 * exact.weights.max():
+        for i, p in enumerate(patch.degrees):
+            counts[i] = max(counts[i], _rational_points(exact, patch.knots[i], i) + p)
+    return tuple(counts)
+
+
+def _rational_points(exact: NurbsPatch, knots: Array, direction: int) -> int:
+    """Gauss points with which det J / W^2 is integrated along one direction."""
+    axes = [np.linspace(0, 1, _ACROSS) for _ in exact.degrees]
+
+    def spans(count: int) -> Array:
+        x, w = gauss_points(knots, count)
+        axes[direction] = x.ravel()
+        _, slopes, weights = map_grid(exact, tuple(axes))
+        values = np.moveaxis(np.linalg.det(slopes) / weights**2, direction, -1)
+        return np.asarray((values.reshape(*values.shape[:-1], *x.shape) * w).sum(-1))
+
+    fine = spans(_MOST_POINTS)
+    scale = _RATIONAL * np.maximum(np.abs(fine), 1e-6 * np.abs(fine).max())
+    for count in range(2, _MOST_POINTS):
+        if (np.abs(spans(count) - fine) <= scale).all():
+            return count
+    return _MOST_POINTS
 
 
 def knot_span_batches(
@@ -173,16 +210,27 @@ def knot_span_batches(
     """
     tables, weights = _tables(patch, points)
     spans = [len(w) for w in weights]
-    per_slice = int(
-        np.prod(spans[1:]) * np.prod([t.values.shape[-1] for t in tables])
-    ) * int(np.prod(points))
-    step = max(1, _BATCH_ENTRIES // per_slice)
-    for start in range(0, spans[0], step):
-        part = slice(start, start + step)
-        first = LocalBasis(
-            tables[0].first[part], tables[0].values[part], tables[0].derivatives[part]
-        )
-        yield _batch(patch, [first, *tables[1:]], [weights[0][part], *weights[1:]])
+    functions = [t.values.shape[-1] for t in tables]
+    steps = _batch_steps(spans, int(np.prod(functions) * np.prod(points)))
+    ranges = [range(0, n, step) for n, step in zip(spans, steps, strict=True)]
+    for starts in product(*ranges):
+        parts = [slice(s, s + step) for s, step in zip(starts, steps, strict=True)]
+        cut = [
+            LocalBasis(t.first[part], t.values[part], t.derivatives[part])
+            for t, part in zip(tables, parts, strict=True)
+        ]
+        yield _batch(patch, cut, [w[p] for w, p in zip(weights, parts, strict=True)])
+
+
+def _batch_steps(spans: list[int], per_span: int) -> list[int]:
+    """Knot spans per direction whose arrays are not too large together."""
+    steps = list(spans)
+    for i in range(len(steps)):
+        others = per_span * int(np.prod(steps[i + 1 :]))
+        steps[i] = max(1, min(spans[i], _BATCH_ENTRIES // others))
+        if steps[i] > 1:
+            break
+    return steps
 
 
 def _tables(

@@ -16,7 +16,9 @@ from ..validate.units import UnitSystem, unit_system
 from .conformity import check_conforming
 from .contact import check_contact
 from .finite_element_model import FiniteElementModel
+from .geometry_mass import GeometryMass
 from .mesh import Mesh, check_mesh, without_free_nodes
+from .mesh_moments import mesh_moments
 from .mesh_points import MeshPoints
 from .named_sets import NamedSets
 from .patch_markers import at_marker, placed
@@ -71,6 +73,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         markers=tuple(markers),
         continua=continua,
         notes=(*imported.notes, *_notes(model, imported, own)),
+        geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
     )
 
 

@@ -23,7 +23,7 @@ from ..importers.patches import read_patches
 from .continuum import Continuum
 from .elements import ElementBatch
 from .finite_element_model import FiniteElementModel, MarkerRows
-from .iga import patch_continuum, patch_matrices, refined_for
+from .iga import expected_mass, patch_continuum, patch_matrices, refined_for
 from .mortar import tie_stiffness
 from .named_sets import NamedSets
 from .patch_markers import at_marker, marker_parameters, placed, rows_at
@@ -83,6 +83,7 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
             )
             for name, patch in fine.items()
         ),
+        geometry_mass=lambda: expected_mass(model, list(exact.values())),
         notes=tuple(
             f"{tie.slave.name} lies on a part of {tie.master.name}: tied weakly "
             "(mortar method)"

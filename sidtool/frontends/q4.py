@@ -17,6 +17,7 @@ from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
 from .continuum import continuum_of
 from .elements import ElementBatch, assembled, check_orientation
 from .finite_element_model import FiniteElementModel
+from .geometry_mass import patch_mass
 from .mesh import ElementBlock, Mesh
 from .mesh_points import MeshPoints
 from .patch_markers import edge_masses, edge_sets
@@ -66,6 +67,9 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         markers=sampled_markers(model, exact, points),
         continua=(continuum,),
         edge_mass=edge_masses(geometry, mesh),
+        geometry_mass=lambda: patch_mass(
+            [exact], material.density * thickness, sampled=True
+        ),
     )
 
 

@@ -13,6 +13,7 @@ from formats.model_geometry import VolumeGeometry
 
 from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
 from .finite_element_model import FiniteElementModel, MarkerRows
+from .geometry_mass import patch_mass
 from .mesh import ElementBlock, Mesh, check_mesh
 from .mesh_points import MeshPoints
 from .patch_markers import at_marker, marker_parameters, placed
@@ -51,6 +52,7 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
         node_sets=sets,
         markers=sampled_markers(model, exact, MeshPoints(mesh, continua)),
         continua=continua,
+        geometry_mass=lambda: patch_mass([exact], material.density, sampled=True),
     )
 
 
