@@ -7,20 +7,47 @@ to the user ("user block"); the seal stands there, other HDF5 tools skip it.
 from __future__ import annotations
 
 import hashlib
+import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from .atomic import atomic_path
 from .errors import InputError
+
+if TYPE_CHECKING:
+    import h5py
 
 BLOCK = 512
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SEAL_SIGNATURE = b"\x89SID\r\n\x1a\n"
 
 
-def seal(path: Path) -> None:
-    """Seal a closed HDF5 file that was created with a user block of `BLOCK` bytes."""
-    digest = _digest(path)
-    with path.open("r+b") as stream:
-        stream.write(SEAL_SIGNATURE + digest)
+def write_sealed(
+    path: str | os.PathLike[str], fill: Callable[[h5py.File], None]
+) -> None:
+    """Write a sealed HDF5 file, wholly or not at all.
+
+    libhdf5 makes it in memory: on a full disk it would end the process.
+
+    fill : puts the content into the open file
+
+    Raises
+    ------
+    InputError, OSError : see `atomic_path`.
+    """
+    import h5py
+
+    with h5py.File(
+        os.fspath(path), "w", driver="core", backing_store=False, userblock_size=BLOCK
+    ) as file:
+        fill(file)
+        file.flush()
+        image = file.id.get_file_image()
+    head = SEAL_SIGNATURE + hashlib.sha256(image).digest()
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        stream.write(head.ljust(BLOCK, b"\0"))
+        stream.write(image)
 
 
 def check_seal(path: Path) -> None:

@@ -79,13 +79,11 @@ def write_sid(path: str | os.PathLike[str], sid: SID, dialect: str = CANONICAL) 
 
     Raises
     ------
-    InputError : the body cannot be stored, or the file cannot be written.
+    InputError : the body cannot be stored, or not at this place.
+    OSError : the file cannot be written whole, as on a full disk.
     """
     try:
         _by_name(Path(path)).write(path, sid, dialect)
-    except OSError as error:
-        problem = f"cannot be written ({error.strerror or error})"
-        raise InputError(problem, source=path) from error
     except ValueError as error:
         problem = f"cannot hold a text of this body ({error})"
         raise InputError(problem, source=path, expected="printable text") from error

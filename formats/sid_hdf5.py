@@ -15,10 +15,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from .atomic import atomic_path
 from .errors import InputError
 from .finite import check_finite
-from .seal import BLOCK, HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal, seal
+from .seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal, write_sealed
 from .sid import NODE_SHAPES, SID, Node, Taylor
 from .sid_hdf5_reader import PARTS, Reader
 
@@ -52,12 +51,10 @@ def write_hdf5(path: str | os.PathLike[str], sid: SID) -> None:
     Raises
     ------
     InputError : a number is not finite, or the place cannot be written to.
+    OSError : not as a whole, as on a full disk.
     """
     check_finite(sid)
-    with atomic_path(path) as temporary:
-        with h5py.File(temporary, "w", userblock_size=BLOCK) as file:
-            _put(file, sid)
-        seal(temporary)
+    write_sealed(path, lambda file: _put(file, sid))
 
 
 def read_hdf5(path: str | os.PathLike[str]) -> SID:

@@ -6,6 +6,13 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# Tests assert no wall-clock times: neither does hypothesis on a busy machine.
+settings.register_profile(
+    "sidtool", deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("sidtool")
 
 
 @pytest.fixture(scope="session")

@@ -17,9 +17,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from ..atomic import atomic_path
 from ..errors import InputError
-from ..seal import BLOCK, check_seal, seal
+from ..seal import check_seal, write_sealed
 from .data import TABLES, Result
 from .events import read_events, write_events
 from .hdf5_bodies import read_bodies, write_bodies
@@ -36,14 +35,10 @@ def write_result(path: str | Path, result: Result) -> None:
     Raises
     ------
     InputError : the file cannot be written.
+    OSError : not as a whole, as on a full disk.
     """
-    with atomic_path(path) as temporary:
-        _write(temporary, result)
-        seal(temporary)
 
-
-def _write(path: Path, result: Result) -> None:
-    with h5py.File(path, "w", userblock_size=BLOCK) as file:
+    def fill(file: h5py.File) -> None:
         file.attrs.update(
             format=FORMAT,
             format_version=VERSION,
@@ -65,6 +60,8 @@ def _write(path: Path, result: Result) -> None:
         write_bodies(file.create_group("bodies"), result.bodies)
         if result.events:
             write_events(file.create_group("events"), result.events)
+
+    write_sealed(path, fill)
 
 
 def read_result(path: str | Path) -> Result:

@@ -8,7 +8,15 @@ from typing import Any
 
 import click
 
-from .common import check_target, existing, target
+from .common import (
+    Target,
+    check_targets,
+    existing,
+    files_of,
+    force,
+    result_target,
+    target,
+)
 
 _ACCEPT = click.option(
     "--accept-defects",
@@ -37,8 +45,9 @@ def analyse() -> None:
 @analyse.command()
 @click.argument("scene", metavar="SCENE", type=existing)
 @click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
+@force
 @_ACCEPT
-def static(scene: Path, output: Path | None, accept_defects: bool) -> None:
+def static(scene: Path, output: Path | None, force: bool, accept_defects: bool) -> None:
     """Find the static equilibrium of a SCENE, downhill from its start.
 
     Drives and forces keep the values that they have at the start; nothing moves.
@@ -54,7 +63,7 @@ def static(scene: Path, output: Path | None, accept_defects: bool) -> None:
     from ..analysing import static_equilibrium
     from ..report.analysis import describe_equilibrium
 
-    check_target(output)
+    check_targets([result_target(output)], files_of(scene), force)
     found = _attempt(static_equilibrium, scene, accept_defects=accept_defects)
     _write_result(output, found.result())
     click.echo(describe_equilibrium(found))
@@ -70,8 +79,11 @@ def static(scene: Path, output: Path | None, accept_defects: bool) -> None:
     help="The state: static equilibrium, or the start with its velocities.",
 )
 @click.option("-o", "--output", type=target, help="Modes with their shapes (JSON).")
+@force
 @_ACCEPT
-def modes(scene: Path, about: str, output: Path | None, accept_defects: bool) -> None:
+def modes(
+    scene: Path, about: str, output: Path | None, force: bool, accept_defects: bool
+) -> None:
     """Find the natural modes of the assembled SCENE.
 
     The equations are linearised about the static equilibrium, or about the start, for
@@ -88,7 +100,7 @@ def modes(scene: Path, about: str, output: Path | None, accept_defects: bool) ->
     from ..analysing import linearise
     from ..report.analysis import describe_modes, modes_as_data
 
-    check_target(output)
+    check_targets([Target("-o", output, "modes")], files_of(scene), force)
     found = _attempt(linearise, scene, about=about, accept_defects=accept_defects)
     if output is not None:
         from formats.atomic import atomic_path
@@ -108,9 +120,14 @@ def modes(scene: Path, about: str, output: Path | None, accept_defects: bool) ->
     "equilibrium with the inertia, gravity and joint forces of the motion.",
 )
 @click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
+@force
 @_ACCEPT
 def inverse(
-    scene: Path, quasi_static: bool, output: Path | None, accept_defects: bool
+    scene: Path,
+    quasi_static: bool,
+    output: Path | None,
+    force: bool,
+    accept_defects: bool,
 ) -> None:
     """Find the forces of a SCENE whose motion is prescribed completely.
 
@@ -133,7 +150,7 @@ def inverse(
     from ..analysing import inverse_dynamics
     from ..report.analysis import describe_inverse
 
-    check_target(output)
+    check_targets([result_target(output)], files_of(scene), force)
     result = _attempt(
         inverse_dynamics,
         scene,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +22,172 @@ existing = click.Path(path_type=Path)
 target = click.Path(path_type=Path)
 
 
-def check_target(path: Path | None) -> None:
-    """Refuse a file that cannot be written before any work is done.
+#: Kinds of files that are written: endings that say so, and their name.
+ENDINGS = {
+    "result": ((".h5", ".hdf5"), "a result (HDF5)"),
+    "table": ((".csv", ".txt", ".dat"), "a table (CSV)"),
+    "modes": ((".json",), "modes (JSON)"),
+    "sid": ((".sid_fem", ".sid", ".fem", ".h5", ".hdf5", ".txt", ".dat"), "a SID"),
+}
+#: Endings of files that people or other programs write, and of pictures.
+_OTHERS = (".toml", ".png", ".svg", ".pdf", ".py", ".inp", ".msh", ".bdf")
+force = click.option(
+    "--force",
+    is_flag=True,
+    help="Replace an output file even if it is not one that sidtool writes there.",
+)
+
+
+@dataclass(frozen=True)
+class Target:
+    """A file that a command is to write: its option, path and kind, see `ENDINGS`."""
+
+    option: str
+    path: Path | None
+    kind: str
+
+
+def result_target(path: Path | None) -> Target:
+    """Of an option -o that takes a result or, by its ending, a table."""
+    table = path is not None and path.suffix.lower() == ".csv"
+    return Target("-o", path, "table" if table else "result")
+
+
+def files_of(path: Path) -> list[Path]:
+    """A file that people write, and the files that it names."""
+    if path.suffix not in (".toml", ".json") or not path.is_file():
+        return [path]
+    from formats.toml_files import read_data
+
+    texts: list[str] = []
+    waiting: list[Any] = [read_data(path)]
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += value.values()
+        elif isinstance(value, list):
+            waiting += value
+        elif isinstance(value, str):
+            texts.append(value)
+    return [path, *(path.parent / text for text in texts if _is_file(path, text))]
+
+
+def _is_file(path: Path, text: str) -> bool:
+    try:
+        return (path.parent / text).is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def check_targets(
+    targets: Sequence[Target], inputs: Sequence[str | Path], force: bool
+) -> None:
+    """Refuse files that must not or cannot be written, before any work is done.
+
+    inputs : files that the command reads
 
     Raises
     ------
-    InputError : the folder does not exist, or the name is that of a folder.
+    InputError : a target is an input or another target, also through a link; it is a
+        folder or in none; its ending belongs to another kind of file; or a file of
+        another kind stands there and `force` is not given.
     """
-    if path is None:
-        return
+    wanted = [(t, t.path) for t in targets if t.path is not None]
+    for i, (target, path) in enumerate(wanted):
+        if str(path) == "-":
+            raise InputError(
+                "is no file name here",
+                source="-",
+                place=target.option,
+                expected="a file; /dev/stdout is the standard output",
+            )
+        _check_place(path)
+        for other in map(Path, inputs):
+            if _same(path, other):
+                raise InputError(
+                    "is read by this command and would be replaced",
+                    source=path,
+                    place=target.option,
+                    expected="another name",
+                )
+        for earlier, name in wanted[:i]:
+            if _same(path, name):
+                raise InputError(
+                    f"is what {earlier.option} writes, too",
+                    source=path,
+                    place=target.option,
+                    expected="another name",
+                )
+        _check_ending(target, path)
+        if not force:
+            _check_present(target, path)
+
+
+def _same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:
+        return os.path.realpath(one) == os.path.realpath(other)
+
+
+def _check_place(path: Path) -> None:
     if path.is_dir():
         raise InputError("is a folder", source=path, expected="the name of a file")
-    folder = path.parent
+    folder = Path(os.path.realpath(path)).parent
+    if path.exists() and not path.is_file():
+        return
     if not (folder.is_dir() and os.access(folder, os.W_OK)):
         raise InputError(
             "cannot be written here",
             source=path,
             expected=f"{folder} to be a folder with permission to write",
         )
+
+
+def _check_ending(target: Target, path: Path) -> None:
+    """Endings of other kinds are refused; unknown ones are the user's choice."""
+    own, name = ENDINGS[target.kind]
+    ending = path.suffix.lower()
+    known = {e for endings, _ in ENDINGS.values() for e in endings} | set(_OTHERS)
+    if ending in known and ending not in own:
+        raise InputError(
+            f"{target.option} writes {name}, which the ending {ending} does not say",
+            source=path,
+            expected=f"an ending such as {own[0]}",
+        )
+
+
+def _check_present(target: Target, path: Path) -> None:
+    """A file of another kind is not replaced without being told to."""
+    if not path.is_file() or path.stat().st_size == 0:
+        return
+    if not _is_of_kind(path, target.kind):
+        raise InputError(
+            f"is there and is not {ENDINGS[target.kind][1]} of sidtool's",
+            source=path,
+            place=target.option,
+            expected="another name, or --force",
+        )
+
+
+def _is_of_kind(path: Path, kind: str) -> bool:
+    from ..kinds import kind_of
+
+    if kind == "table":
+        with path.open("rb") as stream:
+            return stream.read(2) in (b"t,", b"t\n")
+    if kind == "modes":
+        with path.open("rb") as stream:
+            return b'"coordinates"' in stream.read(64)
+    try:
+        found = kind_of(path)
+    except InputError:
+        return False
+    if kind == "sid" and found == "sid":
+        with path.open("rb") as stream:
+            start = stream.read(4096)
+        return start[:1] == b"\x89" or b"refmod" in start
+    return found == kind
 
 
 @contextmanager

@@ -12,7 +12,15 @@ from typing import Any
 
 import click
 
-from .common import PATIENCE, check_target, existing, target
+from .common import (
+    PATIENCE,
+    Target,
+    check_targets,
+    existing,
+    files_of,
+    force,
+    target,
+)
 
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
 ENGINES = ("cholmod", "pardiso", "superlu", "slepc")
@@ -58,6 +66,7 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
     help="Make De anew from Me and Ke: none, rayleigh:ALPHA,BETA, modal:RATIO[,...] "
     "or frequency.",
 )
+@force
 def convert(
     source: Path,
     output: Path,
@@ -67,6 +76,7 @@ def convert(
     units: str | None,
     frame: str | None,
     damping: str | None,
+    force: bool,
 ) -> None:
     """Convert a model file to a SID, or a SID to another SID file.
 
@@ -85,7 +95,7 @@ def convert(
       mpirun -n 2 sidtool convert rod_q4.toml -o rod.h5 --engine slepc
     """
     with _processes(engine) as processes:
-        check_target(output)
+        check_targets([Target("-o", output, "sid")], files_of(source), force)
         sid = _sid(source, engine, processes.rank == 0)
         processes.go_on()
         if processes.rank > 0:

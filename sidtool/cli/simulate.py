@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import click
 
-from .common import check_target, existing, progress_bar, target
+from formats.errors import InputError
+
+from .common import (
+    Target,
+    check_targets,
+    existing,
+    files_of,
+    force,
+    progress_bar,
+    target,
+)
 
 
 @click.command()
@@ -35,6 +47,7 @@ from .common import check_target, existing, progress_bar, target
     multiple=True,
     help="Use another SID for a body; may be given several times.",
 )
+@force
 @click.option(
     "--accept-defects",
     is_flag=True,
@@ -50,6 +63,7 @@ def simulate(
     step: float | None,
     spectral_radius: float | None,
     swaps: tuple[str, ...],
+    force: bool,
     accept_defects: bool,
 ) -> None:
     """Simulate the motion of a SCENE and report cost and accuracy.
@@ -74,8 +88,9 @@ def simulate(
     """
     from solver.errors import SimulationError
 
-    check_target(output)
-    check_target(csv)
+    targets = [Target("-o", output, "result"), Target("--csv", csv, "table")]
+    swapped = [swap.partition("=")[2] for swap in swaps]
+    check_targets(targets, [*files_of(scene), *swapped], force)
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     _check_numbers(rtol, step, spectral_radius)
@@ -181,7 +196,28 @@ def _swaps(swaps: tuple[str, ...], scene: Any) -> dict[str, str]:
 def _write(result: Any, output: Path | None, csv: Path | None) -> None:
     from formats.result import write_csv, write_result
 
-    for path, write in ((output, write_result), (csv, write_csv)):
-        if path is not None:
+    failed = None
+    for path, write in ((csv, write_csv), (output, write_result)):
+        if path is None:
+            continue
+        try:
             write(path, result)
             click.echo(f"{path} written", err=not result.completed)
+        except OSError as error:
+            failed = error
+            click.echo(f"sidtool: {path}: {error.strerror}", err=True)
+            _keep_elsewhere(path, write, result)
+    if failed is not None:
+        raise click.exceptions.Exit(1)
+
+
+def _keep_elsewhere(path: Path, write: Callable[..., None], result: Any) -> None:
+    """What was computed goes to the folder for temporary files."""
+    folder = Path(tempfile.gettempdir())
+    other = folder / path.name
+    text = "nothing was kept: run again with another -o"
+    if other.parent.resolve() != path.parent.resolve() and not other.exists():
+        with suppress(OSError, InputError):
+            write(other, result)
+            text = f"{other} written instead"
+    click.echo(f"sidtool: {text}", err=True)
