@@ -18,6 +18,7 @@ from . import kernel_calls
 from .alignment import align, check_alignment
 from .displacements import displacements
 from .kernels import layout as at
+from .overconstraint import relax
 from .planar_turns import with_whole_turns
 from .redundancy import mark_redundant
 from .scene import System
@@ -80,6 +81,7 @@ def _closed(system: System, state: State) -> System:
     state.evaluate()
     _check_rods(state)
     _reach_positions(state)
+    system = state.system
     check_alignment(system, state.work)
     if system.from_start:
         _measure_start(state)
@@ -92,7 +94,11 @@ def _closed(system: System, state: State) -> System:
 
 
 def _reach_positions(state: State) -> None:
-    if close(state) > 1e-10:
+    guessed = state.z.copy()
+    close(state)
+    if relax(state, guessed):
+        close(state)
+    if state.opening > 1e-10:
         raise InputError(
             "the start position cannot be assembled: "
             f"{widest_open(state.system, state.residual)}",

@@ -107,6 +107,7 @@ def _system(
         np.zeros(int(dims[at.N_ROWS])),
         force,
         turn,
+        np.zeros((0, at.N_DROPPED), np.int64),
         None,
     )
     newton = arrays.replaced(**rows_of_newton._asdict())

@@ -16,6 +16,7 @@ from formats.sid import Array
 
 from . import kernel_calls
 from .kernels.layout import Work
+from .overconstraint import complete
 from .scene import System
 from .sizes import coordinate_sizes, row_sizes
 from .start import RANK_TOLERANCE, dense_jacobian
@@ -31,15 +32,21 @@ def minimum_norm(
     null space of C^T; and the rows that have a part in it, which the motion does not
     determine."""
     rows, columns = row_sizes(system), coordinate_sizes(system)
-    rank = system.n_rows - len(system.redundant)
+    rank, whole = system.n_rows - len(system.redundant), complete(system)
     result, known_part = multipliers.copy(), np.ones(system.n_rows)
     for k, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
         work.clock[0] = clock
         kernel_calls.evaluate(system, work, t, z[k], v[k])
+        force = dense_jacobian(system, work.C).T @ multipliers[k]
+        kernel_calls.evaluate(whole, work, t, z[k], v[k])
         C = dense_jacobian(system, work.C) * columns / rows[:, None]
-        left, sizes, _ = np.linalg.svd(C, full_matrices=False)
+        left, sizes, right = np.linalg.svd(C, full_matrices=False)
         known = sizes[:rank] > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))
         held = left[:, :rank][:, known]
-        result[k] = held @ (held.T @ (multipliers[k] * rows)) / rows
+        if whole is system:
+            part = held.T @ (multipliers[k] * rows)
+        else:
+            part = right[:rank][known] @ (columns * force) / sizes[:rank][known]
+        result[k] = held @ part / rows
         known_part = np.minimum(known_part, np.sum(held**2, axis=1))
     return result, tuple(map(int, np.flatnonzero(1.0 - known_part > UNDETERMINED)))

@@ -11,6 +11,7 @@ from formats.sid import Array
 
 from .joint_forces import COMPONENTS
 from .outputs import Recorded, multiplier_names
+from .overconstraint import advice, widest_left_open
 from .scene import System
 from .start import names_of_rows
 
@@ -20,9 +21,26 @@ def of_run(system: System, t: Array, recorded: Recorded) -> tuple[str, ...]:
     names = (*recorded.names, *multiplier_names(system))
     values = np.hstack([recorded.values, recorded.multipliers])
     return (
+        *left_out(system, t, recorded),
         *undetermined_forces(recorded, watched(system.scene)),
         *undefined_values(t, names, values),
     )
+
+
+def left_out(system: System, t: Array, recorded: Recorded) -> list[str]:
+    """Of constraints that contradict others by the rounding of data."""
+    if not system.dropped:
+        return []
+    z, v = recorded.samples.z, recorded.samples.v
+    widest = widest_left_open(system, t, z, v)
+    count = len(system.dropped)
+    follow = "constraint follows" if count == 1 else "constraints follow"
+    return [
+        f"the mechanism is over-constrained: {count} {follow} from the others but for "
+        f"the rounding of the data, which leaves them open by up to {widest:.1e} of "
+        "its size; it moves without them. The same without contradiction: "
+        f"{advice(system, system.dropped)}"
+    ]
 
 
 def undetermined_forces(
@@ -43,8 +61,9 @@ def undetermined_forces(
     count, others = len(system.redundant), [n for n in sharing if n not in told]
     why = "their constraints depend on each other in this configuration"
     if count:
-        follow = "constraint follows" if count == 1 else "constraints follow"
-        why = f"the mechanism is over-constrained, {count} of its {follow} from others"
+        follow = "follows" if count == 1 else "follow"
+        why = "the mechanism is over-constrained, "
+        why += f"{count} of its constraints {follow} from others"
     shared = f", shared with {', '.join(others)}" if others else ""
     return [
         f"the forces of {', '.join(told)} are not determined{shared}: {why}; recorded "

@@ -50,6 +50,9 @@ class System:
         start decides
     redundant : constraint rows that follow from the others
     features : of functions of time, which no step may pass unseen
+    dropped : constraint rows that are left out, since they follow from the others but
+        for the rounding of data
+    strict : table of all constraints, where some are left out
     seen : by the drives and forces that a program gives, the duration of the shortest
         feature that is surely seen [s]
     carrying : of a scene with all of its joints, the body table in which frames that
@@ -73,6 +76,8 @@ class System:
     from_start: tuple[tuple[int, int], ...] = field(default=())
     redundant: tuple[int, ...] = field(default=())
     features: Features = NONE
+    dropped: tuple[int, ...] = field(default=())
+    strict: at.IntTable | None = None
     seen: Mapping[str, float] = field(default_factory=dict)
     carrying: at.IntTable | None = None
     whole: System | None = None

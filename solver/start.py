@@ -145,15 +145,20 @@ class State:
         C[self.ignored] = 0.0
         return C
 
-    def smallest(self, right: Array) -> tuple[Array, Array]:
-        """x with C x = right, smallest in the metric, and what remains of right."""
+    def smallest(
+        self, right: Array, independent: float = RANK_TOLERANCE
+    ) -> tuple[Array, Array]:
+        """x with C x = right, smallest in the metric, and what remains of right.
+
+        independent : constraints count as dependent below this relative size
+        """
         C = self.jacobian()
         N = self.root() * self.free[:, None]
         Q, R = np.linalg.qr((C @ N).T)
         lengths = np.linalg.norm(R, axis=0)
         scale = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, 1e-300), 0.0)
         scaled = scale[:, None] * R.T
-        y = np.linalg.lstsq(scaled, scale * right, rcond=RANK_TOLERANCE)[0]
+        y = np.linalg.lstsq(scaled, scale * right, rcond=independent)[0]
         x = N @ (Q @ y)
         return x, C @ x - right
 
@@ -181,13 +186,16 @@ class State:
         return N
 
 
-def close(state: State) -> float:
-    """Moves the state onto the constraints; how far they stay open."""
+def close(state: State, independent: float = RANK_TOLERANCE) -> float:
+    """Moves the state onto the constraints; how far they stay open.
+
+    independent : see `State.smallest`
+    """
     opening = state.opening
     for _ in range(ITERATIONS):
         if opening <= CLOSED:
             break
-        step, _ = state.smallest(-state.residual)
+        step, _ = state.smallest(-state.residual, independent)
         base, base_opening, fraction = state.z.copy(), opening, 1.0
         frame = state.work.frame.copy()
         while fraction > 1e-4:

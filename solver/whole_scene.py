@@ -15,6 +15,7 @@ from .kernels import planar
 from .kernels import spatial_columns as spatial
 from .kernels.layout import Work
 from .minimum_norm import minimum_norm
+from .overconstraint import complete
 from .sampling import Samples
 from .scene import Row, System
 from .start import dense_jacobian
@@ -31,7 +32,7 @@ def whole_motion(
     not cut, or if no force of a joint is asked for."""
     whole = system.whole
     if whole is None:
-        return system, samples
+        return complete(system), samples
     z, v, acc = (
         np.zeros((len(times), n))
         for n in (whole.n_positions, whole.n_velocities, whole.n_velocities)
@@ -41,6 +42,7 @@ def whole_motion(
     ]
     for b in range(len(system.bodies)):
         _expand(system, whole, b, samples, (z, v, acc))
+    whole = complete(whole)
     work, solver = new_work(whole), _JointForces(system, whole)
     multipliers = np.zeros((len(times), whole.n_rows))
     multipliers[:, solver.known] = samples.multipliers[:, solver.source]

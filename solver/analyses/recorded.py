@@ -15,7 +15,7 @@ from ..energy_history import history_between, is_wanted
 from ..errors import SimulationError
 from ..kernels.pointers import kernels
 from ..new_control import CLOSED
-from ..notes import undefined_values, undetermined_forces
+from ..notes import left_out, undefined_values, undetermined_forces
 from ..sampling import sample_known
 from ..scene import System
 from ..sizes import row_sizes
@@ -79,7 +79,7 @@ def recorded(
     undefined = undefined_values(times, found.names, found.values)
     if undefined:
         raise SimulationError(undefined[0])
-    open_forces = undetermined_forces(found)
+    told = [*left_out(system, times, found), *undetermined_forces(found)]
     return Result(
         title=system.scene.title,
         names=found.names,
@@ -94,7 +94,7 @@ def recorded(
         settings={"analysis": kind},
         scene=system.scene.model_dump_json(by_alias=True, exclude_none=True),
         versions=versions(),
-        notes=(*notes, *open_forces),
+        notes=(*notes, *told),
         completed=not message,
         message=message,
     )

@@ -159,6 +159,12 @@ C_RATE = 1  # dc/dt
 C_GAMMA = 2  # right-hand side of C z_II' = gamma
 N_ROW = 3
 
+# --- columns of System.dropped ------------------------------------------
+X_ROW = 0
+X_OFFSET = 1  # first entry in Work.C and its likes
+X_SIZE = 2
+N_DROPPED = 3
+
 # --- columns of Work.turn -------------------------------------------------
 TURNED = 0
 TURN_RATE = 1
@@ -181,6 +187,8 @@ class System(Table):
         constraints that depend on each other, which share their force, see
         `solver.minimum_norm`
     force, turn : integer tables, columns as above
+    dropped : segments of constraint rows that are left out, see
+        `solver.overconstraint`
     newton : the same for Newton matrices, whose rows are constraints and forces, see
         `newton`: other body, segment, dims and slack
     """
@@ -196,6 +204,7 @@ class System(Table):
     slack: Array
     force: IntTable
     turn: IntTable
+    dropped: IntTable
     newton: System
 
     def replaced(self, **changes: Any) -> System:
@@ -253,7 +262,7 @@ C3 = types.Array(types.complex128, 3, "C")
 I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
-SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, None])
+SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None])
 WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1] * 3)
 
 #: evaluate(system, work, t, z_I, z_II)

@@ -7,6 +7,7 @@ import math
 from numba import float64, int64, types
 
 from .compiling import entry, inner
+from .dropped import drop_derivatives, drop_rows
 from .forces import force_law, time_factor
 from .layout import (
     EVALUATE,
@@ -106,6 +107,7 @@ def _force(system, work, k, t):
 def evaluate(system, work, t, z, v):
     """Everything that eq. (3) needs at one state: M, f, C, c, dc/dt and gamma."""
     evaluate_constraints(system, work, t, z, v)
+    drop_rows(system, work)
     for k in range(len(system.force)):
         _force(system, work, k, t)
 
@@ -181,6 +183,7 @@ def linearise(system, work, t, z, v, acc, lam):
     force or the force on another; a Newton matrix may do without.
     """
     linearise_constraints(system, work, t, z, v, acc, lam)
+    drop_derivatives(system, work)
     for i in range(system.dims[N_ENTRIES], len(work.C)):
         work.C[i] = 0.0
     for k in range(len(system.force)):
