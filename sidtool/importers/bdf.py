@@ -13,7 +13,13 @@ from formats.errors import InputError
 from formats.model import Material
 
 from .bdf_cards import Card, members, read_cards
-from .imported import ImportedMesh, RawElement, assembled_mesh, reading_notes
+from .imported import (
+    EVERYTHING,
+    ImportedMesh,
+    RawElement,
+    assembled_mesh,
+    reading_notes,
+)
 
 #: Card -> our elements by their number of nodes.
 _ELEMENTS = {
@@ -82,7 +88,7 @@ def _take(content: _Content, card: Card, ignored: frozenset[str]) -> None:
         _element(content, card)
     elif card.name in _READERS:
         _READERS[card.name](content, card)
-    elif card.name in _WITHOUT_EFFECT:
+    elif card.name in _WITHOUT_EFFECT or EVERYTHING in ignored:
         content.said[card.name] = None
     else:
         raise InputError(

@@ -20,6 +20,8 @@ from ..frontends.reference_elements import reference_element
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+#: Among ignored words: where only the nodes of a file are asked for.
+EVERYTHING = "EVERYTHING"
 #: A range of more members is a damaged number.
 MOST_MEMBERS = 5_000_000
 

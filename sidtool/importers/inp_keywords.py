@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from formats.errors import InputError
 
+from .imported import EVERYTHING
 from .inp_blocks import Block
 
 #: Keywords that are read, and the parameters that they may have.
@@ -119,6 +120,8 @@ def kind_of(block: Block, ignored: frozenset[str]) -> str:
         return "ignored"
     if squeezed in _READ:
         return "read"
+    if EVERYTHING in ignored:
+        return "ignored"
     if squeezed in _DAMPING:
         return "damping"
     if squeezed in WITHOUT_EFFECT:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from formats.errors import InputError
 
-from .imported import integers, number_table, numbers, read_lines
+from .imported import EVERYTHING, integers, number_table, numbers, read_lines
 from .matrix_market import is_matrix_market, read_matrix_market
 from .meshes import MESH_READERS, read_mesh
 
@@ -121,7 +121,7 @@ def read_nodes(path: str) -> tuple[Indices, Array, dict[str, Indices]]:
     InputError : names file and line.
     """
     if Path(path).suffix.lower() in MESH_READERS:
-        mesh = read_mesh(path).mesh
+        mesh = read_mesh(path, [EVERYTHING]).mesh
         pad = ((0, 0), (0, 3 - mesh.dimension))
         return mesh.labels, np.pad(mesh.positions, pad), dict(mesh.node_sets)
     labels, positions = [], []

@@ -13,6 +13,7 @@ from pathlib import Path
 from formats.errors import InputError
 
 from .imported import (
+    EVERYTHING,
     ImportedMesh,
     RawElement,
     assembled_mesh,
@@ -185,7 +186,9 @@ def _without_effect(
     """
     others = [name for name in sections if name not in _READ]
     for name in others:
-        if name not in _WITHOUT_EFFECT and name.upper() not in ignored:
+        if EVERYTHING in ignored or name.upper() in ignored:
+            continue
+        if name not in _WITHOUT_EFFECT:
             raise InputError(
                 f"holds ${name}, which is not supported",
                 expected=f'a mesh without it; geometry.ignore = ["{name}"] leaves it '

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -145,6 +144,8 @@ def cdb_mesh(mesh: Mesh) -> str:
     (block,) = mesh.blocks
     n, kind = len(mesh.positions), ANSYS[block.kind]
     lines = ["/PREP7", f"ET,        1,{kind}"]
+    if kind == 185:
+        lines.append("KEYOPT,1,2,3")
     lines += [f"NBLOCK,6,SOLID,{n:10d},{n:10d}", "(3i9,6e21.13e3)"]
     for i, x in enumerate(mesh.positions):
         words = "".join(_fortran(v) for v in x)
@@ -180,12 +181,3 @@ def mesh_model(folder: Path, file: str, **changes: Any) -> Path:
     }
     (folder / "model.json").write_text(json.dumps(data | changes))
     return folder / "model.json"
-
-
-def importable(module: str) -> bool:
-    """Whether a package is there and works with this NumPy."""
-    try:
-        importlib.import_module(module)
-    except Exception:
-        return False
-    return True

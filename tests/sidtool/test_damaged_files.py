@@ -22,7 +22,6 @@ from .mesh_files import (
     BDF,
     FORMATS,
     cdb_text,
-    importable,
     mesh_model,
     rod_mesh,
 )
@@ -118,7 +117,6 @@ CASES: dict[str, Case] = {
     "gismo": patch_case("arc.xml"),
 }
 BINARY = ("npz", "hdf5")
-NEEDED = {"cdb": "mapdl_archive"}
 
 
 def spoiled_text(text: str, dice: random.Random) -> str:
@@ -161,8 +159,6 @@ def spoil(path: Path, name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("name", CASES)
 def test_spoiled_copies(tmp_path: Path, name: str) -> None:
-    if name in NEEDED and not importable(NEEDED[name]):
-        pytest.skip(f"{NEEDED[name].split('.')[0]} is not installed")
     model, file = CASES[name](tmp_path)
     finite_element_model(read_model(model))
     sound = (tmp_path / file).read_bytes()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,9 @@ from numpy.testing import assert_allclose
 
 from formats.errors import InputError
 from sidtool.convert import sid_from_model
-from sidtool.frontends.mesh import Mesh, check_mesh
+from sidtool.frontends.mesh import ElementBlock, Mesh, check_mesh
+from sidtool.frontends.reference_elements import edge_nodes, reference_element
+from sidtool.importers.cdb_elements import collapsed
 from sidtool.importers.meshes import read_mesh
 
 from .mesh_files import (
@@ -19,7 +22,6 @@ from .mesh_files import (
     bdf_text,
     cdb_mesh,
     cdb_text,
-    importable,
     mesh_model,
     msh_2,
     rod_mesh,
@@ -40,21 +42,16 @@ def test_nastran(tmp_path: Path) -> None:
 
 
 def test_ansys(tmp_path: Path) -> None:
-    """With mapdl-archive one brick; without, what is missing."""
     path = tmp_path / "one.cdb"
     path.write_text(cdb_text())
-    if not importable("mapdl_archive"):
-        with pytest.raises(InputError, match="needs the package mapdl-archive"):
-            read_mesh(path)
-        return
     imported = read_mesh(path)
     assert imported.mesh.blocks[0].kind == "hex8"
     check_mesh(imported.mesh)
 
 
-BULK: dict[str, tuple[str | None, str, Callable[[Mesh], str], str]] = {
-    "bdf": (None, "rod.bdf", bdf_text, "SPC9"),
-    "cdb": ("mapdl_archive", "rod.cdb", cdb_mesh, "LEFT"),
+BULK: dict[str, tuple[str, Callable[[Mesh], str], str]] = {
+    "bdf": ("rod.bdf", bdf_text, "SPC9"),
+    "cdb": ("rod.cdb", cdb_mesh, "LEFT"),
 }
 
 
@@ -62,9 +59,7 @@ BULK: dict[str, tuple[str | None, str, Callable[[Mesh], str], str]] = {
 @pytest.mark.parametrize("name", BULK)
 def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> None:
     """The rod by every element: nodes, order of nodes, sets, and its frequencies."""
-    module, file, writer, clamped = BULK[name]
-    if module and not importable(module):
-        pytest.skip(f"{module.split('.')[0]} does not work here")
+    file, writer, clamped = BULK[name]
     mesh = rod_mesh(kind)
     (tmp_path / file).write_text(writer(mesh))
     imported = read_mesh(tmp_path / file)
@@ -92,9 +87,7 @@ def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> N
 def test_mistakes_in_bulk_data(
     tmp_path: Path, name: str, old: str, new: str, message: str
 ) -> None:
-    module, file, *_ = BULK[name]
-    if module and not importable(module):
-        pytest.skip(f"{module.split('.')[0]} does not work here")
+    file, *_ = BULK[name]
     text = BDF if name == "bdf" else cdb_text()
     assert old in text
     (tmp_path / file).write_text(text.replace(old, new, 1))
@@ -193,3 +186,106 @@ def test_cards_of_other_files_are_read(tmp_path: Path) -> None:
     text = BDF.replace("GRID,4,,0.,0.,1.\n", "INCLUDE 'more.txt'\n")
     (tmp_path / "one.bdf").write_text(text)
     assert len(read_mesh(tmp_path / "one.bdf").mesh.positions) == 4
+
+
+MP = "MP,EX,{m},{e}\nMPDATA,R5.0, 1,PRXY,       {m}, 1, 0.3,\nMP,DENS,{m},{rho}\n"
+#: Two unit cubes side by side, nodes and elements one by one.
+SINGLE = (
+    "/PREP7\nET,1,185\nKEYOPT,1,2,3\n"
+    + "".join(
+        f"N,{i + 1},{i // 4},{(0, 1, 1, 0)[i % 4]},{(0, 0, 1, 1)[i % 4]}\n"
+        for i in range(12)
+    )
+    + MP.format(m=1, e=2.1e11, rho=7850.0)
+    + MP.format(m=2, e=7e10, rho=2700.0)
+    + "TYPE,1\nMAT,1\nEN,1,1,2,3,4,5,6,7,8\nMAT,2\nEN,2,5,6,7,8,9,10,11,12\nFINISH\n"
+)
+
+
+def test_ansys_materials_and_single_nodes_and_elements(tmp_path: Path) -> None:
+    """Materials were never read: 157 for 106 kg."""
+    path = mesh_model(
+        tmp_path,
+        "two.cdb",
+        frame={"type": "buckens"},
+        markers={"p": {"node": 1, "mesh_node": 1}},
+    )
+    data = json.loads(path.read_text())
+    del data["material"]
+    path.write_text(json.dumps(data))
+    (tmp_path / "two.cdb").write_text(SINGLE)
+    assert sid_from_model(path).mass == pytest.approx(7850 + 2700, rel=1e-12)
+    mesh = read_mesh(tmp_path / "two.cdb").mesh
+    assert {block.formulation for block in mesh.blocks} == {"incompatible_modes"}
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("CE,1,0,1,UX,1,2,UX,-1", "CE is not supported"),
+        ("CP,1,UX,1,2", "CP is not supported"),
+        ("CERIG,1,2", "CERIG is not supported"),
+        ("RBE3,1,ALL,2", "RBE3 is not supported"),
+        ("NGEN,2,4,1,4,1", "NGEN is not supported"),
+        ("EGEN,2,4,1", "EGEN is not supported"),
+        ("MP,EY,1,1e9", "property EY of material 1"),
+        ("N,1,0,0,0", "node 1 is defined twice"),
+        ("EN,2,1,2,3,4,5,6,7,8", "element 2 is defined twice"),
+        ("EBLOCK,10,,1,1", "EBLOCK without SOLID"),
+        ("ET,1,181", "of type 181"),
+    ],
+)
+def test_no_command_is_lost(tmp_path: Path, line: str, message: str) -> None:
+    path = tmp_path / "two.cdb"
+    path.write_text(SINGLE.replace("FINISH", line + "\nFINISH"))
+    with pytest.raises(InputError, match=message):
+        read_mesh(path)
+    if message.endswith("is not supported"):
+        assert len(read_mesh(path, [line.split(",")[0]]).mesh.blocks) == 2
+
+
+def test_blocks_hold_what_they_announce(tmp_path: Path) -> None:
+    path = tmp_path / "rod.cdb"
+    text = cdb_mesh(rod_mesh("hex8"))
+    path.write_text(
+        text.replace(
+            "EBLOCK,19,SOLID,         6,         6",
+            "EBLOCK,19,SOLID,         6,         7",
+        )
+    )
+    with pytest.raises(InputError, match="EBLOCK announces 7 entries and holds 6"):
+        read_mesh(path)
+
+
+#: The corners of a brick that are one -> the element that it becomes.
+COLLAPSED = {
+    "wedge": [0, 1, 2, 2, 4, 5, 6, 6],
+    "pyramid": [0, 1, 2, 3, 4, 4, 4, 4],
+    "tet": [0, 1, 2, 2, 4, 4, 4, 4],
+}
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+@pytest.mark.parametrize("shape", COLLAPSED)
+def test_collapsed_bricks_are_prisms_pyramids_and_tetrahedra(
+    shape: str, quadratic: bool
+) -> None:
+    """Every node of the element is where its reference node is."""
+    brick = reference_element("hex20")
+    corner = dict(enumerate(COLLAPSED[shape]))
+    places = {i: np.array(brick.nodes[i]) for i in range(8)}
+    points = [places[corner[i]] for i in range(8)]
+    points += [(points[a] + points[b]) / 2 for a, b in edge_nodes("hex20")]
+    order = [*range(12), *range(12, 20)]
+    keys = [tuple(points[i]) for i in order]
+    number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    count = 20 if quadratic else 8
+    kind, nodes = collapsed(
+        "hex20" if quadratic else "hex8", [number[key] for key in keys[:count]]
+    )
+    where = np.array([list(number)[n] for n in nodes])
+    assert kind.startswith(shape) and len(set(nodes)) == len(nodes)
+    for k, (a, b) in enumerate(edge_nodes(kind), start=reference_element(kind).corners):
+        assert_allclose(where[k], (where[a] + where[b]) / 2)
+    mesh = Mesh(where, (ElementBlock(kind, np.arange(len(nodes))[None], np.ones(1)),))
+    check_mesh(mesh)

@@ -1,0 +1,91 @@
+"""Element types of ANSYS: our element, its formulation, and collapsed shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from formats.errors import InputError
+
+#: ANSYS element type -> our name.
+_ANSYS = {
+    185: "hex8",
+    45: "hex8",
+    186: "hex20",
+    95: "hex20",
+    187: "tet10",
+    92: "tet10",
+    285: "tet4",
+    182: "quad4",
+    42: "quad4",
+    183: "quad8",
+    82: "quad8",
+}
+_PLANE = (182, 42, 183, 82)
+#: KEYOPT(2) of 182 and 185: formulation, and what it replaces.
+_KEYOPT = {
+    0: ("full_integration", "B-bar is replaced by full integration"),
+    1: ("incompatible_modes", "reduced integration is replaced by incompatible modes"),
+    2: ("incompatible_modes", "enhanced strains are replaced by incompatible modes"),
+    3: ("incompatible_modes", "enhanced strains are replaced by incompatible modes"),
+}
+#: Distinct corners of a hexahedron -> our shape, and which of its corners these are.
+_CORNERS = {
+    4: ("tet", (0, 1, 2, 4)),
+    5: ("pyramid", (0, 1, 2, 3, 4)),
+    6: ("wedge", (0, 1, 2, 4, 5, 6)),
+}
+#: Then the middles, in the order of ANSYS: I-J, ..., M-N, ..., I-M, ...
+_MIDDLES = {
+    4: (8, 9, 11, 16, 17, 18),
+    5: (8, 9, 10, 11, 16, 17, 18, 19),
+    6: (8, 9, 11, 12, 13, 15, 16, 17, 18),
+}
+
+
+def element_kind(
+    given: int | None, keys: Mapping[int, int], label: int, place: str
+) -> tuple[str, str | None, list[str]]:
+    """Our element, its formulation if there is a choice, and what is replaced.
+
+    Raises
+    ------
+    InputError : the type is not supported.
+    """
+    plane = given in _PLANE
+    if given not in _ANSYS or (plane and keys.get(3, 0) not in (0, 2, 3)):
+        raise InputError(
+            f"element {label} is of type {given}"
+            + (f", KEYOPT(3) = {keys[3]}" if plane else ""),
+            place=place,
+            expected="one of " + ", ".join(map(str, _ANSYS)),
+        )
+    kind, option = _ANSYS[given], keys.get(2, 0)
+    if given in (45, 42):
+        return kind, "incompatible_modes", []
+    if given not in (185, 182):
+        said = "reduced integration is replaced by full integration"
+        reduced = given == 183 or (given == 186 and option == 0)
+        return kind, None, [f"type {given}: {said}"] if reduced else []
+    formulation, said = _KEYOPT.get(option, _KEYOPT[0])
+    return kind, formulation, [f"type {given}, KEYOPT(2) = {option}: {said}"]
+
+
+def plane_state(kind: str, keys: Mapping[int, int]) -> str | None:
+    """What KEYOPT(3) says of a plane element; None of a solid."""
+    if kind not in ("quad4", "quad8"):
+        return None
+    return "plane_strain" if keys.get(3, 0) == 2 else "plane_stress"
+
+
+def collapsed(kind: str, nodes: list[int]) -> tuple[str, list[int]]:
+    """The element whose coinciding nodes are one: prisms, pyramids, tetrahedra."""
+    if kind == "quad4" and len(set(nodes)) == 3:
+        return "tri3", list(dict.fromkeys(nodes))
+    if kind not in ("hex8", "hex20"):
+        return kind, nodes
+    distinct = len(dict.fromkeys(nodes[:8]))
+    if distinct not in _CORNERS or len(nodes) not in (8, 20):
+        return kind, nodes
+    shape, corners = _CORNERS[distinct]
+    places = corners + (_MIDDLES[distinct] if kind == "hex20" else ())
+    return f"{shape}{len(places)}", [nodes[i] for i in places]
