@@ -45,11 +45,13 @@ def read_deck(path: Path, ignored: frozenset[str] = frozenset()) -> Deck:
     in_step = False
     for block in read_blocks(path):
         in_step = block.keyword == "STEP" or (in_step and block.keyword != "END STEP")
-        kind = kind_of(block, ignored)
+        kind = kind_of(block, ignored, in_step)
         if kind == "read":
             block = readable(block)
             _READERS.get(block.keyword, _nothing)(deck, block)
-        elif not in_step:
+        elif kind == "step":
+            deck.said["all steps"] = None
+        else:
             deck.said[f"*{block.keyword}" + _REMARKS.get(kind, "")] = None
     return deck
 

@@ -104,12 +104,14 @@ _INSTEAD = {
 _SHORTEST = 3
 
 
-def kind_of(block: Block, ignored: frozenset[str]) -> str:
-    """ "read", "damping" or "without effect".
+def kind_of(block: Block, ignored: frozenset[str], in_step: bool = False) -> str:
+    """ "read", "damping", "ignored", "step" or "without effect".
 
     Parameters
     ----------
     ignored : keywords that the model file leaves out on purpose, in capitals
+    in_step : whether it stands between *STEP and *END STEP: loads and output, unless
+        it is known to change the body
 
     Raises
     ------
@@ -122,6 +124,8 @@ def kind_of(block: Block, ignored: frozenset[str]) -> str:
         return "read"
     if EVERYTHING in ignored:
         return "ignored"
+    if in_step and squeezed not in _INSTEAD:
+        return "step"
     if squeezed in _DAMPING:
         return "damping"
     if squeezed in WITHOUT_EFFECT:

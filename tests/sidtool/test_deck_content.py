@@ -73,7 +73,7 @@ def test_what_is_refused_may_be_left_out_on_purpose(tmp_path: Path) -> None:
 def test_convert_lists_what_has_no_effect_and_what_is_replaced(tmp_path: Path) -> None:
     text = deck(BLOCK, "C3D8R").replace("*DENSITY", "*EXPANSION\n1e-5\n*DENSITY")
     text += "*DAMPING, ALPHA=3.\n*BOUNDARY\nLEFT, 1, 3\n*STEP\n*STATIC\n*CLOAD\n"
-    text += "1, 1, 5.\n*END STEP\n"
+    text += "1, 1, 5.\n*SOMETHING OF A STEP\n*END STEP\n"
     source = deck_file(tmp_path, text)
     output = str(tmp_path / "body.SID_FEM")
     result = CliRunner().invoke(cli, ["convert", str(source), "-o", output])
@@ -83,7 +83,7 @@ def test_convert_lists_what_has_no_effect_and_what_is_replaced(tmp_path: Path) -
         "note: read 6 of 6 elements (6 C3D8R) and 24 of 24 nodes",
         "note: 6 elements C3D8R: reduced integration is replaced by incompatible modes",
         "note: without effect on the body: *EXPANSION, *DAMPING (damping is that of "
-        "the model file), *BOUNDARY",
+        "the model file), *BOUNDARY, all steps",
         "note: material S of the file: E = 2.1e+11 Pa, nu = 0.3, density = 7850 kg/m^3",
     ]
 

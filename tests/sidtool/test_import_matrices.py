@@ -319,8 +319,10 @@ def test_calculix_itself(tmp_path: Path, kind: str) -> None:
     data["discretisation"] = {"type": "mesh"}
     path.write_text(json.dumps(data))
     ours = np.sqrt(np.diag(sid_from_model(path).Ke.m0)) / (2 * np.pi)
-    # Straight elements are the same; CalculiX integrates tetrahedra with fewer points.
-    assert_allclose(ours, own, rtol=1e-6 if kind != "tet10" else 2e-2)
+    # Straight elements are the same. CalculiX integrates the mass of curved hex20 by 27
+    # points, which is not exact (with these we have its digits), and tet10 by fewer.
+    rtol = {"hex8": 1e-6, "hex20": 3e-5, "tet10": 2e-2}[kind]
+    assert_allclose(ours, own, rtol=rtol)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
