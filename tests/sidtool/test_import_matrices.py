@@ -286,8 +286,16 @@ def test_a_cut_off_matrix(tmp_path: Path, solid: FiniteElementModel) -> None:
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
 @pytest.mark.parametrize("kind", ["hex8", "hex20", "tet10"])
 def test_calculix_itself(tmp_path: Path, kind: str) -> None:
-    """Its matrices give its own free frequencies; its mesh those of our elements."""
+    """Its matrices give its own free frequencies; its mesh those of our elements.
+
+    A straight rod of constant height: CalculiX integrates the mass of C3D20 with 27
+    points, which is exact for parallelepipeds only (1.4e-5 of a tapered rod).
+    """
     mesh = rod_mesh(kind)
+    x, y, _ = mesh.positions.T
+    for at in np.unique(x.round(9)):
+        section = np.isclose(x, at, atol=1e-8)
+        y[section] *= 0.03 / np.abs(y[section]).max()
     text = inp_text(mesh).replace("C3D8I", "C3D8").replace("C3D20R", "C3D20")
     text = text.split("*STEP")[0]
     steps = {
@@ -312,17 +320,15 @@ def test_calculix_itself(tmp_path: Path, kind: str) -> None:
     }
     path = model(tmp_path, files, frame=clamp, markers=markers)
     found = np.sqrt(np.diag(sid_from_model(path).Ke.m0)) / (2 * np.pi)
-    # Its table of frequencies has seven digits.
-    assert_allclose(found, own, rtol=2e-7)
+    # Its table of frequencies has seven digits: half of the last one is up to 5e-7.
+    assert_allclose(found, own, rtol=5e-7)
     data = json.loads(path.read_text())
     data["geometry"] = {"type": "mesh", "file": "own.inp"}
     data["discretisation"] = {"type": "mesh"}
     path.write_text(json.dumps(data))
     ours = np.sqrt(np.diag(sid_from_model(path).Ke.m0)) / (2 * np.pi)
-    # Straight elements are the same. CalculiX integrates the mass of curved hex20 by 27
-    # points, which is not exact (with these we have its digits), and tet10 by fewer.
-    rtol = {"hex8": 1e-6, "hex20": 3e-5, "tet10": 2e-2}[kind]
-    assert_allclose(ours, own, rtol=rtol)
+    # CalculiX integrates tetrahedra with fewer points.
+    assert_allclose(ours, own, rtol=1e-6 if kind != "tet10" else 2e-2)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
