@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import eigh
 
 from formats.scene import as_3d
 from formats.sid import Array, rigid_node, rigid_sid
@@ -61,6 +62,7 @@ def moved_frames(case: Case, rng: Random) -> Said | None:
     table, turns = copied(case), {}
     for name in names:
         body, pose = table["bodies"][name], any_pose(rng, planar, 0.5)
+        angle = float(np.arctan2(pose.R[1, 0], pose.R[0, 0]))
         body["centre_of_mass"] = components(
             pose.R.T @ (as_3d(body["centre_of_mass"]) - pose.x), planar
         )
@@ -69,13 +71,15 @@ def moved_frames(case: Case, rng: Random) -> Said | None:
         for marker, old in body["markers"].items():
             inner = pose.inverse.then(Pose.of(old))
             body["markers"][marker] = inner.table(planar)
+            if planar:  # the sum of both angles stays, turns and all
+                body["markers"][marker]["angle"] = old.get("angle", 0.0) - angle
         initial = body["initial"]
         new = Pose.of(initial).then(pose)
         velocity = _velocity_at(initial, new, planar)
         body["initial"] = replaced(initial, new, planar) | {"velocity": velocity}
-        turns[f"{name}.angle"] = body["initial"].get("angle", 0.0) - initial.get(
-            "angle", 0.0
-        )
+        if planar:
+            body["initial"]["angle"] = initial["angle"] + angle
+            turns[f"{name}.angle"] = angle
 
     def back(values: Values) -> Values:
         new = {k: v - turns.get(k, 0.0) for k, v in values.items()}
@@ -305,9 +309,26 @@ def rereferenced(case: Case, rng: Random) -> Said | None:
         )
 
     def slack(exact: Values) -> float:
-        return 30.0 * max(_largest_rotation(case, name, exact) for name in flexible)
+        return max(
+            30.0 * _largest_rotation(case, name, exact) + _detuning(case, name, exact)
+            for name in flexible
+        )
 
     return Said(with_table(case, table, sids=sids), back, slack)
+
+
+def _detuning(case: Case, name: str, exact: Values) -> float:
+    """Share of a period by which loads a shift a vibration, a T / (omega L), weakly.
+
+    Frames differ in displacements of second order, whose work with a load a is a
+    stiffness of about a / L beside omega^2; a SID without stiffening lacks it.
+    """
+    sid, time = case.sids[name], case.table["time"]
+    omega = np.sqrt(eigh(sid.Ke.m0, sid.Me.m0, eigvals_only=True)[0])
+    length = max(np.linalg.norm(node.position) for node in sid.nodes)
+    rates = np.diff(exact[f"{name}.v"], axis=0) / time["output_step"]
+    load = np.linalg.norm(case.table["gravity"]) + np.abs(rates).max()
+    return float(0.1 * load * (time["end"] - time["start"]) / (omega * length))
 
 
 def _largest_rotation(case: Case, name: str, exact: Values) -> float:

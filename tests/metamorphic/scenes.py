@@ -11,6 +11,12 @@ from .ingredients import Random, coordinates_of
 from .loads import add_forces
 from .sketch import Sketch
 
+#: Joints all of whose motion their coordinates tell.
+DRIVEN = {
+    "planar": ("fixed", "revolute", "prismatic"),
+    "spatial": ("fixed", "revolute", "prismatic", "cylindrical", "universal"),
+}
+
 
 def random_scene(seed: int) -> Case:
     """A scene of one to six bodies; even seeds are planar.
@@ -34,6 +40,20 @@ def random_scene(seed: int) -> Case:
     for body in sketch.table["bodies"].values():
         _push(rng, body["initial"], sketch.planar)
     return with_measures(settled(sketch.case()), forces=seed % 3 == 0)
+
+
+def driven_scene(seed: int) -> Case:
+    """A tree of rigid bodies, all of whose joints are driven."""
+    rng = np.random.default_rng([15, seed])
+    sketch = Sketch(rng, planar=seed % 2 == 0)
+    for _ in range(int(rng.integers(1, 5))):
+        sketch.add_body(str(rng.choice(list(sketch.poses))), 0.0, DRIVEN[sketch.kind])
+    for key in list(sketch.coordinates):
+        sketch.drive(key)
+    add_forces(sketch)
+    for body in sketch.table["bodies"].values():
+        _push(rng, body["initial"], sketch.planar)
+    return with_measures(settled(sketch.case()), forces=True)
 
 
 def _push(rng: Random, initial: Table, planar: bool) -> None:

@@ -90,10 +90,15 @@ class Sketch:
         owner["markers"][name] = pose.table(self.planar)
         return f"{body}.{name}", pose
 
-    def add_body(self, parent: str | None) -> None:
+    def add_body(
+        self,
+        parent: str | None,
+        flexible: float = 0.5,
+        kinds: tuple[str, ...] | None = None,
+    ) -> None:
         """A body, joined to another one unless it is free."""
         name = self.name("bodies")
-        if self.chance(0.5):
+        if self.chance(flexible):
             found = cloud(self.rng, self.planar)
             self.clouds[name] = found
             self.sids[name] = _sid(self.rng, found)
@@ -105,7 +110,7 @@ class Sketch:
         if parent is None:
             self.poses[name] = any_pose(self.rng, self.planar, 0.5)
         else:
-            kind = str(self.rng.choice(JOINTS[self.kind]))
+            kind = str(self.rng.choice(kinds or JOINTS[self.kind]))
             first, at = self.marker(parent)
             second, mine = self.marker(name)
             label = self.name("joints")

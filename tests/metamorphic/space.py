@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from formats.scene import as_3d
 
 from .case import Case, Table
@@ -24,6 +26,10 @@ def in_space(case: Case, rng: Random) -> Said | None:
     """
     if not case.planar:
         return None
+    turned = _turned(case)
+    used = {name for name, _ in used_coordinates(case.table)}
+    if turned & (used | set(case.table["forces"])):
+        return None  # space does not know the whole turns that the plane counts
     table = copied(case)
     table["dimension"] = "spatial"
     table["gravity"] = _flat(table["gravity"])
@@ -59,9 +65,30 @@ def in_space(case: Case, rng: Random) -> Said | None:
         m
         for m in case.measures
         if owner(m) not in other
+        and not (owner(m) in turned and kind(m) == "angle")
         and not (kind(m) == "angle" and owner(m) in table["bodies"])
     )
     return Said(with_table(case, table, measures=measures))
+
+
+def _turned(case: Case) -> set[str]:
+    """Joints and bushings whose angle is beyond half a turn at the start."""
+
+    def angle(text: str) -> float:
+        body, _, marker = text.partition(".")
+        if case.is_flexible(body):
+            return float(case.body(body)["initial"]["angle"])
+        part = case.table["ground"] if body == "ground" else case.body(body)
+        own = part["markers"][marker].get("angle", 0.0) if marker else 0.0
+        return float(own + part.get("initial", {}).get("angle", 0.0))
+
+    found = set()
+    for name, part in (case.table["joints"] | case.table["forces"]).items():
+        if "markers" in part and part["type"] != "spring_damper":
+            first, second = part["markers"]
+            if abs(angle(second) - angle(first)) > np.pi:
+                found.add(name)
+    return found
 
 
 def _flat(vector: Any) -> list[float]:

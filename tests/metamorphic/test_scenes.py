@@ -19,11 +19,6 @@ SEEDS = range(40)
 RTOL = 1e-7
 #: Share of the ways in which each scene is said.
 TURNS = 4
-#: Ways that do not say the same after all. Planar angles count whole turns as they are
-#: said: these change a turn between two markers, which a spring or an output counts.
-TURNED = {(30, "frames of rigid bodies"), (36, "plane as space")}
-#: Not understood: 1.1 % of small elastic coordinates; 0.5 % is of second order.
-OPEN = {(14, "SIDs re-referenced")}
 
 
 @cache
@@ -38,13 +33,7 @@ def pairs() -> list[tuple[int, str]]:
 
 
 @pytest.mark.parametrize(("seed", "name"), pairs())
-def test_the_same_scene_said_differently_moves_the_same(
-    seed: int, name: str, request: pytest.FixtureRequest
-) -> None:
-    if (seed, name) in TURNED:
-        request.applymarker(pytest.mark.xfail(reason="another turn", strict=True))
-    if (seed, name) in OPEN:
-        request.applymarker(pytest.mark.xfail(reason="beyond second order"))
+def test_the_same_scene_said_differently_moves_the_same(seed: int, name: str) -> None:
     case, exact = original(seed)
     other = said(name, case, seed)
     if other is None:
