@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
+
+#: What a terminal obeys instead of showing it.
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+def printable(text: str) -> str:
+    """A text of a file as it may reach a terminal: control characters become "?"."""
+    return _CONTROL.sub("?", text)
 
 
 class InputError(Exception):
@@ -33,7 +42,8 @@ class InputError(Exception):
     def __str__(self) -> str:
         where = ": ".join(part for part in (self.source, self.place) if part)
         text = f"{where}: {self.problem}" if where else self.problem
-        return f"{text}; expected {self.expected}" if self.expected else text
+        text = f"{text}; expected {self.expected}" if self.expected else text
+        return printable(text)
 
     def located(self, source: str | os.PathLike[str]) -> InputError:
         """The same error with its file named, unless one is named already."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from .errors import InputError
 from .finite import check_finite
+from .hdf5_links import check_own_data
 from .seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal, write_sealed
 from .sid import NODE_SHAPES, SID, Node, Taylor
 from .sid_hdf5_reader import PARTS, Reader
@@ -69,6 +70,7 @@ def read_hdf5(path: str | os.PathLike[str]) -> SID:
         check_seal(Path(path))
         with h5py.File(path, "r") as file:
             _check_kind(file, source)
+            check_own_data(file)
             reader = Reader(source, Path(path).stat().st_size)
             sid = reader.sid(file)
         check_finite(sid)

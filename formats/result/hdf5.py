@@ -18,6 +18,7 @@ import h5py
 import numpy as np
 
 from ..errors import InputError
+from ..hdf5_links import check_own_data
 from ..seal import check_seal, write_sealed
 from .data import TABLES, Result
 from .events import read_events, write_events
@@ -75,6 +76,7 @@ def read_result(path: str | Path) -> Result:
         check_seal(Path(path))
         with h5py.File(path, "r") as file:
             _check_format(file, path)
+            check_own_data(file)
             return _result(file)
     except InputError as error:
         raise error.located(path) from None

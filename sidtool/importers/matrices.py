@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from formats.errors import InputError
+from formats.hdf5_links import check_own_data
 
 from .imported import EVERYTHING, integers, number_table, numbers, read_lines
 from .matrix_market import is_matrix_market, read_matrix_market
@@ -278,7 +279,10 @@ def _load_arrays(path: str) -> dict[str, Any]:
         import h5py
 
         with h5py.File(path, "r") as file:
+            check_own_data(file)
             return {name: np.array(file[name]) for name in names if name in file}
+    except InputError as error:
+        raise error.located(path) from None
     except Exception as error:
         text = " ".join(str(error).split())[:160]
         raise InputError(

@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from formats.errors import InputError
+from formats.hdf5_links import check_own_data
 from formats.model_reduction import UserReduction
 
 from ..frontends.finite_element_model import FiniteElementModel
@@ -65,8 +66,8 @@ def read_matrix(path: Path, name: str | None = None) -> Array:
         )
     try:
         return np.asarray(reader(path, name), float)
-    except InputError:
-        raise
+    except InputError as error:
+        raise error.located(path) from None
     except (OSError, ValueError, TypeError, KeyError, zipfile.BadZipFile) as error:
         raise InputError(f"cannot be read ({error})", source=path) from None
 
@@ -93,6 +94,7 @@ def _hdf5(path: Path, name: str | None) -> Any:
     import h5py
 
     with h5py.File(path, "r") as file:
+        check_own_data(file)
         arrays = [key for key, part in file.items() if isinstance(part, h5py.Dataset)]
         known = name is not None and name in file
         return file[name if known else _chosen(path, arrays, name)][()]

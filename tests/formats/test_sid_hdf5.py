@@ -168,3 +168,49 @@ def test_wrong_types_and_sizes(tmp_path: Path, wrong: str) -> None:
     assert caught.value.source == str(path)
     assert "\n" not in str(caught.value)
     assert caught.value.expected
+
+
+def _external(file: h5py.File, folder: Path) -> None:
+    secret = folder / "secret"
+    np.arange(4.0).tofile(secret)
+    del file["blocks/Ke/m0"]
+    file.create_dataset(
+        "blocks/Ke/m0", (2, 2), np.float64, external=[(str(secret), 0, 32)]
+    )
+
+
+def _virtual(file: h5py.File, folder: Path) -> None:
+    with h5py.File(folder / "other.h5", "w") as other:
+        other["numbers"] = np.eye(2)
+    layout = h5py.VirtualLayout((2, 2), np.float64)
+    layout[:] = h5py.VirtualSource(folder / "other.h5", "numbers", (2, 2))
+    del file["blocks/Ke/m0"]
+    file.create_virtual_dataset("blocks/Ke/m0", layout)
+
+
+def _external_link(file: h5py.File, folder: Path) -> None:
+    with h5py.File(folder / "other.h5", "w") as other:
+        other["numbers"] = np.eye(2)
+    del file["blocks/Ke/m0"]
+    file["blocks/Ke/m0"] = h5py.ExternalLink("other.h5", "numbers")
+
+
+def _loop(file: h5py.File, folder: Path) -> None:
+    del file["labels"]
+    file["labels"] = h5py.SoftLink("/round")
+    file["round"] = h5py.SoftLink("/labels")
+
+
+@pytest.mark.parametrize("put", [_external, _virtual, _external_link, _loop])
+def test_only_data_of_the_file_itself_are_read(
+    tmp_path: Path, put: Callable[[h5py.File, Path], None]
+) -> None:
+    path = tmp_path / "body.h5"
+    write_sid(path, BODY)
+    unsealed(path)
+    with h5py.File(path, "a") as file:
+        put(file, tmp_path)
+    with pytest.raises(InputError) as caught:
+        read_sid(path)
+    assert caught.value.expected == "data that stand in this file itself"
+    assert caught.value.place in {"/blocks/Ke/m0", "/labels", "/round"}

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from formats.errors import InputError
 from formats.sid import SID, Taylor, rigid_node, rigid_sid
+from formats.sid_files import read_sid, write_sid
 from sidtool.kinds import read
 from sidtool.report.judgement import judge, judgement_as_text
 from sidtool.report.modes import frame_of, modes_of
@@ -101,3 +103,14 @@ def test_a_body_without_mass_is_still_described() -> None:
 def test_tables_align_numbers_to_the_right() -> None:
     text = table(["name", "m"], [["a", "1.5"], ["long", "-10.25"]])
     assert text == "name       m\n----  ------\na        1.5\nlong  -10.25"
+
+
+def test_escape_sequences_of_a_file_do_not_reach_the_terminal(tmp_path: Path) -> None:
+    body = particle_body(2, 8)
+    labels = ("\x1b[31mred", "\x9b2Jgone")
+    path = tmp_path / "body.h5"
+    write_sid(path, replace(body, title="\x1b]0;owned\x07title", labels=labels))
+    text = describe_sid(read_sid(path))
+    assert "owned" in text and "red" in text and "gone" in text
+    assert not {"\x1b", "\x07", "\x9b"} & set(text)
+    assert "\x1b" not in str(InputError("found \x1b[2J", source="\x1b]0;x\x07"))
