@@ -9,7 +9,7 @@ from formats.sid import Array
 from . import features
 from .assembly import Start
 from .bodies import amplitudes, frequencies
-from .integrators import INTEGRATORS, stepping
+from .integrators import INTEGRATORS, bifurcations, stepping
 from .kernels import layout as at
 from .kernels.layout import IntTable
 from .scene import System
@@ -96,6 +96,7 @@ def new_control(
         np.zeros((count, m)),
         *_features(system, settings),
         np.zeros((len(system.forces), 4)),
+        np.zeros((bifurcations.MOST, bifurcations.STATES + 2 * (n + m))),
     )
 
 

@@ -13,6 +13,7 @@ from formats.scene import SceneFile, output_times
 from formats.sid import Array
 
 from . import assembly, dense, events, notes, outputs, warmup
+from .bifurcations import crossings
 from .body_measures import expected_bodies, reached_bodies
 from .displacements import told_displacements
 from .energy_history import History, is_wanted
@@ -213,6 +214,9 @@ class _Run:
     def _notes(self) -> Iterator[str]:
         """What a reader has to know of the numbers."""
         yield from self.told
+        yield from crossings(
+            self.system, self.kernels, self.control, self.settings.rtol
+        )
         yield from told_displacements(self.system, self.start, self.settings.rtol)
         time, last = self.system.scene.time, self.times[-1]
         if time.output_times is None and time.end - last > 1e-9 * (

@@ -7,10 +7,11 @@ from numba import float64, int64
 from ..kernels.compiling import inner
 from ..kernels.layout import F1, SYSTEM, WORK
 from ..kernels.newton import KERNELS, MEMORY
+from .bifurcations import note_crossing
 from .passing import check_ways
 from .projection import count_turns, note_drift, project
 from .singular import foresee, is_near, project_near
-from .stepping import CONTROL, TIME
+from .stepping import CONTROL, DECLINE, INDEPENDENCE, TIME
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
@@ -33,5 +34,8 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
     if status == 0:
         status = check_ways(work, control, h)
     if status == 0:
+        before, slope = control.real[INDEPENDENCE], control.real[DECLINE]
         status = foresee(system, memory, control, h)
+        if status == 0:
+            note_crossing(control, h, before, slope, z1, v1)
     return status

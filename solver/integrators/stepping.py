@@ -56,7 +56,8 @@ CROSSING = 7  # how the step lies to a singular position, see `singular`
 JACOBIAN = 8  # the one at hand, see below
 SAME = 9  # steps of the same length before this one
 WELL = 10  # steps since one with which Newton's iteration failed
-N_WHOLE = 11
+CROSSED = 11  # steps that may have passed a singular configuration
+N_WHOLE = 12
 
 #: Of a step before, of the beginning of this step, or of its end.
 KEPT, FRESH, AHEAD = range(3)
@@ -100,6 +101,7 @@ class Control(Table):
     starts, reaches : pieces that steps may not pass unseen, see `features`
     measured : (forces, 4) measures of the forces and their rates at the beginning of a
         step, then at its end
+    crossed : steps that may have passed a singular configuration, see `bifurcations`
     """
 
     real: Array
@@ -121,10 +123,11 @@ class Control(Table):
     starts: Array
     reaches: Array
     measured: Array
+    crossed: Array
 
 
 CONTROL = TableType(
-    Control, [F1, I1] + [F1] * 7 + [F2] + [F1] * 3 + [F2, F2] + [I1, F1, F1, F2]
+    Control, [F1, I1] + [F1] * 7 + [F2] + [F1] * 3 + [F2, F2] + [I1, F1, F1, F2, F2]
 )
 
 
