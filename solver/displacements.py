@@ -1,4 +1,4 @@
-"""How far the assembly moved bodies from where the scene puts them."""
+"""What the assembly changed of the start that the scene gives: places, velocities."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from formats.scene import as_3d, rotation
+from formats.sid import Array
 
 from . import kernel_calls
 from .bodies import quaternion
@@ -43,7 +44,7 @@ def displacements(system: System, work: Work) -> dict[str, tuple[float, float]]:
 
 
 def told_displacements(system: System, start: Start, least: float) -> Iterator[str]:
-    """A sentence on the bodies that the assembly moved, if there are any.
+    """Sentences on bodies that the assembly moved or gave other velocities, if any.
 
     least : what counts, relative to the size of the mechanism, and of angles [rad]
     """
@@ -52,15 +53,75 @@ def told_displacements(system: System, start: Start, least: float) -> Iterator[s
     kernel_calls.evaluate(system, work, system.scene.time.start, start.z, start.v)
     ways = displacements(system, work)
     sizes = {name: max(way / system.length, a) for name, (way, a) in ways.items()}
-    moved = sorted((n for n in ways if sizes[n] > least), key=lambda n: -sizes[n])
-    if not moved:
-        return
+    if moved := _largest(ways, sizes, least, "m", "rad"):
+        yield (
+            "the assembly moved bodies from where the scene puts them, to meet joints "
+            f"and drives: {moved}"
+        )
+    changes, sizes = _replaced_velocities(system, work)
+    if changed := _largest(changes, sizes, least, "m/s", "rad/s"):
+        yield (
+            "joints and drives replace initial velocities that the scene gives: "
+            f"{changed}"
+        )
+
+
+def _replaced_velocities(
+    system: System, work: Work
+) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
+    """Changes of velocities [m/s] and [rad/s] that the scene states, and how large they
+    are relative to the velocities."""
+    changes, sizes = {}, {}
+    for b, data in enumerate(system.bodies):
+        if data.name == GROUND_NAME:
+            continue
+        initial = system.scene.bodies[data.name].initial
+        found = _velocities(system, work.frame[b])
+        stated = initial.velocity, initial.angular_velocity
+        pairs = [
+            (np.zeros(3), 0.0) if given is None else _change(given, now)
+            for given, now in zip(stated, found, strict=True)
+        ]
+        (dv, _), (dw, _) = pairs
+        changes[data.name] = float(np.linalg.norm(dv)), float(np.linalg.norm(dw))
+        sizes[data.name] = max(size for _, size in pairs)
+    return changes, sizes
+
+
+def _velocities(system: System, frame: Array) -> tuple[Array, Array]:
+    """Of the origin of a frame and angular, in inertial axes, (3,) each."""
+    if system.planar:
+        c, s = frame[planar.COS], frame[planar.SIN]
+        vx, vy = frame[planar.VX], frame[planar.VY]
+        turn = np.array([0.0, 0.0, frame[planar.W]])
+        return np.array([c * vx - s * vy, s * vx + c * vy, 0.0]), turn
+    R = frame[spatial.R : spatial.R + 9].reshape(3, 3)
+    return R @ frame[spatial.V : spatial.V + 3], R @ frame[spatial.OMEGA :][:3]
+
+
+def _change(given: object, now: Array) -> tuple[Array, float]:
+    """The change of a vector, and its size relative to the larger of the two."""
+    values = np.ravel(np.asarray(given, float))
+    wanted = np.array([0.0, 0.0, values[0]]) if len(values) == 1 else np.zeros(3)
+    if len(values) > 1:
+        wanted[: len(values)] = values
+    largest = max(np.linalg.norm(wanted), np.linalg.norm(now))
+    change = now - wanted
+    return change, float(np.linalg.norm(change) / (largest or 1.0))
+
+
+def _largest(
+    ways: dict[str, tuple[float, float]],
+    sizes: dict[str, float],
+    least: float,
+    *units: str,
+) -> str:
+    """ "rod by 0.1 m and 0.2 rad, ..." of the bodies whose sizes are above `least`."""
+    chosen = sorted((n for n in ways if sizes[n] > least), key=lambda n: -sizes[n])
     parts = [
-        f"{n} by {ways[n][0]:.3g} m and {ways[n][1]:.3g} rad" for n in moved[:MOST]
+        f"{n} by {ways[n][0]:.3g} {units[0]} and {ways[n][1]:.3g} {units[1]}"
+        for n in chosen[:MOST]
     ]
-    if len(moved) > MOST:
-        parts.append(f"{len(moved) - MOST} more by less")
-    yield (
-        "the assembly moved bodies from where the scene puts them, to meet joints and "
-        f"drives: {', '.join(parts)}"
-    )
+    if len(chosen) > MOST:
+        parts.append(f"{len(chosen) - MOST} more by less")
+    return ", ".join(parts)

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field
 
 from .base import Table
 
-Values = tuple[float, ...]
+Values = tuple[Annotated[float, Field(ge=0)], ...]
 
 
 class SidDamping(Table):

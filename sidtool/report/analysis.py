@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 #: Coordinates named beside a mode: those that move most.
 LEADING = 3
+#: Damping ratios are negative below this; differences do not tell less from none.
+GROWS = 1e-6
 
 
 def describe_equilibrium(found: Equilibrium) -> str:
@@ -50,7 +52,12 @@ def describe_modes(modes: Linearisation) -> str:
         rows.append([str(k + 1), f"{hertz:.6g}", f"{ratio:.4g}", lead])
     if not rows:
         return "no natural modes: nothing can move"
-    return table(["mode", "Hz", "damping ratio", "moved most by"], rows)
+    text = table(["mode", "Hz", "damping ratio", "moved most by"], rows)
+    growing = np.flatnonzero(modes.damping_ratios < -GROWS) + 1
+    if len(growing):
+        which = ", ".join(map(str, growing))
+        text += f"\n\nunstable: modes {which} grow, their damping ratio is negative"
+    return text
 
 
 def modes_as_data(modes: Linearisation) -> dict[str, Any]:

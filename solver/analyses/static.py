@@ -18,6 +18,7 @@ from formats.sid import Array
 
 from ..assembly import assemble
 from ..errors import SimulationError
+from ..outputs import velocity_names
 from ..scene import System
 from ..sizes import coordinate_sizes
 from ..start import widest_open
@@ -38,6 +39,9 @@ LARGEST_STEP = 0.3
 CLOSED = 1e-10
 #: Scaled stiffnesses are kept above this part of the largest one and of the forces.
 SOFTEST = 1e-12
+#: An equilibrium is unstable with a negative stiffness above this part of the largest
+#: one: differences do not tell less from none.
+UNSTABLE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +96,7 @@ def static_equilibrium(system: System) -> Equilibrium:
         largest = max(largest, size)
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
-            notes = _checked(mechanics)
+            notes = (*_checked(mechanics), *_unstable(mechanics, z, motion, left))
             return Equilibrium(z, left, residual, iteration, system, notes)
         step = motion @ _newton_step(mechanics, z, motion, force, left)
         z = _line_search(mechanics, z, step, motion @ force)
@@ -117,6 +121,21 @@ def _checked(mechanics: Mechanics) -> tuple[str, ...]:
     if not cause:
         return ()
     return (f"simulate cannot start in this equilibrium: {cause.removeprefix('; ')}",)
+
+
+def _unstable(
+    mechanics: Mechanics, z: Array, motion: Array, multipliers: Array
+) -> tuple[str, ...]:
+    """Whether the least disturbance leads away, and what moves most then."""
+    if motion.shape[1] == 0:
+        return ()
+    stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
+    values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
+    if values[0] >= -UNSTABLE * np.abs(values).max():
+        return ()
+    way = np.abs(motion @ vectors[:, 0])
+    name = velocity_names(mechanics.system)[int(way.argmax())]
+    return (f"the equilibrium is unstable: the least disturbance moves {name} away",)
 
 
 def _balance(mechanics: Mechanics, z: Array) -> tuple[Array, Array, Array, float]:
