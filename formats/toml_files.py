@@ -16,9 +16,18 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from .errors import InputError
-from .schema_errors import input_error
+from .schema_errors import dotted, input_error
 
 Model = TypeVar("Model", bound=BaseModel)
+
+#: Tables and lists in each other, and parts of a dotted key; more is damage.
+DEEPEST = 50
+_LARGEST = 2**63
+_KEY = r"(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*"
+#: A key of so many parts that the parser would spend its time on it.
+_ENDLESS_KEY = re.compile(
+    rf"(?:^[ \t]*\[{{0,2}}|[{{,])[ \t]*(?:{_KEY}\.[ \t]*){{{DEEPEST}}}", re.MULTILINE
+)
 
 
 def load(path: str | Path, model: type[Model]) -> Model:
@@ -60,7 +69,8 @@ def read_data(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     text = _read_text(path)
     try:
-        data = _parse_json(text) if path.suffix == ".json" else tomllib.loads(text)
+        data = _parse_json(text) if path.suffix == ".json" else _parse_toml(text)
+        _check_values(data)
     except InputError as error:
         raise error.located(path) from None
     except ValueError as error:
@@ -77,6 +87,9 @@ def read_data(path: str | Path) -> dict[str, Any]:
 
 
 def _read_text(path: Path) -> str:
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        problem = "is a pipe or a device"
+        raise InputError(problem, source=path, expected="a regular file")
     try:
         return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
@@ -95,6 +108,50 @@ def _read_text(path: Path) -> str:
         raise InputError(f"cannot be read ({error})", source=path) from None
 
 
+def _parse_toml(text: str) -> Any:
+    found = _ENDLESS_KEY.search(text)
+    if found:
+        line = text.count("\n", 0, found.start() + 1) + 1
+        raise InputError(
+            f"has a key of more than {DEEPEST} parts",
+            place=f"line {line}",
+            expected="tables that are nested less deeply",
+        )
+    return tomllib.loads(text)
+
+
+def _check_values(data: Any) -> None:
+    """What no reader, number or text beyond can hold, by its key."""
+    waiting: list[tuple[tuple[str | int, ...], Any]] = [((), data)]
+    while waiting:
+        place, value = waiting.pop()
+        if len(place) > DEEPEST:
+            raise InputError("is nested too deeply", place=dotted(place[:3]) + "...")
+        if isinstance(value, dict):
+            for key in value:
+                _check_text(key, place)
+            waiting += (((*place, key), part) for key, part in value.items())
+        elif isinstance(value, list):
+            waiting += (((*place, i), part) for i, part in enumerate(value))
+        elif isinstance(value, str):
+            _check_text(value, place)
+        elif isinstance(value, int) and abs(value) >= _LARGEST:
+            raise InputError(
+                "found an integer of more than 64 bits",
+                place=dotted(place),
+                expected="a smaller number",
+            )
+
+
+def _check_text(text: str, place: tuple[str | int, ...]) -> None:
+    if "\0" in text:
+        raise InputError(
+            f"{text[:40]!r} holds the character NUL",
+            place=dotted(place) or None,
+            expected="printable text",
+        )
+
+
 def _parse_json(text: str) -> Any:
     return json.loads(text, object_pairs_hook=_unique_keys)
 
@@ -109,6 +166,8 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _syntax_error(error: ValueError) -> tuple[str | None, str]:
+    if "integer string conversion" in str(error):
+        return None, "holds an integer of thousands of digits"
     if isinstance(error, json.JSONDecodeError):
         return f"line {error.lineno}, column {error.colno}", error.msg
     match = re.fullmatch(

@@ -10,8 +10,8 @@ from pathlib import Path
 from formats.errors import InputError
 
 from .imported import MOST_MEMBERS, integers, numbers, read_lines
+from .included import Included
 
-_DEPTH = 10
 #: A real number whose exponent has no letter, as in 2.1+11.
 _EXPONENT = re.compile(r"^([+-]?(?:\d+\.?\d*|\.\d+))([+-]\d+)$")
 
@@ -60,13 +60,15 @@ class Card:
         return numbers([word], self.place, f"{self.name}: {what}")[0]
 
 
-def read_cards(path: Path, depth: int = 0) -> list[Card]:
+def read_cards(path: Path, included: Included | None = None) -> list[Card]:
     """The cards of the bulk data; without BEGIN BULK the whole file is bulk data.
 
     Raises
     ------
     InputError : names file and line.
     """
+    included = included or Included()
+    included.enter(path)
     lines = list(enumerate(read_lines(path), start=1))
     begins = [i for i, (_, text) in enumerate(lines) if _squeezed(text) == "BEGIN BULK"]
     cards: list[Card] = []
@@ -85,9 +87,10 @@ def read_cards(path: Path, depth: int = 0) -> list[Card]:
                 expected="bulk data without superelements",
             )
         if first == "INCLUDE":
-            cards += _included(path, text, place, depth)
+            cards += _included(path, text, place, included)
             continue
         _take(cards, text, place, path)
+    included.open.pop()
     return cards
 
 
@@ -95,16 +98,16 @@ def _squeezed(text: str) -> str:
     return " ".join(text.upper().split())
 
 
-def _included(path: Path, text: str, place: str, depth: int) -> list[Card]:
+def _included(path: Path, text: str, place: str, included: Included) -> list[Card]:
     name = text.strip()[len("INCLUDE") :].strip().strip("'\"")
-    if not name or depth > _DEPTH:
+    if not name:
         raise InputError(
-            "names no file" if not name else "includes itself",
+            "names no file",
             source=path,
             place=place,
             expected="INCLUDE 'FILE'",
         )
-    return read_cards(path.parent / name, depth + 1)
+    return read_cards(path.parent / name, included)
 
 
 def _take(cards: list[Card], text: str, place: str, path: Path) -> None:

@@ -17,6 +17,9 @@ from formats.model import Material
 from ..frontends.mesh import ElementBlock, Mesh
 from ..frontends.reference_elements import reference_element
 
+#: Labels are held in 64 bits.
+_LARGEST = 2**63 - 1
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -68,6 +71,7 @@ def read_lines(path: str | Path) -> list[str]:
     ------
     InputError : it cannot be read, is empty, or is no text.
     """
+    _check_regular(Path(path))
     try:
         data = Path(path).read_bytes()
     except OSError as error:
@@ -83,6 +87,14 @@ def read_lines(path: str | Path) -> list[str]:
     if b"\0" in data:
         raise InputError("holds binary data", source=path, expected="the text format")
     return data.decode("latin-1").splitlines()
+
+
+def _check_regular(path: Path) -> None:
+    """A pipe or a device may never end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise InputError(
+            "is a pipe or a device", source=path, expected="a regular file"
+        )
 
 
 def assembled_mesh(
@@ -218,10 +230,13 @@ def integers(words: Sequence[str], place: str, what: str = "integers") -> list[i
     InputError : one is not.
     """
     try:
-        return [int(word) for word in words]
+        found = [int(word) for word in words]
     except ValueError:
-        found = " ".join(words)[:60]
-        raise InputError(f"found {found!r}", place=place, expected=what) from None
+        found = []
+    if len(found) < len(words) or any(abs(number) > _LARGEST for number in found):
+        text = " ".join(words)[:60]
+        raise InputError(f"found {text!r}", place=place, expected=what)
+    return found
 
 
 def number_table(rows: Sequence[tuple[str, Sequence[str]]], width: int) -> Array:

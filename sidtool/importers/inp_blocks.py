@@ -10,8 +10,8 @@ from pathlib import Path
 from formats.errors import InputError
 
 from .imported import read_lines
+from .included import Included
 
-_DEPTH = 10
 #: Commas outside double quotes.
 _COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
 
@@ -33,13 +33,15 @@ class Block:
     rows: list[tuple[list[str], str]] = field(default_factory=list)
 
 
-def read_blocks(path: Path, depth: int = 0) -> list[Block]:
+def read_blocks(path: Path, included: Included | None = None) -> list[Block]:
     """All blocks of a file and of the files that it includes, in order.
 
     Raises
     ------
     InputError : names file and line.
     """
+    included = included or Included()
+    included.enter(path)
     blocks: list[Block] = []
     for is_keyword, text, place in _statements(path):
         if not is_keyword:
@@ -54,12 +56,13 @@ def read_blocks(path: Path, depth: int = 0) -> list[Block]:
             continue
         block = _keyword(text, place)
         if block.keyword == "INCLUDE":
-            blocks += read_blocks(_named(path, block, depth), depth + 1)
+            blocks += read_blocks(_named(path, block), included)
             continue
         blocks.append(block)
         if "INPUT" in block.options:
-            file = _named(path, block, depth)
+            file = _named(path, block)
             block.rows.extend(_data_of(file))
+    included.open.pop()
     return blocks
 
 
@@ -107,12 +110,11 @@ def _keyword(text: str, place: str) -> Block:
     return Block(" ".join(words[0].upper().split()), options, place)
 
 
-def _named(path: Path, block: Block, depth: int) -> Path:
+def _named(path: Path, block: Block) -> Path:
     name = block.options.get("INPUT", "").strip('"')
-    if not name or depth > _DEPTH:
-        problem = "names no file" if not name else "includes itself"
+    if not name:
         raise InputError(
-            f"*{block.keyword} {problem}",
+            f"*{block.keyword} names no file",
             source=path,
             place=block.place,
             expected=f"*{block.keyword}, INPUT=FILE",

@@ -68,8 +68,8 @@ def _member(
     head, point, tail = word.rpartition(".")
     if point and deck.name(head) in deck.instances:
         instance, word = deck.name(head), tail
-    if word.lstrip("-").isdigit():
-        return [(instance, int(word))]
+    if word.removeprefix("-").isdecimal():
+        return [(instance, label) for label in integers([word], place, "a number")]
     if instance in deck.instances:
         own = getattr(deck.parts[deck.instances[instance]], which)
     if deck.name(word) not in own:

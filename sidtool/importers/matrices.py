@@ -213,14 +213,18 @@ def _read_dofs(path: str) -> Indices:
     result = []
     for place, words in _rows(path):
         node, _, direction = words[0].partition(".")
-        if not (node.isdigit() and direction.isdigit()) or not 1 <= int(direction) <= 6:
+        if (
+            not (node.isdecimal() and direction.isdecimal())
+            or not 1 <= int(direction) <= 6
+        ):
             raise InputError(
                 f"found {words[0]!r}",
                 source=path,
                 place=place,
                 expected="node.direction with a direction from 1 to 6",
             )
-        result.append((int(node), int(direction)))
+        (number,) = integers([node], place, "a node number")
+        result.append((number, int(direction)))
     return np.array(result, np.int64).reshape(-1, 2)
 
 

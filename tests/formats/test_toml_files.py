@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -123,6 +124,13 @@ def test_entries_of_lists_are_counted_from_zero() -> None:
         ("a.json", b"[" * 100_000, "a.json"),
         ("a.toml", b"x = " + b"[" * 100_000, "a.toml"),
         ("a.json", b'{"x": ' + b"9" * 5000 + b"}", "a.json"),
+        ("a.toml", b"lines = 0x" + b"f" * 9000, "lines: found an integer of more than"),
+        ("a.toml", b"x." * 300 + b"y = 1", "line 1: has a key of more than 50 parts"),
+        ("a.toml", b"\n[ " + b"'x' . " * 90 + b"y]", "line 2: has a key of more than"),
+        ("a.toml", b"x = {" + b"a.b." * 90 + b"c = 1}", "line 1: has a key of more"),
+        ("a.json", b'{"a":' * 90 + b"1" + b"}" * 90, "is nested too deeply"),
+        ("a.json", b'{"x": ' + b"9" * 30 + b"}", "x: found an integer of more than 64"),
+        ("a.toml", b'x = "a\\u0000b"', "x: .*holds the character NUL"),
         ("a.toml", b"", "format: is missing.*expected 'thing'"),
     ],
 )
@@ -138,3 +146,16 @@ def test_files_that_are_not_there(tmp_path: Path) -> None:
         load(tmp_path / "none.toml", Thing)
     with pytest.raises(InputError, match="is a folder"):
         load(tmp_path, Thing)
+
+
+def test_a_pipe_is_no_file_to_wait_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(InputError, match="is a pipe or a device"):
+        load(tmp_path / "pipe.toml", Thing)
+
+
+def test_texts_with_many_points_are_texts(tmp_path: Path) -> None:
+    text = "a. " * 40 + "b" * 40
+    (tmp_path / "a.toml").write_text(f'format = "{text}"\nlines = {{}}')
+    with pytest.raises(InputError, match="format: found"):
+        load(tmp_path / "a.toml", Thing)

@@ -1,0 +1,85 @@
+"""Decks that cannot be read end in a message, and they do end."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from formats.errors import InputError
+from sidtool.importers.meshes import read_mesh
+
+from .mesh_files import FORMATS, inp_text, rod_mesh
+
+HUGE = "100000000000000000000"
+
+
+@pytest.mark.parametrize("file", ["inp", "msh 2.2", "msh 4.1"])
+@pytest.mark.parametrize("label", ["10", "1"])
+def test_labels_beyond_64_bits_are_refused(
+    tmp_path: Path, file: str, label: str
+) -> None:
+    """Node 10 is the first of each file, element 1 likewise."""
+    name, writer = FORMATS[file]
+    lines = writer(rod_mesh("hex8")).splitlines()
+    first = lines.index("$Nodes") if "$Nodes" in lines else 0
+    at = next(
+        i
+        for i, line in enumerate(lines)
+        if i > first and line.replace(",", " ").split()[:1] == [label]
+    )
+    lines[at] = lines[at].replace(label, HUGE, 1)
+    (tmp_path / name).write_text("\n".join(lines))
+    with pytest.raises(InputError) as caught:
+        read_mesh(tmp_path / name)
+    assert HUGE in caught.value.problem
+    assert caught.value.place == f"line {at + 1}"
+
+
+def _inp(name: str) -> str:
+    return f"*INCLUDE, INPUT={name}\n"
+
+
+def _bdf(name: str) -> str:
+    return f"INCLUDE '{name}'\n"
+
+
+@pytest.mark.parametrize(("ending", "line"), [("inp", _inp), ("bdf", _bdf)])
+def test_a_cascade_of_includes_ends(
+    tmp_path: Path, ending: str, line: Callable[[str], str]
+) -> None:
+    for i in range(8):
+        (tmp_path / f"part{i}.{ending}").write_text(line(f"part{i + 1}.{ending}") * 9)
+    (tmp_path / f"part8.{ending}").write_text(
+        "** nothing\n" if ending == "inp" else "$ nothing\n"
+    )
+    with pytest.raises(InputError, match="takes in more than 1000 files"):
+        read_mesh(tmp_path / f"part0.{ending}")
+    (tmp_path / f"part8.{ending}").write_text(line(f"part7.{ending}"))
+    with pytest.raises(InputError, match="includes itself"):
+        read_mesh(tmp_path / f"part0.{ending}")
+
+
+def test_one_file_may_be_taken_in_twice(tmp_path: Path) -> None:
+    (tmp_path / "words.inc").write_text("*HEADING\na rod\n")
+    (tmp_path / "rod.inp").write_text(
+        _inp("words.inc") * 2 + inp_text(rod_mesh("hex8"))
+    )
+    assert len(read_mesh(tmp_path / "rod.inp").mesh.positions) == 28
+
+
+@pytest.mark.parametrize("ending", ["inp", "msh", "bdf", "cdb"])
+def test_a_mesh_is_no_pipe(tmp_path: Path, ending: str) -> None:
+    os.mkfifo(tmp_path / f"rod.{ending}")
+    with pytest.raises(InputError, match="is a pipe or a device"):
+        read_mesh(tmp_path / f"rod.{ending}")
+
+
+def test_a_member_of_a_set_is_a_number_or_a_name(tmp_path: Path) -> None:
+    text = inp_text(rod_mesh("hex8"))
+    for word in ("\u00b2", "--5", HUGE):
+        (tmp_path / "rod.inp").write_text(text.replace("=LEFT\n", f"=LEFT\n{word}, "))
+        with pytest.raises(InputError, match="line"):
+            read_mesh(tmp_path / "rod.inp")
