@@ -11,9 +11,13 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
+from pathlib import Path
 from queue import Empty, Queue
+
+from .kernels import stored
 
 Say = Callable[[str], None]
 
@@ -40,6 +44,12 @@ RECORDING: Group = ("integrators.recording:sample", "integrators.recording:begin
 WORTH_PROCESSES = 3
 #: New objects between two searches for garbage in a process that only compiles.
 GARBAGE_THRESHOLD = 500_000
+#: What another process runs: the packages beside this one, whatever stands in the
+#: working folder; all else is looked for where every program looks.
+HELPER = (
+    "import sys; sys.path.insert(0, sys.argv[1]); import formats, solver; "
+    "del sys.path[0]; from solver.warmup import serve; serve()"
+)
 
 
 def say_compiling(text: str) -> None:
@@ -71,6 +81,7 @@ def warm_up(say: Say | None = None) -> int:
     """Compiles all kernels of all integrators; the number that had to be compiled."""
     missing = _missing(all_groups())
     _compile(missing, say, at_least=1)
+    _work(_queue(_missing(missing)))  # what another process could not keep
     return sum(map(len, missing))
 
 
@@ -98,25 +109,22 @@ def _missing(groups: Iterable[Group]) -> list[Group]:
 def _compile(
     groups: list[Group], say: Say | None, at_least: int = WORTH_PROCESSES
 ) -> None:
+    """On all processors, if what they compile can be kept on disk for this one."""
     count = sum(map(len, groups))
-    if count < at_least:
-        for name in (name for group in groups for name in group):
-            _compile_here(name)
-        return
-    if say is not None:
+    many = count >= max(at_least, 1)
+    if many and say is not None:
         say(f"compiling {count} kernels, once (half a minute or less)")
+    queue = _queue(groups)
+    processors = os.cpu_count() or 1 if many and stored.is_writable() else 1
+    with _helpers(queue, min(len(groups), processors) - 1):
+        _work(queue)
+
+
+def _queue(groups: Iterable[Group]) -> Queue[Group]:
     queue: Queue[Group] = Queue()
     for group in groups:
         queue.put(group)
-    helpers = [
-        threading.Thread(target=_help, args=(queue,))
-        for _ in range(min(len(groups), os.cpu_count() or 1) - 1)
-    ]
-    for helper in helpers:
-        helper.start()
-    _work(queue)
-    for helper in helpers:
-        helper.join()
+    return queue
 
 
 def _work(queue: Queue[Group]) -> None:
@@ -130,18 +138,44 @@ def _work(queue: Queue[Group]) -> None:
             _compile_here(name)
 
 
-def _help(queue: Queue[Group]) -> None:
-    """Feeds another process with names until none is left.
+@contextmanager
+def _helpers(queue: Queue[Group], number: int) -> Iterator[None]:
+    """Other processes that compile what is in the queue; none outlives the block."""
+    processes: list[subprocess.Popen[str]] = []
+    threads = []
+    try:
+        for _ in range(number):
+            processes.append(_new_process())
+            threads.append(threading.Thread(target=_feed, args=(queue, processes[-1])))
+            threads[-1].start()
+        yield
+        for thread in threads:
+            thread.join()
+    finally:
+        for process in processes:
+            process.kill()
+        for thread in threads:
+            thread.join()
+        for process in processes:
+            process.communicate()
 
-    A process that dies is no harm: what it did not compile is compiled at first use.
-    """
-    process = subprocess.Popen(
-        [sys.executable, "-m", __name__],
+
+def _new_process() -> subprocess.Popen[str]:
+    root = Path(__file__).resolve().parents[1]
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", HELPER, str(root)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
     )
+
+
+def _feed(queue: Queue[Group], process: subprocess.Popen[str]) -> None:
+    """Gives another process names until none is left.
+
+    A process that dies is no harm: what it did not compile is compiled at first use.
+    """
     assert process.stdin is not None and process.stdout is not None
     try:
         while True:
@@ -151,10 +185,6 @@ def _help(queue: Queue[Group]) -> None:
                 return
     except (Empty, BrokenPipeError):
         return
-    finally:
-        process.stdin.close()
-        process.stdout.close()
-        process.wait()
 
 
 def _is_cached(name: str) -> bool:
@@ -173,14 +203,21 @@ def _compile_here(name: str) -> None:
         kernel.compiled(signature)
 
 
-def _serve(lines: Iterable[str]) -> None:
-    """Compiles the kernels named on standard input, answering each with a line."""
+def serve() -> None:
+    """Compiles the kernels named on standard input, answering each line with one.
+
+    It ends with its input: at once, too, while it compiles for somebody who is gone.
+    """
     gc.set_threshold(GARBAGE_THRESHOLD)
-    for line in lines:
-        for name in line.split():
+    lines: Queue[str] = Queue()
+    threading.Thread(target=_listen, args=(lines,), daemon=True).start()
+    while True:
+        for name in lines.get().split():
             _compile_here(name)
         print("done", flush=True)
 
 
-if __name__ == "__main__":
-    _serve(sys.stdin)
+def _listen(lines: Queue[str]) -> None:
+    for line in sys.stdin:
+        lines.put(line)
+    os._exit(0)

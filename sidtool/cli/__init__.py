@@ -5,8 +5,9 @@ from __future__ import annotations
 import gc
 import os
 import sys
+import warnings
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 import click
 
@@ -27,6 +28,7 @@ BAD_INPUT, FAILED, INTERRUPTED = 2, 1, 130
 #: New objects between two searches for garbage: a command makes little, and all that
 #: it imports would be searched through again and again. At its end nothing is.
 GARBAGE_THRESHOLD = 500_000
+_show_warning = warnings.showwarning
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -64,6 +66,7 @@ for command in (
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     gc.set_threshold(GARBAGE_THRESHOLD)
+    warnings.showwarning = _tell
     status = run(sys.argv[1:])
     gc.freeze()
     sys.exit(status)
@@ -89,6 +92,21 @@ def run(arguments: Sequence[str]) -> int:
     except OSError as error:
         name = f"{error.filename}: " if error.filename else ""
         return _complain(f"{name}{error.strerror or error}", FAILED)
+
+
+def _tell(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """Our own warnings as messages, without the line of code that they come from."""
+    if category.__module__.partition(".")[0] in ("formats", "solver", "sidtool"):
+        _complain(str(message), 0)
+    else:
+        _show_warning(message, category, filename, lineno, file, line)
 
 
 def _complain(message: str, status: int) -> int:

@@ -12,12 +12,17 @@ def warmup() -> None:
     """Compile all kernels once, so that no simulation has to wait for it.
 
     Planar and spatial equations and all integrators, on all processors. The result is
-    kept on disk; a changed scene compiles nothing, a new version of sidtool does.
+    kept on disk, in the package or in your cache folder, or where the environment
+    variable NUMBA_CACHE_DIR says; a changed scene compiles nothing, a new version of
+    sidtool does.
 
     \b
     Example, after an installation:
       sidtool warmup && sidtool simulate slider_crank.toml --csv motion.csv
+
+    Exit status: 0 all kernels are on disk; 1 they cannot be kept.
     """
+    from solver.kernels.stored import unkept
     from solver.warmup import warm_up
 
     begin = time.perf_counter()
@@ -26,3 +31,5 @@ def warmup() -> None:
         click.echo("all kernels are ready; there was nothing to compile")
         return
     click.echo(f"{count} kernels compiled in {time.perf_counter() - begin:.1f} s")
+    if unkept():
+        raise click.exceptions.Exit(1)

@@ -15,10 +15,11 @@ from typing import Any
 import numba
 from llvmlite import binding as llvm
 from numba import types
-from numba.core import cgutils, event
+from numba.core import cgutils
 from numba.core.base import BaseContext
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase
+from numba.core.compiler_lock import require_global_compiler_lock
 from numba.core.compiler_machinery import PassManager
 from numba.core.cpu import CPUContext
 from numba.core.typed_passes import (
@@ -246,10 +247,6 @@ def _compile_internal(
     return builder.insert_value(product, imaginary, 1)
 
 
-def _no_event(*_: Any, **__: Any) -> None:
-    """Nobody listens to the steps of the compiler."""
-
-
 _Substitute = tuple[Any, str, Callable[..., Any]]
 
 _substitutes: list[_Substitute] = [
@@ -262,23 +259,26 @@ _substitutes += [
     (arrayobj, "make_array", make_array),
     (CPUContext, "make_array", lambda _, kind: _structure_of_array(kind)),
     (BaseContext, "compile_internal", _compile_internal),
-    (event, "start_event", _no_event),
-    (event, "end_event", _no_event),
 ]
 
 
 @contextmanager
 def compiling_kernels() -> Iterator[None]:
-    """Has the compiler ask itself the same question once, and index plainly."""
+    """Has the compiler ask itself the same question once, and index plainly.
+
+    For the whole of numba: whoever enters holds `global_compiler_lock`, so that nobody
+    else compiles meanwhile, nor takes substitutes for originals.
+    """
+    require_global_compiler_lock()
     prepared = [
         (owner, name, _remembering(getattr(owner, name)))
         for owner, name in PREPARATIONS
     ]
     substitutes = [*_substitutes, *prepared]
     originals = [(owner, name, getattr(owner, name)) for owner, name, _ in substitutes]
-    for owner, name, substitute in substitutes:
-        setattr(owner, name, substitute)
     try:
+        for owner, name, substitute in substitutes:
+            setattr(owner, name, substitute)
         yield
     finally:
         for owner, name, original in originals:

@@ -10,35 +10,40 @@ package that code stands.
 from __future__ import annotations
 
 import hashlib
+import pickle
 from collections.abc import Callable
 from functools import cached_property
-from types import CodeType, FunctionType
+from types import FunctionType
 from typing import Any
 
-import numba
 from numba import types
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.extending import typeof_impl
+from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps
 from numba.core.typeinfer import register_dispatcher
 
+from . import stored
 from .compiler import EntryCompiler, InnerCompiler, compiling_kernels
-from .tables import TableType
+from .stamps import environment, machinery, stamp
 
-_numba: Any = numba  # its stubs know no private parts
 #: Division by zero gives infinity, as in C. Kernels allocate nothing, so that views of
 #: arrays need no reference counts: half the time of a call.
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
-
-#: Globals that kernels take into their code; others only share a name with a field.
-CONSTANTS = (bool, int, float, complex, str, tuple, types.Type)
-
-
+OPTIONS: dict[str, Any] = {"nopython": True, "error_model": "numpy", "_nrt": False}
 #: Options of kernels that only kernels call.
-INNER_OPTIONS: dict[str, Any] = {
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-    "pipeline_class": InnerCompiler,
-}
+INNER_OPTIONS: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+def _dispatcher_of(function: FunctionType, compiler: Any, **options: Any) -> Any:
+    """What numba's `njit` makes of a function, also where NUMBA_DISABLE_JIT is set.
+
+    Kernels read their tables through pointers: they run compiled or not at all.
+    """
+    return CPUDispatcher(
+        function, targetoptions=OPTIONS | options, pipeline_class=compiler
+    )
 
 
 class Entry:
@@ -57,9 +62,11 @@ class Entry:
     @property
     def stamp(self) -> str:
         """Tells one version of a kernel, with all that it calls, from another."""
-        texts = [_type_text(signature) for signature in self.signatures]
-        texts += [_code_text(self._function, {}), str(self._from_python)]
-        return hashlib.sha256("\n".join(texts).encode()).hexdigest()
+        return stamp(self._function, self.signatures, self._caller)
+
+    @property
+    def _caller(self) -> str:
+        return "python" if self._from_python else "kernels"
 
     def for_python(self) -> Entry:
         """The same kernel for callers in Python."""
@@ -67,41 +74,43 @@ class Entry:
 
     @cached_property
     def _dispatcher(self) -> Any:
-        dispatcher = _numba.njit(
-            **OPTIONS,
-            no_cpython_wrapper=not self._from_python,
-            pipeline_class=EntryCompiler,
-        )(self._function)
-        caller = "python" if self._from_python else "kernels"
-        dispatcher._cache = _KernelCache(self._function, caller, self.stamp)
+        dispatcher = _dispatcher_of(
+            self._function, EntryCompiler, no_cpython_wrapper=not self._from_python
+        )
+        dispatcher._cache = _KernelCache(self._function, self._caller, self.stamp)
         return dispatcher
 
     def compiled(self, signature: Any) -> Any:
-        """The machine code for one signature; compiles or loads it once."""
-        dispatcher = self._dispatcher
+        """The machine code for one signature; compiles or loads it once.
+
+        One thread at a time, whoever compiles: numba behaves differently meanwhile.
+        """
         arguments = tuple(signature.args)
-        if arguments not in dispatcher.overloads:
-            with register_dispatcher(dispatcher), compiling_kernels():
-                dispatcher.compile(signature)
-        return dispatcher.overloads[arguments]
+        with global_compiler_lock:
+            dispatcher = self._dispatcher
+            if arguments not in dispatcher.overloads:
+                with register_dispatcher(dispatcher), compiling_kernels():
+                    dispatcher.compile(signature)
+            return dispatcher.overloads[arguments]
 
     def is_cached(self, signature: Any) -> bool:
         """Whether the machine code is there already, loaded or on disk."""
-        if tuple(signature.args) in self._dispatcher.overloads:
-            return True
-        cache = self._dispatcher._cache
-        codegen = self._dispatcher.targetctx.codegen()
-        saved = cache._cache_file._load_index()
-        return cache._index_key(signature, codegen) in saved
+        with global_compiler_lock:
+            dispatcher = self._dispatcher
+            if tuple(signature.args) in dispatcher.overloads:
+                return True
+            codegen = dispatcher.targetctx.codegen()
+        return dispatcher._cache.find(signature, codegen) is not None
 
     @cached_property
     def _callable(self) -> Any:
         if not self._from_python:
             raise TypeError(f"{self._function.__name__}: only kernels call it")
-        for signature in self.signatures:
-            self.compiled(signature)
-        self._dispatcher.disable_compile()
-        return self._dispatcher
+        with global_compiler_lock:
+            for signature in self.signatures:
+                self.compiled(signature)
+            self._dispatcher.disable_compile()
+            return self._dispatcher
 
     def __call__(self, *arguments: Any) -> Any:
         return self._callable(*arguments)
@@ -127,7 +136,7 @@ class Inner:
     @cached_property
     def dispatcher(self) -> Any:
         """What the compiler knows it as. Literal integers count as integers."""
-        dispatcher = _numba.njit(**OPTIONS, **INNER_OPTIONS)(self.py_func)
+        dispatcher = _dispatcher_of(self.py_func, InnerCompiler, **INNER_OPTIONS)
         template = dispatcher.get_call_template
 
         def plain_template(args: tuple[Any, ...], kws: Any) -> Any:
@@ -150,68 +159,36 @@ def inner(*signatures: Any) -> Callable[[Any], Any]:
     return Inner
 
 
-class _CacheFile(IndexDataCacheFile):
-    def _load_index(self) -> dict[Any, str]:
-        """What is on disk; nothing if other versions of the tables wrote it."""
-        try:
-            return super()._load_index()
-        except (AttributeError, ImportError, TypeError):
-            return {}
-
-
-class _KernelCache(FunctionCache):
-    """A cache whose entries hold while the code they were made from is the same."""
+class _KernelCache(NullCache):
+    """Where the compiler looks for an entry kernel, and leaves it."""
 
     def __init__(self, function: FunctionType, caller: str, stamp: str) -> None:
-        super().__init__(function)
-        self._cache_file = _CacheFile(
-            cache_path=self._cache_path,
-            filename_base=f"{self._impl.filename_base}.{caller}",
-            source_stamp=stamp,
-        )
+        self._name = f"{function.__module__}.{function.__qualname__}"
+        self._caller, self._stamp = caller, stamp
 
-    def _index_key(self, signature: Any, codegen: Any) -> Any:
-        """The stamp of the file knows the code, also that of enclosed kernels."""
-        return signature, codegen.magic_tuple()
+    def _place(self, signature: Any, codegen: Any) -> tuple[str, str]:
+        """Name of the file, one for all versions of the code, and the full key."""
+        slot = f"{self._name} for {self._caller} {signature} {environment(codegen)}"
+        digest = hashlib.sha256(slot.encode()).hexdigest()[:16]
+        short = self._name.rpartition(".")[2]
+        name = f"{short}.{self._caller}-{digest}.kernel"
+        return name, f"{slot} compiler {machinery()} code {self._stamp}"
+
+    def find(self, signature: Any, codegen: Any) -> bytes | None:
+        """The machine code for a signature, if it is on disk."""
+        return stored.read(*self._place(signature, codegen))
 
     def load_overload(self, signature: Any, target_context: Any) -> Any:
         """What is on disk, without the compiler's own preparations.
 
         They take longer than all else a program does that finds its kernels there.
         """
-        with self._guard_against_spurious_io_errors():
-            return self._load_overload(signature, target_context)
+        found = self.find(signature, target_context.codegen())
+        if found is None:
+            return None
+        return CompileResult._rebuild(target_context, *pickle.loads(found))
 
-
-def _type_text(kind: Any) -> str:
-    """A signature with the fields of its tables."""
-    if hasattr(kind, "args") and hasattr(kind, "return_type"):
-        return " ".join(_type_text(t) for t in (kind.return_type, *kind.args))
-    if isinstance(kind, types.FunctionType):
-        return _type_text(kind.signature)
-    if isinstance(kind, TableType):
-        members = (t for t in kind.members.values() if t is not kind)
-        return f"{kind}{kind.fields}({' '.join(map(_type_text, members))})"
-    return str(kind)
-
-
-def _code_text(function: FunctionType, seen: dict[CodeType, int]) -> str:
-    """Bytecode and constants of a function and of everything it refers to."""
-    code = function.__code__
-    if code in seen:
-        return f"<{seen[code]}>"
-    seen[code] = len(seen)
-    parts = [code.co_code.hex(), repr(code.co_varnames), repr(code.co_names)]
-    parts += [repr(constant) for constant in code.co_consts]
-    scope = {name: function.__globals__.get(name) for name in code.co_names}
-    cells = function.__closure__ or ()
-    enclosed = {
-        n: c.cell_contents for n, c in zip(code.co_freevars, cells, strict=True)
-    }
-    for name, value in (scope | enclosed).items():
-        python = getattr(value, "py_func", None)
-        if python is not None:
-            parts.append(_code_text(python, seen))
-        elif isinstance(value, CONSTANTS):
-            parts.append(f"{name}={value!r}")
-    return " ".join(parts)
+    def save_overload(self, signature: Any, result: Any) -> None:
+        if not result.library.has_dynamic_globals:
+            place = self._place(signature, result.codegen)
+            stored.write(*place, dumps(result._reduce()))

@@ -374,3 +374,22 @@ def test_interruption_is_said_in_one_word(
     monkeypatch.setattr("sidtool.kinds.kind_of", interrupt)
     assert run(["info", "x"]) == 130
     assert "interrupted" in capsys.readouterr().err
+
+
+def test_a_warmup_that_keeps_nothing_has_failed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One kernel, already compiled, stands for all."""
+    from solver import warmup
+    from solver.kernels import stored
+
+    kernel = warmup._find("kernels.coordinates:rate")
+    kernel.compiled(kernel.signatures[0])
+    monkeypatch.setattr(warmup, "all_groups", lambda: [("kernels.coordinates:rate",)])
+    monkeypatch.setattr(warmup, "_find", lambda name: kernel.for_python())
+    monkeypatch.setattr(stored, "_told", set())
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")
+    with pytest.warns(stored.KernelCacheWarning, match="cannot be kept"):
+        assert run(["warmup"]) == 1
+    monkeypatch.undo()
+    assert "kernels compiled" in capsys.readouterr().out

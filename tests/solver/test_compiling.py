@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from numba import float64
 from numba.core.extending import intrinsic
 
 from solver import warmup
+from solver.kernels import stored
 from solver.kernels.compiling import entry, inner
 
 STAMPS = """
@@ -50,6 +53,45 @@ def test_a_kernel_on_disk_is_used() -> None:
     for signature in kernel.signatures:
         kernel.compiled(signature)
         assert kernel.for_python().is_cached(signature)
+
+
+def test_every_kernel_has_a_file_of_its_own() -> None:
+    """Else two kernels would push each other out of the cache at every run."""
+    names = [name for group in warmup.all_groups() for name in group]
+    kernels = [warmup._find(name) for name in names]
+    kernels += [kernel.for_python() for kernel in kernels if not kernel._from_python]
+    files = [
+        kernel._dispatcher._cache._place(signature, codegen)[0]
+        for kernel in kernels
+        for codegen in [kernel._dispatcher.targetctx.codegen()]
+        for signature in kernel.signatures
+    ]
+    assert len(set(files)) == len(files) > len(names)
+
+
+def test_processes_help_only_where_kernels_can_be_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They hand over what they compile on disk; without one they would be in vain."""
+    here: list[str] = []
+    numbers: list[int] = []
+
+    @contextmanager
+    def helpers(queue: Any, number: int) -> Iterator[None]:
+        numbers.append(number)
+        yield
+
+    monkeypatch.setattr(stored, "_told", set())
+    monkeypatch.setattr(warmup, "_helpers", helpers)
+    monkeypatch.setattr(warmup, "_compile_here", here.append)
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    groups = [("a:a", "a:b"), ("b:a",), ("c:a",)]
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    warmup._compile(groups, None)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")
+    with pytest.warns(stored.KernelCacheWarning):
+        warmup._compile(groups, None)
+    assert numbers == [2, 0] and here == 2 * ["a:a", "a:b", "b:a", "c:a"]
 
 
 def _scaled(factor: float) -> Any:

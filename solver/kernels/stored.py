@@ -1,0 +1,136 @@
+"""Compiled kernels on disk: one file each, complete or absent.
+
+A file holds a checksum, the key of the kernel and its machine code. What cannot be read
+or does not fit is as if it were not there, and what cannot be written is done without:
+the kernel is compiled in memory, and one warning says why.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+import warnings
+from pathlib import Path
+
+from formats.atomic import atomic_path
+from formats.errors import InputError
+
+MAGIC = b"sidtool kernel 1\n"
+#: Bytes of the checksum and of the length of the key.
+DIGEST, LENGTH = 32, 8
+HERE = Path(__file__).resolve().parent
+
+_told: set[str] = set()
+
+
+class KernelCacheWarning(UserWarning):
+    """Compiled kernels cannot be kept, or what was kept is damaged."""
+
+
+def folders() -> list[Path]:
+    """Where kernels are looked for, and written if possible: the first comes first.
+
+    The folder in NUMBA_CACHE_DIR, or the package and, behind it, the user's cache.
+    """
+    package = hashlib.sha256(os.fsencode(HERE)).hexdigest()[:16]
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
+        return [Path(chosen).absolute() / f"sidtool-{package}"]
+    found = [HERE / "__pycache__"]
+    try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        cache = cache if cache.is_absolute() else Path.home() / ".cache"
+    except RuntimeError:  # the user has no home
+        return found
+    return [*found, cache / "sidtool" / package]
+
+
+def read(name: str, key: str) -> bytes | None:
+    """The machine code in a file, if it is whole and of this key."""
+    for folder in folders():
+        path = folder / name
+        try:
+            content = path.read_bytes()
+        except OSError:
+            continue
+        try:
+            found, code = _opened(content)
+        except ValueError:
+            tell("damaged", f"{path} is damaged: what it held is compiled anew")
+            continue
+        if found == key:
+            return code
+    return None
+
+
+def write(name: str, key: str, code: bytes) -> None:
+    """Keeps machine code where that is possible."""
+    content = _sealed(key, code)
+    failures = []
+    for folder in folders():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with atomic_path(folder / name) as temporary:
+                temporary.write_bytes(content)
+            return
+        except OSError as error:
+            failures.append(f"{folder} ({error.strerror})")
+        except InputError as error:
+            failures.append(f"{folder} ({error.problem})")
+    _tell_unkept(", ".join(failures))
+
+
+def is_writable() -> bool:
+    """Whether kernels can be kept at all; says so if they cannot."""
+    failures = []
+    for folder in folders():
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+            return True
+        except OSError as error:
+            failures.append(f"{folder} ({error.strerror})")
+    _tell_unkept(", ".join(failures))
+    return False
+
+
+def unkept() -> bool:
+    """Whether this process has failed to keep a kernel."""
+    return "unkept" in _told
+
+
+def tell(kind: str, text: str) -> None:
+    """Warns once of each kind of trouble."""
+    if kind not in _told:
+        _told.add(kind)
+        warnings.warn(text, KernelCacheWarning, stacklevel=2)
+
+
+def _tell_unkept(where: str) -> None:
+    tell(
+        "unkept",
+        f"compiled kernels cannot be kept in {where}: every run compiles them anew; "
+        "NUMBA_CACHE_DIR may name another folder",
+    )
+
+
+def _sealed(key: str, code: bytes) -> bytes:
+    text = key.encode()
+    body = len(text).to_bytes(LENGTH, "little") + text + code
+    return MAGIC + hashlib.sha256(body).digest() + body
+
+
+def _opened(content: bytes) -> tuple[str, bytes]:
+    """Key and machine code.
+
+    Raises
+    ------
+    ValueError : these are not the bytes that were written.
+    """
+    start = len(MAGIC) + DIGEST
+    head, body = content[:start], content[start:]
+    if head != MAGIC + hashlib.sha256(body).digest():
+        raise ValueError("checksum")
+    end = LENGTH + int.from_bytes(body[:LENGTH], "little")
+    return body[LENGTH:end].decode(), body[end:]
