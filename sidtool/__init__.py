@@ -7,12 +7,22 @@
     result["piston.x"]
 
 Bad input raises `sidtool.InputError`. Everything is imported on first use.
+
+`formats` and `solver`, on which this package stands, are those installed beside it,
+also where the folder of a script holds modules of these names.
+
+Raises
+------
+ImportError : the program has imported another `formats` or `solver` before.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
+from importlib.machinery import PathFinder
+from importlib.util import module_from_spec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +61,29 @@ _HOME = {
 
 __version__ = "0.1.0"
 __all__ = sorted(_HOME)
+
+
+def _take_installed(name: str) -> None:
+    """Import the package of a name that stands beside this one, and no other."""
+    folder = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    spec = PathFinder.find_spec(name, [folder])
+    if spec is None or spec.loader is None or spec.origin is None:
+        raise ImportError(f"sidtool is not installed whole: no {name} in {folder}")
+    present = sys.modules.get(name)
+    if present is not None:
+        origin = getattr(present, "__file__", None)
+        if origin is None or os.path.realpath(origin) != os.path.realpath(spec.origin):
+            raise ImportError(
+                f"another module {name} ({origin}) was imported before sidtool, which "
+                f"has a package of that name: rename {name}, or import sidtool first"
+            )
+        return
+    module = sys.modules[name] = module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+
+for _package in ("formats", "solver"):
+    _take_installed(_package)
 
 
 def __getattr__(name: str) -> Any:

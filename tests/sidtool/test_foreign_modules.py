@@ -1,0 +1,78 @@
+"""Modules in the working folder that have our names are never run."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from solver import warmup
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+#: Leaves a trace and then fails.
+HOSTILE = "open(__file__ + '.ran', 'w').close()\nraise SystemExit('hostile')\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("slider_crank.toml", "rod_q4.SID_FEM"):
+        shutil.copy(EXAMPLE / name, tmp_path / name)
+    for name in ("solver", "formats", "numba", "click"):
+        (tmp_path / f"{name}.py").write_text(HOSTILE)
+    return tmp_path
+
+
+def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def ran(folder: Path) -> list[str]:
+    return [path.name for path in folder.glob("*.ran")]
+
+
+def test_the_command_line_runs_installed_modules(folder: Path) -> None:
+    done = python(folder, "-m", "sidtool", "simulate", "slider_crank.toml")
+    assert done.returncode == 0, done.stderr
+    assert ran(folder) == []
+
+
+def test_compiling_processes_run_installed_modules(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They compile what they are asked for, and answer."""
+    monkeypatch.chdir(folder)
+    with warmup._new_process() as process:
+        assert process.stdin is not None and process.stdout is not None
+        process.stdin.write("kernels.newton:remember\n")
+        process.stdin.flush()
+        assert process.stdout.readline() == "done\n"
+    assert process.returncode == 0 and ran(folder) == []
+
+
+@pytest.mark.parametrize("script", ["import sidtool.api", "from sidtool import read"])
+def test_scripts_beside_such_modules_run_installed_ones(
+    script: str, folder: Path
+) -> None:
+    for name in ("numba", "click"):  # what a script's folder holds is the script's
+        (folder / f"{name}.py").unlink()
+    (folder / "script.py").write_text(f"{script}\nimport solver.run\nprint('well')\n")
+    done = python(folder, "script.py")
+    assert done.stdout == "well\n", done.stderr
+    assert ran(folder) == []
+
+
+def test_an_own_module_imported_before_is_named(tmp_path: Path) -> None:
+    (tmp_path / "solver.py").write_text("mine = 1\n")
+    (tmp_path / "script.py").write_text("import solver\nimport sidtool\n")
+    done = python(tmp_path, "script.py")
+    assert done.returncode == 1
+    assert f"another module solver ({tmp_path / 'solver.py'})" in done.stderr
