@@ -1,16 +1,32 @@
-"""Writing a file wholly or not at all."""
+"""Writing a file wholly or not at all.
+
+What is being written has a name that tells the machine and the process. A process that
+is killed leaves its file; whoever writes into the same folder next removes it.
+"""
 
 from __future__ import annotations
 
 import os
+import platform
+import re
 import shutil
 import stat
 import tempfile
+import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 from .errors import InputError
+
+#: Bytes of a target's name that its temporary file takes over.
+LONGEST = 120
+#: Names of temporary files, see `_beside`.
+REST = re.compile(r"\..*\.(?P<machine>[0-9a-f]{8})-(?P<process>\d+)-\w+\.part", re.S)
+
+#: Temporary files of this process that are being written.
+_living: set[Path] = set()
 
 
 @contextmanager
@@ -34,6 +50,8 @@ def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
     if stream and target.is_dir():
         raise InputError("is a folder", source=target, expected="the name of a file")
     temporary = _beside(Path(tempfile.gettempdir()) / target.name if stream else target)
+    _living.add(temporary)
+    _remove_rests(temporary.parent)
     try:
         yield temporary
         if stream:
@@ -48,6 +66,7 @@ def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
         raise OSError(error.errno, error.strerror, os.fspath(target)) from error
     finally:
         temporary.unlink(missing_ok=True)
+        _living.discard(temporary)
 
 
 def _mode(target: Path) -> int | None:
@@ -59,9 +78,11 @@ def _mode(target: Path) -> int | None:
 
 def _beside(target: Path) -> Path:
     """A new temporary file in the folder of `target`."""
+    short = os.fsdecode(os.fsencode(target.name)[:LONGEST])
+    prefix = f".{short}.{_machine()}-{os.getpid()}-"
     try:
         handle, name = tempfile.mkstemp(
-            dir=target.parent, prefix=f".{target.name}.", suffix=".part"
+            dir=target.parent, prefix=prefix, suffix=".part"
         )
     except OSError as error:
         raise InputError(
@@ -71,6 +92,40 @@ def _beside(target: Path) -> Path:
         ) from error
     os.close(handle)
     return Path(name)
+
+
+@cache
+def _machine() -> str:
+    """Tells those who count the same processes: a machine, or a container on it."""
+    name = platform.node()
+    with suppress(OSError):
+        name += os.readlink("/proc/self/ns/pid")
+    return f"{zlib.crc32(name.encode()):08x}"
+
+
+def _remove_rests(folder: Path) -> None:
+    """Removes what processes left that are gone; what cannot be removed stays."""
+    with suppress(OSError), os.scandir(folder) as entries:
+        for path in [Path(e.path) for e in entries if e.name.endswith(".part")]:
+            if _is_rest(path):
+                with suppress(OSError):
+                    path.unlink(missing_ok=True)
+
+
+def _is_rest(path: Path) -> bool:
+    found = REST.fullmatch(path.name)
+    if found is None or found["machine"] != _machine() or os.name != "posix":
+        return False
+    process = int(found["process"])
+    if process == os.getpid():
+        return path not in _living
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return False
 
 
 def _pour(source: Path, target: Path) -> None:

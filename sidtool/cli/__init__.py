@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Sequence
@@ -63,17 +64,42 @@ for command in (
     cli.add_command(command)
 
 
+class Ended(BaseException):
+    """A signal has told the program to end: it cleans up as after Ctrl-C."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.number = number
+
+
+def _end(number: int, frame: object) -> NoReturn:
+    raise Ended(number)
+
+
+def _ending_signals() -> list[signal.Signals]:
+    """Those that end a program without cleaning up, and are not ignored (nohup)."""
+    present = [n for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n)]
+    numbers = [signal.Signals[name] for name in present]
+    return [n for n in numbers if signal.getsignal(n) is signal.SIG_DFL]
+
+
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
     gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.showwarning = _tell
+    before = {number: signal.signal(number, _end) for number in _ending_signals()}
     status = run(sys.argv[1:])
+    for number, handler in before.items():
+        signal.signal(number, handler)
     gc.freeze()
     sys.exit(status)
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Exit status: 0 done, 1 failed or judged bad, 2 bad input, 130 interrupted."""
+    """Exit status: 0 done, 1 failed or judged bad, 2 bad input, 130 interrupted.
+
+    128 and the number of the signal if it was told to end by one, 143 for SIGTERM.
+    """
     try:
         status = cli.main(list(arguments), prog_name="sidtool", standalone_mode=False)
         sys.stdout.flush()
@@ -83,6 +109,8 @@ def run(arguments: Sequence[str]) -> int:
         return error.exit_code
     except InputError as error:
         return _complain(str(error), BAD_INPUT)
+    except Ended as ended:
+        return _complain("ended by a signal", 128 + ended.number)
     except (KeyboardInterrupt, click.Abort):
         return _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -79,7 +80,7 @@ def study(
     _check("--step", steps, 1e-12, 1e12)
     settings = default_settings(integrators, tolerances, steps)
     if output is not None:
-        _make_folder(output)
+        _check_folder(output)
     try:
         result = run(_compiled(scene), settings, outputs, _say)
     except InputError as error:
@@ -117,15 +118,17 @@ def _compiled(path: Path) -> System:
     return compile_scene(read_scene(path), path.parent)
 
 
-def _make_folder(folder: Path) -> None:
+def _check_folder(folder: Path) -> None:
+    """Refuse a folder that cannot be made at the end, before any work is done."""
     from formats.errors import InputError
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    there = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    if not (there.is_dir() and os.access(there, os.W_OK)):
         raise InputError(
-            f"cannot be a folder ({error.strerror})", source=folder
-        ) from None
+            "cannot be a folder to write to",
+            source=folder,
+            expected=f"{there} to be a folder with permission to write",
+        )
 
 
 def _report(result: Study, wanted: tuple[float, ...]) -> str:
@@ -151,11 +154,14 @@ def _report(result: Study, wanted: tuple[float, ...]) -> str:
 
 
 def _write(folder: Path, result: Study, text: str, title: str) -> None:
+    """The text takes its place last: where it stands, nothing is missing."""
     from formats.atomic import atomic_path
 
     from ..study import plot_study
 
-    with atomic_path(folder / "study.txt") as temporary:
+    folder.mkdir(parents=True, exist_ok=True)
+    table, plot = folder / "study.txt", folder / "study.png"
+    with atomic_path(table) as temporary:
         temporary.write_text(text + "\n")
-    plot_study(folder / "study.png", result, title)
-    click.echo(f"{folder / 'study.txt'} and {folder / 'study.png'} written")
+        plot_study(plot, result, title)
+    click.echo(f"{table} and {plot} written")
