@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from formats.scene import parse_output, watched
+from formats.scene import SceneFile, parse_output, watched
 from formats.sid import Array
 
 from .joint_forces import COMPONENTS
@@ -14,6 +14,9 @@ from .outputs import Recorded, multiplier_names
 from .overconstraint import advice, widest_left_open
 from .scene import System
 from .start import names_of_rows
+
+#: Times are the same when they differ by less than this part of the time span.
+SAME = 1e-9
 
 
 def of_run(system: System, t: Array, recorded: Recorded) -> tuple[str, ...]:
@@ -25,6 +28,17 @@ def of_run(system: System, t: Array, recorded: Recorded) -> tuple[str, ...]:
         *undetermined_forces(recorded, watched(system.scene)),
         *undefined_values(t, names, values),
     )
+
+
+def of_output_times(scene: SceneFile, times: Array) -> list[str]:
+    """Of an output grid that misses the end of the run."""
+    span = scene.time.end - scene.time.start
+    if scene.time.output_times is not None or scene.time.end - times[-1] <= SAME * span:
+        return []
+    return [
+        f"the last output time is {times[-1]:g} s and not the end, "
+        f"{scene.time.end:g} s: output_step does not divide the time span"
+    ]
 
 
 def left_out(system: System, t: Array, recorded: Recorded) -> list[str]:

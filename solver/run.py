@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import numpy as np
 
 from formats.result import Event, FlexibleBody, Result
-from formats.scene import SceneFile, output_times
+from formats.scene import output_times
 from formats.sid import Array
 
 from . import assembly, dense, events, notes, outputs, warmup
@@ -27,7 +27,7 @@ from .kernels.pointers import kernels
 from .new_control import closed_below, new_control
 from .sampling import sample
 from .scene import System
-from .settings import Settings, settings_of
+from .settings import Settings, made_with, settings_of
 from .stopping import (
     CAUSES,
     explained,
@@ -198,19 +198,6 @@ class _Run:
             told["spectral_radius"] = settings.radius
         return told
 
-    def _scene(self) -> SceneFile:
-        """The scene with the settings that the run was made with."""
-        settings, scene = self.settings, self.system.scene
-        accuracy = scene.accuracy.model_copy(
-            update={
-                "integrator": settings.asked,
-                "rtol": settings.rtol,
-                "step": settings.step,
-                "spectral_radius": settings.radius,
-            }
-        )
-        return scene.model_copy(update={"accuracy": accuracy})
-
     def _notes(self) -> Iterator[str]:
         """What a reader has to know of the numbers."""
         yield from self.told
@@ -218,14 +205,7 @@ class _Run:
             self.system, self.kernels, self.control, self.settings.rtol
         )
         yield from told_displacements(self.system, self.start, self.settings.rtol)
-        time, last = self.system.scene.time, self.times[-1]
-        if time.output_times is None and time.end - last > 1e-9 * (
-            time.end - time.start
-        ):
-            yield (
-                f"the last output time is {last:g} s and not the end, {time.end:g} s: "
-                "output_step does not divide the time span"
-            )
+        yield from notes.of_output_times(self.system.scene, self.times)
 
     def _note_breaks(self, t: float) -> None:
         """Keeps the state where drives or forces are not smooth."""
@@ -323,7 +303,7 @@ class _Run:
             settings=self._told(),
             bodies=bodies,
             events=self._events(),
-            scene=self._scene().model_dump_json(by_alias=True, exclude_none=True),
+            scene=made_with(self.system.scene, self.settings),
             notes=(*self._notes(), *notes.of_run(self.system, t, recorded)),
             versions=versions(),
             completed=not failure,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from formats.errors import InputError
+from formats.scene import SceneFile
 
 from .integrators import INTEGRATORS
 from .integrators.automatic import AUTO, Choice, choose
@@ -59,3 +60,17 @@ def settings_of(
         raise InputError(f"spectral_radius is {radius:g}", expected="0 to 1")
     choice = choose(system, rtol, step) if name == AUTO else Choice(name)
     return Settings(name, choice.first, choice.when_stiff, rtol, step, radius)
+
+
+def made_with(scene: SceneFile, settings: Settings) -> str:
+    """The scene as JSON, with the settings that a run was made with."""
+    accuracy = scene.accuracy.model_copy(
+        update={
+            "integrator": settings.asked,
+            "rtol": settings.rtol,
+            "step": settings.step,
+            "spectral_radius": settings.radius,
+        }
+    )
+    made = scene.model_copy(update={"accuracy": accuracy})
+    return made.model_dump_json(by_alias=True, exclude_none=True)
