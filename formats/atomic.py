@@ -12,6 +12,7 @@ import re
 import shutil
 import stat
 import tempfile
+import threading
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -27,6 +28,7 @@ REST = re.compile(r"\..*\.(?P<machine>[0-9a-f]{8})-(?P<process>\d+)-\w+\.part", 
 
 #: Temporary files of this process that are being written.
 _living: set[Path] = set()
+_lock = threading.Lock()
 
 
 @contextmanager
@@ -50,8 +52,6 @@ def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
     if stream and target.is_dir():
         raise InputError("is a folder", source=target, expected="the name of a file")
     temporary = _beside(Path(tempfile.gettempdir()) / target.name if stream else target)
-    _living.add(temporary)
-    _remove_rests(temporary.parent)
     try:
         yield temporary
         if stream:
@@ -77,20 +77,23 @@ def _mode(target: Path) -> int | None:
 
 
 def _beside(target: Path) -> Path:
-    """A new temporary file in the folder of `target`."""
+    """A new temporary file in the folder of `target`, and no rests of killed runs."""
     short = os.fsdecode(os.fsencode(target.name)[:LONGEST])
     prefix = f".{short}.{_machine()}-{os.getpid()}-"
-    try:
-        handle, name = tempfile.mkstemp(
-            dir=target.parent, prefix=prefix, suffix=".part"
-        )
-    except OSError as error:
-        raise InputError(
-            f"cannot write here ({error.strerror})",
-            source=target,
-            expected="an existing folder with permission to write",
-        ) from error
-    os.close(handle)
+    with _lock:
+        try:
+            handle, name = tempfile.mkstemp(
+                dir=target.parent, prefix=prefix, suffix=".part"
+            )
+        except OSError as error:
+            raise InputError(
+                f"cannot write here ({error.strerror})",
+                source=target,
+                expected="an existing folder with permission to write",
+            ) from error
+        os.close(handle)
+        _living.add(Path(name))
+        _remove_rests(target.parent)
     return Path(name)
 
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -226,3 +227,14 @@ def _alive(process: int) -> bool:
     except OSError:
         return False
     return text.rpartition(")")[2].split()[0] != "Z"
+
+
+def test_threads_do_not_take_each_others_files_for_rests(tmp_path: Path) -> None:
+    def write(k: int) -> None:
+        for n in range(40):
+            with atomic_path(tmp_path / f"{k}.{n}") as temporary:
+                temporary.write_text("text")
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(write, range(4)))
+    assert len(names(tmp_path)) == 160
