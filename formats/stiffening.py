@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .sid import SID, Array
+from .sid import SID, Array, by_mode
 
 _ZERO = (0.0, 0.0, 0.0)
 #: Below this share of the stiffness, a change of it is called small.
@@ -22,18 +22,36 @@ _PARTLY = " (of rotation alone: the SID lacks geometric stiffening by other load
 def has_stiffening(sid: SID) -> bool:
     """Does the SID carry terms that only geometric stiffening puts there?
 
-    These are Ct m1, phi m1 and psi m1, the part of Cr m1 that is symmetric in the
-    modes, and a positive part of Oe m1: the kinematic one only softens.
+    These are Ct m1, phi m1 and psi m1, a symmetric part of Cr m1 that is none of its
+    errors, and a positive part of Oe m1: the kinematic one only softens.
     """
+    return (
+        has_second_order_field(sid)
+        or stiffens_by_turning(sid)
+        or _stiffens_by_rotation(sid)
+    )
+
+
+def has_second_order_field(sid: SID) -> bool:
+    """Ct m1, phi m1 or psi m1: displacements of second order of nodes or mass."""
     terms = [sid.Ct, *(t for node in sid.nodes for t in (node.phi, node.psi))]
-    if any(term.m1 is not None and term.m1.any() for term in terms):
-        return True
+    return any(term.m1 is not None and term.m1.any() for term in terms)
+
+
+def stiffens_by_turning(sid: SID) -> bool:
+    """Is a part of Cr m1 that is symmetric in the modes geometric stiffening (K0r)?
+
+    Writers that average magnitudes leave such a part, too, and copy it into Ge, where
+    no displacement field puts it: Ge_l = Cr1_l - Cr1_l^T, whatever stiffens.
+    """
     first = sid.Cr.first_order(sid.nq)
-    symmetric = np.abs(first + np.swapaxes(first, 0, 1)).max(initial=0.0)
+    partner = np.swapaxes(first, 0, 1)
+    symmetric = np.abs(first + partner).max(initial=0.0)
     noise = 1e-6 * max(np.abs(first).max(initial=0.0), np.abs(sid.Me.m0).max(initial=0))
-    if symmetric > noise:
-        return True
-    return _stiffens_by_rotation(sid)
+    if symmetric <= noise:
+        return False
+    contradiction = by_mode(sid.Ge.m0, sid.nq) - (first - partner)
+    return bool(np.abs(contradiction).max() <= 1e-3 * symmetric)
 
 
 def _stiffens_by_rotation(sid: SID) -> bool:

@@ -35,10 +35,11 @@ from formats.sid import (
     symmetric_3x3,
 )
 from formats.sid_mass import centre_of_mass, coupled_mass_matrix, skew
+from formats.stiffening import has_second_order_field
 
+from .consistent import kept_consistent
 from .relabel import relabelled
 from .rotary import CENTRIFUGAL
-from .validate.measures import has_stiffening
 from .vectors import LEVI_CIVITA
 
 _RIGID = slice(0, 6)
@@ -147,14 +148,14 @@ def _no_rotation(node: Node) -> InputError:
 
 def changed(sid: SID, change: FrameChange) -> SID:
     """A SID in the frame that a change describes; all blocks consistent."""
-    second = has_stiffening(sid)
+    second = has_second_order_field(sid)
     old = _Integrals.of(sid)
     d_phi, d_phi_c, d_pairs, d_second = _differences(sid, old, change, second)
     d_rigid = _rigid_differences(sid, old, change)
     blocks = _blocks(sid, d_phi, d_phi_c, d_pairs, d_second, d_rigid)
     blocks["Me"] = _added(sid.Me, _modal_mass_difference(sid, change))
     nodes = tuple(_node(node, change, second) for node in sid.nodes)
-    return relabelled(replace(sid, nodes=nodes, **blocks))
+    return relabelled(kept_consistent(replace(sid, nodes=nodes, **blocks), sid))
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +263,8 @@ def _modal_mass_difference(sid: SID, change: FrameChange) -> Array:
     mass = coupled_mass_matrix(sid)
     motion = np.hstack([change.shift, change.turn])
     shared = mass[6:, _RIGID] @ motion.T
-    return motion @ mass[_RIGID, _RIGID] @ motion.T - shared - shared.T
+    carried = motion @ mass[_RIGID, _RIGID] @ motion.T
+    return (carried + carried.T) / 2 - (shared + shared.T)
 
 
 def _node(node: Node, change: FrameChange, second: bool) -> Node:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from formats.dead_nodes import check_alive, dead_nodes
 from formats.errors import InputError
+from formats.orientation import fault
 from formats.scene import (
     SCENE_QUANTITIES,
     SceneFile,
@@ -74,8 +75,10 @@ def check_attachments(system: System) -> None:
 
     Raises
     ------
-    InputError : one acts on a node of a flexible body where all of them vanish.
+    InputError : one acts on a node of a flexible body where all of them vanish, or
+        whose orientation is no rotation.
     """
+    _check_orientations(system)
     bodies = {data.name: data for data in system.bodies if dead_nodes(data.sid)}
     for what, place, (body, marker) in attachments(system.scene):
         if body not in bodies:
@@ -89,6 +92,22 @@ def check_attachments(system: System) -> None:
                 place=place,
                 expected=f"{error.expected}, or --accept-defects",
             ) from None
+
+
+def _check_orientations(system: System) -> None:
+    bodies = {data.name: data for data in system.bodies}
+    for what, place, (body, marker) in attachments(system.scene):
+        if body not in bodies:
+            continue
+        node = bodies[body].node(marker)
+        wrong = fault(node.AP.m0)
+        if wrong:
+            raise InputError(
+                f"{what} acts on node {node.id} of {body}, whose AP {wrong}",
+                place=place,
+                expected="a rotation (`sidtool validate`, I18; `convert --repair` may "
+                "mend it), or --accept-defects",
+            )
 
 
 def attachments(scene: SceneFile) -> Iterator[tuple[str, str, tuple[str, str]]]:

@@ -11,6 +11,7 @@ import numpy as np
 from formats.sid import SID
 
 from .magnitudes import refuse_absurd
+from .rounding import Rounding, rounding_of
 
 Severity = Literal["error", "warning"]
 Verdict = Literal["passed", "failed", "not applicable"]
@@ -26,12 +27,17 @@ class Finding:
     detail : what the number refers to, or why there is none
     broken : failed whatever the deviation says
     bound : replaces the registered bound when it depends on the data
+    size : of the largest entry, and
+    terms : how many printed entries meet in the difference: what their rounding may
+        make of it, see `rounding`
     """
 
     measured: float | None
     detail: str = ""
     broken: bool = False
     bound: float | None = None
+    size: float = 0.0
+    terms: int = 0
 
 
 @dataclass(frozen=True)
@@ -88,18 +94,24 @@ def identity(
 
 
 def check(sid: SID) -> tuple[Check, ...]:
-    """Every registered identity applied to one SID, in the order I1 ... I17.
+    """Every registered identity applied to one SID, in the order I1 ... I20.
 
     Raises
     ------
     InputError : an entry is not a finite number below 1e100.
     """
-    from . import identities_kinematic, identities_mass, identities_order  # noqa: F401
+    from . import (  # noqa: F401
+        identities_content,
+        identities_kinematic,
+        identities_mass,
+        identities_order,
+    )
 
     refuse_absurd(sid)
+    print_ = rounding_of(sid)
     ordered = sorted(IDENTITIES.values(), key=lambda entry: int(entry.id[1:]))
     with np.errstate(all="ignore"):
-        return tuple(_judge(entry, entry.measure(sid)) for entry in ordered)
+        return tuple(_judge(entry, entry.measure(sid), print_) for entry in ordered)
 
 
 def verdict(checks: Sequence[Check], *, strict: bool = False) -> bool:
@@ -129,8 +141,16 @@ def checks_as_data(checks: Sequence[Check]) -> list[dict[str, Any]]:
     return [asdict(c) for c in checks]
 
 
-def _judge(entry: Identity, finding: Finding) -> Check:
+def _judge(entry: Identity, finding: Finding, print_: Rounding) -> Check:
     bound = entry.bound if finding.bound is None else finding.bound
+    detail, rounded = finding.detail, finding.terms * print_.share(finding.size)
+    if finding.terms and finding.measured is not None and finding.measured > bound:
+        cost = f"{print_.words}: rounding may make {rounded:.1e} of it"
+        if finding.measured <= rounded:
+            cost = f"rounding only, the entries are known to {rounded:.0e}: "
+            cost += print_.words
+        detail = "; ".join(filter(None, [detail, cost])) if rounded > bound else detail
+        bound = max(bound, rounded)
     outcome: Verdict = "not applicable"
     if finding.measured is not None:
         good = finding.measured <= bound and not finding.broken
@@ -142,6 +162,6 @@ def _judge(entry: Identity, finding: Finding) -> Check:
         verdict=outcome,
         measured=finding.measured,
         bound=bound,
-        detail=finding.detail,
+        detail=detail,
         meaning=entry.meaning,
     )

@@ -6,15 +6,17 @@ Each holds because both sides are the same integral over the body; see O. Wallra
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from formats.sid import SID, Array, by_mode
 from formats.sid_mass import IN_PLANE, free_motion, plane_of_motion, skew
+from formats.stiffening import has_second_order_field, stiffens_by_turning
 
 from .checks import Finding, identity
 from .measures import (
     compared,
-    has_stiffening,
     modal_scale,
     modes_of,
     relative,
@@ -91,6 +93,7 @@ def gyroscopic_rotation(sid: SID) -> Finding:
         2.0 * modes.J1,
         natural=rotation_scale(sid),
         bound=2e-11,
+        terms=4,
         detail=_layout_in_words(layout, other, sid.nq),
     )
 
@@ -124,6 +127,7 @@ def gyroscopic_elastic(sid: SID) -> Finding:
         modes.Cr1,
         natural=modal_scale(sid),
         detail=detail,
+        terms=3,
     )
 
 
@@ -142,7 +146,7 @@ def gyroscopic_exact(sid: SID) -> Finding:
     modes = modes_of(sid)
     exact = modes.Cr1 - swapped(modes.Cr1)
     sizes = (modes.Ge, modes.Cr1)
-    return compared(modes.Ge - exact, *sizes, natural=modal_scale(sid))
+    return compared(modes.Ge - exact, *sizes, natural=modal_scale(sid), terms=3)
 
 
 @identity(
@@ -158,7 +162,7 @@ def rotation_coupling(sid: SID) -> Finding:
     if sid.nq == 0:
         return _rigid()
     Cr1 = modes_of(sid).Cr1
-    if has_stiffening(sid):
+    if has_second_order_field(sid) or stiffens_by_turning(sid):
         share = relative(Cr1 + swapped(Cr1), Cr1)
         return Finding(
             None, f"the symmetric part ({share:.1e}) is geometric stiffening"
@@ -210,7 +214,8 @@ def centrifugal_symmetric(sid: SID) -> Finding:
         for k, part in parts.items()
     ]
     shares = "; ".join(f"{name} {finding.measured:.1e}" for finding, name in found)
-    return Finding(max(finding.measured or 0.0 for finding, _ in found), shares)
+    worst = max((finding for finding, _ in found), key=lambda f: f.measured or 0.0)
+    return replace(worst, detail=shares)
 
 
 @identity(
@@ -225,7 +230,7 @@ def centrifugal_trace(sid: SID) -> Finding:
     """Exact for solids; lumped and beam masses are off, see the bound of I10."""
     if sid.nq == 0:
         return _rigid()
-    if has_stiffening(sid):
+    if has_second_order_field(sid):
         return Finding(None, "Oe m1 holds geometric stiffening")
     trace = modes_of(sid).Oe1[..., :3].sum(axis=2)
     return compared(trace + 2.0 * sid.Me.m0, trace, 2.0 * sid.Me.m0, bound=0.1)

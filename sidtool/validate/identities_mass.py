@@ -34,14 +34,14 @@ def modal_matrices(sid: SID) -> Finding:
     if sid.nq == 0:
         return Finding(None, "rigid body")
     blocks = {"Me": sid.Me.m0, "Ke": sid.Ke.m0, "De": sid.De.m0}
-    asymmetry = max(relative(m - m.T, m) for m in blocks.values())
+    asymmetry, size = max((relative(m - m.T, m), largest(m)) for m in blocks.values())
     broken = [
         f"{name} is not positive {'definite' if name == 'Me' else 'semidefinite'}"
         for name, matrix in blocks.items()
         if not _definite(matrix, strictly=name == "Me")
     ]
     detail = "; ".join(broken) or "all definite"
-    return Finding(asymmetry, detail, broken=bool(broken))
+    return Finding(asymmetry, detail, broken=bool(broken), size=size, terms=2)
 
 
 @identity(

@@ -68,11 +68,13 @@ def compared(
     natural: float = 0.0,
     bound: float = 1e-11,
     detail: str = "",
+    terms: int = 2,
 ) -> Finding:
     """A finding from a difference that should vanish.
 
     `natural` is the size that the entries could have; blocks far below it are noise
-    and their difference is measured against it instead.
+    and their difference is measured against it instead. `terms` printed entries
+    (with their factors) meet in the difference.
     """
     size = largest(*references)
     if size == 0.0:
@@ -81,7 +83,7 @@ def compared(
     if measured > bound and size < _NOISE * natural:
         text = f"rounding noise only (largest entry {size:.1e})"
         return Finding(largest(difference) / natural, text)
-    return Finding(measured, detail)
+    return Finding(measured, detail, size=size, terms=terms)
 
 
 def modal_scale(sid: SID) -> float:
@@ -97,9 +99,3 @@ def translation_scale(sid: SID) -> float:
 def rotation_scale(sid: SID) -> float:
     """Natural size of Cr, Gr and of the first-order J [kg m2/[q]]."""
     return float(np.sqrt(largest(sid.J.m0) * modal_scale(sid)))
-
-
-def has_stiffening(sid: SID) -> bool:
-    """Does the SID carry terms that only geometric stiffening puts there?"""
-    terms = [sid.Ct, *(t for node in sid.nodes for t in (node.phi, node.psi))]
-    return any(term.m1 is not None and term.m1.any() for term in terms)

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from formats.sid import SID, Array, Taylor, axis_major
+from formats.sid import J_INDICES, SID, Array, Node, Taylor, axis_major
 from formats.sid_mass import skew
+from formats.stiffening import has_second_order_field, stiffens_by_turning
 
+from .gravity_sign import WRONG, agreement
 from .magnitudes import refuse_absurd
 from .measures import largest, modes_of, swapped
+from .orientations import mended
 
 # Entries that agree to the 12 digits of a file, their own and those of what they follow
 # from, stay as they are.
@@ -23,7 +27,7 @@ class Change:
 
     Attributes
     ----------
-    block : name of the block
+    block : name of the block, or of a node and its entry
     entry : the entry as the (canonical) file names it, "m0(r,c)" or "m1(r,l,c)"
     before, after : its values
     reason : the identity that the new value follows from
@@ -40,8 +44,12 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     """Rebuild what follows from other blocks of the same SID.
 
     Gr_l = J1_l - (Cr0_l)~ (I6, I10); Ge_l = Cr1_l - Cr1_l^T (I7, I8); the first-order
-    columns xy, yz, xz of Oe become the mean over their two mode indices (I11). All
-    other blocks are taken as they are. A consistent SID comes back unchanged.
+    columns xy, yz, xz of Oe become the mean over their two mode indices (I11); Cr m1
+    loses a symmetric part that is no stiffening (I9). Empty mdCM m1, Ct m0, J m1 and
+    Oe m0 are filled from their counterpart (I4 to I6), origin m1 from phi (I2). AP is
+    made the rotation that AP m1 and psi tell (I3, I18). Ct m1 and phi m1 take the sign
+    of the centrifugal stiffening (I20). All other blocks are taken as they are. A
+    consistent SID comes back unchanged.
 
     Returns
     -------
@@ -54,33 +62,117 @@ def repair(sid: SID) -> tuple[SID, tuple[Change, ...]]:
     InputError : an entry is not a finite number below 1e100.
     """
     refuse_absurd(sid)
-    if sid.nq == 0:
-        return sid, ()
+    nodes = [_mended_node(node, sid.nq) for node in sid.nodes]
+    changes = tuple(change for _, found in nodes for change in found)
+    if changes:
+        sid = replace(sid, nodes=tuple(node for node, _ in nodes))
+    for step in (_filled, _signed, _rebuilt) if sid.nq else ():
+        sid, found = step(sid)
+        changes += found
+    return sid, changes
+
+
+def _mended_node(node: Node, nq: int) -> tuple[Node, tuple[Change, ...]]:
+    """Orientations that are none, and positions that do not follow phi."""
+    changes: tuple[Change, ...] = ()
+    found = mended(node, nq)
+    if found is not None:
+        AP, why = found
+        changes += _compared(f"node {node.id}, AP", node.AP, AP, nq, why)
+        node = replace(node, AP=AP)
+    if nq and not node.origin.first_order(nq).any() and node.phi.m0.any():
+        origin = replace(node.origin, m1=node.phi.m0.T[:, :, None])
+        place = f"node {node.id}, origin"
+        changes += _compared(place, node.origin, origin, nq, "origin m1 = phi m0")
+        node = replace(node, origin=origin)
+    return node, changes
+
+
+def _filled(sid: SID) -> tuple[SID, tuple[Change, ...]]:
+    """Empty blocks that are the same integral as others; see I4, I5 and I6."""
+    nq = sid.nq
+    modes, static = modes_of(sid), sid.mdCM.first_order(nq)
+    six = sid.J.first_order(nq)[:, :, 0]
+    found: dict[str, tuple[Taylor, str]] = {}
+    if not six.any() and modes.Gr.any() and sid.Oe.m0.any():
+        rate = (modes.Gr + np.swapaxes(modes.Gr, 1, 2)) / 2
+        six = np.stack([rate[:, a, b] for a, b in J_INDICES], axis=1)
+        found["J"] = replace(sid.J, m1=six[:, :, None]), "2 J1_l = Gr_l + Gr_l^T"
+    if not static.any() and sid.Ct.m0.any():
+        found["mdCM"] = replace(sid.mdCM, m1=sid.Ct.m0[:, :, None]), "mdCM m1 = Ct m0"
+    if not sid.Ct.m0.any() and static.any():
+        found["Ct"] = replace(sid.Ct, m0=static[:, :, 0]), "Ct m0 = mdCM m1"
+    if not sid.Oe.m0.any() and six.any():
+        implied = -six[:, [0, 1, 2, 3, 5, 4]] * [0.5, 0.5, 0.5, 1.0, 1.0, 1.0]
+        found["Oe"] = replace(sid.Oe, m0=implied), "Oe m0 follows from J m1"
+    return _with(sid, found)
+
+
+def _signed(sid: SID) -> tuple[SID, tuple[Change, ...]]:
+    """Ct m1 and phi m1 that stiffen where Oe m1 softens; see I20."""
+    why = "Ct m1 and phi m1 have the sign of Oe m1"
+    wrong = {name for name, value in agreement(sid).items() if value < WRONG}
+    changes: tuple[Change, ...] = ()
+    if "Ct" in wrong and sid.Ct.m1 is not None:
+        sid, changes = _with(sid, {"Ct": (replace(sid.Ct, m1=-sid.Ct.m1), why)})
+    if "phi" in wrong:
+        nodes = []
+        for node in sid.nodes:
+            m1 = node.phi.m1
+            phi = node.phi if m1 is None else replace(node.phi, m1=-m1)
+            place = f"node {node.id}, phi"
+            changes += _compared(place, node.phi, phi, sid.nq, why)
+            nodes.append(replace(node, phi=phi))
+        sid = replace(sid, nodes=tuple(nodes))
+    return sid, changes
+
+
+def _rebuilt(sid: SID) -> tuple[SID, tuple[Change, ...]]:
+    """Gr, Ge and the symmetries over the modes of Oe m1 and Cr m1."""
     modes = modes_of(sid)
+    Cr1 = modes.Cr1
+    if not (has_second_order_field(sid) or stiffens_by_turning(sid)):
+        Cr1 = (Cr1 - swapped(Cr1)) / 2
     Gr = axis_major(modes.J1 - skew(sid.Cr.m0))
-    Ge = axis_major(modes.Cr1 - swapped(modes.Cr1))
+    Ge = axis_major(Cr1 - swapped(Cr1))
     Oe1 = modes.Oe1.copy()
     Oe1[..., 3:] = 0.5 * (Oe1 + swapped(Oe1))[..., 3:]
-    sources = largest(modes.J1, sid.Cr.m0), largest(modes.Cr1), largest(modes.Oe1)
-    new_gr, gr_changes = _replaced(
-        "Gr", sid.Gr.m0, Gr, "Gr_l = J1_l - (Cr0_l)~", sources[0]
+    parts = (
+        ("Cr", "m1", modes.Cr1, Cr1, "Cr1 antisymmetric in the modes", sid.Me.m0),
+        ("Gr", "m0", sid.Gr.m0, Gr, "Gr_l = J1_l - (Cr0_l)~", modes.J1),
+        ("Ge", "m0", sid.Ge.m0, Ge, "Ge_l = Cr1_l - Cr1_l^T", modes.Cr1),
+        ("Oe", "m1", modes.Oe1, Oe1, "Oe1 symmetric in the modes", modes.Oe1),
     )
-    new_ge, ge_changes = _replaced(
-        "Ge", sid.Ge.m0, Ge, "Ge_l = Cr1_l - Cr1_l^T", sources[1]
+    changes: tuple[Change, ...] = ()
+    for name, part, before, after, why, source in parts:
+        sources = largest(source, sid.Cr.m0) if name == "Gr" else largest(source)
+        new, found = _replaced(name, before, after, why, sources)
+        if found:
+            block = replace(getattr(sid, name), **{part: new})
+            sid = replace(sid, **{name: block})  # type: ignore[arg-type]
+            changes += found
+    return sid, changes
+
+
+def _with(
+    sid: SID, found: dict[str, tuple[Taylor, str]]
+) -> tuple[SID, tuple[Change, ...]]:
+    changes: tuple[Change, ...] = ()
+    for name, (block, why) in found.items():
+        changes += _compared(name, getattr(sid, name), block, sid.nq, why)
+    blocks: dict[str, Any] = {name: block for name, (block, _) in found.items()}
+    return (replace(sid, **blocks) if blocks else sid), changes
+
+
+def _compared(
+    place: str, before: Taylor, after: Taylor, nq: int, why: str
+) -> tuple[Change, ...]:
+    """The entries in which two expansions differ."""
+    _, first = _replaced(place, before.m0, after.m0, why, 0.0)
+    _, linear = _replaced(
+        place, before.first_order(nq), after.first_order(nq), why, 0.0
     )
-    new_oe, oe_changes = _replaced(
-        "Oe", modes.Oe1, Oe1, "Oe1 symmetric in the modes", sources[2]
-    )
-    changes = gr_changes + ge_changes + oe_changes
-    if not changes:
-        return sid, ()
-    repaired = replace(
-        sid,
-        Gr=replace(sid.Gr, m0=new_gr),
-        Ge=replace(sid.Ge, m0=new_ge),
-        Oe=Taylor(sid.Oe.m0, new_oe, sid.Oe.mn, 1) if oe_changes else sid.Oe,
-    )
-    return repaired, changes
+    return first + linear
 
 
 def _replaced(

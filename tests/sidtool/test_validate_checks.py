@@ -21,6 +21,7 @@ from formats.sid import (
     rigid_sid,
 )
 from formats.sid_files import read_sid, write_sid
+from sidtool.rereference import FrameChange, changed
 from sidtool.validate import (
     change_basis,
     check,
@@ -44,7 +45,8 @@ def _by_id(sid: SID) -> dict[str, Check]:
 
 def test_the_registry_is_complete_with_its_severities() -> None:
     errors = {"I1", "I2", "I3", "I4", "I5", "I6", "I7", "I13", "I14"}
-    assert list(_by_id(particle_body(1, 4))) == [f"I{k}" for k in range(1, 18)]
+    errors |= {"I18", "I19", "I20"}
+    assert list(_by_id(particle_body(1, 4))) == [f"I{k}" for k in range(1, 21)]
     assert {i for i, entry in IDENTITIES.items() if entry.severity == "error"} == errors
 
 
@@ -138,6 +140,13 @@ def _coupled(De: Array) -> Array:
     return De
 
 
+def _reflected(sid: SID) -> SID:
+    first, *others = sid.nodes
+    mirror = first.AP.m0 @ np.diag([1.0, 1.0, -1.0])
+    moved = replace(first, AP=replace(first.AP, m0=mirror))
+    return replace(sid, nodes=(moved, *others))
+
+
 PERTURBATIONS: dict[str, Callable[[SID], SID]] = {
     "I1": _wrong_title,
     "I2": _node("origin"),
@@ -156,12 +165,22 @@ PERTURBATIONS: dict[str, Callable[[SID], SID]] = {
     "I15": _m0("Ke", lambda Ke: 1.1 * Ke),
     "I16": _m0("J", lambda J: J + [[200.0], [0], [0], [0], [0], [0]]),
     "I17": _m0("De", _coupled),
+    "I18": _reflected,
+    "I19": _m0("Oe", np.zeros_like),
+    "I20": _m1("Ct", np.negative),
 }
+
+
+def _one_sided() -> SID:
+    """Particles far from the origin of their frame, as those of a tower."""
+    body = particle_body(4, 12, seed=7, stiffening=True)
+    change = FrameChange(-np.array([0.0, 5.0, 9.0]), np.zeros((4, 3)), np.zeros((4, 3)))
+    return changed(body, change)
 
 
 @pytest.mark.parametrize("name", IDENTITIES)
 def test_every_check_can_fail(name: str) -> None:
-    body = particle_body(4, 12, seed=7)
+    body = _one_sided() if name == "I20" else particle_body(4, 12, seed=7)
     assert _by_id(body)[name].verdict == "passed"
     found = _by_id(PERTURBATIONS[name](body))[name]
     assert found.verdict == "failed" and found.meaning

@@ -95,7 +95,7 @@ def test_what_does_not_follow_from_other_blocks_stays() -> None:
         ("Beam_3m.SID_FEM", {"Gr", "Oe"}),
         ("balken1m.SID_FEM", {"Gr", "Ge"}),
         ("beam.SID_FEM", {"Gr", "Oe"}),
-        ("example.sid_fem", {"Gr", "Ge"}),
+        ("example.sid_fem", {"Gr", "Ge", "Cr"}),
     ],
 )
 def test_field_files(field_data: Path, file: str, blocks: set[str]) -> None:
