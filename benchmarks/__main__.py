@@ -26,6 +26,7 @@ BENCHMARKS = (
     "revolutions",
     "metamorphic",
     "latency",
+    "faults",
 )
 #: Those whose summary stands in the README.
 SHORT = ("slider_crank", "chain", "latency")

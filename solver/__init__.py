@@ -6,6 +6,7 @@
     kernels/coordinates            eq. (3): z_I' = Z z_II and the tangent space of z_I
     kernels/mass, saddle, newton   the linear systems of eq. (3)
     kernels/tables, compiling      what kernels read, and how they are compiled
+    kernels/stored, stamps         compiled kernels on disk, and when they still hold
     integrators/                   eq. (3) in time
     scene                          a scene as the tables of the kernels
     building, bodies, joints, ...  from a scene and its SIDs to these tables
