@@ -67,13 +67,16 @@ class Marker(Part):
 
     Exactly one of `edge` (with `at`, the fraction of its parameter range, of a face
     two fractions), `parameters` (u, v and w in [0, 1]), `position` (x, y and z in m)
-    and `mesh_node` (a node number of a mesh file) says where it is; a tied
-    marker may leave it to the centre of what it is tied to.
+    and `mesh_node` (a node number of a mesh file) says where it is. A tied marker may
+    stand anywhere, also beside the body or at a node that no element uses, as a rigid
+    arm of what it is tied to; with `at = "axis"` it stands on the axis of the cylinder
+    that this is, half-way between its ends (in the plane: in the centre of the circle),
+    and without a place in the centre of its area.
     """
 
     node: int = Field(ge=1, le=99999, description="its node number in the SID")
     edge: str | None = None
-    at: Fraction | tuple[Fraction, Fraction] | None = None
+    at: Fraction | tuple[Fraction, Fraction] | Literal["axis"] | None = None
     parameters: tuple[Fraction, ...] | None = Field(None, min_length=1, max_length=3)
     position: Point2 | Point3 | None = None
     mesh_node: int | None = Field(None, description="a node number of the mesh file")
@@ -174,6 +177,14 @@ def _with_paths(model: ModelFile, folder: Path) -> ModelFile:
 def _check_place(marker: Marker, place: str) -> None:
     ways = ("edge", "parameters", "position", "mesh_node")
     given = [way for way in ways if getattr(marker, way) is not None]
+    if marker.at == "axis":
+        if given or marker.tie is None:
+            raise InputError(
+                'at = "axis" stands beside another place or without a tie',
+                place=place,
+                expected='at = "axis" and tie = { type = ..., to = ... } alone',
+            )
+        return
     if len(given) != 1 and (given or marker.tie is None):
         raise InputError(
             f"gives {' and '.join(given) or 'no place'}",

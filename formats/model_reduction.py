@@ -211,6 +211,10 @@ ReductionSettings = Annotated[
 class Tie(Part):
     """A marker that follows many nodes instead of the material at one point.
 
+    The nodes weigh by the area (in the plane, and of nodes along a line, the length)
+    that they hold: a force spreads as a uniform traction. Nodes that span no face and
+    no edge of an element weigh alike.
+
     Attributes
     ----------
     type : "rigid" makes the nodes one rigid piece (RBE2); "distributing" takes their

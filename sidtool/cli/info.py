@@ -19,7 +19,8 @@ def info(file: Path) -> None:
     \b
     For a SID: modes with frequency, kind, boundary condition, effective mass and share
     in the static deformation; frame, stiffening, stress, nodes, dialect.
-    For a model: geometry, material, discretisation, frame, markers, reduction.
+    For a model: geometry, material, discretisation, frame, reduction, damping, and
+    where every marker is; for the last the body is discretised.
     For a scene: bodies, joints, drives, what the simulation keeps or drops, and of
     flexible bodies frequencies, excitation and expected stiffening.
     For a result: outputs with their range, cost, drift of the constraints, and what
@@ -43,9 +44,15 @@ def _sid(content: Any, _: Path) -> str:
 
 
 def _model(content: Any, _: Path) -> str:
+    from formats.errors import InputError
+
+    from ..frontends.registry import finite_element_model
     from ..report.model import describe_model
 
-    return describe_model(content)
+    try:
+        return describe_model(content, finite_element_model(content))
+    except InputError as error:
+        return f"{describe_model(content)}\n\nthe body cannot be made: {error}"
 
 
 def _scene(content: Any, path: Path) -> str:

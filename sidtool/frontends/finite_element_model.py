@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from formats.sid_mass import skew
 from .beam_material import BeamMaterial
 from .continuum import Continuum
 from .inertia_points import InertiaPoints
+from .surface import Surface
 
 if TYPE_CHECKING:
     from .geometry_mass import GeometryMass
@@ -48,6 +49,27 @@ class MarkerRows:
     tangent: Array | None = None
 
 
+def still(name: str, node: int, position: Array, ndof: int) -> MarkerRows:
+    """A marker at a place that no part of the body holds yet."""
+    rows = sp.csr_matrix((3, ndof))
+    return MarkerRows(name, node, np.pad(position, (0, 3 - position.size)), rows, rows)
+
+
+def carried(marker: MarkerRows, position: Array) -> MarkerRows:
+    """A marker at another place that moves as a rigid arm of this one."""
+    place = np.pad(position, (0, 3 - position.size))
+    arm = sp.csr_matrix(-skew((place - marker.position)[None])[0])
+    return replace(
+        marker,
+        position=place,
+        displacement=sp.csr_matrix(marker.displacement + arm @ marker.rotation),
+    )
+
+
+def _apart(_: tuple[str, ...]) -> Surface | None:
+    return None
+
+
 @dataclass(frozen=True, eq=False)
 class FiniteElementModel:
     """Nodes (or control points) with mass and stiffness, in two or three dimensions.
@@ -75,7 +97,8 @@ class FiniteElementModel:
     rigid_sets : marker name -> nodes that move as one rigid piece around the marker
     continua : the material of solid elements, for stresses
     beam_material : the material of beam elements, for stress resultants
-    edge_mass : name of an edge or face -> (n, n) sparse integral of N_i N_j over it
+    surface : what named edges, faces or node sets span together; None if their nodes
+        lie apart
     geometry_mass : mass and centre of the geometry by a rule of its own
     notes : sentences on what the model file does not say and the body has
     """
@@ -91,7 +114,7 @@ class FiniteElementModel:
     rigid_sets: Mapping[str, Indices] = field(default_factory=dict)
     continua: tuple[Continuum, ...] = ()
     beam_material: BeamMaterial | None = None
-    edge_mass: Mapping[str, sp.csr_matrix] = field(default_factory=dict)
+    surface: Callable[[tuple[str, ...]], Surface | None] = _apart
     geometry_mass: Callable[[], GeometryMass] | None = None
     notes: tuple[str, ...] = ()
 

@@ -31,7 +31,7 @@ from .continuum import Continuum, continuum_of
 from .elements import ElementBatch, assembled, mapped_batch
 from .finite_element_model import FiniteElementModel
 from .geometry_mass import GeometryMass, patch_mass
-from .patch_markers import edge_masses, edge_sets, marker_rows
+from .patch_markers import edge_sets, marker_rows, named_surface
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def iga_model(model: ModelFile) -> FiniteElementModel:
         node_sets=edge_sets(geometry, patch),
         markers=marker_rows(model, exact, patch),
         continua=(patch_continuum(model, exact, patch),),
-        edge_mass=edge_masses(geometry, patch),
+        surface=lambda names: named_surface(geometry, patch, names),
         geometry_mass=lambda: expected_mass(model, [exact]),
     )
 

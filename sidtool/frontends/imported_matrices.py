@@ -20,7 +20,7 @@ from ..importers.matrix_checks import (
     scalar_part,
     symmetric,
 )
-from .finite_element_model import FiniteElementModel, MarkerRows
+from .finite_element_model import FiniteElementModel, MarkerRows, still
 from .named_sets import NamedSets
 from .patch_markers import at_marker, placed
 from .quadratic_fields import softest_deformation
@@ -90,8 +90,13 @@ def _checked_body(
     markers = []
     for name, marker in placed(model.markers):
         with at_marker(name):
-            node = _node(marker, data.labels[rows], positions)
-            markers.append(_rows(name, marker.node, node, bare))
+            if marker.tie is None:
+                node = _node(marker, data.labels[rows], positions)
+                markers.append(_rows(name, marker.node, node, bare))
+            else:
+                node = _node(marker, data.labels, data.positions)
+                where = data.positions[node, : bare.dimension]
+                markers.append(still(name, marker.node, where, bare.ndof))
     return FiniteElementModel(
         positions=positions,
         scalar_mass=scalar,

@@ -15,11 +15,12 @@ from ..importers.meshes import read_mesh
 from ..validate.units import UnitSystem, unit_system
 from .conformity import check_conforming
 from .contact import check_contact
-from .finite_element_model import FiniteElementModel
+from .finite_element_model import FiniteElementModel, still
 from .geometry_mass import GeometryMass
 from .mesh import Mesh, check_mesh, without_free_nodes
 from .mesh_moments import mesh_moments
-from .mesh_points import MeshPoints
+from .mesh_points import MeshPoints, position_of
+from .mesh_surface import named_surface
 from .named_sets import NamedSets
 from .patch_markers import at_marker, placed
 from .solids import mesh_continua, mesh_matrices
@@ -33,7 +34,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     """The body of a model file whose geometry is a mesh file.
 
     Nodes that no element uses (reference points of couplings, construction points)
-    are left out. A material in the model file holds for all elements.
+    are left out; a tied marker may stand at one. A material in the model file holds
+    for all elements.
 
     Raises
     ------
@@ -45,7 +47,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     units = _units(geometry)
     imported = read_mesh(geometry.file, geometry.ignore)
     try:
-        mesh = _scaled(without_free_nodes(imported.mesh), geometry, settings, units)
+        whole = _scaled(imported.mesh, geometry, settings, units)
+        mesh = without_free_nodes(whole)
         check_mesh(mesh, "mesh")
         check_conforming(mesh, "mesh")
         check_contact(mesh, "mesh")
@@ -63,13 +66,18 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     markers = []
     for name, marker in placed(model.markers):
         with at_marker(name):
-            where = points.position_of(marker)
-            markers.append(points.rows(name, marker.node, where))
+            if marker.tie is None:
+                where = position_of(mesh, marker)
+                markers.append(points.rows(name, marker.node, where))
+            else:
+                where = position_of(whole, marker)
+                markers.append(still(name, marker.node, where, mesh.positions.size))
     return FiniteElementModel(
         positions=mesh.positions,
         scalar_mass=mass,
         stiffness=stiffness,
         node_sets=NamedSets(mesh.node_sets),
+        surface=named_surface(mesh, mesh.node_sets),
         markers=tuple(markers),
         continua=continua,
         notes=(*imported.notes, *_notes(model, imported, own)),

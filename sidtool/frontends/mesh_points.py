@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from formats.errors import InputError
 from formats.model import Marker
-from formats.sid_mass import skew
 
 from .continuum import Continuum, half_curl
 from .elements import internal_amplitudes
-from .finite_element_model import MarkerRows
+from .finite_element_model import MarkerRows, carried
 from .internal_modes import internal_slopes
 from .mesh import ElementBlock, Mesh
+from .patch_markers import check_length
 from .reference_elements import ReferenceElement, reference_element
 from .solids import element_batches
 
@@ -35,6 +33,32 @@ _BESIDE = 48
 _Holder = tuple[int, int, Array]
 
 
+def position_of(mesh: Mesh, marker: Marker) -> Array:
+    """Where a marker of an imported mesh is.
+
+    Raises
+    ------
+    InputError : it is given by parameters or a side, or by an unknown node.
+    """
+    if marker.mesh_node is not None:
+        return mesh.positions[_row_of_node(mesh, marker.mesh_node)]
+    if marker.position is None:
+        raise InputError("a mesh has no parameters", expected="position or mesh_node")
+    check_length(marker.position, mesh.dimension, "position")
+    return np.array(marker.position)
+
+
+def _row_of_node(mesh: Mesh, label: int) -> int:
+    found = np.flatnonzero(mesh.labels == label)
+    if not found.size:
+        raise InputError(
+            f"the mesh has no node {label}",
+            place="mesh_node",
+            expected="a node that an element uses; of a tied marker any node",
+        )
+    return int(found[0])
+
+
 class MeshPoints:
     """Finds the elements of a mesh around given points."""
 
@@ -44,43 +68,6 @@ class MeshPoints:
         self._continua = continua
         self._size = float(np.ptp(mesh.positions, axis=0).max())
         self._boxes = [_boxes(mesh.positions[block.nodes]) for block in mesh.blocks]
-
-    def node(self, label: int) -> int:
-        """The row of a node by its number in the file.
-
-        Raises
-        ------
-        InputError : there is none.
-        """
-        found = np.flatnonzero(self.mesh.labels == label)
-        if not found.size:
-            raise InputError(
-                f"the mesh has no node {label}",
-                place="mesh_node",
-                expected="a node that an element uses",
-            )
-        return int(found[0])
-
-    def position_of(self, marker: Marker) -> Array:
-        """Where a marker of an imported mesh is.
-
-        Raises
-        ------
-        InputError : it is given by parameters or a side, or by an unknown node.
-        """
-        if marker.mesh_node is not None:
-            return self.mesh.positions[self.node(marker.mesh_node)]
-        if marker.position is None:
-            raise InputError(
-                "a mesh has no parameters", expected="position or mesh_node"
-            )
-        if len(marker.position) != self.mesh.dimension:
-            raise InputError(
-                f"has {len(marker.position)} numbers",
-                place="position",
-                expected=f"{self.mesh.dimension} of them",
-            )
-        return np.array(marker.position)
 
     def rows(self, name: str, node: int, position: ArrayLike) -> MarkerRows:
         """The rows of a marker: displacement there, and half the curl of the
@@ -218,17 +205,6 @@ def _boxes(corners: Array) -> tuple[Array, Array]:
     low, high = corners.min(axis=1), corners.max(axis=1)
     slack = 0.1 * (high - low).max(axis=1, keepdims=True)
     return low - slack, high + slack
-
-
-def carried(marker: MarkerRows, position: Array) -> MarkerRows:
-    """A marker at another place that moves as a rigid arm of this one."""
-    place = np.pad(position, (0, 3 - position.size))
-    arm = sp.csr_matrix(-skew((place - marker.position)[None])[0])
-    return replace(
-        marker,
-        position=place,
-        displacement=sp.csr_matrix(marker.displacement + arm @ marker.rotation),
-    )
 
 
 def _inverse(

@@ -17,7 +17,8 @@ from ..geometry.locate import locate
 from ..geometry.patch import NurbsPatch, PointBasis, point_basis, side_nodes
 from .continuum import half_curl
 from .finite_element_model import MarkerRows
-from .side_mass import SideMasses
+from .patch_surface import patch_surface
+from .surface import Surface, together
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,11 +32,12 @@ def edge_sets(
     return {name: side_nodes(patch, *side) for name, side in names.items()}
 
 
-def edge_masses(
-    geometry: NurbsGeometry | VolumeGeometry, patch: NurbsPatch
-) -> Mapping[str, sp.csr_matrix]:
-    """(n, n) integral of N_i N_j over every named edge [m] or face [m^2]."""
-    return SideMasses(geometry.edge_names, patch)
+def named_surface(
+    geometry: NurbsGeometry | VolumeGeometry, patch: NurbsPatch, names: tuple[str, ...]
+) -> Surface:
+    """Named edges or faces of a patch as one."""
+    sides = dict.fromkeys(geometry.edge_names[name] for name in names)
+    return together(patch_surface(patch, *side) for side in sides)
 
 
 def marker_rows(
@@ -62,10 +64,12 @@ def marker_rows(
 
 
 def placed(markers: Mapping[str, Marker]) -> Iterator[tuple[str, Marker]]:
-    """The markers that say where they are; a tie may place the others."""
-    ways = ("edge", "parameters", "position", "mesh_node")
+    """The markers that are places of the body; a tie places the others."""
     for name, marker in markers.items():
-        if any(getattr(marker, way) is not None for way in ways):
+        own = (marker.edge, marker.parameters, marker.mesh_node)
+        if any(way is not None for way in own) or (
+            marker.position is not None and marker.tie is None
+        ):
             yield name, marker
 
 
@@ -97,7 +101,7 @@ def marker_parameters(
     if marker.parameters is not None:
         check_length(marker.parameters, k, "parameters")
         return np.array(marker.parameters)
-    assert marker.edge is not None and marker.at is not None
+    assert marker.edge is not None and not isinstance(marker.at, str | None)
     direction, end = edges[marker.edge]
     at = marker.at if isinstance(marker.at, tuple) else (marker.at,)
     check_length(at, k - 1, "at")

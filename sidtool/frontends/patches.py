@@ -17,7 +17,7 @@ from formats.model import Marker, ModelFile
 from formats.model_geometry import FACES, PatchesGeometry
 
 from ..geometry.contact import check_one_part, check_overlaps, weak_ties
-from ..geometry.multipatch import Joined, closed_up, joined, topology
+from ..geometry.multipatch import Joined, Side, closed_up, joined, sides_of, topology
 from ..geometry.patch import NurbsPatch, side_nodes
 from ..importers.patches import read_patches
 from .continuum import Continuum
@@ -27,6 +27,8 @@ from .iga import expected_mass, patch_continuum, patch_matrices, refined_for
 from .mortar import tie_stiffness
 from .named_sets import NamedSets
 from .patch_markers import at_marker, marker_parameters, placed, rows_at
+from .patch_surface import patch_surface
+from .surface import Surface, together
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -76,6 +78,7 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
         scalar_mass=sp.csr_matrix(mass),
         stiffness=sp.csr_matrix(stiffness),
         node_sets=_side_sets(geometry, fine, numbering),
+        surface=lambda names: _surface(geometry, fine, numbering, names),
         markers=_markers(model, exact, fine, numbering),
         continua=tuple(
             _joined_continuum(
@@ -132,6 +135,24 @@ def _side_sets(
                 expected=error.expected,
             ) from None
     return sets
+
+
+def _surface(
+    geometry: PatchesGeometry,
+    patches: Mapping[str, NurbsPatch],
+    numbering: Joined,
+    names: tuple[str, ...],
+) -> Surface:
+    """Named sides as one, on the common control points."""
+    sides: dict[str, tuple[Side, ...]] = {s.name: (s,) for s in sides_of(patches)}
+    for name, members in geometry.edges.items():
+        sides[name] = tuple(side for member in members for side in sides[member])
+    found = []
+    for side in dict.fromkeys(side for name in names for side in sides[name]):
+        own = patch_surface(patches[side.patch], side.direction, side.end)
+        once, _ = _gathering(numbering, side.patch, own.points.shape[1])
+        found.append(replace(own, mass=sp.csr_matrix(once.T @ own.mass @ once)))
+    return together(found)
 
 
 def _markers(

@@ -20,7 +20,8 @@ from .finite_element_model import FiniteElementModel
 from .geometry_mass import patch_mass
 from .mesh import ElementBlock, Mesh
 from .mesh_points import MeshPoints
-from .patch_markers import edge_masses, edge_sets
+from .mesh_surface import named_surface
+from .patch_markers import edge_sets
 from .sampled_volume import sampled_markers
 from .solids import check_locking, element_batches
 
@@ -51,7 +52,8 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         thickness,
         internal_modes=relieved,
     )
-    points = MeshPoints(_mesh(mesh.points, quads), (continuum,))
+    elements, sets = _mesh(mesh.points, quads), edge_sets(geometry, mesh)
+    points = MeshPoints(elements, (continuum,))
     mass, stiffness = q4_matrices(
         mesh.points,
         quads,
@@ -63,10 +65,10 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         positions=mesh.points,
         scalar_mass=mass,
         stiffness=stiffness,
-        node_sets=edge_sets(geometry, mesh),
+        node_sets=sets,
         markers=sampled_markers(model, exact, points),
         continua=(continuum,),
-        edge_mass=edge_masses(geometry, mesh),
+        surface=named_surface(elements, sets),
         geometry_mass=lambda: patch_mass(
             [exact], material.density * thickness, sampled=True
         ),

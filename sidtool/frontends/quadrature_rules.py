@@ -58,11 +58,13 @@ def quadrature_rule(shape: str, degree: int) -> Rule:
 
     Parameters
     ----------
-    shape : "tri", "quad", "tet", "hex", "wedge" or "pyramid"
+    shape : "line", "tri", "quad", "tet", "hex", "wedge" or "pyramid"
     degree : up to which polynomials are integrated exactly: the total degree on
         simplices, the degree in every direction of a product
     """
     line = _line(degree)
+    if shape == "line":
+        return line
     square = _product(line, line)
     if shape == "quad":
         return square

@@ -16,6 +16,7 @@ from .finite_element_model import FiniteElementModel, MarkerRows
 from .geometry_mass import patch_mass
 from .mesh import ElementBlock, Mesh, check_mesh
 from .mesh_points import MeshPoints
+from .mesh_surface import named_surface
 from .patch_markers import at_marker, marker_parameters, placed
 from .reference_elements import edge_nodes
 from .solids import mesh_continua, mesh_matrices
@@ -52,6 +53,7 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
         node_sets=sets,
         markers=sampled_markers(model, exact, MeshPoints(mesh, continua)),
         continua=continua,
+        surface=named_surface(mesh, sets),
         geometry_mass=lambda: patch_mass([exact], material.density, sampled=True),
     )
 

@@ -7,11 +7,12 @@ from typing import Any
 from formats.model import Marker, Material, ModelFile
 from formats.model_geometry import NurbsGeometry, VolumeGeometry
 
+from ..frontends.finite_element_model import FiniteElementModel
 from .tables import named, plural, table
 
 
-def describe_model(model: ModelFile) -> str:
-    """Lines and a table of markers."""
+def describe_model(model: ModelFile, body: FiniteElementModel | None = None) -> str:
+    """Lines and a table of markers; with the body also where they are."""
     entries = [
         ("title", model.title or "(none)"),
         ("geometry", _geometry(model)),
@@ -26,7 +27,14 @@ def describe_model(model: ModelFile) -> str:
         [name, str(marker.node), _place(marker)]
         for name, marker in model.markers.items()
     ]
-    return named(entries) + "\n\n" + table(["marker", "node", "place"], rows)
+    heads = ["marker", "node", "place"]
+    if body is not None:
+        heads.append("at [m]")
+        for row in rows:
+            row.append(_listed(tuple(body.marker(row[0]).position + 0.0)))
+    lines = [named(entries), "", table(heads, rows)]
+    notes = [] if body is None else [f"note: {note}" for note in body.notes]
+    return "\n".join([*lines, *([""] if notes else []), *notes])
 
 
 def _thickness(model: ModelFile) -> str:
@@ -95,6 +103,8 @@ def _damping(model: ModelFile) -> str:
 
 
 def _place(marker: Marker) -> str:
+    if marker.at == "axis":
+        return "on the axis of what it is tied to"
     if marker.edge is not None:
         at = marker.at if isinstance(marker.at, tuple) else (marker.at,)
         return f"edge {marker.edge} at {_listed(at)}"
@@ -108,4 +118,4 @@ def _place(marker: Marker) -> str:
 
 
 def _listed(values: tuple[float | None, ...]) -> str:
-    return ", ".join("" if value is None else f"{value:g}" for value in values)
+    return ", ".join("" if value is None else f"{value:.6g}" for value in values)

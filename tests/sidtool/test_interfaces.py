@@ -119,7 +119,9 @@ def test_the_mean_of_an_edge_is_that_of_its_length(name: str) -> None:
     height = 0.06
     y = body.positions[:, 1]
     field = np.zeros((len(y), 2))
-    metric = body.edge_mass["right"]
+    surface = body.surface(("right",))
+    assert surface is not None
+    metric = surface.mass
     nodes = body.node_sets["right"]
     field[:, 0] = y**2
     mean = metric.sum(axis=0) @ field[:, 0] / metric.sum()

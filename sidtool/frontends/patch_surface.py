@@ -1,8 +1,7 @@
-"""Integrals over the sides of a patch, when somebody asks for them."""
+"""Integrals over the sides of a patch."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
 from functools import reduce
 
 import numpy as np
@@ -11,36 +10,22 @@ from numpy.typing import NDArray
 
 from ..geometry.bspline import LocalBasis, gauss_points, local_basis
 from ..geometry.patch import NurbsPatch, side_nodes
+from .surface import Surface, measures, products_of_normals
 
 Array = NDArray[np.float64]
 
 
-class SideMasses(Mapping[str, sp.csr_matrix]):
-    """Name of an edge or face -> (n, n) integral of N_i N_j over it [m or m^2].
-
-    Computed when it is looked up: most bodies need none of them.
-    """
-
-    def __init__(self, names: Mapping[str, tuple[int, int]], patch: NurbsPatch) -> None:
-        self._names, self._patch = names, patch
-
-    def __getitem__(self, name: str) -> sp.csr_matrix:
-        return side_mass(self._patch, *self._names[name])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
+#: Gauss points per knot span beyond the degree: for curved and rational sides.
+_MORE = 4
 
 
-def side_mass(patch: NurbsPatch, direction: int, end: int) -> sp.csr_matrix:
-    """(n, n) integral of N_i N_j over the side where a parameter is 0 or 1."""
+def patch_surface(patch: NurbsPatch, direction: int, end: int) -> Surface:
+    """The side where a parameter is 0 or 1."""
     nodes = side_nodes(patch, direction, end)
     along = [i for i in range(len(patch.degrees)) if i != direction]
     values, slopes, weights = [], [], []
     for i in along:
-        points, rule = gauss_points(patch.knots[i], patch.degrees[i] + 1)
+        points, rule = gauss_points(patch.knots[i], patch.degrees[i] + _MORE)
         basis = local_basis(patch.knots[i], patch.degrees[i], points.ravel())
         count = patch.shape[i]
         values.append(_matrix(basis, basis.values, count))
@@ -58,17 +43,14 @@ def side_mass(patch: NurbsPatch, direction: int, end: int) -> sp.csr_matrix:
         )
         drift = position * (derived @ w)[:, None]
         tangents.append((derived @ weighted - drift) / total[:, None])
-    t = np.stack(tangents, axis=1)
-    measure = np.sqrt(np.linalg.det(t @ np.swapaxes(t, 1, 2)))
-    for i, rule in enumerate(weights):
-        before = int(np.prod([len(w) for w in weights[:i]]))
-        after = len(measure) // (before * len(rule))
-        measure *= np.tile(np.repeat(rule, after), before)
+    t, rule = np.stack(tangents, axis=2), _ruled(weights)
+    measure = rule * measures(t)
     scaled = sp.diags_array(np.sqrt(measure) / total) @ rows @ sp.diags_array(w)
     entries = sp.coo_matrix(scaled.T @ scaled)
     shape = (patch.weights.size,) * 2
     index = (nodes[entries.row], nodes[entries.col])
-    return sp.csr_matrix((entries.data, index), shape=shape)
+    mass = sp.csr_matrix((entries.data, index), shape=shape)
+    return Surface(mass, position, products_of_normals(t, rule))
 
 
 def _matrix(basis: LocalBasis, entries: Array, count: int) -> sp.csr_matrix:
@@ -80,3 +62,8 @@ def _matrix(basis: LocalBasis, entries: Array, count: int) -> sp.csr_matrix:
 
 def _product(factors: list[sp.csr_matrix]) -> sp.csr_matrix:
     return reduce(lambda a, b: sp.csr_matrix(sp.kron(a, b)), factors)
+
+
+def _ruled(weights: list[Array]) -> Array:
+    """The weights of a product of rules; the last one runs fastest."""
+    return reduce(lambda a, b: np.outer(a, b).ravel(), weights)
