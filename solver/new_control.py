@@ -14,17 +14,14 @@ from .kernels import layout as at
 from .kernels.layout import IntTable
 from .scene import System
 from .settings import Settings
-from .sizes import row_sizes
+from .sizes import extents, row_sizes
 
 #: Constraints are met when they are open by less than this part of the size: at least
 #: what rounding allows, at most what keeps the drift invisible.
 CLOSED = (1e-13, 1e-11)
-#: Tolerance per step in units of the requested relative error: errors of undamped
-#: vibrations add up from step to step.
+#: Tolerance of a step in units of the requested relative error, for methods of high
+#: order: the estimate is that of a lower one. Those of order 2 share it among steps.
 STEP_TOLERANCE = 0.3
-#: The same for methods of order 2, times the square root of the requested error: their
-#: steps become so many more, and the errors of all add up.
-LOW_ORDER_TOLERANCE = 0.1
 
 
 def closed_below(system: System, settings: Settings) -> Array:
@@ -33,17 +30,6 @@ def closed_below(system: System, settings: Settings) -> Array:
     near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
     still = CLOSED[0] / (scene.time.end - scene.time.start)
     return np.outer(row_sizes(system), [near, still])
-
-
-def tolerance_per_step(settings: Settings) -> float:
-    """Relative; proportional to the requested error is that of the whole run.
-
-    With a fixed step it only says how far equations are solved.
-    """
-    rtol = settings.rtol
-    if INTEGRATORS[settings.integrator].order > 2 or settings.step is not None:
-        return STEP_TOLERANCE * rtol
-    return LOW_ORDER_TOLERANCE * rtol**1.5
 
 
 def new_control(
@@ -57,8 +43,8 @@ def new_control(
     scene = system.scene
     duration = scene.time.end - scene.time.start
     real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
-    real[stepping.TOLERANCE] = tolerance_per_step(settings)
-    real[stepping.REQUEST] = STEP_TOLERANCE * settings.rtol
+    adding = INTEGRATORS[settings.integrator].order == 2 and settings.step is None
+    real[stepping.TOLERANCE] = settings.rtol * (1.0 if adding else STEP_TOLERANCE)
     real[stepping.TIME] = real[stepping.BEGIN] = scene.time.start
     real[stepping.LENGTH] = system.length
     real[stepping.PERIOD] = duration
@@ -67,9 +53,8 @@ def new_control(
     real[stepping.LARGEST] = 0.1 * duration
     real[stepping.UNTURNED] = np.inf
     real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
-    real[stepping.SPEED] = system.length / duration
-    real[stepping.SPIN] = 1.0 / duration
     whole[stepping.FIXED_STEP] = int(settings.step is not None)
+    whole[stepping.ADDING] = int(adding)
     n, m = system.n_positions, system.n_velocities
     count = len(times) + len(shares)
     amplitude, frequency = np.ones(m), np.ones(m)
@@ -83,9 +68,13 @@ def new_control(
         whole,
         start.z.copy(),
         start.v.copy(),
+        start.z.copy(),
+        extents(system),
         np.zeros(len(system.bodies)),
+        np.zeros((len(system.bodies), 4)),
         amplitude,
         frequency,
+        np.ones(m),
         np.ones(n - system.n_turns),
         np.ones(m),
         closed,

@@ -9,7 +9,9 @@ import numpy as np
 from formats.scene import SceneFile, parse_output, watched
 from formats.sid import Array
 
+from .integrators import scales, stepping
 from .joint_forces import COMPONENTS
+from .kernels import layout as at
 from .outputs import Recorded, multiplier_names
 from .overconstraint import advice, widest_left_open
 from .scene import System
@@ -17,6 +19,8 @@ from .start import names_of_rows
 
 #: Times are the same when they differ by less than this part of the time span.
 SAME = 1e-9
+#: Errors within so many times the requested one keep the promise.
+MISSED = 10.0
 
 
 def of_run(system: System, t: Array, recorded: Recorded) -> tuple[str, ...]:
@@ -54,6 +58,29 @@ def left_out(system: System, t: Array, recorded: Recorded) -> list[str]:
         f"the rounding of the data, which leaves them open by up to {widest:.1e} of "
         "its size; it moves without them. The same without contradiction: "
         f"{advice(system, system.dropped)}"
+    ]
+
+
+def hidden_errors(
+    system: System, control: stepping.Control, rtol: float, steps: int
+) -> list[str]:
+    """Of motions that are so small against coordinates that rounding hides errors."""
+    rows = system.arrays.body[system.arrays.body[:, at.RD] > 0]
+    if control.whole[stepping.FIXED_STEP] == 1 or len(rows) == 0:
+        return []
+    axes = 2 if system.planar else 3
+    away = np.abs(np.array([control.z[p : p + axes] for p in rows[:, at.POS]])).max()
+    span = max(system.length, float(away))
+    least = scales.RESOLVED * scales.ROUNDED * span
+    if control.whole[stepping.ADDING] == 1:
+        least *= steps
+    motion = float(control.real[stepping.MOTION])
+    if not 0.0 < MISSED * rtol * motion < least:
+        return []
+    return [
+        f"motions of {motion:.1g} m are small against coordinates of {span:.3g} m: "
+        f"rounding hides errors below {least:.0e} m, and rtol = {rtol:g} is not "
+        "promised; put the origin near to the motion, or ask for less"
     ]
 
 

@@ -206,6 +206,12 @@ class _Run:
         )
         yield from told_displacements(self.system, self.start, self.settings.rtol)
         yield from notes.of_output_times(self.system.scene, self.times)
+        yield from notes.hidden_errors(
+            self.system,
+            self.control,
+            self.settings.rtol,
+            int(self.memory.counters[newton.STEPS]),
+        )
 
     def _note_breaks(self, t: float) -> None:
         """Keeps the state where drives or forces are not smooth."""

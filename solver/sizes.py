@@ -68,6 +68,16 @@ def _travel(scene: SceneFile) -> float:
     return float(duration * (max(speeds) + duration * fall))
 
 
+def extents(system: System) -> Array:
+    """How far each body reaches from its frame, (bodies,) [m]; of one that has no
+    extent, the size of the mechanism."""
+    reach = [
+        max((float(np.linalg.norm(n.position)) for n in body.sid.nodes), default=0.0)
+        for body in system.bodies
+    ]
+    return np.array([r or system.length for r in reach])
+
+
 def coordinate_sizes(system: System) -> Array:
     """Of each velocity coordinate: the size of the mechanism, a radian, an elastic
     coordinate that displaces a node by the size of the mechanism; (n velocities,)."""

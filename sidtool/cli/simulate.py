@@ -81,7 +81,7 @@ def simulate(
     Examples:
       sidtool simulate slider_crank.toml -o result.h5 --csv motion.csv
       sidtool simulate slider_crank.toml --sid rod=rod_iga.SID_FEM --csv iga.csv
-      sidtool simulate slider_crank.toml --integrator trapezoidal --rtol 1e-8
+      sidtool simulate slider_crank.toml --integrator radau13 --rtol 1e-8
 
     Exit status: 0 done, or ended by an event; 1 the run stopped early (the files hold
     what there is); 2 the input is wrong, and nothing is written.

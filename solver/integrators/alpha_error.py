@@ -51,11 +51,10 @@ from .stepping import (
     INDEPENDENCE,
     MISSED,
     OLD_STEP,
+    PART,
     PERIOD,
-    REQUEST,
     SINGULAR,
     TIME,
-    TOLERANCE,
     UNTURNED,
     copy,
 )
@@ -175,9 +174,9 @@ def _free_error(kernels, system, work, memory, control, alpha, h):
     return max(error, _turning_error(system, control, h))
 
 
-@inner(types.void(CONTROL, ALPHA, float64))
-def note_error(control, alpha, h):
-    """Keeps the mean error of a step so far in units of the tolerated one.
+@inner(types.void(CONTROL, ALPHA))
+def note_error(control, alpha):
+    """Keeps the errors of steps so far in units of what all together may err.
 
     It is larger than one where that cannot be told from rounding. What rounding makes
     of the estimate changes its sign from step to step. Not judged before the largest
@@ -188,11 +187,11 @@ def note_error(control, alpha, h):
     for i in range(len(sum_x)):
         alpha.trend_x[i] += (alpha.dx[i] - alpha.trend_x[i]) / TREND
         alpha.trend_v[i] += (alpha.p[i] - alpha.trend_v[i]) / TREND
-        sum_x[i] += h * abs(alpha.trend_x[i])
-        sum_v[i] += h * abs(alpha.trend_v[i])
+        sum_x[i] += abs(alpha.trend_x[i])
+        sum_v[i] += abs(alpha.trend_v[i])
     if real[TIME] - real[BEGIN] > EARLY * real[PERIOD]:
         total = scaled_norm(sum_x, sum_v, alpha.wish, control.scale_v)
-        real[MISSED] = total / real[PERIOD]
+        real[MISSED] = total * real[PART]
 
 
 @inner(float64(SYSTEM, CONTROL, float64))
@@ -217,4 +216,4 @@ def _turning_error(system, control, h):
         else:
             continue
         worst = max(worst, way * turn**3 / control.scale_z[p])
-    return worst / 384.0 * control.real[TOLERANCE] / control.real[REQUEST]
+    return worst / 384.0 * control.real[PART]

@@ -24,6 +24,7 @@ from .dop853 import END, STAGES, TABLEAU
 from .landing import close_step
 from .projection import accelerate
 from .recording import move, output_due, share_of_step
+from .scales import note_motion, set_scales
 from .singular import NEAR, beside_singular, keep_free_part, leave_start
 from .step_sizes import (
     all_finite,
@@ -32,7 +33,6 @@ from .step_sizes import (
     next_step,
     scaled_norm,
     too_small,
-    update_scales,
 )
 from .stepping import (
     CHUNK,
@@ -119,8 +119,12 @@ def _stage(kernels, system, work, memory, tableau, control, slopes, h, i):
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, float64))
 def _error(kernels, system, work, memory, tableau, control, slopes, h):
     """Norm of the error estimate, made of those of order 5 and 3."""
-    fifth = _estimate(kernels, system, work, memory, tableau.fifth, control, slopes, h)
     third = _estimate(kernels, system, work, memory, tableau.third, control, slopes, h)
+    fifth = 0.0
+    for k in range(len(tableau.fifth)):
+        w = tableau.fifth[k]
+        one = _estimate(kernels, system, work, memory, w, control, slopes, h)
+        fifth = max(fifth, one)
     if fifth == 0.0:
         return 0.0
     return CAUTION * fifth * fifth / math.sqrt(fifth * fifth + 0.01 * third * third)
@@ -251,7 +255,7 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
         h = next_step(control)
         if h == 0.0:
             return REACHED
-        update_scales(system, control)
+        note_motion(system, memory, control)
         if control.real[OLD_STEP] == 0.0:
             h = leave_start(system, memory, control, h)
         kernels.rate(system, control.z, control.v, slopes.Kz[0])
@@ -261,6 +265,7 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
             if too_small(control, h):
                 return TOO_SMALL
             h = beside_singular(control, h, 1.0)
+            set_scales(system, control, h)
             error, factor = 0.0, 0.5
             status = _try_step(
                 kernels, system, work, memory, tableau, control, slopes, h

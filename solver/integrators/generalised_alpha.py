@@ -61,11 +61,11 @@ from .stepping import (
     FIXED_STEP,
     INDEPENDENCE,
     OLD_STEP,
-    REQUEST,
     STEP,
     STOP,
     STUB,
     TIME,
+    TOLERANCE,
     copy,
 )
 
@@ -189,7 +189,7 @@ def _fit_to_step(kernels, system, work, memory, control, alpha, h):
     memory.counters[EVALUATIONS] += 1
     soft = REGULARISATION
     if control.whole[CROSSING] != FAR:
-        soft = SOFT / control.real[REQUEST]
+        soft = SOFT / control.real[TOLERANCE]
     kernels.project_once(system, work, memory, soft, alpha.nz, alpha.nv)
     for i in range(len(alpha.v0)):
         alpha.v0[i] += alpha.nz[i] / h
@@ -270,7 +270,7 @@ def _accept(kernels, system, work, memory, control, alpha, h):
         if status != 0:
             return status
     else:
-        note_error(control, alpha, h)
+        note_error(control, alpha)
     copy(alpha.lam1, memory.multiplier)
     write_cubic(
         kernels,
@@ -296,7 +296,8 @@ def _accept(kernels, system, work, memory, control, alpha, h):
 
 @inner(int64(ALPHA))
 def _order(alpha):
-    return 2
+    """Of the error estimate over the length of the step."""
+    return 1
 
 
 @inner(types.void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))

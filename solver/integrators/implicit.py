@@ -16,6 +16,7 @@ from ..kernels.mass import independence
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from .newton_steps import after_divergence, look_back, take_jacobian
 from .projection import accelerate
+from .scales import note_motion, set_scales
 from .singular import FAR, NEAR, beside_singular, leave_start
 from .step_sizes import (
     all_finite,
@@ -23,9 +24,9 @@ from .step_sizes import (
     growth,
     next_step,
     too_small,
-    update_scales,
 )
 from .stepping import (
+    ADDING,
     AHEAD,
     BESIDE,
     BLURRED,
@@ -169,13 +170,13 @@ def step_loop(
         """
         real, whole = control.real, control.whole
         order = order_of(storage)
-        if real[TOLERANCE] < FINEST:
+        if whole[ADDING] == 1 and real[TOLERANCE] < FINEST:
             return BLURRED
         for _ in range(limit):
             h = next_step(control)
             if h == 0.0:
                 return REACHED
-            update_scales(system, control)
+            note_motion(system, memory, control)
             t = real[TIME]
             if real[OLD_STEP] == 0.0:
                 part = first_step if whole[FIXED_STEP] == 0 else 1.0
@@ -200,6 +201,7 @@ def step_loop(
                     sharpen(kernels, system, work, memory, control, storage)
                     h = beside_singular(control, proposed, reach)
                 last_try = whole[FIXED_STEP] == 1 and whole[JACOBIAN] == AHEAD
+                set_scales(system, control, h)
                 if whole[CROSSING] == NEAR or last_try:
                     look_ahead(kernels, system, work, memory, control, storage, h)
                 elif whole[JACOBIAN] == AHEAD:

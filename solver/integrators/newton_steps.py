@@ -20,6 +20,7 @@ from .stepping import (
     FRONTIER,
     JACOBIAN,
     KEPT,
+    NOISE,
     TIME,
     TOLERANCE,
     WELL,
@@ -35,6 +36,8 @@ PATIENT_NEWTON_LIMIT = 40
 PATIENCE = 4
 #: Corrections below this part of the tolerance that do not shrink are rounding.
 STAGNATION = 0.03
+#: Corrections are finished where they are so many times what rounding makes of them.
+ROUNDING = 3.0
 #: Part of a step with which Newton's iteration failed that the next ones may have, and
 #: the factor by which each step that succeeds has this limit grow. It is set where
 #: the iteration has failed so few steps before: that is no single event.
@@ -52,8 +55,8 @@ def newton_limit(control):
 @inner(float64(CONTROL))
 def newton_goal(control):
     """What Newton's iteration may leave of the tolerance (Hairer, Wanner, IV.8)."""
-    tolerance = control.real[TOLERANCE]
-    return max(1e-14 / tolerance, min(0.03, math.sqrt(tolerance)))
+    real = control.real
+    return max(ROUNDING * real[NOISE], min(0.03, math.sqrt(real[TOLERANCE])))
 
 
 @inner(int64(CONTROL, float64, int64, float64, float64))
@@ -75,7 +78,7 @@ def judge(control, goal, iteration, norm, old_norm):
         return 1
     if iteration == 0:
         return 0
-    if contraction >= 1.0 and norm < STAGNATION:
+    if contraction >= 1.0 and norm < max(STAGNATION, goal):
         return 1
     if control.whole[FIXED_STEP] == 1 and iteration < PATIENCE:
         return 0

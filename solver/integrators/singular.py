@@ -43,7 +43,7 @@ from .stepping import (
     INDEPENDENCE,
     LENGTH,
     OLD_STEP,
-    REQUEST,
+    PERIOD,
     SINGULAR,
     SPEED,
     SPIN,
@@ -76,7 +76,7 @@ ALIKE, TOO_NEAR = 1e-5, 0.03
 @inner(float64(CONTROL))
 def noisy(control):
     """The independence below which rounding is seen, where it has been much larger."""
-    noise = math.sqrt(SOFT / control.real[REQUEST])
+    noise = math.sqrt(SOFT / control.real[TOLERANCE])
     return min(LOST * control.real[CLEAREST], noise)
 
 
@@ -172,8 +172,8 @@ def _least_start(system, memory, control):
     if real[INDEPENDENCE] > SINGULAR_START:
         return 0.0
     real[SINGULAR], real[CLEAREST] = real[TIME], 1.0
-    fast = max(real[SPEED] / real[LENGTH], real[SPIN])
-    return LEAVING * math.sqrt(SOFT / real[REQUEST]) / fast
+    fast = max(real[SPEED] / real[LENGTH], real[SPIN], 1.0 / real[PERIOD])
+    return LEAVING * math.sqrt(SOFT / real[TOLERANCE]) / fast
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
@@ -184,13 +184,13 @@ def project_near(kernels, system, work, memory, control, t, z, v, dz, dv):
     numbers: so much is left as it is. Returns 0, or a code also when velocities would
     have to change too much: then the step has left the motion.
     """
-    tolerance, soft = control.real[TOLERANCE], SOFT / control.real[REQUEST]
+    soft = SOFT / control.real[TOLERANCE]
     for _ in range(PROJECTIONS_NEAR):
         kernels.evaluate(system, work, t, z, v)
         memory.counters[EVALUATIONS] += 1
         memory.counters[PROJECTIONS] += 1
         status = kernels.project_once(system, work, memory, soft, dz, dv)
-        jump = tolerance * scaled_norm(dv, dv, control.scale_v, control.scale_v)
+        jump = scaled_norm(dv, dv, control.pace, control.pace)
         if status != 0 or not jump < LARGEST_JUMP:
             return max(status, 4)
         kernels.retract(system, work.frame, z, dz)

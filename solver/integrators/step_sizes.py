@@ -7,7 +7,7 @@ import math
 from numba import boolean, float64, int64, types
 
 from ..kernels.compiling import inner
-from ..kernels.layout import F1, NP, NQ, POS, RD, SYSTEM, VEL
+from ..kernels.layout import F1
 from .newton_steps import ADVANCE, NEWTON_LIMIT
 from .passing import unpassed
 from .stepping import (
@@ -16,19 +16,15 @@ from .stepping import (
     FIXED_STEP,
     FRONTIER,
     LARGEST,
-    LENGTH,
     NEEDS_JACOBIAN,
     OLD_ERROR,
     OLD_STEP,
     PERIOD,
     SAME,
-    SPEED,
-    SPIN,
     STEP,
     STOP,
     STUB,
     TIME,
-    TOLERANCE,
     UNTURNED,
     WELL,
 )
@@ -37,53 +33,6 @@ SAFETY = 0.9
 #: For methods that a change of the step disturbs: the factor by which steps grow, and
 #: the number of steps after which the last change has died out.
 LONGER, SETTLED = 1.5, 10
-#: Relative to the size of the mechanism: the elastic displacement below which the
-#: error of a deformation is not resolved any further.
-SMALLEST_DEFORMATION = 1e-7
-
-
-@inner(types.void(SYSTEM, CONTROL))
-def update_scales(system, control):
-    """Tolerated errors: relative to the largest motion of each kind so far.
-
-    Positions are measured against the size of the mechanism, not against their
-    coordinates, so that moving the origin changes nothing. The error of elastic
-    velocities may be as large as the frequency times that of the deformation.
-    """
-    real = control.real
-    z, v = control.z, control.v
-    tolerance = real[TOLERANCE]
-    for b in range(len(system.body)):
-        row = system.body[b]
-        rd, nq, u = row[RD], row[NQ], row[VEL]
-        q = row[POS] + row[NP] - nq
-        turning = 2 if rd == 3 and row[NP] - nq == 3 else 3
-        for k in range(rd):
-            entry = SPEED if k < turning else SPIN
-            real[entry] = max(real[entry], abs(v[u + k]))
-        deformation = 0.0
-        for k in range(nq):
-            deformation = max(
-                deformation, abs(z[q + k]) * control.amplitude[u + rd + k]
-            )
-        control.elastic[b] = max(control.elastic[b], deformation)
-    for b in range(len(system.body)):
-        row = system.body[b]
-        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
-        rigid = row[NP] - nq
-        planar_frame = rigid == 3 and rd == 3
-        turning = 2 if planar_frame or rd == 2 else 3
-        for k in range(rigid):
-            control.scale_z[p + k] = tolerance * (real[LENGTH] if k < turning else 1.0)
-        for k in range(rd):
-            reference = real[SPEED] if k < turning else real[SPIN]
-            control.scale_v[u + k] = tolerance * reference
-        for k in range(nq):
-            i = u + rd + k
-            size = max(control.elastic[b], SMALLEST_DEFORMATION * real[LENGTH])
-            scale = tolerance * size / control.amplitude[i]
-            control.scale_z[p + rigid + k] = scale
-            control.scale_v[i] = scale * max(control.frequency[i], 1.0 / real[PERIOD])
 
 
 @inner(float64(F1, F1, F1, F1))

@@ -21,7 +21,7 @@ STOP = 1  # end of the smooth interval
 STEP = 2  # proposed step
 OLD_STEP = 3  # last accepted step, 0 at a start
 OLD_ERROR = 4  # its error estimate
-TOLERANCE = 5  # relative tolerance per step
+TOLERANCE = 5  # relative tolerance
 LENGTH = 6  # size of the mechanism [m]
 PERIOD = 7  # duration of the run [s]
 INDEPENDENCE = 8  # of the constraints, see `kernels.mass`
@@ -38,11 +38,18 @@ RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that hav
 UNTURNED = 19  # step in which nothing turns or moves too far to be followed
 CLEAREST = 20  # largest independence so far
 DECLINE = 21  # mean slope of the independence in the last step, 0 for unknown
-REQUEST = 22  # what TOLERANCE is for methods of high order, whose errors hardly add up
-MISSED = 23  # mean error of steps over the run, in units of the tolerated one
+PART = 22  # of the tolerance, that the present step may use up
+MISSED = 23  # errors of all steps, in units of the tolerated one
 BEGIN = 24  # of the run
 FRONTIER = 25  # step beyond which Newton's iteration has failed lately
-N_REAL = 26
+MOTION = 26  # largest displacement so far [m]
+MOTION_RATE = 27  # its speed now
+MOTION_PUSH = 28  # its acceleration now
+ROTATION = 29  # largest rotation so far [rad]
+ROTATION_RATE = 30
+ROTATION_PUSH = 31
+NOISE = 32  # what rounding may be of tolerated errors, at most
+N_REAL = 33
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
@@ -57,7 +64,8 @@ JACOBIAN = 8  # the one at hand, see below
 SAME = 9  # steps of the same length before this one
 WELL = 10  # steps since one with which Newton's iteration failed
 CROSSED = 11  # steps that may have passed a singular configuration
-N_WHOLE = 12
+ADDING = 12  # 1: steps may err by their share of what the run may
+N_WHOLE = 13
 
 #: Of a step before, of the beginning of this step, or of its end.
 KEPT, FRESH, AHEAD = range(3)
@@ -72,8 +80,8 @@ STUB = 1e-3
 #: Steps may miss the tolerance on average so many times where it is hidden in rounding.
 MOST_MISSED = 2.0
 
-#: The least tolerance per step that numbers resolve.
-FINEST = 1e-15
+#: The least tolerance that numbers resolve where errors add up.
+FINEST = 5e-10
 
 
 # Why a loop returned
@@ -86,9 +94,14 @@ class Control(Table):
 
     real, whole : see the entries above
     z, v : current z_I and z_II
+    start : z at the beginning of the run
+    extent : (bodies,) of each body [m]
     elastic : (bodies,) largest elastic displacement so far [m]
+    coming : (bodies, 4) speed and acceleration of the deformation [m/s, m/s2], and how
+        far each can go in a vibration [m]
     amplitude : per velocity coordinate, displacement per unit of an elastic coordinate
     frequency : per velocity coordinate, its angular frequency [rad/s]
+    pace : per velocity coordinate, the largest so far of its kind
     scale_z, scale_v : tolerated error per coordinate
     closed : (rows, 2) |c| and |dc/dt| below which each constraint is met
     times : output times
@@ -108,9 +121,13 @@ class Control(Table):
     whole: np.ndarray
     z: Array
     v: Array
+    start: Array
+    extent: Array
     elastic: Array
+    coming: Array
     amplitude: Array
     frequency: Array
+    pace: Array
     scale_z: Array
     scale_v: Array
     closed: Array
@@ -127,7 +144,15 @@ class Control(Table):
 
 
 CONTROL = TableType(
-    Control, [F1, I1] + [F1] * 7 + [F2] + [F1] * 3 + [F2, F2] + [I1, F1, F1, F2, F2]
+    Control,
+    [F1, I1]
+    + [F1] * 5
+    + [F2]
+    + [F1] * 5
+    + [F2]
+    + [F1] * 3
+    + [F2, F2]
+    + [I1, F1, F1, F2, F2],
 )
 
 

@@ -27,15 +27,14 @@ from .projection import accelerate
 from .recording import move, write_cubic
 from .singular import keep_free_part
 from .step_sizes import scaled_norm
-from .stepping import CONTROL, OLD_STEP, TIME, TOLERANCE, copy
+from .stepping import CONTROL, NOISE, OLD_STEP, TIME, copy
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
 #: What Newton's iteration may leave of the tolerance.
 NEWTON_GOAL = 0.03
-#: Corrections that no longer shrink are rounding below this, relative; they may be so
-#: much of the tolerance.
-ROUNDED, BLUNT = 1e-15, 0.3
+#: Corrections that no longer shrink are rounding; they may be so much of the tolerance.
+BLUNT = 0.3
 
 
 class Slopes(Table):
@@ -92,7 +91,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
     mu = 2.0 / h
     _predict(kernels, system, control, slopes, h)
     fade_contraction(control)
-    blunt = min(BLUNT, ROUNDED / real[TOLERANCE])
+    blunt = min(BLUNT, real[NOISE])
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
         z1, v1 = slopes.z1, slopes.v1
@@ -183,7 +182,8 @@ def _factor(kernels, system, work, memory, slopes, h):
 
 @inner(int64(SLOPES))
 def _order(slopes):
-    return 2
+    """Of the error estimate over the length of the step."""
+    return 1
 
 
 advance = step_loop(

@@ -83,7 +83,7 @@ def test_a_rod_of_growing_stiffness_becomes_rigid(
 ) -> None:
     """E to 2.1e17 N/m2, modes to 1.3 MHz. The methods damp what they do not resolve:
     the deformation is the quasi-static one, its effect falls with the stiffness, and
-    the steps get no shorter."""
+    the steps get no shorter than those for the soft rod: at most 1 350."""
     De = rod.De.m0 if damped else 0.0 * rod.De.m0
     stiff = replace(rod, Ke=Taylor(factor * rod.Ke.m0), De=Taylor(De))
     system = compiled(slider_crank(), rod=stiff)
@@ -91,7 +91,7 @@ def test_a_rod_of_growing_stiffness_becomes_rigid(
     away = np.abs(result["piston.x"] - rigid_piston(result.t)).max()
     assert away == pytest.approx(1.169e-5 / factor, rel=1e-2, abs=2e-12)
     assert factor * np.abs(result["rod.q1"]).max() == pytest.approx(9.902e-4, rel=2e-4)
-    assert result.counters["steps"] < 1000
+    assert result.counters["steps"] < 1.3 * 1350
     assert result.drift["position"] < 1e-12
 
 
@@ -184,7 +184,7 @@ def test_an_undamped_mode_of_20_khz_at_rest_costs_nothing(
     record = ["piston.x", "rod.q1"]
     system = compiled(slider_crank(outputs={"record": record}), rod=ringing(rod))
     result = simulate(system, integrator=integrator, rtol=1e-6)
-    assert result.counters["steps"] < 1000
+    assert result.counters["steps"] < 1350
     assert result["piston.x"] == pytest.approx(rigid_piston(result.t), abs=1e-10)
     assert np.abs(result["rod.q1"]).max() == pytest.approx(2.4877e-9, rel=1e-4)
 

@@ -1,0 +1,172 @@
+"""Tolerated errors: relative to the motion so far, as the step goes on with it.
+
+Nothing is compared with coordinates themselves, so that moving the origin changes
+nothing, nor with the sizes of bodies, so that small vibrations of large bodies are
+resolved as well as large motions. A motion that has hardly begun is as large as
+velocities and accelerations make it within the step.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import float64, types
+
+from ..kernels.compiling import inner
+from ..kernels.layout import F1, NP, NQ, POS, RD, SYSTEM, VEL
+from ..kernels.newton import MEMORY
+from .stepping import (
+    ADDING,
+    CONTROL,
+    LENGTH,
+    MOTION,
+    MOTION_PUSH,
+    MOTION_RATE,
+    NOISE,
+    PART,
+    PERIOD,
+    ROTATION,
+    ROTATION_PUSH,
+    ROTATION_RATE,
+    SPEED,
+    SPIN,
+    TOLERANCE,
+)
+
+#: Relative to the motion of the mechanism: the elastic displacement below which the
+#: error of a deformation is not resolved any further.
+SMALLEST_DEFORMATION = 1e-7
+#: Rounding in a step, relative to positions; so many times as much may be asked for,
+#: the second one of steps whose errors add up. Deformations are small numbers.
+ROUNDED, RESOLVED, RESOLVED_PART = 1e-15, 10.0, 3.0
+ROUNDED_DEFORMATION = 1e-17
+#: An error of velocities goes on to displace for so much of the run where motions are
+#: as large as bodies: free ones, and those whose period depends on their amplitude.
+LASTING = 0.1
+TINY = 1e-300
+
+
+@inner(types.void(SYSTEM, MEMORY, CONTROL))
+def note_motion(system, memory, control):
+    """Keeps the largest motion so far, and how fast it changes now."""
+    real, z, v, a = control.real, control.z, control.v, memory.acceleration
+    motion_rate = motion_push = turn_rate = turn_push = 0.0
+    for b in range(len(system.body)):
+        row = system.body[b]
+        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
+        rigid = row[NP] - nq
+        axes = 2 if rd == 2 or (rd == 3 and rigid == 3) else 3
+        way = _distance(z, control.start, p, p + min(axes, rigid))
+        pace, push = _size(v, u, u + min(axes, rd)), _size(a, u, u + min(axes, rd))
+        real[SPEED] = max(real[SPEED], pace)
+        if rd > axes:
+            angle = _distance(z, control.start, p + axes, p + rigid)
+            if rigid == 7:
+                angle *= 2.0
+            spin, jerk = _size(v, u + axes, u + rd), _size(a, u + axes, u + rd)
+            real[ROTATION] = max(real[ROTATION], angle)
+            real[SPIN] = max(real[SPIN], spin)
+            turn_rate, turn_push = max(turn_rate, spin), max(turn_push, jerk)
+            extent = control.extent[b]
+            way, pace = max(way, extent * angle), max(pace, extent * spin)
+            push = max(push, extent * jerk)
+        motion_rate, motion_push = max(motion_rate, pace), max(motion_push, push)
+        deformation = _note_deformation(system, memory, control, b)
+        real[MOTION] = max(real[MOTION], way, deformation)
+    real[MOTION_RATE], real[MOTION_PUSH] = motion_rate, motion_push
+    real[ROTATION_RATE], real[ROTATION_PUSH] = turn_rate, turn_push
+
+
+@inner(float64(SYSTEM, MEMORY, CONTROL, types.int64))
+def _note_deformation(system, memory, control, b):
+    """The same of elastic coordinates; the largest displacement so far.
+
+    They go no further in a step than their static deflection and a vibration do.
+    """
+    row, coming = system.body[b], control.coming[b]
+    first, q = row[VEL] + row[RD], row[POS] + row[NP] - row[NQ]
+    for i in range(len(coming)):
+        coming[i] = 0.0
+    for k in range(row[NQ]):
+        i = first + k
+        size, omega = control.amplitude[i], max(control.frequency[i], TINY)
+        pace, push = size * abs(control.v[i]), size * abs(memory.acceleration[i])
+        shape = size * abs(control.z[q + k] - control.start[q + k])
+        control.elastic[b] = max(control.elastic[b], shape)
+        control.elastic[b] = max(control.elastic[b], size * abs(control.z[q + k]))
+        coming[0], coming[1] = max(coming[0], pace), max(coming[1], push)
+        coming[2] = max(coming[2], pace / omega)
+        coming[3] = max(coming[3], 2.0 * push / (omega * omega))
+    return control.elastic[b]
+
+
+@inner(float64(F1, types.int64, types.int64))
+def _size(x, first, end):
+    total = 0.0
+    for i in range(first, end):
+        total += x[i] * x[i]
+    return math.sqrt(total)
+
+
+@inner(float64(F1, F1, types.int64, types.int64))
+def _distance(x, y, first, end):
+    total = 0.0
+    for i in range(first, end):
+        total += (x[i] - y[i]) ** 2
+    return math.sqrt(total)
+
+
+@inner(types.void(SYSTEM, CONTROL, float64))
+def set_scales(system, control, h):
+    """Tolerated errors of a step.
+
+    An error of elastic velocities may be as large as the frequency times that of the
+    deformation; of others as large as what it moves until it is forgotten.
+    """
+    real, length, period = control.real, control.real[LENGTH], control.real[PERIOD]
+    real[PART], floor = 1.0, RESOLVED * ROUNDED
+    if control.whole[ADDING] == 1:
+        real[PART], floor = h / period, RESOLVED_PART * ROUNDED
+    tolerance = real[TOLERANCE] * real[PART]
+    resolved = max(tolerance, floor)
+    motion = h * (real[MOTION_RATE] + 0.5 * h * real[MOTION_PUSH])
+    motion = min(max(motion, real[MOTION]), length)
+    turn = h * (real[ROTATION_RATE] + 0.5 * h * real[ROTATION_PUSH])
+    turn = min(max(turn, real[ROTATION], motion / length), 1.0)
+    speed = max(real[MOTION_RATE] + h * real[MOTION_PUSH], ROUNDED * length / period)
+    speed = max(real[SPEED], speed)
+    spin = real[ROTATION_RATE] + h * real[ROTATION_PUSH]
+    spin = max(real[SPIN], spin, speed / length)
+    lasting = LASTING * turn * period
+    real[NOISE] = 0.0
+    for b in range(len(system.body)):
+        row = system.body[b]
+        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
+        rigid = row[NP] - nq
+        axes = 2 if rd == 2 or (rd == 3 and rigid == 3) else 3
+        for k in range(rigid):
+            size, whole = (motion, length) if k < axes else (turn, 1.0)
+            least = max(whole, abs(control.z[p + k]))
+            control.scale_z[p + k] = max(tolerance * size, floor * least)
+            noise = ROUNDED * least / control.scale_z[p + k]
+            real[NOISE] = max(real[NOISE], noise)
+        for k in range(rd):
+            size, rate, whole = motion, speed, length
+            if k >= axes:
+                size, rate, whole = turn, spin, 1.0
+            control.pace[u + k] = rate
+            lasts = min(max(size / rate + lasting, TINY), period)
+            wanted = max(tolerance * size, floor * whole) / lasts
+            control.scale_v[u + k] = max(wanted, floor * rate)
+            noise = ROUNDED * rate / control.scale_v[u + k]
+            real[NOISE] = max(real[NOISE], noise)
+        coming = control.coming[b]
+        size = min(h * coming[0], coming[2]) + min(0.5 * h * h * coming[1], coming[3])
+        size = max(size, control.elastic[b], SMALLEST_DEFORMATION * motion)
+        size = max(size, ROUNDED_DEFORMATION / real[TOLERANCE] * length)
+        for k in range(nq):
+            i = u + rd + k
+            control.pace[i] = size / control.amplitude[i]
+            control.scale_z[p + rigid + k] = resolved * control.pace[i]
+            control.pace[i] *= max(control.frequency[i], 1.0 / period)
+            control.scale_v[i] = resolved * control.pace[i]

@@ -1,0 +1,97 @@
+"""The error of a run is what was asked for, relative to the motion, however small,
+fast or long it is against the bodies; `benchmarks.error_control` has all tolerances."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver import simulate
+from solver.errors import SimulationError
+from solver.integrators import INTEGRATORS
+
+from .motion_cases import CASES
+from .motions import Case, on_hinge, on_rail, relative_error
+from .turning import shaken, sledge, top
+
+HONEST = 10.0
+HIGH = [name for name, method in INTEGRATORS.items() if method.order > 2]
+LOW = [name for name, method in INTEGRATORS.items() if method.order == 2]
+
+
+def check(case: Case, integrator: str, *rtols: float) -> None:
+    system = case.make()
+    for rtol in rtols:
+        result = simulate(system, integrator=integrator, rtol=rtol)
+        assert relative_error(case, result) < HONEST * rtol, rtol
+        assert not [note for note in result.notes if "rounding" in note]
+
+
+@pytest.mark.parametrize("integrator", HIGH)
+@pytest.mark.parametrize("case", CASES)
+def test_methods_of_high_order_keep_what_is_asked(case: str, integrator: str) -> None:
+    small = "1e-09" in case and not case.startswith("clamped")
+    tight = [] if small or "300 turns" in case else [1e-6]
+    check(CASES[case], integrator, 1e-3, 1e-4, *tight)
+
+
+@pytest.mark.parametrize("integrator", LOW)
+@pytest.mark.parametrize(
+    "case", [c for c in CASES if "1e-09" not in c and "1000 m" not in c]
+)
+def test_methods_of_order_2_keep_what_is_asked(case: str, integrator: str) -> None:
+    turns = [word for word in case.split() if word in ("60", "100", "300")]
+    check(CASES[case], integrator, 1e-2 if turns else 1e-3)
+
+
+@pytest.mark.parametrize("integrator", [*HIGH, "auto"])
+@pytest.mark.parametrize("amplitude", [3e-2, 7e-5, 4e-7])
+def test_the_size_of_a_vibration_does_not_matter(
+    amplitude: float, integrator: str
+) -> None:
+    for case in (on_rail(amplitude, -40.0, "loaded"), on_hinge(amplitude)):
+        check(case, integrator, 3e-4, 3e-6)
+
+
+@pytest.mark.parametrize("integrator", HIGH)
+@pytest.mark.parametrize("spin", [[5.0, 3.0, 90.0], [0.1, 80.0, 0.3]])
+def test_turns_of_a_free_body_may_be_many(spin: list[float], integrator: str) -> None:
+    """About an axis near a stable and near the unstable principal one."""
+    unstable = spin[1] > spin[2]
+    case = top([1.0, 1.4, 2.2], spin, 0.3 if unstable else 6.0)
+    check(case, integrator, 1e-3, 1e-5, 1e-7)
+
+
+@pytest.mark.parametrize("integrator", ["dop853", "auto"])
+@pytest.mark.parametrize("width", [1e-4, 3e-3])
+def test_no_step_misses_a_kink_by_chance(width: float, integrator: str) -> None:
+    """One tolerance in ten met a step in which an error estimate was zero while
+    friction changed its sign: 2 200 times as much as was asked."""
+    case = sledge(2.0, width, 20.0, 13.0)
+    check(case, integrator, *(10.0 ** -np.arange(5.0, 9.5, 0.25)))
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_what_rounding_hides_is_said(integrator: str) -> None:
+    """Vibrations of 1 nm at 1000 m from the origin, where numbers end at 1e-13 m."""
+    system = on_rail(1e-9, 1e3, "displaced").make()
+    try:
+        result = simulate(system, integrator=integrator, rtol=1e-5)
+    except SimulationError as failure:
+        assert "rounding hides" in str(failure)
+    else:
+        (note,) = [note for note in result.notes if "rounding" in note]
+        assert "2e-09 m are small against coordinates of 1e+03 m" in note
+        assert "rtol = 1e-05 is not promised" in note
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_a_harmonic_as_short_as_the_first_step_is_seen(
+    share: float, integrator: str
+) -> None:
+    """A run begins with 1e-4 rtol^(1/4) of its time."""
+    rtol = 1e-3
+    period = share * 1e-4 * rtol**0.25
+    result = simulate(shaken(period), integrator=integrator, rtol=rtol)
+    assert result.t[-1] / period == pytest.approx(4.0, rel=1e-2)
