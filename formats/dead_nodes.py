@@ -22,8 +22,7 @@ def dead_nodes(sid: SID) -> tuple[str, ...]:
     if sid.nq == 0 or not sid.nodes:
         return ()
     size = max(np.abs(node.position).max() for node in sid.nodes)
-    psi = max(np.abs(node.psi.m0).max(initial=0.0) for node in sid.nodes)
-    limits = _NOTHING * motion_scale(sid), _NOTHING * psi
+    limits = _NOTHING * motion_scale(sid), _NOTHING * sid.largest_shapes[1]
     resting = [node for node in sid.nodes if _rests(node, *limits)]
     if not resting:
         return ()
@@ -63,7 +62,7 @@ def motion_scale(sid: SID) -> float:
 
     The largest one at any node, or the mean displacement that Me tells.
     """
-    at_nodes = max((np.abs(n.phi.m0).max(initial=0.0) for n in sid.nodes), default=0.0)
+    at_nodes = sid.largest_shapes[0]
     mean = np.sqrt(np.abs(np.diag(sid.Me.m0)).max(initial=0.0) / abs(sid.mass or 1.0))
     return float(max(at_nodes, mean))
 

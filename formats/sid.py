@@ -15,8 +15,10 @@ A rigid body is a SID with no elastic coordinates.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -219,7 +221,7 @@ class SID:
                     _check_shape(entry, name, self.nq, f"node {node.id}, {name}")
         ids = [node.id for node in self.nodes]
         if len(set(ids)) != len(ids):
-            twice = next(name for name in ids if ids.count(name) > 1)
+            twice = Counter(ids).most_common(1)[0][0]
             raise InputError(f"node {twice} appears twice", expected="one node per id")
 
     @property
@@ -231,6 +233,20 @@ class SID:
     def blocks(self) -> dict[str, Taylor]:
         """The eleven body blocks in file order."""
         return {name: getattr(self, name) for name in BLOCK_SHAPES}
+
+    @cached_property
+    def shapes(self) -> tuple[Array, Array]:
+        """phi m0 and psi m0 of all nodes, (n, 3, nq) each."""
+        size = (len(self.nodes), 3, self.nq)
+        phi = np.array([node.phi.m0 for node in self.nodes]).reshape(size)
+        psi = np.array([node.psi.m0 for node in self.nodes]).reshape(size)
+        return phi, psi
+
+    @cached_property
+    def largest_shapes(self) -> tuple[float, float]:
+        """The largest magnitudes of phi m0 and of psi m0."""
+        phi, psi = (float(np.abs(shapes).max(initial=0.0)) for shapes in self.shapes)
+        return phi, psi
 
     def node(self, node_id: str | int) -> Node:
         """The node with this id.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ ZERO, DIAGONAL, SYMMETRIC, GENERAL, IDENTITY = range(5)
 PRINT_NOISE = 1e-9
 #: Numbers in one block of unknown shape, or of order 2; more is a damaged file.
 MOST_NUMBERS = 20_000_000
+#: Numbers of all unknown blocks together beyond so many for each that the file holds.
+MOST_UNKNOWN, MOST_EMPTY = 1_000_000, 50
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class Reading:
     nq: int
     m1_index: str
     notes: Notes
+    unknown: list[int] = field(default_factory=list)
 
     def error(self, problem: str, expected: str, line: int) -> InputError:
         """An error at a line of the file."""
@@ -78,7 +81,13 @@ def free_shape(raw: RawTaylor, to: Reading) -> tuple[int, int]:
         declared(raw, "ncol", int(columns.max(initial=0))),
     )
     factor = to.nq + 1 if (kinds == M1).any() else 1
-    _check_size(raw, shape[0] * shape[1] * factor, to)
+    numbers = shape[0] * shape[1] * factor
+    to.unknown.append(numbers - MOST_EMPTY * len(raw.codes))
+    if sum(to.unknown) > MOST_UNKNOWN:
+        problem = f"{raw.name} and the unknown blocks before it declare many zeros"
+        expected = f"at most {MOST_UNKNOWN} numbers that do not stand in the file"
+        raise to.error(problem, expected, raw.line)
+    _check_size(raw, numbers, to)
     return shape
 
 

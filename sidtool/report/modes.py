@@ -129,7 +129,7 @@ def _frame_kind(sid: SID) -> tuple[str, str]:
 
 
 def _unturned(node: Any, sid: SID) -> bool:
-    scale = max(np.abs(n.psi.m0).max(initial=0.0) for n in sid.nodes)
+    scale = sid.largest_shapes[1]
     return bool(np.abs(node.psi.m0).max(initial=0.0) <= _NOTHING * scale)
 
 
@@ -152,10 +152,9 @@ def _compliance_shares(sid: SID, squares: Array, shapes: Array) -> Array:
     Rotations count by the displacement they make over a part of the body's length.
     """
     arm = _SLOPE * _length(sid)
-    motion = np.zeros(sid.nq)
-    for node in sid.nodes:
-        rows = np.vstack([node.phi.m0, arm * node.psi.m0])
-        motion += ((rows @ shapes) ** 2).sum(axis=0)
+    phi, psi = sid.shapes
+    motion = ((phi @ shapes) ** 2).sum(axis=(0, 1))
+    motion = motion + ((arm * psi @ shapes) ** 2).sum(axis=(0, 1))
     soft = motion / np.where(squares > 0, squares, np.inf)
     total = soft.sum()
     return soft / total if total else soft
@@ -219,9 +218,7 @@ def _kind(sid: SID, shape: Array, long_axis: int | None) -> str:
         and _twist(sid, shape, long_axis) > _DOMINANT * motion.sum()
     ):
         return f"torsion {AXES[long_axis]}"
-    rotation = max(
-        (np.abs(n.psi.m0 @ shape).max(initial=0.0) for n in sid.nodes), default=0.0
-    )
+    rotation = np.abs(sid.shapes[1] @ shape).max(initial=0.0)
     if not motion.any():
         return "torsion" if rotation else "not seen at the nodes"
     axis = int(motion.argmax())
@@ -239,7 +236,7 @@ def _twist(sid: SID, shape: Array, long_axis: int) -> float:
         return 0.0
     along = _direction(sid, long_axis)
     about = float(along @ central_inertia(sid) @ along)
-    turns = [node.psi.m0 @ shape @ along for node in sid.nodes]
+    turns = sid.shapes[1] @ shape @ along
     return float(np.square(turns).sum() * about / sid.mass)
 
 
@@ -260,18 +257,13 @@ def _slopes_by_axis(sid: SID, shape: Array, long_axis: int | None) -> Array:
     if long_axis is None:
         return np.zeros(3)
     length, along = _length(sid), _direction(sid, long_axis)
-    slopes = np.zeros(3)
-    for node in sid.nodes:
-        sideways = np.cross(node.psi.m0 @ shape, along)
-        slopes += (_SLOPE * length * sideways) ** 2
-    return slopes
+    sideways = np.cross(sid.shapes[1] @ shape, along)
+    return np.asarray(((_SLOPE * length * sideways) ** 2).sum(axis=0))
 
 
 def _motion_by_axis(sid: SID, shape: Array) -> Array:
     """(3,) squares of displacements, summed over the nodes; of Ct where they rest."""
-    at_nodes = sum(
-        ((node.phi.m0 @ shape) ** 2 for node in sid.nodes), start=np.zeros(3)
-    )
+    at_nodes = ((sid.shapes[0] @ shape) ** 2).sum(axis=0)
     seen = at_nodes.max() > (_NOTHING * motion_scale(sid) * np.abs(shape).max()) ** 2
     motion = at_nodes if seen else (shape @ sid.Ct.m0) ** 2
     return np.where(motion > _NOTHING * motion.max(), motion, 0.0)

@@ -12,11 +12,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formats.sid import SID, Array, Node
 from formats.sid_mass import coupled_mass_matrix, skew
 
 from .frequencies import free_modes, held_modes, symmetric
+
+Response = NDArray[np.complex128]
 
 # Squared frequencies below this share of the largest are rigid motion.
 _ZERO = 1e-12
@@ -31,42 +34,68 @@ class ModalBody:
     squares : (nq,) squared circular frequencies, ascending
     shapes : (3 n, nq) displacements at the nodes, modes normalised to unit mass
     damping : (nq, nq) De in the modes
-    compliance : (3 n, 3 n) displacement by rigid motion, times frequency squared and
-        with negative sign, per force; zero for a held body
+    carried : (3 n, r) displacements at the nodes by the rigid coordinates that move;
+        r = 0 for a held body
+    rigid : (r, r) mass matrix of these coordinates
     """
 
     squares: Array
     shapes: Array
     damping: Array
-    compliance: Array
+    carried: Array
+    rigid: Array
 
     @property
     def has_stiffness(self) -> bool:
         """True when no elastic mode is free of stiffness."""
         return bool(self.squares[0] > _ZERO * self.squares[-1])
 
-    def flexibility(self) -> Array:
-        """Static displacements per force, (3 n, 3 n) [m/N]; needs stiffness."""
-        return (self.shapes / self.squares) @ self.shapes.T
+    def flexibility(self, loads: Sequence[int] | slice = slice(None)) -> Array:
+        """Static displacements by unit forces on some rows, (3 n, m) [m/N].
 
-    def receptance(self, omega: float) -> Array:
-        """Complex displacements per harmonic force, (3 n, 3 n) [m/N].
+        Needs stiffness.
+        """
+        return (self.shapes / self.squares) @ self.shapes[loads].T
+
+    def most_flexible(self) -> float:
+        """The largest entry of the flexibility, which is on its diagonal."""
+        return float((self.shapes**2 / self.squares).sum(axis=1).max(initial=0.0))
+
+    def receptance(self, omega: float, rows: slice = slice(None)) -> Response:
+        """Complex displacements of some rows per harmonic force on them [m/N].
 
         Parameters
         ----------
         omega : circular frequency [rad/s], not zero
         """
+        columns = self._columns()[rows]
+        return columns @ self._per_force(omega) @ columns.T
+
+    def receptance_size(self, omega: float) -> float:
+        """Frobenius norm of the receptance of all rows."""
+        columns = self._columns()
+        product = (columns.T @ columns) @ self._per_force(omega)
+        return float(np.sqrt(max(0.0, np.trace(product @ np.conj(product)).real)))
+
+    def _columns(self) -> Array:
+        return np.hstack([self.shapes, self.carried])
+
+    def _per_force(self, omega: float) -> Response:
+        """Of the modes and the rigid coordinates, per force on them."""
         impedance = np.diag(self.squares - omega**2) + 1j * omega * self.damping
-        elastic = self.shapes @ np.linalg.solve(impedance, self.shapes.T)
-        return elastic - self.compliance / omega**2
+        nq = len(self.squares)
+        found = np.zeros((nq + len(self.rigid),) * 2, complex)
+        found[:nq, :nq] = np.linalg.inv(impedance)
+        found[nq:, nq:] = -np.linalg.inv(self.rigid) / omega**2
+        return found
 
 
 def held_body(sid: SID, nodes: Sequence[Node]) -> ModalBody:
     """The body with its frame held; needs a positive definite Me and nq > 0."""
     squares, modes = held_modes(sid)
     shapes = _rows([node.phi.m0 for node in nodes], sid.nq) @ modes
-    size = len(shapes)
-    return ModalBody(squares, shapes, _damping(sid, modes), np.zeros((size, size)))
+    none = np.zeros((len(shapes), 0)), np.zeros((0, 0))
+    return ModalBody(squares, shapes, _damping(sid, modes), *none)
 
 
 def free_body(sid: SID, nodes: Sequence[Node], rigid: tuple[int, ...]) -> ModalBody:
@@ -80,8 +109,7 @@ def free_body(sid: SID, nodes: Sequence[Node], rigid: tuple[int, ...]) -> ModalB
     shapes = (
         _rows([node.phi.m0 for node in nodes], sid.nq) - carried @ balance
     ) @ modes
-    compliance = carried @ np.linalg.solve(body, carried.T)
-    return ModalBody(squares, shapes, _damping(sid, modes), compliance)
+    return ModalBody(squares, shapes, _damping(sid, modes), carried, body)
 
 
 def modal_assurance(here: Array, reference: Array) -> Array:

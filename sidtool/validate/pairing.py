@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from formats.sid import SID, Array, Node
 from formats.sid_mass import (
@@ -115,13 +116,13 @@ def _common_nodes(
 def _by_position(here: SID, reference: SID, near: float) -> list[tuple[Node, Node]]:
     if not here.nodes or not reference.nodes:
         return []
-    points = np.array([node.position for node in reference.nodes])
-    found = []
-    for node in here.nodes:
-        distance = np.abs(points - node.position).max(axis=1)
-        if distance.min() <= near:
-            found.append((node, reference.nodes[int(distance.argmin())]))
-    return found
+    points = KDTree([node.position for node in reference.nodes])
+    distances, nearest = points.query([n.position for n in here.nodes], p=np.inf)
+    return [
+        (node, reference.nodes[int(i)])
+        for node, i, distance in zip(here.nodes, nearest, distances, strict=True)
+        if distance <= near
+    ]
 
 
 def _common_motion(here: SID, reference: SID) -> tuple[int, ...] | None:

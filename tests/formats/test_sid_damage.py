@@ -259,3 +259,17 @@ def test_what_is_no_sid_file_at_all(tmp_path: Path, name: str) -> None:
         write_sid(path, BODY)
     with pytest.raises(InputError, match="cannot write here"):
         write_sid(tmp_path / "nowhere" / name, BODY)
+
+
+def test_unknown_blocks_cannot_ask_for_the_memory(tmp_path: Path) -> None:
+    """A thousand small blocks that declare large matrices, and one that is in use."""
+    path = tmp_path / "body.SID_FEM"
+    write_sid(path, particle_body(2, 6))
+    head, end, tail = path.read_text().rpartition(" end modal")
+    block = "new{0}\n nrow = {1}\n ncol = {1}\n m0(1,1) = 1.0\nend new{0}\n"
+    path.write_text(head + "\n" + block.format(1, 40) + end + tail)
+    assert read_sid(path).extra["new1"].shape == (40, 40)
+    many = "".join(block.format(i, 900) for i in range(1000))
+    path.write_text(head + "\n" + many + end + tail)
+    with pytest.raises(InputError, match="unknown blocks before it declare many zeros"):
+        read_sid(path)

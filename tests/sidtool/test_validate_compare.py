@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from formats.errors import InputError
 from formats.sid import SID, Taylor, rigid_sid
 from formats.sid_files import write_sid
+from sidtool.report.sid import describe_sid
 from sidtool.validate import change_basis, check, compare, comparison_report
 from sidtool.validate.comparison import Comparison
 from sidtool.validate.modal import free_body, held_body
@@ -313,3 +315,18 @@ def test_the_reference_may_be_a_sid_file(tmp_path: Path) -> None:
     path = tmp_path / "body.SID_FEM"
     write_sid(path, _body())
     assert _worst(compare(_body(), path)) < 1e-9
+
+
+@pytest.mark.parametrize("what", ["info", "compare"])
+def test_the_cost_grows_with_the_nodes(what: str) -> None:
+    """Memory of 1 200 nodes: a matrix over pairs of nodes would be 100 MB."""
+    body = particle_body(3, 1200, nodes=1200)
+    tracemalloc.start()
+    if what == "info":
+        describe_sid(body)
+    else:
+        compare(body, body)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    stored = 1200 * 8 * (3 + 3 * 3 + 3 * 3 + 3 * 3 + 9 + 27)
+    assert peak < 10 * stored
