@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from formats.errors import InputError
 from formats.sid import J_INDICES, SID, Array, Node
 from formats.sid_mass import central_inertia, centre_of_mass
 
+from .compare_blocks import block_rows
 from .comparison import Comparison, Row
 from .frequencies import hertz
 from .measures import largest
@@ -52,6 +54,7 @@ def compare_sids(
             rows += _static_rows(support, first, second, loaded, common, notes)
             rows += _response_rows(support, first, second, loaded, common)
             rows += _shape_rows(support, first, second, common, notes)
+        rows += block_rows(here, reference, common, notes)
     elif here.nq or reference.nq:
         notes.append("one of the bodies is rigid: only mass properties are compared")
     return Comparison(
@@ -193,16 +196,21 @@ def _shape_rows(
     """MAC of each mode with its best partner; close modes count as one subspace."""
     if not common.nodes:
         return
-    if _rank(second.shapes) < second.shapes.shape[1]:
+    one, other = _with_rotations(first, second)
+    if _rank(other) < other.shape[1]:
         notes.append("too few common nodes for the MAC to tell all modes apart")
-    assurance = modal_assurance(first.shapes, second.shapes)
+    assurance = modal_assurance(one, other)
+    seen, seen_there = _visible(one), _visible(other)
     frequencies = np.sqrt(np.clip(second.squares, 0.0, None))
     own = np.sqrt(np.clip(first.squares, 0.0, None))
     for mode, row in enumerate(assurance):
+        if not (seen[mode] or seen_there.all()):
+            notes.append(f"mode {mode + 1} moves no common node: it has no MAC")
+            continue
         best = _partner(row, np.abs(frequencies - own[mode]))
         gap = np.abs(frequencies - frequencies[best])
         close = gap <= _CLOSE * frequencies[best]
-        value = subspace_assurance(first.shapes[:, mode], second.shapes[:, close])
+        value = subspace_assurance(one[:, mode], other[:, close])
         if close.sum() == 1:
             value = float(row[best])
         yield Row(
@@ -212,6 +220,20 @@ def _shape_rows(
             1.0,
             value - 1.0,
         )
+
+
+def _with_rotations(first: ModalBody, second: ModalBody) -> tuple[Array, Array]:
+    """Displacements, and rotations by a length where both bodies tell them."""
+    turns = first.turns, second.turns
+    if not all(part.any() for part in turns):
+        return first.shapes, second.shapes
+    return np.vstack([first.shapes, turns[0]]), np.vstack([second.shapes, turns[1]])
+
+
+def _visible(shapes: Array) -> NDArray[np.bool_]:
+    """Which modes move a node at all."""
+    sizes = np.linalg.norm(shapes, axis=0)
+    return np.asarray(sizes > _NEGLIGIBLE * sizes.max(initial=0.0))
 
 
 def _partner(assurance: Array, distance: Array) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from formats.sid import SID, Array, Node
-from formats.sid_mass import coupled_mass_matrix, skew
+from formats.sid_mass import central_inertia, coupled_mass_matrix, skew
 
 from .frequencies import free_modes, held_modes, symmetric
 
@@ -33,6 +33,8 @@ class ModalBody:
     ----------
     squares : (nq,) squared circular frequencies, ascending
     shapes : (3 n, nq) displacements at the nodes, modes normalised to unit mass
+    turns : (3 n, nq) rotations of the nodes times the radius of gyration of the body;
+        zero where no node tells any
     damping : (nq, nq) De in the modes
     carried : (3 n, r) displacements at the nodes by the rigid coordinates that move;
         r = 0 for a held body
@@ -41,6 +43,7 @@ class ModalBody:
 
     squares: Array
     shapes: Array
+    turns: Array
     damping: Array
     carried: Array
     rigid: Array
@@ -95,7 +98,8 @@ def held_body(sid: SID, nodes: Sequence[Node]) -> ModalBody:
     squares, modes = held_modes(sid)
     shapes = _rows([node.phi.m0 for node in nodes], sid.nq) @ modes
     none = np.zeros((len(shapes), 0)), np.zeros((0, 0))
-    return ModalBody(squares, shapes, _damping(sid, modes), *none)
+    turns = _gyration(sid) * _rows([node.psi.m0 for node in nodes], sid.nq) @ modes
+    return ModalBody(squares, shapes, turns, _damping(sid, modes), *none)
 
 
 def free_body(sid: SID, nodes: Sequence[Node], rigid: tuple[int, ...]) -> ModalBody:
@@ -109,7 +113,14 @@ def free_body(sid: SID, nodes: Sequence[Node], rigid: tuple[int, ...]) -> ModalB
     shapes = (
         _rows([node.phi.m0 for node in nodes], sid.nq) - carried @ balance
     ) @ modes
-    return ModalBody(squares, shapes, _damping(sid, modes), carried, body)
+    spin = np.zeros((3, 6))
+    spin[:, 3:] = np.eye(3)
+    turned = _rows([spin[:, moving] for _ in nodes], len(moving))
+    turns = _rows([node.psi.m0 for node in nodes], sid.nq)
+    if turns.any():
+        turns = turns - turned @ balance
+    turns = _gyration(sid) * turns @ modes
+    return ModalBody(squares, shapes, turns, _damping(sid, modes), carried, body)
 
 
 def modal_assurance(here: Array, reference: Array) -> Array:
@@ -137,6 +148,11 @@ def _rows(blocks: list[Array], columns: int) -> Array:
 
 def _rigid_rows(node: Node) -> Array:
     return np.hstack([np.eye(3), -skew(node.position)])
+
+
+def _gyration(sid: SID) -> float:
+    inertia = np.trace(central_inertia(sid)) if sid.mass > 0.0 else 0.0
+    return float(np.sqrt(max(inertia, 0.0) / (2.0 * sid.mass or 1.0)))
 
 
 def _damping(sid: SID, modes: Array) -> Array:
