@@ -23,6 +23,7 @@ from formats.sid_files import read_sid
 
 from .damping import damped
 from .first_order import check_first_order, cubic_stiffness
+from .held_frames import with_frame_node
 from .kernels.layout import (
     DIAGONAL_ME,
     HAS_CR1,
@@ -88,6 +89,7 @@ def _flexible_body(
     check_first_order(sid, body.sid, f"bodies.{name}.sid")
     nodes = dict(body.markers)
     sid = damped(sid, body.damping, name)
+    sid = with_frame_node(sid) if body.frame == "held" else sid
     return BodyData(name, sid, True, body.quadratic_inertia, nodes)
 
 

@@ -33,6 +33,7 @@ from .constraints import Constraint, constraints_of
 from .eliminated import asks_for_joints, eliminated_frames, eliminated_joints
 from .forces import Element, compile_forces, force_table, joint_coordinate
 from .functions import FunctionTable
+from .held_frames import with_held_frames
 from .ingredients import Ingredients, Reference, driven_coordinates
 from .kernels import layout as at
 from .kernels.layout import IntTable
@@ -60,6 +61,7 @@ def build_system(
     ------
     InputError : a SID cannot be read, or a marker does not exist.
     """
+    scene = with_held_frames(scene)
     planar, pool = scene.dimension == "planar", Pool()
     data = {
         name: body_data(name, body, folder, sids or {}, planar)

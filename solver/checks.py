@@ -143,5 +143,6 @@ def check_masses(system: System) -> None:
             f"this body cannot move freely: {motion.reason}",
             place=f"bodies.{data.name}",
             expected="a SID whose coupled mass matrix is positive definite "
-            "(`sidtool validate`, I14), a prescribed frame, or --accept-defects",
+            '(`sidtool validate`, I14), a prescribed frame (frame = "held"), or '
+            "--accept-defects",
         )

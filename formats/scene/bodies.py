@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 
@@ -76,6 +76,11 @@ class SidBody(Table):
         default_factory=dict, description="names for nodes of the SID"
     )
     initial: ElasticInitial = ElasticInitial()
+    frame: Literal["free", "held"] = Field(
+        default="free",
+        description="held: the body frame stays where it starts, whatever its nodes; "
+        "also for a SID whose body cannot move freely",
+    )
     quadratic_inertia: bool = Field(
         default=False, description="keep the term q.Me.q of the moments of inertia"
     )
@@ -86,12 +91,12 @@ class SidBody(Table):
 
 def _kind_of_body(value: Any) -> str:
     if isinstance(value, RigidBody | SidBody):
-        return "sid" if isinstance(value, SidBody) else "rigid"
-    return "sid" if isinstance(value, dict) and "sid" in value else "rigid"
+        return "flexible" if isinstance(value, SidBody) else "rigid"
+    return "flexible" if isinstance(value, dict) and "sid" in value else "rigid"
 
 
 Body = Annotated[
-    Annotated[RigidBody, Tag("rigid")] | Annotated[SidBody, Tag("sid")],
+    Annotated[RigidBody, Tag("rigid")] | Annotated[SidBody, Tag("flexible")],
     Discriminator(_kind_of_body),
 ]
 

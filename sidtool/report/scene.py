@@ -67,6 +67,8 @@ def _body(body: Body) -> list[str]:
         terms = [body.sid]
         if body.damping is not None:
             terms.append(f"damping {body.damping.type}")
+        if body.frame == "held":
+            terms.append("frame held")
         if body.quadratic_inertia:
             terms.append("quadratic inertia")
         return ["flexible", ", ".join(terms), markers]
