@@ -101,7 +101,11 @@ def _by_content(path: Path) -> SIDFormat:
     for known in FORMATS:
         if start.startswith(known.signatures):
             return known
-    return _by_name(path)
+    return FORMATS[-1] if _is_text(start) else _by_name(path)
+
+
+def _is_text(start: bytes) -> bool:
+    return bool(start.strip()) and all(9 <= byte <= 13 or byte >= 32 for byte in start)
 
 
 def _by_name(path: Path) -> SIDFormat:

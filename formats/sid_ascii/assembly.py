@@ -51,6 +51,7 @@ def assemble(raw: RawFile, source: str) -> SID:
     if tag:
         order = tag.m1_index
     to = Reading(source, nq, order, notes)
+    _check_mode_count(raw, to)
     j_raw = _j_is_3x3(raw.blocks.get("J"))
     blocks = _blocks(raw, j_raw, to)
     gr, ge = _layouts(blocks, tag, hint, notes)
@@ -87,6 +88,15 @@ def assemble(raw: RawFile, source: str) -> SID:
         dialect=dialect,
         **blocks,  # type: ignore[arg-type]
     )
+
+
+def _check_mode_count(raw: RawFile, to: Reading) -> None:
+    """All of a file against nelastq: then that is wrong, and not the first block."""
+    told = {declared(block, "nq", 0) for _, block in raw.expansions()} - {0}
+    if len(told) == 1 and told != {to.nq}:
+        (count,) = told
+        problem = f"nelastq = {to.nq}, but all blocks declare nq = {count}"
+        raise to.error(problem, f"nelastq = {count}", raw.reference.nq_line)
 
 
 def _blocks(raw: RawFile, j_is_3x3: bool, to: Reading) -> dict[str, Taylor]:

@@ -74,6 +74,7 @@ def _title(lines: Lines) -> tuple[tuple[int, int] | None, str, str]:
 def _refmod(lines: Lines) -> RawReference:
     mass: float | None = None
     nq: int | None = None
+    nq_line = 0
     labels: dict[int, tuple[str, int]] = {}
     for text in lines:
         key, equals, value = (part.strip() for part in text.partition("="))
@@ -84,7 +85,7 @@ def _refmod(lines: Lines) -> RawReference:
         if key.lower() == "mass" and mass is None:
             mass = real(value, lines)
         elif key.lower() == "nelastq" and nq is None:
-            nq = _mode_count(value, lines)
+            nq, nq_line = _mode_count(value, lines), lines.number
         elif label and int(label[1]) not in labels:
             labels[int(label[1])] = (" ".join(value.split("\t")), lines.number)
         else:
@@ -100,7 +101,7 @@ def _refmod(lines: Lines) -> RawReference:
             problem = f"ielastq({index}) for {nq} elastic coordinates"
             raise lines.error(problem, f"an index from 1 to {nq}", number)
     texts = tuple(labels.get(index + 1, ("", 0))[0] for index in range(nq))
-    return RawReference(mass, nq, texts, nq - len(labels))
+    return RawReference(mass, nq, texts, nq - len(labels), nq_line)
 
 
 def _mode_count(text: str, lines: Lines) -> int:

@@ -53,6 +53,7 @@ class RawReference:
     nq: int
     labels: tuple[str, ...]
     missing_labels: int
+    nq_line: int = 0
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,7 @@ def _ending_signals() -> list[signal.Signals]:
 
 def main() -> NoReturn:
     """Run the command line and leave with its exit status."""
+    _open_standard_streams()
     gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.showwarning = _tell
     before = {number: signal.signal(number, _end) for number in _ending_signals()}
@@ -93,6 +94,21 @@ def main() -> NoReturn:
         signal.signal(number, handler)
     gc.freeze()
     sys.exit(status)
+
+
+def _open_standard_streams() -> None:
+    """A caller may have closed them (``>&-``): what is said there goes nowhere.
+
+    Else the next file that is opened would be the standard output.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
 
 
 def run(arguments: Sequence[str]) -> int:

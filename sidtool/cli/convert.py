@@ -16,20 +16,21 @@ from .common import (
     PATIENCE,
     Target,
     check_targets,
-    existing,
     files_of,
     force,
     target,
 )
+from .inputs import piped
 
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
+SIGMAS = ("stress", "section force")
 ENGINES = ("cholmod", "pardiso", "superlu", "slepc")
 #: How many processes mpirun started, as Open MPI and MPICH say it.
 _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
 @click.command()
-@click.argument("source", metavar="MODEL_OR_SID", type=existing)
+@click.argument("source", metavar="MODEL_OR_SID", type=piped)
 @click.option(
     "-o", "--output", required=True, type=target, help="SID to write; .h5 gives HDF5."
 )
@@ -55,6 +56,11 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
     "--units", metavar="FROM:TO", help="Rescale every block, for example mm-t-s:SI."
 )
 @click.option(
+    "--sigma",
+    type=click.Choice(SIGMAS),
+    help="What the entry sigma of nodes holds, which --units has to know.",
+)
+@click.option(
     "--frame",
     metavar="FRAME",
     help="Refer to another body frame: tangent:NODE, chord:NODE,NODE, buckens or "
@@ -74,6 +80,7 @@ def convert(
     engine: str | None,
     repair: bool,
     units: str | None,
+    sigma: str | None,
     frame: str | None,
     damping: str | None,
     force: bool,
@@ -101,7 +108,7 @@ def convert(
         if processes.rank > 0:
             return
         sid = _repaired(sid) if repair else sid
-        sid = _rescaled(sid, units) if units else sid
+        sid = _rescaled(sid, units, sigma) if units else sid
         sid = _rereferenced(sid, frame) if frame else sid
         sid = _damped(sid, damping) if damping else sid
         _written(output, sid, dialect)
@@ -222,7 +229,7 @@ def _repaired(sid: Any) -> Any:
     return better
 
 
-def _rescaled(sid: Any, units: str) -> Any:
+def _rescaled(sid: Any, units: str, sigma: Any) -> Any:
     from formats.errors import InputError
 
     from ..validate import convert_units
@@ -232,7 +239,7 @@ def _rescaled(sid: Any, units: str) -> Any:
         raise InputError(
             f"found {units!r}", place="--units", expected="FROM:TO, as in mm-t-s:SI"
         )
-    return convert_units(sid, old, new)
+    return convert_units(sid, old, new, sigma)
 
 
 @contextmanager

@@ -8,11 +8,11 @@ from typing import Any
 
 import click
 
-from .common import existing
+from .inputs import piped
 
 
 @click.command()
-@click.argument("file", metavar="FILE", type=existing)
+@click.argument("file", metavar="FILE", type=piped)
 def info(file: Path) -> None:
     """Tell what is in a SID, model, scene or result.
 

@@ -8,10 +8,11 @@ from typing import Any
 import click
 
 from .common import existing
+from .inputs import piped
 
 
 @click.command()
-@click.argument("sid", metavar="SID", type=existing)
+@click.argument("sid", metavar="SID", type=piped)
 @click.option(
     "--reference",
     type=existing,

@@ -247,6 +247,13 @@ def _direction(sid: SID, long_axis: int) -> Array:
     return np.asarray(np.linalg.eigh(_spread(sid))[1][:, 2])
 
 
+def _coupling(sid: SID, shape: Array) -> Array:
+    """(3,) momentum per velocity of a shape; zero where it is rounding."""
+    found = shape @ sid.Ct.m0
+    largest = np.sqrt(abs(sid.mass * (shape @ sid.Me.m0 @ shape)))
+    return np.where(np.abs(found) > _NOTHING * largest, found, 0.0)
+
+
 def _length(sid: SID) -> float:
     places = np.array([node.position for node in sid.nodes]).reshape(-1, 3)
     return float(np.ptp(places, axis=0).max()) if len(places) else 0.0
@@ -265,5 +272,5 @@ def _motion_by_axis(sid: SID, shape: Array) -> Array:
     """(3,) squares of displacements, summed over the nodes; of Ct where they rest."""
     at_nodes = ((sid.shapes[0] @ shape) ** 2).sum(axis=0)
     seen = at_nodes.max() > (_NOTHING * motion_scale(sid) * np.abs(shape).max()) ** 2
-    motion = at_nodes if seen else (shape @ sid.Ct.m0) ** 2
+    motion = at_nodes if seen else _coupling(sid, shape) ** 2
     return np.where(motion > _NOTHING * motion.max(), motion, 0.0)

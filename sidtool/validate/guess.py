@@ -27,7 +27,7 @@ _CUBE_DENSITY = (1.5, 1.2)
 _SIZE = (-0.3, 0.9)
 _SPEED = (1.7, 1.0)
 # Systems that few SIDs are in need more evidence.
-_RARE = {"cm-g-s": 2.0, "in-lbf-s": 2.0, "ft-lbf-s": 3.0}
+_RARE = {"cm-g-s": 2.0, "in-lbf-s": 2.0, "ft-lbf-s": 10.0}
 # Squared spreads by which the best system must lead to be called certain, and beyond
 # which nothing is ordinary.
 _LEAD = 4.0

@@ -172,7 +172,7 @@ def _sigma_factor(node: Node, units: Array, sigma: Sigma | None) -> float | Arra
         raise InputError(
             "the file does not tell what sigma holds",
             place=f"node {node.id}, sigma",
-            expected="a statement that it is 'stress' or 'section force'",
+            expected="--sigma stress or --sigma 'section force'",
         )
     if sigma == "stress":
         return _factor(units, _STRESS)

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from formats.errors import InputError
+from formats.model import ModelFile
 from formats.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Taylor, rigid_sid
 from formats.sid_mass import coupled_mass_matrix
+from formats.toml_files import validated
+from sidtool.convert import sid_from_model
 from sidtool.validate import (
     change_basis,
     check,
@@ -21,6 +24,7 @@ from sidtool.validate.frequencies import free_modes, held_modes
 from sidtool.validate.modal import free_body, held_body
 from sidtool.validate.units import UNIT_SYSTEMS, unit_system
 from tests.bodies import particle_body
+from tests.sidtool.bodies import beam_data
 from tests.sidtool.networks import clamped, mean_axis, random_network, sid_of
 
 
@@ -202,3 +206,24 @@ def test_a_free_body_with_labels_is_understood() -> None:
         labelled = replace(body, labels=texts)
         assert {c.id: c for c in check(labelled)}["I15"].verdict == "passed"
         assert not any("mixture" in text for text in guess_units(labelled).warnings)
+
+
+@pytest.mark.parametrize(
+    ("length", "height", "width", "density"),
+    [(40.0, 0.5, 2.0, 100.0), (80.0, 0.8, 3.5, 90.0), (0.7, 0.006, 0.06, 1200.0)],
+)
+def test_a_blade_in_si_is_in_si(
+    length: float, height: float, width: float, density: float
+) -> None:
+    """Hollow, so of little density, and long; feet and slugs would fit, too."""
+    data = beam_data({"type": "beam", "elements": 20}, 4)
+    section = {"shape": "rectangle", "height": height, "width": width}
+    data["geometry"] = {
+        "type": "beam",
+        "start": [0, 0, 0],
+        "end": [length, 0, 0],
+        "section": section,
+    }
+    data["material"] |= {"density": density, "youngs_modulus": 3e9}
+    guess = guess_units(sid_from_model(validated(data, ModelFile)))
+    assert guess.system == "m-kg-s" and not guess.warnings

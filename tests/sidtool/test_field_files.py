@@ -1,0 +1,98 @@
+"""Odd ways in which files of the field come, and what is said about them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from formats.errors import InputError
+from formats.sid import Taylor
+from formats.sid_files import read_sid, write_sid
+from sidtool.cli import cli
+from sidtool.report.modes import modes_of
+from tests.bodies import particle_body
+
+BODY = particle_body(3, 12, nodes=2)
+
+
+def _sidtool(*words: str, **more: object) -> subprocess.CompletedProcess[bytes]:
+    code = "from sidtool.cli import main; main()"
+    command = [sys.executable, "-c", code, *words]
+    return subprocess.run(command, capture_output=True, **more)  # type: ignore[call-overload, no-any-return]
+
+
+def test_a_sid_may_come_through_a_pipe(tmp_path: Path) -> None:
+    write_sid(tmp_path / "body.SID_FEM", BODY)
+    content = (tmp_path / "body.SID_FEM").read_bytes()
+    found = _sidtool("info", "/dev/stdin", input=content)
+    assert found.returncode == 0 and b"2 nodes, 3 modes" in found.stdout
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_bytes, args=(content,))
+    writer.start()
+    result = CliRunner().invoke(cli, ["validate", str(pipe)])
+    writer.join()
+    assert result.exit_code == 0 and "good: 0 errors" in result.output
+
+
+def test_a_closed_standard_output_is_no_error(tmp_path: Path) -> None:
+    write_sid(tmp_path / "body.SID_FEM", BODY)
+    target = tmp_path / "body.h5"
+    words = f"convert {tmp_path / 'body.SID_FEM'} -o {target}".split()
+    shell = ["sh", "-c", '"$0" "$@" >&-', sys.executable, "-c"]
+    code = "from sidtool.cli import main; main()"
+    found = subprocess.run([*shell, code, *words], stderr=subprocess.PIPE)
+    assert found.returncode == 0 and found.stderr == b""
+    assert read_sid(target).nq == 3
+
+
+def test_the_content_tells_the_format(tmp_path: Path) -> None:
+    write_sid(tmp_path / "body.SID_FEM", BODY)
+    (tmp_path / "body.h5").write_bytes((tmp_path / "body.SID_FEM").read_bytes())
+    assert read_sid(tmp_path / "body.h5").nq == 3
+
+
+@pytest.mark.parametrize("told", [2, 4, 11])
+def test_a_wrong_count_of_modes_is_named_where_it_stands(
+    tmp_path: Path, told: int
+) -> None:
+    path = tmp_path / "body.SID_FEM"
+    write_sid(path, replace(BODY, labels=("", "", "")))
+    lines = path.read_text().splitlines()
+    at = next(i for i, line in enumerate(lines) if "nelastq" in line)
+    lines[at] = lines[at].replace("=    3", f"= {told}")
+    lines = [line for line in lines if "ielastq" not in line]
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match="all blocks declare nq = 3") as caught:
+        read_sid(path)
+    assert caught.value.place == f"line {at + 1}"
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-16, -3e-15])
+def test_a_mode_that_only_turns_is_torsion(noise: float) -> None:
+    nodes = [
+        replace(n, phi=Taylor(0 * n.phi.m0), origin=Taylor(n.origin.m0))
+        for n in BODY.nodes
+    ]
+    body = replace(BODY, nodes=tuple(nodes), Ct=Taylor(noise * np.ones((3, 3))))
+    assert {mode.kind.split()[0] for mode in modes_of(body)} == {"torsion"}
+
+
+def test_what_sigma_holds_can_be_said(tmp_path: Path) -> None:
+    stress = Taylor(np.ones((6, 1)), np.ones((3, 6, 1)))
+    nodes = [replace(node, sigma=stress) for node in BODY.nodes]
+    write_sid(tmp_path / "body.SID_FEM", replace(BODY, nodes=tuple(nodes)))
+    words = ["convert", str(tmp_path / "body.SID_FEM"), "--units", "mm-t-s:SI"]
+    words += ["-o", str(tmp_path / "si.SID_FEM")]
+    assert "--sigma stress" in str(CliRunner().invoke(cli, words).exception)
+    assert CliRunner().invoke(cli, [*words, "--sigma", "stress"]).exit_code == 0
+    found = read_sid(tmp_path / "si.SID_FEM").nodes[0].sigma
+    assert found is not None and found.m0 == pytest.approx(1e6)
