@@ -74,7 +74,7 @@ def _known(
     except SimulationError as stop:
         stops.append(f"{name}, {integrator}, {rtol:.0e}: {stop}")
         return "-"
-    noted = any("rounding" in note for note in result.notes)
+    noted = any("rounding hides" in note for note in result.notes)
     error = motions.relative_error(case, result) / rtol
     return f"{error:.2g}{' n' if noted else ''}"
 
