@@ -58,7 +58,7 @@ def excitation(system: System, history: DriveHistory) -> Excitation:
 
 def _of_function(system: System, row: int, name: str) -> Excitation:
     if system.arrays.drive[row, at.D_KIND] == at.HARMONIC:
-        omega, amplitude = harmonic_of(system, row)
+        omega, amplitude = _harmonic_of(system, row)
         return Excitation(omega / (2.0 * math.pi), name) if amplitude else Excitation()
     t, clocks = _instants(system, row)
     evaluate = drive_value.py_func
@@ -75,7 +75,7 @@ def _of_function(system: System, row: int, name: str) -> Excitation:
     return Excitation(omega / (2.0 * math.pi), name) if omega else Excitation()
 
 
-def harmonic_of(system: System, row: int) -> tuple[float, float]:
+def _harmonic_of(system: System, row: int) -> tuple[float, float]:
     """Angular frequency [rad/s] and amplitude of a harmonic function."""
     start = system.arrays.drive[row, at.D_DATA]
     _, amplitude, omega, _ = system.arrays.pool[start : start + 4]

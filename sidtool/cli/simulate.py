@@ -114,8 +114,6 @@ def simulate(
 def _check_numbers(
     rtol: float | None, step: float | None, radius: float | None
 ) -> None:
-    from formats.errors import InputError
-
     if rtol is not None and not 1e-13 <= rtol <= 0.1:
         raise InputError(f"found {rtol}", place="--rtol", expected="1e-13 to 0.1")
     if step is not None and not 0 < step < float("inf"):
@@ -134,7 +132,6 @@ def _run(
     settings: dict[str, Any],
     bar: Callable[[float], None] | None,
 ) -> Any:
-    from formats.errors import InputError
     from formats.scene import read_scene
 
     from ..kinds import expect_kind
@@ -176,7 +173,6 @@ def _share(bar: Callable[[float], None] | None, time: Any) -> Any:
 
 
 def _swaps(swaps: tuple[str, ...], scene: Any) -> dict[str, str]:
-    from formats.errors import InputError
     from formats.scene import SidBody
 
     flexible = [n for n, body in scene.bodies.items() if isinstance(body, SidBody)]

@@ -16,7 +16,8 @@ from numba.core.extending import intrinsic
 
 from solver import warmup
 from solver.kernels import stored
-from solver.kernels.compiling import entry, inner
+from solver.kernels.compiling import entry
+from tests.solver.small_kernels import scaled
 
 STAMPS = """
 from tests.solver.test_compiling import stamps
@@ -94,22 +95,10 @@ def test_processes_help_only_where_kernels_can_be_kept(
     assert numbers == [2, 0] and here == 2 * ["a:a", "a:b", "b:a", "c:a"]
 
 
-def _scaled(factor: float) -> Any:
-    @inner(float64(float64))
-    def times(x):  # type: ignore[no-untyped-def]
-        return factor * x
-
-    @entry(float64(float64))
-    def kernel(x):  # type: ignore[no-untyped-def]
-        return times(x)
-
-    return kernel
-
-
 def test_another_constant_in_a_kernel_below_is_another_kernel() -> None:
-    two, three = _scaled(2.0), _scaled(3.0)
+    two, three = scaled(2.0), scaled(3.0)
     assert two(1.5) == 3.0 and three(1.5) == 4.5
-    ones = [kernel.stamp for kernel in (two, three, _scaled(2.0))]
+    ones = [kernel.stamp for kernel in (two, three, scaled(2.0))]
     assert ones[0] == ones[2] != ones[1]
 
 
@@ -129,7 +118,7 @@ def test_a_kernel_may_use_what_was_registered_after_another_was_compiled() -> No
     The number is another one in every process, so that no kernel is on disk.
     """
     number = float(os.getpid())
-    assert _scaled(number)(2.0) == 2 * number
+    assert scaled(number)(2.0) == 2 * number
 
     @intrinsic
     def half(context, x):  # type: ignore[no-untyped-def]

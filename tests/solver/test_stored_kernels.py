@@ -17,7 +17,8 @@ from numba import float64
 from numba.core.extending import intrinsic
 
 from solver.kernels import compiling, stored
-from solver.kernels.compiling import Entry, entry, inner
+from solver.kernels.compiling import Entry, entry
+from tests.solver.small_kernels import scaled
 
 ROOT = Path(__file__).parents[2]
 
@@ -28,18 +29,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(stored, "_told", set())
     return tmp_path / "cache"
-
-
-def scaled(factor: float) -> Entry:
-    @inner(float64(float64))
-    def times(x):  # type: ignore[no-untyped-def]
-        return factor * x
-
-    @entry(float64(float64))
-    def kernel(x):  # type: ignore[no-untyped-def]
-        return times(x)
-
-    return kernel
 
 
 def from_disk(kernel: Entry) -> bool:
