@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from formats.sid import Array
-from solver import simulate
-from solver.scene import System
+from sidtool.formats.sid import Array
+from sidtool.solver import simulate
+from sidtool.solver.scene import System
 
 from . import scenes
 from .machine import describe_machine

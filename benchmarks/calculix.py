@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from formats.model import ModelFile
-from formats.toml_files import read_data, validated
 from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.toml_files import read_data, validated
 from sidtool.frontends.mesh import Mesh
 from sidtool.frontends.sampled_volume import sampled_volume
 from sidtool.geometry.patch import patch_from_model

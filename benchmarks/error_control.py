@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from solver import simulate
-from solver.errors import SimulationError
-from solver.integrators import INTEGRATORS
+from sidtool.solver import simulate
+from sidtool.solver.errors import SimulationError
+from sidtool.solver.integrators import INTEGRATORS
 from tests.references import motions
 from tests.references.error_control import CASES, compiled, relative_error
 from tests.references.motion_cases import CASES as MOTIONS

@@ -21,9 +21,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from formats.errors import InputError
-from formats.result import read_result
-from formats.sid_files import read_sid
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import read_result
+from sidtool.formats.sid_files import read_sid
 
 from .machine import describe_machine
 from .report import Report, Table

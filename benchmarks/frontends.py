@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 import sidtool
-from formats.model import ModelFile
-from formats.sid import SID
-from formats.toml_files import read_data, validated
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import SID
+from sidtool.formats.toml_files import read_data, validated
 
 from .machine import describe_machine
 from .report import Report, Table

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.scene import SceneFile
-from formats.sid import Taylor
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import Taylor
+from sidtool.solver import compile_scene
+from sidtool.solver.scene import System
 from sidtool.study import Reference, Setting, make_reference, measure
-from solver import compile_scene
-from solver.scene import System
 from tests.bodies import particle_body
 from tests.references.test_andrews import squeezer
 from tests.references.test_bricard import bricard

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from formats.result import read_result
+from sidtool.formats.result import read_result
 
 from .machine import describe_machine
 from .report import Report, Table

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from formats.errors import InputError
-from solver.errors import SimulationError
+from sidtool.formats.errors import InputError
+from sidtool.solver.errors import SimulationError
 from tests.metamorphic import invariants
 from tests.metamorphic.case import Case, Values
 from tests.metamorphic.case import run as run_case

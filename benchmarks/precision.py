@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
+from sidtool.solver import simulate
+from sidtool.solver.scene import System
 from sidtool.study import Setting, is_hopeless, make_reference, measure, timed
-from solver import simulate
-from solver.scene import System
 
 from .peers.equations import Equations, sizes
 from .peers.ode import LONGEST, METHODS, solve
@@ -57,7 +57,7 @@ def own_runs(
     rtols: Sequence[float] = RTOLS,
 ) -> list[Run]:
     """sidtool's integrators, with error control and with fixed steps."""
-    from solver.integrators import INTEGRATORS
+    from sidtool.solver.integrators import INTEGRATORS
 
     runs = []
     for name in INTEGRATORS:
@@ -82,7 +82,7 @@ def own_runs(
 def _own_run(
     system: System, truth: Mapping[str, Array], setting: Setting
 ) -> Run | None:
-    from solver.errors import SimulationError
+    from sidtool.solver.errors import SimulationError
 
     try:
         result, seconds = timed(system, setting)

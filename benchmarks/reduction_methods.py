@@ -16,9 +16,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from formats.model import ModelFile
-from formats.toml_files import read_data, validated
 from sidtool.convert import finite_element_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.toml_files import read_data, validated
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.plot.figure import figure
 from sidtool.reduction.frames import FRAMES, motion_rows

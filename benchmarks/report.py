@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from formats.atomic import atomic_path
+from sidtool.formats.atomic import atomic_path
 from sidtool.report.tables import table
 
 NOTE = (

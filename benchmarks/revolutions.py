@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from formats.result import Result
-from formats.sid import Taylor
+from sidtool.formats.result import Result
+from sidtool.formats.sid import Taylor
+from sidtool.solver.scene import System
 from sidtool.study import Setting, timed
-from solver.scene import System
 
 from . import scenes
 from .machine import describe_machine

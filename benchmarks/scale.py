@@ -78,9 +78,9 @@ def run(data: dict[str, Any]) -> dict[str, Any]:
     """Convert one model in this process; seconds, peak memory and frequencies."""
     import numpy as np
 
-    from formats.model import ModelFile
-    from formats.toml_files import validated
     from sidtool.convert import sid_from_model
+    from sidtool.formats.model import ModelFile
+    from sidtool.formats.toml_files import validated
 
     stages: list[tuple[float, str]] = []
     start = time.perf_counter()

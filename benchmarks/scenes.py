@@ -7,13 +7,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from formats.model import ModelFile, read_model
-from formats.scene import SceneFile, read_scene
-from formats.sid import SID
-from formats.sid_files import read_sid
 from sidtool.convert import sid_from_model
-from solver import compile_scene
-from solver.scene import System
+from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid
+from sidtool.solver import compile_scene
+from sidtool.solver.scene import System
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "slider_crank"
 GRAVITY = 9.81

@@ -21,8 +21,8 @@ REPEATS = 5
 
 def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """Measure both by turns; the plot goes to `folder`."""
-    from solver.errors import SimulationError
-    from solver.integrators import INTEGRATORS
+    from sidtool.solver.errors import SimulationError
+    from sidtool.solver.integrators import INTEGRATORS
 
     plane, space = scenes.slider_crank(), scenes.spatial_slider_crank()
     truth, _ = truth_of(plane)

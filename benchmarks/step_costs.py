@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from sidtool.solver.scene import System
 from sidtool.study import Setting, timed
-from solver.scene import System
 
 STEP = 1e-3
 INTEGRATORS = ("radau5", "trapezoidal", "generalised_alpha")

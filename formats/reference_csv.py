@@ -1,4 +1,4 @@
-"""Reference numbers as CSV; `formats.reference` says what the columns mean."""
+"""Reference numbers as CSV; `sidtool.formats.reference` says what the columns mean."""
 
 from __future__ import annotations
 

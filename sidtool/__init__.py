@@ -7,29 +7,19 @@
     result["piston.x"]
 
 Bad input raises `sidtool.InputError`. Everything is imported on first use.
-
-`formats` and `solver`, on which this package stands, are those installed beside it,
-also where the folder of a script holds modules of these names.
-
-Raises
-------
-ImportError : the program has imported another `formats` or `solver` before.
 """
 
 from __future__ import annotations
 
-import os
 import sys
 from importlib import import_module
-from importlib.machinery import PathFinder
-from importlib.util import module_from_spec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from formats.errors import InputError as InputError
-    from formats.result import Result as Result
-    from formats.sid import SID as SID
+    from sidtool.formats.errors import InputError as InputError
+    from sidtool.formats.result import Result as Result
+    from sidtool.formats.sid import SID as SID
 
     from .analysing import inverse_dynamics as inverse_dynamics
     from .analysing import linearise as linearise
@@ -43,10 +33,10 @@ if TYPE_CHECKING:
     from .kinds import read as read
 
 _HOME = {
-    "InputError": "formats.errors",
-    "Result": "formats.result",
-    "SID": "formats.sid",
-    "SimulationError": "solver.errors",
+    "InputError": "sidtool.formats.errors",
+    "Result": "sidtool.formats.result",
+    "SID": "sidtool.formats.sid",
+    "SimulationError": "sidtool.solver.errors",
     "compare": "sidtool.api",
     "convert": "sidtool.api",
     "inverse_dynamics": "sidtool.analysing",
@@ -61,29 +51,6 @@ _HOME = {
 
 __version__ = "0.1.0"
 __all__ = sorted(_HOME)
-
-
-def _take_installed(name: str) -> None:
-    """Import the package of a name that stands beside this one, and no other."""
-    folder = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    spec = PathFinder.find_spec(name, [folder])
-    if spec is None or spec.loader is None or spec.origin is None:
-        raise ImportError(f"sidtool is not installed whole: no {name} in {folder}")
-    present = sys.modules.get(name)
-    if present is not None:
-        origin = getattr(present, "__file__", None)
-        if origin is None or os.path.realpath(origin) != os.path.realpath(spec.origin):
-            raise ImportError(
-                f"another module {name} ({origin}) was imported before sidtool, which "
-                f"has a package of that name: rename {name}, or import sidtool first"
-            )
-        return
-    module = sys.modules[name] = module_from_spec(spec)
-    spec.loader.exec_module(module)
-
-
-for _package in ("formats", "solver"):
-    _take_installed(_package)
 
 
 def __getattr__(name: str) -> Any:

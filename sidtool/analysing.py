@@ -7,18 +7,18 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from formats.errors import InputError
-from formats.result import Result
-from formats.scene import SceneFile, read_scene
-from formats.sid import SID
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.sid import SID
 
 from .kinds import expect_kind
 from .swaps import swapped
 
 if TYPE_CHECKING:
-    from solver.analyses.linear import Linearisation
-    from solver.analyses.static import Equilibrium
-    from solver.scene import System
+    from sidtool.solver.analyses.linear import Linearisation
+    from sidtool.solver.analyses.static import Equilibrium
+    from sidtool.solver.scene import System
 
 Path_ = str | os.PathLike[str]
 Sids = Mapping[str, SID | Path_]
@@ -39,9 +39,9 @@ def static_equilibrium(
     Raises
     ------
     InputError : the scene or one of its SIDs cannot be used.
-    solver.errors.SimulationError : no equilibrium was found.
+    sidtool.SimulationError : no equilibrium was found.
     """
-    from solver.analyses.static import static_equilibrium as analyse
+    from sidtool.solver.analyses.static import static_equilibrium as analyse
 
     with _Compiled(scene, sids, base_folder, accept_defects) as system:
         return analyse(system)
@@ -62,9 +62,9 @@ def linearise(
     Raises
     ------
     InputError : the scene or one of its SIDs cannot be used.
-    solver.errors.SimulationError : no equilibrium was found.
+    sidtool.SimulationError : no equilibrium was found.
     """
-    from solver.analyses.linear import linearise as analyse
+    from sidtool.solver.analyses.linear import linearise as analyse
 
     with _Compiled(scene, sids, base_folder, accept_defects) as system:
         return analyse(system, about)
@@ -86,10 +86,10 @@ def inverse_dynamics(
     Raises
     ------
     InputError : something can move freely, or the scene cannot be used.
-    solver.errors.SimulationError : the drives demand what the mechanism cannot do; its
+    sidtool.SimulationError : the drives demand what the mechanism cannot do; its
         `result` holds what comes before.
     """
-    from solver.analyses.inverse import inverse_dynamics as analyse
+    from sidtool.solver.analyses.inverse import inverse_dynamics as analyse
 
     with _Compiled(scene, sids, base_folder, accept_defects) as system:
         return analyse(system, quasi_static=quasi_static)
@@ -112,7 +112,7 @@ class _Compiled:
         self.accept_defects = accept_defects
 
     def __enter__(self) -> System:
-        from solver import compile_scene
+        from sidtool.solver import compile_scene
 
         if isinstance(self.scene, SceneFile):
             content, folder = self.scene, Path(self.folder or ".")

@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from formats.errors import InputError
-from formats.model import ModelFile
-from formats.result import Result, write_csv, write_result
-from formats.scene import SceneFile, read_scene
-from formats.sid import SID
-from formats.sid_files import read_sid, write_sid
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.result import Result, write_csv, write_result
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid, write_sid
 
 from .kinds import read
 from .other_shapes import other_shapes
@@ -88,10 +88,10 @@ def simulate(
     Raises
     ------
     InputError : the scene or one of its SIDs cannot be simulated.
-    solver.errors.SimulationError : the run stopped; its `result` holds what there is.
+    sidtool.SimulationError : the run stopped; its `result` holds what there is.
     """
-    from solver import compile_scene
-    from solver import simulate as run
+    from sidtool.solver import compile_scene
+    from sidtool.solver import simulate as run
 
     if isinstance(scene, SceneFile):
         content, folder = scene, Path(base_folder or ".")

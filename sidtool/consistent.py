@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from formats.sid import SID, Array, axis_major, by_mode, symmetric_3x3
+from sidtool.formats.sid import SID, Array, axis_major, by_mode, symmetric_3x3
 
 #: Blocks agree that differ by no more than this share of the largest entry.
 _SAME = 1e-10

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import ModelFile, RayleighDamping, read_model
-from formats.sid import SID, Node, Taylor
-from formats.sid_mass import skew
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile, RayleighDamping, read_model
+from sidtool.formats.sid import SID, Node, Taylor
+from sidtool.formats.sid_mass import skew
 
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.geometry_mass import compared_with_geometry

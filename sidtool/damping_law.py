@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from formats.errors import InputError
-from formats.scene import Damping, FrequencyDamping, ModalDamping, RayleighDamping
-from formats.sid import SID
-from solver.damping import damped
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
+    Damping,
+    FrequencyDamping,
+    ModalDamping,
+    RayleighDamping,
+)
+from sidtool.formats.sid import SID
+from sidtool.solver.damping import damped
 
 _EXPECTED = (
     "none, rayleigh:ALPHA,BETA, modal:RATIO (or one for each mode) or frequency, "

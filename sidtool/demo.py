@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.model import read_model
-from formats.reference import ReferenceFile, read_reference
-from formats.result import Result, write_csv, write_result
-from formats.scene import read_scene
-from formats.sid import SID
-from formats.sid_files import write_sid
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import read_model
+from sidtool.formats.reference import ReferenceFile, read_reference
+from sidtool.formats.result import Result, write_csv, write_result
+from sidtool.formats.scene import read_scene
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import write_sid
 
 from .convert import sid_from_model
 from .report.sid import modes_of
@@ -80,8 +80,8 @@ def run_demo(folder: Path, say: Say) -> None:
 
 def _prepare_kernels(say: Say) -> None:
     """Compiles what the demo needs at once, so that no time below includes it."""
-    from solver.integrators import INTEGRATORS
-    from solver.warmup import ensure
+    from sidtool.solver.integrators import INTEGRATORS
+    from sidtool.solver.warmup import ensure
 
     ensure(True, [INTEGRATORS[name].step_loop for name in SETTINGS], say)
 
@@ -153,7 +153,7 @@ def _run(
     integrator: str | None = None,
     rtol: float | None = None,
 ) -> Result:
-    from solver import compile_scene, simulate
+    from sidtool.solver import compile_scene, simulate
 
     scene = read_scene(examples / "slider_crank.toml")
     system = compile_scene(scene, examples, sids={"rod": sid})

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.sid import J_INDICES, OE_INDICES, Taylor, axis_major
+from sidtool.formats.sid import J_INDICES, OE_INDICES, Taylor, axis_major
 
 from .frontends.finite_element_model import FiniteElementModel
 from .rotary import blocks_of_full_mass, with_rotary_inertia

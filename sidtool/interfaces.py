@@ -17,9 +17,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import Marker, ModelFile
-from formats.model_reduction import Tie
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model_reduction import Tie
 
 from .frontends.finite_element_model import (
     FiniteElementModel,

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from formats.errors import InputError
-from formats.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal
+from sidtool.formats.errors import InputError
+from sidtool.formats.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal
 
 Path_ = str | os.PathLike[str]
 #: The entry ``format`` of files that people write, and the kind that it means.
@@ -65,7 +65,7 @@ def expect_kind(path: Path_, *kinds: str) -> str:
 
 
 def _kind_of_text(path: Path) -> str:
-    from formats.toml_files import read_data
+    from sidtool.formats.toml_files import read_data
 
     found = read_data(path).get("format")
     if not isinstance(found, str) or found not in WRITTEN:
@@ -96,25 +96,25 @@ def _kind_of_hdf5(path: Path) -> str:
 
 
 def _read_sid(path: Path_) -> Any:
-    from formats.sid_files import read_sid
+    from sidtool.formats.sid_files import read_sid
 
     return read_sid(path)
 
 
 def _read_model(path: Path_) -> Any:
-    from formats.model import read_model
+    from sidtool.formats.model import read_model
 
     return read_model(Path(path))
 
 
 def _read_scene(path: Path_) -> Any:
-    from formats.scene import read_scene
+    from sidtool.formats.scene import read_scene
 
     return read_scene(Path(path))
 
 
 def _read_result(path: Path_) -> Any:
-    from formats.result import read_result
+    from sidtool.formats.result import read_result
 
     return read_result(Path(path))
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from formats.errors import InputError
-from formats.scene import SceneFile, SidBody
-from formats.sid import SID
-from formats.sid_files import read_sid
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile, SidBody
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid
 
 from .report.modes import kinds_of
 

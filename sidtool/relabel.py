@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from formats.sid import SID
+from sidtool.formats.sid import SID
 
 from .validate import check
 

@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.sid import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import (
     J_INDICES,
     SID,
     Array,
@@ -34,8 +34,8 @@ from formats.sid import (
     axis_major,
     symmetric_3x3,
 )
-from formats.sid_mass import centre_of_mass, coupled_mass_matrix, skew
-from formats.stiffening import has_second_order_field
+from sidtool.formats.sid_mass import centre_of_mass, coupled_mass_matrix, skew
+from sidtool.formats.stiffening import has_second_order_field
 
 from .consistent import kept_consistent
 from .relabel import relabelled

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.sid import J_INDICES, OE_INDICES, Taylor, axis_major
-from formats.sid_mass import skew
+from sidtool.formats.sid import J_INDICES, OE_INDICES, Taylor, axis_major
+from sidtool.formats.sid_mass import skew
 
 from .frontends.finite_element_model import FiniteElementModel
 from .frontends.inertia_points import InertiaPoints

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model_reduction import Stiffening
-from formats.sid import SID, Node, Taylor
+from sidtool.formats.errors import InputError
+from sidtool.formats.model_reduction import Stiffening
+from sidtool.formats.sid import SID, Node, Taylor
 
 from .beam_stiffening import beam_stiffness
 from .frontends.continuum import stress_from_gradient

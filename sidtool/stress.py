@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model_reduction import StressRecovery
-from formats.sid import SID, Array, Node, Taylor
-from formats.sid_mass import skew
-from formats.stress import von_mises
+from sidtool.formats.errors import InputError
+from sidtool.formats.model_reduction import StressRecovery
+from sidtool.formats.sid import SID, Array, Node, Taylor
+from sidtool.formats.sid_mass import skew
+from sidtool.formats.stress import von_mises
 
 from .frontends.continuum import stress_from_gradient, stress_rows, stress_six
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows

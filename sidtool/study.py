@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .report.tables import table
 
 if TYPE_CHECKING:
-    from formats.result import Result
-    from solver.scene import System
+    from sidtool.formats.result import Result
+    from sidtool.solver.scene import System
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 #: Integrators and tolerances of the two references.
@@ -183,8 +183,8 @@ def default_settings(
     ------
     InputError : an integrator is not known.
     """
-    from solver.integrators import INTEGRATORS
-    from solver.integrators.automatic import AUTO
+    from sidtool.solver.integrators import INTEGRATORS
+    from sidtool.solver.integrators.automatic import AUTO
 
     known = (AUTO, *INTEGRATORS)
     for name in integrators:
@@ -205,7 +205,7 @@ def make_reference(
     system: System, outputs: Sequence[str] = (), say: Say = _silent
 ) -> Reference:
     """The tight reference and what it is good for; see `study`."""
-    from solver import simulate
+    from sidtool.solver import simulate
 
     if not system.scene.outputs.record:
         raise InputError(
@@ -298,7 +298,7 @@ def measure(
     repeats: int = REPEATS,
 ) -> Point:
     """The cost of one setting, the least of several runs, and its error."""
-    from solver.errors import SimulationError
+    from sidtool.solver.errors import SimulationError
 
     try:
         result, seconds = timed(system, setting, repeats)
@@ -317,7 +317,7 @@ def timed(
     ------
     SimulationError : the run stopped early.
     """
-    from solver import simulate
+    from sidtool.solver import simulate
 
     seconds: list[float] = []
     while len(seconds) < repeats and sum(seconds) < ENOUGH:

@@ -6,9 +6,9 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from formats.scene import SceneFile
-from formats.sid import SID
-from formats.sid_files import read_sid
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid
 
 #: What stands in the scene of a result for a SID that came from a program.
 FROM_PROGRAM = "(given by a program)"
@@ -25,7 +25,7 @@ def swapped(
     ------
     InputError : a file cannot be read, or a name is not that of a flexible body.
     """
-    from solver.checks import check_replaced
+    from sidtool.solver.checks import check_replaced
 
     check_replaced(scene, sids)
     bodies, found = dict(scene.bodies), {}

@@ -29,8 +29,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from formats.scene import SceneFile
-    from formats.sid import SID
+    from sidtool.formats.scene import SceneFile
+    from sidtool.formats.sid import SID
 
     from .analyses.inverse import inverse_dynamics as inverse_dynamics
     from .analyses.linear import linearise as linearise
@@ -91,10 +91,10 @@ def compile_scene(
 
 
 _ELSEWHERE = {
-    "static_equilibrium": "solver.analyses.static",
-    "linearise": "solver.analyses.linear",
-    "inverse_dynamics": "solver.analyses.inverse",
-    "Timed": "solver.callables",
+    "static_equilibrium": "sidtool.solver.analyses.static",
+    "linearise": "sidtool.solver.analyses.linear",
+    "inverse_dynamics": "sidtool.solver.analyses.inverse",
+    "Timed": "sidtool.solver.callables",
 }
 
 
@@ -109,4 +109,4 @@ def __getattr__(name: str) -> object:
         return describe
     if name in _ELSEWHERE:
         return getattr(import_module(_ELSEWHERE[name]), name)
-    raise AttributeError(f"module 'solver' has no attribute {name!r}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.scene import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
     Placement,
     SceneFile,
     driven_coordinate,
@@ -22,7 +22,7 @@ from formats.scene import (
     marker_reference,
     rotation,
 )
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .bodies import quaternion, rotation_part
 from .joints import is_of_point, joint_parts

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from . import kernel_calls
 from .alignment import align, check_alignment

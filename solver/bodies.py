@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.scene import Body, RigidBody, SidBody, as_3d, position_3d, rotation
-from formats.sid import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import Body, RigidBody, SidBody, as_3d, position_3d, rotation
+from sidtool.formats.sid import (
     SID,
     Array,
     Node,
@@ -19,7 +19,7 @@ from formats.sid import (
     rigid_sid,
     symmetric_3x3,
 )
-from formats.sid_files import read_sid
+from sidtool.formats.sid_files import read_sid
 
 from .damping import damped
 from .first_order import check_first_order, cubic_stiffness

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from formats.scene import marker_names, marker_reference
-from formats.sid import SID, Array
+from sidtool.formats.scene import marker_names, marker_reference
+from sidtool.formats.sid import SID, Array
 
 from .force_measures import function_values
 from .force_wrenches import Wrench, between, components, given, motion_of

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from formats.result import FlexibleBody
-from formats.sid import SID, Array
-from formats.stiffening import Stiffening
+from sidtool.formats.result import FlexibleBody
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.stiffening import Stiffening
 
 from .assembly import Start
 from .bodies import body_size, frequencies, modal_squares, symmetric

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.scene import rotation
-from formats.sid import Array
+from sidtool.formats.scene import rotation
+from sidtool.formats.sid import Array
 
 from . import bodies as packing
 from .bodies import BodyData

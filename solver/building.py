@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.scene import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
     SceneFile,
     as_3d,
     coordinate_of,
@@ -23,7 +23,7 @@ from formats.scene import (
     rotation,
     watched,
 )
-from formats.sid import SID, rigid_node, rigid_sid
+from sidtool.formats.sid import SID, rigid_node, rigid_sid
 
 from .bodies import BodyData, body_data
 from .body_tables import body_table, marker_table, with_prescribed_frames

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from formats.errors import InputError
-from formats.sid import Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
 
 from .chebyshev_pieces import Scan, Series, halved
 from .smoothness import SHORT, check_rates, kinks

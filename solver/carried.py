@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import kernel_calls
 from .bodies import quaternion

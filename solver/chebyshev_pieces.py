@@ -15,8 +15,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.sid import Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
 
 MOST_PIECES = 20_000
 #: Pieces are not halved below this part of the span.

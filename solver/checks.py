@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from formats.dead_nodes import check_alive, dead_nodes
-from formats.errors import InputError
-from formats.orientation import fault
-from formats.scene import (
+from sidtool.formats.dead_nodes import check_alive, dead_nodes
+from sidtool.formats.errors import InputError
+from sidtool.formats.orientation import fault
+from sidtool.formats.scene import (
     SCENE_QUANTITIES,
     SceneFile,
     SidBody,
@@ -18,7 +18,7 @@ from formats.scene import (
     parse_output,
     watched,
 )
-from formats.sid_mass import IN_PLANE, SPATIAL, free_motion
+from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
 from .joint_forces import COMPONENTS, is_constraint, second_marker
 from .kernels import layout as at

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from formats.scene import Coupling, Drive, Gear, Joint, marker_names, marker_reference
+from sidtool.formats.scene import (
+    Coupling,
+    Drive,
+    Gear,
+    Joint,
+    marker_names,
+    marker_reference,
+)
 
 from .couplings import coupling_terms
 from .ingredients import Ingredients, Reference, driven_coordinates

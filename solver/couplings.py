@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from fractions import Fraction
 
-from formats.errors import InputError
-from formats.scene import Coupling, Gear, Joint, coupled_coordinates
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import Coupling, Gear, Joint, coupled_coordinates
 
 from .joints import Primitive, joint_parts
 from .kernels.layout import (

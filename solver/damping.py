@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.scene import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
     Damping,
     FrequencyDamping,
     ModalDamping,
     RayleighDamping,
     SidDamping,
 )
-from formats.sid import SID, Array, Taylor
+from sidtool.formats.sid import SID, Array, Taylor
 
 #: Damping ratios of the frequency policy: up to each frequency [Hz], then beyond.
 FREQUENCY_STEPS = ((100.0, 0.01), (1000.0, 0.1))

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .integrators import stepping
 from .integrators.stepping import Control

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .assembly import assemble, names_of_rows
 from .bodies import BodyData

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from formats.scene import as_3d, rotation
-from formats.sid import Array
+from sidtool.formats.scene import as_3d, rotation
+from sidtool.formats.sid import Array
 
 from . import kernel_calls
 from .bodies import quaternion

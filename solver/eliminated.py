@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from formats.scene import (
+from sidtool.formats.scene import (
     Initial,
     Joint,
     SceneFile,
@@ -21,7 +21,7 @@ from formats.scene import (
     rotation,
     watched,
 )
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .bodies import BodyData, rotation_part
 from .ingredients import Frame, Reference, driven_coordinates

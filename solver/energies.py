@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.sid import Array, symmetric_3x3
+from sidtool.formats.sid import Array, symmetric_3x3
 
 from .bodies import BodyData, cr1, ct1, oe1, symmetric
 from .first_order import cubic_energy

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from formats.scene import SceneFile, parse_output
-from formats.sid import Array
+from sidtool.formats.scene import SceneFile, parse_output
+from sidtool.formats.sid import Array
 
 from . import kernel_calls
 from .dense import Points, Steps

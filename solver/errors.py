@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from formats.result import Result
+from sidtool.formats.result import Result
 
 
 class SimulationError(Exception):

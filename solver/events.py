@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from formats.result import Event
-from formats.scene import Event as Wanted
-from formats.scene import Outputs
-from formats.sid import Array
+from sidtool.formats.result import Event
+from sidtool.formats.scene import Event as Wanted
+from sidtool.formats.scene import Outputs
+from sidtool.formats.sid import Array
 
 from . import outputs
 from .dense import Points, Steps

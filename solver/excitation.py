@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.result import Excitation
-from formats.scene import driven_coordinate
-from formats.sid import Array
+from sidtool.formats.result import Excitation
+from sidtool.formats.scene import driven_coordinate
+from sidtool.formats.sid import Array
 
 from .kernels import layout as at
 from .kernels.drives import drive_value

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array
 
 #: Relative difference of the entries of K1 that rounding in a file makes.
 ROUNDING = 1e-9

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .forces import Element
 from .kernels import layout as at

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.scene import marker_names, marker_reference
-from formats.sid import Array
+from sidtool.formats.scene import marker_names, marker_reference
+from sidtool.formats.sid import Array
 
 from .force_measures import function_values, measured, torque_axis
 from .kernels import layout as at

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.scene import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
     Actuator,
     Bushing,
     Characteristic,
@@ -27,7 +27,7 @@ from formats.scene import (
     marker_names,
     marker_reference,
 )
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import features
 from .callables import Derivatives

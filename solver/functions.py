@@ -14,8 +14,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from formats.errors import InputError
-from formats.scene import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
     Constant,
     Function,
     Given,
@@ -25,7 +25,7 @@ from formats.scene import (
     Spline,
     coefficients,
 )
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import features
 from .callables import Derivatives, interpolate, shortest_seen

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from formats.scene import Fixed, Marker, Placement, SceneFile, SidBody
-from formats.sid import SID, Node, Taylor
+from sidtool.formats.scene import Fixed, Marker, Placement, SceneFile, SidBody
+from sidtool.formats.sid import SID, Node, Taylor
 
 #: Name of the added node.
 NODE = "held frame"

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.scene import Joint, Marker, SceneFile, driven_coordinate
-from formats.sid import Node
+from sidtool.formats.scene import Joint, Marker, SceneFile, driven_coordinate
+from sidtool.formats.sid import Node
 
 from .bodies import BodyData
 from .pool import Pool

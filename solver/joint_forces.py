@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.scene import marker_names, marker_reference
-from formats.sid import Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import marker_names, marker_reference
+from sidtool.formats.sid import Array
 
 from .kernels import layout as at
 from .motion import Motion, marker_motion

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from formats.scene import Joint, as_3d, marker_names, marker_reference
-from formats.sid import Array
+from sidtool.formats.scene import Joint, as_3d, marker_names, marker_reference
+from sidtool.formats.sid import Array
 
 from .bodies import BodyData
 from .kernels.layout import ALONG, ANGLE, COINCIDENT, DISTANCE, PERPENDICULAR

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .kernels.layout import Work
 from .scene import System

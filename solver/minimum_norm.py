@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import kernel_calls
 from .kernels.layout import Work

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .kernels import planar
 from .kernels import spatial_columns as spatial

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .kernels import layout as at
 from .kernels.layout import IntTable

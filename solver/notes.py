@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from formats.scene import SceneFile, parse_output, watched
-from formats.sid import Array
+from sidtool.formats.scene import SceneFile, parse_output, watched
+from sidtool.formats.sid import Array
 
 from .integrators import scales, stepping
 from .joint_forces import COMPONENTS

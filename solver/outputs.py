@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.scene import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
     IN_BODY,
     SCENE_QUANTITIES,
     coordinate_of,
@@ -15,7 +15,7 @@ from formats.scene import (
     is_stress,
     parse_output,
 )
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .energy_history import History
 from .force_measures import measured

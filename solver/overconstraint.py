@@ -14,7 +14,7 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import kernel_calls
 from .kernels import layout as at

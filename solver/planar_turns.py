@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import kernel_calls
 from .carried import carried_rows, carrying

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 
 class Pool:

@@ -10,8 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.scene import Joint, driven_coordinate, marker_names, marker_reference
-from formats.sid import Array, Node
+from sidtool.formats.scene import (
+    Joint,
+    driven_coordinate,
+    marker_names,
+    marker_reference,
+)
+from sidtool.formats.sid import Array, Node
 
 from .bodies import rotation_part
 from .excitation import DriveHistory
@@ -81,7 +86,7 @@ def prescribed_frames(system: System, history: DriveHistory) -> dict[str, FrameH
 
 def start_frame(system: System, z: Array, v: Array, body: str) -> FrameHistory:
     """Orientation and angular velocity of a frame at one state; no accelerations."""
-    from formats.scene import Placement, rotation
+    from sidtool.formats.scene import Placement, rotation
 
     row = system.arrays.body[system.index(body)]
     p, u, rigid = int(row[at.POS]), int(row[at.VEL]), int(row[at.RD])

@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.sid import Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
 
 from .kernels import layout as at
 from .kernels.coordinates import retract

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 import numpy as np
 
-from formats.result import Event, FlexibleBody, Result
-from formats.scene import output_times
-from formats.sid import Array
+from sidtool.formats.result import Event, FlexibleBody, Result
+from sidtool.formats.scene import output_times
+from sidtool.formats.sid import Array
 
 from . import assembly, dense, events, notes, outputs, warmup
 from .bifurcations import crossings
@@ -63,8 +63,8 @@ def simulate(
 
     Parameters
     ----------
-    integrator : name in `solver.integrators.INTEGRATORS` or "auto", default as in the
-        scene
+    integrator : name in `sidtool.solver.integrators.INTEGRATORS` or "auto", default as
+        in the scene
     rtol : tolerated error relative to the largest motion, default as in the scene
     step : fixed step [s]; replaces the error control
     spectral_radius : of generalised_alpha, 0 to 1, default as in the scene

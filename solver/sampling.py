@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import kernel_calls
 from .integrators import recording

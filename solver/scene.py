@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from formats.scene import SceneFile
-from formats.sid import Array
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import Array
 
 from .bodies import BodyData
 from .features import NONE, Features

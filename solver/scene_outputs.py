@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import energies, kernel_calls
 from .energy_history import History, integrated_energies
@@ -41,7 +41,7 @@ class SceneQuantities:
         self.history = history
 
     def column(self, owner: str, quantity: str) -> Array:
-        """Values (nt,) of one quantity of `formats.scene.outputs.SCENE_QUANTITIES`."""
+        """Values (nt,) of one of `sidtool.formats.scene.outputs.SCENE_QUANTITIES`."""
         if owner == "constraint":
             return self._residuals[quantity]
         return getattr(self, quantity)  # type: ignore[no-any-return]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from formats.errors import InputError
-from formats.scene import SceneFile
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
 
 from .integrators import INTEGRATORS
 from .integrators.automatic import AUTO, Choice, choose

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from formats.scene import SceneFile, as_3d
-from formats.sid import Array
+from sidtool.formats.scene import SceneFile, as_3d
+from sidtool.formats.sid import Array
 
 from .bodies import BodyData, amplitudes
 from .kernels import layout as at

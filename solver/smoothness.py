@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.sid import Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
 
 from .chebyshev_pieces import Series
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.scene import as_3d, rotation
-from formats.sid import Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import as_3d, rotation
+from sidtool.formats.sid import Array
 
 from . import kernel_calls
 from .bodies import quaternion

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from formats.sid import SID, Array, symmetric_3x3
-from formats.stiffening import (
+from sidtool.formats.sid import SID, Array, symmetric_3x3
+from sidtool.formats.stiffening import (
     Stiffening,
     elastic_basis,
     has_stiffening,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from formats.result import FlexibleBody
+from sidtool.formats.result import FlexibleBody
 
 from .integrators import stepping
 from .kernels import layout as at

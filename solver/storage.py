@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from formats.sid import SID, Array
+from sidtool.formats.sid import SID, Array
 
 from .bodies import elastic_mass, modal_squares, shape_functions, symmetric
 from .kernels import layout as at

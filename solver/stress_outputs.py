@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from formats.errors import InputError
-from formats.scene import PEAK_STRESS, STRESSES, OutputName
-from formats.sid import Array
-from formats.stress import node_stress, peak_stress, stress_nodes, von_mises
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import PEAK_STRESS, STRESSES, OutputName
+from sidtool.formats.sid import Array
+from sidtool.formats.stress import node_stress, peak_stress, stress_nodes, von_mises
 
 from .energies import elastic_state
 from .sampling import Samples

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .integrators import projection, stepping
 from .kernels import layout as at

@@ -14,6 +14,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, Queue
 
@@ -44,11 +45,11 @@ RECORDING: Group = ("integrators.recording:sample", "integrators.recording:begin
 WORTH_PROCESSES = 3
 #: New objects between two searches for garbage in a process that only compiles.
 GARBAGE_THRESHOLD = 500_000
-#: What another process runs: the packages beside this one, whatever stands in the
+#: What another process runs: the package of this one, whatever stands in the
 #: working folder; all else is looked for where every program looks.
 HELPER = (
-    "import sys; sys.path.insert(0, sys.argv[1]); import formats, solver; "
-    "del sys.path[0]; from solver.warmup import serve; serve()"
+    "import sys; sys.path.insert(0, sys.argv[1]); import sidtool; "
+    "del sys.path[0]; from sidtool.solver.warmup import serve; serve()"
 )
 
 
@@ -161,7 +162,9 @@ def _helpers(queue: Queue[Group], number: int) -> Iterator[None]:
 
 
 def _new_process() -> subprocess.Popen[str]:
-    root = Path(__file__).resolve().parents[1]
+    spec = find_spec("sidtool")
+    assert spec is not None and spec.origin is not None
+    root = Path(spec.origin).parents[1]
     return subprocess.Popen(
         [sys.executable, "-P", "-c", HELPER, str(root)],
         stdin=subprocess.PIPE,
@@ -194,7 +197,7 @@ def _is_cached(name: str) -> bool:
 
 def _find(name: str):  # type: ignore[no-untyped-def]
     module, _, kernel = name.partition(":")
-    return getattr(import_module(f"solver.{module}"), kernel)
+    return getattr(import_module(f"sidtool.solver.{module}"), kernel)
 
 
 def _compile_here(name: str) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from formats.sid import (
+from sidtool.formats.sid import (
     J_INDICES,
     OE_INDICES,
     SID,

@@ -11,17 +11,17 @@ import time
 
 import numpy as np
 
-from formats.result import Result
-from formats.scene import output_times
-from formats.sid import Array
-from solver import assembly, outputs
-from solver.kernel_calls import evaluate
-from solver.kernels.coordinates import rate
-from solver.kernels.newton import solve_accelerations
-from solver.kernels.pointers import kernels
-from solver.scene import System
-from solver.sizes import row_sizes
-from solver.storage import new_memory, new_work
+from sidtool.formats.result import Result
+from sidtool.formats.scene import output_times
+from sidtool.formats.sid import Array
+from sidtool.solver import assembly, outputs
+from sidtool.solver.kernel_calls import evaluate
+from sidtool.solver.kernels.coordinates import rate
+from sidtool.solver.kernels.newton import solve_accelerations
+from sidtool.solver.kernels.pointers import kernels
+from sidtool.solver.scene import System
+from sidtool.solver.sizes import row_sizes
+from sidtool.solver.storage import new_memory, new_work
 
 
 class Equations:

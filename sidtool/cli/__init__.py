@@ -12,7 +12,7 @@ from typing import NoReturn, TextIO
 
 import click
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .. import __version__
 from .analyse import analyse
@@ -147,7 +147,7 @@ def _tell(
     line: str | None = None,
 ) -> None:
     """Our own warnings as messages, without the line of code that they come from."""
-    if category.__module__.partition(".")[0] in ("formats", "solver", "sidtool"):
+    if category.__module__.partition(".")[0] == "sidtool":
         _complain(str(message), 0)
     else:
         _show_warning(message, category, filename, lineno, file, line)

@@ -103,7 +103,7 @@ def modes(
     check_targets([Target("-o", output, "modes")], files_of(scene), force)
     found = _attempt(linearise, scene, about=about, accept_defects=accept_defects)
     if output is not None:
-        from formats.atomic import atomic_path
+        from sidtool.formats.atomic import atomic_path
 
         with atomic_path(output) as path:
             Path(path).write_text(json.dumps(modes_as_data(found), indent=1) + "\n")
@@ -169,7 +169,7 @@ def _attempt(
 
     What there is of a result goes to `output` then.
     """
-    from solver.errors import SimulationError
+    from sidtool.solver.errors import SimulationError
 
     try:
         return analysis(scene, **settings)

@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 #: Runs shorter than this show no progress bar [s].
 PATIENCE = 1.0
@@ -57,7 +57,7 @@ def files_of(path: Path) -> list[Path]:
     """A file that people write, and the files that it names."""
     if path.suffix not in (".toml", ".json") or not path.is_file():
         return [path]
-    from formats.toml_files import read_data
+    from sidtool.formats.toml_files import read_data
 
     texts: list[str] = []
     waiting: list[Any] = [read_data(path)]

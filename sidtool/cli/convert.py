@@ -115,7 +115,7 @@ def convert(
 
 
 def _written(output: Path, sid: Any, dialect: str) -> None:
-    from formats.sid_files import write_sid
+    from sidtool.formats.sid_files import write_sid
 
     write_sid(output, sid, dialect)
     click.echo(f"{output}: {_summary(sid)}")
@@ -153,7 +153,7 @@ def _processes(engine: str | None) -> Iterator[Any]:
 
 
 def _refuse_mpirun() -> None:
-    from formats.errors import InputError
+    from sidtool.formats.errors import InputError
 
     count = next((os.environ[name] for name in _MPI_SIZES if name in os.environ), "1")
     if count != "1":
@@ -196,7 +196,7 @@ def _damped(sid: Any, law: str) -> Any:
 @contextmanager
 def _option(name: str) -> Iterator[None]:
     """Errors inside name this option."""
-    from formats.errors import InputError
+    from sidtool.formats.errors import InputError
 
     try:
         yield
@@ -230,7 +230,7 @@ def _repaired(sid: Any) -> Any:
 
 
 def _rescaled(sid: Any, units: str, sigma: Any) -> Any:
-    from formats.errors import InputError
+    from sidtool.formats.errors import InputError
 
     from ..validate import convert_units
 

@@ -44,7 +44,7 @@ def _sid(content: Any, _: Path) -> str:
 
 
 def _model(content: Any, _: Path) -> str:
-    from formats.errors import InputError
+    from sidtool.formats.errors import InputError
 
     from ..frontends.registry import finite_element_model
     from ..report.model import describe_model
@@ -56,8 +56,8 @@ def _model(content: Any, _: Path) -> str:
 
 
 def _scene(content: Any, path: Path) -> str:
-    from formats.errors import InputError
-    from solver import compile_scene, describe
+    from sidtool.formats.errors import InputError
+    from sidtool.solver import compile_scene, describe
 
     from ..report.scene import describe_scene
 

@@ -8,9 +8,9 @@ from importlib import import_module
 import click
 
 KINDS = {
-    "model": ("formats.model", "ModelFile"),
-    "scene": ("formats.scene", "SceneFile"),
-    "reference": ("formats.reference", "ReferenceFile"),
+    "model": ("sidtool.formats.model", "ModelFile"),
+    "scene": ("sidtool.formats.scene", "SceneFile"),
+    "reference": ("sidtool.formats.reference", "ReferenceFile"),
 }
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .common import (
     Target,
@@ -86,7 +86,7 @@ def simulate(
     Exit status: 0 done, or ended by an event; 1 the run stopped early (the files hold
     what there is); 2 the input is wrong, and nothing is written.
     """
-    from solver.errors import SimulationError
+    from sidtool.solver.errors import SimulationError
 
     targets = [Target("-o", output, "result"), Target("--csv", csv, "table")]
     swapped = [swap.partition("=")[2] for swap in swaps]
@@ -132,14 +132,14 @@ def _run(
     settings: dict[str, Any],
     bar: Callable[[float], None] | None,
 ) -> Any:
-    from formats.scene import read_scene
+    from sidtool.formats.scene import read_scene
 
     from ..kinds import expect_kind
 
     expect_kind(path, "scene")
     scene = read_scene(path)
-    from solver import compile_scene
-    from solver import simulate as run
+    from sidtool.solver import compile_scene
+    from sidtool.solver import simulate as run
 
     from ..other_shapes import other_shapes
     from ..swaps import swapped
@@ -173,7 +173,7 @@ def _share(bar: Callable[[float], None] | None, time: Any) -> Any:
 
 
 def _swaps(swaps: tuple[str, ...], scene: Any) -> dict[str, str]:
-    from formats.scene import SidBody
+    from sidtool.formats.scene import SidBody
 
     flexible = [n for n, body in scene.bodies.items() if isinstance(body, SidBody)]
     found = {}
@@ -190,7 +190,7 @@ def _swaps(swaps: tuple[str, ...], scene: Any) -> dict[str, str]:
 
 
 def _write(result: Any, output: Path | None, csv: Path | None) -> None:
-    from formats.result import write_csv, write_result
+    from sidtool.formats.result import write_csv, write_result
 
     failed = None
     for path, write in ((csv, write_csv), (output, write_result)):

@@ -11,7 +11,7 @@ import click
 from .common import existing, target
 
 if TYPE_CHECKING:
-    from solver.scene import System
+    from sidtool.solver.scene import System
 
     from ..study import Study
 
@@ -69,8 +69,8 @@ def study(
       sidtool study slider_crank.toml -o study --of rod.q1
       sidtool study slider_crank.toml --integrator radau5 --integrator radau9
     """
-    from formats.errors import InputError
-    from solver.errors import SimulationError
+    from sidtool.formats.errors import InputError
+    from sidtool.solver.errors import SimulationError
 
     from ..study import default_settings
     from ..study import study as run
@@ -99,7 +99,7 @@ def _say(line: str) -> None:
 
 
 def _check(option: str, numbers: tuple[float, ...], least: float, most: float) -> None:
-    from formats.errors import InputError
+    from sidtool.formats.errors import InputError
 
     for number in numbers:
         if not least <= number <= most:
@@ -109,8 +109,8 @@ def _check(option: str, numbers: tuple[float, ...], least: float, most: float) -
 
 
 def _compiled(path: Path) -> System:
-    from formats.scene import read_scene
-    from solver import compile_scene
+    from sidtool.formats.scene import read_scene
+    from sidtool.solver import compile_scene
 
     from ..kinds import expect_kind
 
@@ -120,7 +120,7 @@ def _compiled(path: Path) -> System:
 
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be made at the end, before any work is done."""
-    from formats.errors import InputError
+    from sidtool.formats.errors import InputError
 
     there = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     if not (there.is_dir() and os.access(there, os.W_OK)):
@@ -155,7 +155,7 @@ def _report(result: Study, wanted: tuple[float, ...]) -> str:
 
 def _write(folder: Path, result: Study, text: str, title: str) -> None:
     """The text takes its place last: where it stands, nothing is missing."""
-    from formats.atomic import atomic_path
+    from sidtool.formats.atomic import atomic_path
 
     from ..study import plot_study
 

@@ -22,8 +22,8 @@ def warmup() -> None:
 
     Exit status: 0 all kernels are on disk; 1 they cannot be kept.
     """
-    from solver.kernels.stored import unkept
-    from solver.warmup import warm_up
+    from sidtool.solver.kernels.stored import unkept
+    from sidtool.solver.warmup import warm_up
 
     begin = time.perf_counter()
     count = warm_up(lambda line: click.echo(line, err=True))

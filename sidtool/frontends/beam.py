@@ -14,11 +14,15 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import Marker, ModelFile
-from formats.model_discretisation import BeamDiscretisation
-from formats.model_geometry import BeamGeometry, GeneralSection, RectangularSection
-from formats.sid_mass import skew
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model_discretisation import BeamDiscretisation
+from sidtool.formats.model_geometry import (
+    BeamGeometry,
+    GeneralSection,
+    RectangularSection,
+)
+from sidtool.formats.sid_mass import skew
 
 from .beam_material import BeamMaterial
 from .finite_element_model import FiniteElementModel, MarkerRows

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .mesh import Mesh
 from .reference_elements import all_edges, faces

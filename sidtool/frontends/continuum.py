@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.model import Material
+from sidtool.formats.model import Material
 
 from ..vectors import LEVI_CIVITA
 from .elements import ElementBatch, elasticity

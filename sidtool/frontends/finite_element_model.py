@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from formats.sid_mass import skew
+from sidtool.formats.sid_mass import skew
 
 from .beam_material import BeamMaterial
 from .continuum import Continuum

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from ..geometry.measure import patch_moments
 from ..geometry.patch import NurbsPatch

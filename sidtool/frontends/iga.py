@@ -13,10 +13,10 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import IgaDiscretisation, ModelFile
-from formats.model_checks import check_knots
-from formats.model_geometry import NurbsGeometry, VolumeGeometry
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import IgaDiscretisation, ModelFile
+from sidtool.formats.model_checks import check_knots
+from sidtool.formats.model_geometry import NurbsGeometry, VolumeGeometry
 
 from ..geometry.bspline import (
     LocalBasis,

@@ -6,9 +6,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import Marker, ModelFile
-from formats.model_geometry import MatricesGeometry
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model_geometry import MatricesGeometry
 
 from ..importers.matrices import ImportedMatrices, read_arrays, read_matrices
 from ..importers.matrix_checks import (

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from formats.errors import InputError
-from formats.model import Material, ModelFile
-from formats.model_discretisation import MeshDiscretisation
-from formats.model_geometry import MeshGeometry
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material, ModelFile
+from sidtool.formats.model_discretisation import MeshDiscretisation
+from sidtool.formats.model_geometry import MeshGeometry
 
 from ..importers.imported import ImportedMesh
 from ..importers.meshes import read_mesh

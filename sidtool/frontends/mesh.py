@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .reference_elements import reference_element
 

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.model import Material
+from sidtool.formats.model import Material
 
 from .mesh import Mesh
 from .quadrature_rules import quadrature_rule

@@ -6,8 +6,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
-from formats.errors import InputError
-from formats.model import Marker
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Marker
 
 from .continuum import Continuum, half_curl
 from .elements import internal_amplitudes

@@ -7,7 +7,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 
 class NamedSets(dict[str, NDArray[np.int64]]):

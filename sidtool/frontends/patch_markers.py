@@ -9,9 +9,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import Marker, ModelFile
-from formats.model_geometry import NurbsGeometry, VolumeGeometry
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model_geometry import NurbsGeometry, VolumeGeometry
 
 from ..geometry.locate import locate
 from ..geometry.patch import NurbsPatch, PointBasis, point_basis, side_nodes

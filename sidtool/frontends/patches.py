@@ -12,9 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import Marker, ModelFile
-from formats.model_geometry import FACES, PatchesGeometry
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model_geometry import FACES, PatchesGeometry
 
 from ..geometry.contact import check_one_part, check_overlaps, weak_ties
 from ..geometry.multipatch import Joined, Side, closed_up, joined, sides_of, topology

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from formats.model import ModelFile
+from sidtool.formats.model import ModelFile
 
 from ..interfaces import tied
 from .beam import beam_model

@@ -9,8 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import Material
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material
 
 from .continuum import Continuum, continuum_of
 from .elements import (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .locate import nearest_parameters
 from .multipatch import (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 Array = NDArray[np.float64]
 

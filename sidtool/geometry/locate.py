@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .patch import NurbsPatch, evaluate_grid, evaluate_points, scattered_basis
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .patch import NurbsPatch
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.sparse.linalg import splu
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .bspline import breakpoints, greville_points
 from .patch import NurbsPatch

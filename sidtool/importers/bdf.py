@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from formats.errors import InputError
-from formats.model import Material
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material
 
 from .bdf_cards import Card, members, read_cards
 from .imported import (

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from formats.errors import InputError
-from formats.model import Material
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material
 
 from .cdb_elements import collapsed, element_kind, plane_state
 from .imported import (

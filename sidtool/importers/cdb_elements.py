@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 #: ANSYS element type -> our name.
 _ANSYS = {

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from ..geometry.patch import NurbsPatch
 from .patch_parts import check_count, grid, patch_of

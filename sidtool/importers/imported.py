@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model import Material
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material
 
 from ..frontends.mesh import ElementBlock, Mesh
 from ..frontends.reference_elements import reference_element

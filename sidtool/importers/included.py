@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 #: Lines of INCLUDE that one deck may follow; ten files that name each other ten
 #: times would be ten thousand million.

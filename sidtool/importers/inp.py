@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .imported import ImportedMesh, integers, numbers
 from .inp_blocks import Block, read_blocks

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .inp_elements import ElementType
 

@@ -6,7 +6,7 @@ is passed over in silence, and what is not known is refused.
 
 from __future__ import annotations
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .imported import EVERYTHING
 from .inp_blocks import Block

@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 
-from formats.errors import InputError
-from formats.model import Material
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material
 
 from .imported import ImportedMesh, RawElement, assembled_mesh
 from .inp_deck import Deck, Element, Member, Scope, Section

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .imported import MOST_MEMBERS, integers
 from .inp_blocks import Block

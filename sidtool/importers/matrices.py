@@ -20,8 +20,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.hdf5_links import check_own_data
+from sidtool.formats.errors import InputError
+from sidtool.formats.hdf5_links import check_own_data
 
 from .imported import EVERYTHING, integers, number_table, numbers, read_lines
 from .matrix_market import is_matrix_market, read_matrix_market

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .imported import integers, number_table, read_lines
 

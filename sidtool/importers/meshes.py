@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .bdf import read_bdf
 from .cdb import read_cdb

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .imported import (
     EVERYTHING,

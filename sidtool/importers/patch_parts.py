@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model_checks import check_knots
+from sidtool.formats.errors import InputError
+from sidtool.formats.model_checks import check_knots
 
 from ..geometry.patch import NurbsPatch
 

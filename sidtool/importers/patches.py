@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.toml_files import read_data
+from sidtool.formats.errors import InputError
+from sidtool.formats.toml_files import read_data
 
 from ..geometry.patch import NurbsPatch
 from .gismo import patches_of_gismo

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from formats.atomic import atomic_path
+from sidtool.formats.atomic import atomic_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from formats.result import Result
+from sidtool.formats.result import Result
 
 from .figure import COLOURS, figure
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.model import ModelFile
+from sidtool.formats.model import ModelFile
 
 from ..frontends.finite_element_model import FiniteElementModel
 from ..frontends.registry import finite_element_model

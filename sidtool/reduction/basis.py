@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .frames import Frame

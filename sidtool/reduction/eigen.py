@@ -9,7 +9,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from ..frontends.finite_element_model import Indices
 from ..frontends.quadratic_fields import softest_deformation

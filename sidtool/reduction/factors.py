@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .ordering import nested_dissection
 from .running import asked_engine, tell

@@ -14,8 +14,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.model_reduction import BuckensFrame, ChordFrame, TangentFrame
+from sidtool.formats.errors import InputError
+from sidtool.formats.model_reduction import BuckensFrame, ChordFrame, TangentFrame
 
 from ..frontends.finite_element_model import FiniteElementModel, Indices, MarkerRows
 

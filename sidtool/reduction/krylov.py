@@ -15,8 +15,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from formats.errors import InputError
-from formats.model_reduction import KrylovReduction
+from sidtool.formats.errors import InputError
+from sidtool.formats.model_reduction import KrylovReduction
 
 from .space import Space
 

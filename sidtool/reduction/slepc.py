@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from .pencil import Pencil
 from .running import Counter, tell

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .eigen import free_body_shift, lowest_eigenpairs, symmetric_factors

@@ -10,9 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.hdf5_links import check_own_data
-from formats.model_reduction import UserReduction
+from sidtool.formats.errors import InputError
+from sidtool.formats.hdf5_links import check_own_data
+from sidtool.formats.model_reduction import UserReduction
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .basis import Family, ReducedBasis, finished

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from formats.result import Result
+from sidtool.formats.result import Result
 
 from .tables import named, table
 
 if TYPE_CHECKING:
-    from solver.analyses.linear import Linearisation
-    from solver.analyses.static import Equilibrium
+    from sidtool.solver.analyses.linear import Linearisation
+    from sidtool.solver.analyses.static import Equilibrium
 
 #: Coordinates named beside a mode: those that move most.
 LEADING = 3

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-from formats.sid import SID
+from sidtool.formats.sid import SID
 
 from ..validate.checks import Check, check, report, verdict
 from ..validate.comparison import Comparison, Row, compare, comparison_report

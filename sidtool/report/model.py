@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from formats.model import Marker, Material, ModelFile
-from formats.model_geometry import NurbsGeometry, VolumeGeometry
+from sidtool.formats.model import Marker, Material, ModelFile
+from sidtool.formats.model_geometry import NurbsGeometry, VolumeGeometry
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .tables import named, plural, table

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.dead_nodes import motion_scale
-from formats.sid import SID
-from formats.sid_mass import central_inertia
+from sidtool.formats.dead_nodes import motion_scale
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_mass import central_inertia
 
 from ..validate.frequencies import held_modes, hertz
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from formats.result import Event, FlexibleBody, Result
+from sidtool.formats.result import Event, FlexibleBody, Result
 
 from .tables import named, plural, table
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from formats.scene import (
+from sidtool.formats.scene import (
     Body,
     Drive,
     Event,

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from formats.dead_nodes import dead_nodes
-from formats.sid import SID, Array
-from formats.stiffening import has_stiffening
-from formats.stress import stress_nodes
+from sidtool.formats.dead_nodes import dead_nodes
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.stiffening import has_stiffening
+from sidtool.formats.stress import stress_nodes
 
 from .modes import Mode, at_rest, frame_of, modes_of
 from .tables import named, plural, table

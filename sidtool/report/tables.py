@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from formats.errors import printable
+from sidtool.formats.errors import printable
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

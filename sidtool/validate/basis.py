@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from formats.errors import InputError
-from formats.sid import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import (
     BLOCK_SHAPES,
     NODE_SHAPES,
     SID,

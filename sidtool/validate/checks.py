@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from formats.sid import SID
+from sidtool.formats.sid import SID
 
 from .magnitudes import refuse_absurd
 from .rounding import Rounding, rounding_of

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from formats.sid import BLOCK_SHAPES, SID, Array, Taylor
+from sidtool.formats.sid import BLOCK_SHAPES, SID, Array, Taylor
 
 from ..rereference import FrameChange, changed
 from .basis import change_basis

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.errors import InputError
-from formats.sid import J_INDICES, SID, Array, Node
-from formats.sid_mass import central_inertia, centre_of_mass
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import J_INDICES, SID, Array, Node
+from sidtool.formats.sid_mass import central_inertia, centre_of_mass
 
 from .compare_blocks import block_rows
 from .comparison import Comparison, Row

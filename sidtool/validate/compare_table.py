@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.reference import BlockValue, Frequencies, ReferenceFile
-from formats.sid import SID, Array, Taylor
-from formats.sid_mass import IN_PLANE, SPATIAL, free_motion, plane_of_motion
+from sidtool.formats.errors import InputError
+from sidtool.formats.reference import BlockValue, Frequencies, ReferenceFile
+from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion, plane_of_motion
 
 from .comparison import Comparison, Row
 from .frequencies import free_modes, held_modes, hertz

@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from formats.reference import ReferenceFile, read_reference
-from formats.sid import SID
+from sidtool.formats.reference import ReferenceFile, read_reference
+from sidtool.formats.sid import SID
 
 from .magnitudes import refuse_absurd
 
@@ -119,6 +119,6 @@ def comparison_report(comparison: Comparison) -> list[dict[str, str]]:
 def _read(path: Path) -> SID | ReferenceFile:
     if path.suffix.lower() in (".toml", ".json", ".csv"):
         return read_reference(path)
-    from formats.sid_files import read_sid
+    from sidtool.formats.sid_files import read_sid
 
     return read_sid(path)

@@ -7,8 +7,8 @@ import re
 import numpy as np
 from scipy.linalg import eigh
 
-from formats.sid import SID, Array
-from formats.sid_mass import SPATIAL, free_modal_mass
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid_mass import SPATIAL, free_modal_mass
 
 _HERTZ = re.compile(r"([-+]?\d+\.?\d*(?:[eEdD][-+]?\d+)?)\s*Hz\b", re.IGNORECASE)
 

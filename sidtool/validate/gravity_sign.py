@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.sid import SID, Array
-from formats.sid_mass import central_inertia
-from formats.stiffening import elastic_basis
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid_mass import central_inertia
+from sidtool.formats.stiffening import elastic_basis
 
 #: The mass lies to one side if its centre is further from the origin than its spread.
 _ONE_SIDED = 1.2

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.sid import SID
-from formats.sid_mass import SPATIAL, central_inertia, free_motion
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_mass import SPATIAL, central_inertia, free_motion
 
 from .frequencies import free_modes, held_modes, hertz, label_hertz
 from .magnitudes import refuse_absurd

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from formats.orientation import deviation, fault
-from formats.sid import SID
+from sidtool.formats.orientation import deviation, fault
+from sidtool.formats.sid import SID
 
 from .checks import Finding, identity
 from .gravity_sign import agreement

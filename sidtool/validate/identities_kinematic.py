@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from formats.sid import SID, Array, by_mode
-from formats.sid_mass import IN_PLANE, free_motion, plane_of_motion, skew
-from formats.stiffening import has_second_order_field, stiffens_by_turning
+from sidtool.formats.sid import SID, Array, by_mode
+from sidtool.formats.sid_mass import IN_PLANE, free_motion, plane_of_motion, skew
+from sidtool.formats.stiffening import has_second_order_field, stiffens_by_turning
 
 from .checks import Finding, identity
 from .measures import (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.sid import SID, Array
-from formats.sid_mass import (
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid_mass import (
     IN_PLANE,
     SPATIAL,
     central_inertia,

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 
-from formats.sid import SID
-from formats.sid_mass import skew
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_mass import skew
 
 from .checks import Finding, identity
 from .measures import compared

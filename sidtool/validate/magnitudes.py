@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.sid import NODE_SHAPES, SID, Array, Taylor
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import NODE_SHAPES, SID, Array, Taylor
 
 # The largest exponent that the format prints has two digits.
 _LARGEST = 1e100

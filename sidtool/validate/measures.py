@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.sid import SID, Array, by_mode, symmetric_3x3
+from sidtool.formats.sid import SID, Array, by_mode, symmetric_3x3
 
 from .checks import Finding
 

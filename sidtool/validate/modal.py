@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.sid import SID, Array, Node
-from formats.sid_mass import central_inertia, coupled_mass_matrix, skew
+from sidtool.formats.sid import SID, Array, Node
+from sidtool.formats.sid_mass import central_inertia, coupled_mass_matrix, skew
 
 from .frequencies import free_modes, held_modes, symmetric
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.orientation import fault
-from formats.sid import Array, Node, Taylor
-from formats.sid_mass import skew
+from sidtool.formats.orientation import fault
+from sidtool.formats.sid import Array, Node, Taylor
+from sidtool.formats.sid_mass import skew
 
 from .measures import largest
 

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from scipy.spatial import KDTree
 
-from formats.sid import SID, Array, Node
-from formats.sid_mass import (
+from sidtool.formats.sid import SID, Array, Node
+from sidtool.formats.sid_mass import (
     IN_PLANE,
     SPATIAL,
     central_inertia,

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from formats.sid import J_INDICES, SID, Array, Node, Taylor, axis_major
-from formats.sid_mass import skew
-from formats.stiffening import has_second_order_field, stiffens_by_turning
+from sidtool.formats.sid import J_INDICES, SID, Array, Node, Taylor, axis_major
+from sidtool.formats.sid_mass import skew
+from sidtool.formats.stiffening import has_second_order_field, stiffens_by_turning
 
 from .gravity_sign import WRONG, agreement
 from .magnitudes import refuse_absurd

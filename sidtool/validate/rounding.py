@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.sid import SID, Array
+from sidtool.formats.sid import SID, Array
 
 #: Prints of more digits than these are as good as exact; see the registered bounds.
 _EXACT_DIGITS = 12

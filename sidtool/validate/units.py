@@ -15,8 +15,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.sid import SID, Array, Node, Taylor
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID, Array, Node, Taylor
 
 from .basis import refuse_unknown
 from .magnitudes import refuse_absurd

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.result import Result
-from formats.scene import output_times
-from formats.sid import Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import output_times
+from sidtool.formats.sid import Array
 
 from ..assembly import Start, assemble
 from ..bodies import symmetric

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.sid import Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
 
 from ..assembly import assemble
 from ..kernels import layout as at

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.sid import Array
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
 
 from .. import kernel_calls
 from ..assembly import Start, dense_jacobian, names_of_rows

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.result import Result
-from formats.sid import Array
+from sidtool.formats.result import Result
+from sidtool.formats.sid import Array
 
 from .. import outputs
 from ..energy_history import history_between, is_wanted

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from formats.result import Result
-from formats.sid import Array
+from sidtool.formats.result import Result
+from sidtool.formats.sid import Array
 
 from ..assembly import assemble
 from ..errors import SimulationError

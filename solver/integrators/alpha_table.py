@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from ..kernels.layout import F1, I1, N_POS, N_ROWS, N_VEL, S_OFFSET, S_ROW, System
 from ..kernels.tables import Table, TableType

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from ..kernels.layout import F1, F2
 from ..kernels.tables import Table, TableType

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import boolean, float64, int64, types
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from ..kernels.compiling import entry, inner
 from ..kernels.layout import F1, F2, SYSTEM, WORK

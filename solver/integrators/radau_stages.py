@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numba import complex128, float64, int64, types
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from ..kernels.compiling import inner
 from ..kernels.layout import C1, F1, F2, SYSTEM, WORK

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from ..kernels.compiling import inner
 from ..kernels.layout import (

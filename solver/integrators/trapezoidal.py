@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int64, types
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from ..kernels.compiling import inner
 from ..kernels.layout import F1, SYSTEM, WORK

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numba import complex128, float64, int64, types
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .compiling import entry, inner
 from .coordinates import RATE, RETRACT, add_row_response, lift, resolve, respond

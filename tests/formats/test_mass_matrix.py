@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from formats.sid import SID, Taylor, rigid_sid
-from formats.sid_mass import (
+from sidtool.formats.sid import SID, Taylor, rigid_sid
+from sidtool.formats.sid_mass import (
     IN_PLANE,
     central_inertia,
     centre_of_mass,

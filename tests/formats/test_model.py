@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from formats.errors import InputError
-from formats.model import ModelFile, read_model
-from formats.toml_files import read_data, validated
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.toml_files import read_data, validated
 
 ROD = Path(__file__).parents[2] / "examples" / "slider_crank" / "rod_q4.toml"
 MISSING = object()

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from formats.errors import InputError
-from formats.reference import read_reference
+from sidtool.formats.errors import InputError
+from sidtool.formats.reference import read_reference
 
 _HEAD = 'format = "sidtool reference"\nversion = 1\n'
 

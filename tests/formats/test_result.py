@@ -10,8 +10,8 @@ import h5py
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.result import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import (
     Excitation,
     FlexibleBody,
     Result,
@@ -19,9 +19,9 @@ from formats.result import (
     write_csv,
     write_result,
 )
-from formats.result.hdf5_bodies import read_bodies
-from formats.seal import write_sealed
-from formats.stiffening import Stiffening
+from sidtool.formats.result.hdf5_bodies import read_bodies
+from sidtool.formats.seal import write_sealed
+from sidtool.formats.stiffening import Stiffening
 
 
 @pytest.fixture

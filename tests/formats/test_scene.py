@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formats.errors import InputError
-from formats.scene import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
     Piece,
     Placement,
     SceneFile,
@@ -24,7 +24,7 @@ from formats.scene import (
     read_scene,
     rotation,
 )
-from formats.toml_files import validated
+from sidtool.formats.toml_files import validated
 
 EXAMPLE = Path(__file__).parents[2] / "examples/slider_crank/slider_crank.toml"
 

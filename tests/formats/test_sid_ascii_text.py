@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.sid import SID, Node, Taylor
-from formats.sid_ascii.styles import STYLES
-from formats.sid_files import read_sid, write_sid
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID, Node, Taylor
+from sidtool.formats.sid_ascii.styles import STYLES
+from sidtool.formats.sid_files import read_sid, write_sid
 from tests.bodies import particle_body
 from tests.formats.sids import assert_same
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formats.sid import SID, Node, Taylor, by_mode, symmetric_3x3
-from formats.sid_ascii.styles import STYLES
-from formats.sid_files import read_sid, write_sid
+from sidtool.formats.sid import SID, Node, Taylor, by_mode, symmetric_3x3
+from sidtool.formats.sid_ascii.styles import STYLES
+from sidtool.formats.sid_files import read_sid, write_sid
 from tests.formats.sids import assert_same
 
 FILES = ("Beam_3m.SID_FEM", "balken1m.SID_FEM", "beam.SID_FEM", "example.sid_fem")

@@ -11,8 +11,8 @@ import h5py
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.sid_files import read_sid, write_sid
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid_files import read_sid, write_sid
 from tests.bodies import particle_body
 from tests.formats.sids import assert_same
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from formats.sid import (
+from sidtool.formats.sid import (
     BLOCK_SHAPES,
     NODE_SHAPES,
     SID,
@@ -20,8 +20,8 @@ from formats.sid import (
     Taylor,
     block_shape,
 )
-from formats.sid_ascii.styles import STYLES
-from formats.sid_files import FORMATS, read_sid, write_sid
+from sidtool.formats.sid_ascii.styles import STYLES
+from sidtool.formats.sid_files import FORMATS, read_sid, write_sid
 from tests.bodies import particle_body, skew
 from tests.formats.sids import assert_same
 

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
-from formats.errors import InputError
-from formats.toml_files import load, validated
+from sidtool.formats.errors import InputError
+from sidtool.formats.toml_files import load, validated
 
 
 class Line(BaseModel):

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from formats.sid import Array
-from solver import inverse_dynamics, linearise, static_equilibrium
-from solver.errors import SimulationError
+from sidtool.formats.sid import Array
+from sidtool.solver import inverse_dynamics, linearise, static_equilibrium
+from sidtool.solver.errors import SimulationError
 
 from . import functions
 from .case import Case, Table, Values, compiled, measured, run, times

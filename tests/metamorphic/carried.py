@@ -8,11 +8,11 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from formats.model import ModelFile
-from formats.scene import SceneFile
-from formats.sid import SID
-from formats.toml_files import validated
 from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+from sidtool.formats.toml_files import validated
 from tests.sidtool.bodies import beam_data
 from tests.solver.scenes import polynomial, scene
 

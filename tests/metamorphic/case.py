@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from formats.result import Result
-from formats.scene import SceneFile, output_times
-from formats.sid import SID, Array
-from solver import compile_scene, simulate
-from solver.callables import Derivatives
-from solver.scene import System
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, output_times
+from sidtool.formats.sid import SID, Array
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.callables import Derivatives
+from sidtool.solver.scene import System
 from tests.bodies import Cloud
 
 Table = dict[str, Any]

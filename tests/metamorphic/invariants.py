@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from formats.scene import as_3d
-from formats.sid import Array
+from sidtool.formats.scene import as_3d
+from sidtool.formats.sid import Array
 
 from .case import Case, Values, run, times
 from .poses import Pose

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from formats.model import Material, ModelFile
-from formats.toml_files import validated
+from sidtool.formats.model import Material, ModelFile
+from sidtool.formats.toml_files import validated
 from sidtool.frontends.mesh import ElementBlock, Mesh
 from sidtool.frontends.reference_elements import edge_nodes, reference_element, shape_of
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from formats.scene import Placement, as_3d, rotation
-from formats.sid import Array
+from sidtool.formats.scene import Placement, as_3d, rotation
+from sidtool.formats.sid import Array
 
 ORIENTATIONS = ("angle", "axis_angle", "quaternion", "matrix")
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import eigh
 
-from formats.scene import as_3d
-from formats.sid import Array, rigid_node, rigid_sid
+from sidtool.formats.scene import as_3d
+from sidtool.formats.sid import Array, rigid_node, rigid_sid
 from sidtool.rereference import changed, frame_change
 from tests.bodies import Cloud
 

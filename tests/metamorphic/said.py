@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .case import AXIAL, VECTORS, Case, Table, Values
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from formats.errors import InputError
-from formats.sid import SID, Array
-from solver.analyses.mechanics import Mechanics
-from solver.assembly import assemble
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID, Array
+from sidtool.solver.analyses.mechanics import Mechanics
+from sidtool.solver.assembly import assemble
 from tests.bodies import Cloud
 
 from .case import Case, Table, compiled

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from formats.scene import as_3d
+from sidtool.formats.scene import as_3d
 
 from .case import Case, Table
 from .descriptions import used_coordinates

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from .case import Case, Table, Values
 from .poses import Pose, replaced

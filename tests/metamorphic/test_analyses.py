@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import analyses
 from .case import Case, Values, run

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from formats.errors import InputError
-from formats.result import Result
-from formats.scene import SceneFile
-from formats.sid import SID
-from solver import compile_scene, simulate
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+from sidtool.solver import compile_scene, simulate
 
 from .carried import AREA, CARRIED, DENSITY, LENGTH, MODULUS, SECOND_MOMENT, arm, robot
 

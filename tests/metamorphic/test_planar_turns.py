@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.result import Result
-from formats.scene import SceneFile
-from solver import compile_scene, simulate
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene, simulate
 from tests.solver.scenes import polynomial, scene, slender_rod
 
 TURN = 2.0 * np.pi

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.model import ModelFile
 from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
 from sidtool.frontends.mesh import Mesh, check_mesh
 from sidtool.frontends.reference_elements import all_edges
 from sidtool.geometry.bspline import open_uniform_knots

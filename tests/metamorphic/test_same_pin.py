@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.model import ModelFile
 from sidtool.convert import finite_element_model
+from sidtool.formats.model import ModelFile
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.reduction.frames import FRAMES
 from sidtool.reduction.space import admissible

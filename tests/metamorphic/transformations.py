@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from formats.sid import Array
+from sidtool.formats.sid import Array
 
 from . import continued, descriptions, rewritten_bodies, space, worlds
 from .case import Case, Values

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from formats.scene import as_3d
-from formats.sid import Array
+from sidtool.formats.scene import as_3d
+from sidtool.formats.sid import Array
 from tests.solver.transformed import Units, sid_in
 
 from . import functions

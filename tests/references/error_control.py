@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from formats.result import Result
-from formats.scene import SceneFile, read_scene
-from solver import compile_scene, simulate
-from solver.scene import System
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.scene import System
 
 from . import test_andrews, test_simeon
 

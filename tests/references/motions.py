@@ -15,10 +15,10 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from formats.result import Result
-from formats.sid import Array, Taylor
-from formats.sid_files import read_sid
-from solver.scene import System
+from sidtool.formats.result import Result
+from sidtool.formats.sid import Array, Taylor
+from sidtool.formats.sid_files import read_sid
+from sidtool.solver.scene import System
 from tests.solver.scenes import compiled, scene, slender_rod
 
 Motion = dict[str, Array]

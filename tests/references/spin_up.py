@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from formats.model import ModelFile
-from formats.scene import SceneFile
-from formats.toml_files import validated
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.toml_files import validated
 
 LENGTH, AXIAL, BENDING, LINE_MASS = 10.0, 2.8e7, 1.4e4, 1.2
 SPEED, DURATION = 6.0, 15.0

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from formats.scene import SceneFile
-from formats.toml_files import validated
-from solver import compile_scene, simulate
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene, simulate
 
 A, B, C = (-0.06934, -0.00227), (-0.03635, 0.03273), (0.014, 0.072)
 RR, D, SS, E, ZT, ZF, U = 7e-3, 28e-3, 35e-3, 2e-2, 4e-2, 2e-2, 4e-2

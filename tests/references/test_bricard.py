@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.sid import Array
-from solver import kernel_calls, simulate
-from solver.assembly import dense_jacobian
-from solver.integrators import INTEGRATORS
-from solver.scene import System
-from solver.sizes import row_sizes
-from solver.storage import new_work
+from sidtool.formats.sid import Array
+from sidtool.solver import kernel_calls, simulate
+from sidtool.solver.assembly import dense_jacobian
+from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.scene import System
+from sidtool.solver.sizes import row_sizes
+from sidtool.solver.storage import new_work
 from tests.solver.scenes import GRAVITY, compiled, scene
 
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1))

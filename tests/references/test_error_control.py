@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import pytest
 
-from solver import simulate
-from solver.errors import SimulationError
-from solver.integrators import INTEGRATORS
+from sidtool.solver import simulate
+from sidtool.solver.errors import SimulationError
+from sidtool.solver.integrators import INTEGRATORS
 
 from .error_control import CASES, compiled, relative_error
 

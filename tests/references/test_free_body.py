@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.special import ellipj
 
-import solver
-from formats.result import Result
-from formats.scene import SceneFile
-from formats.sid import SID, Array
-from solver import kernel_calls
-from solver.kernels import layout as at
-from solver.scene import System
-from solver.storage import new_work
+from sidtool import solver
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Array
+from sidtool.solver import kernel_calls
+from sidtool.solver.kernels import layout as at
+from sidtool.solver.scene import System
+from sidtool.solver.storage import new_work
 from tests.bodies import particle_body
 
 
@@ -35,7 +35,7 @@ def flexible(sid: SID, planar: bool) -> tuple[System, Result]:
     """A free flexible body that spins, moves and vibrates, without damping."""
     from dataclasses import replace
 
-    from formats.sid import Taylor
+    from sidtool.formats.sid import Taylor
 
     undamped = replace(sid, De=Taylor(np.zeros((sid.nq, sid.nq))))
     axes = 2 if planar else 3
@@ -74,7 +74,7 @@ def conserved(system: System, result: Result) -> tuple[Array, Array, Array]:
 
 
 def _pose(system: System, z: Array) -> tuple[Array, Array]:
-    from formats.scene import Placement, rotation
+    from sidtool.formats.scene import Placement, rotation
 
     if system.planar:
         return rotation(Placement(angle=float(z[2]))), np.array([z[0], z[1], 0.0])

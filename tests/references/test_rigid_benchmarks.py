@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.result import Result
-from solver import simulate
-from solver.integrators import INTEGRATORS
-from solver.scene import System
+from sidtool.formats.result import Result
+from sidtool.solver import simulate
+from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.scene import System
 from tests.solver.scenes import GRAVITY, Probe, compiled, scene, slender_rod
 
 DOWN = [0.0, -GRAVITY]

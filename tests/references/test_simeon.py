@@ -23,10 +23,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-import solver
-from formats.result import Result
-from formats.scene import SceneFile
-from formats.sid import SID, Array, Node, Taylor, axis_major, block_shape
+from sidtool import solver
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Array, Node, Taylor, axis_major, block_shape
 
 PI = 3.1415927  # as in the source
 M2, M3 = 0.151104, 0.075552

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formats.result import Result
-from formats.scene import SceneFile, read_scene
-from formats.sid_files import read_sid, write_sid
-from solver import compile_scene, simulate
-from solver.integrators import INTEGRATORS
-from solver.scene import System
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.scene import System
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import sidtool
-from formats.result import Result
-from formats.sid import SID
 from sidtool.convert import sid_from_model
+from sidtool.formats.result import Result
+from sidtool.formats.sid import SID
 
 from .spin_up import blade, slender_blade, spin_up
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from formats.sid import Array
-from solver.scene import System
+from sidtool.formats.sid import Array
+from sidtool.solver.scene import System
 from tests.solver.scenes import GRAVITY, compiled, scene, slender_rod
 
 from .motions import Case, Motion, solve

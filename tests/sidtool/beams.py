@@ -5,8 +5,8 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-from formats.model import ModelFile
-from formats.toml_files import validated
+from sidtool.formats.model import ModelFile
+from sidtool.formats.toml_files import validated
 
 IGA = {"type": "iga", "degrees": [3, 2], "elements": [24, 1]}
 Q4 = {

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from formats.model import ModelFile
-from formats.toml_files import validated
+from sidtool.formats.model import ModelFile
+from sidtool.formats.toml_files import validated
 
 from .models import rod_data
 

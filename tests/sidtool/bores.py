@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from formats.model import ModelFile, read_model
+from sidtool.formats.model import ModelFile, read_model
 from sidtool.frontends.mesh import ElementBlock, Mesh
 
 from ..metamorphic.parts import block, dimension

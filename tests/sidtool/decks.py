@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.sid import SID
 from sidtool.convert import sid_from_model
+from sidtool.formats.sid import SID
 
 from .mesh_files import mesh_model
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from formats.model import ModelFile
-from formats.toml_files import read_data, validated
+from sidtool.formats.model import ModelFile
+from sidtool.formats.toml_files import read_data, validated
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "slider_crank"
 

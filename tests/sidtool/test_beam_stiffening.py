@@ -9,11 +9,11 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from formats.model import ModelFile
-from formats.sid import SID, Node
-from formats.stiffening import load_stiffness
-from formats.toml_files import validated
 from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import SID, Node
+from sidtool.formats.stiffening import load_stiffness
+from sidtool.formats.toml_files import validated
 from sidtool.validate.checks import check
 
 HEIGHT, WIDTH = 0.05, 0.035

@@ -380,8 +380,8 @@ def test_a_warmup_that_keeps_nothing_has_failed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One kernel, already compiled, stands for all."""
-    from solver import warmup
-    from solver.kernels import stored
+    from sidtool.solver import warmup
+    from sidtool.solver.kernels import stored
 
     kernel = warmup._find("kernels.coordinates:rate")
     kernel.compiled(kernel.signatures[0])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import sidtool
-from formats.result import read_result
 from sidtool.cli import run
+from sidtool.formats.result import read_result
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 PENDULUM = """

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import sidtool
-from formats.errors import InputError
-from formats.result import read_result
 from sidtool.cli import run
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import read_result
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 SCENE = str(EXAMPLE / "slider_crank.toml")
@@ -89,8 +89,8 @@ def test_a_result_tells_what_each_shape_function_did(
 
 
 def test_many_flexible_bodies_fit_on_a_page() -> None:
-    from formats.result import Excitation, FlexibleBody
-    from formats.stiffening import Stiffening
+    from sidtool.formats.result import Excitation, FlexibleBody
+    from sidtool.formats.stiffening import Stiffening
     from sidtool.report.result import foreseen
 
     still = FlexibleBody(1.0, Excitation(), Stiffening())
@@ -124,8 +124,8 @@ def test_another_sid_and_settings(
 def test_a_run_that_stops_keeps_what_there_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import solver
-    from solver.errors import SimulationError
+    from sidtool import solver
+    from sidtool.solver.errors import SimulationError
 
     def stop(system: object, **_: object) -> None:
         partial = read_result(tmp_path / "whole.h5")
@@ -144,7 +144,7 @@ def test_a_run_that_stops_keeps_what_there_is(
 def test_interruption_leaves_no_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import solver
+    from sidtool import solver
 
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -175,7 +175,7 @@ def test_sids_of_bodies_that_are_not_there_are_refused() -> None:
 
 
 def test_crossings_stand_before_the_breaks_of_tables() -> None:
-    from formats.result import Event
+    from sidtool.formats.result import Event
     from sidtool.report.result import _events
 
     nothing = np.zeros(0)

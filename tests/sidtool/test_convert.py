@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.sid import SID, by_mode, symmetric_3x3
-from formats.sid_files import read_sid
-from formats.sid_mass import skew
 from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID, by_mode, symmetric_3x3
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.sid_mass import skew
 from sidtool.frontends.registry import FRONTENDS
 from sidtool.validate import check
 

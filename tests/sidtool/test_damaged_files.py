@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.model import read_model
 from sidtool.convert import finite_element_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import read_model
 from sidtool.geometry.patch import patch_from_model
 
 from . import test_import_matrices as matrices

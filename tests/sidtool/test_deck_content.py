@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
 from sidtool.cli import cli
+from sidtool.formats.errors import InputError
 from sidtool.frontends.contact import check_contact
 from sidtool.frontends.mesh import ElementBlock, Mesh
 from sidtool.importers.meshes import read_mesh

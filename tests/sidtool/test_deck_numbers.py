@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import read_model
-from formats.sid import SID
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import read_model
+from sidtool.formats.sid import SID
 
 from .decks import STEEL, Block, body, calculix, deck, deck_file, frequencies, listed
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from formats.errors import InputError
-from formats.sid import Taylor
-from formats.sid_files import read_sid, write_sid
 from sidtool.cli import cli
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Taylor
+from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.report.modes import modes_of
 from tests.bodies import particle_body
 

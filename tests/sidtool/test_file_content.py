@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 from sidtool.geometry.patch import patch_from_model
 from sidtool.importers.meshes import read_mesh
 from sidtool.importers.patches import read_patches

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -9,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from solver import warmup
+from sidtool.solver import warmup
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 #: Leaves a trace and then fails.
@@ -59,20 +60,44 @@ def test_compiling_processes_run_installed_modules(
 
 
 @pytest.mark.parametrize("script", ["import sidtool.api", "from sidtool import read"])
-def test_scripts_beside_such_modules_run_installed_ones(
-    script: str, folder: Path
-) -> None:
+def test_scripts_beside_such_modules_run_ours(script: str, folder: Path) -> None:
     for name in ("numba", "click"):  # what a script's folder holds is the script's
         (folder / f"{name}.py").unlink()
-    (folder / "script.py").write_text(f"{script}\nimport solver.run\nprint('well')\n")
+    (folder / "script.py").write_text(
+        f"{script}\nimport sidtool.solver.run\nprint('well')\n"
+    )
     done = python(folder, "script.py")
     assert done.stdout == "well\n", done.stderr
     assert ran(folder) == []
 
 
-def test_an_own_module_imported_before_is_named(tmp_path: Path) -> None:
-    (tmp_path / "solver.py").write_text("mine = 1\n")
-    (tmp_path / "script.py").write_text("import solver\nimport sidtool\n")
+def test_own_modules_of_such_names_stay_what_they_are(tmp_path: Path) -> None:
+    for name in ("solver", "formats"):
+        (tmp_path / f"{name}.py").write_text(f"mine = '{name}'\n")
+    (tmp_path / "script.py").write_text(
+        "import solver\nimport sidtool.api\nimport sidtool.solver.run\n"
+        "import formats\nprint(solver.mine, formats.mine)\n"
+    )
     done = python(tmp_path, "script.py")
-    assert done.returncode == 1
-    assert f"another module solver ({tmp_path / 'solver.py'})" in done.stderr
+    assert done.stdout == "solver formats\n", done.stderr
+
+
+def test_the_path_of_the_environment_hides_nothing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("numba", "click"):
+        (folder / f"{name}.py").unlink()
+    monkeypatch.setenv("PYTHONPATH", ".")
+    done = python(folder, "-m", "sidtool", "simulate", "slider_crank.toml")
+    assert done.returncode == 0, done.stderr
+    assert ran(folder) == []
+
+
+def test_nothing_is_imported_a_second_time_by_a_short_name() -> None:
+    """In the repository `solver` can be imported, too: as another module."""
+    short = re.compile(r"^\s*(from|import) (solver|formats)\b", re.MULTILINE)
+    top = Path(__file__).parents[2]
+    for folder in ("sidtool", "formats", "solver", "tests", "benchmarks", "examples"):
+        for path in (top / folder).rglob("*.py"):
+            own = path == Path(__file__)
+            assert own or not short.search(path.read_text()), path

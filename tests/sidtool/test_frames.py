@@ -9,11 +9,11 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from formats.dead_nodes import check_alive, dead_nodes
-from formats.errors import InputError
-from formats.sid import SID
-from formats.sid_mass import free_modal_mass
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.dead_nodes import check_alive, dead_nodes
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_mass import free_modal_mass
 from sidtool.reduction.frames import FRAMES, mass_and_centre
 from sidtool.report.modes import frame_of, modes_of
 from sidtool.report.sid import describe_sid

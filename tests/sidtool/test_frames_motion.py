@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import sidtool
-from formats.scene import SceneFile
-from formats.sid import SID
-from formats.toml_files import read_data, validated
 from sidtool.convert import sid_from_model
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+from sidtool.formats.toml_files import read_data, validated
 from sidtool.rereference import rereferenced
 
 from .models import EXAMPLES, rod

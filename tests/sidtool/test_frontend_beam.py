@@ -9,12 +9,12 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from formats.errors import InputError
-from formats.model import ModelFile
-from formats.sid import by_mode, symmetric_3x3
-from formats.sid_mass import skew
-from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import by_mode, symmetric_3x3
+from sidtool.formats.sid_mass import skew
+from sidtool.formats.toml_files import validated
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.frontends.inertia_points import InertiaPoints
 from sidtool.gram import body_inertia

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formats.model import ModelFile
-from formats.scene import read_scene
-from formats.sid import SID
-from formats.sid_files import read_sid
 from sidtool.convert import sid_from_model
-from solver import compile_scene, simulate
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import read_scene
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid
+from sidtool.solver import compile_scene, simulate
 
 from .bodies import BEAMS, SOLIDS, beam, volume
 from .models import EXAMPLES

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModalReduction, ModelFile
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModalReduction, ModelFile
 from sidtool.reduction.frames import Frame
 from sidtool.reduction.methods import modal_truncation
 

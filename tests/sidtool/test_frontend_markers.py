@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
 from sidtool.convert import finite_element_model
+from sidtool.formats.errors import InputError
 from sidtool.frontends.finite_element_model import FiniteElementModel
 
 from .models import DISCRETISATIONS, annulus, rod

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModelFile, read_model
-from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.toml_files import validated
 from sidtool.geometry.bspline import open_uniform_knots
 from sidtool.geometry.patch import NurbsPatch, patch_from_model
 from sidtool.geometry.refine import refined

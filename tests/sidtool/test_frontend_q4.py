@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModelFile
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
 from sidtool.frontends.elements import elasticity
 from sidtool.frontends.q4 import q4_matrices, quadrilaterals
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import Material, ModelFile
-from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material, ModelFile
+from sidtool.formats.toml_files import validated
 from sidtool.frontends.elements import elasticity
 from sidtool.frontends.mesh import ElementBlock, Mesh, check_mesh, without_free_nodes
 from sidtool.frontends.mesh_points import MeshPoints

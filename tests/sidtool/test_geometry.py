@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.interpolate import BSpline
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 from sidtool.geometry.bspline import (
     gauss_points,
     greville_points,

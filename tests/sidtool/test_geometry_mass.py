@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModelFile
-from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.toml_files import validated
 from sidtool.frontends.geometry_mass import compared_with_geometry
 from sidtool.frontends.mesh_moments import mesh_moments
 from sidtool.frontends.reference_elements import ELEMENT_KINDS

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from formats.sid import OE_INDICES, Taylor, by_mode, symmetric_3x3
-from formats.sid_mass import skew
 from sidtool.convert import assembled_sid, finite_element_model
+from sidtool.formats.sid import OE_INDICES, Taylor, by_mode, symmetric_3x3
+from sidtool.formats.sid_mass import skew
 from sidtool.frontends.iga import target_knots
 from sidtool.geometry.patch import patch_from_model, point_basis
 from sidtool.geometry.refine import refined

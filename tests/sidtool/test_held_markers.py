@@ -10,11 +10,11 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from formats.model import ModelFile
-from formats.sid import SID
-from formats.sid_mass import coupled_mass_matrix, skew
-from formats.toml_files import validated
 from sidtool.convert import assembled_sid, finite_element_model, sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_mass import coupled_mass_matrix, skew
+from sidtool.formats.toml_files import validated
 from sidtool.reduction.frames import Frame
 from sidtool.reduction.methods import ReducedBasis
 

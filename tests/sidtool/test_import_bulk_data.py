@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
 from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
 from sidtool.frontends.mesh import ElementBlock, Mesh, check_mesh
 from sidtool.frontends.reference_elements import edge_nodes, reference_element
 from sidtool.importers.cdb_elements import collapsed

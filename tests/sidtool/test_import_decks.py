@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
 from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
 
 from .mesh_files import mesh_model
 

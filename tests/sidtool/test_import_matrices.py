@@ -16,10 +16,10 @@ import scipy.io
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModelFile, read_model
-from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.toml_files import validated
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.validate import check
 

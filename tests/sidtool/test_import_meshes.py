@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import read_model
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import read_model
 from sidtool.frontends.mesh import check_mesh
 from sidtool.importers.meshes import MESH_READERS, read_mesh
 

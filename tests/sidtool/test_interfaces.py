@@ -9,12 +9,12 @@ import pytest
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModelFile
-from formats.model_reduction import Tie
-from formats.stress import node_stress
-from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.model_reduction import Tie
+from sidtool.formats.stress import node_stress
+from sidtool.formats.toml_files import validated
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.interfaces import tied
 from sidtool.validate import check

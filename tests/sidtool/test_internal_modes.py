@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.model import ModelFile
-from formats.stress import von_mises
-from formats.toml_files import validated
 from sidtool.convert import finite_element_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.stress import von_mises
+from sidtool.formats.toml_files import validated
 from sidtool.frontends.continuum import stress_from_gradient, stress_rows, stress_six
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.reduction.frames import FRAMES

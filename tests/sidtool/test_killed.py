@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from formats.atomic import atomic_path
 from sidtool.cli import run
+from sidtool.formats.atomic import atomic_path
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 #: The command line, stopped in the midst of writing its output.
@@ -50,7 +50,7 @@ def killed(
     arguments: list[str],
     number: signal.Signals,
     stop: str = "module._flush_to_disk",
-    module: str = "formats.atomic",
+    module: str = "sidtool.formats.atomic",
 ) -> subprocess.CompletedProcess[str]:
     """A command that gets a signal while it writes."""
     code = STOPPED.format(arguments=arguments, stop=stop, module=module)
@@ -175,7 +175,7 @@ COMPILING = """
 import os, signal, sys, threading, time
 from queue import Queue
 from sidtool.cli import main
-from solver import warmup
+from sidtool.solver import warmup
 
 warmup.HELPER = {helper!r}
 started = warmup._new_process
@@ -193,9 +193,9 @@ main()
 """
 #: A compiling process with a kernel that takes a minute.
 SLOW = (
-    "import sys, time; sys.path.insert(0, sys.argv[1]); import formats, solver; "
-    "from solver import warmup; warmup._compile_here = lambda name: time.sleep(60); "
-    "warmup.serve()"
+    "import sys, time; sys.path.insert(0, sys.argv[1]); import sidtool; "
+    "from sidtool.solver import warmup; "
+    "warmup._compile_here = lambda name: time.sleep(60); warmup.serve()"
 )
 
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.model import ModelFile
-from formats.sid import SID, Taylor
-from formats.toml_files import validated
 from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.toml_files import validated
 from sidtool.report.modes import boundary_of, modes_of
 
 from .test_held_markers import DIRECTIONS, FRAMES, slender

@@ -12,12 +12,12 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from formats.model import ModelFile
-from formats.sid import SID
-from formats.sid_mass import coupled_mass_matrix
-from formats.stiffening import load_stiffness
-from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_mass import coupled_mass_matrix
+from sidtool.formats.stiffening import load_stiffness
+from sidtool.formats.toml_files import validated
 from sidtool.frontends.finite_element_model import FiniteElementModel, MarkerRows
 from sidtool.marker_motion import excess_of_rows
 from sidtool.rereference import rereferenced

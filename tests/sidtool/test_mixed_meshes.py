@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import Material
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material
 from sidtool.frontends.conformity import check_conforming
 from sidtool.frontends.elements import elasticity
 from sidtool.frontends.mesh import ElementBlock, Mesh, check_mesh

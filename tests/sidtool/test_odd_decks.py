@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from formats.errors import InputError
+from sidtool.formats.errors import InputError
 from sidtool.importers.meshes import read_mesh
 
 from .mesh_files import FORMATS, inp_text, rod_mesh

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 import sidtool
-from formats.model import ModelFile
-from formats.sid import SID
-from formats.toml_files import validated
 from sidtool.cli import run
 from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import SID
+from sidtool.formats.toml_files import validated
 
 from .bodies import beam_data
 

@@ -15,10 +15,10 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from formats.errors import InputError
-from formats.model import ModelFile, read_model
 from sidtool.cli import cli
 from sidtool.convert import finite_element_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile, read_model
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.frontends.mesh import Mesh
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModelFile
-from formats.scene import SceneFile
-from formats.sid import SID
-from formats.toml_files import validated
 from sidtool.convert import sid_from_model
-from solver import compile_scene
-from solver.analyses.linear import linearise
-from solver.analyses.static import static_equilibrium
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene
+from sidtool.solver.analyses.linear import linearise
+from sidtool.solver.analyses.static import static_equilibrium
 
 from .beams import beam_data as membrane_data
 from .test_held_markers import FRAMES, slender

@@ -8,9 +8,9 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModalReduction, TangentFrame
 from sidtool.convert import finite_element_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModalReduction, TangentFrame
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.reduction.eigen import free_body_shift, lowest_eigenpairs
 from sidtool.reduction.frames import FRAMES, Frame, tangent_frame

@@ -13,10 +13,10 @@ import scipy.sparse as sp
 from numpy.testing import assert_allclose
 from scipy.sparse.linalg import splu
 
-from formats.errors import InputError
-from formats.sid import SID
-from formats.sid_mass import IN_PLANE, free_modal_mass
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_mass import IN_PLANE, free_modal_mass
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.reduction.basis import ReducedBasis
 from sidtool.reduction.frames import FRAMES, motion_rows

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.sid import SID, Taylor, rigid_node, rigid_sid
-from formats.sid_files import read_sid, write_sid
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID, Taylor, rigid_node, rigid_sid
+from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.kinds import read
 from sidtool.report.judgement import judge, judgement_as_text
 from sidtool.report.modes import frame_of, modes_of

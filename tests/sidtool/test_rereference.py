@@ -12,13 +12,13 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from formats.errors import InputError
-from formats.sid import BLOCK_SHAPES, J_INDICES, SID, Node, Taylor, axis_major
-from formats.sid_files import read_sid
-from formats.sid_mass import free_modal_mass, skew
 from sidtool.cli import run
 from sidtool.convert import sid_from_model
 from sidtool.damping_law import damped_by
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import BLOCK_SHAPES, J_INDICES, SID, Node, Taylor, axis_major
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.sid_mass import free_modal_mass, skew
 from sidtool.rereference import changed, frame_change, rereferenced
 from sidtool.rotary import CENTRIFUGAL
 from sidtool.validate import check
@@ -311,7 +311,7 @@ def test_files_of_others_come_back(field_data: Path) -> None:
 
 
 def test_a_rigid_body_only_moves_its_origin() -> None:
-    from formats.sid import rigid_node, rigid_sid
+    from sidtool.formats.sid import rigid_node, rigid_sid
 
     body = rigid_sid(
         2.0, [1.0, 0, 0], np.diag([1.0, 3.0, 3.0]), (rigid_node("1", [0, 0, 0]),)

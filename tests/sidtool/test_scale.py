@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
 from sidtool.reduction import running
 from sidtool.reduction.eigen import lowest_eigenpairs
 from sidtool.reduction.factors import ENGINES, engine_name

@@ -11,15 +11,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 import sidtool
-from formats.dead_nodes import dead_nodes
-from formats.errors import InputError
-from formats.scene import SceneFile
-from formats.sid import SID, Taylor
-from formats.sid_files import read_sid
-from formats.stress import COMPONENTS, peak_stress
-from formats.toml_files import read_data, validated
 from sidtool.cli import run
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.dead_nodes import dead_nodes
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.stress import COMPONENTS, peak_stress
+from sidtool.formats.toml_files import read_data, validated
 from sidtool.frontends.continuum import stress_rows
 from sidtool.reduction.frames import FRAMES
 from sidtool.reduction.methods import REDUCTIONS

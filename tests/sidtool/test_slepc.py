@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.sid import SID
-from formats.sid_files import read_sid
 from sidtool.cli import run
 from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid
 from sidtool.reduction.slepc import check_slepc
 
 from .models import rod_data

@@ -10,15 +10,15 @@ import scipy.linalg
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
-from formats.errors import InputError
-from formats.scene import SceneFile
-from formats.sid import SID
-from formats.stiffening import has_stiffening, load_stiffness, stiffening_ratio
-from formats.toml_files import validated
 from sidtool.analysing import linearise
 from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+from sidtool.formats.stiffening import has_stiffening, load_stiffness, stiffening_ratio
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene, describe
 from sidtool.validate import check
-from solver import compile_scene, describe
 
 from .beams import DISCRETISATIONS, IGA, beam
 from .models import rod

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModelFile
-from formats.sid_files import read_sid, write_sid
-from formats.stress import node_stress, peak_stress, stress_nodes, von_mises
-from formats.toml_files import validated
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.formats.stress import node_stress, peak_stress, stress_nodes, von_mises
+from sidtool.formats.toml_files import validated
 from sidtool.frontends.continuum import stress_rows
 from sidtool.reduction.frames import FRAMES
 from sidtool.reduction.methods import REDUCTIONS

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
 from sidtool.cli import run
+from sidtool.formats.errors import InputError
+from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.scene import System
 from sidtool.study import (
     Point,
     Setting,
@@ -19,8 +21,6 @@ from sidtool.study import (
     recommended,
     study,
 )
-from solver.integrators import INTEGRATORS
-from solver.scene import System
 from tests.solver.scenes import compiled, scene
 
 SCENE = """

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from formats.atomic import atomic_path
-from formats.result import read_result
-from formats.sid_files import read_sid
 from sidtool.cli import run
+from sidtool.formats.atomic import atomic_path
+from sidtool.formats.result import read_result
+from sidtool.formats.sid_files import read_sid
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.sid import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import (
     BLOCK_SHAPES,
     SID,
     Array,
@@ -20,7 +20,7 @@ from formats.sid import (
     by_mode,
     rigid_sid,
 )
-from formats.sid_files import read_sid, write_sid
+from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.rereference import FrameChange, changed
 from sidtool.validate import (
     change_basis,

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from formats.errors import InputError
-from formats.sid import SID, Taylor, rigid_sid
-from formats.sid_files import write_sid
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID, Taylor, rigid_sid
+from sidtool.formats.sid_files import write_sid
 from sidtool.report.sid import describe_sid
 from sidtool.validate import change_basis, check, compare, comparison_report
 from sidtool.validate.comparison import Comparison

@@ -12,18 +12,18 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from formats.errors import InputError
-from formats.model import ModelFile
-from formats.scene import SceneFile
-from formats.sid import SID, Array, Node, Taylor, axis_major
-from formats.sid_mass import skew
-from formats.stiffening import has_stiffening, load_stiffness
-from formats.toml_files import validated
 from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Array, Node, Taylor, axis_major
+from sidtool.formats.sid_mass import skew
+from sidtool.formats.stiffening import has_stiffening, load_stiffness
+from sidtool.formats.toml_files import validated
 from sidtool.rereference import rereferenced
+from sidtool.solver import compile_scene
 from sidtool.validate import check, repair
 from sidtool.validate.checks import Check
-from solver import compile_scene
 from tests.bodies import particle_body
 
 from .bodies import BEAMS, SOLIDS, beam_data, volume_data

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from formats.sid_files import read_sid
+from sidtool.formats.sid_files import read_sid
 from sidtool.validate import check, guess_units, verdict
 from sidtool.validate.checks import Check
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from formats.sid import BLOCK_SHAPES, SID, Array, Taylor, rigid_sid
-from formats.sid_files import read_sid, write_sid
+from sidtool.formats.sid import BLOCK_SHAPES, SID, Array, Taylor, rigid_sid
+from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.rereference import FrameChange, changed
 from sidtool.validate import check, repair
 from tests.bodies import particle_body

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.sid import SID, Array, Taylor
-from formats.sid_files import read_sid, write_sid
+from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.rereference import FrameChange, changed, rereferenced
 from sidtool.validate import check, verdict
 from sidtool.validate.rounding import rounding_of

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.model import ModelFile
-from formats.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Taylor, rigid_sid
-from formats.sid_mass import coupled_mass_matrix
-from formats.toml_files import validated
 from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Taylor, rigid_sid
+from sidtool.formats.sid_mass import coupled_mass_matrix
+from sidtool.formats.toml_files import validated
 from sidtool.validate import (
     change_basis,
     check,

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.model import ModelFile, read_model
 from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile, read_model
 from sidtool.geometry.patch import NurbsPatch, patch_from_model
 
 from .models import annulus, rod_data

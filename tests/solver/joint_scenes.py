@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from formats.scene import SceneFile
-from formats.sid import SID, Array, Taylor
-from formats.toml_files import validated
-from solver import kernel_calls
-from solver.kernels import layout as at
-from solver.kernels import planar
-from solver.kernels import spatial_columns as spatial
-from solver.kernels.layout import Work
-from solver.scene import System
-from solver.storage import new_work
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.toml_files import validated
+from sidtool.solver import kernel_calls
+from sidtool.solver.kernels import layout as at
+from sidtool.solver.kernels import planar
+from sidtool.solver.kernels import spatial_columns as spatial
+from sidtool.solver.kernels.layout import Work
+from sidtool.solver.scene import System
+from sidtool.solver.storage import new_work
 from tests.bodies import particle_body
 
 

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from formats.scene import SceneFile
-from formats.sid import SID, Array, Taylor
-from solver import compile_scene
-from solver.assembly import dense_jacobian
-from solver.kernel_calls import evaluate
-from solver.kernels import layout as at
-from solver.kernels.coordinates import retract
-from solver.kernels.layout import Work
-from solver.scene import System
-from solver.storage import new_work
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.solver import compile_scene
+from sidtool.solver.assembly import dense_jacobian
+from sidtool.solver.kernel_calls import evaluate
+from sidtool.solver.kernels import layout as at
+from sidtool.solver.kernels.coordinates import retract
+from sidtool.solver.kernels.layout import Work
+from sidtool.solver.scene import System
+from sidtool.solver.storage import new_work
 from tests.bodies import particle_body
 
 GRAVITY = 9.81

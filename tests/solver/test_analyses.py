@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.scene import SceneFile, read_scene
-from formats.sid import SID, Taylor
-from formats.sid_files import read_sid
-from formats.toml_files import validated
-from solver import compile_scene, simulate
-from solver.analyses.inverse import inverse_dynamics
-from solver.analyses.linear import linearise
-from solver.analyses.static import static_equilibrium
-from solver.errors import SimulationError
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.analyses.inverse import inverse_dynamics
+from sidtool.solver.analyses.linear import linearise
+from sidtool.solver.analyses.static import static_equilibrium
+from sidtool.solver.errors import SimulationError
 
 EXAMPLE = Path(__file__).parents[2] / "examples/slider_crank"
 G = 9.81

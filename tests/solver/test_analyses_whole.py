@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.scene import SceneFile
-from formats.sid import SID, Taylor
-from formats.toml_files import validated
 from sidtool.convert import sid_from_model
-from solver import compile_scene, simulate
-from solver.analyses.inverse import inverse_dynamics
-from solver.analyses.linear import linearise
-from solver.analyses.static import static_equilibrium
-from solver.errors import SimulationError
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.analyses.inverse import inverse_dynamics
+from sidtool.solver.analyses.linear import linearise
+from sidtool.solver.analyses.static import static_equilibrium
+from sidtool.solver.errors import SimulationError
 from tests.sidtool.beams import beam
 from tests.solver.scenes import polynomial, scene, slender_rod
 from tests.solver.test_singular_positions import slider_crank

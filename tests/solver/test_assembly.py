@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.scene import SceneFile
-from formats.sid_files import read_sid
-from solver import compile_scene, simulate
-from solver.assembly import assemble
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid_files import read_sid
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.assembly import assemble
 from tests.solver.scenes import Probe, compiled, polynomial, scene, slender_rod
 from tests.solver.transformed import Units, in_units, sid_in
 

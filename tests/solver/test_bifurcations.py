@@ -11,9 +11,9 @@ import math
 
 import pytest
 
-from formats.result import Result
-from solver import simulate
-from solver.integrators import INTEGRATORS
+from sidtool.formats.result import Result
+from sidtool.solver import simulate
+from sidtool.solver.integrators import INTEGRATORS
 from tests.solver.scenes import polynomial
 from tests.solver.test_singular_positions import four_bar, slider_crank
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.result import FlexibleBody, Result
-from formats.sid import SID, Node, Taylor, block_shape
-from formats.stiffening import stiffening_ratio
 from sidtool.convert import sid_from_model
-from solver import describe, simulate
-from solver.errors import SimulationError
-from solver.stiffening import Loads, largest_stiffening
+from sidtool.formats.result import FlexibleBody, Result
+from sidtool.formats.sid import SID, Node, Taylor, block_shape
+from sidtool.formats.stiffening import stiffening_ratio
+from sidtool.solver import describe, simulate
+from sidtool.solver.errors import SimulationError
+from sidtool.solver.stiffening import Loads, largest_stiffening
 from tests.bodies import particle_body
 from tests.references.spin_up import blade, spin_up
 from tests.sidtool.beams import IGA, beam

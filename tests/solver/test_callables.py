@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.sid import Array
-from solver import Timed, compile_scene, simulate
-from solver.callables import Derivatives, interpolate
-from solver.description import describe
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
+from sidtool.solver import Timed, compile_scene, simulate
+from sidtool.solver.callables import Derivatives, interpolate
+from sidtool.solver.description import describe
 from tests.solver.test_drives import cart
 from tests.solver.test_forces import pushed
 

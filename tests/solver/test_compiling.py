@@ -14,9 +14,9 @@ import pytest
 from numba import float64
 from numba.core.extending import intrinsic
 
-from solver import warmup
-from solver.kernels import stored
-from solver.kernels.compiling import entry
+from sidtool.solver import warmup
+from sidtool.solver.kernels import stored
+from sidtool.solver.kernels.compiling import entry
 from tests.solver.small_kernels import scaled
 
 STAMPS = """

@@ -12,7 +12,7 @@ import pytest
 from numba import float64, njit
 from numba.core.extending import intrinsic
 
-from solver.kernels.compiling import Entry, entry
+from sidtool.solver.kernels.compiling import Entry, entry
 
 
 @pytest.fixture(autouse=True)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from formats.result import Result
-from formats.sid import Array
-from solver import simulate
-from solver.integrators import INTEGRATORS
-from solver.scene import System
+from sidtool.formats.result import Result
+from sidtool.formats.sid import Array
+from sidtool.solver import simulate
+from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.scene import System
 from tests.solver.scenes import Probe, compiled, scene, soft_body
 
 NQ = 3

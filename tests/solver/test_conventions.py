@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from formats.result import Result
-from solver import compile_scene, describe, simulate
+from sidtool.formats.result import Result
+from sidtool.solver import compile_scene, describe, simulate
 from tests.solver.scenes import scene, slender_rod
 
 AXES = "xyz"

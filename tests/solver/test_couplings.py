@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.sid import Array
-from solver import compile_scene, kernel_calls, simulate
-from solver.assembly import assemble, dense_jacobian
-from solver.kernels import layout as at
-from solver.kernels.coordinates import retract
-from solver.scene import System
-from solver.storage import new_work
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
+from sidtool.solver import compile_scene, kernel_calls, simulate
+from sidtool.solver.assembly import assemble, dense_jacobian
+from sidtool.solver.kernels import layout as at
+from sidtool.solver.kernels.coordinates import retract
+from sidtool.solver.scene import System
+from sidtool.solver.storage import new_work
 
 from .joint_scenes import scene
 

@@ -11,14 +11,14 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
 
-from formats.errors import InputError
-from formats.scene import SceneFile
-from formats.sid import SID, Taylor
-from formats.sid_files import read_sid, write_sid
-from formats.toml_files import validated
-from solver import compile_scene, simulate
-from solver.analyses.linear import linearise
-from solver.analyses.static import static_equilibrium
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.analyses.linear import linearise
+from sidtool.solver.analyses.static import static_equilibrium
 from tests.bodies import particle_body
 
 from .scenes import soft_body, with_cubic_energy

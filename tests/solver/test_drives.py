@@ -10,11 +10,11 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from formats.errors import InputError
-from formats.scene import Joint
-from formats.sid import Array
-from solver import compile_scene, simulate
-from solver.joints import PLANAR, SPATIAL
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import Joint
+from sidtool.formats.sid import Array
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.joints import PLANAR, SPATIAL
 
 from .joint_scenes import evaluated, marker, pair, scene
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.result import Result
-from formats.scene import SceneFile
-from formats.sid import SID
-from formats.toml_files import validated
-from solver import compile_scene, simulate
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene, simulate
 from tests.solver.joint_scenes import soft_body
 
 ENERGIES = [

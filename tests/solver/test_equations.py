@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.sid import SID, Array, Taylor
-from solver.joints import PLANAR, SPATIAL
-from solver.kernel_calls import linearise
-from solver.kernels import layout as at
-from solver.kernels.coordinates import rate
-from solver.scene import System
+from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.solver.joints import PLANAR, SPATIAL
+from sidtool.solver.kernel_calls import linearise
+from sidtool.solver.kernels import layout as at
+from sidtool.solver.kernels.coordinates import rate
+from sidtool.solver.scene import System
 from tests.solver.scenes import (
     Probe,
     compiled,

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from formats.errors import InputError
-from formats.result import Event, Result, read_result, write_result
-from solver import simulate
-from solver.errors import SimulationError
-from solver.integrators import INTEGRATORS
-from solver.scene import System
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Event, Result, read_result, write_result
+from sidtool.solver import simulate
+from sidtool.solver.errors import SimulationError
+from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.scene import System
 from tests.solver.scenes import GRAVITY, compiled, polynomial, scene, soft_body
 
 DOWN = [0.0, -GRAVITY]

@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
-from formats.result import Result
-from formats.sid import Taylor
-from solver import simulate
-from solver.errors import SimulationError
-from solver.integrators.dop853 import END, STAGES, tableau
-from solver.scene import System
+from sidtool.formats.result import Result
+from sidtool.formats.sid import Taylor
+from sidtool.solver import simulate
+from sidtool.solver.errors import SimulationError
+from sidtool.solver.integrators.dop853 import END, STAGES, tableau
+from sidtool.solver.scene import System
 from tests.solver.scenes import GRAVITY, compiled, scene, soft_body
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from formats.sid import Array
-from solver import compile_scene, simulate
-from solver.features import of_characteristic
+from sidtool.formats.sid import Array
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.features import of_characteristic
 from tests.solver.scenes import scene
 
 MASS = 2.0

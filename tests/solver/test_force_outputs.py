@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from solver import compile_scene, simulate
+from sidtool.formats.errors import InputError
+from sidtool.solver import compile_scene, simulate
 
 from .joint_scenes import scene
 

@@ -8,22 +8,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.scene import FrequencyDamping, ModalDamping, RayleighDamping, SceneFile
-from formats.sid import Array, Taylor
-from formats.toml_files import validated
-from solver import compile_scene, kernel_calls, simulate
-from solver.assembly import guess
-from solver.damping import damped
-from solver.kernels.coordinates import retract
-from solver.kernels.newton import (
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
+    FrequencyDamping,
+    ModalDamping,
+    RayleighDamping,
+    SceneFile,
+)
+from sidtool.formats.sid import Array, Taylor
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene, kernel_calls, simulate
+from sidtool.solver.assembly import guess
+from sidtool.solver.damping import damped
+from sidtool.solver.kernels.coordinates import retract
+from sidtool.solver.kernels.newton import (
     newton_factor,
     newton_solve,
     remember,
     solve_accelerations,
 )
-from solver.scene import System
-from solver.storage import new_memory, new_work
+from sidtool.solver.scene import System
+from sidtool.solver.storage import new_memory, new_work
 from tests.bodies import particle_body
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver import simulate
+from sidtool.solver import simulate
 
 from .test_drives import DRIVEN
 from .test_joint_forces import SPEEDS, driven_pair

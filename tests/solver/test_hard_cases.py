@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.result import Result
-from formats.scene import SceneFile, read_scene
-from formats.sid import SID, Array, Taylor
-from formats.sid_files import read_sid
-from solver import simulate
-from solver.errors import SimulationError
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.sid_files import read_sid
+from sidtool.solver import simulate
+from sidtool.solver.errors import SimulationError
 from tests.solver.scenes import GRAVITY, compiled, polynomial, scene, slender_rod
 from tests.solver.transformed import BLOCKS, first_modes
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from formats.errors import InputError
-from formats.scene import SceneFile, rotation
-from formats.sid import SID, Taylor
-from formats.toml_files import validated
 from sidtool import simulate
-from solver import compile_scene
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile, rotation
+from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene
 from tests.bodies import particle_body
 
 GRAVITY = np.array([1.0, -9.0, 4.0])

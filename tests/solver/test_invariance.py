@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.result import Result
-from formats.scene import Placement, SceneFile, read_scene
-from formats.sid import SID, Array
-from formats.sid_files import read_sid
-from solver import compile_scene, simulate
+from sidtool.formats.result import Result
+from sidtool.formats.scene import Placement, SceneFile, read_scene
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid_files import read_sid
+from sidtool.solver import compile_scene, simulate
 from tests.solver import transformed as other
 from tests.solver.joint_scenes import soft_body
 from tests.solver.scenes import scene as small_scene

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from formats.errors import InputError
-from formats.result import Result
-from formats.scene import SceneFile
-from solver import compile_scene, simulate
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene, simulate
 
 from .joint_scenes import scene
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver import compile_scene, simulate
-from solver.joint_forces import COMPONENTS
-from solver.joints import PLANAR, SPATIAL
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.joint_forces import COMPONENTS
+from sidtool.solver.joints import PLANAR, SPATIAL
 
 from .joint_scenes import evaluated, marker, momenta, pair
 from .test_drives import DRIVEN

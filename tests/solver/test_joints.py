@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.sid import Array
-from solver import compile_scene, simulate
-from solver.assembly import dense_jacobian
-from solver.joints import PLANAR, SPATIAL
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.assembly import dense_jacobian
+from sidtool.solver.joints import PLANAR, SPATIAL
 
 from .joint_scenes import conserved, evaluated, marker, pair, scene
 

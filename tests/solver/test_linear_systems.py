@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.sid import Array
-from solver.kernel_calls import linearise
-from solver.kernels import layout as at
-from solver.kernels.coordinates import rate
-from solver.kernels.lapack import LARGE
-from solver.kernels.newton import newton_factor, newton_solve, remember
-from solver.kernels.newton import solve_accelerations as solve
-from solver.scene import System
-from solver.storage import new_memory
+from sidtool.formats.sid import Array
+from sidtool.solver.kernel_calls import linearise
+from sidtool.solver.kernels import layout as at
+from sidtool.solver.kernels.coordinates import rate
+from sidtool.solver.kernels.lapack import LARGE
+from sidtool.solver.kernels.newton import newton_factor, newton_solve, remember
+from sidtool.solver.kernels.newton import solve_accelerations as solve
+from sidtool.solver.scene import System
+from sidtool.solver.storage import new_memory
 from tests.solver.scenes import Probe, compiled, scene, soft_body
 
 

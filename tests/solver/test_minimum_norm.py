@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver import simulate, static_equilibrium
-from solver.scene import System
+from sidtool.solver import simulate, static_equilibrium
+from sidtool.solver.scene import System
 from tests.solver.scenes import GRAVITY, compiled, scene
 
 HEIGHTS = {"low": 0.2, "middle": 1.0, "high": 1.8}

@@ -10,16 +10,16 @@ import pytest
 import scipy.linalg
 from numpy.testing import assert_allclose
 
-from formats.model import ModelFile
-from formats.sid import SID, Array
-from formats.stiffening import load_stiffness
-from formats.toml_files import validated
 from sidtool.convert import sid_from_model
-from solver import compile_scene, static_equilibrium
-from solver import linearise as natural_modes
-from solver.kernel_calls import linearise
-from solver.kernels import layout as at
-from solver.scene import System
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.stiffening import load_stiffness
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene, static_equilibrium
+from sidtool.solver import linearise as natural_modes
+from sidtool.solver.kernel_calls import linearise
+from sidtool.solver.kernels import layout as at
+from sidtool.solver.scene import System
 from tests.solver.scenes import Probe, scene
 
 #: Bar of a rectangular section, free of Poisson's effect.

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.sid import SID, Taylor
-from solver import simulate
-from solver.assembly import assemble
-from solver.body_loads import recorded_loads
-from solver.kernel_calls import linearise
-from solver.kernels import layout as at
-from solver.kernels import planar
-from solver.kernels import spatial_columns as spatial
-from solver.kernels.coordinates import rate
-from solver.sampling import Samples, complete_accelerations
-from solver.scene import System
+from sidtool.formats.sid import SID, Taylor
+from sidtool.solver import simulate
+from sidtool.solver.assembly import assemble
+from sidtool.solver.body_loads import recorded_loads
+from sidtool.solver.kernel_calls import linearise
+from sidtool.solver.kernels import layout as at
+from sidtool.solver.kernels import planar
+from sidtool.solver.kernels import spatial_columns as spatial
+from sidtool.solver.kernels.coordinates import rate
+from sidtool.solver.sampling import Samples, complete_accelerations
+from sidtool.solver.scene import System
 from tests.solver.scenes import Probe, compiled, scene, soft_body
 from tests.solver.test_equations import STILL, not_turning, random_state
 

@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from solver import compile_scene, simulate
-from solver.excitation import DriveHistory, drive_history, excitation, fastest_rotation
-from solver.prescribed import prescribed_frames
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.excitation import (
+    DriveHistory,
+    drive_history,
+    excitation,
+    fastest_rotation,
+)
+from sidtool.solver.prescribed import prescribed_frames
 
 from .scenes import polynomial, scene, slender_rod
 

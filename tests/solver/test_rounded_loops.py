@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.scene import SceneFile
-from solver import compile_scene, simulate
-from solver.analyses.inverse import inverse_dynamics
-from solver.analyses.static import static_equilibrium
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.analyses.inverse import inverse_dynamics
+from sidtool.solver.analyses.static import static_equilibrium
 from tests.solver.scenes import polynomial, scene
 
 GROUND, CRANK, COUPLER, ROCKER = 0.4, 0.13, 0.35, 0.3

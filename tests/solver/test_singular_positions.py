@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.result import Result
-from solver import simulate
-from solver.errors import SimulationError
-from solver.integrators import INTEGRATORS
-from solver.scene import System
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.solver import simulate
+from sidtool.solver.errors import SimulationError
+from sidtool.solver.integrators import INTEGRATORS
+from sidtool.solver.scene import System
 from tests.solver.scenes import (
     GRAVITY,
     Probe,

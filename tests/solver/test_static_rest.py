@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.scene import SceneFile, read_scene
-from formats.toml_files import validated
-from solver import compile_scene
-from solver.analyses.linear import linearise
-from solver.analyses.static import static_equilibrium
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.toml_files import validated
+from sidtool.solver import compile_scene
+from sidtool.solver.analyses.linear import linearise
+from sidtool.solver.analyses.static import static_equilibrium
 from tests.solver.scenes import polynomial, scene, slender_rod
 
 EXAMPLE = Path(__file__).parents[2] / "examples/slider_crank"

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.result import Result
-from solver import run, simulate
-from solver.errors import SimulationError
-from solver.scene import System
+from sidtool.formats.result import Result
+from sidtool.solver import run, simulate
+from sidtool.solver.errors import SimulationError
+from sidtool.solver.scene import System
 from tests.solver.scenes import compiled, scene, slender_rod
 
 

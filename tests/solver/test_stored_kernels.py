@@ -16,8 +16,8 @@ import pytest
 from numba import float64
 from numba.core.extending import intrinsic
 
-from solver.kernels import compiling, stored
-from solver.kernels.compiling import Entry, entry
+from sidtool.solver.kernels import compiling, stored
+from sidtool.solver.kernels.compiling import Entry, entry
 from tests.solver.small_kernels import scaled
 
 ROOT = Path(__file__).parents[2]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numba import float64, int64, types
 
-from formats.sid import Array
-from solver.kernels.compiling import entry
-from solver.kernels.tables import Table, TableType
+from sidtool.formats.sid import Array
+from sidtool.solver.kernels.compiling import entry
+from sidtool.solver.kernels.tables import Table, TableType
 
 
 class Pair(Table):

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.errors import InputError
-from formats.scene.damping import ModalDamping
-from formats.toml_files import validated
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene.damping import ModalDamping
+from sidtool.formats.toml_files import validated
 from sidtool.report.analysis import describe_modes
-from solver import linearise, simulate, static_equilibrium
-from solver.scene import System
+from sidtool.solver import linearise, simulate, static_equilibrium
+from sidtool.solver.scene import System
 
 from .scenes import compiled, scene, slender_rod
 

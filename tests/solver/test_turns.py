@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.result import Result
-from formats.scene import SceneFile
-from solver import compile_scene, simulate
-from solver.analyses.inverse import inverse_dynamics
-from solver.analyses.static import static_equilibrium
-from solver.errors import SimulationError
-from solver.integrators import INTEGRATORS
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.analyses.inverse import inverse_dynamics
+from sidtool.solver.analyses.static import static_equilibrium
+from sidtool.solver.errors import SimulationError
+from sidtool.solver.integrators import INTEGRATORS
 
 from .joint_scenes import scene
 

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from formats.result import Result
-from formats.scene import SceneFile
-from solver import compile_scene, simulate
-from solver.analyses.inverse import inverse_dynamics
-from solver.analyses.static import static_equilibrium
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.analyses.inverse import inverse_dynamics
+from sidtool.solver.analyses.static import static_equilibrium
 from tests.solver.scenes import polynomial, scene, slender_rod
 
 G = 9.81

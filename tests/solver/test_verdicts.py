@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from formats.result import Result
-from formats.sid import SID, Taylor
-from solver import simulate
-from solver.bodies import body_size
-from solver.body_measures import expected_bodies
-from solver.excitation import drive_history, excitation
-from solver.scene import System
-from solver.stiffening import Loads, largest_stiffening
+from sidtool.formats.result import Result
+from sidtool.formats.sid import SID, Taylor
+from sidtool.solver import simulate
+from sidtool.solver.bodies import body_size
+from sidtool.solver.body_measures import expected_bodies
+from sidtool.solver.excitation import drive_history, excitation
+from sidtool.solver.scene import System
+from sidtool.solver.stiffening import Loads, largest_stiffening
 
 from .scenes import compiled, polynomial, scene
 from .test_body_measures import cantilever, fixed, rotor
@@ -179,7 +179,7 @@ def test_a_jump_excites_all_frequencies() -> None:
 
 
 def _start(system: System) -> Any:
-    from solver.assembly import assemble
+    from sidtool.solver.assembly import assemble
 
     return assemble(system)[1]
 

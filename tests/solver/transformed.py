@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from formats.scene import Placement, as_3d, rotation
-from formats.sid import SID, Array, Node, Taylor
+from sidtool.formats.scene import Placement, as_3d, rotation
+from sidtool.formats.sid import SID, Array, Node, Taylor
 
 Table = dict[str, Any]
 ORIENTATIONS = ("angle", "axis_angle", "quaternion", "matrix")
