@@ -149,7 +149,7 @@ class Node:
 
 @dataclass(frozen=True)
 class Dialect:
-    """How the file that a SID came from was written; see sid-format, section 4.
+    """How the file that a SID came from was written; see theory, section 4.
 
     Attributes
     ----------

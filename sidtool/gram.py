@@ -2,7 +2,7 @@
 
 The field of positions c and the shape functions phi lie in the space of the nodal
 functions, so that every inertia integral is an entry of V^T m V with
-V = [1 | x y z | phi by component] (sid-format, section 5; Wallrapp 1994).
+V = [1 | x y z | phi by component], eq. (8).
 """
 
 from __future__ import annotations

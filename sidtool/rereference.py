@@ -8,8 +8,8 @@ there the motion is the screw exp(sum_l xi_l q_l), whose inverse is that of -xi:
     Phi1'_kl = Phi1_kl - theta_k x phi_l - theta_l x phi_k
                + (theta_k x xi_l + theta_l x xi_k) / 2
 
-Every block is changed by what these fields change in its integral (sid-format, section
-5), so that going there and back is the identity. Ke and De belong to the elastic
+Every block is changed by what these fields change in its integral (theory, section
+4), so that going there and back is the identity. Ke and De belong to the elastic
 coordinates, which are the same ones in every frame, and so do not change; that De was
 perhaps alpha Me + beta Ke with the old Me does not matter.
 
@@ -228,7 +228,7 @@ def _blocks(
     d_second: tuple[Array, Array],
     d_rigid: tuple[Array, Array],
 ) -> dict[str, Any]:
-    """The inertia blocks of section 5, each with the difference in its integral."""
+    """The blocks of theory, section 4, each with the difference in its integral."""
     d_c, d_cc = d_rigid
     d_one, d_one_c = d_second
     d_c4 = d_phi_c - np.einsum("lcc,ab->lab", d_phi_c, np.eye(3))

@@ -74,7 +74,7 @@ def blocks_of_full_mass(
 ) -> tuple[float, dict[str, Taylor]]:
     """Mass and blocks of a spatial body from its mass matrix alone.
 
-    Source: sid-format, section 5.1, with Gr and Ge by the identities I10 and I8. Exact
+    Source: eq. (9), with Gr and Ge by the identities I10 and I8. Exact
     for solids and for lumped masses, whose rotary inertia turns with its node by a
     finite rotation. A consistent matrix of beams has rotary inertia in displacements as
     well, where it is not seen to turn: of Oe m1 in torsion a part is missing.

@@ -1,7 +1,7 @@
 """Geometric stiffening from the stress states of unit loads.
 
 Every load that a moving body feels makes a stress state; its geometric stiffness enters
-the SID as a first-order term that multiplies the load (sid-format, section 6). Of
+the SID as a first-order term that multiplies the load (theory, section 6). Of
 forces and moments at markers that is the second derivative of the marker's motion,
 which a stress state tells of the rows of the marker: see `marker_motion`.
 

@@ -1,6 +1,6 @@
 """Energies of a scene at recorded states, and the powers that change their sum.
 
-Kinetic energy of a body in SID quantities, with the terms of section 7 of the format:
+Kinetic energy of a body in SID quantities, eq. (12):
 T = m v.v / 2 + v.(w x md) + w.J w / 2 + v.Ct^T q' + w.Cr^T q' + q'.Me q' / 2. The
 equations of first order keep this energy up to terms of their own order; with
 `quadratic_inertia` and without geometric stiffening they keep it exactly.

@@ -140,7 +140,7 @@ def _label(mode: int, omega: float) -> str:
 def _blocks(
     masses: Array, c: Array, phi: Array, phi1: Array | None
 ) -> dict[str, Taylor]:
-    """Section 5 of the format, term by term; p particle, a b axes, i l modes."""
+    """The table of theory, section 4, term by term; p particle, a b axes, i l modes."""
     modes = np.moveaxis(phi, -1, 1)
     position, shape, w = skew(c), skew(modes), centrifugal_matrices()
     j0 = -np.einsum("p,pab,pbc->ac", masses, position, position)

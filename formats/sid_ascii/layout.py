@@ -1,7 +1,7 @@
 """Which index order and column layout a file uses, found from the numbers.
 
 Writers disagree; the identities Gr_l + Gr_l^T = 2 J1_l and Ge_l = Cr1_l - Cr1_l^T (or
-2 Cr1_l, as most writers have it) tell the layouts apart. Source: sid-format, section 4.
+2 Cr1_l, as most writers have it) tell the layouts apart. See theory, section 4.
 """
 
 from __future__ import annotations

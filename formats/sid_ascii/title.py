@@ -20,7 +20,7 @@ _TAG = re.compile(r"\s*\[layout (\w+)\]$")
 
 @dataclass(frozen=True)
 class Layout:
-    """How a writer of SID files lays its numbers out; see sid-format, section 4.
+    """How a writer of SID files lays its numbers out; see theory, section 4.
 
     Attributes
     ----------

@@ -2,7 +2,7 @@
 
 The state is perturbed within the constraints: positions by N y and velocities by
 V y + N w, with N the null space of the constraint Jacobian and V what keeps the
-velocities consistent. Then
+velocities consistent. Then, eq. (23),
 
     y' = N^T E N y + w,    w' = N^T (da/dz N + da/dv V) y + N^T da/dv N w,
 

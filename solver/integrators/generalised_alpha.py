@@ -1,4 +1,4 @@
-"""Generalised-alpha on the equations of index 3, fixed or variable step.
+"""Generalised-alpha on the equations of index 3, fixed or variable step: eq. (21).
 
 Sources: J. Chung, G. M. Hulbert, "A time integration algorithm for structural dynamics
 with improved numerical dissipation: the generalized-alpha method", Journal of Applied

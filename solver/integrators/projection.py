@@ -49,7 +49,7 @@ def accelerate(kernels, system, work, memory, t, z, v):
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F2))
 def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
-    """Brings z and v onto the constraints, then solves for accelerations.
+    """Brings z and v onto the constraints, eq. (18), then solves for accelerations.
 
     Done when every |c| and |dc/dt| is below those in `closed`, at the last attempt a
     hundred times that. dz and dv are scratch.

@@ -1,4 +1,4 @@
-"""Radau IIA collocation of order 2 s - 1 with variable step, on the index-1 equations.
+"""Radau IIA collocation of order 2 s - 1 with variable step, index 1: eq. (19).
 
 Source: E. Hairer, G. Wanner, "Solving Ordinary Differential Equations II", section
 IV.8 (simplified Newton iteration in transformed variables, error estimate, step size

@@ -37,7 +37,7 @@ LONGER, SETTLED = 1.5, 10
 
 @inner(float64(F1, F1, F1, F1))
 def scaled_norm(dz, dv, scale_z, scale_v):
-    """Root mean square of an error relative to the tolerated one."""
+    """Root mean square of an error relative to the tolerated one, eq. (22)."""
     total = 0.0
     for i in range(len(scale_z)):
         part = dz[i] / scale_z[i]

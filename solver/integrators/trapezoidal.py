@@ -1,4 +1,4 @@
-"""The paper's method: the trapezoidal rule on the index-1 equations, variable step.
+"""The paper's method: the trapezoidal rule with variable step, index 1: eq. (20).
 
 Sources: MATLAB's ode23t, as described by L. F. Shampine, M. W. Reichelt, J. A.
 Kierzenka, "Solving Index-1 DAEs in MATLAB and Simulink", SIAM Review 41 (1999), and

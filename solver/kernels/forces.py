@@ -1,6 +1,7 @@
 """Force laws: what a force between two markers makes of their motion.
 
 The force on a measure g of the motion, positive in the direction in which g grows, is
+(eq. (16))
 
     F = applied(t) - K(g - rest) - D(g') - friction tanh(g' / speed),
 

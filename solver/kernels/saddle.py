@@ -1,4 +1,4 @@
-"""The saddle-point systems of constrained bodies, by elimination of the bodies.
+"""The saddle-point systems of constrained bodies, eq. (17), by elimination of bodies.
 
     [ A  -C^T ] [ x  ]   [ p ]
     [ G   0   ] [ mu ] = [ g ]

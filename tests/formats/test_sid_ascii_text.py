@@ -50,7 +50,7 @@ PRINTED = 5e-12
 
 
 def beam_end() -> SID:
-    """The body of the fragment in section 11 of the format document."""
+    """The body of a short file, every column stated."""
     phi = np.zeros((3, 2))
     phi[1, 1], phi[2, 0] = 7.49096359787e-2, -7.52731261365e-2
     node = Node(
