@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from sidtool.formats.sid import Array
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 
 from .machine import describe_machine
 from .precision import (

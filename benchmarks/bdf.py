@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sidtool.formats.sid import Array
 from sidtool.solver import simulate
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 
 from . import scenes
 from .machine import describe_machine

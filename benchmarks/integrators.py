@@ -12,7 +12,7 @@ import numpy as np
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import Taylor
 from sidtool.solver import compile_scene
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from sidtool.study import Reference, Setting, make_reference, measure
 from tests.bodies import particle_body
 from tests.references.test_andrews import squeezer

@@ -12,7 +12,7 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 from sidtool.solver import simulate
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from sidtool.study import Setting, is_hopeless, make_reference, measure, timed
 
 from .peers.equations import Equations, sizes

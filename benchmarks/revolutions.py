@@ -18,7 +18,7 @@ import numpy as np
 
 from sidtool.formats.result import Result
 from sidtool.formats.sid import Taylor
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from sidtool.study import Setting, timed
 
 from . import scenes

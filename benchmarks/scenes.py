@@ -13,7 +13,7 @@ from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid
 from sidtool.solver import compile_scene
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "slider_crank"
 GRAVITY = 9.81

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from sidtool.study import Setting, timed
 
 STEP = 1e-3

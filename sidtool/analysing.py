@@ -18,7 +18,7 @@ from .swaps import swapped
 if TYPE_CHECKING:
     from sidtool.solver.analyses.linear import Linearisation
     from sidtool.solver.analyses.static import Equilibrium
-    from sidtool.solver.scene import System
+    from sidtool.solver.system.scene import System
 
 Path_ = str | os.PathLike[str]
 Sids = Mapping[str, SID | Path_]

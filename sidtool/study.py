@@ -22,7 +22,7 @@ from .report.tables import table
 
 if TYPE_CHECKING:
     from sidtool.formats.result import Result
-    from sidtool.solver.scene import System
+    from sidtool.solver.system.scene import System
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 #: Integrators and tolerances of the two references.

@@ -25,7 +25,7 @@ def swapped(
     ------
     InputError : a file cannot be read, or a name is not that of a flexible body.
     """
-    from sidtool.solver.checks import check_replaced
+    from sidtool.solver.advice.checks import check_replaced
 
     check_replaced(scene, sids)
     bodies, found = dict(scene.bodies), {}

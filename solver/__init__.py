@@ -1,21 +1,18 @@
-"""What moves SIDs: the floating-frame integrator, in the order of the founding paper.
+"""What moves SIDs: the floating-frame integrator, in the order of docs/theory.md.
 
-    kernels/planar, spatial        eq. (1), (2): motion of frames and markers;
-                                   eq. (3): M and f of every body
-    kernels/*_constraints          eq. (3): c, its rate, C, and its second derivative
-    kernels/coordinates            eq. (3): z_I' = Z z_II and the tangent space of z_I
-    kernels/mass, saddle, newton   the linear systems of eq. (3)
-    kernels/tables, compiling      what kernels read, and how they are compiled
-    kernels/stored, stamps         compiled kernels on disk, and when they still hold
-    integrators/                   eq. (3) in time
-    scene                          a scene as the tables of the kernels
-    building, bodies, joints, ...  from a scene and its SIDs to these tables
-    assembly, start, redundancy    consistent initial conditions
-    forces, newton_rows            forces between markers, and their Newton matrices
-    energies, joint_forces         what is told beside the motion
-    analyses/                      equilibrium, natural modes, inverse dynamics
-    run, events, sampling, outputs a run and what is recorded of it
-    body_measures, excitation      what a run says of its flexible bodies
+Rooms, from the lowest to the highest; each imports from those above it in this list:
+
+    kernels/      the equations, compiled: motion of frames and markers, eq. (4) to (7);
+                  M and f of every body, eq. (10) and (11); constraints, eq. (14); the
+                  linear systems, eq. (17); and how kernels are compiled and stored
+    functions/    functions of time: drives, tables, callables
+    system/       from a scene and its SIDs to the tables that kernels read
+    integrators/  eq. (3) in time, eq. (18) to (22)
+    start/        consistent initial conditions: assembly, redundant constraints
+    recording/    outputs, forces, energies and events of a run
+    advice/       what a run says of its scene, and why it stopped
+    analyses/     equilibrium, natural modes, inverse dynamics
+    run           a run: start, integrate, record, tell
 
 Source: A. Held, A. Hildebrandt, "Flexible Multibody Simulations with Global Shape
 Functions Obtained from Isogeometric Finite Element Models".
@@ -32,14 +29,14 @@ if TYPE_CHECKING:
     from sidtool.formats.scene import SceneFile
     from sidtool.formats.sid import SID
 
+    from .advice.description import describe as describe
     from .analyses.inverse import inverse_dynamics as inverse_dynamics
     from .analyses.linear import linearise as linearise
     from .analyses.static import static_equilibrium as static_equilibrium
-    from .callables import Derivatives
-    from .callables import Timed as Timed
-    from .description import describe as describe
+    from .functions.callables import Derivatives
+    from .functions.callables import Timed as Timed
     from .run import simulate as simulate
-    from .scene import System
+    from .system.scene import System
 
 
 def compile_scene(
@@ -73,13 +70,13 @@ def compile_scene(
     InputError : a SID cannot be read or describes an impossible body, a marker does
         not exist, or an output asks for what there is not.
     """
-    from .building import build_system
-    from .checks import (
+    from .advice.checks import (
         check_attachments,
         check_masses,
         check_outputs,
         check_replaced,
     )
+    from .system.building import build_system
 
     check_replaced(scene, sids or {})
     system = build_system(scene, Path(base_folder), sids, drives, keep_joints, forces)
@@ -94,7 +91,7 @@ _ELSEWHERE = {
     "static_equilibrium": "sidtool.solver.analyses.static",
     "linearise": "sidtool.solver.analyses.linear",
     "inverse_dynamics": "sidtool.solver.analyses.inverse",
-    "Timed": "sidtool.solver.callables",
+    "Timed": "sidtool.solver.functions.callables",
 }
 
 
@@ -104,7 +101,7 @@ def __getattr__(name: str) -> object:
 
         return simulate
     if name == "describe":
-        from .description import describe
+        from .advice.description import describe
 
         return describe
     if name in _ELSEWHERE:

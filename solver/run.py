@@ -12,23 +12,11 @@ from sidtool.formats.result import Event, FlexibleBody, Result
 from sidtool.formats.scene import output_times
 from sidtool.formats.sid import Array
 
-from . import assembly, dense, events, notes, outputs, warmup
-from .bifurcations import crossings
-from .body_measures import expected_bodies, reached_bodies
-from .displacements import told_displacements
-from .energy_history import History, is_wanted
-from .errors import SimulationError
-from .integrators import INTEGRATORS, Advance, newton_steps, recording, stepping
-from .integrators.singular import NEAR
-from .kernels import newton
-from .kernels.layout import Work
-from .kernels.newton import Memory
-from .kernels.pointers import kernels
-from .new_control import closed_below, new_control
-from .sampling import sample
-from .scene import System
-from .settings import Settings, made_with, settings_of
-from .stopping import (
+from . import warmup
+from .advice import notes
+from .advice.bifurcations import crossings
+from .advice.body_measures import expected_bodies, reached_bodies
+from .advice.stopping import (
     CAUSES,
     explained,
     lost_inertia,
@@ -36,10 +24,25 @@ from .stopping import (
     singular,
     too_light,
 )
-from .storage import new_memory, new_work
-from .turn_counts import keep_turns, lost_turn
+from .errors import SimulationError
+from .integrators import INTEGRATORS, Advance, newton_steps, recording, stepping
+from .integrators.singular import NEAR
+from .kernels import newton
+from .kernels.layout import Work
+from .kernels.newton import Memory
+from .kernels.pointers import kernels
+from .recording import dense, events, outputs
+from .recording.energy_history import History, is_wanted
+from .recording.sampling import sample
+from .recording.visited import Visited
+from .start import assembly
+from .start.displacements import told_displacements
+from .start.new_control import closed_below, new_control
+from .start.settings import Settings, made_with, settings_of
+from .start.turn_counts import keep_turns, lost_turn
+from .system.scene import System
+from .system.storage import new_memory, new_work
 from .versions import versions
-from .visited import Visited
 
 #: Steps between two reports of progress.
 CHUNK = 500

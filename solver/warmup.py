@@ -78,21 +78,17 @@ def ensure_loop(step_loop: str) -> None:
         _compile_here(step_loop)
 
 
-def warm_up(say: Say | None = None) -> int:
-    """Compiles all kernels of all integrators; the number that had to be compiled."""
-    missing = _missing(all_groups())
+def warm_up(step_loops: Iterable[str], say: Say | None = None) -> int:
+    """Compiles all kernels, with these step loops; how many had to be compiled."""
+    missing = _missing(all_groups(step_loops))
     _compile(missing, say, at_least=1)
     _work(_queue(_missing(missing)))  # what another process could not keep
     return sum(map(len, missing))
 
 
-def all_groups() -> list[Group]:
-    """All entry kernels."""
-    from .integrators import INTEGRATORS
-
-    methods = INTEGRATORS.values()
-    loops = {loop for m in methods for loop in (m.step_loop, m.passing_loop) if loop}
-    return _groups(sorted(loops), [*SPATIAL, *PLANAR])
+def all_groups(step_loops: Iterable[str]) -> list[Group]:
+    """All entry kernels, with these of the integrators."""
+    return _groups(sorted(step_loops), [*SPATIAL, *PLANAR])
 
 
 def _groups(step_loops: Iterable[str], equations: list[Group]) -> list[Group]:

@@ -14,14 +14,15 @@ import numpy as np
 from sidtool.formats.result import Result
 from sidtool.formats.scene import output_times
 from sidtool.formats.sid import Array
-from sidtool.solver import assembly, outputs
-from sidtool.solver.kernel_calls import evaluate
 from sidtool.solver.kernels.coordinates import rate
 from sidtool.solver.kernels.newton import solve_accelerations
 from sidtool.solver.kernels.pointers import kernels
-from sidtool.solver.scene import System
-from sidtool.solver.sizes import row_sizes
-from sidtool.solver.storage import new_memory, new_work
+from sidtool.solver.recording import outputs
+from sidtool.solver.start import assembly
+from sidtool.solver.system.kernel_calls import evaluate
+from sidtool.solver.system.scene import System
+from sidtool.solver.system.sizes import row_sizes
+from sidtool.solver.system.storage import new_memory, new_work
 
 
 class Equations:

@@ -11,7 +11,7 @@ import click
 from .common import existing, target
 
 if TYPE_CHECKING:
-    from sidtool.solver.scene import System
+    from sidtool.solver.system.scene import System
 
     from ..study import Study
 

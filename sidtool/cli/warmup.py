@@ -22,11 +22,12 @@ def warmup() -> None:
 
     Exit status: 0 all kernels are on disk; 1 they cannot be kept.
     """
+    from sidtool.solver.integrators import all_step_loops
     from sidtool.solver.kernels.stored import unkept
     from sidtool.solver.warmup import warm_up
 
     begin = time.perf_counter()
-    count = warm_up(lambda line: click.echo(line, err=True))
+    count = warm_up(all_step_loops(), lambda line: click.echo(line, err=True))
     if count == 0:
         click.echo("all kernels are ready; there was nothing to compile")
         return

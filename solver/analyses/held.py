@@ -8,7 +8,7 @@ import numpy as np
 
 from ..kernels import layout as at
 from ..kernels.drives import drive_value
-from ..scene import System
+from ..system.scene import System
 
 
 def held(system: System) -> System:

@@ -15,13 +15,13 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import output_times
 from sidtool.formats.sid import Array
 
-from ..assembly import Start, assemble
-from ..bodies import symmetric
 from ..errors import SimulationError
 from ..kernels import layout as at
-from ..scene import System
-from ..sizes import coordinate_sizes
-from ..turn_counts import keep_turns
+from ..start.assembly import Start, assemble
+from ..start.turn_counts import keep_turns
+from ..system.bodies import symmetric
+from ..system.scene import System
+from ..system.sizes import coordinate_sizes
 from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
 from .recorded import Found, recorded
 

@@ -23,13 +23,13 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
-from ..assembly import assemble
 from ..kernels import layout as at
 from ..kernels import planar
 from ..kernels import spatial_columns as spatial
-from ..outputs import velocity_names
-from ..scene import System
-from ..sizes import coordinate_sizes
+from ..recording.outputs import velocity_names
+from ..start.assembly import assemble
+from ..system.scene import System
+from ..system.sizes import coordinate_sizes
 from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
 from .static import static_equilibrium
 

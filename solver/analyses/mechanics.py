@@ -7,16 +7,16 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
-from .. import kernel_calls
-from ..assembly import Start, dense_jacobian, names_of_rows
+from ..advice.stopping import lost_inertia
 from ..errors import SimulationError
 from ..kernels import layout as at
 from ..kernels.coordinates import retract
-from ..scene import System
-from ..sizes import row_sizes
-from ..stopping import lost_inertia
-from ..storage import new_memory, new_work
-from ..turn_counts import keep_turns
+from ..start.assembly import Start, dense_jacobian, names_of_rows
+from ..start.turn_counts import keep_turns
+from ..system import kernel_calls
+from ..system.scene import System
+from ..system.sizes import row_sizes
+from ..system.storage import new_memory, new_work
 
 #: Least eigenvalue of an inertia with ones on its diagonal that is no rounding.
 NO_INERTIA = 1e-13

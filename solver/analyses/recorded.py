@@ -10,16 +10,16 @@ import numpy as np
 from sidtool.formats.result import Result
 from sidtool.formats.sid import Array
 
-from .. import outputs
-from ..energy_history import history_between, is_wanted
+from ..advice.notes import left_out, undefined_values, undetermined_forces
 from ..errors import SimulationError
 from ..kernels.pointers import kernels
-from ..new_control import CLOSED
-from ..notes import left_out, undefined_values, undetermined_forces
-from ..sampling import sample_known
-from ..scene import System
-from ..sizes import row_sizes
-from ..storage import new_memory, new_work
+from ..recording import outputs
+from ..recording.energy_history import history_between, is_wanted
+from ..recording.sampling import sample_known
+from ..start.new_control import CLOSED
+from ..system.scene import System
+from ..system.sizes import row_sizes
+from ..system.storage import new_memory, new_work
 from ..versions import versions
 
 

@@ -16,13 +16,13 @@ import numpy as np
 from sidtool.formats.result import Result
 from sidtool.formats.sid import Array
 
-from ..assembly import assemble
+from ..advice.stopping import lost_inertia
 from ..errors import SimulationError
-from ..outputs import velocity_names
-from ..scene import System
-from ..sizes import coordinate_sizes
-from ..start import widest_open
-from ..stopping import lost_inertia
+from ..recording.outputs import velocity_names
+from ..start.assembly import assemble
+from ..start.consistent import widest_open
+from ..system.scene import System
+from ..system.sizes import coordinate_sizes
 from .held import held
 from .mechanics import Mechanics, null_space, refuse_prescribed
 from .recorded import Found, recorded

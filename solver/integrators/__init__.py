@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ..kernels.layout import Work
     from ..kernels.newton import Kernels, Memory
-    from ..scene import System
+    from ..system.scene import System
     from .stepping import Control
 
 Advance = Callable[[int], int]
@@ -106,7 +106,7 @@ def _explicit(
 def _generalised_alpha(
     system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
 ) -> Advance:
-    from ..sizes import coordinate_sizes
+    from ..system.sizes import coordinate_sizes
     from . import alpha_table, generalised_alpha, stepping
 
     rho = float(control.real[stepping.RADIUS])
@@ -148,3 +148,9 @@ INTEGRATORS: dict[str, Integrator] = {
         damps=True,
     ),
 }
+
+
+def all_step_loops() -> set[str]:
+    """The entry kernels of all integrators, as module:name."""
+    methods = INTEGRATORS.values()
+    return {loop for m in methods for loop in (m.step_loop, m.passing_loop) if loop}

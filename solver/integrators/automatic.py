@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..kernels import layout as at
-from ..scene import System
+from ..system.scene import System
 
 AUTO = "auto"
 #: Loose tolerances do not pay for the larger stages of the higher order.

@@ -2,7 +2,7 @@
 
 Ke(q) = m0 + sum_l m1_l q_l makes the elastic force Ke(q) q. What m1 adds to it is, in
 row k, sum_il K1_kil q_i q_l, with the derivative 2 sum_l K1_kil q_l; K1 is the same
-under all exchanges of its indices (`sidtool.solver.first_order`), so that this force
+under all exchanges of its indices (`system.first_order`), so that this force
 is the gradient of the energy sum_kil K1_kil q_k q_i q_l / 3.
 """
 

@@ -185,10 +185,10 @@ class System(Table):
     gravity : (3,) acceleration in the inertial frame [m/s2]
     slack : (rows,) added to the diagonal of the Schur complement: positive for
         constraints that depend on each other, which share their force, see
-        `sidtool.solver.minimum_norm`
+        `sidtool.solver.start.minimum_norm`
     force, turn : integer tables, columns as above
     dropped : segments of constraint rows that are left out, see
-        `sidtool.solver.overconstraint`
+        `sidtool.solver.start.overconstraint`
     newton : the same for Newton matrices, whose rows are constraints and forces, see
         `newton`: other body, segment, dims and slack
     """

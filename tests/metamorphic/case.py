@@ -16,8 +16,8 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, output_times
 from sidtool.formats.sid import SID, Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.callables import Derivatives
-from sidtool.solver.scene import System
+from sidtool.solver.functions.callables import Derivatives
+from sidtool.solver.system.scene import System
 from tests.bodies import Cloud
 
 Table = dict[str, Any]

@@ -12,7 +12,7 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import SID, Array
 from sidtool.solver.analyses.mechanics import Mechanics
-from sidtool.solver.assembly import assemble
+from sidtool.solver.start.assembly import assemble
 from tests.bodies import Cloud
 
 from .case import Case, Table, compiled

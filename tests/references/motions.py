@@ -18,7 +18,7 @@ from scipy.linalg import eigh
 from sidtool.formats.result import Result
 from sidtool.formats.sid import Array, Taylor
 from sidtool.formats.sid_files import read_sid
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import compiled, scene, slender_rod
 
 Motion = dict[str, Array]

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 from sidtool.formats.sid import Array
-from sidtool.solver import kernel_calls, simulate
-from sidtool.solver.assembly import dense_jacobian
+from sidtool.solver import simulate
 from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.scene import System
-from sidtool.solver.sizes import row_sizes
-from sidtool.solver.storage import new_work
+from sidtool.solver.start.assembly import dense_jacobian
+from sidtool.solver.system import kernel_calls
+from sidtool.solver.system.scene import System
+from sidtool.solver.system.sizes import row_sizes
+from sidtool.solver.system.storage import new_work
 from tests.solver.scenes import GRAVITY, compiled, scene
 
 CORNERS = ((0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1))

@@ -16,7 +16,7 @@ from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from sidtool.formats.sid import Array
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import GRAVITY, compiled, scene, slender_rod
 
 from .motions import Case, Motion, solve

@@ -385,7 +385,7 @@ def test_a_warmup_that_keeps_nothing_has_failed(
 
     kernel = warmup._find("kernels.coordinates:rate")
     kernel.compiled(kernel.signatures[0])
-    monkeypatch.setattr(warmup, "all_groups", lambda: [("kernels.coordinates:rate",)])
+    monkeypatch.setattr(warmup, "all_groups", lambda _: [("kernels.coordinates:rate",)])
     monkeypatch.setattr(warmup, "_find", lambda name: kernel.for_python())
     monkeypatch.setattr(stored, "_told", set())
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")

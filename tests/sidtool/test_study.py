@@ -11,7 +11,7 @@ import pytest
 from sidtool.cli import run
 from sidtool.formats.errors import InputError
 from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from sidtool.study import (
     Point,
     Setting,

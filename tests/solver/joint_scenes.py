@@ -10,13 +10,13 @@ import numpy as np
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.toml_files import validated
-from sidtool.solver import kernel_calls
 from sidtool.solver.kernels import layout as at
 from sidtool.solver.kernels import planar
 from sidtool.solver.kernels import spatial_columns as spatial
 from sidtool.solver.kernels.layout import Work
-from sidtool.solver.scene import System
-from sidtool.solver.storage import new_work
+from sidtool.solver.system import kernel_calls
+from sidtool.solver.system.scene import System
+from sidtool.solver.system.storage import new_work
 from tests.bodies import particle_body
 
 

@@ -12,13 +12,13 @@ import numpy as np
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.solver import compile_scene
-from sidtool.solver.assembly import dense_jacobian
-from sidtool.solver.kernel_calls import evaluate
 from sidtool.solver.kernels import layout as at
 from sidtool.solver.kernels.coordinates import retract
 from sidtool.solver.kernels.layout import Work
-from sidtool.solver.scene import System
-from sidtool.solver.storage import new_work
+from sidtool.solver.start.assembly import dense_jacobian
+from sidtool.solver.system.kernel_calls import evaluate
+from sidtool.solver.system.scene import System
+from sidtool.solver.system.storage import new_work
 from tests.bodies import particle_body
 
 GRAVITY = 9.81

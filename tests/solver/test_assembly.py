@@ -12,7 +12,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid_files import read_sid
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.assembly import assemble
+from sidtool.solver.start.assembly import assemble
 from tests.solver.scenes import Probe, compiled, polynomial, scene, slender_rod
 from tests.solver.transformed import Units, in_units, sid_in
 

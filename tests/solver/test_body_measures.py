@@ -15,8 +15,8 @@ from sidtool.formats.result import FlexibleBody, Result
 from sidtool.formats.sid import SID, Node, Taylor, block_shape
 from sidtool.formats.stiffening import stiffening_ratio
 from sidtool.solver import describe, simulate
+from sidtool.solver.advice.stiffening import Loads, largest_stiffening
 from sidtool.solver.errors import SimulationError
-from sidtool.solver.stiffening import Loads, largest_stiffening
 from tests.bodies import particle_body
 from tests.references.spin_up import blade, spin_up
 from tests.sidtool.beams import IGA, beam

@@ -12,8 +12,8 @@ import pytest
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 from sidtool.solver import Timed, compile_scene, simulate
-from sidtool.solver.callables import Derivatives, interpolate
-from sidtool.solver.description import describe
+from sidtool.solver.advice.description import describe
+from sidtool.solver.functions.callables import Derivatives, interpolate
 from tests.solver.test_drives import cart
 from tests.solver.test_forces import pushed
 

@@ -15,6 +15,7 @@ from numba import float64
 from numba.core.extending import intrinsic
 
 from sidtool.solver import warmup
+from sidtool.solver.integrators import all_step_loops
 from sidtool.solver.kernels import stored
 from sidtool.solver.kernels.compiling import entry
 from tests.solver.small_kernels import scaled
@@ -29,7 +30,9 @@ for name, text in stamps().items():
 def stamps() -> dict[str, str]:
     """Of all entry kernels, by their names."""
     found = {}
-    for name in (name for group in warmup.all_groups() for name in group):
+    for name in (
+        name for group in warmup.all_groups(all_step_loops()) for name in group
+    ):
         found[name] = warmup._find(name).stamp
     return found
 
@@ -58,7 +61,7 @@ def test_a_kernel_on_disk_is_used() -> None:
 
 def test_every_kernel_has_a_file_of_its_own() -> None:
     """Else two kernels would push each other out of the cache at every run."""
-    names = [name for group in warmup.all_groups() for name in group]
+    names = [name for group in warmup.all_groups(all_step_loops()) for name in group]
     kernels = [warmup._find(name) for name in names]
     kernels += [kernel.for_python() for kernel in kernels if not kernel._from_python]
     files = [

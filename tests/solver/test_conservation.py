@@ -9,7 +9,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.sid import Array
 from sidtool.solver import simulate
 from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import Probe, compiled, scene, soft_body
 
 NQ = 3

@@ -9,12 +9,13 @@ import pytest
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
-from sidtool.solver import compile_scene, kernel_calls, simulate
-from sidtool.solver.assembly import assemble, dense_jacobian
+from sidtool.solver import compile_scene, simulate
 from sidtool.solver.kernels import layout as at
 from sidtool.solver.kernels.coordinates import retract
-from sidtool.solver.scene import System
-from sidtool.solver.storage import new_work
+from sidtool.solver.start.assembly import assemble, dense_jacobian
+from sidtool.solver.system import kernel_calls
+from sidtool.solver.system.scene import System
+from sidtool.solver.system.storage import new_work
 
 from .joint_scenes import scene
 

@@ -14,7 +14,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import Joint
 from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.joints import PLANAR, SPATIAL
+from sidtool.solver.system.joints import PLANAR, SPATIAL
 
 from .joint_scenes import evaluated, marker, pair, scene
 

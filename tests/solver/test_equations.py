@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 from sidtool.formats.sid import SID, Array, Taylor
-from sidtool.solver.joints import PLANAR, SPATIAL
-from sidtool.solver.kernel_calls import linearise
 from sidtool.solver.kernels import layout as at
 from sidtool.solver.kernels.coordinates import rate
-from sidtool.solver.scene import System
+from sidtool.solver.system.joints import PLANAR, SPATIAL
+from sidtool.solver.system.kernel_calls import linearise
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import (
     Probe,
     compiled,

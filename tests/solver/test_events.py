@@ -15,7 +15,7 @@ from sidtool.formats.result import Event, Result, read_result, write_result
 from sidtool.solver import simulate
 from sidtool.solver.errors import SimulationError
 from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import GRAVITY, compiled, polynomial, scene, soft_body
 
 DOWN = [0.0, -GRAVITY]

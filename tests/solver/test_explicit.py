@@ -13,7 +13,7 @@ from sidtool.formats.sid import Taylor
 from sidtool.solver import simulate
 from sidtool.solver.errors import SimulationError
 from sidtool.solver.integrators.dop853 import END, STAGES, tableau
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import GRAVITY, compiled, scene, soft_body
 
 

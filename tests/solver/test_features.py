@@ -13,7 +13,7 @@ from scipy.interpolate import PchipInterpolator
 
 from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.features import of_characteristic
+from sidtool.solver.functions.features import of_characteristic
 from tests.solver.scenes import scene
 
 MASS = 2.0

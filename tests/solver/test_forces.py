@@ -17,9 +17,7 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.sid import Array, Taylor
 from sidtool.formats.toml_files import validated
-from sidtool.solver import compile_scene, kernel_calls, simulate
-from sidtool.solver.assembly import guess
-from sidtool.solver.damping import damped
+from sidtool.solver import compile_scene, simulate
 from sidtool.solver.kernels.coordinates import retract
 from sidtool.solver.kernels.newton import (
     newton_factor,
@@ -27,8 +25,11 @@ from sidtool.solver.kernels.newton import (
     remember,
     solve_accelerations,
 )
-from sidtool.solver.scene import System
-from sidtool.solver.storage import new_memory, new_work
+from sidtool.solver.start.assembly import guess
+from sidtool.solver.system import kernel_calls
+from sidtool.solver.system.damping import damped
+from sidtool.solver.system.scene import System
+from sidtool.solver.system.storage import new_memory, new_work
 from tests.bodies import particle_body
 
 

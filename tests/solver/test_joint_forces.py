@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.joint_forces import COMPONENTS
-from sidtool.solver.joints import PLANAR, SPATIAL
+from sidtool.solver.recording.joint_forces import COMPONENTS
+from sidtool.solver.system.joints import PLANAR, SPATIAL
 
 from .joint_scenes import evaluated, marker, momenta, pair
 from .test_drives import DRIVEN

@@ -11,8 +11,8 @@ import pytest
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.assembly import dense_jacobian
-from sidtool.solver.joints import PLANAR, SPATIAL
+from sidtool.solver.start.assembly import dense_jacobian
+from sidtool.solver.system.joints import PLANAR, SPATIAL
 
 from .joint_scenes import conserved, evaluated, marker, pair, scene
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from sidtool.formats.sid import Array
-from sidtool.solver.kernel_calls import linearise
 from sidtool.solver.kernels import layout as at
 from sidtool.solver.kernels.coordinates import rate
 from sidtool.solver.kernels.lapack import LARGE
 from sidtool.solver.kernels.newton import newton_factor, newton_solve, remember
 from sidtool.solver.kernels.newton import solve_accelerations as solve
-from sidtool.solver.scene import System
-from sidtool.solver.storage import new_memory
+from sidtool.solver.system.kernel_calls import linearise
+from sidtool.solver.system.scene import System
+from sidtool.solver.system.storage import new_memory
 from tests.solver.scenes import Probe, compiled, scene, soft_body
 
 

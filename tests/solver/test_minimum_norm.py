@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sidtool.solver import simulate, static_equilibrium
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import GRAVITY, compiled, scene
 
 HEIGHTS = {"low": 0.2, "middle": 1.0, "high": 1.8}

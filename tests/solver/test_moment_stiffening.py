@@ -14,15 +14,15 @@ import pytest
 
 from sidtool.formats.sid import SID, Taylor
 from sidtool.solver import simulate
-from sidtool.solver.assembly import assemble
-from sidtool.solver.body_loads import recorded_loads
-from sidtool.solver.kernel_calls import linearise
+from sidtool.solver.advice.body_loads import recorded_loads
 from sidtool.solver.kernels import layout as at
 from sidtool.solver.kernels import planar
 from sidtool.solver.kernels import spatial_columns as spatial
 from sidtool.solver.kernels.coordinates import rate
-from sidtool.solver.sampling import Samples, complete_accelerations
-from sidtool.solver.scene import System
+from sidtool.solver.recording.sampling import Samples, complete_accelerations
+from sidtool.solver.start.assembly import assemble
+from sidtool.solver.system.kernel_calls import linearise
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import Probe, compiled, scene, soft_body
 from tests.solver.test_equations import STILL, not_turning, random_state
 

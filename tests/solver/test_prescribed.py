@@ -10,13 +10,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.excitation import (
+from sidtool.solver.advice.excitation import (
     DriveHistory,
     drive_history,
     excitation,
     fastest_rotation,
 )
-from sidtool.solver.prescribed import prescribed_frames
+from sidtool.solver.advice.prescribed import prescribed_frames
 
 from .scenes import polynomial, scene, slender_rod
 

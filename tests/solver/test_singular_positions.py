@@ -19,7 +19,7 @@ from sidtool.formats.result import Result
 from sidtool.solver import simulate
 from sidtool.solver.errors import SimulationError
 from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import (
     GRAVITY,
     Probe,

@@ -10,7 +10,7 @@ import pytest
 from sidtool.formats.result import Result
 from sidtool.solver import run, simulate
 from sidtool.solver.errors import SimulationError
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import compiled, scene, slender_rod
 
 

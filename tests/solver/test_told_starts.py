@@ -12,7 +12,7 @@ from sidtool.formats.scene.damping import ModalDamping
 from sidtool.formats.toml_files import validated
 from sidtool.report.analysis import describe_modes
 from sidtool.solver import linearise, simulate, static_equilibrium
-from sidtool.solver.scene import System
+from sidtool.solver.system.scene import System
 
 from .scenes import compiled, scene, slender_rod
 

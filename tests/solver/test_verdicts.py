@@ -11,11 +11,11 @@ import pytest
 from sidtool.formats.result import Result
 from sidtool.formats.sid import SID, Taylor
 from sidtool.solver import simulate
-from sidtool.solver.bodies import body_size
-from sidtool.solver.body_measures import expected_bodies
-from sidtool.solver.excitation import drive_history, excitation
-from sidtool.solver.scene import System
-from sidtool.solver.stiffening import Loads, largest_stiffening
+from sidtool.solver.advice.body_measures import expected_bodies
+from sidtool.solver.advice.excitation import drive_history, excitation
+from sidtool.solver.advice.stiffening import Loads, largest_stiffening
+from sidtool.solver.system.bodies import body_size
+from sidtool.solver.system.scene import System
 
 from .scenes import compiled, polynomial, scene
 from .test_body_measures import cantilever, fixed, rotor
@@ -179,7 +179,7 @@ def test_a_jump_excites_all_frequencies() -> None:
 
 
 def _start(system: System) -> Any:
-    from sidtool.solver.assembly import assemble
+    from sidtool.solver.start.assembly import assemble
 
     return assemble(system)[1]
 

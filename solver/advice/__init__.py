@@ -1,0 +1,1 @@
+"""What a run says of its scene: checks, excitation, stiffening, causes of a stop."""

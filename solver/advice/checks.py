@@ -1,0 +1,148 @@
+"""What must hold before a scene is integrated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from sidtool.formats.dead_nodes import check_alive, dead_nodes
+from sidtool.formats.errors import InputError
+from sidtool.formats.orientation import fault
+from sidtool.formats.scene import (
+    SCENE_QUANTITIES,
+    SceneFile,
+    SidBody,
+    coordinate_of,
+    is_stress,
+    marker_names,
+    marker_reference,
+    parse_output,
+    watched,
+)
+from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion
+
+from ..kernels import layout as at
+from ..recording.joint_forces import COMPONENTS, is_constraint, second_marker
+from ..recording.outputs import elastic_range, multiplier_rows
+from ..recording.stress_outputs import check_stress
+from ..system.scene import GROUND_NAME, System
+
+
+def check_replaced(scene: SceneFile, names: Iterable[str]) -> None:
+    """Bodies whose SIDs are replaced have one.
+
+    Raises
+    ------
+    InputError : one is not a flexible body of the scene.
+    """
+    flexible = [n for n, body in scene.bodies.items() if isinstance(body, SidBody)]
+    for name in names:
+        if name not in flexible:
+            raise InputError(
+                f"there is no flexible body {name!r} whose SID could be replaced",
+                place="sids",
+                expected=", ".join(flexible) or "a flexible body in the scene",
+            )
+
+
+def check_outputs(system: System) -> None:
+    """Output names that need the SID or the constraints to be judged.
+
+    Raises
+    ------
+    InputError : an elastic coordinate, a multiplier or a stress that does not exist.
+    """
+    for text in watched(system.scene):
+        name = parse_output(text)
+        if is_stress(name.quantity):
+            check_stress(system, name)
+            continue
+        if name.marker or name.owner in SCENE_QUANTITIES:
+            continue
+        if coordinate_of(name.quantity):
+            continue
+        if name.quantity in COMPONENTS:
+            if is_constraint(system, name.owner):
+                second_marker(system, name.owner)
+            continue
+        if name.owner not in system.scene.bodies:
+            multiplier_rows(system, name.owner, name.quantity)
+        elif name.quantity[-1] == "*" or name.quantity[-1].isdigit():
+            elastic_range(system, name.owner, name.quantity)
+
+
+def check_attachments(system: System) -> None:
+    """Joints, drives and forces act where shape functions can move.
+
+    Raises
+    ------
+    InputError : one acts on a node of a flexible body where all of them vanish, or
+        whose orientation is no rotation.
+    """
+    _check_orientations(system)
+    bodies = {data.name: data for data in system.bodies if dead_nodes(data.sid)}
+    for what, place, (body, marker) in attachments(system.scene):
+        if body not in bodies:
+            continue
+        node = bodies[body].node(marker)
+        try:
+            check_alive(bodies[body].sid, node.id, what, body)
+        except InputError as error:
+            raise InputError(
+                error.problem,
+                place=place,
+                expected=f"{error.expected}, or --accept-defects",
+            ) from None
+
+
+def _check_orientations(system: System) -> None:
+    bodies = {data.name: data for data in system.bodies}
+    for what, place, (body, marker) in attachments(system.scene):
+        if body not in bodies:
+            continue
+        node = bodies[body].node(marker)
+        wrong = fault(node.AP.m0)
+        if wrong:
+            raise InputError(
+                f"{what} acts on node {node.id} of {body}, whose AP {wrong}",
+                place=place,
+                expected="a rotation (`sidtool validate`, I18; `convert --repair` may "
+                "mend it), or --accept-defects",
+            )
+
+
+def attachments(scene: SceneFile) -> Iterator[tuple[str, str, tuple[str, str]]]:
+    """What acts on which (body, marker): in words, its key, and the marker."""
+    for name, joint in scene.joints.items():
+        for text in marker_names(joint):
+            yield f"the joint {name}", f"joints.{name}", marker_reference(text)
+    for name, drive in scene.drives.items():
+        for end in (drive.marker, drive.reference):
+            if drive.marker is not None and end is not None:
+                yield f"the drive {name}", f"drives.{name}", marker_reference(end)
+    for name, force in scene.forces.items():
+        pair = getattr(force, "markers", None) or (getattr(force, "marker", None),)
+        for end in pair:
+            if end is not None:
+                yield f"the force {name}", f"forces.{name}", marker_reference(end)
+
+
+def check_masses(system: System) -> None:
+    """Mass matrices of all bodies in the coordinates that the scene uses.
+
+    Raises
+    ------
+    InputError : one is not positive definite: no such body can exist.
+    """
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.name == GROUND_NAME or row[at.RD] < (3 if system.planar else 6):
+            continue
+        motion = free_motion(data.sid, IN_PLANE[2] if system.planar else SPATIAL)
+        if motion.possible:
+            continue
+        raise InputError(
+            f"this body cannot move freely: {motion.reason}",
+            place=f"bodies.{data.name}",
+            expected="a SID whose coupled mass matrix is positive definite "
+            '(`sidtool validate`, I14), a prescribed frame (frame = "held"), or '
+            "--accept-defects",
+        )

@@ -1,0 +1,145 @@
+"""How fast drives and forces excite a scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.formats.result import Excitation
+from sidtool.formats.scene import driven_coordinate
+from sidtool.formats.sid import Array
+
+from ..kernels import layout as at
+from ..kernels.drives import drive_value
+from ..system.scene import System
+
+#: Times at which a drive is looked at in each of its smooth intervals, and in all.
+SAMPLES, LEAST = 200, 3
+#: How the names of driven angles begin: angle, angle_1, rotation of a marker.
+ANGLES = ("angle", "rotation")
+_GOLDEN = 0.6180339887498949
+#: Times at which a function is looked at in each of its pieces.
+IN_PIECE = 5
+#: A function varies by nothing below this part of its values; it jumps by more than
+#: this part of its amplitude; and shorter pieces than this part of a run are kinks.
+NOTHING, JUMP, KINK = 1e-12, 1e-6, 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class DriveHistory:
+    """Functions of drives over the whole span of a scene.
+
+    times : (n,)
+    values : drive -> (3, n) value and two derivatives
+    """
+
+    times: Array
+    values: Mapping[str, Array]
+
+
+def excitation(system: System, history: DriveHistory) -> Excitation:
+    """The fastest excitation by drives and by forces that are functions of time.
+
+    A jump of a force excites all frequencies. Else a function f is as fast as a
+    harmonic of its range and its largest curvature, sqrt(max |f''| / amplitude); a
+    prescribed angle that goes round also as its rotation.
+    """
+    found = [Excitation()]
+    for row, name in enumerate(system.scene.drives):
+        found += [_of_function(system, row, name), _rotation(system, history, name)]
+    for element in system.forces:
+        if element.function >= 0:
+            found.append(_of_function(system, element.function, element.name))
+    return max(found, key=lambda e: e.frequency)
+
+
+def _of_function(system: System, row: int, name: str) -> Excitation:
+    if system.arrays.drive[row, at.D_KIND] == at.HARMONIC:
+        omega, amplitude = _harmonic_of(system, row)
+        return Excitation(omega / (2.0 * math.pi), name) if amplitude else Excitation()
+    t, clocks = _instants(system, row)
+    evaluate = drive_value.py_func
+    f, _, curvature = np.array(
+        [evaluate(system.arrays, row, c, x) for c, x in zip(clocks, t, strict=True)]
+    ).T
+    amplitude = 0.5 * np.ptp(f)
+    if amplitude <= NOTHING * np.abs(f).max():
+        return Excitation()
+    steps = np.abs(np.diff(f))[np.diff(t) == 0.0]
+    if (steps > JUMP * amplitude).any():
+        return Excitation(math.inf, f"{name} jumps")
+    omega = math.sqrt(np.abs(curvature).max() / amplitude)
+    return Excitation(omega / (2.0 * math.pi), name) if omega else Excitation()
+
+
+def _harmonic_of(system: System, row: int) -> tuple[float, float]:
+    """Angular frequency [rad/s] and amplitude of a harmonic function."""
+    start = system.arrays.drive[row, at.D_DATA]
+    _, amplitude, omega, _ = system.arrays.pool[start : start + 4]
+    return abs(float(omega)), abs(float(amplitude))
+
+
+def _instants(system: System, row: int) -> tuple[Array, Array]:
+    """Times in every piece of a function, with its ends, and clocks inside the piece.
+
+    Pieces that surround a kink are too short to be looked at.
+    """
+    first, last = system.scene.time.start, system.scene.time.end
+    pieces, start = (int(system.arrays.drive[row, k]) for k in (at.D_PIECES, at.D_DATA))
+    inner = system.arrays.pool[start : start + pieces]
+    edges = np.array([first, *inner[(inner > first) & (inner < last)], last])
+    lengths = np.diff(edges)
+    long = lengths > KINK * (last - first)
+    starts, lengths = edges[:-1][long], lengths[long]
+    t = starts[:, None] + lengths[:, None] * np.linspace(0.0, 1.0, IN_PIECE)
+    return t.ravel(), np.repeat(starts + 0.5 * lengths, IN_PIECE)
+
+
+def fastest_rotation(system: System, history: DriveHistory) -> tuple[float, str]:
+    """The largest prescribed rate of an angle [rad/s] and its drive."""
+    return max(
+        [(_rate_of_angle(system, history, name), name) for name in history.values],
+        default=(0.0, ""),
+    )
+
+
+def _rotation(system: System, history: DriveHistory, name: str) -> Excitation:
+    rate = _rate_of_angle(system, history, name)
+    if np.ptp(history.values[name][0]) < 2.0 * math.pi:
+        return Excitation()
+    words = f"{name} turns at up to {rate:.4g} rad/s"
+    return Excitation(rate / (2.0 * math.pi), words)
+
+
+def _rate_of_angle(system: System, history: DriveHistory, name: str) -> float:
+    """Largest rate of what a drive prescribes, 0 if that is no angle."""
+    scene = system.scene
+    coordinate = driven_coordinate(scene.drives[name], scene.joints)
+    if not coordinate.startswith(ANGLES):
+        return 0.0
+    return float(np.abs(history.values[name][1]).max())
+
+
+def drive_history(system: System) -> DriveHistory:
+    """At both ends of each smooth interval, and between them so that no period fits."""
+    edges = np.array([system.scene.time.start, *system.breaks])
+    starts, lengths = edges[:-1], np.diff(edges)
+    count = max(LEAST, SAMPLES // len(starts))
+    inner = np.sort((np.arange(1, count - 1) * _GOLDEN) % 1.0)
+    shares = np.concatenate([[0.0], inner, [1.0]])
+    times = (starts[:, None] + shares * lengths[:, None]).ravel()
+    clocks = np.repeat(starts + 0.5 * lengths, count)
+    evaluate = drive_value.py_func
+    values = {
+        name: np.array(
+            [
+                evaluate(system.arrays, row, clock, t)
+                for clock, t in zip(clocks, times, strict=True)
+            ]
+        ).T
+        for row, name in enumerate(system.scene.drives)
+    }
+    return DriveHistory(times, values)

@@ -1,0 +1,132 @@
+"""What has to be known of recorded numbers, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from sidtool.formats.scene import SceneFile, parse_output, watched
+from sidtool.formats.sid import Array
+
+from ..integrators import scales, stepping
+from ..kernels import layout as at
+from ..recording.joint_forces import COMPONENTS
+from ..recording.outputs import Recorded, multiplier_names
+from ..start.consistent import names_of_rows
+from ..start.overconstraint import advice, widest_left_open
+from ..system.scene import System
+
+#: Times are the same when they differ by less than this part of the time span.
+SAME = 1e-9
+#: Errors within so many times the requested one keep the promise.
+MISSED = 10.0
+
+
+def of_run(system: System, t: Array, recorded: Recorded) -> tuple[str, ...]:
+    """Of what a run recorded at the times t."""
+    names = (*recorded.names, *multiplier_names(system))
+    values = np.hstack([recorded.values, recorded.multipliers])
+    return (
+        *left_out(system, t, recorded),
+        *undetermined_forces(recorded, watched(system.scene)),
+        *undefined_values(t, names, values),
+    )
+
+
+def of_output_times(scene: SceneFile, times: Array) -> list[str]:
+    """Of an output grid that misses the end of the run."""
+    span = scene.time.end - scene.time.start
+    if scene.time.output_times is not None or scene.time.end - times[-1] <= SAME * span:
+        return []
+    return [
+        f"the last output time is {times[-1]:g} s and not the end, "
+        f"{scene.time.end:g} s: output_step does not divide the time span"
+    ]
+
+
+def left_out(system: System, t: Array, recorded: Recorded) -> list[str]:
+    """Of constraints that contradict others by the rounding of data."""
+    if not system.dropped:
+        return []
+    z, v = recorded.samples.z, recorded.samples.v
+    widest = widest_left_open(system, t, z, v)
+    count = len(system.dropped)
+    follow = "constraint follows" if count == 1 else "constraints follow"
+    return [
+        f"the mechanism is over-constrained: {count} {follow} from the others but for "
+        f"the rounding of the data, which leaves them open by up to {widest:.1e} of "
+        "its size; it moves without them. The same without contradiction: "
+        f"{advice(system, system.dropped)}"
+    ]
+
+
+def hidden_errors(
+    system: System, control: stepping.Control, rtol: float, steps: int
+) -> list[str]:
+    """Of motions that are so small against coordinates that rounding hides errors."""
+    rows = system.arrays.body[system.arrays.body[:, at.RD] > 0]
+    if control.whole[stepping.FIXED_STEP] == 1 or len(rows) == 0:
+        return []
+    axes = 2 if system.planar else 3
+    away = np.abs(np.array([control.z[p : p + axes] for p in rows[:, at.POS]])).max()
+    span = max(system.length, float(away))
+    least = scales.RESOLVED * scales.ROUNDED * span
+    if control.whole[stepping.ADDING] == 1:
+        least *= steps
+    motion = float(control.real[stepping.MOTION])
+    if not 0.0 < MISSED * rtol * motion < least:
+        return []
+    return [
+        f"motions of {motion:.1g} m are small against coordinates of {span:.3g} m: "
+        f"rounding hides errors below {least:.0e} m, and rtol = {rtol:g} is not "
+        "promised; put the origin near to the motion, or ask for less"
+    ]
+
+
+def undetermined_forces(
+    recorded: Recorded, outputs: Iterable[str] | None = None
+) -> list[str]:
+    """Of joints and drives that share loads in a way that the motion leaves open.
+
+    outputs : only their forces are spoken of, default those of all joints
+    """
+    system = recorded.system
+    sharing = sorted(set(names_of_rows(system, recorded.undetermined)))
+    told = sharing
+    if outputs is not None:
+        wanted = {name.owner for name in map(parse_output, outputs) if _is_force(name)}
+        told = [name for name in sharing if name in wanted]
+    if not told:
+        return []
+    count, others = len(system.redundant), [n for n in sharing if n not in told]
+    why = "their constraints depend on each other in this configuration"
+    if count:
+        follow = "follows" if count == 1 else "follow"
+        why = "the mechanism is over-constrained, "
+        why += f"{count} of its constraints {follow} from others"
+    shared = f", shared with {', '.join(others)}" if others else ""
+    return [
+        f"the forces of {', '.join(told)} are not determined{shared}: {why}; recorded "
+        "are the smallest ones that hold it, real ones depend on stiffness and fit"
+    ]
+
+
+def _is_force(name: object) -> bool:
+    quantity = name.quantity  # type: ignore[attr-defined]
+    numbered = quantity[:1] == "f" and (quantity[1:] == "*" or quantity[1:].isdigit())
+    return quantity in COMPONENTS or numbered
+
+
+def undefined_values(t: Array, names: tuple[str, ...], values: Array) -> list[str]:
+    """Of outputs (nt, n) that are not numbers."""
+    missing = ~np.isfinite(values)
+    if not missing.any():
+        return []
+    when = t[missing.any(axis=1)]
+    what = [name for name, bad in zip(names, missing.T, strict=True) if bad.any()]
+    more = f" and at {len(when) - 1} other times" if len(when) > 1 else ""
+    return [
+        f"{', '.join(what)} could not be computed at t = {when[0]:.9g} s{more}: the "
+        "constraints depend on each other there (singular configuration)"
+    ]

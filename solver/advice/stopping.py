@@ -1,0 +1,118 @@
+"""Why a run stopped, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sidtool.formats.result import FlexibleBody
+
+from ..integrators import stepping
+from ..kernels import layout as at
+from ..system.scene import System
+from ..system.sizes import coordinate_sizes
+
+CAUSES = {
+    stepping.TOO_SMALL: "the step size fell below what the time resolves: the motion "
+    "is not smooth here, or a body is blocked",
+    stepping.OFF_CONSTRAINTS: "the constraints could not be met at the end of a step; "
+    "a smaller fixed step may help",
+    stepping.NOT_FINITE: "a coordinate became infinite or undefined",
+    stepping.NO_CONVERGENCE: "Newton's iteration did not converge with the fixed step; "
+    "a smaller one may help",
+    stepping.CRAWLING: "the scene is stiff: stability, not accuracy, keeps the steps "
+    "of this explicit method so short that the run would take hundreds of thousands; "
+    "use radau5 or radau9",
+    stepping.BLURRED: "rounding hides from this method errors as small as the "
+    "tolerance asks for: it cannot be met; ask for a larger one, or use radau9",
+}
+
+#: Smallest eigenvalue, of a mass matrix with ones on its diagonal, as good as none.
+NO_INERTIA = 1e-5
+#: Of the inertia of two bodies in a mechanism, the ratio that rounding begins to hide.
+LIGHT = 1e-9
+#: Part of the independence of the constraints that is left near a singular position.
+NEARLY_SINGULAR = 0.01
+
+
+def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
+    """The failure, and the bodies that deform without bound as its cause."""
+    if not failure:
+        return ""
+    for name, body in bodies.items():
+        for stage in (body.found, body.expected):
+            if stage is not None and stage.diverges:
+                failure += f"; {name} {stage.sentence()}"
+                break
+    return failure
+
+
+def lost_inertia(system: System, work: at.Work) -> str:
+    """What to know where a body has deformed so far that it has no inertia left."""
+    for row, body in zip(system.arrays.body, system.bodies, strict=True):
+        n, first = int(row[at.NV]), int(row[at.BLOCK])
+        M = work.M[first : first + n * n].reshape(n, n)
+        if n == 0 or not np.isfinite(M).all():
+            continue
+        size = np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))
+        left = float(np.linalg.eigvalsh((M + M.T) / 2 / np.outer(size, size))[0])
+        if left < NO_INERTIA:
+            text = (
+                f"; {body.name} has deformed so far that the inertia of its SID, which "
+                "holds for small deformations, is no longer positive"
+            )
+            if (
+                not body.quadratic_inertia
+                and body.sid.Oe.first_order(body.sid.nq).any()
+            ):
+                text += " (quadratic_inertia = true of the body keeps more of it)"
+            return text
+    return ""
+
+
+def too_light(system: System, work: at.Work) -> str:
+    """What to know where rounding of large inertia hides that of a body.
+
+    Compared are mass and moments of inertia over the size of the mechanism squared.
+    """
+    sizes, found = coordinate_sizes(system), {}
+    for row, body in zip(system.arrays.body, system.bodies, strict=True):
+        n, rd, first = int(row[at.NV]), int(row[at.RD]), int(row[at.BLOCK])
+        M = work.M[first : first + n * n].reshape(n, n)
+        if rd and np.isfinite(M).all():
+            found[body.name] = (M.diagonal() * sizes[row[at.VEL] :][:n] ** 2)[:rd]
+    largest = max((inertia.max() for inertia in found.values()), default=0.0)
+    lightest = min(found, key=lambda name: found[name].min(), default="")
+    if not lightest or found[lightest].min() > LIGHT * largest:
+        return ""
+    heaviest = max(found, key=lambda name: found[name].max())
+    ratio = found[lightest].min() / largest
+    return (
+        f"; the inertia of {lightest} is {ratio:.1g} of that of {heaviest}, which "
+        "rounding hides: give it more, or put a joint in its place (a massless rod is "
+        "one of type distance)"
+    )
+
+
+def near_singular(control: stepping.Control) -> str:
+    """What to know where a run stops close to a singular position."""
+    clearest = control.real[stepping.CLEAREST]
+    if control.real[stepping.INDEPENDENCE] >= NEARLY_SINGULAR * clearest:
+        return ""
+    return (
+        "; the constraints hardly differ from each other here (singular position): "
+        "another tolerance or radau9 may pass it"
+    )
+
+
+def singular(system: System, t: float, status: int) -> str:
+    if status == 1:
+        return (
+            f"stopped at t = {t:.9g} s: the mass matrix of a body is singular; a body "
+            "that can rotate needs inertia, a flexible one shape functions with mass"
+        )
+    return (
+        f"stopped at t = {t:.9g} s: the constraints depend on each other here "
+        "(singular position)"
+    )

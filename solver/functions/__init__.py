@@ -1,0 +1,1 @@
+"""Functions of time: polynomials in pieces, harmonics, tables and Python callables."""

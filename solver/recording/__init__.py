@@ -1,0 +1,1 @@
+"""What is recorded of a run: sampled states, outputs, forces, energies, events."""

@@ -1,0 +1,148 @@
+"""Energy dissipated and supplied: powers integrated along the steps of a run.
+
+In every step the powers at the points of its dense output are integrated as the
+polynomial through them. The balance of energies tells the size of the error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sidtool.formats.scene import SceneFile, parse_output
+from sidtool.formats.sid import Array
+
+from ..kernels import layout as at
+from ..kernels.coordinates import rate
+from ..kernels.layout import Work
+from ..kernels.newton import Kernels, Memory
+from ..system import kernel_calls
+from ..system.scene import System
+from ..system.storage import new_memory, new_work
+from .dense import Points, Steps
+from .energies import dissipation, supply
+from .sampling import sample
+from .whole_scene import whole_motion
+
+INTEGRATED = frozenset(["dissipated", "supplied", "balance"])
+
+
+@dataclass
+class History:
+    """The steps of a run with their points."""
+
+    points: Points
+    parts: list[Steps] = field(default_factory=list)
+
+    def add(self, steps: Steps) -> None:
+        if len(steps.t):
+            self.parts.append(steps)
+
+
+def is_wanted(scene: SceneFile) -> bool:
+    """True when an output needs the powers along the run."""
+    names = [parse_output(text) for text in scene.outputs.record]
+    return any(n.owner == "energy" and n.quantity in INTEGRATED for n in names)
+
+
+def integrated_energies(
+    system: System,
+    kernels: Kernels,
+    work: Work,
+    memory: Memory,
+    history: History,
+    closed: Array,
+    times: Array,
+) -> tuple[Array, Array]:
+    """Energies dissipated and supplied until `times`, (nt,) each [J]."""
+    if not history.parts:
+        return np.zeros(len(times)), np.zeros(len(times))
+    t, powers = [], []
+    for steps in history.points.batches(history.parts):
+        z, v = steps.z.copy(), steps.v.copy()
+        samples = sample(system, kernels, work, memory, steps.t, z, v, closed)
+        lost = dissipation(system, samples)
+        told, motion = whole_motion(system, steps.t, samples)
+        drift = _drift(told, steps.t, motion.z)
+        powers.append((lost, supply(told, motion, steps.t, drift)))
+        t.append(steps.t)
+    nodes = np.concatenate(t)
+    dissipated, given = (np.concatenate(power) for power in zip(*powers, strict=True))
+    integral = history.points.integral
+    return integral(nodes, dissipated, times), integral(nodes, given, times)
+
+
+def history_between(
+    system: System, kernels: Kernels, times: Array, z: Array, v: Array, closed: Array
+) -> History:
+    """A history of motion that is known at some times only.
+
+    Between them it is interpolated by cubic Hermite polynomials of positions and of
+    velocities. Of fewer than two times there is nothing to tell.
+    """
+    history, memory = History(Points(3)), new_memory(system, 0)
+    if len(times) < 2:
+        return history
+    lengths = np.diff(times)[:, None]
+    nodes = times[:-1, None] + lengths * history.points.shares
+    nodes[:, 0], nodes[:, -1] = np.nextafter(times[:-1], np.inf), times[1:]
+    nodes[:, -1] = np.nextafter(nodes[:, -1], -np.inf)
+    work, states = new_work(system), (times, z, v)
+    found = _interpolated(system, kernels, work, memory, states, closed, nodes.ravel())
+    history.add(Steps(nodes.ravel(), *found))
+    return history
+
+
+def _interpolated(
+    system: System,
+    kernels: Kernels,
+    work: Work,
+    memory: Memory,
+    states: tuple[Array, Array, Array],
+    closed: Array,
+    nodes: Array,
+) -> tuple[Array, Array]:
+    """Positions and velocities at the nodes, by Hermite polynomials."""
+    t, z, v = states
+    k = np.clip(np.searchsorted(t, nodes) - 1, 0, len(t) - 2)
+    h = t[k + 1] - t[k]
+    x = ((nodes - t[k]) / h)[:, None]
+    after, before = np.nextafter(t[:-1], np.inf), t[1:]
+    accelerations = [
+        sample(
+            system, kernels, work, memory, when, a.copy(), b.copy(), closed
+        ).accelerations
+        for when, a, b in ((after, z[:-1], v[:-1]), (before, z[1:], v[1:]))
+    ]
+    ends = []
+    for y, slopes in (
+        (z, [_rates(system, z[:-1], v[:-1]), _rates(system, z[1:], v[1:])]),
+        (v, accelerations),
+    ):
+        a = (1.0 + 2.0 * x) * (1.0 - x) ** 2 * y[k]
+        b = x * x * (3.0 - 2.0 * x) * y[k + 1]
+        c = x * (1.0 - x) ** 2 * h[:, None] * slopes[0][k]
+        d = -x * x * (1.0 - x) * h[:, None] * slopes[1][k]
+        ends.append(a + b + c + d)
+    return ends[0], ends[1]
+
+
+def _rates(system: System, z: Array, v: Array) -> Array:
+    rates = np.zeros_like(z)
+    for i in range(len(z)):
+        rate(system.arrays, z[i], v[i], rates[i])
+    return rates
+
+
+def _drift(system: System, times: Array, z: Array) -> Array:
+    """What time alone changes in the constraints: their rates at zero velocity."""
+    drift = np.zeros((len(times), system.n_rows))
+    if not (system.arrays.constraint[:, at.C_DRIVE] >= 0).any():
+        return drift
+    rest, work = np.zeros(system.n_velocities), new_work(system)
+    for i, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
+        work.clock[0] = clock
+        kernel_calls.evaluate(system, work, t, z[i], rest)
+        drift[i] = work.row[:, at.C_RATE]
+    return drift

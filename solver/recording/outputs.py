@@ -1,0 +1,296 @@
+"""Recorded quantities: from states at the output times to named columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
+    IN_BODY,
+    SCENE_QUANTITIES,
+    coordinate_of,
+    is_rate,
+    is_stress,
+    parse_output,
+)
+from sidtool.formats.sid import Array
+
+from ..integrators import stepping
+from ..kernels import layout as at
+from ..kernels import planar
+from ..kernels import spatial_columns as spatial
+from ..kernels.layout import Work
+from ..kernels.newton import Kernels, Memory
+from ..system.scene import GROUND_NAME, System
+from .energy_history import History
+from .force_measures import measured
+from .force_wrenches import force_wrench
+from .joint_forces import COMPONENTS, is_constraint, wrench
+from .motion import frame_motion, place
+from .sampling import Samples, sample
+from .scene_outputs import SceneQuantities
+from .stress_outputs import stress_column
+from .whole_scene import whole_motion
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """Named columns (nt, n), and the states that they were made of.
+
+    system : the scene whose joint forces are told, with all joints if they are
+    undetermined : its constraint rows that the motion does not determine
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    samples: Samples
+    system: System
+    undetermined: tuple[int, ...]
+
+    @property
+    def multipliers(self) -> Array:
+        """(nt, rows)."""
+        return self.samples.multipliers
+
+
+def record(
+    system: System,
+    kernels: Kernels,
+    work: Work,
+    memory: Memory,
+    times: Array,
+    z: Array,
+    v: Array,
+    closed: Array,
+    history: History | None = None,
+    samples: Samples | None = None,
+) -> Recorded:
+    """Evaluates the outputs of the scene at the given states.
+
+    history : the steps of the run, for energies that are integrals
+    samples : what is known of the states; default they are projected, and solved for
+        accelerations and multipliers
+    """
+    if samples is None:
+        samples = sample(system, kernels, work, memory, times, z, v, closed)
+    told, motion = whole_motion(system, times, samples)
+    whole = SceneQuantities(
+        system, kernels, work, memory, times, samples, closed, history
+    )
+    names: list[str] = []
+    columns: list[Array] = []
+    for text in system.scene.outputs.record:
+        parsed = parse_output(text)
+        if parsed.owner in SCENE_QUANTITIES:
+            names.append(text)
+            columns.append(whole.column(parsed.owner, parsed.quantity))
+            continue
+        for name, column in _columns(told, motion, times, text):
+            names.append(name)
+            columns.append(column)
+    values = np.column_stack(columns) if columns else np.zeros((len(times), 0))
+    return Recorded(tuple(names), values, samples, told, motion.undetermined)
+
+
+def _columns(
+    system: System, samples: Samples, times: Array, text: str
+) -> list[tuple[str, Array]]:
+    name = parse_output(text)
+    if is_stress(name.quantity):
+        return [(text, stress_column(system, samples, name))]
+    if name.marker:
+        m = system.markers[name.owner, name.marker]
+        return [(text, _marker_column(system, samples, m, name.quantity))]
+    coordinate = system.coordinates.get((name.owner, coordinate_of(name.quantity)))
+    if coordinate is not None:
+        measure = measured(system, samples, coordinate)
+        return [(text, measure.rate if is_rate(name.quantity) else measure.g)]
+    if name.quantity in COMPONENTS:
+        if is_constraint(system, name.owner):
+            wrenches = wrench(system, samples, name.owner)
+        else:
+            wrenches = force_wrench(system, samples, times, name.owner)
+        return [(text, wrenches[:, COMPONENTS.index(name.quantity)])]
+    if name.owner not in system.scene.bodies:
+        return _multiplier_columns(system, samples, name.owner, name.quantity)
+    if name.quantity[-1] == "*" or name.quantity[-1].isdigit():
+        return _elastic_columns(system, samples, name.owner, name.quantity)
+    return [(text, _body_column(system, samples, name.owner, name.quantity))]
+
+
+def multiplier_rows(system: System, owner: str, quantity: str) -> dict[str, int]:
+    """Constraint rows of JOINT.fK or JOINT.f*, by output name.
+
+    Raises
+    ------
+    InputError : the joint has fewer multipliers.
+    """
+    rows = [
+        i
+        for row in (system.whole or system).rows
+        if row.name == owner
+        for i in range(row.first, row.first + row.count)
+    ]
+    if quantity == "f*":
+        return {f"{owner}.f{k + 1}": row for k, row in enumerate(rows)}
+    k = int(quantity[1:])
+    if k > len(rows):
+        raise InputError(
+            f"{owner} has {len(rows)} multipliers",
+            place=f"outputs.record, {owner}.{quantity}",
+            expected=f"f1 to f{len(rows)}" if rows else "another joint",
+        )
+    return {f"{owner}.{quantity}": rows[k - 1]}
+
+
+def _multiplier_columns(
+    system: System, samples: Samples, owner: str, quantity: str
+) -> list[tuple[str, Array]]:
+    rows = multiplier_rows(system, owner, quantity)
+    return [(name, samples.multipliers[:, row]) for name, row in rows.items()]
+
+
+def elastic_range(system: System, owner: str, quantity: str) -> list[int]:
+    """Numbers of the elastic coordinates that qN, vqN, q* or vq* stand for.
+
+    Raises
+    ------
+    InputError : the body has fewer elastic coordinates.
+    """
+    nq = int(system.arrays.body[system.index(owner), at.NQ])
+    prefix = "vq" if quantity.startswith("v") else "q"
+    number = quantity[len(prefix) :]
+    if number == "*":
+        return list(range(1, nq + 1))
+    if int(number) > nq:
+        raise InputError(
+            f"{owner} has {nq} elastic coordinates",
+            place=f"outputs.record, {owner}.{quantity}",
+            expected=f"{prefix}1 to {prefix}{nq}",
+        )
+    return [int(number)]
+
+
+def _elastic_columns(
+    system: System, samples: Samples, owner: str, quantity: str
+) -> list[tuple[str, Array]]:
+    row = system.arrays.body[system.index(owner)]
+    velocity = quantity.startswith("v")
+    prefix = "vq" if velocity else "q"
+    source = samples.v if velocity else samples.z
+    last = row[at.VEL] + row[at.NV] if velocity else row[at.POS] + row[at.NP]
+    first = int(last - row[at.NQ])
+    wanted = elastic_range(system, owner, quantity)
+    return [(f"{owner}.{prefix}{k}", source[:, first + k - 1]) for k in wanted]
+
+
+def _body_column(system: System, samples: Samples, owner: str, quantity: str) -> Array:
+    frame = samples.frames[:, system.index(owner)]
+    if quantity.endswith(IN_BODY):
+        motion = frame_motion(system, samples, system.index(owner))
+        V = {"v": motion.V, "w": motion.W}[quantity[0]]
+        return V[:, "xyz".index(quantity[1])]
+    if system.planar:
+        return _planar_body(frame, quantity)
+    return _spatial_body(frame, quantity)
+
+
+def _planar_body(frame: Array, quantity: str) -> Array:
+    c, s = frame[:, planar.COS], frame[:, planar.SIN]
+    plain = {"x": planar.X, "y": planar.Y, "angle": planar.ANGLE, "wz": planar.W}
+    if quantity in plain:
+        return frame[:, plain[quantity]]
+    pairs = {"v": (planar.VX, planar.VY), "a": (planar.AX, planar.AY)}
+    if quantity[-1] == "z" or quantity[0] not in pairs:
+        return np.zeros(len(frame))
+    x, y = (frame[:, i] for i in pairs[quantity[0]])
+    return c * x - s * y if quantity[-1] == "x" else s * x + c * y
+
+
+def _spatial_body(frame: Array, quantity: str) -> Array:
+    R = frame[:, spatial.R : spatial.R + 9].reshape(-1, 3, 3)
+    if quantity == "angle":
+        return 2.0 * np.arctan2(
+            np.linalg.norm(frame[:, spatial.P + 1 : spatial.P + 4], axis=1),
+            frame[:, spatial.P],
+        )
+    axis = "xyz".index(quantity[-1])
+    if len(quantity) == 1:
+        return frame[:, spatial.X + axis]
+    start = {"v": spatial.V, "w": spatial.OMEGA, "a": spatial.A}[quantity[0]]
+    return np.einsum("tj,tj->t", R[:, axis], frame[:, start : start + 3])
+
+
+def _marker_column(system: System, samples: Samples, m: int, quantity: str) -> Array:
+    point = samples.points[:, m]
+    axis = "xyz".index(quantity[-1])
+    if quantity[0] == "u":
+        return _displacement(system, samples, m)[:, axis]
+    order = {1: 0, 2: 1 if quantity[0] == "v" else 2}[len(quantity)]
+    if system.planar:
+        starts = (planar.PX, planar.PVX, planar.PAX)
+        return np.zeros(len(point)) if axis == 2 else point[:, starts[order] + axis]
+    starts = (spatial.PX, spatial.PV, spatial.PA)
+    return point[:, starts[order] + axis]
+
+
+def _displacement(system: System, samples: Samples, m: int) -> Array:
+    """Elastic displacement of a marker in the body frame, (nt, 3)."""
+    reference = next(key for key, row in system.markers.items() if row == m)
+    body = system.bodies[int(system.arrays.marker[m, at.M_BODY])]
+    return place(system, samples, m) - body.node(reference[1]).position
+
+
+def position_names(system: System) -> tuple[str, ...]:
+    """Names of the entries of z_I: coordinates of bodies, then counted rotations."""
+    rigid = {2: "x y", 3: "x y angle" if system.planar else "x y z", 0: ""}
+    rigid |= {7: "x y z e0 e1 e2 e3"}
+    turns = [name for turn in system.turns if turn.counted for name in turn.angles]
+    return (*_coordinate_names(system, at.NP, rigid, "q"), *turns)
+
+
+def velocity_names(system: System) -> tuple[str, ...]:
+    """Names of the entries of z_II; velocities of frames are in body axes."""
+    axes = "vx vy wz" if system.planar else "vx vy vz wx wy wz"
+    names = [name + IN_BODY for name in axes.split()]
+    rigid = {n: " ".join(names[:n]) for n in (0, 2, 3, 6)}
+    return _coordinate_names(system, at.NV, rigid, "vq")
+
+
+def _coordinate_names(
+    system: System, size: int, rigid: dict[int, str], elastic: str
+) -> tuple[str, ...]:
+    names: list[str] = []
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.name == GROUND_NAME:
+            continue
+        nq = int(row[at.NQ])
+        parts = rigid[int(row[size]) - nq].split()
+        parts += [f"{elastic}{k + 1}" for k in range(nq)]
+        names += [f"{data.name}.{part}" for part in parts]
+    return tuple(names)
+
+
+def multiplier_names(system: System) -> tuple[str, ...]:
+    """Names of the Lagrange multipliers, by joint or drive."""
+    counts: dict[str, int] = {}
+    names = {}
+    for row in system.rows:
+        for i in range(row.count):
+            counts[row.name] = counts.get(row.name, 0) + 1
+            names[row.first + i] = f"{row.name}.f{counts[row.name]}"
+    return tuple(names[i] for i in range(system.n_rows))
+
+
+def busiest_body(system: System, control: stepping.Control) -> str:
+    """The body with the largest scaled velocity, to name when a run stops."""
+    best, size = "none", -1.0
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        part = slice(row[at.VEL], row[at.VEL] + row[at.NV])
+        scaled = np.abs(control.v[part] / control.scale_v[part])
+        finite = np.where(np.isfinite(scaled), scaled, np.inf)
+        if finite.max(initial=-1.0) > size:
+            best, size = data.name, float(finite.max(initial=-1.0))
+    return best

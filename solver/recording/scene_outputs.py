@@ -1,0 +1,101 @@
+"""Outputs of the whole scene: energies, their balance, residuals of constraints."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from sidtool.formats.sid import Array
+
+from ..kernels import layout as at
+from ..kernels.layout import Work
+from ..kernels.newton import Kernels, Memory
+from ..system import kernel_calls
+from ..system.scene import System
+from . import energies
+from .energy_history import History, integrated_energies
+from .sampling import Samples
+
+
+class SceneQuantities:
+    """Columns energy.X and constraint.X at the recorded times; each made once."""
+
+    def __init__(
+        self,
+        system: System,
+        kernels: Kernels,
+        work: Work,
+        memory: Memory,
+        times: Array,
+        samples: Samples,
+        closed: Array,
+        history: History | None,
+    ) -> None:
+        self.system, self.kernels, self.work, self.memory = (
+            system,
+            kernels,
+            work,
+            memory,
+        )
+        self.times, self.samples, self.closed = times, samples, closed
+        self.history = history
+
+    def column(self, owner: str, quantity: str) -> Array:
+        """Values (nt,) of one of `sidtool.formats.scene.outputs.SCENE_QUANTITIES`."""
+        if owner == "constraint":
+            return self._residuals[quantity]
+        return getattr(self, quantity)  # type: ignore[no-any-return]
+
+    @cached_property
+    def kinetic(self) -> Array:
+        return energies.kinetic(self.system, self.samples)
+
+    @cached_property
+    def elastic(self) -> Array:
+        return energies.elastic(self.system, self.samples)
+
+    @cached_property
+    def potential(self) -> Array:
+        return energies.potential(self.system, self.samples)
+
+    @property
+    def dissipated(self) -> Array:
+        return self._integrals[0]
+
+    @property
+    def supplied(self) -> Array:
+        return self._integrals[1]
+
+    @property
+    def balance(self) -> Array:
+        kept = self.kinetic + self.elastic + self.potential
+        return kept + self.dissipated - self.supplied
+
+    @cached_property
+    def _integrals(self) -> tuple[Array, Array]:
+        if self.history is None:
+            nothing = np.zeros(len(self.times))
+            return nothing, nothing
+        return integrated_energies(
+            self.system,
+            self.kernels,
+            self.work,
+            self.memory,
+            self.history,
+            self.closed,
+            self.times,
+        )
+
+    @cached_property
+    def _residuals(self) -> dict[str, Array]:
+        """Largest |c| and |dc/dt|."""
+        found = np.zeros((len(self.times), 2))
+        clocks = self.system.clocks(self.times)
+        for i, (t, clock) in enumerate(zip(self.times, clocks, strict=True)):
+            self.work.clock[0] = clock
+            z, v = self.samples.z[i], self.samples.v[i]
+            kernel_calls.evaluate(self.system, self.work, t, z, v)
+            rows = np.abs(self.work.row[:, [at.C_VALUE, at.C_RATE]])
+            found[i] = rows.max(axis=0, initial=0.0)
+        return {"position": found[:, 0], "velocity": found[:, 1]}

@@ -1,0 +1,1 @@
+"""Consistent initial conditions: assembly, redundant constraints, turns."""

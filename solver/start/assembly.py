@@ -1,0 +1,194 @@
+"""Consistent initial conditions: positions and velocities that meet the constraints.
+
+Positions are found by a damped Gauss-Newton iteration, velocities by one linear
+projection, both with the smallest change in the metric M + tau^2 K and without moving
+bodies that the user fixed. Redundant constraints are found by rank.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+
+from ..kernels import layout as at
+from ..system import kernel_calls
+from ..system.scene import System
+from .alignment import align, check_alignment
+from .consistent import (
+    Start,
+    State,
+    close,
+    dense_jacobian,
+    guess,
+    names_of_rows,
+    widest_open,
+)
+from .displacements import displacements
+from .overconstraint import relax
+from .planar_turns import with_whole_turns
+from .redundancy import mark_redundant
+from .turn_counts import keep_turns
+
+__all__ = ["Start", "assemble", "dense_jacobian", "guess", "names_of_rows"]
+
+#: Bodies that are fixed may lie off by this part of the size of the mechanism.
+HELD = 1e-10
+#: Times of each smooth interval at which prescribed frames are compared.
+SAMPLES = 21
+
+
+def assemble(system: System) -> tuple[System, Start]:
+    """A consistent start, and the system with its redundant constraints marked.
+
+    Raises
+    ------
+    InputError : the start position cannot be reached, or constraints contradict.
+    """
+    system = with_whole_turns(system)
+    state = State(system, guess(system))
+    _check_held(state)
+    if system.n_rows > 0:
+        system = _closed(system, state)
+    keep_turns(system, state.work, state.z)
+    _check_springs(system, state)
+    if system.whole is not None:
+        system = replace(system, whole=assemble(system.whole)[0])
+    return system, Start(state.z, state.v)
+
+
+def _check_held(state: State) -> None:
+    """Raises bodies that the user fixed elsewhere than joints and drives put them."""
+    system = state.system
+    for name, (way, angle) in displacements(system, state.work).items():
+        if not system.scene.bodies[name].initial.fixed:
+            continue
+        if way > HELD * system.length or angle > HELD:
+            raise InputError(
+                f"the start position cannot be assembled: joints and drives put {name} "
+                f"{way:.3g} m and {angle:.3g} rad away from where it is fixed",
+                place=f"bodies.{name}.initial",
+                expected="the position that they prescribe, or fixed = false",
+            )
+
+
+def _closed(system: System, state: State) -> System:
+    """Moves the state onto the constraints; the system with redundant ones marked."""
+    align(system, state.work, state.z)
+    state.evaluate()
+    _check_rods(state)
+    _reach_positions(state)
+    system = state.system
+    check_alignment(system, state.work)
+    if system.from_start:
+        _measure_start(state)
+    _reach_velocities(state)
+    system = state.system
+    _check_prescribed(state)
+    system = mark_redundant(state)
+    state.start()
+    return system
+
+
+def _reach_positions(state: State) -> None:
+    guessed = state.z.copy()
+    close(state)
+    if relax(state, guessed):
+        close(state)
+    if state.opening > 1e-10:
+        raise InputError(
+            "the start position cannot be assembled: "
+            f"{widest_open(state.system, state.residual)}",
+            place="bodies.*.initial",
+            expected="initial positions from which all joints and drives can be met",
+        )
+
+
+def _measure_start(state: State) -> None:
+    """Constants of constraints that keep what they are at the start."""
+    system = state.system
+    pool = system.arrays.pool.copy()
+    for entry, row in system.from_start:
+        pool[entry] = state.work.row[row, at.C_VALUE]
+    _check_rods(state)
+    state.system = replace(system, arrays=system.arrays.replaced(pool=pool))
+    state.ignored[:] = False
+    state.evaluate()
+
+
+def _check_rods(state: State) -> None:
+    """Raises constraints without a direction: the two ends of a rod coincide."""
+    for row in state.system.rows:
+        values = state.work.row[row.first : row.first + row.count]
+        if not np.isfinite(values).all():
+            raise InputError(
+                f"the markers of {row.name} coincide at the start",
+                place=f"joints.{row.name}",
+                expected="two points at a distance",
+            )
+
+
+def _check_springs(system: System, state: State) -> None:
+    """Raises forces along a line without a direction: their markers coincide."""
+    axes = 2 if system.planar else 3
+    for element in system.forces:
+        if element.kind != at.SPAN or element.a is None:
+            continue
+        ends = [state.work.point[system.markers[m]] for m in (element.a, element.b)]
+        gap = np.linalg.norm(ends[1][:axes] - ends[0][:axes])
+        law = element.law
+        pushes = law.applied != 0.0 or law.stiffness.value(np.array([-law.rest]))[0]
+        if gap <= 1e-12 * system.length and pushes:
+            raise InputError(
+                f"the markers of {element.name} coincide at the start, where its force "
+                "has no direction",
+                place=f"forces.{element.name}",
+                expected="two points at a distance, or no force at none",
+            )
+
+
+def _reach_velocities(state: State) -> None:
+    state.evaluate()
+    rates = state.work.row[:, at.C_RATE].copy()
+    change, left = state.smallest(-rates)
+    state.v += change
+    state.evaluate()
+    size = max(1.0 / state.duration, state.speed, state.relative(rates))
+    if state.relative(left) > 1e-8 * size:
+        residual = state.work.row[:, at.C_RATE]
+        raise InputError(
+            f"the joints and drives contradict each other at velocity level: "
+            f"{widest_open(state.system, residual)} per second",
+            place="joints",
+            expected="drives and joints that can move together",
+        )
+
+
+def _check_prescribed(state: State) -> None:
+    """Constraints between prescribed frames must hold all the time: nothing can give.
+
+    Raises
+    ------
+    InputError : drives and joints prescribe different motions.
+    """
+    system, time = state.system, state.system.scene.time
+    held = np.isin(np.arange(system.n_rows), system.arrays.segment[:, at.S_ROW])
+    if held.all():
+        return
+    edges = (time.start, *system.breaks)
+    for begin, end in pairwise(edges):
+        state.work.clock[0] = 0.5 * (begin + end)
+        for t in np.linspace(begin, end, SAMPLES):
+            kernel_calls.evaluate(system, state.work, t, state.z, state.v)
+            open_rows = np.where(held, 0.0, state.residual)
+            if state.relative(open_rows) > 1e-8:
+                raise InputError(
+                    f"the mechanism is over-constrained: at t = {t:.6g} s "
+                    f"{widest_open(system, open_rows)}, and no coordinate can give way",
+                    place="joints",
+                    expected="drives and joints that prescribe the same motion",
+                )
+    state.start()

@@ -1,0 +1,61 @@
+"""Bodies that are carried: where joints and drives that prescribe frames put them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sidtool.formats.sid import Array
+
+from ..kernels import layout as at
+from ..kernels import planar
+from ..kernels import spatial_columns as spatial
+from ..kernels.layout import IntTable
+from ..system import kernel_calls
+from ..system.bodies import quaternion
+from ..system.scene import System
+from ..system.storage import new_work
+
+
+def place_carried(system: System, z: Array, v: Array) -> None:
+    """Gives carried bodies the coordinates that their joints prescribe at the start.
+
+    The assembly then leaves them alone, and a scene with all of its joints starts where
+    the one without them does.
+    """
+    if system.carrying is None:
+        return
+    work = new_work(system)
+    work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
+    kernel_calls.evaluate(carrying(system), work, system.scene.time.start, z, v)
+    for b in carried_rows(system.carrying):
+        keep_frame(system, b, work.frame[b], z, v)
+
+
+def carrying(system: System) -> System:
+    """The system in which frames that joints prescribe have no coordinates."""
+    if system.carrying is None:
+        return system
+    return replace(system, arrays=system.arrays.replaced(body=system.carrying))
+
+
+def carried_rows(body: IntTable) -> list[int]:
+    """Rows of the bodies whose frames a body table prescribes."""
+    motion = body[:, at.MOTION]
+    return [int(b) for b in np.flatnonzero((motion != at.FREE) & (motion != at.GROUND))]
+
+
+def keep_frame(system: System, b: int, frame: Array, z: Array, v: Array) -> None:
+    """Writes a frame into the coordinates of its body."""
+    row = system.arrays.body[b]
+    p, u, rigid = row[at.POS], row[at.VEL], row[at.RD]
+    if system.planar:
+        position = frame[[planar.X, planar.Y, planar.ANGLE]]
+        velocity = frame[[planar.VX, planar.VY, planar.W]]
+    else:
+        R = frame[spatial.R : spatial.R + 9].reshape(3, 3)
+        position = np.concatenate([frame[spatial.X : spatial.X + 3], quaternion(R)])
+        velocity = frame[spatial.V : spatial.V + 6]
+    count = row[at.NP] - row[at.NQ]
+    z[p : p + count], v[u : u + rigid] = position[:count], velocity[:rigid]

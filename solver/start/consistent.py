@@ -1,0 +1,256 @@
+"""The state in which a scene starts, and the dense matrices of its constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import as_3d, rotation
+from sidtool.formats.sid import Array
+
+from ..kernels import layout as at
+from ..kernels.coordinates import retract
+from ..kernels.newton import Memory
+from ..system import kernel_calls
+from ..system.bodies import quaternion
+from ..system.scene import GROUND_NAME, System
+from ..system.sizes import coordinate_sizes, row_sizes
+from ..system.storage import new_memory, new_work
+from .carried import place_carried
+from .turn_counts import starting_turns
+
+ITERATIONS = 60
+#: Constraints are closed when they are open by less, relative to their sizes.
+CLOSED = 1e-13
+#: Rows of the constraint Jacobian count as dependent below this relative size.
+RANK_TOLERANCE = 1e-9
+#: Inertia below this part of the mean one counts as so much.
+NO_INERTIA = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A consistent state: z_I and z_II."""
+
+    z: Array
+    v: Array
+
+
+def guess(system: System) -> Start:
+    """The state that the scene file states.
+
+    Raises
+    ------
+    InputError : wrong number of elastic coordinates.
+    """
+    z, v = np.zeros(system.n_positions), np.zeros(system.n_velocities)
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.name == GROUND_NAME:
+            continue
+        initial = system.scene.bodies[data.name].initial
+        matrix = rotation(initial)
+        rigid = row[at.NP] - row[at.NQ]
+        p, u = row[at.POS], row[at.VEL]
+        if row[at.RD] > 0:
+            axes = 2 if system.planar else 3
+            z[p : p + axes] = as_3d(initial.position)[:axes]
+            v[u : u + axes] = (matrix.T @ as_3d(initial.velocity))[:axes]
+            if system.planar and rigid == 3:
+                z[p + 2] = initial.angle or 0.0
+                v[u + 2] = float(np.ravel(initial.angular_velocity or 0.0)[-1])
+            elif rigid == 7:
+                z[p + 3 : p + 7] = quaternion(matrix)
+                v[u + 3 : u + 6] = _angular_velocity(initial.angular_velocity, matrix)
+        z[p + rigid : p + row[at.NP]] = _elastic(initial, "elastic", data)
+        v[u + row[at.RD] : u + row[at.NV]] = _elastic(initial, "elastic_velocity", data)
+    place_carried(system, z, v)
+    z[len(z) - system.n_turns :] = starting_turns(system)
+    return Start(z, v)
+
+
+def _angular_velocity(value: object, matrix: Array) -> Array:
+    """Inertial components, as files hold them, in the body frame."""
+    if value is None:
+        return np.zeros(3)
+    return matrix.T @ np.asarray(value, float)
+
+
+def _elastic(initial: object, key: str, data: object) -> Array:
+    nq = data.sid.nq  # type: ignore[attr-defined]
+    values = getattr(initial, key, None)
+    if values is None:
+        return np.zeros(nq)
+    if len(values) != nq:
+        raise InputError(
+            f"has {len(values)} values",
+            place=f"bodies.{data.name}.initial.{key}",  # type: ignore[attr-defined]
+            expected=f"{nq}, one for each elastic coordinate of the SID",
+        )
+    return np.array(values)
+
+
+class State:
+    """The state in hand, with dense matrices of its constraints.
+
+    sizes : (rows,) what is large for each constraint, see `sizes.row_sizes`
+    """
+
+    def __init__(self, system: System, start: Start) -> None:
+        self.system = system
+        self.z, self.v = start.z.copy(), start.v.copy()
+        self.work = new_work(system)
+        self.memory: Memory = new_memory(system, 0)
+        self.t = system.scene.time.start
+        self.free = _free_coordinates(system)
+        self.ignored = np.zeros(system.n_rows, bool)
+        self.ignored[[row for _, row in system.from_start]] = True
+        self.sizes = row_sizes(system)
+        self.start()
+
+    def start(self) -> None:
+        """Evaluates at the start, with the drives that hold just after it."""
+        self.work.clock[0] = 0.5 * (self.t + self.system.breaks[0])
+        self.evaluate()
+
+    def evaluate(self) -> None:
+        kernel_calls.evaluate(self.system, self.work, self.t, self.z, self.v)
+
+    @property
+    def residual(self) -> Array:
+        return np.where(self.ignored, 0.0, self.work.row[:, at.C_VALUE])
+
+    @property
+    def opening(self) -> float:
+        """How far the constraints are open, relative to their sizes."""
+        return self.relative(self.residual)
+
+    @property
+    def duration(self) -> float:
+        return self.system.scene.time.end - self.system.scene.time.start
+
+    @property
+    def speed(self) -> float:
+        """The largest velocity relative to the sizes of the coordinates [1/s]."""
+        sizes = coordinate_sizes(self.system)
+        return float(np.max(np.abs(self.v) / sizes, initial=0.0))
+
+    def relative(self, rows: Array) -> float:
+        """The largest of some values of the constraint rows, relative to its size."""
+        return float(np.max(np.abs(rows) / self.sizes, initial=0.0))
+
+    def jacobian(self) -> Array:
+        C = dense_jacobian(self.system, self.work.C)
+        C[self.ignored] = 0.0
+        return C
+
+    def smallest(
+        self, right: Array, independent: float = RANK_TOLERANCE
+    ) -> tuple[Array, Array]:
+        """x with C x = right, smallest in the metric, and what remains of right.
+
+        independent : constraints count as dependent below this relative size
+        """
+        C = self.jacobian()
+        N = self.root() * self.free[:, None]
+        Q, R = np.linalg.qr((C @ N).T)
+        lengths = np.linalg.norm(R, axis=0)
+        scale = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, 1e-300), 0.0)
+        scaled = scale[:, None] * R.T
+        y = np.linalg.lstsq(scaled, scale * right, rcond=independent)[0]
+        x = N @ (Q @ y)
+        return x, C @ x - right
+
+    def root(self) -> Array:
+        """N with N N^T = W^-1: with x = N y, the metric x^T W x is y^T y.
+
+        C N has the digits that C N N^T C^T loses where bodies are stiff.
+        """
+        blocks = self.work.M + self.memory.metric
+        sizes = coordinate_sizes(self.system)
+        N = np.zeros((len(sizes), len(sizes)))
+        bodies = []
+        for row in self.system.arrays.body:
+            n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
+            part = slice(first, first + n)
+            bodies.append((part, blocks[o : o + n * n].reshape(n, n)))
+        inertia = sum(W.diagonal() @ sizes[part] ** 2 for part, W in bodies)
+        least = NO_INERTIA * inertia / max(1, len(sizes)) / sizes**2
+        for part, W in bodies:
+            scale = 1.0 / np.sqrt(np.maximum(W.diagonal(), 0.0) + least[part])
+            W = W * np.outer(scale, scale) + np.diag(least[part] * scale**2)
+            squares, directions = np.linalg.eigh(W)
+            roots = np.sqrt(np.maximum(squares, NO_INERTIA))
+            N[part, part] = scale[:, None] * directions / roots
+        return N
+
+
+def close(state: State, independent: float = RANK_TOLERANCE) -> float:
+    """Moves the state onto the constraints; how far they stay open.
+
+    independent : see `State.smallest`
+    """
+    opening = state.opening
+    for _ in range(ITERATIONS):
+        if opening <= CLOSED:
+            break
+        step, _ = state.smallest(-state.residual, independent)
+        base, base_opening, fraction = state.z.copy(), opening, 1.0
+        frame = state.work.frame.copy()
+        while fraction > 1e-4:
+            state.z[:] = base
+            retract(state.system.arrays, frame, state.z, fraction * step)
+            state.evaluate()
+            opening = state.opening
+            if opening < base_opening:
+                break
+            fraction *= 0.5
+        else:
+            state.z[:] = base
+            state.evaluate()
+            return base_opening
+    return opening
+
+
+def _free_coordinates(system: System) -> Array:
+    """True for velocity coordinates of bodies that the assembly may move."""
+    free = np.ones(system.n_velocities, bool)
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.name != GROUND_NAME and system.scene.bodies[data.name].initial.fixed:
+            free[row[at.VEL] : row[at.VEL] + row[at.NV]] = False
+    return free
+
+
+def dense_jacobian(system: System, C: Array) -> Array:
+    """The constraint Jacobian as a dense (rows, velocities) matrix."""
+    arrays = system.arrays
+    dense = np.zeros((system.n_rows, system.n_velocities))
+    for row, b, offset in arrays.segment:
+        n, first = arrays.body[b, at.NV], arrays.body[b, at.VEL]
+        dense[row, first : first + n] += C[offset : offset + n]
+    return dense
+
+
+def names_of_rows(system: System, rows: tuple[int, ...]) -> list[str]:
+    """The joints and drives that constraint rows belong to."""
+    return [
+        next(r.name for r in system.rows if r.first <= i < r.first + r.count)
+        for i in rows
+    ]
+
+
+def widest_open(system: System, residual: Array) -> str:
+    """Names the constraints with the largest residuals, relative to their sizes."""
+    relative = np.abs(residual) / row_sizes(system)
+    parts: dict[str, int] = {}
+    for row in system.rows:
+        worst = row.first + int(np.argmax(relative[row.first : row.first + row.count]))
+        if relative[worst] >= relative[parts.get(row.name, worst)]:
+            parts[row.name] = worst
+    largest = max(relative[row] for row in parts.values())
+    names = sorted(parts, key=lambda name: -relative[parts[name]])[:3]
+    names = [name for name in names if relative[parts[name]] > 1e-6 * largest]
+    return ", ".join(
+        f"{name} is open by {abs(residual[parts[name]]):.3g}" for name in names
+    )

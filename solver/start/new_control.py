@@ -1,0 +1,102 @@
+"""The state that a step loop begins with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sidtool.formats.sid import Array
+
+from ..functions.table import features
+from ..integrators import INTEGRATORS, bifurcations, stepping
+from ..kernels import layout as at
+from ..kernels.layout import IntTable
+from ..system.bodies import amplitudes, frequencies
+from ..system.scene import System
+from ..system.sizes import extents, row_sizes
+from .assembly import Start
+from .settings import Settings
+
+#: Constraints are met when they are open by less than this part of the size: at least
+#: what rounding allows, at most what keeps the drift invisible.
+CLOSED = (1e-13, 1e-11)
+#: Tolerance of a step in units of the requested relative error, for methods of high
+#: order: the estimate is that of a lower one. Those of order 2 share it among steps.
+STEP_TOLERANCE = 0.3
+
+
+def closed_below(system: System, settings: Settings) -> Array:
+    """(rows, 2) |c| and |dc/dt| below which constraints are met."""
+    scene = system.scene
+    near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
+    still = CLOSED[0] / (scene.time.end - scene.time.start)
+    return np.outer(row_sizes(system), [near, still])
+
+
+def new_control(
+    system: System,
+    settings: Settings,
+    start: Start,
+    times: Array,
+    shares: Array,
+    closed: Array,
+) -> stepping.Control:
+    scene = system.scene
+    duration = scene.time.end - scene.time.start
+    real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
+    adding = INTEGRATORS[settings.integrator].order == 2 and settings.step is None
+    real[stepping.TOLERANCE] = settings.rtol * (1.0 if adding else STEP_TOLERANCE)
+    real[stepping.TIME] = real[stepping.BEGIN] = scene.time.start
+    real[stepping.LENGTH] = system.length
+    real[stepping.PERIOD] = duration
+    real[stepping.RADIUS] = settings.radius
+    real[stepping.SINGULAR] = np.inf
+    real[stepping.LARGEST] = 0.1 * duration
+    real[stepping.UNTURNED] = np.inf
+    real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
+    whole[stepping.FIXED_STEP] = int(settings.step is not None)
+    whole[stepping.ADDING] = int(adding)
+    n, m = system.n_positions, system.n_velocities
+    count = len(times) + len(shares)
+    amplitude, frequency = np.ones(m), np.ones(m)
+    axes = 2 if system.planar else 3
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
+        amplitude[elastic] = amplitudes(data.sid, axes)
+        frequency[elastic] = frequencies(data.sid)
+    return stepping.Control(
+        real,
+        whole,
+        start.z.copy(),
+        start.v.copy(),
+        start.z.copy(),
+        extents(system),
+        np.zeros(len(system.bodies)),
+        np.zeros((len(system.bodies), 4)),
+        amplitude,
+        frequency,
+        np.ones(m),
+        np.ones(n - system.n_turns),
+        np.ones(m),
+        closed,
+        times,
+        shares,
+        np.zeros(len(shares)),
+        np.zeros((count, n)),
+        np.zeros((count, m)),
+        *_features(system, settings),
+        np.zeros((len(system.forces), 4)),
+        np.zeros((bifurcations.MOST, bifurcations.STATES + 2 * (n + m))),
+    )
+
+
+def _features(system: System, settings: Settings) -> tuple[IntTable, Array, Array]:
+    """`Control.features`, starts and reaches.
+
+    A method of low order needs more steps for what a polynomial of high degree follows.
+    """
+    parts = [system.features, *(force.law.features() for force in system.forces)]
+    ends = np.cumsum([0, *(len(part.starts) for part in parts)])
+    share = min(1.0, INTEGRATORS[settings.integrator].order / features.DEGREE)
+    starts = np.concatenate([part.starts for part in parts])
+    reaches = share * np.concatenate([part.lengths for part in parts])
+    return ends.astype(np.int64), starts, reaches

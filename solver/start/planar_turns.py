@@ -1,0 +1,98 @@
+"""Whole turns in planar scenes: what is held or driven starts at the nearest one.
+
+The angle of a body or a marker is the number that the scene says, which may be of many
+turns. Joints and drives hold orientations: the assembly turns no body by more than half
+a turn for them, and the angle between two markers counts from what their joint says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sidtool.formats.sid import Array
+
+from ..kernels import layout as at
+from ..kernels import planar
+from ..system import kernel_calls
+from ..system.forces import Element
+from ..system.scene import System
+from ..system.storage import new_work
+from .carried import carried_rows, carrying
+from .consistent import guess
+
+TURN = 2.0 * np.pi
+#: Whole turns from marker to marker, rows of the marker table [rad].
+Pairs = dict[tuple[int, int], float]
+
+
+def with_whole_turns(system: System) -> System:
+    """A planar system whose joints and drives start in the turns of the scene."""
+    if not system.planar:
+        return system
+    pool = system.arrays.pool.copy()
+    system = replace(system, arrays=system.arrays.replaced(pool=pool))
+    pairs = _of_frames(system, pool) | _of_constraints(system, pool)
+    forces = tuple(_counted(system, pairs, element) for element in system.forces)
+    for row, element in zip(system.arrays.force, forces, strict=True):
+        if element.kind == at.TWIST:
+            pool[row[at.F_DATA]] = element.data[0]
+    for con in system.arrays.constraint:
+        if con[at.KIND] == at.COUPLED_ANGLE:
+            ends = int(con[at.MARKER_A]), int(con[at.MARKER_B])
+            pool[con[at.C_DATA]] = _between(pairs, *ends)
+    known = {
+        key: _counted(system, pairs, element)
+        for key, element in system.coordinates.items()
+    }
+    return replace(system, forces=forces, coordinates=known)
+
+
+def _of_frames(system: System, pool: Array) -> Pairs:
+    """Keeps carried bodies in their turns, each after its base."""
+    prescribing = carrying(system)
+    body, pairs = prescribing.arrays.body, {}
+    work = new_work(system)
+    start, z = system.scene.time.start, np.zeros(system.n_positions)
+    work.clock[0] = 0.5 * (start + system.breaks[0])
+    for b in carried_rows(body):
+        kernel_calls.evaluate(
+            prescribing, work, start, z, np.zeros(system.n_velocities)
+        )
+        stated = system.scene.bodies[system.bodies[b].name].initial.angle or 0.0
+        entry = body[b, at.FRAME] + 1
+        pool[entry] += _whole(stated - work.frame[b, planar.ANGLE])
+        pairs[int(body[b, at.BASE]), int(body[b, at.TIP])] = float(pool[entry])
+    return pairs
+
+
+def _of_constraints(system: System, pool: Array) -> Pairs:
+    """Lets angles that are held or driven count from the turns of the start."""
+    pairs: Pairs = {}
+    start, work = guess(system), new_work(system)
+    work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
+    kernel_calls.evaluate(system, work, system.scene.time.start, start.z, start.v)
+    for con in system.arrays.constraint:
+        if con[at.KIND] == at.ANGLE:
+            pool[con[at.C_DATA]] += _whole(work.row[con[at.ROW], at.C_VALUE])
+            ends = int(con[at.MARKER_A]), int(con[at.MARKER_B])
+            pairs[ends] = float(pool[con[at.C_DATA]])
+    return pairs
+
+
+def _whole(angle: float) -> float:
+    return TURN * float(np.round(angle / TURN))
+
+
+def _counted(system: System, pairs: Pairs, element: Element) -> Element:
+    """The element with the turns from which its angle counts."""
+    if element.kind != at.TWIST:
+        return element
+    assert element.a is not None
+    ends = system.markers[element.a], system.markers[element.b]
+    return replace(element, data=(_between(pairs, *ends), *element.data[1:]))
+
+
+def _between(pairs: Pairs, a: int, b: int) -> float:
+    return pairs[a, b] if (a, b) in pairs else -pairs.get((b, a), 0.0)

@@ -1,0 +1,328 @@
+"""Bodies for the kernels: the data of a SID, packed for planar or spatial equations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import Body, RigidBody, SidBody, as_3d, position_3d, rotation
+from sidtool.formats.sid import (
+    SID,
+    Array,
+    Node,
+    Taylor,
+    rigid_node,
+    rigid_sid,
+    symmetric_3x3,
+)
+from sidtool.formats.sid_files import read_sid
+
+from ..kernels.layout import (
+    DIAGONAL_ME,
+    HAS_CR1,
+    HAS_CT1,
+    HAS_GE,
+    HAS_KE1,
+    HAS_OE1,
+    HAS_QUADRATIC_J,
+)
+from .damping import damped
+from .first_order import check_first_order, cubic_stiffness
+from .held_frames import with_frame_node
+
+#: Couplings in Me below this part of its diagonal are rounding.
+ROUNDING = 1e-13
+
+
+@dataclass(frozen=True)
+class BodyData:
+    """One body of a compiled scene.
+
+    sid : its Standard Input Data; a rigid body has no elastic coordinates
+    rotates : False for a point mass, whose orientation never changes
+    quadratic_inertia : keep the term of J that is quadratic in q
+    nodes : marker name to node id
+    """
+
+    name: str
+    sid: SID
+    rotates: bool
+    quadratic_inertia: bool
+    nodes: Mapping[str, str]
+
+    def node(self, marker: str) -> Node:
+        """The node behind a marker name; no name is the origin of a rigid body."""
+        return self.sid.node(self.nodes.get(marker, marker))
+
+
+def body_data(
+    name: str, body: Body, folder: Path, sids: Mapping[str, SID], planar: bool
+) -> BodyData:
+    """Reads or builds the SID of one body of a scene.
+
+    Raises
+    ------
+    InputError : the SID cannot be read or lacks a node that a marker names.
+    """
+    if isinstance(body, SidBody):
+        return _flexible_body(name, body, folder, sids)
+    return _rigid_body(name, body, planar)
+
+
+def _flexible_body(
+    name: str, body: SidBody, folder: Path, sids: Mapping[str, SID]
+) -> BodyData:
+    sid = sids[name] if name in sids else read_sid(folder / body.sid)
+    for marker, node in body.markers.items():
+        try:
+            sid.node(node)
+        except InputError as error:
+            raise InputError(
+                f"{error.problem} in {body.sid}",
+                place=f"bodies.{name}.markers.{marker}",
+                expected=error.expected,
+            ) from None
+    check_first_order(sid, body.sid, f"bodies.{name}.sid")
+    nodes = dict(body.markers)
+    sid = damped(sid, body.damping, name)
+    sid = with_frame_node(sid) if body.frame == "held" else sid
+    return BodyData(name, sid, True, body.quadratic_inertia, nodes)
+
+
+def _rigid_body(name: str, body: RigidBody, planar: bool) -> BodyData:
+    centre = as_3d(body.centre_of_mass)
+    inertia = np.zeros((3, 3)) if body.inertia is None else _tensor(body.inertia)
+    steiner = body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    nodes = [rigid_node("", np.zeros(3))]
+    for marker, placement in body.markers.items():
+        nodes.append(rigid_node(marker, position_3d(placement), rotation(placement)))
+    sid = rigid_sid(body.mass, centre, inertia + steiner, tuple(nodes))
+    rotates = body.inertia is not None or bool(centre.any())
+    return BodyData(name, sid, rotates, False, {})
+
+
+def _tensor(inertia: object) -> Array:
+    """zz alone (planar), principal values, or a full tensor, as (3, 3)."""
+    values = np.asarray(inertia, float)
+    if values.ndim == 0:
+        return np.diag([0.0, 0.0, float(values)])
+    return np.diag(values) if values.ndim == 1 else values
+
+
+def flags(sid: SID, quadratic_inertia: bool) -> int:
+    """Which optional terms the equations of a SID have, and shapes of its matrices."""
+    nq = sid.nq
+    applies = {
+        HAS_CR1: sid.Cr.first_order(nq).any(),
+        HAS_GE: sid.Cr.first_order(nq).any(),
+        HAS_OE1: sid.Oe.first_order(nq).any(),
+        HAS_CT1: sid.Ct.first_order(nq).any(),
+        HAS_QUADRATIC_J: quadratic_inertia and sid.Oe.first_order(nq).any(),
+        HAS_KE1: sid.Ke.first_order(nq).any(),
+        DIAGONAL_ME: is_diagonal(elastic_mass(sid)),
+    }
+    return sum(bit for bit, needed in applies.items() if needed)
+
+
+def body_size(sid: SID) -> float:
+    """The length of a body [m]: of a bar with its largest moment of inertia, or the
+    extent of its nodes if that is more. The place of its frame does not count."""
+    if sid.mass == 0.0:
+        return 0.0
+    centre = sid.mdCM.m0[:, 0] / sid.mass
+    moments = symmetric_3x3(sid.J.m0[:, 0])
+    steiner = centre @ centre * np.eye(3) - np.outer(centre, centre)
+    central = moments / sid.mass - steiner
+    second = 0.5 * np.trace(central) * np.eye(3) - central
+    length = np.sqrt(12.0 * max(np.linalg.eigvalsh(second)[-1], 0.0))
+    places = np.array([centre, *(node.position for node in sid.nodes)])
+    return float(max(length, np.linalg.norm(np.ptp(places, axis=0))))
+
+
+def cr1(sid: SID) -> Array:
+    """First-order term of Cr as (axis, k, l)."""
+    return np.moveaxis(sid.Cr.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+
+
+def ge(sid: SID) -> Array:
+    """Ge as (axis, k, l), rebuilt as Cr1 - Cr1^T, the exact theory (I8)."""
+    kinematic = cr1(sid)
+    return kinematic - kinematic.transpose(0, 2, 1)
+
+
+def oe1(sid: SID) -> Array:
+    """First-order term of Oe as (column, k, l), symmetric in k and l (I11)."""
+    term = np.moveaxis(sid.Oe.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+    return 0.5 * (term + term.transpose(0, 2, 1))
+
+
+def _ke1(sid: SID) -> list[Array]:
+    """The first-order term of Ke, if there is one; see `cubic_stiffness`."""
+    return [cubic_stiffness(sid)] if sid.Ke.first_order(sid.nq).any() else []
+
+
+def ct1(sid: SID) -> Array:
+    """First-order term of Ct as (axis, k, l): geometric stiffening."""
+    return np.moveaxis(sid.Ct.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+
+
+def pack_planar(body: BodyData) -> Array:
+    """The reals of a planar body in the order of `kernels.planar`."""
+    sid, nq = body.sid, body.sid.nq
+    vectors = [
+        sid.Ct.m0[:, 0],
+        sid.Ct.m0[:, 1],
+        sid.Cr.m0[:, 2],
+        sid.J.first_order(nq)[:, 2, 0],
+        sid.Oe.m0[:, 2],
+        sid.ksigma.m0[:, 0],
+    ]
+    squares = [
+        sid.Ke.m0,
+        sid.De.m0,
+        cr1(sid)[2],
+        ge(sid)[2],
+        oe1(sid)[2],
+        ct1(sid)[0],
+        ct1(sid)[1],
+        -oe1(sid)[2],
+        *_ke1(sid),
+    ]
+    head = [sid.mass, sid.mdCM.m0[0, 0], sid.mdCM.m0[1, 0], sid.J.m0[2, 0]]
+    return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
+
+
+def pack_spatial(body: BodyData) -> Array:
+    """The reals of a spatial body in the order of `kernels.spatial`."""
+    sid, nq = body.sid, body.sid.nq
+    vectors = [
+        *sid.Ct.m0.T,
+        *sid.Cr.m0.T,
+        *sid.J.first_order(nq)[:, :, 0].T,
+        *sid.Oe.m0.T,
+        sid.ksigma.m0[:, 0],
+    ]
+    squares = [
+        sid.Ke.m0,
+        sid.De.m0,
+        *cr1(sid),
+        *oe1(sid),
+        *ct1(sid),
+        *_ke1(sid),
+    ]
+    head = [sid.mass, *sid.mdCM.m0[:, 0], *sid.J.m0[:, 0]]
+    return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
+
+
+def pack_spatial_marker(node: Node) -> Array:
+    """Position, orientation (rows), Phi and Psi of a marker in space."""
+    frame, shapes = rotation_part(node.AP.m0), shape_functions(node, planar=False)
+    return np.concatenate([node.position, frame.ravel(), shapes.ravel()])
+
+
+def rotation_part(matrix: Array) -> Array:
+    """The rotation nearest to a matrix."""
+    left, _, right = np.linalg.svd(matrix)
+    return left @ right
+
+
+def pack_planar_marker(node: Node, angle: float) -> Array:
+    """Position, angle, Phi (x then y) and Psi of a marker in the plane."""
+    place = [*node.position[:2], angle]
+    return np.concatenate([place, shape_functions(node, planar=True).ravel()])
+
+
+def shape_functions(node: Node, planar: bool) -> Array:
+    """Phi and Psi of a marker at q = 0, as rows: x y and z, or all six."""
+    if planar:
+        return np.vstack([node.phi.m0[:2], node.psi.m0[2:]])
+    return np.vstack([node.phi.m0, node.psi.m0])
+
+
+def pack_stiffening(shapes: Taylor, rows: slice) -> Array:
+    """m1 of Phi or Psi as (row, k, l), symmetric in k and l; empty for none."""
+    if shapes.m1 is None or not shapes.m1[:, rows].any():
+        return np.zeros(0)
+    term = np.moveaxis(shapes.m1[:, rows], 1, 0)
+    return (0.5 * (term + term.transpose(0, 2, 1))).ravel()
+
+
+def elastic_rates(shapes: Taylor, q: Array, rates: Array) -> Array:
+    """Phi(q) or Psi(q) of a marker times rates (nt, nq) at q (nt, nq): (nt, 3)."""
+    found = rates @ shapes.m0.T
+    stiffening = pack_stiffening(shapes, slice(3))
+    if len(stiffening):
+        nq = q.shape[1]
+        term = stiffening.reshape(3, nq, nq)
+        found += np.einsum("akl,tk,tl->ta", term, rates, q, optimize=True)
+    return found
+
+
+def elastic_mass(sid: SID) -> Array:
+    """Me, symmetric; diagonal where it is so but for rounding."""
+    mass = symmetric(sid.Me.m0)
+    diagonal = np.diag(mass)
+    size = np.sqrt(np.abs(np.outer(diagonal, diagonal)))
+    coupled = np.abs(mass - np.diag(diagonal)) > ROUNDING * size
+    return mass if coupled.any() else np.diag(diagonal)
+
+
+def is_diagonal(matrix: Array) -> bool:
+    return not (matrix - np.diag(np.diag(matrix))).any()
+
+
+def symmetric(matrix: Array) -> Array:
+    """The symmetric part of a matrix."""
+    return 0.5 * (matrix + matrix.T)
+
+
+def amplitudes(sid: SID, axes: int) -> Array:
+    """Largest displacement at a node per unit of each elastic coordinate, (nq,)."""
+    if sid.nq == 0:
+        return np.zeros(0)
+    fallback = np.sqrt(np.maximum(np.diag(sid.Me.m0), 1e-300) / sid.mass)
+    if not sid.nodes:
+        return fallback
+    size = np.max([np.linalg.norm(n.phi.m0[:axes], axis=0) for n in sid.nodes], axis=0)
+    return np.where(size > 1e-6 * fallback, size, fallback)
+
+
+def frequencies(sid: SID) -> Array:
+    """Angular frequency of each elastic coordinate alone [rad/s], (nq,)."""
+    mass = np.maximum(np.diag(sid.Me.m0), 1e-300)
+    return np.sqrt(np.maximum(np.diag(sid.Ke.m0), 0.0) / mass)
+
+
+def modal_squares(sid: SID) -> Array:
+    """Squares of the angular frequencies of the modes of (Ke, Me), growing, (nq,)
+    [rad2/s2]; of single coordinates if Me is no mass matrix."""
+    stiffness, mass = symmetric(sid.Ke.m0), symmetric(sid.Me.m0)
+    try:
+        half = np.linalg.inv(np.linalg.cholesky(mass))
+    except np.linalg.LinAlgError:
+        return np.sort(frequencies(sid) ** 2)
+    return np.asarray(np.linalg.eigvalsh(half @ stiffness @ half.T))
+
+
+def quaternion(matrix: Array) -> Array:
+    """Unit quaternion (scalar first, scalar >= 0) of a rotation matrix."""
+    m = matrix
+    candidates = np.array(
+        [
+            [1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2]]
+            + [m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2]]
+            + [m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
+            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0]]
+            + [1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]],
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0]]
+            + [m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]],
+        ]
+    )
+    best = candidates[int(np.argmax(np.diag(candidates)))]
+    best = best / np.linalg.norm(best)
+    return -best if best[0] < 0.0 else best

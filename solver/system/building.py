@@ -1,0 +1,216 @@
+"""From a scene and its SIDs to the flat tables of a compiled scene.
+
+Compiling keeps only what the scene needs: a frame whose motion is prescribed has no
+coordinates, a planar body has three, a point mass does not rotate, and terms of the
+SID that are zero are not evaluated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
+    SceneFile,
+    as_3d,
+    coordinate_of,
+    parse_output,
+    position_3d,
+    rotation,
+    watched,
+)
+from sidtool.formats.sid import SID, rigid_node, rigid_sid
+
+from ..functions.callables import Derivatives
+from ..functions.pool import Pool
+from ..functions.table import FunctionTable
+from ..kernels import layout as at
+from ..kernels.layout import IntTable
+from .bodies import BodyData, body_data
+from .body_tables import body_table, marker_table, with_prescribed_frames
+from .constraint_tables import ConstraintTables, constraint_tables
+from .constraints import Constraint, constraints_of
+from .eliminated import asks_for_joints, eliminated_frames, eliminated_joints
+from .forces import Element, compile_forces, force_table, joint_coordinate
+from .held_frames import with_held_frames
+from .ingredients import Ingredients, Reference, driven_coordinates
+from .newton_rows import newton_rows
+from .scene import GROUND_NAME, System
+from .sizes import mechanism_size
+from .turns import Coordinate, Turn, turn_table, with_turns
+
+
+def build_system(
+    scene: SceneFile,
+    folder: Path,
+    sids: Mapping[str, SID] | None = None,
+    drives: Mapping[str, Derivatives] | None = None,
+    keep_joints: bool = False,
+    forces: Mapping[str, Derivatives] | None = None,
+) -> System:
+    """Flat tables of a scene, before its initial conditions are looked at.
+
+    drives, forces : callables that replace functions of time, by name
+    keep_joints : joints stay constraints even where they prescribe a frame
+
+    Raises
+    ------
+    InputError : a SID cannot be read, or a marker does not exist.
+    """
+    scene = with_held_frames(scene)
+    planar, pool = scene.dimension == "planar", Pool()
+    data = {
+        name: body_data(name, body, folder, sids or {}, planar)
+        for name, body in scene.bodies.items()
+    }
+    data[GROUND_NAME] = _ground(scene)
+    functions = FunctionTable(pool, (scene.time.start, scene.time.end))
+    drive_index = _drive_functions(scene, functions, drives or {})
+    elements = compile_forces(scene, functions, planar, forces or {})
+    frames = eliminated_frames(scene, data)
+    others = [name for name in scene.bodies if name not in frames]
+    order = (GROUND_NAME, *frames, *others)
+    parts = Ingredients(scene, data, frames, order, drive_index, pool)
+    cut = _system(parts, functions, elements)
+    if not frames or not (keep_joints or asks_for_joints(scene, cut.eliminated)):
+        return cut
+    whole = _system(replace(parts, frames={}), functions, elements)
+    carrying = with_prescribed_frames(whole.arrays.body, cut.arrays.body)
+    whole = replace(whole, carrying=carrying)
+    return whole if keep_joints else replace(cut, whole=whole)
+
+
+def _system(
+    parts: Ingredients, functions: FunctionTable, elements: tuple[Element, ...]
+) -> System:
+    constraints = constraints_of(parts)
+    elements, coordinates, turns = _turning(parts, elements)
+    markers = _used_markers(parts, constraints, [*elements, *coordinates.values()])
+    body = body_table(parts, markers)
+    marker, phi = marker_table(parts, markers)
+    tables = constraint_tables(parts, constraints, markers, body, marker)
+    dims = _dims(parts, body, tables, phi, turns)
+    force = force_table(elements, markers, parts.pool)
+    turn = turn_table(turns, markers, parts.pool)
+    rows_of_newton = newton_rows(body, marker, tables.segment, dims, force)
+    arrays = at.System(
+        body,
+        marker,
+        tables.constraint,
+        tables.segment,
+        functions.table(),
+        dims,
+        parts.pool.array(),
+        as_3d(parts.scene.gravity),
+        np.zeros(int(dims[at.N_ROWS])),
+        force,
+        turn,
+        np.zeros((0, at.N_DROPPED), np.int64),
+        None,
+    )
+    newton = arrays.replaced(**rows_of_newton._asdict())
+    return System(
+        scene=parts.scene,
+        arrays=arrays.replaced(newton=newton),
+        bodies=tuple(parts.data[name] for name in parts.order),
+        markers=markers,
+        rows=tables.rows,
+        eliminated=eliminated_joints(parts.scene, parts.frames),
+        breaks=functions.breaks(),
+        causes=functions.causes(),
+        length=mechanism_size(parts.scene, parts.data, markers),
+        forces=elements,
+        coordinates=coordinates,
+        turns=turns,
+        from_start=tables.from_start,
+        features=functions.features(),
+        seen=functions.seen,
+    )
+
+
+def _turning(
+    parts: Ingredients, elements: tuple[Element, ...]
+) -> tuple[tuple[Element, ...], dict[Coordinate, Element], tuple[Turn, ...]]:
+    """Forces and watched joint coordinates, with what counts their turns."""
+    scene = parts.scene
+    names = [parse_output(text) for text in watched(scene)]
+    keys = [
+        (name.owner, coordinate_of(name.quantity))
+        for name in names
+        if name.owner in scene.joints and coordinate_of(name.quantity)
+    ]
+    coordinates = {key: joint_coordinate(scene, *key) for key in keys}
+    if parts.planar:
+        return elements, coordinates, ()
+    driven = driven_coordinates(scene)
+
+    def drive_of(coordinate: Coordinate) -> int:
+        drive = driven[coordinate[0]].get(coordinate[1])
+        return -1 if drive is None else parts.drive_index[drive]
+
+    return with_turns(elements, coordinates, drive_of)
+
+
+def _dims(
+    parts: Ingredients,
+    body: IntTable,
+    tables: ConstraintTables,
+    phi: int,
+    turns: tuple[Turn, ...],
+) -> np.ndarray:
+    dims = np.zeros(at.N_DIMS, np.int64)
+    dims[at.PLANAR] = int(parts.planar)
+    dims[at.N_TURNS] = sum(len(turn.angles) for turn in turns if turn.counted)
+    dims[at.N_POS] = body[:, at.NP].sum() + dims[at.N_TURNS]
+    dims[at.N_VEL] = body[:, at.NV].sum()
+    dims[at.N_ROWS] = sum(row.count for row in tables.rows)
+    dims[at.BANDWIDTH] = tables.bandwidth
+    dims[at.N_PHI] = phi
+    dims[at.N_ENTRIES] = body[tables.segment[:, at.S_BODY], at.NV].sum()
+    return dims
+
+
+def _ground(scene: SceneFile) -> BodyData:
+    nodes = [rigid_node("", np.zeros(3))]
+    for name, placement in scene.ground.markers.items():
+        nodes.append(rigid_node(name, position_3d(placement), rotation(placement)))
+    sid = rigid_sid(0.0, np.zeros(3), np.zeros((3, 3)), tuple(nodes))
+    return BodyData(GROUND_NAME, sid, False, False, {})
+
+
+def _drive_functions(
+    scene: SceneFile, functions: FunctionTable, programs: Mapping[str, Derivatives]
+) -> dict[str, int]:
+    """Row of the function of each drive."""
+    for name in programs:
+        if name not in scene.drives:
+            raise InputError(
+                f"there is no drive {name!r} for a callable",
+                place="drives",
+                expected=", ".join(scene.drives) or "a drive in the scene",
+            )
+    return {
+        name: functions.add(
+            drive.function, f"drives.{name}.function", programs.get(name), True
+        )
+        for name, drive in scene.drives.items()
+    }
+
+
+def _used_markers(
+    parts: Ingredients, constraints: Iterable[Constraint], forces: Iterable[Element]
+) -> dict[Reference, int]:
+    """Only markers that something uses, sorted by body; rows of their table."""
+    used = {reference for c in constraints for reference in (c.a, c.b)}
+    used |= {ref for frame in parts.frames.values() for ref in (frame.base, frame.tip)}
+    used |= {ref for force in forces for ref in (force.a, force.b) if ref is not None}
+    outputs = [parse_output(text) for text in watched(parts.scene)]
+    used |= {(name.owner, name.marker) for name in outputs if name.marker}
+    for reference in used:
+        parts.node(reference)
+    ranked = sorted(used, key=lambda ref: (parts.order.index(ref[0]), ref[1]))
+    return {reference: i for i, reference in enumerate(ranked)}

@@ -1,0 +1,342 @@
+"""Forces of a scene as rows of the kernels' table; bushings become several.
+
+A row acts on one scalar measure of the motion of two markers (`Element`), or is given
+as a function of time. One entry in `_COMPILERS` adds a kind.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
+    Actuator,
+    Bushing,
+    Characteristic,
+    Force,
+    Friction,
+    Given,
+    PointForce,
+    SceneFile,
+    SpringDamper,
+    as_3d,
+    marker_names,
+    marker_reference,
+)
+from sidtool.formats.sid import Array
+
+from ..functions.callables import Derivatives
+from ..functions.features import Features
+from ..functions.pool import Pool
+from ..functions.table import FunctionTable, features
+from ..kernels import layout as at
+from ..kernels.layout import IntTable
+from .ingredients import Reference
+from .joints import joint_parts
+
+
+@dataclass(frozen=True, eq=False)
+class Polynomials:
+    """A piecewise polynomial: starts (n,) and coefficients (n, terms), lowest first."""
+
+    starts: Array
+    terms: Array
+
+    def value(self, x: Array) -> Array:
+        """Values at x, (nt,)."""
+        if len(self.starts) == 0:
+            return np.zeros_like(x)
+        piece = self._piece(x)
+        return _horner(self.terms[piece], x - self.starts[piece])
+
+    def integral(self, x: Array) -> Array:
+        """Integrals from 0 to x, (nt,)."""
+        if len(self.starts) == 0:
+            return np.zeros_like(x)
+        return self._antiderivative(x) - self._antiderivative(np.zeros(1))
+
+    def _antiderivative(self, x: Array) -> Array:
+        powers = np.arange(1, self.terms.shape[1] + 1)
+        terms = np.column_stack([np.zeros(len(self.starts)), self.terms / powers])
+        terms[1:, 0] = np.cumsum(_horner(terms, self._lengths())[:-1])
+        piece = self._piece(x)
+        return _horner(terms[piece], x - self.starts[piece])
+
+    def _lengths(self) -> Array:
+        return np.diff(self.starts, append=self.starts[-1])
+
+    def _piece(self, x: Array) -> Array:
+        return np.maximum(np.searchsorted(self.starts, x, side="right") - 1, 0)
+
+
+def _horner(terms: Array, x: Array) -> Array:
+    """Polynomials with coefficients (n, terms), lowest first, at x (n,)."""
+    total = np.zeros(np.broadcast_shapes(terms.shape[:1], x.shape))
+    for column in terms.T[::-1]:
+        total = total * x + column
+    return total
+
+
+NOTHING = Polynomials(np.zeros(0), np.zeros((0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """F = applied(t) - K(g - rest) - D(g') - friction tanh(g' / speed)."""
+
+    rest: float = 0.0
+    applied: float = 0.0
+    friction: float = 0.0
+    speed: float = 1.0
+    stiffness: Polynomials = NOTHING
+    damping: Polynomials = NOTHING
+
+    def features(self) -> Features:
+        """Of the force over the measure, which no step may pass unseen."""
+        curve = self.stiffness
+
+        def value(g: Array) -> Array:
+            return curve.value(g - self.rest)
+
+        return features.of_characteristic(value, self.rest + curve.starts)
+
+    def packed(self) -> Array:
+        """In the order of `kernels.forces`."""
+        sizes = [*self.stiffness.terms.shape, *self.damping.terms.shape]
+        head = [self.rest, self.applied, self.friction, self.speed, *sizes]
+        parts = [self.stiffness, self.damping]
+        rows = [np.concatenate([p.starts, p.terms.ravel()]) for p in parts]
+        return np.concatenate([head, *rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """One row of the force table.
+
+    kind : see `kernels.layout`
+    a, b : markers; a given force has no `a`
+    data : direction or components
+    function : row of its function of time, -1 for none
+    coordinate : joint and coordinate that are its measure, if they are
+    turn : entry of Work.turn that is its measure, -1 for none, see `turns`
+    """
+
+    name: str
+    kind: int
+    a: Reference | None
+    b: Reference
+    data: tuple[float, ...]
+    law: Law
+    function: int = -1
+    coordinate: tuple[str, str] | None = None
+    turn: int = -1
+
+
+def compile_forces(
+    scene: SceneFile,
+    functions: FunctionTable,
+    planar: bool,
+    programs: Mapping[str, Derivatives],
+) -> tuple[Element, ...]:
+    """The elements of all forces of a scene.
+
+    programs : callables that replace the functions of time of forces
+
+    Raises
+    ------
+    InputError : a callable for a force that does not exist or is no function of time.
+    """
+    _check_programs(scene, programs)
+    found: list[Element] = []
+    for name, force in scene.forces.items():
+        function, row = getattr(force, "function", None), -1
+        program = programs.get(name)
+        if function is not None or program is not None:
+            place = f"forces.{name}.function"
+            row = functions.add(function or Given(type="callable"), place, program)
+        context = _Context(name, scene, planar, row)
+        found += _COMPILERS[type(force)](force, context)
+    return tuple(found)
+
+
+def _check_programs(scene: SceneFile, programs: Mapping[str, Derivatives]) -> None:
+    timed = [name for name, force in scene.forces.items() if hasattr(force, "function")]
+    for name in programs:
+        if name not in timed:
+            known = scene.forces.get(name)
+            found = f"there is no force {name!r} for a callable"
+            if known is not None:
+                found = f"{name} is a {known.type}, which is no function of time"
+            raise InputError(
+                found,
+                place="forces",
+                expected=", ".join(timed) or "a force or an actuator in the scene",
+            )
+
+
+@dataclass(frozen=True)
+class _Context:
+    name: str
+    scene: SceneFile
+    planar: bool
+    function: int
+
+
+def _point_force(force: PointForce, context: _Context) -> list[Element]:
+    components = as_3d(force.force)
+    torque = np.zeros(3)
+    if force.torque is not None:
+        torque[:] = force.torque if isinstance(force.torque, tuple) else 0.0
+        if context.planar:
+            torque[2] = float(np.ravel(force.torque)[-1])
+    data = [*components[:2], torque[2]] if context.planar else [*components, *torque]
+    kind = at.GIVEN if force.axes == "inertial" else at.FOLLOWING
+    marker = marker_reference(force.marker)
+    values = tuple(map(float, data))
+    return [Element(context.name, kind, None, marker, values, Law(), context.function)]
+
+
+def _spring_damper(force: SpringDamper, context: _Context) -> list[Element]:
+    stiffness = _powers(force.stiffness)
+    if force.table is not None:
+        stiffness = _characteristic(force.table)
+    law = Law(rest=force.rest, stiffness=stiffness, damping=_powers(force.damping))
+    return [_pair(force.markers, force.joint, force.coordinate, law, context)]
+
+
+def _actuator(force: Actuator, context: _Context) -> list[Element]:
+    law = Law(applied=1.0)
+    return [_pair(force.markers, force.joint, force.coordinate, law, context)]
+
+
+def _friction(force: Friction, context: _Context) -> list[Element]:
+    viscous = _powers((force.viscous,)) if force.viscous else NOTHING
+    law = Law(friction=force.force, speed=force.speed, damping=viscous)
+    return [_pair(None, force.joint, force.coordinate, law, context)]
+
+
+def _pair(
+    markers: tuple[str, str] | None,
+    joint: str | None,
+    coordinate: str | None,
+    law: Law,
+    context: _Context,
+) -> Element:
+    """A force along the line between two markers, or on the coordinate of a joint."""
+    if joint is None:
+        assert markers is not None
+        a, b = (marker_reference(text) for text in markers)
+        return Element(context.name, at.SPAN, a, b, (), law, context.function)
+    name = coordinate or context.scene.joints[joint].coordinates[0]
+    measure = joint_coordinate(context.scene, joint, name)
+    return replace(measure, name=context.name, law=law, function=context.function)
+
+
+def joint_coordinate(scene: SceneFile, joint: str, coordinate: str) -> Element:
+    """What measures a coordinate of a joint, without a force."""
+    connects = scene.joints[joint]
+    parts = joint_parts(connects, scene.dimension == "planar")
+    part = parts.coordinates[coordinate]
+    a, b = (marker_reference(text) for text in marker_names(connects))
+    if part.swapped:
+        a, b = b, a
+    data, key = tuple(map(float, part.data)), (joint, coordinate)
+    return Element(joint, _MEASURES[part.kind], a, b, data, Law(), coordinate=key)
+
+
+#: The measure that is the coordinate of a primitive constraint.
+_MEASURES = {at.ANGLE: at.TWIST, at.ALONG: at.SLIDE, at.DISTANCE: at.SPAN}
+
+
+def _bushing(force: Bushing, context: _Context) -> list[Element]:
+    a, b = (marker_reference(text) for text in force.markers)
+    damping = force.damping or (0.0,) * len(force.stiffness)
+    measures: list[tuple[int, tuple[float, ...]]]
+    if context.planar:
+        measures = [(at.SLIDE, (0.0,)), (at.SLIDE, (0.5 * math.pi,))]
+        measures.append((at.TWIST, (0.0,)))
+    else:
+        measures = [(at.SLIDE, e) for e in _AXES]
+        measures += _about_shaft(force.shaft) if force.shaft else _about_axes()
+    return [
+        Element(
+            context.name,
+            kind,
+            a,
+            b,
+            data,
+            Law(stiffness=_powers((k,)), damping=_powers((d,))),
+        )
+        for (kind, data), k, d in zip(measures, force.stiffness, damping, strict=True)
+        if k != 0.0 or d != 0.0
+    ]
+
+
+_AXES = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+
+
+def _about_axes() -> list[tuple[int, tuple[float, ...]]]:
+    """Components of the rotation vector."""
+    return [(at.TILT, e) for e in _AXES]
+
+
+def _about_shaft(shaft: str) -> list[tuple[int, tuple[float, ...]]]:
+    """The angle about an axis of the first marker, and sines of its tilts about the
+    other two: components of the shaft across the axis."""
+    k = "xyz".index(shaft)
+    i, j = (k + 1) % 3, (k + 2) % 3
+    minus_j = tuple(-c for c in _AXES[j])
+    found = {
+        i: (at.LEAN, (*minus_j, *_AXES[k])),
+        j: (at.LEAN, (*_AXES[i], *_AXES[k])),
+        k: (at.TWIST, (*_AXES[i], *_AXES[j])),
+    }
+    return [found[axis] for axis in range(3)]
+
+
+_COMPILERS: dict[type[Force], Callable[..., list[Element]]] = {
+    PointForce: _point_force,
+    SpringDamper: _spring_damper,
+    Actuator: _actuator,
+    Bushing: _bushing,
+    Friction: _friction,
+}
+
+
+def _powers(values: tuple[float, ...] | None) -> Polynomials:
+    """A polynomial without constant term."""
+    if values is None:
+        return NOTHING
+    return Polynomials(np.zeros(1), np.array([[0.0, *values]]))
+
+
+def _characteristic(table: Characteristic) -> Polynomials:
+    from scipy.interpolate import PchipInterpolator
+
+    curve = PchipInterpolator(table.deflection, table.force)
+    inside = np.ascontiguousarray(curve.c[::-1].T)
+    slopes = curve.derivative()(curve.x[[0, -1]])
+    before = [table.force[0], slopes[0], 0.0, 0.0]
+    after = [table.force[-1], slopes[1], 0.0, 0.0]
+    starts = np.concatenate([curve.x[:1], curve.x])
+    return Polynomials(starts, np.vstack([before, inside, after]))
+
+
+def force_table(
+    elements: tuple[Element, ...], markers: dict[Reference, int], pool: Pool
+) -> IntTable:
+    """The table of forces, without their rows in Newton matrices."""
+    table = np.full((len(elements), at.N_FORCE), -1, np.int64)
+    for row, element in zip(table, elements, strict=True):
+        row[at.F_KIND] = element.kind
+        row[at.F_A] = -1 if element.a is None else markers[element.a]
+        row[at.F_B] = markers[element.b]
+        row[at.F_DATA] = pool.add(element.data)
+        row[at.F_LAW] = pool.add(element.law.packed())
+        row[at.F_TIME] = element.function
+        row[at.F_TURN] = element.turn
+    return table

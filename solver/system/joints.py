@@ -1,0 +1,207 @@
+"""Joints as short tables of primitive constraints between two markers.
+
+One entry in `PLANAR` or `SPATIAL` adds a joint: its constraints, and for each
+coordinate that a drive may prescribe the primitive that does so. Directions are given
+in the frame of the first marker.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sidtool.formats.scene import Joint, as_3d, marker_names, marker_reference
+from sidtool.formats.sid import Array
+
+from ..kernels.layout import ALONG, ANGLE, COINCIDENT, DISTANCE, PERPENDICULAR
+from .bodies import BodyData
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """A primitive constraint.
+
+    kind : see `kernels.layout`
+    data : its numbers
+    swapped : from the second marker to the first
+    from_start : entry of `data` that the assembled start decides, -1 for none
+    """
+
+    kind: int
+    data: tuple[float, ...] = ()
+    swapped: bool = False
+    from_start: int = -1
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Constraints of a joint, and the primitive that measures each coordinate."""
+
+    constraints: list[Primitive]
+    coordinates: dict[str, Primitive] = field(default_factory=dict)
+
+
+def joint_parts(joint: Joint, planar: bool) -> Parts:
+    """Primitives of a joint; in the plane ALONG holds the angle of its direction."""
+    if planar:
+        return PLANAR[joint.type](joint, planar_axis(joint))
+    return SPATIAL[joint.type](joint, spatial_axis(joint))
+
+
+def is_of_point(joint: Joint, data: Mapping[str, BodyData]) -> bool:
+    """Whether a joint fixes a point mass, which has a place and no orientation."""
+    if joint.type != "fixed":
+        return False
+    for text in marker_names(joint):
+        body, marker = marker_reference(text)
+        if body in data and not data[body].rotates and body != "ground":
+            return not data[body].node(marker).position.any()
+    return False
+
+
+def marker_coordinate(name: str, planar: bool) -> Primitive:
+    """The coordinate x, y, z or angle of a marker seen from another one."""
+    if name == "angle":
+        return Primitive(ANGLE, (0.0, 0.0))
+    if planar:
+        return _planar_along(0.0 if name == "x" else 0.5 * math.pi)
+    return _along(np.eye(3)["xyz".index(name)])
+
+
+def marker_rotation(axis: tuple[float, ...]) -> tuple[list[Primitive], Primitive]:
+    """What keeps the axis of a marker's rotation, and the angle about it."""
+    direction = as_3d(axis) / np.linalg.norm(axis)
+    return _rotation_about(direction), _angle(*normals(direction))
+
+
+def planar_axis(joint: Joint) -> float:
+    """Angle of a joint's direction in the first marker's frame, default x."""
+    axis = getattr(joint, "axis", None)
+    return math.atan2(axis[1], axis[0]) if axis else 0.0
+
+
+def spatial_axis(joint: Joint) -> Array:
+    """Unit direction of a joint, in the first marker's frame."""
+    axis = as_3d(getattr(joint, "axis", None) or getattr(joint, "default_axis", (1.0,)))
+    return axis / np.linalg.norm(axis)
+
+
+def normals(axis: Array) -> tuple[Array, Array]:
+    """Two unit vectors that complete `axis` to a right-handed frame."""
+    helper = np.eye(3)[int(np.argmin(abs(axis)))]
+    first = np.cross(helper, axis)
+    first /= np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+_POINT = Primitive(COINCIDENT)
+_PLANAR_ANGLE = Primitive(ANGLE, (0.0, 0.0))
+
+
+def _distance(joint: Joint, axis: object) -> Parts:
+    """The driven length replaces the constant one."""
+    length = joint.length  # type: ignore[union-attr]
+    known = Primitive(DISTANCE, (length or 0.0,), from_start=-1 if length else 0)
+    return Parts([known], {"length": Primitive(DISTANCE, (0.0,))})
+
+
+def _planar_along(angle: float) -> Primitive:
+    return Primitive(ALONG, (angle, 0.0))
+
+
+def _planar_prismatic(joint: Joint, axis: float) -> Parts:
+    guide = _planar_along(axis + 0.5 * math.pi)
+    return Parts([guide, _PLANAR_ANGLE], {"displacement": _planar_along(axis)})
+
+
+def _planar_line(joint: Joint, axis: float) -> Parts:
+    guide = _planar_along(axis + 0.5 * math.pi)
+    return Parts([guide], {"displacement": _planar_along(axis)})
+
+
+PLANAR: dict[str, Callable[[Joint, float], Parts]] = {
+    "fixed": lambda joint, axis: Parts([_POINT, _PLANAR_ANGLE]),
+    "revolute": lambda joint, axis: Parts([_POINT], {"angle": _PLANAR_ANGLE}),
+    "prismatic": _planar_prismatic,
+    "point_on_line": _planar_line,
+    "coincident": lambda joint, axis: Parts([_POINT]),
+    "distance": _distance,
+}
+
+
+def _along(axis: Array) -> Primitive:
+    return Primitive(ALONG, (*axis, 0.0, 0.0, 0.0))
+
+
+def _angle(first: Array, second: Array, swapped: bool = False) -> Primitive:
+    """Angle of the first direction of B in the plane of both directions of A."""
+    return Primitive(ANGLE, (*first, *second), swapped)
+
+
+def _perpendicular(pairs: list[tuple[Array, Array]]) -> list[Primitive]:
+    return [Primitive(PERPENDICULAR, (*a, *b)) for a, b in pairs]
+
+
+def _no_rotation() -> list[Primitive]:
+    x, y, z = np.eye(3)
+    return _perpendicular([(x, y), (y, z), (z, x)])
+
+
+def _rotation_about(axis: Array) -> list[Primitive]:
+    return _perpendicular([(normal, axis) for normal in normals(axis)])
+
+
+def _on_line(axis: Array) -> list[Primitive]:
+    return [_along(normal) for normal in normals(axis)]
+
+
+def _revolute(joint: Joint, axis: Array) -> Parts:
+    return Parts([_POINT, *_rotation_about(axis)], {"angle": _angle(*normals(axis))})
+
+
+def _prismatic(joint: Joint, axis: Array) -> Parts:
+    return Parts([*_on_line(axis), *_no_rotation()], {"displacement": _along(axis)})
+
+
+def _cylindrical(joint: Joint, axis: Array) -> Parts:
+    coordinates = {"angle": _angle(*normals(axis)), "displacement": _along(axis)}
+    return Parts([*_on_line(axis), *_rotation_about(axis)], coordinates)
+
+
+def _universal(joint: Joint, axis: Array) -> Parts:
+    """The cross turns by angle_1 about `axis`, the second body by angle_2 on it."""
+    second = as_3d(joint.second_axis or (0.0, 1.0, 0.0))  # type: ignore[union-attr]
+    second = second / np.linalg.norm(second)
+    third = np.cross(axis, second)
+    coordinates = {
+        "angle_1": _angle(second, third),
+        "angle_2": _angle(axis, third, swapped=True),
+    }
+    return Parts([_POINT, *_perpendicular([(axis, second)])], coordinates)
+
+
+def _planar_joint(joint: Joint, axis: Array) -> Parts:
+    constraints = [_along(axis), *_rotation_about(axis)]
+    return Parts(constraints, {"angle": _angle(*normals(axis))})
+
+
+def _point_on_line(joint: Joint, axis: Array) -> Parts:
+    return Parts(_on_line(axis), {"displacement": _along(axis)})
+
+
+SPATIAL: dict[str, Callable[[Joint, Array], Parts]] = {
+    "fixed": lambda joint, axis: Parts([_POINT, *_no_rotation()]),
+    "revolute": _revolute,
+    "prismatic": _prismatic,
+    "cylindrical": _cylindrical,
+    "spherical": lambda joint, axis: Parts([_POINT]),
+    "universal": _universal,
+    "planar": _planar_joint,
+    "point_on_line": _point_on_line,
+    "point_on_plane": lambda joint, axis: Parts([_along(axis)]),
+    "coincident": lambda joint, axis: Parts([_POINT]),
+    "distance": _distance,
+}

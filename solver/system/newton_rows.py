@@ -1,0 +1,83 @@
+"""The rows of Newton matrices: constraints, and forces between two markers.
+
+Their order keeps the Schur complement a narrow band, as that of the constraints alone
+does for accelerations. Constraints between prescribed frames have no row.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from sidtool.formats.sid import Array
+
+from ..kernels import layout as at
+from ..kernels.layout import IntTable
+from .ordering import reverse_cuthill_mckee
+
+
+class NewtonRows(NamedTuple):
+    """What replaces body, segment, dims and slack of `kernels.layout.System`."""
+
+    body: IntTable
+    segment: IntTable
+    dims: IntTable
+    slack: Array
+
+
+def newton_rows(
+    body: IntTable, marker: IntTable, segment: IntTable, dims: IntTable, force: IntTable
+) -> NewtonRows:
+    """Rows of constraints and forces; fills the segments of the force table."""
+    pieces = _force_pieces(body, marker, dims, force)
+    count = int(dims[at.N_ROWS])
+    found = [(int(r), int(b), int(o)) for r, b, o in segment]
+    found += [(count + k, b, offset) for k, b, offset in pieces]
+    owners: dict[int, set[int]] = {}
+    for row, b, _ in found:
+        owners.setdefault(row, set()).add(b)
+    rows = sorted(owners)
+    order, bandwidth = reverse_cuthill_mckee(
+        [tuple(sorted(owners[row])) for row in rows], [1] * len(rows), body[:, at.NV]
+    )
+    place = {rows[i]: new for new, i in enumerate(order)}
+    table = np.array(
+        sorted(((place[row], b, o) for row, b, o in found), key=lambda s: (s[1], s[2])),
+        np.int64,
+    ).reshape(-1, at.N_SEGMENT)
+    new_body, new_dims = body.copy(), dims.copy()
+    bodies, owner = np.arange(len(body)), table[:, at.S_BODY]
+    new_body[:, at.SEG0] = np.searchsorted(owner, bodies)
+    new_body[:, at.SEG1] = np.searchsorted(owner, bodies, side="right")
+    new_dims[at.N_ROWS], new_dims[at.BANDWIDTH] = len(rows), bandwidth
+    slack = np.zeros(len(rows))
+    slack[[place[row] for row in rows if row >= count]] = 1.0
+    return NewtonRows(new_body, table, new_dims, slack)
+
+
+def _force_pieces(
+    body: IntTable, marker: IntTable, dims: IntTable, force: IntTable
+) -> list[tuple[int, int, int]]:
+    """Row of the force table, body and offset of each segment of a force."""
+    pieces = []
+    offset = int(dims[at.N_ENTRIES])
+    for k, row in enumerate(force):
+        if row[at.F_KIND] <= at.FOLLOWING:
+            continue
+        for column, m in ((at.F_SEG_A, at.F_A), (at.F_SEG_B, at.F_B)):
+            b = int(marker[row[m], at.M_BODY])
+            if body[b, at.NV] > 0:
+                row[column] = offset
+                pieces.append((k, b, offset))
+                offset += int(body[b, at.NV])
+    return pieces
+
+
+def with_slack(arrays: at.System, slack: Array) -> at.System:
+    """The tables with other slacks of the constraint rows."""
+    places = dict(arrays.newton.segment[:, [at.S_OFFSET, at.S_ROW]])
+    new = arrays.newton.slack.copy()
+    for row, _, offset in arrays.segment:
+        new[places[offset]] = slack[row]
+    return arrays.replaced(slack=slack, newton=arrays.newton.replaced(slack=new))

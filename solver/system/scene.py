@@ -1,0 +1,119 @@
+"""A compiled scene: bodies, markers, constraints and drives as flat tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import Array
+
+from ..functions.features import NONE, Features
+from ..kernels import layout as at
+from .bodies import BodyData
+from .forces import Element
+from .turns import Coordinate, Turn
+
+GROUND_NAME = "ground"
+
+
+@dataclass(frozen=True)
+class Row:
+    """Where the rows of one joint or drive stand among the constraints."""
+
+    name: str
+    first: int
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A scene, ready to be integrated. Immutable; work arrays are made per run.
+
+    Attributes
+    ----------
+    scene : the scene file
+    arrays : what kernels read
+    bodies : bodies in the order of the tables, the ground first
+    markers : (body, marker) to row of the marker table
+    rows : constraint rows of each joint and drive
+    eliminated : joints and drives that became prescribed frames
+    breaks : times at which a drive or a force is not smooth, then the end
+    causes : drives and forces by the times at which they break
+    length : size of the mechanism [m]
+    forces : rows of the force table
+    coordinates : of joints, what measures those that outputs and events look at
+    turns : rows of the table of rotations in space
+    from_start : (entry of the pool, constraint row) of constants that the assembled
+        start decides
+    redundant : constraint rows that follow from the others
+    features : of functions of time, which no step may pass unseen
+    dropped : constraint rows that are left out, since they follow from the others but
+        for the rounding of data
+    strict : table of all constraints, where some are left out
+    seen : by the drives and forces that a program gives, the duration of the shortest
+        feature that is surely seen [s]
+    carrying : of a scene with all of its joints, the body table in which frames that
+        they prescribe have no coordinates
+    whole : of a scene that was cut down, the one with all joints, if their forces are
+        asked for
+    """
+
+    scene: SceneFile
+    arrays: at.System
+    bodies: tuple[BodyData, ...]
+    markers: Mapping[tuple[str, str], int]
+    rows: tuple[Row, ...]
+    eliminated: Mapping[str, str]
+    breaks: tuple[float, ...]
+    causes: Mapping[float, tuple[str, ...]]
+    length: float
+    forces: tuple[Element, ...] = field(default=())
+    coordinates: Mapping[Coordinate, Element] = field(default_factory=dict)
+    turns: tuple[Turn, ...] = field(default=())
+    from_start: tuple[tuple[int, int], ...] = field(default=())
+    redundant: tuple[int, ...] = field(default=())
+    features: Features = NONE
+    dropped: tuple[int, ...] = field(default=())
+    strict: at.IntTable | None = None
+    seen: Mapping[str, float] = field(default_factory=dict)
+    carrying: at.IntTable | None = None
+    whole: System | None = None
+
+    @property
+    def planar(self) -> bool:
+        return self.scene.dimension == "planar"
+
+    @property
+    def n_positions(self) -> int:
+        """Entries of z_I: coordinates of bodies, then counted rotations."""
+        return int(self.arrays.dims[at.N_POS])
+
+    @property
+    def n_turns(self) -> int:
+        return int(self.arrays.dims[at.N_TURNS])
+
+    @property
+    def n_velocities(self) -> int:
+        return int(self.arrays.dims[at.N_VEL])
+
+    @property
+    def n_rows(self) -> int:
+        return int(self.arrays.dims[at.N_ROWS])
+
+    @property
+    def n_newton_rows(self) -> int:
+        """Constraints and forces, see `newton_rows`."""
+        return int(self.arrays.newton.dims[at.N_ROWS])
+
+    def clocks(self, times: Array) -> Array:
+        """The middle of the smooth interval that each time lies in, (nt,) [s]."""
+        edges = np.array([self.scene.time.start, *self.breaks])
+        part = np.clip(np.searchsorted(edges, times) - 1, 0, len(edges) - 2)
+        return np.asarray(0.5 * (edges[part] + edges[part + 1]))
+
+    def index(self, body: str) -> int:
+        """Row of a body in the tables."""
+        return next(i for i, b in enumerate(self.bodies) if b.name == body)

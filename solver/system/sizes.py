@@ -1,0 +1,107 @@
+"""What is large: sizes that make displacements, angles and deformations comparable.
+
+Nothing is large or small by itself: a length is compared with the size of the
+mechanism, an angle with a radian. So results do not depend on the unit system, and
+mechanisms of micrometres are closed as well as those of kilometres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from sidtool.formats.scene import SceneFile, as_3d
+from sidtool.formats.sid import Array
+
+from ..kernels import layout as at
+from .bodies import BodyData, amplitudes
+from .scene import GROUND_NAME, System
+
+_ANGLES = (at.ANGLE, at.PERPENDICULAR, at.COUPLED_ANGLE)
+_TERMS = (at.COUPLED_ANGLE, at.COUPLED_ALONG)
+
+
+def diameter(points: Array) -> float:
+    """The largest distance in a set of points (n, 3), or at least half of it.
+
+    From the point farthest from the mean to the one farthest from that: it changes
+    neither with the axes nor with the order of the points.
+    """
+    if len(points) == 0:
+        return 0.0
+    away = np.linalg.norm(points - np.mean(points, axis=0), axis=1)
+    first = points[np.argmax(away)]
+    return float(np.max(np.linalg.norm(points - first, axis=1)))
+
+
+def mechanism_size(
+    scene: SceneFile,
+    data: Mapping[str, BodyData],
+    markers: Iterable[tuple[str, str]],
+) -> float:
+    """Largest distance in a body, or between places of bodies and of the ground [m].
+
+    A body alone that has no extent is measured by how far it flies.
+
+    markers : (body, marker) of all that the scene uses
+    """
+    sizes = []
+    ground = [name for body, name in markers if body == GROUND_NAME]
+    places = [data[GROUND_NAME].node(name).position for name in ground]
+    for name, body in scene.bodies.items():
+        sid = data[name].sid
+        points = [node.position for node in sid.nodes]
+        points += [np.zeros(3), sid.mdCM.m0[:, 0] / (sid.mass or 1.0)]
+        sizes.append(diameter(np.array(points)))
+        places.append(as_3d(body.initial.position))
+    sizes.append(diameter(np.array(places)))
+    return max(sizes) or _travel(scene) or 1.0
+
+
+def _travel(scene: SceneFile) -> float:
+    """How far initial velocities and gravity carry a body at most."""
+    bodies = scene.bodies.values()
+    speeds = [np.linalg.norm(as_3d(body.initial.velocity)) for body in bodies]
+    fall = 0.5 * np.linalg.norm(as_3d(scene.gravity))
+    duration = scene.time.end - scene.time.start
+    return float(duration * (max(speeds) + duration * fall))
+
+
+def extents(system: System) -> Array:
+    """How far each body reaches from its frame, (bodies,) [m]; of one that has no
+    extent, the size of the mechanism."""
+    reach = [
+        max((float(np.linalg.norm(n.position)) for n in body.sid.nodes), default=0.0)
+        for body in system.bodies
+    ]
+    return np.array([r or system.length for r in reach])
+
+
+def coordinate_sizes(system: System) -> Array:
+    """Of each velocity coordinate: the size of the mechanism, a radian, an elastic
+    coordinate that displaces a node by the size of the mechanism; (n velocities,)."""
+    sizes = np.full(system.n_velocities, system.length)
+    axes = 2 if system.planar else 3
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        u, rd = int(row[at.VEL]), int(row[at.RD])
+        sizes[u + axes : u + rd] = 1.0
+        sizes[u + rd : u + row[at.NV]] = system.length / amplitudes(data.sid, axes)
+    return sizes
+
+
+def row_sizes(system: System) -> Array:
+    """Of each constraint: the size of the mechanism, a radian, or a sum of both that a
+    coupling weights; (rows,)."""
+    sizes = np.zeros(system.n_rows)
+    point = 2 if system.planar else 3
+    term = at.TERM_PLANAR if system.planar else at.TERM_SPATIAL
+    for con in system.arrays.constraint:
+        kind, row = int(con[at.KIND]), int(con[at.ROW])
+        size = 1.0 if kind in _ANGLES else system.length
+        if kind in _TERMS:
+            weight = system.arrays.pool[con[at.C_DATA] + term + at.W_WEIGHT]
+            sizes[row] = max(sizes[row], abs(weight) * size)
+            continue
+        sizes[row : row + (point if kind == at.COINCIDENT else 1)] = size
+    return sizes

@@ -1,0 +1,149 @@
+"""Work arrays of one run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from sidtool.formats.sid import SID, Array
+
+from ..kernels import layout as at
+from ..kernels.lapack import lapack
+from ..kernels.newton import N_COUNTERS, Memory
+from ..kernels.planar import N_FRAME as PLANAR_FRAME
+from ..kernels.planar import N_POINT as PLANAR_POINT
+from ..kernels.spatial import N_MODAL
+from ..kernels.spatial_columns import N_FRAME as SPATIAL_FRAME
+from ..kernels.spatial_columns import N_POINT as SPATIAL_POINT
+from .bodies import elastic_mass, modal_squares, shape_functions, symmetric
+from .scene import System
+
+#: Weight of stiffness against mass in the metric of projections: radians of the slowest
+#: mode of a body, if it had the mass of the heaviest body.
+STIFFER = 1e3
+#: Eigenvalues below this part of the largest one are zero.
+ZERO = 1e-12
+#: Intermediate results of one body or marker.
+SCRATCH = 32
+
+
+def new_work(system: System) -> at.Work:
+    """What kernels write, for one run of a system."""
+    body, marker = system.arrays.body, system.arrays.marker
+    blocks = int((body[:, at.NV] ** 2).sum())
+    entries = segment_entries(system)
+    largest = max(1, int(body[:, at.NV].max()))
+    turns = sum(len(turn.angles) for turn in system.turns)
+    frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
+    point = PLANAR_POINT if system.planar else SPATIAL_POINT
+    return at.Work(
+        np.zeros((len(body), frame)),
+        np.zeros((len(marker), point)),
+        _shape_functions(system),
+        _elastic_blocks(system, blocks, elastic_mass),
+        np.zeros(blocks),
+        np.zeros(blocks),
+        np.zeros(system.n_velocities),
+        np.zeros(entries),
+        np.zeros(entries),
+        np.zeros(entries),
+        np.zeros((system.n_rows, at.N_ROW)),
+        np.zeros((turns, at.N_TURNED)),
+        np.zeros((len(system.forces), 2)),
+        np.zeros(1),
+        np.zeros(max(2 * largest, SCRATCH)),
+        np.zeros(N_MODAL * int(body[:, at.NQ].max())),
+    )
+
+
+def segment_entries(system: System) -> int:
+    """Stored entries of the constraint Jacobian and of the directions of forces."""
+    arrays = system.arrays
+    return int(arrays.body[arrays.newton.segment[:, at.S_BODY], at.NV].sum())
+
+
+def _shape_functions(system: System) -> Array:
+    """Phi and Psi of all markers at q = 0."""
+    arrays = system.arrays
+    phi = np.zeros(int(arrays.dims[at.N_PHI]))
+    for (body, name), m in system.markers.items():
+        data = system.bodies[arrays.marker[m, at.M_BODY]]
+        assert data.name == body
+        values = shape_functions(data.node(name), system.planar).ravel()
+        start = arrays.marker[m, at.M_PHI]
+        phi[start : start + len(values)] = values
+    return phi
+
+
+def new_memory(system: System, pairs: int) -> Memory:
+    """Factors for a method with `pairs` complex eigenvalues."""
+    body = system.arrays.body
+    blocks = int((body[:, at.NV] ** 2).sum())
+    entries, n, m = segment_entries(system), system.n_velocities, system.n_rows
+    rows, largest = system.n_newton_rows, int(body[:, at.NV].max())
+    frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
+    whole = np.int64
+    return Memory(
+        np.zeros(blocks),
+        np.zeros(entries),
+        np.zeros(entries),
+        np.zeros((rows, rows)),
+        np.zeros(n, whole),
+        np.zeros(rows, whole),
+        np.zeros((pairs, blocks), complex),
+        np.zeros((pairs, entries), complex),
+        np.zeros((pairs, entries), complex),
+        np.zeros((pairs, rows, rows), complex),
+        np.zeros((pairs, n), whole),
+        np.zeros((pairs, rows), whole),
+        np.zeros(blocks),
+        np.zeros(entries),
+        np.zeros((m, m)),
+        np.zeros(blocks),
+        np.zeros(entries),
+        np.zeros((len(body), frame)),
+        _elastic_blocks(system, blocks, _metric(system)),
+        np.zeros(n),
+        np.zeros(m),
+        np.zeros(n),
+        np.zeros(m),
+        np.zeros(N_COUNTERS, whole),
+        lapack("d", largest),
+        lapack("z", largest),
+    )
+
+
+def _metric(system: System) -> Callable[[SID], Array]:
+    """tau^2 Ke of a body, so large that deforming it costs more than moving others.
+
+    It depends neither on units nor on the basis of the shape functions, nor on the
+    density of the body.
+    """
+    heaviest = max(data.sid.mass for data in system.bodies)
+
+    def metric(sid: SID) -> Array:
+        K = symmetric(sid.Ke.m0)
+        squares = modal_squares(sid)
+        squares = squares[squares > ZERO * squares.max(initial=0.0)]
+        if not len(squares):
+            return 0.0 * K
+        share = heaviest / sid.mass if sid.mass > 0.0 else 1.0
+        weight: Array = STIFFER**2 * share / squares.min() * K
+        return weight
+
+    return metric
+
+
+def _elastic_blocks(
+    system: System, blocks: int, matrix: Callable[[SID], Array]
+) -> Array:
+    """A matrix of each SID in the elastic part of the block of its body."""
+    values = np.zeros(blocks)
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        nv, rd, start = row[at.NV], row[at.RD], row[at.BLOCK]
+        if data.sid.nq == 0 or nv == 0:
+            continue
+        block = values[start : start + nv * nv].reshape(nv, nv)
+        block[rd:, rd:] = matrix(data.sid)
+    return values

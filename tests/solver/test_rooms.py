@@ -1,0 +1,82 @@
+"""The rooms of the solver stand in one order: imports run downward, and never round."""
+
+from __future__ import annotations
+
+import ast
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+SOLVER = Path(__file__).parents[2] / "solver"
+#: From the lowest to the highest; loose files stand above all but those in LEAVES.
+ROOMS = (
+    "kernels",
+    "functions",
+    "system",
+    "integrators",
+    "start",
+    "recording",
+    "advice",
+    "analyses",
+)
+#: Loose files that every room may import.
+LEAVES = {"errors": 0, "versions": 0, "warmup": 1}
+
+
+def modules() -> dict[str, Path]:
+    found = {}
+    for path in SOLVER.rglob("*.py"):
+        parts = path.relative_to(SOLVER).with_suffix("").parts
+        found[".".join(p for p in parts if p != "__init__")] = path
+    return found
+
+
+def imports(name: str, path: Path, known: dict[str, Path]) -> set[str]:
+    """Modules of the solver that a module imports, at the top or in a function."""
+    package = name if path.stem == "__init__" else name.rpartition(".")[0]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    typing = {
+        id(node)
+        for branch in ast.walk(tree)
+        if isinstance(branch, ast.If) and "TYPE_CHECKING" in ast.dump(branch.test)
+        for node in ast.walk(branch)
+    }
+    found = set()
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.ImportFrom) or not node.level or id(node) in typing:
+            continue
+        base = package.split(".") if package else []
+        base = base[: len(base) - node.level + 1]
+        home = ".".join([*base, *([node.module] if node.module else [])])
+        for entry in node.names:
+            inner = f"{home}.{entry.name}" if home else entry.name
+            found.add(inner if inner in known else home)
+    return found - {name}
+
+
+def height(name: str) -> int:
+    room, _, _ = name.partition(".")
+    return ROOMS.index(room) if room in ROOMS else LEAVES.get(room, len(ROOMS))
+
+
+def test_imports_run_downward() -> None:
+    known = modules()
+    upward = [
+        (name, other)
+        for name, path in known.items()
+        for other in imports(name, path, known)
+        if height(other) > height(name)
+    ]
+    assert upward == []
+
+
+def test_no_file_imports_itself_through_others() -> None:
+    known = modules()
+    graph = {name: imports(name, path, known) for name, path in known.items()}
+    assert len(list(TopologicalSorter(graph).static_order())) >= len(known)
+
+
+def test_every_room_is_listed_and_not_crowded() -> None:
+    rooms = {path.parent.name for path in SOLVER.glob("*/*.py")}
+    assert rooms == set(ROOMS)
+    loose = [path.stem for path in SOLVER.glob("*.py")]
+    assert len(loose) <= 8
