@@ -16,6 +16,7 @@ from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.sid import SID, Node, Taylor
 from sidtool.formats.sid_mass import skew
 
+from .element_cost import element_notes
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.geometry_mass import compared_with_geometry
 from .frontends.registry import finite_element_model
@@ -71,7 +72,11 @@ def sid_from_model(
 def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
     progress("discretising")
     body = finite_element_model(model)
-    for sentence in (*body.notes, *compared_with_geometry(body)):
+    for sentence in (
+        *body.notes,
+        *compared_with_geometry(body),
+        *element_notes(body),
+    ):
         progress(NOTE + sentence)
     frame = FRAMES[model.frame.type](body, model.frame)
     gigabytes = expected_gigabytes(body.ndof, body.dimension)

@@ -20,6 +20,7 @@ from .surface import Surface
 
 if TYPE_CHECKING:
     from .geometry_mass import GeometryMass
+    from .solid_mesh import SolidMesh
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -100,6 +101,7 @@ class FiniteElementModel:
     surface : what named edges, faces or node sets span together; None if their nodes
         lie apart
     geometry_mass : mass and centre of the geometry by a rule of its own
+    solids : the elements, if the body is a mesh of solid ones
     notes : sentences on what the model file does not say and the body has
     """
 
@@ -116,6 +118,7 @@ class FiniteElementModel:
     beam_material: BeamMaterial | None = None
     surface: Callable[[tuple[str, ...]], Surface | None] = _apart
     geometry_mass: Callable[[], GeometryMass] | None = None
+    solids: SolidMesh | None = None
     notes: tuple[str, ...] = ()
 
     @property

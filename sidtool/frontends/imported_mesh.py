@@ -23,6 +23,7 @@ from .mesh_points import MeshPoints, position_of
 from .mesh_surface import named_surface
 from .named_sets import NamedSets
 from .patch_markers import at_marker, placed
+from .solid_mesh import SolidMesh
 from .solids import mesh_continua, mesh_matrices
 
 #: No solid is as heavy [kg/m^3] or as stiff [Pa]: such a material has other units.
@@ -80,6 +81,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         surface=named_surface(mesh, mesh.node_sets),
         markers=tuple(markers),
         continua=continua,
+        solids=SolidMesh(mesh, materials, state, incompatible_modes=True),
         notes=(*imported.notes, *_notes(model, imported, own)),
         geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
     )

@@ -23,6 +23,7 @@ from .mesh_points import MeshPoints
 from .mesh_surface import named_surface
 from .patch_markers import edge_sets
 from .sampled_volume import sampled_markers
+from .solid_mesh import SolidMesh
 from .solids import check_locking, element_batches
 
 Array = NDArray[np.float64]
@@ -68,6 +69,9 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         node_sets=sets,
         markers=sampled_markers(model, exact, points),
         continua=(continuum,),
+        solids=SolidMesh(
+            elements, {None: material}, settings.state, thickness, relieved
+        ),
         surface=named_surface(elements, sets),
         geometry_mass=lambda: patch_mass(
             [exact], material.density * thickness, sampled=True

@@ -123,6 +123,12 @@ ELEMENT_KINDS = tuple(_DEFINITIONS)
 LINEAR_KINDS = tuple(kind for kind, (order, _, _) in _DEFINITIONS.items() if order == 1)
 
 
+def raised_kind(kind: str) -> str:
+    """The quadratic element of the same shape as a linear one."""
+    shape = shape_of(kind)
+    return next(k for k in ELEMENT_KINDS if shape_of(k) == shape and k != kind)
+
+
 @dataclass(frozen=True, eq=False)
 class ReferenceElement:
     """An element at its quadrature points and anywhere else.

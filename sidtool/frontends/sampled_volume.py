@@ -19,6 +19,7 @@ from .mesh_points import MeshPoints
 from .mesh_surface import named_surface
 from .patch_markers import at_marker, marker_parameters, placed
 from .reference_elements import edge_nodes
+from .solid_mesh import SolidMesh
 from .solids import mesh_continua, mesh_matrices
 
 Array = NDArray[np.float64]
@@ -53,6 +54,7 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
         node_sets=sets,
         markers=sampled_markers(model, exact, MeshPoints(mesh, continua)),
         continua=continua,
+        solids=SolidMesh(mesh, materials, "solid", incompatible_modes=relieved),
         surface=named_surface(mesh, sets),
         geometry_mass=lambda: patch_mass([exact], material.density, sampled=True),
     )

@@ -40,6 +40,7 @@ def mesh_matrices(
     *,
     thickness: float = 1.0,
     incompatible_modes: bool = False,
+    same_points: bool = False,
 ) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Scalar mass (n, n) and stiffness (d n, d n), by Gauss quadrature.
 
@@ -50,6 +51,8 @@ def mesh_matrices(
     thickness : of plane elements whose block does not say it [m]
     incompatible_modes : whether quad4 and hex8 get the internal modes of Taylor,
         Beresford & Wilson (1976), where their block does not say it
+    same_points : whether the mass is integrated at the points of the stiffness, which
+        is cheaper, and exact where edges are straight and the Jacobian is constant
 
     Raises
     ------
@@ -60,7 +63,7 @@ def mesh_matrices(
     stiffness = sp.csr_matrix((d * n, d * n))
     for block in mesh.blocks:
         material = materials[block.material]
-        extra = _relieved(block, incompatible_modes)
+        extra = has_internal_modes(block, incompatible_modes)
         depth = block.thickness or thickness
         check_locking(block.kind, material, state, extra)
         m, k = assembled(
@@ -69,7 +72,7 @@ def mesh_matrices(
             dimension=d,
             density=material.density * depth,
             law=elasticity(material, state) * depth,
-            mass_batches=element_batches(mesh, block, "mass"),
+            mass_batches=None if same_points else element_batches(mesh, block, "mass"),
         )
         mass, stiffness = mass + m, stiffness + k
     return sp.csr_matrix(mass), sp.csr_matrix(stiffness)
@@ -86,7 +89,7 @@ def mesh_continua(
     """The material of every block; the parameters are those of `mesh_matrices`."""
     continua = []
     for block in mesh.blocks:
-        extra = _relieved(block, incompatible_modes)
+        extra = has_internal_modes(block, incompatible_modes)
         batches = partial(element_batches, mesh, block, relieved=extra)
         material, depth = materials[block.material], block.thickness or thickness
         continua.append(
@@ -95,7 +98,7 @@ def mesh_continua(
     return tuple(continua)
 
 
-def _relieved(block: ElementBlock, otherwise: bool) -> bool:
+def has_internal_modes(block: ElementBlock, otherwise: bool) -> bool:
     """Whether the elements of a block get internal modes."""
     if block.kind not in RELIEVED_KINDS:
         return False
