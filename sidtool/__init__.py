@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sidtool.formats.errors import InputError as InputError
     from sidtool.formats.result import Result as Result
     from sidtool.formats.sid import SID as SID
+    from sidtool.solver.functions.callables import Timed as Timed
 
     from .analysing import inverse_dynamics as inverse_dynamics
     from .analysing import linearise as linearise
@@ -37,6 +38,7 @@ _HOME = {
     "Result": "sidtool.formats.result",
     "SID": "sidtool.formats.sid",
     "SimulationError": "sidtool.solver.errors",
+    "Timed": "sidtool.solver.functions.callables",
     "compare": "sidtool.api",
     "convert": "sidtool.api",
     "inverse_dynamics": "sidtool.analysing",

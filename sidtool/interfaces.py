@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Marker, ModelFile
-from sidtool.formats.model_reduction import Tie
+from sidtool.formats.model.reduction import Tie
 
 from .frontends.finite_element_model import (
     FiniteElementModel,

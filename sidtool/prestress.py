@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model_reduction import FrameSettings, Prestress, Stiffening
+from sidtool.formats.model.reduction import FrameSettings, Prestress, Stiffening
 
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .marker_motion import excess_of_rows

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model_reduction import Stiffening
+from sidtool.formats.model.reduction import Stiffening
 from sidtool.formats.sid import SID, Node, Taylor
 
 from .beam_stiffening import beam_stiffness

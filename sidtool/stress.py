@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model_reduction import StressRecovery
+from sidtool.formats.model.reduction import StressRecovery
 from sidtool.formats.sid import SID, Array, Node, Taylor
 from sidtool.formats.sid_mass import skew
 from sidtool.formats.stress import von_mises

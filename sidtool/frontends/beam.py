@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Marker, ModelFile
-from sidtool.formats.model_discretisation import BeamDiscretisation
-from sidtool.formats.model_geometry import (
+from sidtool.formats.model.discretisation import BeamDiscretisation
+from sidtool.formats.model.geometry import (
     BeamGeometry,
     GeneralSection,
     RectangularSection,

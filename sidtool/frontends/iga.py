@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import IgaDiscretisation, ModelFile
-from sidtool.formats.model_checks import check_knots
-from sidtool.formats.model_geometry import NurbsGeometry, VolumeGeometry
+from sidtool.formats.model.checks import check_knots
+from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
 from ..geometry.bspline import (
     LocalBasis,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Marker, ModelFile
-from sidtool.formats.model_geometry import MatricesGeometry
+from sidtool.formats.model.geometry import MatricesGeometry
 
 from ..importers.matrices import ImportedMatrices, read_arrays, read_matrices
 from ..importers.matrix_checks import (

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Material, ModelFile
-from sidtool.formats.model_discretisation import MeshDiscretisation
-from sidtool.formats.model_geometry import MeshGeometry
+from sidtool.formats.model.discretisation import MeshDiscretisation
+from sidtool.formats.model.geometry import MeshGeometry
 
 from ..importers.imported import ImportedMesh
 from ..importers.meshes import read_mesh

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Marker, ModelFile
-from sidtool.formats.model_geometry import NurbsGeometry, VolumeGeometry
+from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
 from ..geometry.locate import locate
 from ..geometry.patch import NurbsPatch, PointBasis, point_basis, side_nodes

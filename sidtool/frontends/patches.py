@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Marker, ModelFile
-from sidtool.formats.model_geometry import FACES, PatchesGeometry
+from sidtool.formats.model.geometry import FACES, PatchesGeometry
 
 from ..geometry.contact import check_one_part, check_overlaps, weak_ties
 from ..geometry.multipatch import Joined, Side, closed_up, joined, sides_of, topology

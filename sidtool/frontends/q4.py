@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.model import ModelFile, Q4Discretisation
-from sidtool.formats.model_geometry import NurbsGeometry
+from sidtool.formats.model.geometry import NurbsGeometry
 
 from ..geometry.bspline import open_uniform_knots
 from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model

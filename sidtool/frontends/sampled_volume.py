@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.model import Material, ModelFile
-from sidtool.formats.model_discretisation import SolidDiscretisation
-from sidtool.formats.model_geometry import VolumeGeometry
+from sidtool.formats.model.discretisation import SolidDiscretisation
+from sidtool.formats.model.geometry import VolumeGeometry
 
 from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
 from .finite_element_model import FiniteElementModel, MarkerRows

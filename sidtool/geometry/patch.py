@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model_geometry import NurbsGeometry, VolumeGeometry
+from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
 from .bspline import LocalBasis, local_basis, local_basis_from_left
 

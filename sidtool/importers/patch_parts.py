@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model_checks import check_knots
+from sidtool.formats.model.checks import check_knots
 
 from ..geometry.patch import NurbsPatch
 

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model_reduction import BuckensFrame, ChordFrame, TangentFrame
+from sidtool.formats.model.reduction import BuckensFrame, ChordFrame, TangentFrame
 
 from ..frontends.finite_element_model import FiniteElementModel, Indices, MarkerRows
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model_reduction import KrylovReduction
+from sidtool.formats.model.reduction import KrylovReduction
 
 from .space import Space
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.model_reduction import (
+from sidtool.formats.model.reduction import (
     AttachmentReduction,
     CraigBamptonReduction,
     HertingReduction,

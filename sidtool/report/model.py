@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from sidtool.formats.model import Marker, Material, ModelFile
-from sidtool.formats.model_geometry import NurbsGeometry, VolumeGeometry
+from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .tables import named, plural, table

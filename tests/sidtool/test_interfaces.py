@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
-from sidtool.formats.model_reduction import Tie
+from sidtool.formats.model.reduction import Tie
 from sidtool.formats.stress import node_stress
 from sidtool.formats.toml_files import validated
 from sidtool.frontends.finite_element_model import FiniteElementModel

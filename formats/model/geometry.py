@@ -11,9 +11,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from .errors import InputError
-from .model_base import Count, Part, Positive
-from .model_checks import check_grid, check_knots
+from ..errors import InputError
+from .base import Count, Part, Positive
+from .checks import check_grid, check_knots
 
 Point2 = tuple[float, float]
 Point3 = tuple[float, float, float]

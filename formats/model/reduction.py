@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .model_base import Count, Names, NonNegative, Part, several
-from .model_checks import check_name
+from .base import Count, Names, NonNegative, Part, several
+from .checks import check_name
 
 Modes = Annotated[int, Field(ge=0, description="the number of modes, 0 or more")]
 

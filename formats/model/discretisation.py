@@ -6,8 +6,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from .errors import InputError
-from .model_base import Count, Part
+from ..errors import InputError
+from .base import Count, Part
 
 Formulation = Literal["full_integration", "incompatible_modes"]
 Counts = tuple[Count, Count] | tuple[Count, Count, Count]

@@ -10,17 +10,18 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from .errors import InputError
-from .model_base import Fraction, NonNegative, Part, Positive
-from .model_checks import check_name, check_node_numbers
-from .model_discretisation import (
+from ..errors import InputError
+from ..toml_files import load
+from .base import Fraction, NonNegative, Part, Positive
+from .checks import check_name, check_node_numbers
+from .discretisation import (
     FITTING,
     Discretisation,
     IgaDiscretisation,
     Q4Discretisation,
 )
-from .model_geometry import SIDES, Geometry, NurbsGeometry, Point2, Point3
-from .model_reduction import (
+from .geometry import SIDES, Geometry, NurbsGeometry, Point2, Point3
+from .reduction import (
     BuckensFrame,
     ChordFrame,
     FrameSettings,
@@ -32,7 +33,6 @@ from .model_reduction import (
     Tie,
     check_reduction,
 )
-from .toml_files import load
 
 __all__ = [
     "BuckensFrame",
