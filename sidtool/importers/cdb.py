@@ -33,9 +33,12 @@ _IDLE = """
     TUNIF TREF TOFFST ACEL OMEGA DOMEGA CGLOC CGOMGA DCGOMG IRLF ANTYPE NLGEOM NSUBST
     DELTIM AUTOTS TIME OUTRES OUTPR KBC NCNV ERESX ALPHAD BETAD DMPRAT DMPSTR LSWRITE
     LSCLEAR SOLVE SAVE MODOPT MXPAND EQSLV BFDELE MPTEMP MPTGEN NROPT LNSRCH PRED TINTP
-    CNVTOL CUTCONTROL MONITOR LUMPM PSTRES CNKMOD
+    CNVTOL CUTCONTROL MONITOR LUMPM PSTRES CNKMOD MODCONTROL QRDOPT KUSE NEQIT CRPLIM
+    CGOMEGA
 """
 _WITHOUT_EFFECT = frozenset(_IDLE.split())
+#: What depends on a parameter must have no effect either way.
+_BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
 _CONSTANTS = {"EX": "e", "NUXY": "nu", "PRXY": "nu", "DENS": "rho", "GXY": "g"}
 #: Properties that a linear elastic isotropic body does not ask for.
 _OTHER_CONSTANTS = ("ALPX", "CTEX", "REFT", "KXX", "C", "MU", "DMPR", "DAMP", "BETD")
@@ -56,6 +59,7 @@ class _Content:
     sets: dict[str, list[int]] = field(default_factory=dict)
     current: dict[str, int] = field(default_factory=dict)
     said: dict[str, None] = field(default_factory=dict)
+    branches: int = 0
 
     @property
     def place(self) -> str:
@@ -99,7 +103,17 @@ def _take(content: _Content, line: str, ignored: frozenset[str]) -> None:
     name = words[0].upper().split(" ")[0]
     if not name or name.startswith("C***"):
         return
-    if name in _READERS and name not in ignored:
+    if name in _BRANCHES:
+        content.branches += _BRANCHES[name]
+    elif "=" in name:
+        content.said["assignments of parameters"] = None
+    elif name in _READERS and name not in ignored:
+        if content.branches:
+            raise InputError(
+                f"{name} depends on a parameter",
+                place=content.place,
+                expected="an archive without *IF before what it says of the body",
+            )
         _READERS[name](content, words)
     elif name in ignored or name in _WITHOUT_EFFECT or EVERYTHING in ignored:
         content.said[name] = None
@@ -225,7 +239,12 @@ def _now(name: str) -> Callable[[_Content, list[str]], None]:
 
 
 def _single(content: _Content, words: list[str]) -> None:
-    """EN, number, nodes: with the type and the material that hold at this line."""
+    """EN, number, nodes: with the type and the material that hold at this line.
+
+    As EWRITE has it: EN,R5.5,ATTR,-1 ends the elements.
+    """
+    if words[1].upper().startswith("R5") and words[3:4] == ["-1"]:
+        return
     label, *nodes = integers([word for word in words[1:] if word], content.place)
     material, kind = (content.current.get(key, 1) for key in ("MAT", "TYPE"))
     head = [material, kind, 1, 1, 0, 0, 0, 0, len(nodes), 0, label]

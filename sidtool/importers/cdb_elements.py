@@ -77,8 +77,18 @@ def plane_state(kind: str, keys: Mapping[int, int]) -> str | None:
     return "plane_strain" if keys.get(3, 0) == 2 else "plane_stress"
 
 
+#: Corners of quadratic elements, which are linear where no edge has a middle node.
+_LINEAR = {"hex20": ("hex8", 8), "tet10": ("tet4", 4), "quad8": ("quad4", 4)}
+
+
 def collapsed(kind: str, nodes: list[int]) -> tuple[str, list[int]]:
-    """The element whose coinciding nodes are one: prisms, pyramids, tetrahedra."""
+    """The element whose coinciding nodes are one: prisms, pyramids, tetrahedra.
+
+    Without middle nodes, absent or zero, it is the linear one.
+    """
+    linear, least = _LINEAR.get(kind, (kind, len(nodes)))
+    if len(nodes) >= least and not any(nodes[least:]):
+        kind, nodes = linear, nodes[:least]
     if kind == "quad4" and len(set(nodes)) == 3:
         return "tri3", list(dict.fromkeys(nodes))
     if kind not in ("hex8", "hex20"):

@@ -289,3 +289,55 @@ def test_collapsed_bricks_are_prisms_pyramids_and_tetrahedra(
         assert_allclose(where[k], (where[a] + where[b]) / 2)
     mesh = Mesh(where, (ElementBlock(kind, np.arange(len(nodes))[None], np.ones(1)),))
     check_mesh(mesh)
+
+
+#: What ANSYS writes before the nodes and behind the elements of an archive.
+HEADER = """/COM,ANSYS RELEASE 2019 R2           BUILD 19.4
+/PREP7
+/NOPR
+ANTYPE, 2
+MODCONTROL,ON
+QRDOPT,OFF ,YES ,NO  ,LANB,OFF
+*IF,_CDRDOFF,EQ,1,THEN     !if solid model was read in
+_CDRDOFF=             !reset flag, numoffs already performed
+*ELSE              !offset database for the following FE model
+NUMOFF,NODE,      321
+*ENDIF
+*SET,_GUI_CLR_BG,' systemButtonFace               '
+"""
+
+
+def test_archives_as_ansys_writes_them(tmp_path: Path) -> None:
+    """Header, branches and the end of the elements change nothing."""
+    path = tmp_path / "two.cdb"
+    path.write_text(
+        HEADER + cdb_text().removeprefix("/PREP7\n") + "EN,R5.5,ATTR, -1,\n"
+    )
+    (block,) = read_mesh(path).mesh.blocks
+    assert block.nodes.shape == (1, 8)
+    path.write_text(HEADER + cdb_text().replace("ET, ", "*IF,A,EQ,1,THEN\nET, "))
+    with pytest.raises(InputError, match="ET depends on a parameter"):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize(
+    ("given", "linear", "corners"), [("tet10", 187, 4), ("hex20", 186, 8)]
+)
+def test_quadratic_elements_without_middle_nodes_are_linear(
+    tmp_path: Path, given: str, linear: int, corners: int
+) -> None:
+    """SOLID186 and SOLID187 whose middle nodes were removed."""
+    kind = "hex8" if corners == 8 else "tet4"
+    path = tmp_path / "rod.cdb"
+    path.write_text(cdb_mesh(rod_mesh(kind)))
+    plain = read_mesh(path).mesh
+    text = path.read_text()
+    known = next(k for k in (185, 285) if f"ET,        1,{k}" in text)
+    path.write_text(
+        text.replace(f"ET,        1,{known}", f"ET,        1,{linear}").replace(
+            "KEYOPT,1,2,3", "KEYOPT,1,2,1"
+        )
+    )
+    (block,) = read_mesh(path).mesh.blocks
+    assert block.kind == kind != given
+    assert (block.nodes == plain.blocks[0].nodes).all()

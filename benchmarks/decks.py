@@ -1,0 +1,328 @@
+"""Public decks of other programs: which become a body, which are refused, and why.
+
+``python -m benchmarks.decks FOLDER`` converts every .inp, .bdf, .nas, .dat and .cdb
+below a folder, each in a process of its own with a time limit, as a free body with one
+marker and its first elastic modes. Where ``ccx`` is installed, mass and frequencies of
+Abaqus and CalculiX decks are compared with those that it finds for the free body.
+
+What the user has to add is added alike for all: the density of steel where a material
+has none, and for decks without a complete material, a thickness or a state: steel, 1
+and plane stress. The decks themselves do not belong to the project; the table of
+results names them.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.importers.imported import EVERYTHING
+from sidtool.importers.meshes import read_mesh
+
+from .machine import describe_machine, use_one_thread
+from .report import Report, Table, save
+
+ENDINGS = (".inp", ".bdf", ".nas", ".dat", ".cdb")
+MODES, CCX_LIMIT = 6, 40
+STEEL = {"youngs_modulus": 2.1e11, "poissons_ratio": 0.3, "density": 7850.0}
+#: What a free structure of solids or plane elements is made of, in capitals.
+_SOLID = re.compile(r"(C3D|CPS|CPE)\d+\w*$")
+_ELEMENT = re.compile(r"^\*ELEMENT\s*,.*TYPE\s*=\s*(\w+)", re.IGNORECASE | re.MULTILINE)
+
+
+@dataclass
+class Verdict:
+    """What became of one deck.
+
+    Attributes
+    ----------
+    outcome : "body", "refused", "traceback" or "hang"
+    reason : of a refusal
+    solid : whether it is an elastic structure of solids or plane elements alone
+    mass, frequency : relative difference from CalculiX, the largest of the first
+        elastic frequencies
+    """
+
+    name: str
+    outcome: str
+    reason: str = ""
+    solid: bool = False
+    mass: float | None = None
+    frequency: float | None = None
+    seconds: float = 0.0
+
+
+@click.command()
+@click.argument("folder", type=click.Path(exists=True, path_type=Path))
+@click.option("--limit", default=60.0, help="Seconds for one deck.")
+@click.option("-o", "--output", type=click.Path(path_type=Path))
+@click.option("--match", default="", help="Only decks whose path holds this text.")
+def main(folder: Path, limit: float, output: Path | None, match: str) -> None:
+    """Convert every deck of a folder and say what became of it."""
+    use_one_thread()
+    files = sorted(
+        p for p in folder.rglob("*") if p.suffix.lower() in ENDINGS and p.is_file()
+    )
+    verdicts = []
+    for path in (p for p in files if match in str(p)):
+        verdict = _tried(path, str(path.relative_to(folder)), limit)
+        verdicts.append(verdict)
+        click.echo(_line(verdict))
+    report = _report(verdicts)
+    click.echo(report.tables[0].text())
+    if output is not None:
+        save(output, "decks", report)
+
+
+def _line(v: Verdict) -> str:
+    numbers = f" {_size(v.mass)} {_size(v.frequency)}" if v.mass is not None else ""
+    kind = "solid" if v.solid else "-"
+    return f"{v.name}: {v.outcome} {kind}{numbers} {v.seconds:.1f} s {v.reason[:150]}"
+
+
+def _size(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}"
+
+
+def _tried(path: Path, name: str, limit: float) -> Verdict:
+    """One deck in a process of its own."""
+    context = multiprocessing.get_context("fork")
+    with tempfile.TemporaryDirectory() as place:
+        result = Path(place) / "result.json"
+        child = context.Process(target=_child, args=(path, name, Path(place)))
+        child.start()
+        child.join(limit)
+        if child.is_alive():
+            child.kill()
+            child.join()
+            return Verdict(name, "hang", f"after {limit:g} s", _is_solid(path))
+        if not result.exists():
+            return Verdict(name, "traceback", f"ended with {child.exitcode}")
+        return Verdict(**json.loads(result.read_text()))
+
+
+def _child(path: Path, name: str, place: Path) -> None:
+    warnings.simplefilter("ignore")
+    start = time.perf_counter()
+    verdict = Verdict(name, "body", solid=_is_solid(path))
+    try:
+        deck = _prepared(path, place)
+        sid, modes = _converted(deck, place)
+        verdict.seconds = time.perf_counter() - start
+        _compare(verdict, deck, place, sid, modes)
+    except InputError as error:
+        verdict.outcome = "refused"
+        verdict.reason = str(error).replace(str(place), "").replace("\n", " ")
+    except BaseException:
+        verdict.outcome = "traceback"
+        verdict.reason = traceback.format_exc()[-600:]
+    temporary = place / "half.json"
+    temporary.write_text(json.dumps(asdict(verdict)))
+    os.replace(temporary, place / "result.json")
+
+
+def _is_solid(path: Path) -> bool:
+    if path.suffix.lower() != ".inp":
+        return False
+    text = path.read_text("latin-1")
+    kinds = [k.upper() for k in _ELEMENT.findall(text)]
+    elastic = re.search(r"^\*ELASTIC", text, re.IGNORECASE | re.MULTILINE)
+    return bool(kinds and elastic) and all(_SOLID.match(k) for k in kinds)
+
+
+def _prepared(path: Path, place: Path) -> Path:
+    """The deck with a density for every material that has none, beside its includes."""
+    folder = place / "deck"
+    shutil.copytree(path.parent, folder, ignore=_only_near(path))
+    deck = folder / path.name
+    if path.suffix.lower() == ".inp":
+        text = path.read_text("latin-1")
+        deck.write_text(_with_densities(text), "latin-1")
+    return deck
+
+
+def _only_near(path: Path) -> Any:
+    """What a deck may include, without the other decks of a large folder."""
+    names = set(re.findall(r"[\w.\-]+", path.read_text("latin-1")[:200_000]))
+
+    def ignored(_: str, files: Sequence[str]) -> set[str]:
+        return {f for f in files if f != path.name and f not in names}
+
+    return ignored
+
+
+def _with_densities(text: str) -> str:
+    parts = re.split(r"(?im)^(?=\*MATERIAL\b)", text)
+    for i, part in enumerate(parts[1:], 1):
+        own, *rest = re.split(
+            r"(?im)^(?=\*(?!ELASTIC|DENSITY|EXPANSION|PLASTIC|CONDUCTIVITY|SPECIFIC|"
+            r"MATERIAL|CREEP|DEPVAR|USER|CYCLIC|DAMPING|\*))",
+            part,
+        )
+        if re.search(r"(?im)^\*ELASTIC", own) and not re.search(
+            r"(?im)^\*DENSITY", own
+        ):
+            own = own.rstrip("\n") + f"\n*DENSITY\n{_density(own)}\n"
+        parts[i] = own + "".join(rest)
+    return "".join(parts)
+
+
+def _density(material: str) -> str:
+    """Steel's, in the units that the modulus of elasticity tells of."""
+    found = re.search(r"(?im)^\*ELASTIC.*\n\s*([^,\s]+)", material)
+    return "7.85e-9" if found and float(found.group(1)) < 1e8 else "7850."
+
+
+def _converted(deck: Path, place: Path) -> tuple[Any, int]:
+    """The SID, with what the messages ask for."""
+    data: dict[str, Any] = {
+        "format": "sidtool model",
+        "version": 1,
+        "geometry": {"type": "mesh", "file": str(deck)},
+        "discretisation": {"type": "mesh"},
+        "frame": {"type": "buckens"},
+        "markers": {"p": {"node": 1, "mesh_node": _a_node(deck)}},
+        "reduction": {"method": "modal", "modes": MODES},
+    }
+    for _ in range(6):
+        model = place / "model.json"
+        model.write_text(json.dumps(data))
+        try:
+            return sid_from_model(model), data["reduction"]["modes"]
+        except InputError as error:
+            if not _answered(data, error):
+                raise
+    raise AssertionError("every question is asked once")
+
+
+def _answered(data: dict[str, Any], error: InputError) -> bool:
+    """Whether the model file now says what the message asks for."""
+    place, asked = error.place or "", f"{error.problem} {error.expected}"
+    if place == "geometry.thickness" and "thickness" not in data["geometry"]:
+        data["geometry"]["thickness"] = 1.0
+    elif place == "discretisation.state" and "state" not in data["discretisation"]:
+        data["discretisation"]["state"] = "plane_stress"
+    elif "table [material]" in asked and "material" not in data:
+        if "material None" in asked or "ELASTIC" in deck_text(data):
+            return False
+        data["material"] = STEEL
+    elif place == "reduction.modes" and (most := re.search(r"at most (\d+)", asked)):
+        data["reduction"]["modes"] = int(most.group(1))
+    else:
+        return False
+    return True
+
+
+def deck_text(data: dict[str, Any]) -> str:
+    return Path(data["geometry"]["file"]).read_text("latin-1").upper()
+
+
+def _a_node(deck: Path) -> int:
+    mesh = read_mesh(str(deck), (EVERYTHING,)).mesh
+    return int(mesh.labels[mesh.blocks[0].nodes[0, 0]])
+
+
+def _compare(verdict: Verdict, deck: Path, place: Path, sid: Any, modes: int) -> None:
+    """Mass and elastic frequencies of the free body beside CalculiX's."""
+    if deck.suffix.lower() != ".inp" or shutil.which("ccx") is None:
+        return
+    text = deck.read_text("latin-1")
+    found = free_frequencies(text, deck.parent, modes)
+    if found is None:
+        verdict.reason = "ccx gives no frequencies of the free body"
+        return
+    mass, values = found
+    own = np.sqrt(np.diag(sid.Ke.m0) / np.diag(sid.Me.m0)) / (2 * np.pi)
+    skipped = len(values) - modes
+    count = min(len(own), len(values) - skipped)
+    verdict.mass = abs(sid.mass / mass - 1)
+    verdict.frequency = float(
+        np.abs(own[:count] / values[skipped : skipped + count] - 1).max()
+    )
+
+
+def free_frequencies(
+    text: str, folder: Path, modes: int
+) -> tuple[float, np.ndarray] | None:
+    """Mass and frequencies [Hz] of the deck without supports and steps, by ccx."""
+    head = re.split(r"(?im)^\*STEP\b", text)[0]
+    head = re.sub(r"(?im)^\*BOUNDARY.*\n(?:(?!\*).*\n)*", "", head)
+    plane = not re.search(r"(?i)TYPE\s*=\s*(?!CP)\w", head)
+    rigid = 3 if plane else 6
+    step = f"\n*STEP\n*FREQUENCY\n{modes + rigid}\n*NODE FILE\nU\n*END STEP\n"
+    (folder / "free.inp").write_text(head + step, "latin-1")
+    with suppress(subprocess.TimeoutExpired), (folder / "log").open("w") as log:
+        subprocess.run(
+            ["ccx", "free"],
+            cwd=folder,
+            stdout=log,
+            stderr=log,
+            check=False,
+            timeout=CCX_LIMIT,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+        )
+    output = folder / "free.dat"
+    lines = output.read_text("latin-1").splitlines() if output.exists() else []
+    rows = [w for w in map(str.split, lines) if len(w) in (4, 5) and w[0].isdigit()]
+    values = np.array([float(w[3]) for w in rows if len(w) == 5])
+    total = [w for w in map(str.split, lines) if w and w[0] == "TOTAL"]
+    if len(values) <= rigid or not total:
+        return None
+    return max(map(float, total[-1][1:4])), values[: modes + rigid]
+
+
+def _report(verdicts: Sequence[Verdict]) -> Report:
+    groups = {"all": verdicts, "solids alone": [v for v in verdicts if v.solid]}
+    rows = []
+    for name, group in groups.items():
+        count = Counter(v.outcome for v in group)
+        compared = [v for v in group if v.mass is not None]
+        rows.append(
+            [
+                name,
+                str(len(group)),
+                *(str(count[k]) for k in ("body", "refused", "traceback", "hang")),
+                str(len(compared)),
+                _size(max((v.mass or 0.0 for v in compared), default=None)),
+            ]
+        )
+    header = ["decks", "", "body", "refused", "traceback", "hang", "beside ccx", "mass"]
+    each = [
+        [
+            v.name,
+            v.outcome,
+            _size(v.mass),
+            _size(v.frequency),
+            v.reason.replace("|", "/")[:160],
+        ]
+        for v in verdicts
+    ]
+    tables = [
+        Table("What became of them:", header, rows),
+        Table("Every deck:", ["deck", "", "mass", "frequencies", "reason"], each),
+    ]
+    title = "Public decks of other programs"
+    return Report(title, tables, [__doc__ or ""], machine=describe_machine())
+
+
+if __name__ == "__main__":
+    main()
