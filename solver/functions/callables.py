@@ -7,7 +7,7 @@ What is seen of a function are its values at many times, see `Timed`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.polynomial import chebyshev
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
+from ..kink_places import with_kinks
 from .chebyshev_pieces import Scan, Series, halved
 from .smoothness import SHORT, check_rates, kinks
 
@@ -90,12 +91,17 @@ def interpolate(
     edges = np.array([span[0], *sorted(inside), span[1]])
     times = _looks(program, span, place)
     scan = Scan(times, evaluate(times))
-    series = halved(evaluate, edges, scan, DEGREE, ERROR, place)
+
+    def fitted(kinks: Sequence[float]) -> Series:
+        ends = np.unique([*edges, *kinks])
+        return halved(evaluate, ends, scan, DEGREE, ERROR, place)
+
+    series, known = with_kinks(fitted, evaluate)
     if smooth:
         check_rates(series, place)
     _check_derivatives(functions[1:], series, place)
     powers = np.array([_powers(unit) for unit in np.eye(DEGREE + 1)])
-    return series.edges, series.terms @ powers, kinks(series)
+    return series.edges, series.terms @ powers, kinks(series, known)
 
 
 def shortest_seen(program: Derivatives, span: tuple[float, float]) -> float:

@@ -60,10 +60,12 @@ class Series:
     def at_ends(self, order: int) -> tuple[Array, Array]:
         """Derivatives at the beginning and at the end of every piece, (n,) each.
 
-        T_n' = n^2 and T_n'' = n^2 (n^2 - 1) / 3 at 1.
+        T_n at 1 has the derivatives prod_{k < order} (n^2 - k^2) / (2 k + 1).
         """
         n = np.arange(self.terms.shape[1])
-        last = (np.ones(len(n)), n**2, n**2 * (n**2 - 1) / 3)[order]
+        last = np.ones(len(n))
+        for k in range(order):
+            last = last * (n**2 - k**2) / (2 * k + 1)
         first = last * (-1.0) ** (n + order)
         scale = (0.5 * self.lengths) ** order
         return self.terms @ first / scale, self.terms @ last / scale

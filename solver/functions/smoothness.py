@@ -6,6 +6,8 @@ it lies where two pieces join, and derivatives differ there.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from sidtool.formats.errors import InputError
@@ -18,24 +20,23 @@ SHORT = 1e-4
 #: They become so many times longer on both sides, the shortest are at most so many;
 #: there are more where a function is smooth but quick.
 GRADED, MOST_SHORTEST = 64.0, 6
-#: A rate is taken so many shortest pieces away from a kink.
+#: So many shortest pieces away from a kink nothing is rounding.
 BESIDE = 8.0
 #: Derivatives that differ by less than this part of the largest are the same.
 SAME = 1e-6
 #: What tolerated errors make of derivatives at the ends of a piece, per order.
-AMPLIFIED = (20.0, 2e3, 1e5)
+AMPLIFIED = (20.0, 2e3, 1e5, 4e6)
 
 
-def kinks(series: Series) -> tuple[float, ...]:
+def kinks(series: Series, known: Iterable[float] = ()) -> tuple[float, ...]:
     """Times at which the function, its rate or its acceleration is not smooth."""
-    pits = [_middle(series, *pit) for pit in _pits(series.lengths)]
-    joined = np.concatenate([_jumps(series, order)[0] for order in (1, 2)])
-    apart = 8.0 * series.lengths.min()
-    found: list[float] = []
-    for t in sorted({*pits, *(float(t) for t in joined)}):
-        if not found or t - found[-1] > apart:
-            found.append(t)
-    return tuple(found)
+    pits = _pits(series.lengths)
+    joined = np.concatenate([_jumps(series, order)[0] for order in (1, 2, 3)])
+    found = {_middle(series, *pit) for pit in pits}
+    for t in {*known, *(float(t) for t in joined)}:
+        if not any(_is_inside(series, *pit, t) for pit in pits):
+            found.add(t)
+    return tuple(sorted(found))
 
 
 def check_rates(series: Series, place: str) -> None:
@@ -73,8 +74,21 @@ def _jumps(series: Series, order: int) -> tuple[Array, Array]:
 
 def _pits(lengths: Array) -> list[tuple[int, int]]:
     """First and last of the shortest pieces around each kink."""
+    return [
+        (first, last)
+        for first, last in valleys(lengths, SHORT)
+        if _grows(lengths[:first][::-1], lengths[first : last + 1].min())
+        and _grows(lengths[last + 1 :], lengths[first : last + 1].min())
+    ]
+
+
+def valleys(lengths: Array, share: float) -> list[tuple[int, int]]:
+    """First and last of pieces that are shorter than those beside them.
+
+    share : of the longest piece, below which they are
+    """
     found: list[tuple[int, int]] = []
-    for k in np.flatnonzero(lengths < SHORT * lengths.max()).tolist():
+    for k in np.flatnonzero(lengths < share * lengths.max()).tolist():
         least = lengths[k]
         if least > lengths[max(k - 1, 0) : k + 2].min() or _holds(found, k):
             continue
@@ -83,9 +97,7 @@ def _pits(lengths: Array) -> list[tuple[int, int]]:
             first -= 1
         while last + 1 < len(lengths) and lengths[last + 1] <= 2.5 * least:
             last += 1
-        sides = lengths[:first][::-1], lengths[last + 1 :]
-        few = last - first < MOST_SHORTEST
-        if few and all(_grows(side, least) for side in sides):
+        if last - first < MOST_SHORTEST:
             found.append((first, last))
     return found
 
@@ -104,6 +116,12 @@ def _middle(series: Series, first: int, last: int) -> float:
     """The middle of the shortest piece around a kink."""
     k = first + int(np.argmin(series.lengths[first : last + 1]))
     return float(0.5 * (series.edges[k] + series.edges[k + 1]))
+
+
+def _is_inside(series: Series, first: int, last: int, t: float) -> bool:
+    """Whether a time is that of a kink, to the lengths of the pieces around it."""
+    off = BESIDE * float(series.lengths[first : last + 1].min())
+    return bool(series.edges[first] - off <= t <= series.edges[last + 1] + off)
 
 
 def _bend(series: Series, first: int, last: int) -> float:

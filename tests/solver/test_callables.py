@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.polynomial.polynomial import polyder, polyval
+from scipy.interpolate import make_interp_spline
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
@@ -152,7 +154,54 @@ def test_kinks_are_stepped_to_wherever_they_are(power: int, t0: float) -> None:
         return float(max(t - t0, 0.0) ** power)
 
     _, _, kinks = interpolate(given, (0.0, 1.0), "forces.a.function", False)
-    assert kinks == pytest.approx((t0,), abs=(0.0, 1e-8, 1e-5)[power])
+    assert kinks == pytest.approx((t0,), abs=1e-9)
+
+
+def acceleration(edges: Array, terms: Array, times: Array) -> Array:
+    """Of an interpolant; powers of x from -1 to 1 in each piece."""
+    k = np.clip(np.searchsorted(edges, times) - 1, 0, len(terms) - 1)
+    half = 0.5 * np.diff(edges)[k]
+    twice = polyder(terms, 2, axis=1)[k]
+    x = (times - edges[k]) / half - 1.0
+    return np.asarray(polyval(x, twice.T, tensor=False)) / half**2
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("degree", [3, 5])
+def test_a_drive_by_a_spline_has_the_acceleration_of_the_spline(
+    degree: int, seed: int
+) -> None:
+    """Everywhere, right beside its knots as well, which are where steps end."""
+    random = np.random.default_rng([degree, seed])
+    times = np.array([0.0, *np.sort(random.uniform(0.05, 0.75, 4 + seed)), 0.8])
+    spline = make_interp_spline(times, random.normal(size=len(times)), k=degree)
+    knots = np.unique(spline.t)
+    edges, terms, kinks = interpolate(
+        lambda t: float(spline(t)), (0.0, 0.8), "drives.a.function"
+    )
+    if degree == 3:
+        assert len(terms) < 2 * len(knots)
+        assert kinks == pytest.approx(tuple(knots[1:-1]), abs=1e-9)
+    beside = knots[1:-1, None] + [-1e-5, -1e-6, -1e-8, 1e-8, 1e-6, 1e-5]
+    looks = np.concatenate([random.uniform(0.0, 0.8, 500), beside.ravel()])
+    exact = spline.derivative(2)(looks)
+    gap = np.abs(acceleration(edges, terms, looks) - exact).max()
+    assert gap < 1e-7 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("t0", [0.3123, 0.1 * math.pi, 0.5551])
+@pytest.mark.parametrize("power", [1, 2, 3])
+def test_a_kink_is_found_whatever_derivative_jumps(power: int, t0: float) -> None:
+    def given(t: float) -> float:
+        return math.cos(9.0 * t) + 3.0 * max(t - t0, 0.0) ** power
+
+    edges, terms, kinks = interpolate(given, (0.0, 0.8), "forces.a.function", False)
+    assert kinks == pytest.approx((t0,), abs=1e-6)
+    assert len(terms) < 8
+    looks = np.linspace(0.0, 0.8, 200)
+    jump = 3.0 * power * (power - 1) * np.maximum(looks - t0, 0.0) ** max(power - 2, 0)
+    exact = -81.0 * np.cos(9.0 * looks) + jump * (looks > t0)
+    assert acceleration(edges, terms, looks) == pytest.approx(exact, abs=1e-6)
 
 
 def test_a_quick_but_smooth_change_of_speed_is_no_kink() -> None:
