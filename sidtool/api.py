@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from sidtool.formats.sid_files import read_sid, write_sid
 
 from .kinds import read
 from .other_shapes import other_shapes
+from .rigid import as_rigid, told_rigid
 from .swaps import swapped
 from .validate import check, compare, repair
 
@@ -65,6 +66,7 @@ def simulate(
     rtol: float | None = None,
     step: float | None = None,
     spectral_radius: float | None = None,
+    rigid: Iterable[str] = (),
     accept_defects: bool = False,
     progress: Callable[[float], None] | None = None,
     drives: Mapping[str, Any] | None = None,
@@ -79,6 +81,7 @@ def simulate(
     base_folder : where the scene's relative paths begin; its file's folder by default
     integrator, rtol, step, spectral_radius : replace those of the table [accuracy] of
         the scene
+    rigid : bodies with a SID that are taken as rigid, as `rigid = true` in the scene
     accept_defects : simulate bodies whose mass matrix is impossible, and joints and
         forces on nodes that no shape function moves
     drives : functions of time f(t), or tuples of f and its first or first two
@@ -100,7 +103,7 @@ def simulate(
             read_scene(Path(scene)),
             Path(base_folder or Path(scene).parent),
         )
-    plain = content
+    plain = content = as_rigid(content, rigid)
     content, replaced = swapped(plain, sids or {}, folder)
     try:
         system = compile_scene(
@@ -113,7 +116,7 @@ def simulate(
             step=step,
             spectral_radius=spectral_radius,
             progress=progress,
-            told=other_shapes(plain, folder, replaced),
+            told=[*other_shapes(plain, folder, replaced), *told_rigid(plain)],
         )
     except InputError as error:
         raise error if isinstance(scene, SceneFile) else error.located(scene) from None

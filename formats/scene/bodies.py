@@ -81,6 +81,11 @@ class SidBody(Table):
         description="held: the body frame stays where it starts, whatever its nodes; "
         "also for a SID whose body cannot move freely",
     )
+    rigid: bool = Field(
+        default=False,
+        description="true: of the SID only mass, inertia and the places of nodes "
+        "count; elastic coordinates and stresses are then not recorded",
+    )
     quadratic_inertia: bool = Field(
         default=False, description="keep the term q.Me.q of the moments of inertia"
     )

@@ -129,6 +129,11 @@ def is_of_joint(quantity: str) -> bool:
     return quantity in JOINT_QUANTITIES or MULTIPLIER.fullmatch(quantity) is not None
 
 
+def is_elastic(quantity: str) -> bool:
+    """True for an elastic coordinate, its velocity, or all of them."""
+    return ELASTIC.fullmatch(quantity) is not None
+
+
 def is_stress(quantity: str) -> bool:
     """True for what only a flexible body with stress rows has."""
     return quantity in STRESSES or quantity == PEAK_STRESS

@@ -47,6 +47,13 @@ from .common import (
     multiple=True,
     help="Use another SID for a body; may be given several times.",
 )
+@click.option(
+    "--rigid",
+    "rigid",
+    metavar="BODY",
+    multiple=True,
+    help="Take a body with a SID as rigid; may be given several times.",
+)
 @force
 @click.option(
     "--accept-defects",
@@ -63,6 +70,7 @@ def simulate(
     step: float | None,
     spectral_radius: float | None,
     swaps: tuple[str, ...],
+    rigid: tuple[str, ...],
     force: bool,
     accept_defects: bool,
 ) -> None:
@@ -81,6 +89,7 @@ def simulate(
     Examples:
       sidtool simulate slider_crank.toml -o result.h5 --csv motion.csv
       sidtool simulate slider_crank.toml --sid rod=rod_iga.SID_FEM --csv iga.csv
+      sidtool simulate slider_crank.toml --rigid rod --csv rigid.csv
       sidtool simulate slider_crank.toml --integrator radau13 --rtol 1e-8
 
     Exit status: 0 done, or ended by an event; 1 the run stopped early (the files hold
@@ -96,7 +105,7 @@ def simulate(
     _check_numbers(rtol, step, spectral_radius)
     try:
         with progress_bar("simulating") as bar:
-            result = _run(scene, swaps, accept_defects, settings, bar)
+            result = _run(scene, swaps, rigid, accept_defects, settings, bar)
     except SimulationError as error:
         click.echo(f"sidtool: {scene}: {error}", err=True)
         partial = getattr(error, "result", None)
@@ -128,6 +137,7 @@ def _check_numbers(
 def _run(
     path: Path,
     swaps: tuple[str, ...],
+    rigid: tuple[str, ...],
     accept_defects: bool,
     settings: dict[str, Any],
     bar: Callable[[float], None] | None,
@@ -142,11 +152,12 @@ def _run(
     from sidtool.solver import simulate as run
 
     from ..other_shapes import other_shapes
+    from ..rigid import as_rigid, told_rigid
     from ..swaps import swapped
 
-    plain = scene
+    plain = scene = as_rigid(scene, rigid)
     scene, sids = swapped(plain, _swaps(swaps, scene), path.parent)
-    told = other_shapes(plain, path.parent, sids)
+    told = [*other_shapes(plain, path.parent, sids), *told_rigid(plain)]
     try:
         system = compile_scene(
             scene, path.parent, sids=sids, accept_defects=accept_defects

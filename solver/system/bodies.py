@@ -33,6 +33,7 @@ from ..kernels.layout import (
 from .damping import damped
 from .first_order import check_first_order, cubic_stiffness
 from .held_frames import with_frame_node
+from .rigid_bodies import rigid_part
 
 #: Couplings in Me below this part of its diagonal are rounding.
 ROUNDING = 1e-13
@@ -86,9 +87,12 @@ def _flexible_body(
                 place=f"bodies.{name}.markers.{marker}",
                 expected=error.expected,
             ) from None
-    check_first_order(sid, body.sid, f"bodies.{name}.sid")
     nodes = dict(body.markers)
-    sid = damped(sid, body.damping, name)
+    if body.rigid:
+        sid = rigid_part(sid)
+    else:
+        check_first_order(sid, body.sid, f"bodies.{name}.sid")
+        sid = damped(sid, body.damping, name)
     sid = with_frame_node(sid) if body.frame == "held" else sid
     return BodyData(name, sid, True, body.quadratic_inertia, nodes)
 

@@ -39,6 +39,7 @@ from .forces import Element, compile_forces, force_table, joint_coordinate
 from .held_frames import with_held_frames
 from .ingredients import Ingredients, Reference, driven_coordinates
 from .newton_rows import newton_rows
+from .rigid_bodies import without_elasticity
 from .scene import GROUND_NAME, System
 from .sizes import mechanism_size
 from .turns import Coordinate, Turn, turn_table, with_turns
@@ -61,7 +62,7 @@ def build_system(
     ------
     InputError : a SID cannot be read, or a marker does not exist.
     """
-    scene = with_held_frames(scene)
+    scene = with_held_frames(without_elasticity(scene))
     planar, pool = scene.dimension == "planar", Pool()
     data = {
         name: body_data(name, body, folder, sids or {}, planar)

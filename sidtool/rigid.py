@@ -1,0 +1,40 @@
+"""Flexible bodies of a scene taken as rigid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile, SidBody
+
+
+def as_rigid(scene: SceneFile, names: Iterable[str]) -> SceneFile:
+    """The scene with these bodies rigid, as `rigid = true` would say it.
+
+    Raises
+    ------
+    InputError : a name is not that of a body with a SID.
+    """
+    bodies = dict(scene.bodies)
+    known = [name for name, body in bodies.items() if isinstance(body, SidBody)]
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"found {name!r}",
+                place="--rigid",
+                expected=", ".join(known) or "a body with a SID in the scene",
+            )
+        bodies[name] = bodies[name].model_copy(update={"rigid": True})
+    return scene.model_copy(update={"bodies": bodies})
+
+
+def told_rigid(scene: SceneFile) -> Iterator[str]:
+    """A sentence about the bodies that are rigid, and what is not recorded of them."""
+    from sidtool.solver.system.rigid_bodies import elastic_outputs, is_rigid
+
+    rigid = [name for name in scene.bodies if is_rigid(scene, name)]
+    if not rigid:
+        return
+    left = elastic_outputs(scene)
+    more = f"; not recorded: {', '.join(left)}" if left else ""
+    yield f"simulated as rigid: {', '.join(rigid)}{more}"

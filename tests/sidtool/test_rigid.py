@@ -1,0 +1,81 @@
+"""`rigid = true` and `--rigid`: a body with a SID whose flexibility is left out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import sidtool
+from sidtool.cli.simulate import simulate as command
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.sid_files import read_sid
+
+FOLDER = Path(__file__).parents[2] / "examples" / "slider_crank"
+SCENE = FOLDER / "slider_crank.toml"
+
+
+def with_numbers() -> SceneFile:
+    """The scene with the rod's mass, centre and inertia in place of its SID."""
+    scene = read_scene(SCENE)
+    sid = read_sid(FOLDER / "rod_q4.SID_FEM")
+    rod = scene.bodies["rod"]
+    centre = sid.mdCM.m0[:2, 0] / sid.mass
+    inertia = sid.J.m0[2, 0] - sid.mass * centre @ centre
+    markers = {
+        name: {"position": tuple(sid.node(node).origin.m0[:2, 0])}
+        for name, node in rod.markers.items()
+    }
+    body = {
+        "mass": sid.mass,
+        "inertia": inertia,
+        "centre_of_mass": tuple(centre),
+        "markers": markers,
+        "initial": rod.initial.model_dump(include={"position", "angle", "fixed"}),
+    }
+    content = scene.model_dump(exclude_none=True)
+    content["bodies"]["rod"] = body
+    record = [t for t in scene.outputs.record if not t.startswith("rod.q")]
+    content["outputs"]["record"] = record
+    return SceneFile.model_validate(content)
+
+
+def test_a_rigid_rod_moves_as_one_said_by_numbers() -> None:
+    expected = sidtool.simulate(with_numbers(), base_folder=FOLDER, rtol=1e-9)
+    found = sidtool.simulate(SCENE, rigid=["rod"], rtol=1e-9)
+    for name in ("piston.x",):
+        assert found[name] == pytest.approx(expected[name], abs=1e-10)
+
+
+def test_flexibility_is_what_is_left_out() -> None:
+    rigid = sidtool.simulate(SCENE, rigid=["rod"])
+    flexible = sidtool.simulate(SCENE)
+    difference = np.abs(rigid["piston.x"] - flexible["piston.x"]).max()
+    assert 1e-6 < difference < 1e-4  # the founding paper: 1.2e-5 m
+    assert not [name for name in rigid.names if name.startswith("rod.q")]
+    (note,) = [note for note in rigid.notes if "as rigid" in note]
+    assert "rod" in note and "rod.q1" in note
+
+
+def test_the_scene_and_the_command_say_the_same(tmp_path: Path) -> None:
+    csv = tmp_path / "rigid.csv"
+    done = CliRunner().invoke(
+        command, [str(SCENE), "--rigid", "rod", "--csv", str(csv)]
+    )
+    assert done.exit_code == 0, done.output
+    assert "simulated as rigid: rod" in done.output
+    scene = read_scene(SCENE)
+    rod = scene.bodies["rod"].model_copy(update={"rigid": True})
+    said = scene.model_copy(update={"bodies": {**scene.bodies, "rod": rod}})
+    result = sidtool.simulate(said, base_folder=FOLDER)
+    table = np.genfromtxt(csv, delimiter=",", names=True, comments="#")
+    column = next(n for n in table.dtype.names if n.startswith("pistonx"))
+    assert table[column] == pytest.approx(result["piston.x"], abs=1e-9)
+
+
+def test_other_names_are_refused() -> None:
+    with pytest.raises(sidtool.InputError, match="'crank'") as error:
+        sidtool.simulate(SCENE, rigid=["crank"])
+    assert "rod" in str(error.value)
