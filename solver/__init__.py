@@ -21,6 +21,7 @@ Functions Obtained from Isogeometric Finite Element Models".
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -68,7 +69,8 @@ def compile_scene(
     Raises
     ------
     InputError : a SID cannot be read or describes an impossible body, a marker does
-        not exist, or an output asks for what there is not.
+        not exist, an output asks for what there is not, or a scene that is to start in
+        its static equilibrium has none.
     """
     from .advice.checks import (
         check_attachments,
@@ -79,7 +81,14 @@ def compile_scene(
     from .system.building import build_system
 
     check_replaced(scene, sids or {})
-    system = build_system(scene, Path(base_folder), sids, drives, keep_joints, forces)
+    folder, told = Path(base_folder), tuple[str, ...]()
+    if scene.initial.state == "static":
+        from .analyses.resting import resting
+
+        whole = build_system(scene, folder, sids, drives, True, forces)
+        scene, told = resting(whole)
+    system = build_system(scene, folder, sids, drives, keep_joints, forces)
+    system = replace(system, told=told)
     check_outputs(system)
     if not accept_defects:
         check_masses(system)

@@ -88,7 +88,7 @@ def simulate(
     expected = expected_bodies(system, start)
     if foresee is not None:
         foresee(expected)
-    run = _Run(system, settings, start, tuple(told))
+    run = _Run(system, settings, start, (*system.told, *told))
     assembled = time.perf_counter()
     failure = run.go(progress)
     solved = time.perf_counter()

@@ -68,6 +68,16 @@ class Outputs(Table):
     )
 
 
+class Start(Table):
+    """How bodies start; where each stands is said in its own table `initial`."""
+
+    state: Literal["stated", "static"] = Field(
+        default="stated",
+        description="static: in the equilibrium nearest downhill from what is stated, "
+        "under gravity and the loads at the start, drives held; stated velocities stay",
+    )
+
+
 class SceneFile(Table):
     """A scene. Lengths, masses and times in SI units, angles in radians.
 
@@ -83,6 +93,7 @@ class SceneFile(Table):
     gravity: Vector | None = Field(default=None, description="[m/s2], default none")
     time: Time = Field(description="the table [time] with start, end, output_step")
     accuracy: Accuracy = Accuracy()
+    initial: Start = Start()
     ground: Ground = Ground()
     bodies: dict[str, Body] = Field(min_length=1, description="at least one body")
     joints: dict[str, Joint] = Field(default_factory=dict)

@@ -59,6 +59,7 @@ class System:
         they prescribe have no coordinates
     whole : of a scene that was cut down, the one with all joints, if their forces are
         asked for
+    told : what has to be known of how it was made
     """
 
     scene: SceneFile
@@ -81,6 +82,7 @@ class System:
     seen: Mapping[str, float] = field(default_factory=dict)
     carrying: at.IntTable | None = None
     whole: System | None = None
+    told: tuple[str, ...] = ()
 
     @property
     def planar(self) -> bool:
