@@ -2,30 +2,26 @@
 
 The generator and the ways are those of `tests/metamorphic`, which takes 40 scenes and a
 quarter of the ways. `python -m benchmarks.metamorphic FIRST LAST` judges the scenes of
-these seeds and prints every pair that is not equal.
+these seeds alone. What was judged is kept in a file beside the result, by seed, and is
+not judged again as long as no source has changed.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import sys
+import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from sidtool.formats.errors import InputError
-from sidtool.solver.errors import SimulationError
-from tests.metamorphic import invariants
-from tests.metamorphic.case import Case, Values
 from tests.metamorphic.case import run as run_case
+from tests.metamorphic.invariants import violations
 from tests.metamorphic.scenes import random_scene
-from tests.metamorphic.transformations import (
-    TRANSFORMATIONS,
-    WITHIN,
-    difference,
-    said,
-)
+from tests.metamorphic.transformations import TRANSFORMATIONS, compared
 
 from .machine import describe_machine, use_one_thread
 from .report import Report, Table
@@ -34,87 +30,137 @@ SCENES = 500
 RTOL = 1e-7
 WORKERS = 2
 ORIGINAL = "as it is"
-#: What every motion keeps, and the largest violation.
-KEPT = {
-    "energy": (invariants.energy, WITHIN * RTOL),
-    "kinetic energy of the particles": (invariants.kinetic, 1e-12),
-    "momenta and impulses of each body": (invariants.impulses, 3e-4),
-}
+LAWS = "what every motion keeps"
+#: Seeds that a table names, and scenes between two lines of progress.
+NAMED, TOLD = 8, 10
+ROOT = Path(__file__).parents[1]
+SOURCES = ("solver", "formats", "sidtool", "tests/metamorphic", "tests/bodies.py")
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Of one scene said in one way; error is relative, or the run stopped."""
+    """Of one scene said in one way: its difference, and what is allowed.
+
+    A run that stopped says why in `where` and has no difference.
+    """
 
     seed: int
     way: str
-    equal: bool
-    error: float = 0.0
+    error: float | None = None
+    allowed: float = 0.0
     where: str = ""
+
+    @property
+    def ratio(self) -> float:
+        return float("inf") if self.error is None else self.error / self.allowed
+
+    @property
+    def equal(self) -> bool:
+        return self.ratio < 1.0
 
 
 def judged(seed: int) -> list[Verdict]:
-    """The verdicts about all ways in which a scene can be said."""
+    """The verdicts about all ways in which a scene can be said.
+
+    Whatever stops a run, foreseen or not, is a verdict: the others go on.
+    """
     try:
         case = random_scene(seed)
         exact = run_case(case, rtol=RTOL)
-    except (InputError, SimulationError) as error:
-        return [Verdict(seed, ORIGINAL, False, where=str(error))]
-    found = [Verdict(seed, ORIGINAL, True)]
+    except Exception as stop:
+        return [_stopped(seed, ORIGINAL, stop)]
+    found = [Verdict(seed, ORIGINAL, 0.0, 1.0)]
     for way in TRANSFORMATIONS:
-        found += _way(seed, way, case, exact)
-    for way, (law, bound) in KEPT.items():
         try:
-            error = law(case, RTOL)
-        except (InputError, SimulationError) as stop:
-            found.append(Verdict(seed, way, False, where=str(stop)))
+            told = compared(way, case, exact, seed, RTOL)
+        except Exception as stop:
+            found.append(_stopped(seed, way, stop))
             continue
-        if error is not None:
-            found.append(Verdict(seed, way, error < bound, error))
-    return found
-
-
-def _way(seed: int, way: str, case: Case, exact: Values) -> list[Verdict]:
+        if told is not None:
+            found.append(Verdict(seed, way, *told))
     try:
-        other = said(way, case, seed)
-        if other is None:
-            return []
-        values = other.back(run_case(other.case, rtol=RTOL, **other.settings))
-    except (InputError, SimulationError) as stop:
-        return [Verdict(seed, way, False, where=str(stop))]
-    error, where = difference(values, exact, other.first)
-    equal = error < WITHIN * RTOL + other.slack(exact)
-    return [Verdict(seed, way, equal, error, where)]
+        laws = violations(case, RTOL)
+    except Exception as stop:
+        return [*found, _stopped(seed, LAWS, stop)]
+    return [*found, *(Verdict(seed, name, *law) for name, law in laws.items())]
 
 
-def judge_all(seeds: Iterable[int], say: Callable[[str], object]) -> list[Verdict]:
-    """All verdicts; those that are not equal are told at once."""
-    verdicts = []
-    with ProcessPoolExecutor(WORKERS, get_context("spawn"), use_one_thread) as pool:
-        for some in pool.map(judged, seeds):
-            verdicts += some
-            for v in some:
+def _stopped(seed: int, way: str, stop: Exception) -> Verdict:
+    return Verdict(seed, way, where=f"{type(stop).__name__}: {stop}")
+
+
+def judge_all(
+    seeds: Iterable[int], kept: Path, say: Callable[[str], object]
+) -> list[Verdict]:
+    """All verdicts; those that are not equal are told at once.
+
+    kept : file of what was judged, one line per scene below one of the sources
+    """
+    seeds, begin = list(seeds), time.monotonic()
+    known = _known(kept)
+    waiting = [seed for seed in seeds if seed not in known]
+    if len(waiting) < len(seeds):
+        say(f"  {len(seeds) - len(waiting)} of {len(seeds)} scenes were judged before")
+    context = get_context("spawn")
+    with ProcessPoolExecutor(WORKERS, context, use_one_thread) as pool:
+        running = [pool.submit(judged, seed) for seed in waiting]
+        for count, done in enumerate(as_completed(running), start=1):
+            verdicts = done.result()
+            known[verdicts[0].seed] = verdicts
+            with kept.open("a") as file:
+                file.write(json.dumps([asdict(v) for v in verdicts]) + "\n")
+            for v in verdicts:
                 if not v.equal:
-                    say(f"  {v.seed} {v.way}: {v.error:.2e} {v.where}")
-    return verdicts
+                    say(f"  scene {v.seed}, {v.way}: {_told(v)}")
+            if count % TOLD == 0 or count == len(waiting):
+                minutes = (time.monotonic() - begin) / 60.0
+                say(f"  {count} of {len(waiting)} scenes in {minutes:.1f} min")
+    return [verdict for seed in seeds for verdict in known[seed]]
+
+
+def _known(kept: Path) -> dict[int, list[Verdict]]:
+    """What was judged with the sources as they are; else the file begins anew."""
+    digest = hashlib.sha256()
+    for source in SOURCES:
+        path = ROOT / source
+        for file in [path] if path.is_file() else sorted(path.rglob("*.py")):
+            digest.update(file.read_bytes())
+    stamp = json.dumps(digest.hexdigest())
+    lines = kept.read_text().splitlines() if kept.is_file() else []
+    if not lines or lines[0] != stamp:
+        kept.write_text(stamp + "\n")
+        lines = []
+    scenes = [[Verdict(**v) for v in json.loads(line)] for line in lines[1:]]
+    return {verdicts[0].seed: verdicts for verdicts in scenes}
+
+
+def _told(v: Verdict) -> str:
+    if v.error is None:
+        return v.where
+    return f"{v.error:.2e} of {v.allowed:.0e} allowed, {v.where}"
 
 
 def tabled(verdicts: list[Verdict]) -> Table:
+    """Per way: scenes, those that are equal, and the worst of these."""
     rows = []
-    for way in dict.fromkeys([ORIGINAL, *TRANSFORMATIONS, *KEPT]):
-        mine = [v for v in verdicts if v.way == way]
-        seeds = [str(v.seed) for v in mine if not v.equal]
-        more = f" and {len(seeds) - 8} more" if len(seeds) > 8 else ""
-        counts = [str(len(mine)), str(len(mine) - len(seeds))]
-        rows.append([way, *counts, ", ".join(seeds[:8]) + more])
-    counts = [str(len(verdicts)), str(sum(v.equal for v in verdicts))]
-    rows.append(["all", *counts, ""])
-    head = ["said differently", "scenes", "equal", "seeds that are not"]
+    for way in dict.fromkeys([ORIGINAL, *TRANSFORMATIONS, *(v.way for v in verdicts)]):
+        rows.append([way, *_row([v for v in verdicts if v.way == way])])
+    rows.append(["all", *_row(verdicts)])
+    head = ["said differently", "scenes", "equal", "worst / allowed", "not equal"]
     return Table(f"rtol {RTOL:g}, equal within ten times", head, rows)
 
 
+def _row(verdicts: list[Verdict]) -> list[str]:
+    seeds = list(dict.fromkeys(str(v.seed) for v in verdicts if not v.equal))
+    more = f" and {len(seeds) - NAMED} more" if len(seeds) > NAMED else ""
+    equal = sum(v.equal for v in verdicts)
+    worst = max((v.ratio for v in verdicts), default=0.0)
+    ratio = "stopped" if worst == float("inf") else f"{worst:.2g}"
+    return [str(len(verdicts)), str(equal), ratio, ", ".join(seeds[:NAMED]) + more]
+
+
 def run(folder: Path, name: str, say: Callable[[str], object]) -> Report:
-    verdicts = judge_all(range(SCENES), say)
+    verdicts = judge_all(range(SCENES), folder / f"{name}.judged", say)
     return Report(
         title=f"{SCENES} random scenes said differently",
         tables=[tabled(verdicts)],
@@ -125,8 +171,9 @@ def run(folder: Path, name: str, say: Callable[[str], object]) -> Report:
 if __name__ == "__main__":
     use_one_thread()
     first, last = map(int, sys.argv[1:3])
-    print(
-        tabled(
-            judge_all(range(first, last), lambda text: print(text, flush=True))
-        ).text()
-    )
+    kept = ROOT / "benchmarks" / "results" / "metamorphic.judged"
+
+    def tell(text: str) -> None:
+        print(text, flush=True)
+
+    tell(tabled(judge_all(range(first, last), kept, tell)).text())

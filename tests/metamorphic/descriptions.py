@@ -131,9 +131,11 @@ def _cross_universals(table: Table, signs: dict[tuple[str, str], float]) -> None
             joint["coordinate"] = [other(*pair) for pair in pairs]
 
 
-def callables(case: Case, rng: Random) -> Said:
+def callables(case: Case, rng: Random) -> Said | None:
     """Drives and forces by Python callables without derivatives."""
     table = copied(case)
+    if not _functions(table):
+        return None
     given = {}
     for part in ("drives", "forces"):
         entries = {n: e for n, e in table[part].items() if "function" in e}
@@ -143,13 +145,18 @@ def callables(case: Case, rng: Random) -> Said:
     return Said(with_table(case, table, **given))
 
 
-def polynomials(case: Case, rng: Random) -> Said:
+def polynomials(case: Case, rng: Random) -> Said | None:
     """Steps, tables and Hermite pieces by the coefficients of their polynomials."""
     table = copied(case)
-    for part in (*table["drives"].values(), *table["forces"].values()):
-        if "function" in part:
-            part["function"] = functions.as_polynomial(part["function"])
-    return Said(with_table(case, table))
+    for part in _functions(table):
+        part["function"] = functions.as_polynomial(part["function"])
+    return None if table == case.table else Said(with_table(case, table))
+
+
+def _functions(table: Table) -> list[Table]:
+    """Drives and forces by functions of time."""
+    parts = (*table["drives"].values(), *table["forces"].values())
+    return [part for part in parts if "function" in part]
 
 
 def used_coordinates(table: Table) -> set[tuple[str, str]]:
@@ -162,7 +169,7 @@ def used_coordinates(table: Table) -> set[tuple[str, str]]:
     return used
 
 
-def other_joints(case: Case, rng: Random) -> Said:
+def other_joints(case: Case, rng: Random) -> Said | None:
     """Each joint by a freer one and a drive that holds, or two that do the same."""
     table = copied(case)
     used = {name for name, _ in used_coordinates(table)}
@@ -190,6 +197,8 @@ def other_joints(case: Case, rng: Random) -> Said:
                     "reference": joint["markers"][0],
                 }
             table["drives"][f"{name}_held"] = drive
+    if not changed:
+        return None
     measures = tuple(
         m
         for m in case.measures

@@ -105,6 +105,24 @@ def scaled(function: Table, factor: float) -> Table:
     return new
 
 
+def about_start(function: Table, factor: float) -> Table:
+    """A function whose change since time zero is multiplied by a number."""
+    rest = (1.0 - factor) * value(function)(0.0)
+    new = scaled(function, factor)
+    for key in ("value", "offset", "start", "end"):
+        if key in new:
+            new[key] += rest
+    if new["type"] == "harmonic":
+        new.setdefault("offset", rest)
+    if new["type"] == "table":
+        new["values"] = [x + rest for x in new["values"]]
+    for piece in new.get("pieces", ()):
+        for key in ("start", "end", "coefficients"):
+            if key in piece:
+                piece[key] = [piece[key][0] + rest, *piece[key][1:]]
+    return new
+
+
 def _times(piece: Table, factor: Callable[[int], float]) -> Table:
     """A piece whose coefficients and derivatives of order k are multiplied."""
     keys = ("start", "end", "coefficients")

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import eigh
 
 from sidtool.formats.scene import as_3d
 from sidtool.formats.sid import Array, rigid_node, rigid_sid
-from sidtool.rereference import changed, frame_change
 from tests.bodies import Cloud
 
 from .case import Case, Table, Values
@@ -277,67 +275,3 @@ def tools(case: Case, rng: Random) -> Said | None:
         return without(values, lambda n: kind(n) in ("kinetic",))
 
     return Said(said, back)
-
-
-def rereferenced(case: Case, rng: Random) -> Said | None:
-    """Flexible bodies in frames at another of their nodes, exact to first order."""
-    if not case.sids:
-        return None
-    table, sids, planar = copied(case), {}, case.planar
-    for name, sid in case.sids.items():
-        frame = str(rng.choice(["tangent:2", "tangent:3", "buckens", "buckens:4"]))
-        change = frame_change(sid, frame)
-        sids[name] = changed(sid, change)
-        initial = table["bodies"][name]["initial"]
-        pose, rates = Pose.of(initial), np.array(initial["elastic_velocity"])
-        new = pose.then(Pose(change.origin, np.eye(3)))
-        w = as_spin(initial["angular_velocity"])
-        v = as_3d(initial["velocity"]) + np.cross(w, pose.R @ change.origin)
-        v = v + pose.R @ (rates @ change.at(change.origin))
-        w = w + pose.R @ (rates @ change.turn)
-        table["bodies"][name]["initial"] = replaced(initial, new, planar) | {
-            "velocity": components(v, planar),
-            "angular_velocity": spin(w, planar),
-        }
-    flexible = set(case.sids)
-
-    def back(values: Values) -> Values:
-        own = ("x", "v", "w", "angle")
-        return without(
-            values,
-            lambda n: (
-                n == "energy.elastic"  # quadratic in what differs
-                or (owner(n) in flexible and n.count(".") == 1 and kind(n) in own)
-            ),
-        )
-
-    def slack(exact: Values) -> float:
-        return max(
-            30.0 * _largest_rotation(case, name, exact) + _detuning(case, name, exact)
-            for name in flexible
-        )
-
-    return Said(with_table(case, table, sids=sids), back, slack)
-
-
-def _detuning(case: Case, name: str, exact: Values) -> float:
-    """Share of a period by which loads a shift a vibration, a T / (omega L), weakly.
-
-    Frames differ in displacements of second order, whose work with a load a is a
-    stiffness of about a / L beside omega^2; a SID without stiffening lacks it.
-    """
-    sid, time = case.sids[name], case.table["time"]
-    omega = np.sqrt(eigh(sid.Ke.m0, sid.Me.m0, eigvals_only=True)[0])
-    length = max(np.linalg.norm(node.position) for node in sid.nodes)
-    rates = np.diff(exact[f"{name}.v"], axis=0) / time["output_step"]
-    load = np.linalg.norm(case.table["gravity"]) + np.abs(rates).max()
-    # a load that hardly excites the body excites it otherwise by as much
-    excited = np.ptp(exact[f"{name}.q"], axis=0).max()
-    share = max(1.0, load * np.sqrt(sid.mass) / (omega**2 * excited))
-    return float(0.1 * share * load * (time["end"] - time["start"]) / (omega * length))
-
-
-def _largest_rotation(case: Case, name: str, exact: Values) -> float:
-    """Of the nodes of a body, in their frame [rad]."""
-    q, nodes = exact[f"{name}.q"], case.sids[name].nodes
-    return float(max(np.abs(q @ node.psi.m0.T).max() for node in nodes))

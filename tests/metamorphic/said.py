@@ -12,6 +12,8 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from .case import AXIAL, VECTORS, Case, Table, Values
+from .differences import Sizes, variation
+from .differences import kind as kind
 
 Back = Callable[[Values], Values]
 
@@ -28,6 +30,8 @@ class Said:
     slack : relative difference that the description itself makes in such a motion
     first : row of the original at which it begins
     settings : of its run
+    base : what it is compared with in place of the original
+    sizes : what differences are relative to
     """
 
     case: Case
@@ -35,14 +39,12 @@ class Said:
     slack: Callable[[Values], float] = lambda values: 0.0  # noqa: E731
     first: int = 0
     settings: dict[str, Any] = field(default_factory=dict)
+    base: Case | None = None
+    sizes: Sizes = variation
 
 
 def copied(case: Case) -> Table:
     return copy.deepcopy(case.table)
-
-
-def kind(measure: str) -> str:
-    return measure.rsplit(".", 1)[1]
 
 
 def owner(measure: str) -> str:

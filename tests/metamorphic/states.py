@@ -34,24 +34,35 @@ def with_corners(case: Case) -> Case:
 
 
 def pose_at(case: Case, name: str, values: Values, row: int) -> Pose:
-    """Position and orientation of a body, from where its markers are."""
-    x = values[f"{name}.x"][row]
+    """Position and orientation of a body in a row."""
+    rows = {k: v[[row]] for k, v in values.items() if k.startswith(f"{name}.")}
+    return Pose(values[f"{name}.x"][row], rotations(case, name, rows)[0])
+
+
+def rotations(case: Case, name: str, values: Values) -> Array:
+    """(nt, 3, 3) from where the markers of a body are, or from its angle."""
     if case.planar:
-        angle = float(values[f"{name}.angle"][row, 0])
-        return Pose.of({"position": tuple(x), "axis_angle": (0.0, 0.0, angle)})
-    markers = case.body(name)["markers"]
-    inner = np.array([_place(case, name, marker, values, row) for marker in markers])
-    outer = np.array([values[f"{name}.{marker}.x"][row] - x for marker in markers])
-    left, _, right = np.linalg.svd(outer.T @ inner)
-    return Pose(x, left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+        angle = values[f"{name}.angle"][:, 0]
+        R = np.broadcast_to(np.eye(3), (len(angle), 3, 3)).copy()
+        R[:, 0, 0] = R[:, 1, 1] = np.cos(angle)
+        R[:, 1, 0] = np.sin(angle)
+        R[:, 0, 1] = -R[:, 1, 0]
+        return R
+    x, markers = values[f"{name}.x"], case.body(name)["markers"]
+    outer = np.stack([values[f"{name}.{m}.x"] - x for m in markers], axis=1)
+    inner = np.stack([_places(case, name, m, values) for m in markers], axis=1)
+    left, _, right = np.linalg.svd(np.swapaxes(outer, 1, 2) @ inner)
+    left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
+    return np.asarray(left @ right)
 
 
-def _place(case: Case, name: str, marker: str, values: Values, row: int) -> Array:
-    """Where a marker is in the body frame."""
+def _places(case: Case, name: str, marker: str, values: Values) -> Array:
+    """(nt, 3) where a marker is in the body frame."""
     if name not in case.sids:
-        return Pose.of(case.body(name)["markers"][marker]).x
+        own = Pose.of(case.body(name)["markers"][marker]).x
+        return np.broadcast_to(own, values[f"{name}.x"].shape)
     node = case.sids[name].node(case.node(f"{name}.{marker}"))
-    return np.asarray(node.position + values[f"{name}.{marker}.u"][row])
+    return np.asarray(node.position + values[f"{name}.{marker}.u"])
 
 
 def started_at(case: Case, seen: Case, values: Values, row: int) -> Table:

@@ -1,4 +1,4 @@
-"""All ways to say a scene differently, by name; and when two runs are equal."""
+"""All ways to say a scene differently, by name."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sidtool.formats.sid import Array
-
-from . import continued, descriptions, rewritten_bodies, space, worlds
-from .case import Case, Values
+from . import continued, descriptions, rereferenced, rewritten_bodies, space, worlds
+from .case import Case, Values, run
+from .differences import WITHIN, difference
 from .ingredients import Random
-from .said import Said, kind
+from .said import Said
 
 Transformation = Callable[[Case, Random], Said | None]
 
@@ -34,7 +33,8 @@ TRANSFORMATIONS: dict[str, Transformation] = {
     "rigid bodies as SIDs": rewritten_bodies.as_sids,
     "tool out of the FE model": rewritten_bodies.tools,
     "SIDs turned": rewritten_bodies.turned_sids,
-    "SIDs re-referenced": rewritten_bodies.rereferenced,
+    "SIDs re-referenced, at the start": rereferenced.at_the_start,
+    "SIDs re-referenced, small motion": rereferenced.small_motion,
     "elastic coordinates mixed": rewritten_bodies.mixed_coordinates,
     "other joints": descriptions.other_joints,
     "functions as callables": descriptions.callables,
@@ -43,9 +43,6 @@ TRANSFORMATIONS: dict[str, Transformation] = {
     "forces halved": descriptions.halved_forces,
     "continued": continued.continued,
 }
-#: Requests that two equal runs may differ by: positions, coordinates; rates; forces.
-BOUNDS = {"v": 100.0, "w": 100.0, "vq": 100.0, "f": 1000.0, "m": 1000.0}
-WITHIN = 10.0
 
 
 def said(name: str, case: Case, seed: int) -> Said | None:
@@ -54,26 +51,18 @@ def said(name: str, case: Case, seed: int) -> Said | None:
     return TRANSFORMATIONS[name](case, np.random.default_rng([14, seed, number]))
 
 
-def difference(found: Values, exact: Values, first: int) -> tuple[float, str]:
-    """Largest difference of two runs, and in what; weighted by `BOUNDS`.
+def compared(
+    name: str, case: Case, exact: Values, seed: int, rtol: float
+) -> tuple[float, float, str] | None:
+    """Difference of a run that is said differently, what is allowed, and in what.
 
-    Relative to how much the vector varies over the run.
+    None if the scene has nothing that could be said so.
     """
-    worst, where = 0.0, ""
-    for name in found.keys() & exact.keys():
-        size = variation(name, exact)
-        gap = float(np.abs(found[name] - exact[name][first:]).max())
-        weighted = gap / size / (BOUNDS.get(kind(name), WITHIN) / WITHIN)
-        if not weighted <= worst:
-            worst, where = weighted, name
-    return worst, where
-
-
-def variation(name: str, exact: Values) -> float:
-    """How much a measure varies, and at least a trace of the largest of its kind."""
-
-    def of(value: Array) -> float:
-        return float(np.ptp(value, axis=0).max())
-
-    largest = max(of(v) for k, v in exact.items() if kind(k) == kind(name))
-    return max(1e-6, 1e-3 * largest, of(exact[name]))
+    other = said(name, case, seed)
+    if other is None:
+        return None
+    if other.base is not None:
+        exact = run(other.base, rtol=rtol)
+    found = other.back(run(other.case, rtol=rtol, **other.settings))
+    error, where = difference(found, exact, other.sizes, other.first)
+    return error, WITHIN * rtol + other.slack(exact), where

@@ -1,0 +1,142 @@
+"""Flexible bodies in frames at another of their nodes.
+
+Without displacements of second order two frames describe the same body to first order
+in its elastic coordinates. So what holds in every frame are the accelerations and
+forces of an undeformed body, however it moves; and the motions of small loads, whose
+differences between frames are of second order in the loads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from sidtool.formats.scene import as_3d
+from sidtool.rereference import changed, frame_change
+
+from . import functions
+from .case import Case, Table, Values, run
+from .differences import difference, magnitude, variation
+from .ingredients import Random
+from .poses import Pose, replaced
+from .said import (
+    Said,
+    as_spin,
+    components,
+    copied,
+    kind,
+    owner,
+    spin,
+    with_table,
+    without,
+)
+
+#: Loads of the two small motions, relative to those of the scene, and their request.
+LOADS, RTOL = (1e-2, 1e-3), 1e-8
+#: More than a tenth of a relative difference is not left under a tenth of the load, but
+#: for what has not yet grown with the larger one: a vibration may be back in phase.
+LEFT = 0.3
+#: Length of the run that tells the start [s]; what is computed at one instant is equal
+#: to so small a part of what two runs may differ by.
+INSTANT, SHARP = 1e-6, 1e-3
+
+
+def at_the_start(case: Case, rng: Random) -> Said | None:
+    """Accelerations and forces at the start, where no body is deformed."""
+    if not case.sids:
+        return None
+    measures = [f"{name}.a" for name in case.table["bodies"] if name not in case.sids]
+    for name, body in case.table["bodies"].items():
+        measures += [f"{name}.{marker}.a" for marker in body["markers"]]
+    for name, joint in case.table["joints"].items():
+        if "markers" in joint:
+            measures += [f"{name}.f", f"{name}.m"]
+    start = case.table["time"]["start"]
+    instant = {"start": start, "end": start + INSTANT, "output_step": INSTANT}
+    base = replace(case, table=case.table | {"time": instant}, measures=tuple(measures))
+
+    def first(values: Values) -> Values:
+        return {name: value[:1] for name, value in values.items()}
+
+    sizes = partial(magnitude, share=SHARP)
+    return Said(_elsewhere(base, rng), first, base=base, sizes=sizes)
+
+
+def small_motion(case: Case, rng: Random) -> Said | None:
+    """The motion under a thousandth of all loads and speeds."""
+    if not case.sids:
+        return None
+    bases = [small(case, load) for load in LOADS]
+    seed = int(rng.integers(1 << 30))
+    others = [_elsewhere(base, np.random.default_rng(seed)) for base in bases]
+    sizes = partial(variation, least=1e-6 * LOADS[1])
+    flexible = set(case.sids)
+
+    def back(values: Values) -> Values:
+        own = ("x", "v", "w", "angle")
+        return without(
+            values,
+            lambda n: (
+                n.startswith("energy.")  # quadratic
+                or (owner(n) in flexible and n.count(".") == 1 and kind(n) in own)
+            ),
+        )
+
+    def slack(exact: Values) -> float:
+        large = [run(case, rtol=RTOL) for case in (others[0], bases[0])]
+        return LEFT * difference(back(large[0]), large[1], sizes)[0]
+
+    return Said(others[1], back, slack, base=bases[1], sizes=sizes)
+
+
+def small(case: Case, load: float) -> Case:
+    """The case with all that moves it multiplied, about the places that it starts in.
+
+    Constraints are met at the start as before; forces of springs are multiplied.
+    """
+    table = copied(case)
+    table["gravity"] = [load * g for g in table["gravity"]]
+    for drive in table["drives"].values():
+        drive["function"] = functions.about_start(drive["function"], load)
+    for force in table["forces"].values():
+        _weaken(force, load)
+    for body in table["bodies"].values():
+        for key in ("velocity", "angular_velocity", "elastic_velocity", "elastic"):
+            if key in body["initial"]:
+                body["initial"][key] = (load * np.array(body["initial"][key])).tolist()
+    return with_table(case, table)
+
+
+def _weaken(force: Table, load: float) -> None:
+    if "function" in force:
+        force["function"] = functions.scaled(force["function"], load)
+    for key in ("stiffness", "damping"):
+        if key in force:
+            force[key] = (load * np.array(force[key])).tolist()
+    if "table" in force:
+        force["table"]["force"] = [load * f for f in force["table"]["force"]]
+    if force["type"] == "friction":
+        force |= {key: load * force[key] for key in ("force", "speed")}
+
+
+def _elsewhere(case: Case, rng: Random) -> Case:
+    """The case with its flexible bodies in frames at another of their nodes."""
+    table, sids, planar = copied(case), {}, case.planar
+    for name, sid in case.sids.items():
+        frame = str(rng.choice(["tangent:2", "tangent:3", "buckens", "buckens:4"]))
+        change = frame_change(sid, frame)
+        sids[name] = changed(sid, change)
+        initial = table["bodies"][name]["initial"]
+        pose, rates = Pose.of(initial), np.array(initial["elastic_velocity"])
+        new = pose.then(Pose(change.origin, np.eye(3)))
+        w = as_spin(initial["angular_velocity"])
+        v = as_3d(initial["velocity"]) + np.cross(w, pose.R @ change.origin)
+        v = v + pose.R @ (rates @ change.at(change.origin))
+        w = w + pose.R @ (rates @ change.turn)
+        table["bodies"][name]["initial"] = replaced(initial, new, planar) | {
+            "velocity": components(v, planar),
+            "angular_velocity": spin(w, planar),
+        }
+    return with_table(case, table, sids=sids)
