@@ -88,12 +88,12 @@ def simulate(
     expected = expected_bodies(system, start)
     if foresee is not None:
         foresee(expected)
-    run = _Run(system, settings, start, (*system.told, *told))
+    run = _Run(system, settings, start, expected, (*system.told, *told))
     assembled = time.perf_counter()
     failure = run.go(progress)
     solved = time.perf_counter()
     seconds = {"seconds_assembly": assembled - began, "seconds": solved - assembled}
-    result = run.result(seconds, failure, expected)
+    result = run.result(seconds, failure)
     if failure:
         raise SimulationError(result.message, result)
     return result
@@ -107,10 +107,11 @@ class _Run:
         system: System,
         settings: Settings,
         start: assembly.Start,
+        expected: Mapping[str, FlexibleBody],
         told: tuple[str, ...],
     ) -> None:
         self.system, self.settings, self.start = system, settings, start
-        self.told = told
+        self.expected, self.told = expected, told
         methods = [INTEGRATORS[name] for name in settings.possible]
         self.method, self.switched = methods[0], math.nan
         self.work: Work = new_work(system)
@@ -124,12 +125,12 @@ class _Run:
             self.watch = events.Watch(system, self.kernels, self.closed, points)
         self.history = History(points) if is_wanted(system.scene) else None
         self.inside = self.watch is not None or self.history is not None
-        flexible = any(data.sid.nq for data in system.bodies)
-        self.visited = Visited(system) if flexible else None
+        worst = [body.expected.time for body in expected.values()]
+        self.visited = Visited(system, worst) if expected else None
         shares, self.limit = np.zeros(0), CHUNK
         if self.inside:
             shares, self.limit = points.wanted(), dense.CHUNK
-        elif flexible:
+        elif expected:
             shares = dense.wanted_ends(fixed=settings.step is not None)
             self.limit = dense.END_CHUNK
         self.points = points
@@ -208,7 +209,9 @@ class _Run:
             self.system, self.kernels, self.control, self.settings.rtol
         )
         yield from told_displacements(self.system, self.start, self.settings.rtol)
-        yield from notes.of_output_times(self.system.scene, self.times)
+        if self.now >= self.system.scene.time.end and not self._end():
+            yield from notes.of_output_times(self.system.scene, self.times)
+        yield from notes.of_programs(self.system)
         yield from notes.hidden_errors(
             self.system,
             self.control,
@@ -281,18 +284,13 @@ class _Run:
             text += f"; redundant at the start, perhaps contradicting now: {names}"
         return text
 
-    def result(
-        self,
-        seconds: dict[str, float],
-        failure: str,
-        expected: Mapping[str, FlexibleBody],
-    ) -> Result:
+    def result(self, seconds: dict[str, float], failure: str) -> Result:
         t, z, v = self._recorded(bool(failure))
         recorded = self._record(t, z, v)
         if failure and not np.isfinite(recorded.samples.accelerations[-1:]).all():
             t, z, v = t[:-1], z[:-1], v[:-1]
             recorded = self._record(t, z, v)
-        bodies = self._reached(t, z, v, expected)
+        bodies = self._reached(t, z, v)
         return Result(
             title=self.system.scene.title,
             names=recorded.names,
@@ -319,12 +317,10 @@ class _Run:
             message=explained(failure, bodies) or self._end(),
         )
 
-    def _reached(
-        self, t: Array, z: Array, v: Array, expected: Mapping[str, FlexibleBody]
-    ) -> Mapping[str, FlexibleBody]:
+    def _reached(self, t: Array, z: Array, v: Array) -> Mapping[str, FlexibleBody]:
         """What flexible bodies met, at output times and at the ends of steps."""
         if self.visited is None or not len(t):
-            return expected
+            return self.expected
         between = self.visited.until(t[-1])
         states = [(t, between.t), (z, between.z), (v, between.v)]
         order = np.argsort(np.concatenate(states[0]), kind="stable")
@@ -332,7 +328,7 @@ class _Run:
         samples = sample(
             self.system, self.kernels, self.work, self.memory, t, z, v, self.closed
         )
-        return reached_bodies(self.system, samples, t, expected)
+        return reached_bodies(self.system, samples, t, self.expected)
 
     def _record(self, t: Array, z: Array, v: Array) -> outputs.Recorded:
         return outputs.record(

@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from sidtool.solver.analyses.linear import Linearisation
     from sidtool.solver.analyses.static import Equilibrium
 
-#: Coordinates named beside a mode: those that move most.
-LEADING = 3
+#: Coordinates named beside a mode: those that move most, if they move by more than a
+#: part of the most.
+LEADING, MOVES = 3, 1e-6
 #: Damping ratios are negative below this; differences do not tell less from none.
 GROWS = 1e-6
 
@@ -47,16 +48,20 @@ def describe_modes(modes: Linearisation) -> str:
     for k, (hertz, ratio) in enumerate(
         zip(modes.frequencies, modes.damping_ratios, strict=True)
     ):
-        order = np.argsort(-np.abs(modes.shapes[k]))[:LEADING]
-        lead = ", ".join(modes.names[i] for i in order)
-        rows.append([str(k + 1), f"{hertz:.6g}", f"{ratio:.4g}", lead])
+        sizes = np.abs(modes.shapes[k])
+        order = [i for i in np.argsort(-sizes) if sizes[i] > MOVES * sizes.max()]
+        lead = ", ".join(modes.names[i] for i in order[:LEADING])
+        rows.append([str(k + 1), f"{hertz:.6g}", f"{ratio + 0.0:.4g}", lead])
     if not rows:
         return "no natural modes: nothing can move"
     text = table(["mode", "Hz", "damping ratio", "moved most by"], rows)
     growing = np.flatnonzero(modes.damping_ratios < -GROWS) + 1
     if len(growing):
         which = ", ".join(map(str, growing))
-        text += f"\n\nunstable: modes {which} grow, their damping ratio is negative"
+        told = f"mode {which} grows, its damping ratio is negative"
+        if len(growing) > 1:
+            told = f"modes {which} grow, their damping ratios are negative"
+        text += f"\n\nunstable: {told}"
     return text
 
 

@@ -33,16 +33,13 @@ _DRIFT_UNITS = {"position": "m", "velocity": "m/s"}
 
 
 def summary(result: Result) -> str:
-    """A few lines after a run: span, cost, drift, error."""
+    """A few lines after a run: span, cost, drift, notes, events, flexible bodies."""
     entries = [
         ("motion", _span(result)),
         ("method", _settings(result)),
         ("cost", _cost(result)),
         ("drift", _drift(result)),
     ]
-    error = result.counters.get("estimated_error")
-    if error is not None:
-        entries.append(("estimated error", f"{error:.1e}"))
     if result.message:
         entries.append(("ended" if result.completed else "stopped", result.message))
     entries += [("note", text) for text in result.notes]

@@ -13,6 +13,7 @@ from ..system.bodies import BodyData
 from ..system.scene import GROUND_NAME, System
 from .body_measures import expected_bodies
 from .checks import check_attachments
+from .notes import of_programs
 
 #: Relative size below which stiffening at markers counts as zero.
 _NOTHING = 1e-6
@@ -58,11 +59,7 @@ def describe(system: System) -> list[str]:
             f"{len(system.redundant)} redundant constraints ({names}): met by the "
             "others; of all multipliers that hold them the smallest are told"
         )
-    for name, shortest in system.seen.items():
-        lines.append(
-            f"{name}: given by a program, of which only values can be seen; what lasts "
-            f"less than {shortest:.3g} s may be missed"
-        )
+    lines += of_programs(system)
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
     lines.append(f"markers: {used} used of {total} exported nodes")
     return lines

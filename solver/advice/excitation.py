@@ -22,10 +22,14 @@ SAMPLES, LEAST = 200, 3
 ANGLES = ("angle", "rotation")
 _GOLDEN = 0.6180339887498949
 #: Times at which a function is looked at in each of its pieces.
-IN_PIECE = 5
+IN_PIECE = 9
 #: A function varies by nothing below this part of its values; it jumps by more than
-#: this part of its amplitude; and shorter pieces than this part of a run are kinks.
-NOTHING, JUMP, KINK = 1e-12, 1e-6, 1e-6
+#: this part of its amplitude, and bends by more than this part of its steepest slope;
+#: and shorter pieces than this part of a run are kinks.
+NOTHING, JUMP, BEND, KINK = 1e-12, 1e-6, 1e-2, 1e-6
+#: Slopes that differ by less than this part of the steepest may do so by errors of a
+#: callable's polynomials.
+STRAIGHT = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +48,16 @@ def excitation(system: System, history: DriveHistory) -> Excitation:
     """The fastest excitation by drives and by forces that are functions of time.
 
     A jump of a force excites all frequencies. Else a function f is as fast as a
-    harmonic of its range and its largest curvature, sqrt(max |f''| / amplitude); a
+    harmonic of its range and its largest curvature, sqrt(max |f''| / amplitude); one
+    with kinks also as a triangular wave of its range and its steepest slope; a
     prescribed angle that goes round also as its rotation.
     """
     found = [Excitation()]
     for row, name in enumerate(system.scene.drives):
         found += [_of_function(system, row, name), _rotation(system, history, name)]
     for element in system.forces:
-        if element.function >= 0:
+        given = element.kind <= at.FOLLOWING
+        if element.function >= 0 and (any(element.data) or not given):
             found.append(_of_function(system, element.function, element.name))
     return max(found, key=lambda e: e.frequency)
 
@@ -62,16 +68,21 @@ def _of_function(system: System, row: int, name: str) -> Excitation:
         return Excitation(omega / (2.0 * math.pi), name) if amplitude else Excitation()
     t, clocks = _instants(system, row)
     evaluate = drive_value.py_func
-    f, _, curvature = np.array(
-        [evaluate(system.arrays, row, c, x) for c, x in zip(clocks, t, strict=True)]
-    ).T
+    pairs = zip(clocks.flat, t.flat, strict=True)
+    found = np.array([evaluate(system.arrays, row, c, x)[:2] for c, x in pairs])
+    f, slope = found.T.reshape(2, *t.shape)
     amplitude = 0.5 * np.ptp(f)
     if amplitude <= NOTHING * np.abs(f).max():
         return Excitation()
-    steps = np.abs(np.diff(f))[np.diff(t) == 0.0]
-    if (steps > JUMP * amplitude).any():
+    joined = t[1:, 0] == t[:-1, -1]
+    if (np.abs(f[1:, 0] - f[:-1, -1])[joined] > JUMP * amplitude).any():
         return Excitation(math.inf, f"{name} jumps")
-    omega = math.sqrt(np.abs(curvature).max() / amplitude)
+    steepest = np.abs(slope).max()
+    bends = np.abs(np.diff(slope, axis=1))
+    curvature = (bends / np.diff(t, axis=1))[bends > STRAIGHT * steepest]
+    omega = math.sqrt(curvature.max(initial=0.0) / amplitude)
+    if (np.abs(slope[1:, 0] - slope[:-1, -1]) > BEND * steepest).any():
+        omega = max(omega, 0.5 * math.pi * float(steepest) / amplitude)
     return Excitation(omega / (2.0 * math.pi), name) if omega else Excitation()
 
 
@@ -83,7 +94,7 @@ def _harmonic_of(system: System, row: int) -> tuple[float, float]:
 
 
 def _instants(system: System, row: int) -> tuple[Array, Array]:
-    """Times in every piece of a function, with its ends, and clocks inside the piece.
+    """Times (n, IN_PIECE) in every piece of a function, with its ends, and clocks.
 
     Pieces that surround a kink are too short to be looked at.
     """
@@ -95,7 +106,8 @@ def _instants(system: System, row: int) -> tuple[Array, Array]:
     long = lengths > KINK * (last - first)
     starts, lengths = edges[:-1][long], lengths[long]
     t = starts[:, None] + lengths[:, None] * np.linspace(0.0, 1.0, IN_PIECE)
-    return t.ravel(), np.repeat(starts + 0.5 * lengths, IN_PIECE)
+    t[:, -1] = edges[1:][long]
+    return t, np.repeat((starts + 0.5 * lengths)[:, None], IN_PIECE, axis=1)
 
 
 def fastest_rotation(system: System, history: DriveHistory) -> tuple[float, str]:

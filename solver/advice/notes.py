@@ -45,6 +45,16 @@ def of_output_times(scene: SceneFile, times: Array) -> list[str]:
     ]
 
 
+def of_programs(system: System) -> list[str]:
+    """Of functions that a program gave instead of those of the scene."""
+    return [
+        f"{name}: given by a program, of which only values can be seen; what lasts "
+        f"less than {shortest:.3g} s may be missed. The scene keeps the function that "
+        "it replaces"
+        for name, shortest in system.seen.items()
+    ]
+
+
 def left_out(system: System, t: Array, recorded: Recorded) -> list[str]:
     """Of constraints that contradict others by the rounding of data."""
     if not system.dropped:

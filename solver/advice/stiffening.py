@@ -86,13 +86,16 @@ def largest_stiffening(sid: SID, loads: Loads, times: Array) -> Stiffening:
 def _about_long_axis(sid: SID, w: Array) -> bool:
     """Does so little of the body lie beside the axis that nothing pulls on it?
 
-    The radius of gyration about the axis of rotation beside the length of the body.
+    The radius of gyration about the parallel axis through the centre of mass beside
+    the length of the body: what the axis itself lies off bends the body only.
     """
     speed = np.linalg.norm(w)
     if speed == 0.0 or sid.mass == 0.0:
         return False
-    axis = w / speed
-    moment = max(0.0, float(axis @ symmetric_3x3(sid.J.m0[:, 0]) @ axis))
+    axis, centre = w / speed, sid.mdCM.m0[:, 0] / sid.mass
+    off = sid.mass * float(np.sum(np.cross(axis, centre) ** 2))
+    about_origin = float(axis @ symmetric_3x3(sid.J.m0[:, 0]) @ axis)
+    moment = max(0.0, about_origin - off)
     return bool(np.sqrt(moment / sid.mass) < SLENDER * body_size(sid))
 
 

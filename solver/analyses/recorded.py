@@ -10,7 +10,7 @@ import numpy as np
 from sidtool.formats.result import Result
 from sidtool.formats.sid import Array
 
-from ..advice.notes import left_out, undefined_values, undetermined_forces
+from ..advice.notes import left_out, of_programs, undefined_values, undetermined_forces
 from ..errors import SimulationError
 from ..kernels.pointers import kernels
 from ..recording import outputs
@@ -79,7 +79,11 @@ def recorded(
     undefined = undefined_values(times, found.names, found.values)
     if undefined:
         raise SimulationError(undefined[0])
-    told = [*left_out(system, times, found), *undetermined_forces(found)]
+    told = [
+        *of_programs(system),
+        *left_out(system, times, found),
+        *undetermined_forces(found),
+    ]
     return Result(
         title=system.scene.title,
         names=found.names,

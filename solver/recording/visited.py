@@ -5,7 +5,11 @@ Verdicts on flexible bodies look at them, too: output times may be few.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
+
+from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
 from ..system.scene import System
@@ -16,28 +20,40 @@ MOST = 500
 
 
 class Visited:
-    """Keeps states at the ends of steps, and those of the largest deformations."""
+    """Keeps states at the ends of steps, and those that verdicts must not miss.
 
-    def __init__(self, system: System) -> None:
-        self._elastic = np.concatenate(
-            [
-                np.arange(
-                    row[at.POS] + row[at.NP] - row[at.NQ], row[at.POS] + row[at.NP]
-                )
-                for row in system.arrays.body
-            ]
-        ).astype(int)
+    These are the states of the largest elastic coordinates, of the largest angular
+    velocity and accelerations of the frame of each flexible body, of the largest
+    acceleration of all, by differences of velocities, and about some times.
+
+    times : (n,) [s]
+    """
+
+    def __init__(self, system: System, times: Iterable[float] = ()) -> None:
+        self._elastic: list[int] = []
+        #: of each frame its velocity and its angular velocity, in all velocities
+        self._frames: list[tuple[slice, slice]] = []
+        axes = 2 if system.planar else 3
+        for row in system.arrays.body[system.arrays.body[:, at.NQ] > 0]:
+            last, u, rd = row[at.POS] + row[at.NP], row[at.VEL], row[at.RD]
+            self._elastic += range(last - row[at.NQ], last)
+            if rd:
+                self._frames.append((slice(u, u + axes), slice(u + axes, u + rd)))
         empty = np.zeros((0, system.n_positions)), np.zeros((0, system.n_velocities))
         self._parts = [Steps(np.zeros(0), *empty)]
         self._peaks: dict[int, Steps] = {}
-        self._largest = np.zeros(len(self._elastic))
+        self._named: list[Steps] = []
+        self._largest = np.zeros(len(self._elastic) + 3 * len(self._frames) + 1)
         self._count, self._seen, self._stride = 0, 0, 1
+        self._last = self._parts[0]
+        self._times = np.unique(np.array([*times], float))
 
     def add(self, ends: Steps) -> None:
         """Takes the ends of some steps, in the order of time."""
         if not len(ends.t):
             return
-        self._note_peaks(ends)
+        self._note(_joined([self._last, ends]))
+        self._last = _rows(ends, slice(-1, None))
         first = -self._seen % self._stride
         self._seen += len(ends.t)
         part = _rows(ends, slice(first, None, self._stride))
@@ -48,18 +64,32 @@ class Visited:
             self._parts, self._count = [kept], len(kept.t)
             self._stride *= 2
 
-    def _note_peaks(self, ends: Steps) -> None:
-        """Keeps the state of the largest magnitude of each elastic coordinate."""
-        sizes = np.abs(ends.z[:, self._elastic])
-        largest = sizes.max(axis=0)
+    def _note(self, ends: Steps) -> None:
+        """Keeps the state of the largest of each signal, and those about the times."""
+        signals = self._signals(ends)
+        largest = signals.max(axis=0)
         for column in map(int, np.flatnonzero(largest > self._largest)):
-            row = int(sizes[:, column].argmax())
+            row = int(signals[:, column].argmax())
             self._peaks[column] = _rows(ends, slice(row, row + 1))
         self._largest = np.maximum(largest, self._largest)
+        for row in np.searchsorted(ends.t, self._times):
+            if 0 < row < len(ends.t):
+                self._named.append(_rows(ends, slice(row - 1, row + 1)))
+
+    def _signals(self, ends: Steps) -> Array:
+        """(nt, n): elastic coordinates, motion of frames, largest acceleration."""
+        rates = np.diff(ends.v, axis=0, prepend=ends.v[:1])
+        lengths = np.diff(ends.t, prepend=-np.inf)
+        rates /= np.where(lengths > 0.0, lengths, np.inf)[:, None]
+        columns = [*np.abs(ends.z[:, self._elastic]).T]
+        for linear, angular in self._frames:
+            parts = ends.v[:, angular], rates[:, linear], rates[:, angular]
+            columns += [np.linalg.norm(part, axis=1) for part in parts]
+        return np.column_stack([*columns, np.abs(rates).max(axis=1, initial=0.0)])
 
     def until(self, end: float) -> Steps:
         """All that is kept up to a time [s], in the order of time."""
-        parts = [*self._parts, *self._peaks.values()]
+        parts = [*self._parts, *self._peaks.values(), *self._named]
         states = _joined(parts)
         times, rows = np.unique(states.t, return_index=True)
         return _rows(states, rows[times <= end])

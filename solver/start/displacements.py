@@ -1,14 +1,15 @@
-"""What the assembly changed of the start that the scene gives: places, velocities."""
+"""What the assembly changed of the start that the scene gives."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from sidtool.formats.scene import as_3d, rotation
 from sidtool.formats.sid import Array
 
+from ..kernels import layout as at
 from ..kernels import planar
 from ..kernels import spatial_columns as spatial
 from ..kernels.layout import Work
@@ -44,9 +45,10 @@ def displacements(system: System, work: Work) -> dict[str, tuple[float, float]]:
 
 
 def told_displacements(system: System, start: Start, least: float) -> Iterator[str]:
-    """Sentences on bodies that the assembly moved or gave other velocities, if any.
+    """Sentences on bodies that the assembly moved, deformed or gave other velocities.
 
-    least : what counts, relative to the size of the mechanism, and of angles [rad]
+    least : what counts, relative to the size of the mechanism, and of angles [rad]; of
+        velocities what they amount to over the run, and relative to themselves
     """
     work = new_work(system)
     work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
@@ -58,7 +60,19 @@ def told_displacements(system: System, start: Start, least: float) -> Iterator[s
             "the assembly moved bodies from where the scene puts them, to meet joints "
             f"and drives: {moved}"
         )
-    changes, sizes = _replaced_velocities(system, work)
+    bent, hurried = _deformations(system, start)
+    sizes = {name: way / system.length for name, (way,) in bent.items()}
+    if deformed := _largest(bent, sizes, least, "m"):
+        yield (
+            "the assembly deformed bodies otherwise than the scene says, to meet "
+            f"joints and drives: {deformed}"
+        )
+    changes, relative = _replaced_velocities(system, work, hurried)
+    time = system.scene.time
+    sizes = {
+        name: min(max(v / system.length, w) * (time.end - time.start), relative[name])
+        for name, (v, w) in changes.items()
+    }
     if changed := _largest(changes, sizes, least, "m/s", "rad/s"):
         yield (
             "joints and drives replace initial velocities that the scene gives: "
@@ -66,11 +80,48 @@ def told_displacements(system: System, start: Start, least: float) -> Iterator[s
         )
 
 
+def _deformations(
+    system: System, start: Start
+) -> tuple[dict[str, tuple[float]], dict[str, tuple[float, float]]]:
+    """Largest change of a node's displacement [m], where the scene states none from
+    none; of its velocity [m/s] where it states one, and relative to the velocity."""
+    bent: dict[str, tuple[float]] = {}
+    hurried: dict[str, tuple[float, float]] = {}
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        nq = int(row[at.NQ])
+        if data.name == GROUND_NAME or not nq:
+            continue
+        initial = system.scene.bodies[data.name].initial
+        last = int(row[at.POS] + row[at.NP]), int(row[at.VEL] + row[at.NV])
+        q, vq = start.z[last[0] - nq : last[0]], start.v[last[1] - nq : last[1]]
+        shapes = np.array([node.phi.m0 for node in data.sid.nodes]).reshape(-1, 3, nq)
+        stated = getattr(initial, "elastic", None)
+        bent[data.name] = (_at_nodes(shapes, q - _vector(stated, nq)),)
+        stated = getattr(initial, "elastic_velocity", None)
+        if stated is not None:
+            change = _at_nodes(shapes, vq - _vector(stated, nq))
+            whole = max(_at_nodes(shapes, x) for x in (vq, _vector(stated, nq)))
+            hurried[data.name] = change, change / (whole or 1.0)
+    return bent, hurried
+
+
+def _vector(stated: Sequence[float] | None, size: int) -> Array:
+    return np.zeros(size) if stated is None else np.asarray(stated, float)
+
+
+def _at_nodes(shapes: Array, q: Array) -> float:
+    """Largest displacement that q gives a node."""
+    return float(np.linalg.norm(shapes @ q, axis=1).max(initial=0.0))
+
+
 def _replaced_velocities(
-    system: System, work: Work
+    system: System, work: Work, hurried: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, tuple[float, float]], dict[str, float]]:
     """Changes of velocities [m/s] and [rad/s] that the scene states, and how large they
-    are relative to the velocities."""
+    are relative to the velocities.
+
+    hurried : the same of nodes in their body frames
+    """
     changes, sizes = {}, {}
     for b, data in enumerate(system.bodies):
         if data.name == GROUND_NAME:
@@ -83,8 +134,10 @@ def _replaced_velocities(
             for given, now in zip(stated, found, strict=True)
         ]
         (dv, _), (dw, _) = pairs
-        changes[data.name] = float(np.linalg.norm(dv)), float(np.linalg.norm(dw))
-        sizes[data.name] = max(size for _, size in pairs)
+        elastic, share = hurried.get(data.name, (0.0, 0.0))
+        way = max(float(np.linalg.norm(dv)), elastic)
+        changes[data.name] = way, float(np.linalg.norm(dw))
+        sizes[data.name] = max(share, *(size for _, size in pairs))
     return changes, sizes
 
 
@@ -111,17 +164,19 @@ def _change(given: object, now: Array) -> tuple[Array, float]:
 
 
 def _largest(
-    ways: dict[str, tuple[float, float]],
-    sizes: dict[str, float],
+    ways: Mapping[str, tuple[float, ...]],
+    sizes: Mapping[str, float],
     least: float,
     *units: str,
 ) -> str:
     """ "rod by 0.1 m and 0.2 rad, ..." of the bodies whose sizes are above `least`."""
     chosen = sorted((n for n in ways if sizes[n] > least), key=lambda n: -sizes[n])
-    parts = [
-        f"{n} by {ways[n][0]:.3g} {units[0]} and {ways[n][1]:.3g} {units[1]}"
-        for n in chosen[:MOST]
-    ]
+    parts = []
+    for name in chosen[:MOST]:
+        pairs = zip(ways[name], units, strict=True)
+        parts.append(
+            f"{name} by " + " and ".join(f"{way:.3g} {unit}" for way, unit in pairs)
+        )
     if len(chosen) > MOST:
         parts.append(f"{len(chosen) - MOST} more by less")
     return ", ".join(parts)

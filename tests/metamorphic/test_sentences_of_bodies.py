@@ -1,0 +1,265 @@
+"""What runs say of flexible bodies is true, from runs with and without it.
+
+Stiffening is judged by natural frequencies with and without the loads, deflections by
+finer output times, too few shape functions by more of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.result import FlexibleBody, Result
+from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.stiffening import MATTERS
+from sidtool.solver import compile_scene, linearise, simulate
+from sidtool.solver.system.bodies import body_size
+from sidtool.solver.system.scene import System
+from tests.bodies import particle_body
+from tests.sidtool.beams import IGA, beam
+from tests.solver.scenes import compiled, polynomial, scene
+
+from .case import Case, run
+from .case import compiled as compiled_case
+from .said import copied, with_table
+from .scenes import random_scene
+
+#: Euler's load of a cantilever with L = EI = 1.
+EULER = np.pi**2 / 4
+FLEXIBLE = [s for s in range(30) if random_scene(s).sids][:8]
+
+
+@cache
+def column(modes: int = 3) -> SID:
+    """L = m = EI = 1, with stiffening."""
+    return sid_from_model(
+        beam(
+            {**IGA, "elements": [16, 1]},
+            reduction={"method": "modal", "modes": modes},
+            damping={"type": "rayleigh", "alpha": 1.0, "beta": 0.0},
+            stiffening={},
+        )
+    )
+
+
+def clamped(sid: SID, forces: dict[str, Any], end: float, **more: Any) -> System:
+    described = scene(
+        {"beam": {"sid": "b", "markers": {"root": 1, "tip": 2}}},
+        {"hub": {"type": "fixed", "markers": ["ground", "beam.root"]}},
+        end=end,
+        forces={
+            n: {"type": "force", "marker": "beam.tip", **f} for n, f in forces.items()
+        },
+        **more,
+    )
+    return compile_scene(described, sids={"beam": sid}, keep_joints=True)
+
+
+def swell(begin: float, width: float, end: float) -> dict[str, Any]:
+    """Nothing, but for a rise to one and back within 2 `width`."""
+    rest, top = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]
+    times = [0.0, begin, begin + width, begin + 2.0 * width, end]
+    values = [rest, rest, top, rest, rest]
+    pieces = [
+        {"from": a, "to": b, "start": x, "end": y}
+        for a, b, x, y in zip(times, times[1:], values, values[1:], strict=False)
+    ]
+    return {"type": "polynomial", "pieces": pieces}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_short_push_in_a_long_run_is_seen(seed: int) -> None:
+    """Euler's column; it begins and ends within few of thousands of steps."""
+    random = np.random.default_rng(seed)
+    end, width = 800.0, float(random.uniform(0.003, 0.02))
+    push = float(random.uniform(0.1, 0.9)) * EULER * random.choice([-1.0, 1.0])
+    forces = {
+        "sway": {
+            "force": [0.0, 1e-3],
+            "function": {"type": "harmonic", "amplitude": 1.0, "frequency": 1.7},
+        },
+        "push": {
+            "force": [-push, 0.0],
+            "function": swell(float(random.uniform(0.1, 0.9)) * end, width, end),
+        },
+    }
+    result = simulate(clamped(column(), forces, end, steps=2))
+    found = result.bodies["beam"].found
+    assert result.counters["steps"] > 2500 and found is not None
+    assert found.ratio == pytest.approx(-push / EULER, rel=2e-2)
+    assert "stiffening matters and is in the SID" in found.sentence()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_short_spin_in_a_long_run_is_seen_as_in_a_short_run(seed: int) -> None:
+    """A torque turns a free hub up and down again; once with a long time around."""
+    random = np.random.default_rng(seed)
+    width, speed = 1.0, float(random.uniform(1.0, 1.6))
+
+    def spun(begin: float, end: float) -> Result:
+        sway = {"type": "harmonic", "amplitude": 1e-3, "frequency": 5.0}
+        motors = [("up", begin, 1.0), ("down", begin + 2.0 * width, -1.0)]
+        forces = {
+            name: {
+                "type": "force",
+                "marker": "hub",
+                "torque": sign * 1e3 * speed / width,
+                "function": swell(at, width, end),
+            }
+            for name, at, sign in motors
+        }
+        forces["sway"] = {
+            "type": "force",
+            "marker": "beam.tip",
+            "force": [0.0, 1.0],
+            "function": sway,
+        }
+        described = scene(
+            {
+                "hub": {"mass": 1.0, "inertia": 1e3},
+                "beam": {"sid": "b", "markers": {"root": 1, "tip": 2}},
+            },
+            {
+                "axle": {"type": "revolute", "markers": ["ground", "hub"]},
+                "clamp": {"type": "fixed", "markers": ["hub", "beam.root"]},
+            },
+            end=end,
+            steps=2,
+            forces=forces,
+        )
+        return simulate(compiled(described, beam=column()), rtol=1e-5)
+
+    long, short = spun(300.0, 700.0), spun(1.0, 8.0)
+    ratios = [r.bodies["beam"].found.ratio for r in (long, short)]  # type: ignore[union-attr]
+    assert long.counters["steps"] > 2500 and ratios[1] > 0.02
+    assert ratios[0] == pytest.approx(ratios[1], rel=5e-2)
+
+
+def with_origin(sid: SID) -> SID:
+    """With a node "0" that rests at the origin of the frame."""
+    first = sid.nodes[0]
+    parts = {k: getattr(first, k) for k in ("origin", "phi", "psi")}
+    rest = {k: Taylor(0.0 * part.m0) for k, part in parts.items()}
+    node = replace(first, id="0", AP=Taylor(np.eye(3)), **rest)
+    return replace(sid, nodes=(node, *sid.nodes))
+
+
+def turning(sid: SID, rate: float, axis: np.ndarray) -> System:
+    described = scene(
+        {"body": {"sid": "b", "markers": {"origin": "0"}}},
+        {
+            "axle": {
+                "type": "revolute",
+                "markers": ["ground", "body.origin"],
+                "axis": axis.tolist(),
+            }
+        },
+        {"spin": {"joint": "axle", "function": polynomial(0.0, rate)}},
+        dimension="spatial",
+        end=0.01,
+    )
+    return compile_scene(described, sids={"body": sid}, keep_joints=True)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_body_diverges_where_its_linearisation_grows(seed: int) -> None:
+    """Particles that turn about any axis, some of them with stiffening."""
+    random = np.random.default_rng([22, seed])
+    sid = particle_body(2, 9, seed=seed, stiffening=seed % 3 == 0)
+    stiffness = random.uniform(1.0, 20.0, 2)
+    sid = replace(sid, Ke=Taylor(np.diag(stiffness)), De=Taylor(np.zeros((2, 2))))
+    sid = with_origin(sid)
+    axis = random.normal(size=3)
+    rate = float(random.uniform(0.2, 8.0))
+    system = turning(sid, rate, axis / np.linalg.norm(axis))
+    told: list[FlexibleBody] = []
+    values = linearise(system, "start").eigenvalues
+    body = simulate(system, foresee=lambda bodies: told.append(bodies["body"])).bodies
+    grows = values.real.max() > 1e-6 * np.abs(values).max()
+    assert told[0].expected.diverges == grows
+    assert body["body"].diverges == grows
+    words = told[0].before
+    assert ("diverges" in words or "buckles" in words) == grows
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_stiffening_is_the_change_of_squared_frequencies(seed: int) -> None:
+    """A column under a load along it that is small, or not; also as a free verdict."""
+    random = np.random.default_rng([23, seed])
+    push = float(10.0 ** random.uniform(-4.0, -0.5)) * EULER * random.choice([-1, 1])
+    table = {"push": {"force": [-push, 0.0]}}
+    squares = []
+    for forces in (table, {}):
+        system = clamped(column(), forces, 0.01)
+        squares.append(linearise(system, "start").frequencies ** 2)
+    change = (
+        np.min(squares[0] / squares[1]) - 1.0
+        if push > 0
+        else np.max(squares[0] / squares[1]) - 1.0
+    )
+    found = simulate(clamped(column(), table, 0.01)).bodies["beam"].found
+    assert found is not None
+    assert found.ratio == pytest.approx(change, rel=0.1)
+    assert found.sentence().startswith("stiffening small") == (
+        abs(found.ratio) < MATTERS
+    )
+
+
+@pytest.mark.parametrize("seed", FLEXIBLE)
+def test_amplitudes_deflections_and_energies_do_not_depend_on_output_times(
+    seed: int,
+) -> None:
+    """Random scenes with two output times, and the same with 400."""
+    case = random_scene(seed)
+    bodies = [
+        simulate(compiled_case(with_steps(case, n)), rtol=1e-7).bodies for n in (1, 400)
+    ]
+    fine = run(with_steps(case, 400), rtol=1e-7)
+    for name, sid in case.sids.items():
+        few, many = (found[name] for found in bodies)
+        size = many.amplitudes.max()
+        assert few.amplitudes == pytest.approx(many.amplitudes, abs=0.05 * size)
+        assert few.deflection == pytest.approx(many.deflection, rel=0.05)
+        assert few.energy_shares.sum() == pytest.approx(1.0)
+        assert few.energy_shares == pytest.approx(many.energy_shares, abs=0.05)
+        shapes = np.array([node.phi.m0 for node in sid.nodes])
+        u = np.linalg.norm(np.einsum("tl,nal->tna", fine[f"{name}.q"], shapes), axis=2)
+        seen = u.max() / body_size(sid)
+        assert seen * (1.0 - 1e-9) <= many.deflection < 1.01 * seen
+        assert ("deforms by" in many.after) == (many.deflection > 0.2)
+
+
+def with_steps(case: Case, count: int) -> Case:
+    table = copied(case)
+    end = table["time"]["end"]
+    table["time"] = {"start": 0.0, "end": end, "output_step": end / count}
+    return with_table(case, table)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_too_few_shape_functions_are_those_that_more_of_them_correct(seed: int) -> None:
+    """A shaken cantilever with three shape functions and with nine."""
+    share = np.geomspace(0.15, 2.5, 6)[seed]
+    shake = {
+        "force": [0.0, 1e-3],
+        "function": {"type": "harmonic", "amplitude": 1.0, "frequency": share * 9.82},
+    }
+    few, many = (
+        simulate(
+            clamped(
+                column(n), {"shake": shake}, 1.0, steps=400, record=["beam.tip.uy"]
+            ),
+            rtol=1e-6,
+        )
+        for n in (3, 9)
+    )
+    error = np.ptp(few.values - many.values) / np.ptp(many.values)
+    assert ("too few" in few.bodies["beam"].before) == (share > 1.0 / 3.0)
+    assert "too few" not in many.bodies["beam"].before
+    assert error < 0.02 or share > 1.0 / 3.0
+    assert error > 0.1 or share < 1.0
