@@ -74,7 +74,7 @@ def _of_function(system: System, row: int, name: str) -> Excitation:
     amplitude = 0.5 * np.ptp(f)
     if amplitude <= NOTHING * np.abs(f).max():
         return Excitation()
-    joined = t[1:, 0] == t[:-1, -1]
+    joined = np.nextafter(t[1:, 0], -np.inf) == t[:-1, -1]
     if (np.abs(f[1:, 0] - f[:-1, -1])[joined] > JUMP * amplitude).any():
         return Excitation(math.inf, f"{name} jumps")
     steepest = np.abs(slope).max()
@@ -94,7 +94,7 @@ def _harmonic_of(system: System, row: int) -> tuple[float, float]:
 
 
 def _instants(system: System, row: int) -> tuple[Array, Array]:
-    """Times (n, IN_PIECE) in every piece of a function, with its ends, and clocks.
+    """Times (n, IN_PIECE) in every piece of a function, just up to its end, and clocks.
 
     Pieces that surround a kink are too short to be looked at.
     """
@@ -106,7 +106,7 @@ def _instants(system: System, row: int) -> tuple[Array, Array]:
     long = lengths > KINK * (last - first)
     starts, lengths = edges[:-1][long], lengths[long]
     t = starts[:, None] + lengths[:, None] * np.linspace(0.0, 1.0, IN_PIECE)
-    t[:, -1] = edges[1:][long]
+    t[:, -1] = np.nextafter(edges[1:][long], -np.inf)
     return t, np.repeat((starts + 0.5 * lengths)[:, None], IN_PIECE, axis=1)
 
 
