@@ -218,6 +218,7 @@ class _Run:
             self.settings.rtol,
             int(self.memory.counters[newton.STEPS]),
         )
+        yield from notes.passed_over(self.system, self.control, self.settings)
 
     def _note_breaks(self, t: float) -> None:
         """Keeps the state where drives or forces are not smooth."""

@@ -10,11 +10,14 @@ from sidtool.formats.scene import SceneFile, parse_output, watched
 from sidtool.formats.sid import Array
 
 from ..integrators import scales, stepping
+from ..integrators.passing import OVER
 from ..kernels import layout as at
 from ..recording.joint_forces import COMPONENTS
 from ..recording.outputs import Recorded, multiplier_names
 from ..start.consistent import names_of_rows
+from ..start.new_control import share_followed
 from ..start.overconstraint import advice, widest_left_open
+from ..start.settings import Settings
 from ..system.scene import System
 
 #: Times are the same when they differ by less than this part of the time span.
@@ -92,6 +95,43 @@ def hidden_errors(
         f"rounding hides errors below {least:.0e} m, and rtol = {rtol:g} is not "
         "promised; put the origin near to the motion, or ask for less"
     ]
+
+
+def passed_over(
+    system: System, control: stepping.Control, settings: Settings
+) -> list[str]:
+    """Of pulses and zones that were too narrow for the fixed steps that met them."""
+    if settings.step is None:
+        return []
+    share = share_followed(settings)
+    until, told = float(control.real[stepping.TIME]), []
+    for name, known in system.features.items():
+        met = (share * OVER * known.lengths < settings.step) & (known.starts < until)
+        met[:-1] &= known.starts[1:] > system.scene.time.start
+        if met.any():
+            k = int(np.flatnonzero(met)[0])
+            begin = max(float(known.starts[k]), system.scene.time.start)
+            narrow = known.lengths[met].min()
+            told.append(f"{name} changes within {narrow:.3g} s (t = {begin:.6g} s)")
+    for k, (count, when) in enumerate(control.passed):
+        force = system.forces[k // 2]
+        known = force.law.rate_features() if k % 2 else force.law.features()
+        if count:
+            what = "rate" if k % 2 else "deflection"
+            told.append(
+                f"{force.name} changes within {known.lengths.min():.3g} of its {what}, "
+                f"passed {_times(int(count))} (first after t = {when:.6g} s)"
+            )
+    if not told:
+        return []
+    return [
+        f"fixed steps of {settings.step:.3g} s met what is narrower and may have "
+        f"passed it unseen: {'; '.join(told)}; steps with error control look at it"
+    ]
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 def undetermined_forces(

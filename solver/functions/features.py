@@ -23,6 +23,8 @@ DEGREE, ERROR = 8, 1e-6
 LEAST = 1e-7
 #: Where the pieces of a function that is known are looked at, -1 to 1.
 LOOKS = np.array([-0.8, -0.4, 0.0, 0.4, 0.8])
+#: Where friction changes, in units of its speed: tanh there in pieces of a polynomial.
+CREEP = np.array([-4.0, -4.0 / 3.0, 4.0 / 3.0, 4.0])
 #: Neighbouring pieces of a table are one when a polynomial follows them so well,
 #: relative to how much each changes.
 ALIKE = 0.1
@@ -107,6 +109,12 @@ def of_characteristic(value: Callable[[Array], Array], knots: Array) -> Features
             middle = (i + j) // 2
             waiting += [(middle, j), (i, middle)]
     return _bounded(np.array(edges), np.diff(edges))
+
+
+def of_friction(speed: float) -> Features:
+    """Of friction over the relative speed, which it turns with within some `speed`."""
+    edges = speed * CREEP
+    return _bounded(edges, np.diff(edges))
 
 
 def _is_one(value: Callable[[Array], Array], knots: Array) -> bool:

@@ -148,7 +148,7 @@ class FunctionTable:
         self._span = span
         self._rows: list[tuple[int, int, int, int]] = []
         self._breaks: dict[float, list[str]] = {}
-        self._features: list[Features] = []
+        self._features: dict[str, list[Features]] = {}
         self.seen: dict[str, float] = {}
 
     def add(
@@ -169,18 +169,19 @@ class FunctionTable:
         ------
         InputError : it jumps, or its values are left to a program that has none.
         """
+        name = place.split(".")[1]
         if program is not None:
             compiled: Compiled = Curve(*interpolate(program, self._span, place, smooth))
-            self.seen[place.split(".")[1]] = shortest_seen(program, self._span)
+            self.seen[name] = shortest_seen(program, self._span)
         else:
             compiled = compile_function(function, place)
         if smooth and isinstance(compiled, Pieces):
             check_jumps(compiled, self._span, place)
         data = self._pool.add(compiled.data())
         self._rows.append((*compiled.shape, data, compiled.kind))
-        self._features.append(compiled.features(self._span))
+        self._features.setdefault(name, []).append(compiled.features(self._span))
         for t in compiled.breaks():
-            self._breaks.setdefault(t, []).append(place.split(".")[1])
+            self._breaks.setdefault(t, []).append(name)
         return len(self._rows) - 1
 
     def table(self) -> IntTable:
@@ -191,9 +192,10 @@ class FunctionTable:
         """Times inside the span at which a function is not smooth, then its end."""
         return (*self.causes(), self._span[1])
 
-    def features(self) -> Features:
-        """What no step may pass of any function."""
-        return features.together(self._features)
+    def features(self) -> dict[str, Features]:
+        """What no step may pass, by drives and forces."""
+        parts = self._features.items()
+        return {name: features.together(found) for name, found in parts}
 
     def causes(self) -> dict[float, tuple[str, ...]]:
         """Drives and forces by the times inside the span at which they break."""

@@ -51,6 +51,7 @@ from .alpha_table import (
 from .implicit import step_loop
 from .landing import close_step
 from .newton_steps import fade_contraction, judge, newton_limit
+from .passing import check_ways
 from .projection import accelerate, count_turns, note_drift
 from .recording import move, write_cubic
 from .singular import FAR, SINGULAR_START, SOFT
@@ -262,6 +263,8 @@ def _accept(kernels, system, work, memory, control, alpha, h):
         copy(v1, alpha.v0)
         if real[TIME] + 1.5 * h < real[STOP]:
             status = count_turns(system, work, control, h, z1)
+            if status == 0:
+                status = check_ways(work, control, h)
             copy(alpha.acc1, memory.acceleration)
             note_drift(system, work, control)
         else:

@@ -6,7 +6,7 @@ from numba import boolean, float64, int64, types
 
 from ..kernels.compiling import inner
 from ..kernels.layout import F1, WORK
-from .stepping import CONTROL, FIXED_STEP, UNTURNED
+from .stepping import CONTROL, FIXED_STEP, LENGTH, TIME, UNTURNED
 
 #: A step may pass so much more than the reach of a piece: what was foreseen is not
 #: exact.
@@ -15,6 +15,8 @@ OVER = 1.25
 ENTERED = 0.25
 #: Steps grow at most so much.
 GROWTH = 8.0
+#: The constraints leave open so much of a way, relative to sizes.
+RESOLVED_WAY = 1e-11
 
 
 @inner(int64(F1, int64, int64, float64))
@@ -67,32 +69,61 @@ def _passed(control, axis, x, y):
     return False
 
 
+@inner(int64(CONTROL, int64, float64, float64, float64, float64, float64))
+def _look(control, axis, x, furthest, y, pace, h):
+    """Looks at the way from x over `furthest` to y, which it leaves at a pace.
+
+    Limits the next step. Returns 0, or 5 where a feature was passed; a fixed step notes
+    that and goes on.
+    """
+    if control.features[axis + 1] - control.features[axis] < 2:
+        return 0
+    out = _passed(control, axis, x, furthest)
+    if out or _passed(control, axis, furthest, y):
+        if control.whole[FIXED_STEP] == 0:
+            return 5
+        passed = control.passed[axis - 1]
+        if passed[0] == 0.0:
+            passed[1] = control.real[TIME]
+        passed[0] += 1.0
+    way = GROWTH * h * pace
+    allowed = passable(control, axis, y, way)
+    if allowed < abs(way):
+        control.real[UNTURNED] = min(control.real[UNTURNED], allowed / abs(pace))
+    return 0
+
+
 @inner(int64(WORK, CONTROL, float64))
 def check_ways(work, control, h):
-    """Looks at the way that the measures of forces went in a step, just evaluated.
+    """Looks at the way that the measures of forces went in a step, just evaluated, and
+    at that of their rates.
 
-    Where a measure turns back, its rate falls as a straight line. Limits the next step.
-    Returns 0, or 5 where a feature of a force was passed.
+    Where a measure turns back, its rate falls as a straight line. A rate that turns
+    back does so as a parabola whose mean is the way: what it does between the ends of
+    the step is seen in the positions. Returns 0, or 5 where a feature was passed.
     """
-    if control.whole[FIXED_STEP] == 1:
-        return 0
     measured = control.measured
     for k in range(len(measured)):
-        if control.features[k + 2] - control.features[k + 1] < 2:
-            continue
         x, rate = measured[k, 0], measured[k, 1]
         y, then = work.measure[k, 0], work.measure[k, 1]
         furthest = y
         if rate * then < 0.0:
             furthest = x + 0.5 * h * rate * rate / (rate - then)
-        out = _passed(control, k + 1, x, furthest)
-        if out or _passed(control, k + 1, furthest, y):
-            return 5
+        status = _look(control, 2 * k + 1, x, furthest, y, then, h)
+        bow = (y - x) / h - 0.5 * (rate + then)
+        size = max(1.0, control.real[LENGTH], abs(x), abs(y))
+        if abs(bow) * h < RESOLVED_WAY * size:
+            bow = 0.0
+        slope, extreme = then - rate, then
+        if abs(slope) < 6.0 * abs(bow):
+            share = 0.5 + slope / (12.0 * bow)
+            extreme = rate + share * (slope + 6.0 * bow * (1.0 - share))
+        pace = (slope - 6.0 * bow) / h
+        if status == 0:
+            status = _look(control, 2 * k + 2, rate, extreme, then, pace, h)
+        if status != 0:
+            return status
         measured[k, 2], measured[k, 3] = y, then
-        way = GROWTH * h * then
-        allowed = passable(control, k + 1, y, way)
-        if allowed < abs(way):
-            control.real[UNTURNED] = min(control.real[UNTURNED], allowed / abs(then))
     return 0
 
 

@@ -109,11 +109,14 @@ class Control(Table):
         negative one ends the list of a step
     moments : the times of the shares
     out_z, out_v : states at the output times, then at the moments
-    features : (forces + 2,) where in starts and reaches those of the functions of time
-        begin, then those of each force, and where the last end
+    features : (2 forces + 2,) where in starts and reaches those of the functions of
+        time begin, then those of each force over its measure and over its rate, and
+        where the last end
     starts, reaches : pieces that steps may not pass unseen, see `features`
     measured : (forces, 4) measures of the forces and their rates at the beginning of a
         step, then at its end
+    passed : (2 forces, 2) how often fixed steps passed a feature of a force over its
+        measure and over its rate, and when first [s]
     crossed : steps that may have passed a singular configuration, see `bifurcations`
     """
 
@@ -140,6 +143,7 @@ class Control(Table):
     starts: Array
     reaches: Array
     measured: Array
+    passed: Array
     crossed: Array
 
 
@@ -152,7 +156,7 @@ CONTROL = TableType(
     + [F2]
     + [F1] * 3
     + [F2, F2]
-    + [I1, F1, F1, F2, F2],
+    + [I1, F1, F1, F2, F2, F2],
 )
 
 

@@ -85,18 +85,25 @@ def new_control(
         np.zeros((count, m)),
         *_features(system, settings),
         np.zeros((len(system.forces), 4)),
+        np.zeros((2 * len(system.forces), 2)),
         np.zeros((bifurcations.MOST, bifurcations.STATES + 2 * (n + m))),
     )
 
 
 def _features(system: System, settings: Settings) -> tuple[IntTable, Array, Array]:
-    """`Control.features`, starts and reaches.
-
-    A method of low order needs more steps for what a polynomial of high degree follows.
-    """
-    parts = [system.features, *(force.law.features() for force in system.forces)]
+    """`Control.features`, starts and reaches."""
+    laws = [force.law for force in system.forces]
+    parts = [features.together(list(system.features.values()))]
+    parts += [axis for law in laws for axis in (law.features(), law.rate_features())]
     ends = np.cumsum([0, *(len(part.starts) for part in parts)])
-    share = min(1.0, INTEGRATORS[settings.integrator].order / features.DEGREE)
     starts = np.concatenate([part.starts for part in parts])
-    reaches = share * np.concatenate([part.lengths for part in parts])
+    reaches = share_followed(settings) * np.concatenate(
+        [part.lengths for part in parts]
+    )
     return ends.astype(np.int64), starts, reaches
+
+
+def share_followed(settings: Settings) -> float:
+    """The part of a piece that a step may go: a method of low order needs more steps
+    for what a polynomial of high degree follows."""
+    return min(1.0, INTEGRATORS[settings.integrator].order / features.DEGREE)

@@ -104,6 +104,12 @@ class Law:
 
         return features.of_characteristic(value, self.rest + curve.starts)
 
+    def rate_features(self) -> Features:
+        """Of the force over the rate of the measure, likewise."""
+        if self.friction == 0.0:
+            return features.NONE
+        return features.of_friction(self.speed)
+
     def packed(self) -> Array:
         """In the order of `kernels.forces`."""
         sizes = [*self.stiffness.terms.shape, *self.damping.terms.shape]

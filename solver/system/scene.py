@@ -10,7 +10,7 @@ import numpy as np
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import Array
 
-from ..functions.features import NONE, Features
+from ..functions.features import Features
 from ..kernels import layout as at
 from .bodies import BodyData
 from .forces import Element
@@ -49,7 +49,8 @@ class System:
     from_start : (entry of the pool, constraint row) of constants that the assembled
         start decides
     redundant : constraint rows that follow from the others
-    features : of functions of time, which no step may pass unseen
+    features : of functions of time, which no step may pass unseen, by drives and
+        forces
     dropped : constraint rows that are left out, since they follow from the others but
         for the rounding of data
     strict : table of all constraints, where some are left out
@@ -76,7 +77,7 @@ class System:
     turns: tuple[Turn, ...] = field(default=())
     from_start: tuple[tuple[int, int], ...] = field(default=())
     redundant: tuple[int, ...] = field(default=())
-    features: Features = NONE
+    features: Mapping[str, Features] = field(default_factory=dict)
     dropped: tuple[int, ...] = field(default=())
     strict: at.IntTable | None = None
     seen: Mapping[str, float] = field(default_factory=dict)

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
+from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.functions.features import of_characteristic
-from tests.solver.scenes import scene
+from sidtool.solver.integrators import INTEGRATORS
+from tests.solver.scenes import polynomial, scene
 
 MASS = 2.0
 LOOSE = {"trapezoidal": 1e-4, "generalised_alpha": 1e-4, "dop853": 1e-6}
@@ -153,3 +155,72 @@ def test_smooth_tables_are_few_pieces(function: Any, most: int) -> None:
         return np.asarray(curve(g))
 
     assert len(of_characteristic(value, x).starts) <= most + 2
+
+
+def braked(
+    middle: float, depth: float, speed: float, brake: float
+) -> tuple[Any, float]:
+    """A block under dry friction whose speed dips to zero at about `middle` [s].
+
+    Pushed by brake + 2 k m (t - middle), its speed is k (t - middle)^2 - depth while it
+    slides. Once it stands, the push is below the limit of friction until `middle`: it
+    goes on from rest then. Returns the scene, and its speed at the end without creep.
+    """
+    k = 0.05
+    forces = {
+        "push": {
+            "type": "actuator",
+            "joint": "rail",
+            "function": polynomial(brake - 2.0 * k * MASS * middle, 2.0 * k * MASS),
+        },
+        "brake": {"type": "friction", "joint": "rail", "force": brake, "speed": speed},
+    }
+    content = flight(k * middle**2 - depth, forces["push"], 10.0)
+    table = content.model_dump(by_alias=True, exclude_none=True)
+    return SceneFile.model_validate({**table, "forces": forces}), k * (
+        10.0 - middle
+    ) ** 2
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("speed", "brake"), [(1e-5, 0.05), (1e-6, 1.0)])
+def test_no_zone_of_friction_is_passed(method: str, speed: float, brake: float) -> None:
+    """A block that stands for 0.1 to 0.25 s of 10 s has lost nothing later."""
+    rng = np.random.default_rng(3)
+    for depth in (3e-3, 1e-3):
+        for middle in rng.uniform(3.0, 8.0, 6):
+            content, exact = braked(middle, depth, speed, brake)
+            system = compile_scene(content)
+            result = simulate(system, integrator=method, rtol=LOOSE.get(method, 1e-6))
+            assert result["block.vx"][-1] == pytest.approx(exact, abs=0.1 * depth)
+
+
+def notes_of(content: Any, method: str, step: float, **given: Any) -> str:
+    result = simulate(compile_scene(content, **given), integrator=method, step=step)
+    return " ".join(result.notes)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_fixed_steps_say_what_they_may_have_passed(method: str) -> None:
+    """A pulse in time, a zone of a spring and one of friction; short steps see them."""
+
+    def push(t: float) -> float:
+        return 500.0 * math.exp(-0.5 * ((t - 3.3333) / 0.01) ** 2)
+
+    actuator = {"type": "actuator", "joint": "rail", "function": {"type": "callable"}}
+    pulse = flight(0.0, actuator, 10.0)
+    zone = flight(-1.5, detent(-6.1, 0.1, -1.0)[0], 10.0)
+    dip, _ = braked(6.21, 3e-5, 1e-6, 0.05)
+    found = notes_of(pulse, method, 0.1, forces={"f": push})
+    assert "fixed steps of 0.1 s" in found and "f changes within 0.00977 s" in found
+    assert "(t = 3.28125 s)" in found
+    assert "f changes within 0.025 of its deflection, passed" in notes_of(
+        zone, method, 0.1
+    )
+    told = "brake changes within 2.67e-06 of its rate, passed once (first after t = 6 s"
+    # of order 2 a step knows the rates at its ends only
+    assert (told in notes_of(dip, method, 0.5)) == (INTEGRATORS[method].order > 2)
+    assert "fixed" not in notes_of(pulse, method, 5e-4, forces={"f": push})
+    assert "fixed" not in notes_of(zone, method, 5e-4)
+    slow, _ = braked(6.05, 1e-3, 0.5, 0.05)
+    assert "fixed" not in notes_of(slow, method, 0.01)
