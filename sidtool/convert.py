@@ -72,17 +72,15 @@ def sid_from_model(
 def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
     progress("discretising")
     body = finite_element_model(model)
-    for sentence in (
-        *body.notes,
-        *compared_with_geometry(body),
-        *element_notes(body),
-    ):
+    for sentence in (*body.notes, *compared_with_geometry(body)):
         progress(NOTE + sentence)
     frame = FRAMES[model.frame.type](body, model.frame)
     gigabytes = expected_gigabytes(body.ndof, body.dimension)
     progress(
         f"reducing {body.ndof} degrees of freedom, which may take {gigabytes:.1f} GB"
     )
+    for sentence in element_notes(body):
+        progress(NOTE + sentence)
     basis = REDUCTIONS[model.reduction.method](body, frame, model.reduction)
     for sentence in basis.report:
         progress(sentence)

@@ -8,7 +8,6 @@ so that it does not depend on what holds it.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +19,9 @@ from .frontends.finite_element_model import FiniteElementModel
 from .frontends.internal_modes import RELIEVED_KINDS
 from .frontends.solid_mesh import SolidMesh, raised, with_internal_modes
 from .reduction.basis import hertz
-from .reduction.eigen import free_body_shift, lowest_eigenpairs, symmetric_factors
+from .reduction.frames import Frame
 from .reduction.running import tell
+from .reduction.space import Space, admissible
 
 Array = NDArray[np.float64]
 
@@ -88,12 +88,12 @@ def _frequencies(body: FiniteElementModel, better: _Better) -> tuple[Array, Arra
 
     The latter by a few steps from the modes of the body, which are bounds from above.
     """
-    own = _FreeBody(body.stiffness, body.mass, body.positions)
-    values, modes = own.lowest()
+    own = _free_space(body.stiffness, body.mass, body.positions)
+    values, modes = own.modes(_MODES)
     mass, stiffness = better.mesh.matrices()
-    other = _FreeBody(stiffness, mass, better.mesh.mesh.positions)
+    other = _free_space(stiffness, mass, better.mesh.mesh.positions)
     if len(other.rigid) <= _SMALL:
-        return hertz(values), hertz(other.lowest()[0])
+        return hertz(values), hertz(other.modes(_MODES)[0])
     between = sp.csr_matrix(sp.kron(better.between, sp.eye_array(body.dimension)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # That so few do not converge.
@@ -110,42 +110,19 @@ def _frequencies(body: FiniteElementModel, better: _Better) -> tuple[Array, Arra
     return hertz(values), hertz(np.sort(found))
 
 
-class _FreeBody:
-    """Matrices of a mesh and its rigid motions."""
-
-    def __init__(
-        self, stiffness: sp.csr_matrix, mass: sp.csr_matrix, positions: Array
-    ) -> None:
-        self.stiffness, self.mass = stiffness, mass
-        model = FiniteElementModel(positions, None, stiffness, {}, (), full_mass=mass)
-        self.rigid = model.rigid_body_modes(np.pad(positions.mean(axis=0), (0, 1))[:3])
-        self.shift = free_body_shift(stiffness, mass, positions)
-        self.places = np.repeat(positions, positions.shape[1], axis=0)
-
-    def lowest(self) -> tuple[Array, Array]:
-        """Eigenvalues and vectors of the first deformations."""
-        skipped = self.rigid.shape[1]
-        values, vectors = lowest_eigenpairs(
-            self.stiffness,
-            self.mass,
-            _MODES + skipped,
-            shift=self.shift,
-            rigid=self.rigid,
-            places=self.places,
-        )
-        return values[skipped:], vectors[:, skipped:]
-
-    def solver(self) -> Callable[[Array], Array]:
-        """Of the shifted stiffness."""
-        shifted = sp.csr_matrix(self.stiffness - self.shift * self.mass)
-        return symmetric_factors(shifted, self.places).solve
+def _free_space(
+    stiffness: sp.csr_matrix, mass: sp.csr_matrix, positions: Array
+) -> Space:
+    """All displacements of a mesh."""
+    model = FiniteElementModel(positions, None, stiffness, {}, (), full_mass=mass)
+    nothing = np.zeros(stiffness.shape[0], bool)
+    return admissible(model, Frame(np.zeros(3), nothing))
 
 
 def _two_levels(
-    stiffness: sp.csr_matrix, between: sp.csr_matrix, coarse: _FreeBody
+    stiffness: sp.csr_matrix, between: sp.csr_matrix, coarse: Space
 ) -> LinearOperator:
     """Solutions on the body's own elements, and node by node on the better ones."""
-    solve = coarse.solver()
     d = coarse.places.shape[1]
     nodes = stiffness.shape[0] // d
     blocks = stiffness.tobsr((d, d))
@@ -155,6 +132,8 @@ def _two_levels(
     def apply(load: Array) -> Array:
         load = np.ascontiguousarray(load.reshape(len(load), -1))
         local = alone @ load.reshape(nodes, d, -1)
-        return between @ solve(between.T @ load) + local.reshape(load.shape)
+        return between @ coarse.factors.solve(between.T @ load) + local.reshape(
+            load.shape
+        )
 
     return LinearOperator(stiffness.shape, matvec=apply, matmat=apply, dtype=float)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
@@ -14,7 +14,7 @@ from sidtool.formats.errors import InputError
 from ..frontends.finite_element_model import Indices
 from ..frontends.quadratic_fields import softest_deformation
 from .factors import engine_name, symmetric_factors
-from .lanczos import dominant_vectors
+from .lanczos import BLOCK, FREE_BLOCK, dominant_vectors
 from .pencil import Pencil
 from .running import Counter
 from .slepc import slepc_eigenvectors
@@ -22,6 +22,7 @@ from .slepc import slepc_eigenvectors
 __all__ = ["free_body_shift", "lowest_eigenpairs", "symmetric_factors"]
 
 Array = NDArray[np.float64]
+Solve = Callable[[Array], Array]
 
 #: Up to this size LAPACK is faster than a factorisation and Lanczos.
 _DENSE = 300
@@ -38,6 +39,7 @@ def lowest_eigenpairs(
     constraints: Array | None = None,
     rigid: Array | None = None,
     places: Array | None = None,
+    static: Solve | None = None,
 ) -> tuple[Array, Array]:
     """The `count` lowest eigenvalues, rising, and M-orthonormal eigenvectors.
 
@@ -52,6 +54,9 @@ def lowest_eigenpairs(
     constraints : (k, n) independent conditions ``constraints @ v = 0``
     rigid : (n, r) known vectors of the eigenvalue 0 that meet the constraints
     places : (n, d) where each unknown is, see `symmetric_factors`
+    static : answers to loads (n, k) that meet the constraints and hold no rigid motion,
+        loads that would accelerate being balanced by inertia; by default K - shift M is
+        factored, which constraints do not allow
 
     Returns
     -------
@@ -76,7 +81,7 @@ def lowest_eigenpairs(
         space = (
             _dense_space(pencil, count)
             if dense
-            else _invariant_space(pencil, count, places)
+            else _invariant_space(pencil, count, places, static)
         )
         values, vectors = _ritz(stiffness, mass, space)
     except (ValueError, RuntimeError, np.linalg.LinAlgError) as error:
@@ -142,33 +147,28 @@ def _ritz(
     return values, vectors @ mixing
 
 
-def _invariant_space(pencil: Pencil, count: int, places: Array | None) -> Array:
+def _invariant_space(
+    pencil: Pencil, count: int, places: Array | None, static: Solve | None
+) -> Array:
     """(n, count) vectors that span the lowest eigenvectors."""
     if engine_name() == "slepc":
         return slepc_eigenvectors(pencil, count)
-    factors = symmetric_factors(pencil.shifted, places)
-    solve = _constrained_solver(factors, pencil.constraints)
+    known = pencil.rigid.shape[1]
+    solve = static or symmetric_factors(pencil.shifted, places).solve
     counter = Counter("eigenvectors: {} blocks of solutions")
 
     def counted(load: Array) -> Array:
+        answer = solve(load)
         counter()
-        return solve(load)
+        return answer
 
-    return dominant_vectors(counted, pencil.mass, count, pencil.rigid)
-
-
-def _constrained_solver(factors: Any, rows: Array) -> Any:
-    """b -> y with A y + rows^T lambda = b and rows y = 0, from the factors of A."""
-    if not len(rows):
-        return factors.solve
-    reactions = factors.solve(np.ascontiguousarray(rows.T))
-    flexibility = rows @ reactions
-
-    def solve(load: Array) -> Array:
-        y = factors.solve(load)
-        return y - reactions @ np.linalg.solve(flexibility, rows @ y)
-
-    return solve
+    if static is None:
+        return dominant_vectors(counted, pencil.mass, count, pencil.rigid)
+    none = pencil.rigid[:, :0]
+    found = dominant_vectors(
+        counted, pencil.mass, count - known, none, FREE_BLOCK if known else BLOCK
+    )
+    return np.hstack([pencil.rigid, found])
 
 
 def free_body_shift(

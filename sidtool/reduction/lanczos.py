@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 #: Symmetry of a held body makes pairs of equal eigenvalues, of a free one triples.
-_BLOCK = 2
-_FREE_BLOCK = 3
+BLOCK = 2
+FREE_BLOCK = 3
 #: Residual of a Ritz pair relative to its value.
 _TOLERANCE = 1e-12
 #: A direction is nothing new if this share of its square is left.
@@ -37,6 +37,7 @@ def dominant_vectors(
     mass: sp.csr_matrix,
     count: int,
     rigid: Array,
+    block: int = BLOCK,
 ) -> Array:
     """(n, count) eigenvectors of the largest eigenvalues of an operator.
 
@@ -46,12 +47,13 @@ def dominant_vectors(
         metric of M
     mass : (n, n) M, positive definite where the operator leads
     rigid : (n, r) eigenvectors that are known
+    block : how many vectors start, unless rigid ones do
 
     Raises
     ------
     RuntimeError : they do not converge, or the operator is not positive.
     """
-    space = _Space(operator, mass, count, rigid)
+    space = _Space(operator, mass, count, rigid, block)
     while True:
         space.extend()
         vectors = space.converged(count)
@@ -68,9 +70,10 @@ class _Space:
         mass: sp.csr_matrix,
         count: int,
         rigid: Array,
+        block: int,
     ) -> None:
         n = mass.shape[0]
-        self._block = _FREE_BLOCK if rigid.shape[1] else _BLOCK
+        self._block = FREE_BLOCK if rigid.shape[1] else block
         self._operator, self._mass = operator, mass
         self._random = np.random.default_rng(0)
         self._limit = min(n, 20 * count + 200)

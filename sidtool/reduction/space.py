@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from sidtool.formats.errors import InputError
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .eigen import free_body_shift, lowest_eigenpairs, symmetric_factors
+from .factors import Factors
 from .frames import Frame, clamped_dofs, motion_rows
 
 Array = NDArray[np.float64]
@@ -32,8 +33,10 @@ class Space:
     stiffness, mass : (n, n)
     constraints : (k, n) further conditions, of fixed or interface markers
     rigid : (n, r) the rigid motions that are admissible
+    stopped : (n, s) those that only the constraints stop
     shift : a negative number below which K - shift M is positive definite [1/s^2]
     places : (n, d) where each y is, for the order of the unknowns
+    factors : of the stiffness, for this space and all with further constraints
     """
 
     transform: sp.csr_matrix
@@ -41,8 +44,10 @@ class Space:
     mass: sp.csr_matrix
     constraints: Array
     rigid: Array
+    stopped: Array
     shift: float
     places: Array
+    factors: PinnedFactors
 
     def loads(self, loads: Array) -> Array:
         """Loads (ndof, n) on the model as loads on y."""
@@ -56,15 +61,13 @@ class Space:
         """The same space with further conditions ``rows @ u = 0``, rows (k, ndof)."""
         more = np.asarray((self.transform.T @ rows.T).T)
         constraints = np.vstack([self.constraints, more])
-        left = self.rigid @ _null_space(more @ self.rigid)
-        return Space(
-            self.transform,
-            self.stiffness,
-            self.mass,
-            independent_rows(constraints),
-            left,
-            self.shift,
-            self.places,
+        largest = (np.abs(more) @ np.abs(self.rigid)).max(axis=0, initial=0.0)
+        left, stopped = _split(more @ self.rigid, largest)
+        return replace(
+            self,
+            constraints=independent_rows(constraints),
+            rigid=self.rigid @ left,
+            stopped=np.hstack([self.stopped, self.rigid @ stopped]),
         )
 
     def modes(self, count: int) -> tuple[Array, Array]:
@@ -93,7 +96,7 @@ class Space:
             shift=self.shift if skipped or len(self.constraints) else 0.0,
             constraints=self.constraints,
             rigid=self.rigid,
-            places=self.places,
+            static=lambda load: self._static.solve(load),
         )
         return values[skipped:], self.displacements(vectors[:, skipped:])
 
@@ -115,41 +118,65 @@ class Space:
         return _StaticSolver(self)
 
 
-class _StaticSolver:
-    """Factors of K with springs on what would make it singular.
+class PinnedFactors:
+    """Factors of K with springs that stop its rigid motions, made when first needed.
 
-    Springs on the constraints and on as many degrees of freedom as there are rigid
-    motions change nothing when the constraints hold and the loads are balanced.
+    The springs stand at as many degrees of freedom as there are rigid motions, so that
+    balanced loads do not strain them.
+    """
+
+    def __init__(self, stiffness: sp.csr_matrix, rigid: Array, places: Array) -> None:
+        self._stiffness, self._rigid, self._places = stiffness, rigid, places
+
+    def solve(self, load: Array) -> Array:
+        """(K + springs)^-1 b for b (n, k)."""
+        return self._factors.solve(np.ascontiguousarray(load))
+
+    @cached_property
+    def _factors(self) -> Factors:
+        stiffness = self._stiffness
+        if self._rigid.shape[1]:
+            stiff = float(abs(stiffness.diagonal()).mean())
+            stiffness = stiffness + stiff * sp.diags_array(_pins(self._rigid))
+        return symmetric_factors(sp.csr_matrix(stiffness), self._places)
+
+
+class _StaticSolver:
+    """Static answers of a space from the factors A of its body alone.
+
+    With constraints C, their multipliers l and the rigid motions R that they stop,
+    ``u = A^-1 (f - C^T l) + R a`` solves ``K u + C^T l = f`` where the constraints
+    balance the loads, ``R^T (f - C^T l) = 0``: nothing then pulls at the springs in A.
     """
 
     def __init__(self, space: Space) -> None:
         self._space = space
-        stiffness, rigid = space.stiffness, space.rigid
-        stiff = float(abs(stiffness.diagonal()).mean())
-        rows = space.constraints
-        if rows.size:
-            sizes = np.linalg.norm(rows, axis=1)
-            springs = sp.csr_matrix(rows / sizes[:, None])
-            stiffness = stiffness + stiff * (springs.T @ springs)
-        if rigid.shape[1]:
-            stiffness = stiffness + stiff * sp.diags_array(_pins(rigid))
-        self._factors = symmetric_factors(stiffness, space.places)
-        self._inertia = space.mass @ rigid
-        self._gram = rigid.T @ self._inertia
+        rows, stopped = space.constraints, space.stopped
+        self._inertia = space.mass @ space.rigid
+        self._gram = space.rigid.T @ self._inertia
         self._reactions = np.zeros((rows.shape[1], 0))
         if len(rows):
-            self._reactions = self._factors.solve(np.ascontiguousarray(rows.T))
-        self._flexibility = rows @ self._reactions
+            self._reactions = space.factors.solve(rows.T)
+        flexibility = rows @ self._reactions
+        moved = rows @ stopped
+        scale = np.linalg.norm(flexibility) / np.linalg.norm(moved, axis=0)
+        self._stopped = stopped * scale
+        moved = moved * scale
+        none = np.zeros((stopped.shape[1],) * 2)
+        self._bordered = np.block([[flexibility, -moved], [-moved.T, none]])
 
-    def solve(self, loads: Array, motions: Array | None) -> Array:
+    def solve(self, loads: Array, motions: Array | None = None) -> Array:
         rigid, rows = self._space.rigid, self._space.constraints
         if rigid.shape[1]:
             balance = np.linalg.solve(self._gram, rigid.T @ loads)
             loads = loads - self._inertia @ balance
-        y = self._factors.solve(np.ascontiguousarray(loads))
+        y = self._space.factors.solve(loads)
         if len(rows):
             gap = rows @ y - (0.0 if motions is None else motions)
-            y = y - self._reactions @ np.linalg.solve(self._flexibility, gap)
+            pull = -self._stopped.T @ loads
+            both = np.linalg.solve(self._bordered, np.vstack([gap, pull]))
+            y = y - self._reactions @ both[: len(rows)]
+            y = y + self._stopped @ both[len(rows) :]
         if rigid.shape[1]:
             y = y - rigid @ np.linalg.solve(self._gram, self._inertia.T @ y)
         return y
@@ -176,17 +203,22 @@ def admissible(
     if stiffness.shape[0] == 0:
         raise InputError("nothing is left that could move", place="reduction.fix")
     whole = model.rigid_body_modes(frame.origin)
-    rigid = _coordinates(transform, whole @ _null_space(whole[held]))
+    rigid = _coordinates(
+        transform, whole @ _split(whole[held], np.abs(whole).max(axis=0))[0]
+    )
+    places = _places(model, transform)
     space = Space(
         transform=transform,
         stiffness=stiffness,
         mass=mass,
         constraints=np.zeros((0, stiffness.shape[0])),
         rigid=rigid,
+        stopped=np.zeros((stiffness.shape[0], 0)),
         shift=free_body_shift(
             model.stiffness, model.mass, model.positions, model.table
         ),
-        places=_places(model, transform),
+        places=places,
+        factors=PinnedFactors(stiffness, rigid, places),
     )
     markers = [motion_rows(model, model.marker(n)) for n in fixed if n in known]
     return space.with_constraints(np.vstack(markers)) if markers else space
@@ -234,17 +266,27 @@ def _coordinates(transform: sp.csr_matrix, displacements: Array) -> Array:
     return splu(gram).solve(np.ascontiguousarray(transform.T @ displacements))
 
 
-def _null_space(rows: Array) -> Array:
-    """(n, r) orthonormal columns that the rows (k, n) annihilate, scaled per column."""
+def _split(rows: Array, largest: Array) -> tuple[Array, Array]:
+    """Columns that the rows (k, n) annihilate, and columns for the rest of the space.
+
+    Each set is orthonormal but for a scale of every unknown.
+
+    Parameters
+    ----------
+    largest : (n,) how large the columns could be; far less of it is rounding
+    """
     n = rows.shape[1]
     sizes = np.abs(rows).max(axis=0, initial=0.0)
-    scale = 1.0 / np.where(sizes > 0, sizes, 1.0)
+    felt = sizes > _NO_MOTION * largest
+    rows = np.where(felt, rows, 0.0)
+    scale = 1.0 / np.where(felt, sizes, 1.0)
     if rows.shape[0] == 0 or n == 0:
-        return np.eye(n)
+        return np.eye(n), np.zeros((n, 0))
     gram = (rows * scale).T @ (rows * scale)
     values, vectors = np.linalg.eigh(gram)
-    kept = values <= _NO_MOTION**1.5 * max(values[-1], 1e-300)
-    return scale[:, None] * vectors[:, kept]
+    still = values <= _NO_MOTION**1.5 * max(values[-1], 1e-300)
+    vectors = scale[:, None] * vectors
+    return vectors[:, still], vectors[:, ~still]
 
 
 def independent_rows(rows: Array) -> Array:
