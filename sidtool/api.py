@@ -53,7 +53,7 @@ def convert(model: ModelFile | Path_) -> SID:
 
 
 def validate(sid: SID | Path_) -> Any:
-    """The checks of identities I1 to I20, one `Check` each; see `verdict`."""
+    """The checks of identities I1 to I21, one `Check` each; see `verdict`."""
     return check(sid if isinstance(sid, SID) else read_sid(sid))
 
 

@@ -60,12 +60,14 @@ def _overview(sid: SID) -> str:
 
 
 def _abilities(sid: SID) -> list[tuple[str, str]]:
-    """Does it stiffen under loads, and tell stresses?"""
+    """Does it deform linearly, stiffen under loads, and tell stresses?"""
     if sid.nq == 0:
         return []
     lacks = "not carried; a simulation tells whether it matters"
     stressed = stress_nodes(sid)
+    quadratic = sid.Ke.first_order(sid.nq).any()
     return [
+        ("elastic forces", "quadratic in q (Ke m1)" if quadratic else "linear"),
         ("geom. stiffening", "carried" if has_stiffening(sid) else lacks),
         ("stress", f"at {plural(len(stressed), 'node')}" if stressed else "not told"),
     ]

@@ -94,7 +94,7 @@ def identity(
 
 
 def check(sid: SID) -> tuple[Check, ...]:
-    """Every registered identity applied to one SID, in the order I1 ... I20.
+    """Every registered identity applied to one SID, in the order I1 ... I21.
 
     Raises
     ------

@@ -1,11 +1,18 @@
-"""Blocks that hold what they should: I18 orientations, I19 contents, I20 signs."""
+"""Blocks that hold what they should: I18 orientations, I19 contents, I20 signs, I21
+terms of higher order."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+from sidtool.formats.errors import InputError
 from sidtool.formats.orientation import deviation, fault
 from sidtool.formats.sid import SID
+from sidtool.solver.system.first_order import (
+    ROUNDING,
+    check_first_order,
+    missing_energy,
+)
 
 from .checks import Finding, identity
 from .gravity_sign import agreement
@@ -91,3 +98,26 @@ def stiffening_signs(sid: SID) -> Finding:
     texts = [f"{name} m1 {value:+.2f}" for name, value in found.items()]
     worst = max(0.0, -min(found.values()))
     return Finding(worst, "correlation " + ", ".join(texts))
+
+
+@identity(
+    "I21",
+    "terms of higher order act, and Ke m1 has an energy",
+    severity="error",
+    bound=ROUNDING,
+    meaning="a simulation refuses the body: its equations have no such terms, or "
+    "elastic forces without an energy would drive it",
+)
+def higher_orders(sid: SID) -> Finding:
+    """The part of the elastic force of first order that has no energy."""
+    if sid.nq == 0:
+        return Finding(None, "rigid body")
+    measured = missing_energy(sid)
+    try:
+        check_first_order(sid, "the SID", "")
+    except InputError as refused:
+        return Finding(measured, refused.problem, broken=True)
+    if sid.Ke.first_order(sid.nq).any():
+        detail = "elastic forces are quadratic in q (Ke m1), with an energy"
+        return Finding(measured, detail)
+    return Finding(measured, "elastic forces are linear")

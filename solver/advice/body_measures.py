@@ -11,10 +11,10 @@ from sidtool.formats.result import FlexibleBody
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.stiffening import Stiffening
 
-from ..recording.energies import elastic_state
+from ..recording.energies import deformation_energies, elastic_state
 from ..recording.sampling import Samples
 from ..start.assembly import Start
-from ..system.bodies import body_size, frequencies, modal_squares, symmetric
+from ..system.bodies import body_size, frequencies, modal_squares
 from ..system.scene import System
 from .body_loads import foreseen_loads, recorded_loads, turning_loads
 from .excitation import drive_history, excitation, fastest_rotation
@@ -93,11 +93,10 @@ def highest_frequency(sid: SID) -> float:
 def _contributions(sid: SID, q: Array, times: Array) -> tuple[Array, Array]:
     """Largest |q| of each coordinate and its part of the energy, see `FlexibleBody`."""
     largest = np.nanmax(np.abs(q), axis=0, initial=0.0)
-    scaled = q / (largest.max() or 1.0)
     weights = np.gradient(times) if len(times) > 1 else np.ones(1)
-    energies = np.nansum(
-        weights[:, None] * scaled * (scaled @ symmetric(sid.Ke.m0)), axis=0
-    )
+    size = float(largest.max()) or 1.0
+    scaled = deformation_energies(sid, q / size, size)
+    energies = np.nansum(weights[:, None] * scaled, axis=0)
     return largest, energies / (energies.sum() or 1.0)
 
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from sidtool.formats.sid import Array, symmetric_3x3
+from sidtool.formats.sid import SID, Array, symmetric_3x3
 
 from ..kernels import layout as at
 from ..system.bodies import BodyData, cr1, ct1, oe1, symmetric
-from ..system.first_order import cubic_energy
+from ..system.first_order import cubic_energies
 from ..system.scene import GROUND_NAME, System
 from .force_measures import Measured, function_values, measured
 from .motion import FrameMotion, frame_motion, marker_motion
@@ -65,11 +65,17 @@ def elastic(system: System, samples: Samples) -> Array:
     total = np.zeros(len(samples.z))
     for b, data in _bodies(system):
         q, _ = elastic_state(system, samples, b)
-        stiffness = symmetric(data.sid.Ke.m0)
-        total += 0.5 * np.einsum("tk,kl,tl->t", q, stiffness, q)
+        total += deformation_energies(data.sid, q).sum(axis=1)
         total += q @ data.sid.ksigma.m0[:, 0]
-        total += cubic_energy(data.sid, q)
     return total
+
+
+def deformation_energies(sid: SID, x: Array, size: float = 1.0) -> Array:
+    """Energy of deformation at q = size x over size^2, by coordinates, (nt, nq) [J].
+
+    Without that of the reference stress (ksigma), which is no deformation's.
+    """
+    return 0.5 * x * (x @ symmetric(sid.Ke.m0)) + size * cubic_energies(sid, x)
 
 
 def potential(system: System, samples: Samples) -> Array:

@@ -32,12 +32,23 @@ def cubic_stiffness(sid: SID) -> Array:
     return (force + np.moveaxis(force, 0, 1) + np.moveaxis(force, 0, 2)) / 3
 
 
-def cubic_energy(sid: SID, q: Array) -> Array:
-    """What m1 of Ke adds to the energy of deformation at q (nt, nq), (nt,) [J]."""
+def cubic_energies(sid: SID, q: Array) -> Array:
+    """What m1 of Ke adds to the energy of deformation at q, coordinate by coordinate.
+
+    q, result : (nt, nq); the energy is the sum [J]. A coordinate has q_k times its part
+    of the force, as it has of the quadratic energy.
+    """
     if sid.Ke.m1 is None:
-        return np.zeros(len(q))
-    power: Array = np.einsum("kil,tk,ti,tl->t", cubic_stiffness(sid), q, q, q)
-    return power / 3
+        return np.zeros_like(q)
+    force: Array = np.einsum("kil,ti,tl->tk", cubic_stiffness(sid), q, q)
+    return q * force / 3
+
+
+def missing_energy(sid: SID) -> float:
+    """The part of the force of m1 of Ke that has no energy, relative to the largest."""
+    force = _force(sid)
+    gap = np.abs(force - cubic_stiffness(sid)).max(initial=0.0)
+    return float(gap / (np.abs(force).max(initial=0.0) or 1.0))
 
 
 def check_first_order(sid: SID, source: str, place: str) -> None:
@@ -64,10 +75,7 @@ def check_first_order(sid: SID, source: str, place: str) -> None:
                 place=place,
                 expected="m0 and m1, for the meaning of others is not defined",
             )
-    force, energetic = _force(sid), cubic_stiffness(sid)
-    if np.abs(force - energetic).max(initial=0.0) > ROUNDING * np.abs(force).max(
-        initial=0.0
-    ):
+    if missing_energy(sid) > ROUNDING:
         raise InputError(
             f"the elastic force Ke(q) q of {source} has no energy (m1 of Ke)",
             place=place,

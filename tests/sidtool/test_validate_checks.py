@@ -21,6 +21,7 @@ from sidtool.formats.sid import (
     rigid_sid,
 )
 from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.report.sid import describe_sid
 from sidtool.rereference import FrameChange, changed
 from sidtool.validate import (
     change_basis,
@@ -35,6 +36,7 @@ from sidtool.validate import (
 )
 from sidtool.validate.checks import IDENTITIES, Check
 from tests.bodies import particle_body
+from tests.solver.scenes import with_cubic_energy
 
 check(rigid_sid(1.0, np.zeros(3), np.eye(3)))  # fills the registry
 
@@ -45,8 +47,8 @@ def _by_id(sid: SID) -> dict[str, Check]:
 
 def test_the_registry_is_complete_with_its_severities() -> None:
     errors = {"I1", "I2", "I3", "I4", "I5", "I6", "I7", "I13", "I14"}
-    errors |= {"I18", "I19", "I20"}
-    assert list(_by_id(particle_body(1, 4))) == [f"I{k}" for k in range(1, 21)]
+    errors |= {"I18", "I19", "I20", "I21"}
+    assert list(_by_id(particle_body(1, 4))) == [f"I{k}" for k in range(1, 22)]
     assert {i for i, entry in IDENTITIES.items() if entry.severity == "error"} == errors
 
 
@@ -95,6 +97,13 @@ def _m1(name: str, change: Callable[[Array], Array]) -> Callable[[SID], SID]:
         return replace(sid, **{name: replace(block, m1=change(block.m1.copy()))})
 
     return perturb
+
+
+def _without_energy(sid: SID) -> SID:
+    """A force on the second coordinate that the first one makes, but not back."""
+    term = np.zeros((sid.nq, sid.nq, sid.nq))
+    term[0, 1, 0] = 1.0
+    return replace(sid, Ke=replace(sid.Ke, m1=term))
 
 
 def _nudged(array: Array) -> Array:
@@ -168,6 +177,7 @@ PERTURBATIONS: dict[str, Callable[[SID], SID]] = {
     "I18": _reflected,
     "I19": _m0("Oe", np.zeros_like),
     "I20": _m1("Ct", np.negative),
+    "I21": _without_energy,
 }
 
 
@@ -202,6 +212,25 @@ def test_asymmetry_is_measured(block: str) -> None:
 
     found = _by_id(_m0(block, lopsided)(particle_body(3, 12)))["I13"]
     assert found.verdict == "failed" and found.measured == pytest.approx(1e-6, rel=0.1)
+
+
+def test_elastic_forces_of_first_order_are_told_and_judged() -> None:
+    soft = with_cubic_energy(particle_body(3, 12), seed=2)
+    assert "elastic forces     quadratic in q (Ke m1)" in describe_sid(soft)
+    assert "elastic forces     linear" in describe_sid(particle_body(3, 12))
+    told = _by_id(soft)["I21"]
+    assert told.verdict == "passed" and "quadratic in q (Ke m1)" in told.detail
+    assert _by_id(particle_body(3, 12))["I21"].detail == "elastic forces are linear"
+    assert "no energy" in _by_id(_without_energy(soft))["I21"].detail
+
+
+@pytest.mark.parametrize("block", ["Me", "De", "ksigma"])
+def test_terms_that_no_equation_has_are_told_before_a_simulation(block: str) -> None:
+    body = particle_body(2, 12)
+    there = getattr(body, block)
+    with_m1 = replace(there, m1=np.ones((2, *there.m0.shape)))
+    found = _by_id(replace(body, **{block: with_m1}))["I21"]
+    assert found.failed and f"{block} in the SID has a first-order term" in found.detail
 
 
 def test_counts_come_from_the_reader(tmp_path: Path) -> None:

@@ -188,6 +188,28 @@ def test_only_the_force_counts_not_how_m1_shares_it_out(dimension: str) -> None:
     assert_allclose(ends[1], ends[0], atol=1e-9)
 
 
+@pytest.mark.parametrize("dimension", DIMENSIONS)
+def test_shares_of_the_energy_are_those_of_the_whole_energy(dimension: str) -> None:
+    """Two coordinates apart, k q^2 / 2 + c q^3 / 3 each, that creep back to rest."""
+    stiffness, cubic = np.array([40.0, 90.0]), np.array([55.0, -70.0])
+    term = np.zeros((2, 2, 2))
+    term[[0, 1], [0, 1], [0, 1]] = cubic
+    sid = replace(
+        particle_body(2, 8, dimension == "planar", seed=3),
+        Ke=Taylor(np.diag(stiffness), term),
+        De=Taylor(np.diag([40.0, 90.0])),
+    )
+    begin = {"initial": {"elastic": [0.4, 0.3]}}
+    result = simulate(fixed(dimension, sid, ["soft.q*"], body=begin), rtol=1e-8)
+    q = result.values
+    energies = stiffness * q**2 / 2 + cubic * q**3 / 3
+    whole = np.trapezoid(energies, result.t, axis=0)
+    shares = result.bodies["soft"].energy_shares
+    assert_allclose(shares, whole / whole.sum(), atol=2e-3)
+    plain = np.trapezoid(stiffness * q**2, result.t, axis=0)
+    assert np.abs(plain / plain.sum() - shares).max() > 0.05
+
+
 @pytest.mark.parametrize("name", ["soft.SID_FEM", "soft.h5"])
 def test_the_term_survives_a_file(tmp_path: Path, name: str) -> None:
     sid = with_cubic_energy(soft_body(3, 7), seed=4)
