@@ -36,6 +36,7 @@ import numpy as np
 from sidtool.convert import sid_from_model
 from sidtool.formats.errors import InputError
 from sidtool.importers.imported import EVERYTHING
+from sidtool.importers.inp import read_deck
 from sidtool.importers.meshes import read_mesh
 
 from .machine import describe_machine, use_one_thread
@@ -66,6 +67,7 @@ class Verdict:
     outcome: str
     reason: str = ""
     solid: bool = False
+    engine: str = "own elements"
     mass: float | None = None
     frequency: float | None = None
     seconds: float = 0.0
@@ -94,9 +96,10 @@ def main(folder: Path, limit: float, output: Path | None, match: str) -> None:
 
 
 def _line(v: Verdict) -> str:
-    numbers = f" {_size(v.mass)} {_size(v.frequency)}" if v.mass is not None else ""
+    numbers = f" {_size(v.mass)} {_size(v.frequency)}"
     kind = "solid" if v.solid else "-"
-    return f"{v.name}: {v.outcome} {kind}{numbers} {v.seconds:.1f} s {v.reason[:150]}"
+    by = f"{v.outcome} {v.engine[0]} {kind}{numbers} {v.seconds:.1f} s"
+    return f"{v.name}: {by} {v.reason[:150]}"
 
 
 def _size(value: float | None) -> str:
@@ -126,7 +129,9 @@ def _child(path: Path, name: str, place: Path) -> None:
     verdict = Verdict(name, "body", solid=_is_solid(path))
     try:
         deck = _prepared(path, place)
-        sid, modes = _converted(deck, place)
+        sid, data = _converted(deck, place)
+        verdict.engine = data["geometry"].get("engine", verdict.engine)
+        modes = data["reduction"]["modes"]
         verdict.seconds = time.perf_counter() - start
         _compare(verdict, deck, place, sid, modes)
     except InputError as error:
@@ -192,8 +197,8 @@ def _density(material: str) -> str:
     return "7.85e-9" if found and float(found.group(1)) < 1e8 else "7850."
 
 
-def _converted(deck: Path, place: Path) -> tuple[Any, int]:
-    """The SID, with what the messages ask for."""
+def _converted(deck: Path, place: Path) -> tuple[Any, dict[str, Any]]:
+    """The SID, and the model file with what the messages ask for."""
     data: dict[str, Any] = {
         "format": "sidtool model",
         "version": 1,
@@ -207,7 +212,7 @@ def _converted(deck: Path, place: Path) -> tuple[Any, int]:
         model = place / "model.json"
         model.write_text(json.dumps(data))
         try:
-            return sid_from_model(model), data["reduction"]["modes"]
+            return sid_from_model(model), data
         except InputError as error:
             if not _answered(data, error):
                 raise
@@ -217,6 +222,10 @@ def _converted(deck: Path, place: Path) -> tuple[Any, int]:
 def _answered(data: dict[str, Any], error: InputError) -> bool:
     """Whether the model file now says what the message asks for."""
     place, asked = error.place or "", f"{error.problem} {error.expected}"
+    geometry = data["geometry"]
+    if "geometry.engine" in asked and "engine" not in geometry:
+        geometry["engine"] = "calculix"
+        return True
     if place == "geometry.thickness" and "thickness" not in data["geometry"]:
         data["geometry"]["thickness"] = 1.0
     elif place == "discretisation.state" and "state" not in data["discretisation"]:
@@ -237,6 +246,9 @@ def deck_text(data: dict[str, Any]) -> str:
 
 
 def _a_node(deck: Path) -> int:
+    if deck.suffix.lower() == ".inp":
+        elements = read_deck(deck, frozenset((EVERYTHING,))).assembly.elements
+        return next(iter(elements.values())).nodes[0] if elements else 1
     mesh = read_mesh(str(deck), (EVERYTHING,)).mesh
     return int(mesh.labels[mesh.blocks[0].nodes[0, 0]])
 
@@ -248,16 +260,17 @@ def _compare(verdict: Verdict, deck: Path, place: Path, sid: Any, modes: int) ->
     text = deck.read_text("latin-1")
     found = free_frequencies(text, deck.parent, modes)
     if found is None:
-        verdict.reason = "ccx gives no frequencies of the free body"
+        verdict.reason = verdict.reason or "ccx gives no frequencies of the free body"
         return
     mass, values = found
     own = np.sqrt(np.diag(sid.Ke.m0) / np.diag(sid.Me.m0)) / (2 * np.pi)
-    skipped = len(values) - modes
-    count = min(len(own), len(values) - skipped)
-    verdict.mass = abs(sid.mass / mass - 1)
-    verdict.frequency = float(
-        np.abs(own[:count] / values[skipped : skipped + count] - 1).max()
-    )
+    count = min(len(own), len(values))
+    if mass and not {"B31", "S4", "C3D8I", "S3", "M3D4"} & {
+        *_ELEMENT.findall(text.upper())
+    }:
+        verdict.mass = abs(sid.mass / mass - 1)
+    if count:
+        verdict.frequency = float(np.abs(own[:count] / values[:count] - 1).max())
 
 
 def free_frequencies(
@@ -266,7 +279,7 @@ def free_frequencies(
     """Mass and frequencies [Hz] of the deck without supports and steps, by ccx."""
     head = re.split(r"(?im)^\*STEP\b", text)[0]
     head = re.sub(r"(?im)^\*BOUNDARY.*\n(?:(?!\*).*\n)*", "", head)
-    plane = not re.search(r"(?i)TYPE\s*=\s*(?!CP)\w", head)
+    plane = all(k.upper().startswith("CP") for k in _ELEMENT.findall(head))
     rigid = 3 if plane else 6
     step = f"\n*STEP\n*FREQUENCY\n{modes + rigid}\n*NODE FILE\nU\n*END STEP\n"
     (folder / "free.inp").write_text(head + step, "latin-1")
@@ -287,7 +300,7 @@ def free_frequencies(
     total = [w for w in map(str.split, lines) if w and w[0] == "TOTAL"]
     if len(values) <= rigid or not total:
         return None
-    return max(map(float, total[-1][1:4])), values[: modes + rigid]
+    return max(map(float, total[-1][1:4])), values[rigid : modes + rigid]
 
 
 def _report(verdicts: Sequence[Verdict]) -> Report:
@@ -295,7 +308,7 @@ def _report(verdicts: Sequence[Verdict]) -> Report:
     rows = []
     for name, group in groups.items():
         count = Counter(v.outcome for v in group)
-        compared = [v for v in group if v.mass is not None]
+        compared = [v for v in group if v.frequency is not None]
         rows.append(
             [
                 name,
@@ -309,7 +322,7 @@ def _report(verdicts: Sequence[Verdict]) -> Report:
     each = [
         [
             v.name,
-            v.outcome,
+            v.engine if v.outcome == "body" else v.outcome,
             _size(v.mass),
             _size(v.frequency),
             v.reason.replace("|", "/")[:160],

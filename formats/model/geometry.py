@@ -252,6 +252,8 @@ class MeshGeometry(Part):
         if only a length is given: MPa and t/mm^3 with 0.001
     thickness : of plane elements, instead of that in the file [m]
     ignore : keywords, cards or commands of the file that are left out on purpose
+    engine : "calculix": CalculiX (ccx, which must be installed) discretises an .inp,
+        with all elements that it knows, such as shells, beams and composites
     """
 
     type: Literal["mesh"]
@@ -259,6 +261,7 @@ class MeshGeometry(Part):
     unit: Positive | str = 1.0
     thickness: Positive | None = None
     ignore: tuple[str, ...] = ()
+    engine: Literal["calculix"] | None = None
 
     @property
     def edge_names(self) -> Mapping[str, Any]:

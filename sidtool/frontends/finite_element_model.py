@@ -95,6 +95,8 @@ class FiniteElementModel:
         beams
     dof_table : (n, 6) number of the degree of freedom that is the displacement along
         x, y, z and the rotation about x, y, z of every node; -1 where there is none
+    internal : (n,) which rows of `positions` are no places but functions that vanish
+        in rigid motion: the internal modes of elements, near whose middle they stand
     rigid_sets : marker name -> nodes that move as one rigid piece around the marker
     continua : the material of solid elements, for stresses
     beam_material : the material of beam elements, for stress resultants
@@ -113,6 +115,7 @@ class FiniteElementModel:
     full_mass: sp.csr_matrix | None = None
     inertia_points: InertiaPoints | None = None
     dof_table: Indices | None = None
+    internal: NDArray[np.bool_] | None = None
     rigid_sets: Mapping[str, Indices] = field(default_factory=dict)
     continua: tuple[Continuum, ...] = ()
     beam_material: BeamMaterial | None = None
@@ -158,6 +161,13 @@ class FiniteElementModel:
         table[:, :d] = np.arange(n * d).reshape(n, d)
         return table
 
+    @property
+    def place_table(self) -> Indices:
+        """`table` without the rows that are no places."""
+        if self.internal is None:
+            return self.table
+        return np.where(self.internal[:, None], -1, self.table)
+
     def marker(self, name: str) -> MarkerRows:
         """The marker with this name."""
         return next(marker for marker in self.markers if marker.name == name)
@@ -187,7 +197,7 @@ class FiniteElementModel:
         motion[:] = np.eye(6)
         motion[:, :3, 3:] = -skew(arms)
         modes = np.zeros((self.ndof, 6))
-        there = self.table >= 0
+        there = self.place_table >= 0
         modes[self.table[there]] = motion[there]
         return modes if d == 3 else modes[:, [0, 1, 5]]
 

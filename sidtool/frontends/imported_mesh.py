@@ -13,6 +13,7 @@ from sidtool.formats.model.geometry import MeshGeometry
 from ..importers.imported import ImportedMesh
 from ..importers.meshes import read_mesh
 from ..validate.units import UnitSystem, unit_system
+from .calculix_body import calculix_model
 from .conformity import check_conforming
 from .contact import check_contact
 from .finite_element_model import FiniteElementModel, still
@@ -46,6 +47,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     assert isinstance(geometry, MeshGeometry)
     assert isinstance(settings, MeshDiscretisation)
     units = _units(geometry)
+    if geometry.engine == "calculix":
+        return calculix_model(model, units)
     imported = read_mesh(geometry.file, geometry.ignore)
     try:
         whole = _scaled(imported.mesh, geometry, settings, units)

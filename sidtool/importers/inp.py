@@ -15,7 +15,7 @@ from .imported import ImportedMesh, integers, numbers
 from .inp_blocks import Block, read_blocks
 from .inp_deck import Deck, Element, Scope, Section, twice
 from .inp_elements import ElementType, element_type, supported
-from .inp_keywords import kind_of, readable
+from .inp_keywords import BY_CALCULIX, kind_of, readable
 from .inp_sets import extend, read_elset, read_nset
 
 
@@ -185,7 +185,7 @@ def _property(deck: Deck, block: Block) -> None:
         raise InputError(
             f"elasticity of type {kind} is not supported",
             place=block.place,
-            expected="isotropic elasticity",
+            expected=f"isotropic elasticity, or {BY_CALCULIX}",
         )
     table[block.keyword] = [numbers(_filled(w), place) for w, place in block.rows]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..frontends.reference_elements import ELEMENT_KINDS
+from .inp_keywords import BY_CALCULIX
 
 #: Element type without its suffix -> our name.
 _KINDS = {
@@ -29,7 +30,7 @@ _KINDS = {
 _SUFFIXES = "IRHMTSEPLV"
 #: Types of lines, of triangles and quadrilaterals, as pre-processors leave them behind.
 _LOWER = {
-    **dict.fromkeys(("T2D2", "T3D2", "B21", "B31", "B31R"), (1, 2)),
+    **dict.fromkeys(("T2D2", "T3D2", "B21", "B31", "B31R", "SPRINGA"), (1, 2)),
     **dict.fromkeys(("T3D3", "T2D3", "B22", "B32", "B32R"), (1, 3)),
     **dict.fromkeys(("S3", "S3R", "M3D3", "STRI3", "SFM3D3", "R3D3"), (2, 3)),
     **dict.fromkeys(("S4", "S4R", "M3D4", "M3D4R", "SFM3D4", "R3D4"), (2, 4)),
@@ -101,4 +102,5 @@ def _replaced(suffix: str, formulation: str | None, averaged: bool) -> list[str]
 
 def supported() -> str:
     """The supported types, for a message."""
-    return ", ".join(base for base, kind in _KINDS.items() if kind in ELEMENT_KINDS)
+    known = ", ".join(base for base, kind in _KINDS.items() if kind in ELEMENT_KINDS)
+    return f"{known}, or {BY_CALCULIX}"

@@ -75,6 +75,8 @@ def _squeezed(keyword: str) -> str:
 
 WITHOUT_EFFECT = _listed(";".join((_SUPPORTS, _BEYOND_ELASTIC, _DEFINITIONS, _OUTPUT)))
 _DAMPING = _listed("DAMPING; MODAL DAMPING; GLOBAL DAMPING; STRUCTURAL DAMPING")
+#: What has no element or law of our own.
+BY_CALCULIX = 'geometry.engine = "calculix", which lets CalculiX discretise the deck'
 #: Refused with what would do instead; what is not known is refused as well.
 _INSTEAD = {
     _squeezed(keyword): advice
@@ -98,8 +100,16 @@ _INSTEAD = {
         "SYSTEM": "nodes in the global Cartesian system",
         "CONTACT PAIR": "one body without contact",
         "EMBEDDED ELEMENT": "one mesh whose nodes are merged",
+        **dict.fromkeys(("SHELL SECTION", "BEAM SECTION", "NORMAL"), BY_CALCULIX),
+        **dict.fromkeys(("BEAM GENERAL SECTION", "NODAL THICKNESS"), BY_CALCULIX),
+        **dict.fromkeys(("MEMBRANE SECTION", "TRUSS SECTION"), BY_CALCULIX),
     }.items()
 }
+#: What is read where only the nodes and their names are asked for.
+_NAMING = _listed(
+    "NODE; ELEMENT; NSET; ELSET; PART; END PART; ASSEMBLY; END ASSEMBLY; INSTANCE; "
+    "END INSTANCE"
+)
 #: Shortest abbreviation of a parameter.
 _SHORTEST = 3
 
@@ -120,10 +130,10 @@ def kind_of(block: Block, ignored: frozenset[str], in_step: bool = False) -> str
     squeezed = _squeezed(block.keyword)
     if squeezed in {_squeezed(word) for word in ignored}:
         return "ignored"
+    if EVERYTHING in ignored and squeezed not in _NAMING:
+        return "ignored"
     if squeezed in _READ:
         return "read"
-    if EVERYTHING in ignored:
-        return "ignored"
     if in_step and squeezed not in _INSTEAD:
         return "step"
     if squeezed in _DAMPING:

@@ -142,7 +142,7 @@ def _sets(deck: Deck, body: Scope, instance: str) -> dict[str, list[int]]:
     scopes = [body] if body is deck.assembly else [deck.assembly, body]
     for scope in scopes:
         own = "" if scope is body else instance
-        for name, nodes in _node_sets(scope, body, own).items():
+        for name, nodes in node_sets(scope, body, own).items():
             if name not in sets:
                 sets[name] = nodes
             elif set(nodes) != set(sets[name]):
@@ -152,7 +152,7 @@ def _sets(deck: Deck, body: Scope, instance: str) -> dict[str, list[int]]:
     return sets
 
 
-def _node_sets(scope: Scope, body: Scope, instance: str) -> dict[str, list[int]]:
+def node_sets(scope: Scope, body: Scope, instance: str) -> dict[str, list[int]]:
     """The nodes of the body in all sets of a scope, element sets after node sets."""
     sets = {
         name: [n for n in _labels(group, instance) if n in body.nodes]

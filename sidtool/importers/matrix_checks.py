@@ -133,8 +133,8 @@ def balanced(stiffness: sp.csr_matrix, table: NDArray[np.int64]) -> sp.csr_matri
     stiffness : (ndof, ndof) of a free body, see `check_rigid_motion`
     table : (n, 6) degrees of freedom by node, -1 for none
     """
-    axes = [a for a in range(3) if (table[:, a] >= 0).all()]
-    dofs = table[:, axes]
+    axes = [a for a in range(3) if (table[:, a] >= 0).any()]
+    dofs = table[(table[:, axes] >= 0).all(axis=1)][:, axes]
     motion = np.zeros((stiffness.shape[0], len(axes)))
     for k in range(len(axes)):
         motion[dofs[:, k], k] = 1.0

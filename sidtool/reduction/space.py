@@ -215,7 +215,7 @@ def admissible(
         rigid=rigid,
         stopped=np.zeros((stiffness.shape[0], 0)),
         shift=free_body_shift(
-            model.stiffness, model.mass, model.positions, model.table
+            model.stiffness, model.mass, model.positions, model.place_table
         ),
         places=places,
         factors=PinnedFactors(stiffness, rigid, places),

@@ -118,14 +118,17 @@ def frequencies(sid: SID) -> np.ndarray:
     return np.sqrt(np.diag(sid.Ke.m0) / np.diag(sid.Me.m0)) / (2 * np.pi)
 
 
-def calculix(folder: Path, text: str, held: str) -> np.ndarray:
-    """The first frequencies by CalculiX, the set held in all directions."""
+def calculix(folder: Path, text: str, held: str | None) -> np.ndarray:
+    """The first elastic frequencies by CalculiX, a set held in all directions."""
     if shutil.which("ccx") is None:
         pytest.skip("CalculiX (ccx) is not installed")
-    step = f"*BOUNDARY\n{held}, 1, 3\n*STEP\n*FREQUENCY\n4\n*NODE FILE\nU\n*END STEP\n"
+    rigid = 0 if held else 6
+    step = f"*STEP\n*FREQUENCY\n{4 + rigid}\n*NODE FILE\nU\n*END STEP\n"
+    if held:
+        step = f"*BOUNDARY\n{held}, 1, 3\n" + step
     (folder / "ccx.inp").write_text(text + step)
     command = ["ccx", "ccx"]
     subprocess.run(command, cwd=folder, capture_output=True, check=True, timeout=120)
     lines = (folder / "ccx.dat").read_text().splitlines()
-    rows = [line.split() for line in lines if re.match(r"\s+\d+\s+0\.\d+E", line)]
-    return np.array([float(row[3]) for row in rows[:4]])
+    rows = [line.split() for line in lines if re.match(r"\s+\d+\s+-?0\.\d+E", line)]
+    return np.array([float(row[3]) for row in rows[rigid : rigid + 4]])
