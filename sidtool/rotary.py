@@ -77,7 +77,9 @@ def blocks_of_full_mass(
     Source: eq. (9), with Gr and Ge by the identities I10 and I8. Exact
     for solids and for lumped masses, whose rotary inertia turns with its node by a
     finite rotation. A consistent matrix of beams has rotary inertia in displacements as
-    well, where it is not seen to turn: of Oe m1 in torsion a part is missing.
+    well: 36 / (30 h) rho I beside 156 h / 420 rho A. What of an entry is which decides
+    how it turns with the section, and a matrix has their sum only; of Oe m1 in torsion
+    that part is missing, which `imported_matrices` notes.
     """
     nq = shapes.shape[1]
     rigid = body.rigid_body_modes(origin)
