@@ -227,7 +227,7 @@ def make_reference(
     moves = _moves(names, values, scale)
     good = moves & (differences <= TRUSTED * scale)
     unpredictable = {
-        name: float(difference / size)
+        str(name): float(difference / size)
         for name, difference, size in zip(
             *(np.array(x)[moves & ~good] for x in (names, differences, scale)),
             strict=True,

@@ -29,8 +29,9 @@ from ..system.storage import new_memory, new_work
 #: Passages that are told one by one.
 TOLD = 3
 #: Independence below which motions can be confused, or this times the root of the
-#: tolerated error, and at most the last.
-CLOSE, TIMES_ROOT, AT_MOST = 3e-3, 10.0, 0.05
+#: tolerated error, and at most the last: with it a mechanism misses the configuration
+#: by ten times the tolerated error.
+CLOSE, TIMES_ROOT, AT_MOST = 3e-3, 20.0**0.5, 0.05
 #: Constraints have a part in a dependency when their share of it is larger.
 INVOLVED = 0.05
 #: Points of a step that are compared, and halvings around the best one.
@@ -76,7 +77,7 @@ def crossings(
         yield (
             f"at t = {passing.t:.6g} s the run passes a singular configuration: the "
             f"constraints of {names} keep {near:.0e} of their independence. Motions "
-            "cross there (a bifurcation); which of them goes on is decided by "
+            "cross there (a bifurcation); which of them goes on may be decided by "
             "rounding, tolerance and integrator, not by the model"
         )
     more, many = len(found) - TOLD, " or more" if steps > MOST else ""

@@ -55,9 +55,11 @@ def describe(system: System) -> list[str]:
         )
     if system.redundant:
         names = ", ".join(dict.fromkeys(names_of_rows(system, system.redundant)))
+        count = len(system.redundant)
+        plural = "" if count == 1 else "s"
         lines.append(
-            f"{len(system.redundant)} redundant constraints ({names}): met by the "
-            "others; of all multipliers that hold them the smallest are told"
+            f"{count} redundant constraint{plural} ({names}): met by the others; of "
+            "all multipliers that hold the mechanism the smallest are told"
         )
     lines += of_programs(system)
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)

@@ -18,20 +18,13 @@ from sidtool.formats.result import FlexibleBody, Result
 from sidtool.formats.sid import SID, Taylor
 from sidtool.formats.stiffening import MATTERS
 from sidtool.solver import compile_scene, linearise, simulate
-from sidtool.solver.system.bodies import body_size
 from sidtool.solver.system.scene import System
 from tests.bodies import particle_body
 from tests.sidtool.beams import IGA, beam
 from tests.solver.scenes import compiled, polynomial, scene
 
-from .case import Case, run
-from .case import compiled as compiled_case
-from .said import copied, with_table
-from .scenes import random_scene
-
 #: Euler's load of a cantilever with L = EI = 1.
 EULER = np.pi**2 / 4
-FLEXIBLE = [s for s in range(30) if random_scene(s).sids][:8]
 
 
 @cache
@@ -208,37 +201,6 @@ def test_stiffening_is_the_change_of_squared_frequencies(seed: int) -> None:
     assert found.sentence().startswith("stiffening small") == (
         abs(found.ratio) < MATTERS
     )
-
-
-@pytest.mark.parametrize("seed", FLEXIBLE)
-def test_amplitudes_deflections_and_energies_do_not_depend_on_output_times(
-    seed: int,
-) -> None:
-    """Random scenes with two output times, and the same with 400."""
-    case = random_scene(seed)
-    bodies = [
-        simulate(compiled_case(with_steps(case, n)), rtol=1e-7).bodies for n in (1, 400)
-    ]
-    fine = run(with_steps(case, 400), rtol=1e-7)
-    for name, sid in case.sids.items():
-        few, many = (found[name] for found in bodies)
-        size = many.amplitudes.max()
-        assert few.amplitudes == pytest.approx(many.amplitudes, abs=0.05 * size)
-        assert few.deflection == pytest.approx(many.deflection, rel=0.05)
-        assert few.energy_shares.sum() == pytest.approx(1.0)
-        assert few.energy_shares == pytest.approx(many.energy_shares, abs=0.05)
-        shapes = np.array([node.phi.m0 for node in sid.nodes])
-        u = np.linalg.norm(np.einsum("tl,nal->tna", fine[f"{name}.q"], shapes), axis=2)
-        seen = u.max() / body_size(sid)
-        assert seen * (1.0 - 1e-9) <= many.deflection < 1.01 * seen
-        assert ("deforms by" in many.after) == (many.deflection > 0.2)
-
-
-def with_steps(case: Case, count: int) -> Case:
-    table = copied(case)
-    end = table["time"]["end"]
-    table["time"] = {"start": 0.0, "end": end, "output_step": end / count}
-    return with_table(case, table)
 
 
 @pytest.mark.parametrize("seed", range(6))

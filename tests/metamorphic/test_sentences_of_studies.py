@@ -1,0 +1,100 @@
+"""What `study` says is true on random pendulums, by integrators it did not use."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.cli.study import _report
+from sidtool.formats.result import Result
+from sidtool.solver import simulate
+from sidtool.solver.system.scene import System
+from sidtool.study import TRUSTED, Study, default_settings, recommended, study
+from tests.solver.scenes import compiled, scene, slender_rod
+
+WANTED = (1e-2, 1e-4)
+
+
+def pendulum(seed: int, wild: bool) -> System:
+    """Two rods that swing a little, or are let go above and turn over."""
+    random = np.random.default_rng([37, seed])
+    angles = random.uniform(0.2, 0.5, 2) - 0.5 * math.pi
+    if wild:
+        angles = random.uniform(0.6, 1.4, 2)
+    first = [math.cos(angles[0]), math.sin(angles[0])]
+    bodies = {
+        "low": slender_rod(1.0, angle=float(angles[0])),
+        "tip": slender_rod(1.0, position=first, angle=float(angles[1])),
+        "clock": {"mass": 1.0, "inertia": 1.0, "initial": {"velocity": [1.0, 0.0]}},
+    }
+    joints = {
+        "pin": {"type": "revolute", "markers": ["ground", "low.a"]},
+        "elbow": {"type": "revolute", "markers": ["low.b", "tip.a"]},
+    }
+    return compiled(
+        scene(
+            bodies,
+            joints,
+            gravity=[0.0, -9.81],
+            end=(8.0, 16.0, 32.0)[seed] if wild else 2.0,
+            steps=40,
+            record=["low.angle", "tip.angle", "clock.x", "clock.vx"],
+        )
+    )
+
+
+def studied(system: System, *names: str) -> Study:
+    return study(system, default_settings(names, (1e-2, 1e-4)))
+
+
+def away(result: Result, exact: Result, name: str) -> float:
+    return float(np.abs(result[name] - exact[name]).max() / np.ptp(exact[name]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_recommended_is_as_good_as_is_told(seed: int) -> None:
+    """Against dop853 at a tolerance that no study takes."""
+    system = pendulum(seed, wild=False)
+    found = studied(system, "radau5", "auto")
+    exact = simulate(system, integrator="dop853", rtol=1e-12)
+    assert not found.reference.unpredictable
+    assert found.reference.left_out == ("clock.vx",)
+    assert {p.setting.integrator for p in found.points} == {"radau5", "auto"}
+    for point in found.points:
+        made = simulate(
+            system, integrator=point.setting.integrator, rtol=point.setting.rtol
+        )
+        error = max(away(made, exact, name) for name in found.reference.names)
+        assert point.error == pytest.approx(error, rel=0.05, abs=1e-10)
+        assert point.error >= found.reference.uncertainty
+    for wanted in WANTED:
+        best = recommended(found.points, wanted)
+        assert best is not None and best.error <= wanted
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_outputs_that_no_integrator_agrees_on_are_called_unpredictable(
+    seed: int,
+) -> None:
+    """And nothing is recommended for them; of the others errors are told as ever."""
+    system = pendulum(seed, wild=True)
+    found = studied(system, "radau9")
+    runs: list[Any] = [
+        simulate(system, integrator=name, rtol=1e-11) for name in ("dop853", "radau13")
+    ]
+    apart = {name: away(*runs, name) for name in ("low.angle", "tip.angle")}
+    for name, part in apart.items():
+        if part > 30.0 * TRUSTED:
+            assert name in found.reference.unpredictable
+        if name in found.reference.unpredictable:
+            assert part > TRUSTED / 30.0
+    assert "clock.x" in found.reference.names
+    text = _report(found, WANTED)
+    told = "Not predictable over this time span" in text
+    assert told == bool(found.reference.unpredictable)
+    for name in found.reference.unpredictable:
+        assert f"{name} by " in text
+        assert name not in text.split("of the worst of: ")[1].splitlines()[0]
