@@ -22,6 +22,7 @@ from .frontends.geometry_mass import compared_with_geometry
 from .frontends.registry import finite_element_model
 from .gram import body_inertia
 from .prestress import prestressed
+from .reduction.fidelity import fidelity_sentence
 from .reduction.frames import FRAMES, Frame, clamped_dofs
 from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
@@ -35,6 +36,8 @@ Array = NDArray[np.float64]
 
 #: What sentences for the user begin with, beside the names of stages.
 NOTE = "note: "
+#: What the sentence on the errors of the shape functions begins with.
+BASIS = "basis: "
 
 #: Clamped nodes lie on a line if their moment of inertia about it is below this share.
 _ON_A_LINE = 1e-12
@@ -50,9 +53,9 @@ def sid_from_model(
     Parameters
     ----------
     model : a model file, read already or by its path
-    progress : called with the name of every stage as it begins, and with counts from
-        inside the longest of them, and with sentences that begin with `NOTE`; without
-        it these are warnings
+    progress : called with the name of every stage as it begins, with counts from inside
+        the longest of them, with a sentence that begins with `BASIS`, and with
+        sentences that begin with `NOTE`; without it these are warnings
     engine : what solves the equations, one of `reduction.factors.ENGINES`; the fastest
         that is installed by default
 
@@ -84,6 +87,8 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
     basis = REDUCTIONS[model.reduction.method](body, frame, model.reduction)
     for sentence in basis.report:
         progress(sentence)
+    _tell_fidelity(body, frame, basis, model, progress)
+    basis = replace(basis, space=None)
     stiffening, initial = model.stiffening, None
     if stiffening and stiffening.prestress:
         initial = prestressed(
@@ -104,6 +109,22 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
         progress("stress")
         sid = with_stress(sid, body, frame, basis, model.stress, initial)
     return sid
+
+
+def _tell_fidelity(
+    body: FiniteElementModel,
+    frame: Frame,
+    basis: ReducedBasis,
+    model: ModelFile,
+    progress: Callable[[str], None],
+) -> None:
+    """How good the basis is; a note where it is poor at the interfaces asked for."""
+    told = fidelity_sentence(body, frame, basis, model)
+    if told is None:
+        return
+    sentence, poor = told
+    noted = poor and model.reduction.interface_names
+    progress(f"{NOTE if noted else ''}{BASIS}{sentence}")
 
 
 def assembled_sid(

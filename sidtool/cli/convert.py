@@ -262,7 +262,7 @@ class _Stages:
         self._status: Any = None
 
     def __call__(self, text: str) -> None:
-        if text.startswith("note: "):
+        if text.startswith(("note: ", "basis: ")):
             click.echo(text, err=True)
             return
         seconds = time.monotonic() - self._begin

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.linalg
@@ -13,6 +14,9 @@ from sidtool.formats.errors import InputError
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .frames import Frame
+
+if TYPE_CHECKING:
+    from .space import Space
 
 Array = NDArray[np.float64]
 
@@ -48,6 +52,7 @@ class ReducedBasis:
     shares : kind of candidate -> (nq,) its share of each shape function's kinetic
         energy; the shares of one shape function add up to 1
     report : sentences about candidates that were left out
+    space : of the body as it was held, with its factors, where there is one
     """
 
     shapes: Array
@@ -55,6 +60,7 @@ class ReducedBasis:
     labels: tuple[str, ...]
     shares: Mapping[str, Array] = field(default_factory=dict)
     report: tuple[str, ...] = ()
+    space: Space | None = None
 
     def reconstruct(self, q: ArrayLike) -> Array:
         """The displacement of every degree of freedom, (ndof,), for q (nq,)."""

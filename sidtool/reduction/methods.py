@@ -1,13 +1,14 @@
 """Reduction methods by the `reduction.method` of a model file.
 
 A reductor takes a body, its frame and the settings, and reduces the body to a
-`ReducedBasis`, whose `reconstruct` goes back to the displacement of the whole body.
+`ReducedBasis`, whose `reconstruct` goes back to the displacement of the whole body. The
+space of the body as frame and `fix` hold it may be given, with its factors.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,10 @@ Array = NDArray[np.float64]
 
 
 def modal_truncation(
-    model: FiniteElementModel, frame: Frame, settings: ModalReduction
+    model: FiniteElementModel,
+    frame: Frame,
+    settings: ModalReduction,
+    space: Space | None = None,
 ) -> ReducedBasis:
     """The lowest elastic modes of the body as it is held, or free; mass-normalised.
 
@@ -43,11 +47,11 @@ def modal_truncation(
     ------
     InputError : the model has fewer degrees of freedom than modes are asked for.
     """
-    space = admissible(model, frame, settings.fixed_names)
+    space = space or admissible(model, frame, settings.fixed_names)
     values, shapes = space.modes(settings.modes)
     if frame.rows is not None:
         normal = Family("normal", shapes)
-        return finished(model, frame, [normal], "Eigen Mode")
+        return replace(finished(model, frame, [normal], "Eigen Mode"), space=space)
     return ReducedBasis(
         shapes=oriented(shapes, model),
         stiffness=np.diag(values),
@@ -55,32 +59,39 @@ def modal_truncation(
             f"Eigen Mode{i:5d} :{f:13.3f} Hz" for i, f in enumerate(hertz(values), 1)
         ),
         shares={"normal": np.ones(len(values))},
+        space=space,
     )
 
 
 def craig_bampton(
-    model: FiniteElementModel, frame: Frame, settings: CraigBamptonReduction
+    model: FiniteElementModel,
+    frame: Frame,
+    settings: CraigBamptonReduction,
+    space: Space | None = None,
 ) -> ReducedBasis:
     """Constraint modes of the interfaces and modes with fixed interfaces.
 
     Source: R. Craig, M. Bampton, "Coupling of substructures for dynamic analyses",
     AIAA J. 6 (7), 1968.
     """
-    outer = admissible(model, frame, settings.fixed_names)
+    outer = space or admissible(model, frame, settings.fixed_names)
     inner, constraint = _constraint_modes(model, outer, settings)
     _, normal = inner.modes(settings.modes)
     families = [Family("fixed-interface mode", normal), constraint]
-    return finished(model, frame, families, "Craig-Bampton")
+    return replace(finished(model, frame, families, "Craig-Bampton"), space=outer)
 
 
 def attachment(
-    model: FiniteElementModel, frame: Frame, settings: AttachmentReduction
+    model: FiniteElementModel,
+    frame: Frame,
+    settings: AttachmentReduction,
+    space: Space | None = None,
 ) -> ReducedBasis:
     """Normal modes, static answers to unit loads at markers, inertia-relief modes.
 
     Source: R. Craig, "Structural Dynamics", Wiley 1981, chapter 19.
     """
-    space = admissible(model, frame, settings.fixed_names)
+    space = space or admissible(model, frame, settings.fixed_names)
     _, normal = space.modes(settings.modes)
     rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
     families = [
@@ -89,11 +100,14 @@ def attachment(
     ]
     if settings.inertia_relief:
         families.append(_inertia_relief(model, frame, space))
-    return finished(model, frame, families, "Attachment")
+    return replace(finished(model, frame, families, "Attachment"), space=space)
 
 
 def herting(
-    model: FiniteElementModel, frame: Frame, settings: HertingReduction
+    model: FiniteElementModel,
+    frame: Frame,
+    settings: HertingReduction,
+    space: Space | None = None,
 ) -> ReducedBasis:
     """Constraint modes, inertia-relief modes, and modes with free interfaces.
 
@@ -103,23 +117,26 @@ def herting(
     Source: D. Herting, "A general purpose, multi-stage, component modal synthesis
     method", Finite Elements in Analysis and Design 1, 1985.
     """
-    outer = admissible(model, frame, settings.fixed_names)
+    outer = space or admissible(model, frame, settings.fixed_names)
     inner, constraint = _constraint_modes(model, outer, settings)
     _, normal = outer.modes(settings.modes)
     relief = _inertia_relief(model, frame, inner)
     families = [Family("free-interface mode", normal), constraint, relief]
-    return finished(model, frame, families, "Herting")
+    return replace(finished(model, frame, families, "Herting"), space=outer)
 
 
 def krylov(
-    model: FiniteElementModel, frame: Frame, settings: KrylovReduction
+    model: FiniteElementModel,
+    frame: Frame,
+    settings: KrylovReduction,
+    space: Space | None = None,
 ) -> ReducedBasis:
     """Rational Krylov vectors that match the transfer functions between markers.
 
     See `krylov_vectors`. Of a body that its frame accelerates, the answers to uniform
     accelerations are matched as well.
     """
-    space = admissible(model, frame, settings.fixed_names)
+    space = space or admissible(model, frame, settings.fixed_names)
     rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
     loads = [rows.T]
     if not space.rigid.shape[1]:
@@ -132,7 +149,7 @@ def krylov(
         Family(f"at {f:g} Hz", shapes, tuple(f"{n} at {f:g} Hz" for n in names) * m)
         for f, shapes, m in krylov_vectors(space, columns[:, felt], settings)
     ]
-    return finished(model, frame, families, "Krylov")
+    return replace(finished(model, frame, families, "Krylov"), space=space)
 
 
 def _interface_rows(
@@ -167,7 +184,7 @@ def _inertia_relief(model: FiniteElementModel, frame: Frame, space: Space) -> Fa
     return Family("inertia-relief mode", shapes)
 
 
-Reduction = Callable[[FiniteElementModel, Frame, Any], ReducedBasis]
+Reduction = Callable[..., ReducedBasis]
 
 #: One line adds a method.
 REDUCTIONS: dict[str, Reduction] = {

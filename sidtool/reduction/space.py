@@ -89,6 +89,18 @@ class Space:
             )
         if count == 0:
             return np.zeros(0), np.zeros((self.transform.shape[0], 0))
+        if not self._found or count > len(self._found[0][0]):
+            self._found[:] = [self._lowest(count)]
+        values, shapes = self._found[0]
+        return values[:count], shapes[:, :count]
+
+    @cached_property
+    def _found(self) -> list[tuple[Array, Array]]:
+        """The modes that were asked for last."""
+        return []
+
+    def _lowest(self, count: int) -> tuple[Array, Array]:
+        skipped = self.rigid.shape[1]
         values, vectors = lowest_eigenpairs(
             self.stiffness,
             self.mass,

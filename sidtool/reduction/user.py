@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 
 
 def user_shapes(
-    model: FiniteElementModel, frame: Frame, settings: UserReduction
+    model: FiniteElementModel,
+    frame: Frame,
+    settings: UserReduction,
 ) -> ReducedBasis:
     """The columns of a matrix, made independent and orthonormal.
 

@@ -1,0 +1,246 @@
+"""How far a basis is from the full mesh: frequencies, and compliance where loads act.
+
+Both follow from the factors that the reduction made. Where the basis is poor, others
+are measured as well, so that what is advised is known to do better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.model.reduction import (
+    AttachmentReduction,
+    CraigBamptonReduction,
+    HertingReduction,
+    ReductionSettings,
+)
+
+from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
+from .basis import ReducedBasis, hertz
+from .frames import Frame, clamped_dofs, motion_names, motion_rows
+from .methods import REDUCTIONS
+from .space import Space
+
+Array = NDArray[np.float64]
+
+#: Frequencies that are compared; the error above which other methods are tried.
+_MODES, _POOR = 10, 0.01
+#: Errors below this are alike: the fewer shape functions, the better.
+_ALIKE = 1e-6
+#: Per cents that rounding may be.
+_ROUNDING = 1e-4
+#: Entries of the loads at markers above which nothing is measured.
+_LARGEST = 50_000_000
+_TITLES = {
+    "attachment": "attachment",
+    "herting": "Herting",
+    "craig_bampton": "Craig-Bampton",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class _Full:
+    """The full mesh: frequencies [Hz], loads (k, ndof) and their compliances (k,)."""
+
+    frequencies: Array
+    names: tuple[str, ...]
+    rows: Array
+    compliances: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Fidelity:
+    """Relative errors of a basis.
+
+    Attributes
+    ----------
+    frequencies : (n,) of the first ones; positive if too high
+    compliances : (k,) displacement along unit loads at markers; positive if too small
+    names : k texts
+    hertz : (n,) the frequencies of the full mesh
+    count : of shape functions
+    """
+
+    frequencies: Array
+    compliances: Array
+    names: tuple[str, ...]
+    hertz: Array
+    count: int
+
+    @property
+    def worst(self) -> float:
+        """The largest of all errors."""
+        both = np.concatenate([self.frequencies, self.compliances])
+        return float(np.abs(both).max(initial=0.0))
+
+
+def fidelity_sentence(
+    body: FiniteElementModel, frame: Frame, basis: ReducedBasis, model: ModelFile
+) -> tuple[str, bool] | None:
+    """What a basis errs by and what does better, and whether it errs by per cents.
+
+    None where nothing can be measured: the method solved no equations, or the markers
+    are too many.
+    """
+    settings, space = model.reduction, basis.space
+    if space is None:
+        return None
+    markers = _loaded(body, frame, settings)
+    if 6 * len(markers) * body.ndof > _LARGEST:
+        return None
+    try:
+        full = _full(body, space, markers, settings, len(basis.labels))
+        own = _measured(body, space, basis, full)
+        text = _said(own)
+        if own.worst <= _POOR:
+            return text, False
+        return f"{text}; {_advice(body, frame, space, full, markers, settings)}", True
+    except InputError as error:
+        return f"its errors cannot be measured: {error.problem}", False
+
+
+def _loaded(
+    body: FiniteElementModel, frame: Frame, settings: ReductionSettings
+) -> list[MarkerRows]:
+    """The interfaces, or all markers that can move."""
+    held = clamped_dofs(body, frame, settings.fixed_names)
+    chosen = settings.interface_names or [m.name for m in body.markers]
+    return [
+        marker
+        for marker in map(body.marker, chosen)
+        if not held[marker.displacement.indices].all()
+        and marker.name not in settings.fixed_names
+    ]
+
+
+def _turns(marker: MarkerRows, settings: ReductionSettings) -> bool:
+    """Whether moments are loads: as chosen, or where a marker has its own rotation."""
+    return bool(getattr(settings, "rotations", marker.gradient is None))
+
+
+def _full(
+    body: FiniteElementModel,
+    space: Space,
+    markers: list[MarkerRows],
+    settings: ReductionSettings,
+    count: int,
+) -> _Full:
+    turns = [_turns(marker, settings) for marker in markers]
+    pairs = list(zip(markers, turns, strict=True))
+    rows = [motion_rows(body, marker, rotations=turn) for marker, turn in pairs]
+    names = [motion_names(body, marker, rotations=turn) for marker, turn in pairs]
+    loads = np.vstack([np.zeros((0, body.ndof)), *rows])
+    compliances = np.einsum("ij,ji->i", loads, space.static(loads.T))
+    felt = compliances > 0
+    flat = np.array([name for group in names for name in group], object)
+    squares, _ = space.modes(min(_MODES, count))
+    return _Full(hertz(squares), tuple(flat[felt]), loads[felt], compliances[felt])
+
+
+def _measured(
+    body: FiniteElementModel, space: Space, basis: ReducedBasis, full: _Full
+) -> Fidelity:
+    shapes = basis.shapes
+    if space.rigid.shape[1]:
+        rigid = space.displacements(space.rigid)
+        momenta = body.mass @ rigid
+        shapes = shapes - rigid @ np.linalg.solve(momenta.T @ rigid, momenta.T @ shapes)
+    stiffness, mass = (shapes.T @ (a @ shapes) for a in (body.stiffness, body.mass))
+    squares, vectors = scipy.linalg.eigh(stiffness, mass)
+    motions = full.rows @ (shapes @ vectors)
+    compliances = (motions**2 / squares).sum(axis=1)
+    found = hertz(squares)[: len(full.frequencies)]
+    known = full.frequencies[: len(found)]
+    return Fidelity(
+        found / known - 1,
+        1 - compliances / full.compliances,
+        full.names,
+        known,
+        len(squares),
+    )
+
+
+def _said(errors: Fidelity) -> str:
+    i = int(np.abs(errors.frequencies).argmax())
+    text = (
+        f"its first {len(errors.frequencies)} frequencies err by at most "
+        f"{_percent(errors.frequencies[i])} (f{i + 1}, {errors.hertz[i]:.5g} Hz)"
+    )
+    if not len(errors.names):
+        return text
+    k = int(np.abs(errors.compliances).argmax())
+    return (
+        f"{text}, its compliance at the markers by {_percent(errors.compliances[k])} "
+        f"({errors.names[k]})"
+    )
+
+
+def _percent(share: float) -> str:
+    size = 100 * abs(share)
+    if size < _ROUNDING:
+        return f"less than {_ROUNDING:g} %"
+    return f"{size:.0f} %" if size >= 10 else f"{size:.2g} %"
+
+
+def _advice(
+    body: FiniteElementModel,
+    frame: Frame,
+    space: Space,
+    full: _Full,
+    markers: list[MarkerRows],
+    settings: ReductionSettings,
+) -> str:
+    """The best of some other methods, measured."""
+    tried = [
+        (
+            _measured(
+                body,
+                space,
+                REDUCTIONS[other.method](body, frame, other, space),
+                full,
+            ),
+            other,
+        )
+        for other in _others(settings, markers, len(full.frequencies))
+    ]
+    if not tried:
+        return "no marker moves"
+    best, other = min(
+        tried, key=lambda pair: (max(pair[0].worst, _ALIKE), pair[0].count)
+    )
+    errors = _percent(np.abs(best.frequencies).max())
+    if len(best.names):
+        errors += f" and {_percent(np.abs(best.compliances).max())}"
+    return (
+        f"{_TITLES[other.method]} with {other.modes} modes, {best.count} shape "
+        f"functions in all, by {errors}"
+    )
+
+
+def _others(
+    settings: ReductionSettings, markers: list[MarkerRows], count: int
+) -> Iterator[AttachmentReduction | HertingReduction | CraigBamptonReduction]:
+    """Other methods, with modes for as many frequencies as are compared."""
+    if not markers:
+        return
+    modes = max(getattr(settings, "modes", 0), count)
+    common: dict[str, Any] = {
+        "fix": settings.fix,
+        "interfaces": tuple(marker.name for marker in markers),
+        "rotations": all(_turns(marker, settings) for marker in markers),
+    }
+    if settings.method != "attachment":
+        yield AttachmentReduction(method="attachment", modes=modes, **common)
+    if settings.method != "herting":
+        yield HertingReduction(method="herting", modes=modes, **common)
+    if settings.interface_names:
+        more = CraigBamptonReduction(method="craig_bampton", modes=2 * modes, **common)
+        yield more
