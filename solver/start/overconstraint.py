@@ -108,11 +108,44 @@ def advice(system: System, rows: tuple[int, ...]) -> str:
     for name in names_of_rows(system, rows):
         counts[name] += 1
     return ", ".join(
-        f"{name} as a {freer} joint"
+        f"{name} as a {freer} joint{_axes(system, rows, name, freer)}"
         if freer
         else f"{name} with {counts[name]} constraint{'s'[: counts[name] > 1]} less"
         for name, freer in sorted(_freer(system, rows).items())
     )
+
+
+def _axes(system: System, rows: tuple[int, ...], name: str, freer: str) -> str:
+    """The axes of a freer joint that keeps the other constraints of a joint.
+
+    Other ones would make singular configurations of their own. Where nothing is said
+    the joint keeps its axis.
+    """
+    left: dict[int, list[Array]] = {at.ALONG: [], at.PERPENDICULAR: []}
+    kept: dict[int, list[Array]] = {at.ALONG: [], at.PERPENDICULAR: []}
+    for con in system.arrays.constraint:
+        row, kind = int(con[at.ROW]), int(con[at.KIND])
+        if kind in left and names_of_rows(system, (row,)) == [name]:
+            found = left if row in rows else kept
+            found[kind].append(system.arrays.pool[con[at.C_DATA] :][:6])
+    was = system.scene.joints[name].type
+    if freer == "universal":
+        axis, second = kept[at.PERPENDICULAR][0].reshape(2, 3)
+        return f" (axis = {_written(axis)}, second_axis = {_written(second)})"
+    if was not in ("revolute", "spherical", "fixed") or freer == "cylindrical":
+        return ""
+    slides = (kept if freer == "point_on_plane" else left)[at.ALONG]
+    if not slides:
+        return ""
+    axis = slides[0][:3]
+    if system.planar:
+        axis = np.array([np.cos(slides[0][0]), np.sin(slides[0][0])])
+    return f" (axis = {_written(axis)})"
+
+
+def _written(axis: Array) -> str:
+    """Digits enough for a direction at right angles to another one."""
+    return f"[{', '.join(f'{x:.10g}' for x in np.round(axis, 12) + 0.0)}]"
 
 
 def _freer(system: System, rows: tuple[int, ...]) -> dict[str, str | None]:

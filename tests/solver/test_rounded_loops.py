@@ -7,6 +7,8 @@ as they were rounded.
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -125,101 +127,140 @@ def test_analyses_meet_rounded_loops_as_well() -> None:
         assert any("rounding of the data" in note for note in found.notes)
 
 
+def door(digits: int | None, upper: str) -> SceneFile:
+    """A door on two hinges in line, the upper one of another type perhaps."""
+    axis = np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0)
+    markers = {
+        name: {"position": rounded(height * axis, digits)}
+        for name, height in (("low", 0.2), ("high", 1.83))
+    }
+    centre = axis + 0.7 * np.cross(axis, [0.0, 0.0, 1.0])
+    turned = {"axis": rounded(axis, digits)}
+    return scene(
+        {
+            "door": {
+                "mass": 20.0,
+                "inertia": [4.0, 6.0, 5.0],
+                "centre_of_mass": [float(x) for x in centre],
+                "markers": markers,
+                "initial": {"angular_velocity": [float(x) for x in axis]},
+            }
+        },
+        {
+            "l": {"type": "revolute", "markers": ["ground.low", "door.low"], **turned},
+            "u": {"type": upper, "markers": ["ground.high", "door.high"], **turned},
+        },
+        dimension="spatial",
+        gravity=[0.0, 0.0, -9.81],
+        ground={"markers": markers},
+        record=["door.x", "door.y", "door.low.x", "door.low.y", "l.angle"],
+    )
+
+
 @pytest.mark.parametrize("digits", [6, 10])
 @pytest.mark.parametrize("upper", ["revolute", "cylindrical"])
 def test_a_door_on_two_rounded_hinges_swings(upper: str, digits: int) -> None:
-    axis = np.array([1.0, 2.0, 3.0]) / math.sqrt(14.0)
-
-    def door(digits: int | None) -> SceneFile:
-        markers = {
-            name: {"position": rounded(height * axis, digits)}
-            for name, height in (("low", 0.2), ("high", 1.83))
-        }
-        centre = axis + 0.7 * np.cross(axis, [0.0, 0.0, 1.0])
-        turned = {"axis": rounded(axis, digits)}
-        return scene(
-            {
-                "door": {
-                    "mass": 20.0,
-                    "inertia": [4.0, 6.0, 5.0],
-                    "centre_of_mass": [float(x) for x in centre],
-                    "markers": markers,
-                    "initial": {"angular_velocity": [float(x) for x in axis]},
-                }
-            },
-            {
-                "l": {
-                    "type": "revolute",
-                    "markers": ["ground.low", "door.low"],
-                    **turned,
-                },
-                "u": {"type": upper, "markers": ["ground.high", "door.high"], **turned},
-            },
-            dimension="spatial",
-            gravity=[0.0, 0.0, -9.81],
-            ground={"markers": markers},
-            record=["l.angle"],
-        )
-
-    exact = simulate(compile_scene(door(None)), rtol=1e-9)
-    result = simulate(compile_scene(door(digits)), rtol=1e-9)
+    exact = simulate(compile_scene(door(None, upper)), rtol=1e-9)
+    result = simulate(compile_scene(door(digits, upper)), rtol=1e-9)
     assert np.ptp(exact["l.angle"]) > 0.3
     assert result["l.angle"] == pytest.approx(exact["l.angle"], abs=20.0 * 0.1**digits)
     assert any("as a spherical joint" in note for note in result.notes)
 
 
+def linkage(digits: int | None) -> SceneFile:
+    """A planar parallelogram with three cranks."""
+    length, angle = 1.0 / 3.0, 0.6
+    feet = [i * 2.0 / 7.0 for i in range(3)]
+    up = np.array([length * math.cos(angle), length * math.sin(angle)])
+    ends = {
+        f"p{i}": {"position": rounded([x, 0.0], digits)} for i, x in enumerate(feet)
+    }
+    bodies: dict[str, Any] = {
+        "bar": {
+            "mass": 1.0,
+            "inertia": 0.1,
+            "markers": ends,
+            "initial": {
+                "position": rounded(up, digits),
+                "velocity": [-8.0 * float(up[1]), 8.0 * float(up[0])],
+            },
+        }
+    }
+    joints = {}
+    for i, x in enumerate(feet):
+        tip = [length * math.cos(0.4 * i), length * math.sin(0.4 * i)]
+        bodies[f"c{i}"] = {
+            "mass": 0.2,
+            "inertia": 0.01,
+            "markers": {"e": {"position": rounded(tip, digits)}},
+            "initial": {
+                "position": rounded([x, 0.0], digits),
+                "angle": angle - 0.4 * i,
+                "angular_velocity": 8.0,
+            },
+        }
+        joints[f"f{i}"] = {"type": "revolute", "markers": [f"ground.p{i}", f"c{i}"]}
+        joints[f"h{i}"] = {"type": "revolute", "markers": [f"c{i}.e", f"bar.p{i}"]}
+    return scene(
+        bodies,
+        joints,
+        gravity=[0.0, -9.81],
+        ground={"markers": ends},
+        record=["bar.x", "bar.y"],
+        end=0.2,
+    )
+
+
 @pytest.mark.parametrize("digits", [4, 7])
 def test_a_planar_parallelogram_with_three_rounded_cranks_moves(digits: int) -> None:
     """From one side over the top to the other: what follows from the rest turns."""
-    length, angle = 1.0 / 3.0, 0.6
-
-    def linkage(digits: int | None) -> SceneFile:
-        feet = [i * 2.0 / 7.0 for i in range(3)]
-        up = np.array([length * math.cos(angle), length * math.sin(angle)])
-        ends = {
-            f"p{i}": {"position": rounded([x, 0.0], digits)} for i, x in enumerate(feet)
-        }
-        bodies: dict[str, Any] = {
-            "bar": {
-                "mass": 1.0,
-                "inertia": 0.1,
-                "markers": ends,
-                "initial": {
-                    "position": rounded(up, digits),
-                    "velocity": [-8.0 * float(up[1]), 8.0 * float(up[0])],
-                },
-            }
-        }
-        joints = {}
-        for i, x in enumerate(feet):
-            tip = [length * math.cos(0.4 * i), length * math.sin(0.4 * i)]
-            bodies[f"c{i}"] = {
-                "mass": 0.2,
-                "inertia": 0.01,
-                "markers": {"e": {"position": rounded(tip, digits)}},
-                "initial": {
-                    "position": rounded([x, 0.0], digits),
-                    "angle": angle - 0.4 * i,
-                    "angular_velocity": 8.0,
-                },
-            }
-            joints[f"f{i}"] = {"type": "revolute", "markers": [f"ground.p{i}", f"c{i}"]}
-            joints[f"h{i}"] = {"type": "revolute", "markers": [f"c{i}.e", f"bar.p{i}"]}
-        return scene(
-            bodies,
-            joints,
-            gravity=[0.0, -9.81],
-            ground={"markers": ends},
-            record=["bar.x", "bar.y"],
-            end=0.2,
-        )
-
     exact = simulate(compile_scene(linkage(None)), rtol=1e-9)
     result = simulate(compile_scene(linkage(digits)), rtol=1e-9)
     assert exact["bar.x"].min() < -0.05 and exact["bar.x"].max() > 0.2
     assert result.values == pytest.approx(exact.values, abs=20.0 * 0.1**digits)
     notes = " ".join(result.notes)
     assert "1 constraint follows from the others" in notes
+
+
+def advised(content: SceneFile, notes: tuple[str, ...]) -> SceneFile:
+    """The scene with the joints that a note names, each of the type that it names."""
+    (note,) = [note for note in notes if "rounding of the data" in note]
+    table = content.model_dump(by_alias=True, exclude_none=True)
+    told = re.findall(r"(\w+) as a (\w+) joint(?: \((axis = .*?\])\))?", note)
+    assert told and "less" not in note
+    for name, kind, axes in told:
+        joint = table["joints"][name]
+        joint["type"] = kind
+        if kind == "spherical":
+            del joint["axis"]
+        for key, numbers in re.findall(r"(\w*axis) = \[(.*?)\]", axes):
+            joint[key] = [float(x) for x in numbers.split(", ")]
+    table["outputs"]["record"] = [x for x in content.outputs.record if x[-2:-1] == "."]
+    return SceneFile.model_validate(table)
+
+
+@pytest.mark.parametrize("digits", [4, 5])
+@pytest.mark.parametrize(
+    "mechanism",
+    [
+        lambda digits: four_bar(digits, (1.0, 2.0, 2.0), True, 0.7),
+        lambda digits: four_bar(digits, (-0.4, 1.3, 0.9), False, 2.0),
+        lambda digits: door(digits, "revolute"),
+        lambda digits: door(digits, "cylindrical"),
+        linkage,
+    ],
+)
+def test_the_advised_joints_move_the_same_without_contradiction(
+    mechanism: Callable[[int | None], SceneFile], digits: int
+) -> None:
+    """No constraint is too many, and no singular configuration comes with them."""
+    exact = simulate(compile_scene(mechanism(None)), rtol=1e-9)
+    first = simulate(compile_scene(mechanism(digits)), rtol=1e-9)
+    result = simulate(compile_scene(advised(mechanism(digits), first.notes)), rtol=1e-9)
+    for note in result.notes:
+        assert "over-constrained" not in note and "singular" not in note
+    for name in result.names:
+        assert result[name] == pytest.approx(exact[name], abs=100.0 * 0.1**digits)
 
 
 def test_contradictions_beyond_rounding_are_refused() -> None:
