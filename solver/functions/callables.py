@@ -16,8 +16,8 @@ from numpy.polynomial import chebyshev
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
-from ..kink_places import with_kinks
 from .chebyshev_pieces import Scan, Series, halved
+from .kink_places import with_kinks
 from .smoothness import SHORT, check_rates, kinks
 
 #: A function of time, or one with its first derivative, or with its first two.

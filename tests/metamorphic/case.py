@@ -100,9 +100,11 @@ def measured(case: Case, result: Result) -> Values:
     """The measures of a case out of a result."""
     zero = np.zeros(len(result.t))
     return {
-        measure: np.column_stack(
-            [zero if name is None else result[name] for name in names]
+        measure: np.stack(
+            [zero if name is None else result[name] for name in names], axis=1
         )
+        if names
+        else np.zeros((len(result.t), 0))
         for measure in case.measures
         for names in [components(case, measure)]
     }

@@ -79,7 +79,13 @@ def exchanged(case: Case, rng: Random) -> Said:
     signs: dict[tuple[str, str], float] = {}
     swapped = set()
     for name, joint in table["joints"].items():
-        if joint["type"] in ("planar", "point_on_line", "point_on_plane", "gear"):
+        if joint["type"] in (
+            "planar",
+            "point_on_line",
+            "point_on_plane",
+            "gear",
+            "coupling",
+        ):
             continue
         joint["markers"] = joint["markers"][::-1]
         swapped.add(name)
@@ -126,7 +132,7 @@ def _cross_universals(table: Table, signs: dict[tuple[str, str], float]) -> None
         if "joint" in part:
             part["coordinate"] = other(part["joint"], part["coordinate"])
     for joint in table["joints"].values():
-        if joint["type"] == "gear":
+        if "joints" in joint:
             pairs = zip(joint["joints"], joint["coordinate"], strict=True)
             joint["coordinate"] = [other(*pair) for pair in pairs]
 
@@ -164,7 +170,7 @@ def used_coordinates(table: Table) -> set[tuple[str, str]]:
     users = (*table["drives"].values(), *table["forces"].values())
     used = {(u["joint"], u["coordinate"]) for u in users if "joint" in u}
     for joint in table["joints"].values():
-        if joint["type"] == "gear":
+        if "joints" in joint:
             used |= set(zip(joint["joints"], joint["coordinate"], strict=True))
     return used
 
@@ -241,6 +247,21 @@ def _spatial_joint(joint: Table) -> Change | None:
         line = {"type": "point_on_line", "markers": markers, "axis": [0.3, -0.5, 0.8]}
         return [line, line | {"type": "point_on_plane"}], None
     return None
+
+
+def couplings(case: Case, rng: Random) -> Said | None:
+    """Gears as couplings, and couplings of two joints as gears."""
+    table = copied(case)
+    for name, joint in table["joints"].items():
+        where = {key: joint[key] for key in ("joints", "coordinate") if key in joint}
+        if joint["type"] == "gear":
+            weights = {"weights": [-joint["ratio"], 1.0], "offset": joint["offset"]}
+            table["joints"][name] = {"type": "coupling", **weights, **where}
+        elif joint["type"] == "coupling" and len(joint["joints"]) == 2:
+            first, second = joint["weights"]
+            ratio = {"ratio": -first / second, "offset": joint["offset"] / second}
+            table["joints"][name] = {"type": "gear", **ratio, **where}
+    return None if table == case.table else Said(with_table(case, table))
 
 
 def springs(case: Case, rng: Random) -> Said | None:

@@ -57,8 +57,8 @@ def violations(case: Case, rtol: float) -> dict[str, tuple[float, float]]:
         "energy": (_energy(found), WITHIN * rtol),
         "kinetic energy of the particles": (_kinetic(bodies, found), PARTICLES),
     }
-    # gears act on the coordinates of two joints: their wrenches are not told
-    if all(joint["type"] != "gear" for joint in case.table["joints"].values()):
+    # gears and couplings act on coordinates of joints: their wrenches are not told
+    if not any("joints" in joint for joint in case.table["joints"].values()):
         impulses = _impulses(seen, bodies, loads, found)
         laws["momenta and impulses of each body"] = (impulses, IMPULSES)
     return laws
@@ -119,8 +119,10 @@ def _loads(case: Case) -> Iterator[Load]:
         if "markers" in joint:
             yield name, joint["markers"][0], joint["markers"][1]
     for name, drive in table["drives"].items():
-        first, second = table["joints"][drive["joint"]]["markers"]
-        yield name, first, second
+        if "marker" in drive:
+            yield name, drive["reference"], drive["marker"]
+        else:
+            yield name, *table["joints"][drive["joint"]]["markers"]
     for name, force in table["forces"].items():
         if "marker" in force:
             yield name, None, force["marker"]

@@ -16,7 +16,7 @@ import numpy as np
 from sidtool.formats.scene import as_3d
 from sidtool.rereference import changed, frame_change
 
-from . import functions
+from . import damping, functions
 from .case import Case, Table, Values, run
 from .differences import difference, magnitude, variation
 from .ingredients import Random
@@ -32,46 +32,71 @@ from .said import (
     with_table,
     without,
 )
+from .scenes import at_instant, settled
 
 #: Loads of the two small motions, relative to those of the scene, and their request.
-LOADS, RTOL = (1e-2, 1e-3), 1e-8
+LOADS, RTOL = (1e-3, 1e-4), 1e-8
 #: More than a tenth of a relative difference is not left under a tenth of the load, but
 #: for what has not yet grown with the larger one: a vibration may be back in phase.
 LEFT = 0.3
-#: Length of the run that tells the start [s]; what is computed at one instant is equal
-#: to so small a part of what two runs may differ by.
-INSTANT, SHARP = 1e-6, 1e-3
+#: Shares of the elastic rates at two starts; one instant may differ by so small a part
+#: of what two runs may.
+RATES, SHARP = (1e-3, 1e-4), 1e-3
 
 
 def at_the_start(case: Case, rng: Random) -> Said | None:
-    """Accelerations and forces at the start, where no body is deformed."""
-    if not case.sids:
+    """Accelerations and forces at the start, where no body is deformed.
+
+    Elastic rates are slow: of second order in them the accelerations differ.
+    """
+    if not case.sids or _is_deformed(case):
         return None
+    case = damping.as_matrices(case)
     measures = [f"{name}.a" for name in case.table["bodies"] if name not in case.sids]
     for name, body in case.table["bodies"].items():
         measures += [f"{name}.{marker}.a" for marker in body["markers"]]
     for name, joint in case.table["joints"].items():
         if "markers" in joint:
             measures += [f"{name}.f", f"{name}.m"]
-    start = case.table["time"]["start"]
-    instant = {"start": start, "end": start + INSTANT, "output_step": INSTANT}
-    base = replace(case, table=case.table | {"time": instant}, measures=tuple(measures))
+    seen = replace(case, measures=tuple(measures))
+    bases = [at_instant(settled(_slow(seen, rate))) for rate in RATES]
+    seed = int(rng.integers(1 << 30))
+    others = [_elsewhere(base, np.random.default_rng(seed)) for base in bases]
+    sizes = partial(magnitude, share=SHARP)
+
+    def slack(exact: Values) -> float:
+        large = [run(case) for case in (others[0], bases[0])]
+        return (
+            LEFT
+            * RATES[1]
+            / RATES[0]
+            * difference(first(large[0]), first(large[1]), sizes)[0]
+        )
 
     def first(values: Values) -> Values:
         return {name: value[:1] for name, value in values.items()}
 
-    sizes = partial(magnitude, share=SHARP)
-    return Said(_elsewhere(base, rng), first, base=base, sizes=sizes)
+    return Said(others[1], first, slack, base=bases[1], sizes=sizes)
+
+
+def _slow(case: Case, rate: float) -> Case:
+    table = copied(case)
+    for name in case.sids:
+        initial = table["bodies"][name]["initial"]
+        rates = rate * np.array(initial["elastic_velocity"])
+        initial["elastic_velocity"] = rates.tolist()
+    return with_table(case, table)
 
 
 def small_motion(case: Case, rng: Random) -> Said | None:
-    """The motion under a thousandth of all loads and speeds."""
-    if not case.sids:
+    """The motion under a ten-thousandth of all loads and speeds."""
+    if not case.sids or _is_deformed(case):
         return None
+    case = damping.as_matrices(case)
     bases = [small(case, load) for load in LOADS]
     seed = int(rng.integers(1 << 30))
     others = [_elsewhere(base, np.random.default_rng(seed)) for base in bases]
-    sizes = partial(variation, least=1e-6 * LOADS[1])
+    sizes = partial(variation, least=1e-5 * LOADS[1])
     flexible = set(case.sids)
 
     def back(values: Values) -> Values:
@@ -91,6 +116,10 @@ def small_motion(case: Case, rng: Random) -> Said | None:
     return Said(others[1], back, slack, base=bases[1], sizes=sizes)
 
 
+def _is_deformed(case: Case) -> bool:
+    return any("elastic" in body["initial"] for body in case.table["bodies"].values())
+
+
 def small(case: Case, load: float) -> Case:
     """The case with all that moves it multiplied, about the places that it starts in.
 
@@ -103,7 +132,7 @@ def small(case: Case, load: float) -> Case:
     for force in table["forces"].values():
         _weaken(force, load)
     for body in table["bodies"].values():
-        for key in ("velocity", "angular_velocity", "elastic_velocity", "elastic"):
+        for key in ("velocity", "angular_velocity", "elastic_velocity"):
             if key in body["initial"]:
                 body["initial"][key] = (load * np.array(body["initial"][key])).tolist()
     return with_table(case, table)

@@ -10,6 +10,7 @@ from sidtool.formats.scene import as_3d
 from sidtool.formats.sid import Array, rigid_node, rigid_sid
 from tests.bodies import Cloud
 
+from . import damping
 from .case import Case, Table, Values
 from .ingredients import Random, any_pose, unit
 from .poses import Pose, replaced, turned
@@ -137,6 +138,8 @@ def mixed_coordinates(case: Case, rng: Random) -> Said | None:
         initial = table["bodies"][name]["initial"]
         rates = np.linalg.solve(T, initial["elastic_velocity"])
         initial["elastic_velocity"] = rates.tolist()
+        if "elastic" in initial:
+            initial["elastic"] = np.linalg.solve(T, initial["elastic"]).tolist()
 
     def back(values: Values) -> Values:
         return {
@@ -211,8 +214,10 @@ def split_bodies(case: Case, rng: Random) -> Said | None:
     for part in (*table["joints"].values(), *table["forces"].values()):
         if "markers" in part:
             part["markers"] = [moved.get(text, text) for text in part["markers"]]
-        if "marker" in part:
-            part["marker"] = moved.get(part["marker"], part["marker"])
+    for part in (*table["drives"].values(), *table["forces"].values()):
+        for key in ("marker", "reference"):
+            if key in part:
+                part[key] = moved.get(part[key], part[key])
     names_of = {
         f"{moved.get(m.rpartition('.')[0], m.rpartition('.')[0])}.{kind(m)}": m
         for m in case.measures
@@ -228,6 +233,7 @@ def tools(case: Case, rng: Random) -> Said | None:
     """
     if not case.sids:
         return None
+    case = damping.as_matrices(case)  # which follow the mass of the body
     table, sids, planar = copied(case), dict(case.sids), case.planar
     name = str(rng.choice(sorted(case.sids)))
     sid, k = case.sids[name], str(rng.integers(2, 5))
@@ -243,11 +249,13 @@ def tools(case: Case, rng: Random) -> Said | None:
         blocks[block] = replace(one, m0=one.m0 + other.m0, m1=first)
     sids[name] = replace(sid, mass=sid.mass - mass, **blocks)
     initial = table["bodies"][name]["initial"]
-    pose = Pose.of(initial).then(Pose(node.position, np.eye(3)))
+    q = np.array(initial.get("elastic", np.zeros(sid.nq)))
+    place = node.position + node.phi.m0 @ q
+    pose = Pose.of(initial).then(Pose(place, np.eye(3)))
     w = as_spin(initial["angular_velocity"])
     rates = np.array(initial["elastic_velocity"])
     R = Pose.of(initial).R
-    velocity = as_3d(initial["velocity"]) + np.cross(w, R @ node.position)
+    velocity = as_3d(initial["velocity"]) + np.cross(w, R @ place)
     velocity = velocity + R @ node.phi.m0 @ rates
     w = w + R @ node.psi.m0 @ rates
     tiny = 1e-10
@@ -265,8 +273,9 @@ def tools(case: Case, rng: Random) -> Said | None:
             planar,
         ),
     }
+    # a node that starts deformed has turned: there the tool is held by its place alone
     table["joints"]["tool_joint"] = {
-        "type": "fixed",
+        "type": "coincident" if q.any() else "fixed",
         "markers": [f"{name}.{k}", "tool"],
     }
     said = with_table(case, table, sids=sids)

@@ -6,10 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from .additions import add_more, deformed
 from .case import Case, Table, run
 from .ingredients import Random, coordinates_of
 from .loads import add_forces
 from .sketch import Sketch
+from .states import started_at, with_corners
 
 #: Joints all of whose motion their coordinates tell.
 DRIVEN = {
@@ -37,9 +39,13 @@ def random_scene(seed: int) -> Case:
     if sketch.chance(0.3):
         sketch.couple()
     add_forces(sketch)
+    add_more(sketch, seed)
     for body in sketch.table["bodies"].values():
         _push(rng, body["initial"], sketch.planar)
-    return with_measures(settled(sketch.case()), forces=seed % 3 == 0)
+    case = sketch.case()
+    if deformed(sketch, seed):
+        case = placed(case)
+    return with_measures(settled(case), forces=seed % 3 == 0)
 
 
 def driven_scene(seed: int) -> Case:
@@ -62,6 +68,19 @@ def _push(rng: Random, initial: Table, planar: bool) -> None:
     initial["angular_velocity"] = float(spin[2]) if planar else spin.tolist()
 
 
+def placed(case: Case) -> Case:
+    """The case with its bodies where the assembly puts them."""
+    seen = with_corners(at_instant(case))
+    return replace(case, table=started_at(case, seen, run(seen, keep_joints=True), 0))
+
+
+def at_instant(case: Case) -> Case:
+    """The case with a run that hardly leaves the start."""
+    start = case.table["time"]["start"]
+    instant = {"start": start, "end": start + 1e-6, "output_step": 1e-6}
+    return replace(case, table=case.table | {"time": instant})
+
+
 def settled(case: Case) -> Case:
     """The case with initial velocities that its joints and drives allow.
 
@@ -74,10 +93,7 @@ def settled(case: Case) -> Case:
     looks = replace(
         case, measures=tuple(f"{n}.{kind}" for n, ks in kinds.items() for kind in ks)
     )
-    start = case.table["time"]["start"]
-    instant = {"start": start, "end": start + 1e-6, "output_step": 1e-6}
-    looks = replace(looks, table=case.table | {"time": instant})
-    found = run(looks, keep_joints=True)
+    found = run(at_instant(looks), keep_joints=True)
     bodies = {}
     for name, body in case.table["bodies"].items():
         v, w = found[f"{name}.v"][0], found[f"{name}.w"][0]

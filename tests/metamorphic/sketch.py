@@ -183,7 +183,9 @@ class Sketch:
             del self.table["joints"][label]
 
     def undriven(self) -> list[tuple[str, str]]:
-        driven = {(d["joint"], d["coordinate"]) for d in self.table["drives"].values()}
+        driven = {
+            (d.get("joint"), d["coordinate"]) for d in self.table["drives"].values()
+        }
         return [key for key in self.coordinates if key not in driven]
 
     def independent(self) -> bool:

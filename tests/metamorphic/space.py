@@ -26,6 +26,10 @@ def in_space(case: Case, rng: Random) -> Said | None:
     """
     if not case.planar:
         return None
+    if any(
+        "marker" in d and "angle" in d.values() for d in case.table["drives"].values()
+    ):
+        return None  # space prescribes a whole rotation
     turned = _turned(case)
     used = {name for name, _ in used_coordinates(case.table)}
     if turned & (used | set(case.table["forces"])):
@@ -105,7 +109,7 @@ def _joints(table: Table) -> dict[str, Table] | None:
 
     found: dict[str, Table] = {}
     for name, joint in table["joints"].items():
-        if joint["type"] == "gear":
+        if "joints" in joint:
             found[name] = joint
             continue
         first, second = (root(text.split(".")[0]) for text in joint["markers"])

@@ -6,7 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from . import continued, descriptions, rereferenced, rewritten_bodies, space, worlds
+from . import (
+    continued,
+    damping,
+    descriptions,
+    rereferenced,
+    rewritten_bodies,
+    space,
+    units,
+    worlds,
+)
 from .case import Case, Values, run
 from .differences import WITHIN, difference
 from .ingredients import Random
@@ -26,7 +35,7 @@ TRANSFORMATIONS: dict[str, Transformation] = {
     "mirrored": worlds.mirrored,
     "boosted and falling": worlds.boosted,
     "later": worlds.later,
-    "units": worlds.in_units,
+    "units": units.in_units,
     "plane as space": space.in_space,
     "rigid bodies split": rewritten_bodies.split_bodies,
     "frames of rigid bodies": rewritten_bodies.moved_frames,
@@ -42,6 +51,8 @@ TRANSFORMATIONS: dict[str, Transformation] = {
     "springs as actuators and tables": descriptions.springs,
     "forces halved": descriptions.halved_forces,
     "continued": continued.continued,
+    "couplings as gears": descriptions.couplings,
+    "dampings as matrices": damping.in_sids,
 }
 
 

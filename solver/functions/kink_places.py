@@ -15,8 +15,8 @@ from numpy.polynomial import Chebyshev, chebyshev
 
 from sidtool.formats.sid import Array
 
-from .functions.chebyshev_pieces import Series
-from .functions.smoothness import valleys
+from .chebyshev_pieces import Series
+from .smoothness import valleys
 
 #: Pieces around a kink are shorter than this part of the longest one.
 SHORT = 0.5
