@@ -52,7 +52,7 @@ def tied(body: FiniteElementModel, model: ModelFile) -> FiniteElementModel:
         return body
     placed = {marker.name: marker for marker in body.markers}
     markers: list[MarkerRows] = []
-    rigid: dict[str, Indices] = {}
+    rigid = dict(body.rigid_sets)
     notes: list[str] = []
     for name, settings in model.markers.items():
         if settings.tie is None:
@@ -67,7 +67,8 @@ def tied(body: FiniteElementModel, model: ModelFile) -> FiniteElementModel:
             rows = _fitted_rows(body, name, settings.node, held)
         markers.append(carried(rows, place.position))
         notes += _notes(body, name, settings.tie, held, place)
-        if settings.tie.type == "rigid":
+        known = any(np.array_equal(held.nodes, own) for own in rigid.values())
+        if settings.tie.type == "rigid" and not known:
             rigid[name] = held.nodes
     return replace(
         body,
@@ -75,6 +76,22 @@ def tied(body: FiniteElementModel, model: ModelFile) -> FiniteElementModel:
         rigid_sets=rigid,
         notes=(*body.notes, *notes),
     )
+
+
+def fitted_to(body: FiniteElementModel, name: str, nodes: Indices) -> MarkerRows:
+    """The motion of the centre of some nodes, each of which weighs alike.
+
+    Raises
+    ------
+    InputError : they do not tell how it turns.
+    """
+    n = len(body.positions)
+    mass = sp.csr_matrix((np.ones(nodes.size), (nodes, nodes)), shape=(n, n))
+    centre = np.pad(body.positions[nodes].mean(axis=0), (0, 3 - body.dimension))
+    try:
+        return _fitted_rows(body, name, 0, _Held(nodes, None, mass, centre))
+    except InputError as error:
+        raise InputError(f"{name}: {error.problem}", expected=error.expected) from None
 
 
 @dataclass(frozen=True, eq=False)

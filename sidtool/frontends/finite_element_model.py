@@ -15,6 +15,7 @@ from sidtool.formats.sid_mass import skew
 
 from .beam_material import BeamMaterial
 from .continuum import Continuum
+from .couplings import Coupling, PointMass
 from .inertia_points import InertiaPoints
 from .surface import Surface
 
@@ -97,7 +98,9 @@ class FiniteElementModel:
         x, y, z and the rotation about x, y, z of every node; -1 where there is none
     internal : (n,) which rows of `positions` are no places but functions that vanish
         in rigid motion: the internal modes of elements, near whose middle they stand
-    rigid_sets : marker name -> nodes that move as one rigid piece around the marker
+    rigid_sets : name of a marker or a piece -> nodes that move as one rigid piece
+    pieces : rigid pieces that are no markers of the model file
+    couplings, point_masses : what the file of the body says beside its elements
     continua : the material of solid elements, for stresses
     beam_material : the material of beam elements, for stress resultants
     surface : what named edges, faces or node sets span together; None if their nodes
@@ -117,6 +120,9 @@ class FiniteElementModel:
     dof_table: Indices | None = None
     internal: NDArray[np.bool_] | None = None
     rigid_sets: Mapping[str, Indices] = field(default_factory=dict)
+    pieces: tuple[MarkerRows, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+    point_masses: tuple[PointMass, ...] = ()
     continua: tuple[Continuum, ...] = ()
     beam_material: BeamMaterial | None = None
     surface: Callable[[tuple[str, ...]], Surface | None] = _apart
@@ -170,7 +176,8 @@ class FiniteElementModel:
 
     def marker(self, name: str) -> MarkerRows:
         """The marker with this name."""
-        return next(marker for marker in self.markers if marker.name == name)
+        known = (*self.markers, *self.pieces)
+        return next(marker for marker in known if marker.name == name)
 
     def dofs(self, nodes: Indices) -> Indices:
         """The degrees of freedom of some nodes, node by node, rotations included."""

@@ -18,6 +18,7 @@ from .conformity import check_conforming
 from .contact import check_contact
 from .finite_element_model import FiniteElementModel, still
 from .geometry_mass import GeometryMass
+from .imported_couplings import body_couplings, body_masses
 from .mesh import Mesh, check_mesh, without_free_nodes
 from .mesh_moments import mesh_moments
 from .mesh_points import MeshPoints, position_of
@@ -53,7 +54,9 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     try:
         whole = _scaled(imported.mesh, geometry, settings, units)
         mesh = without_free_nodes(whole)
-        check_mesh(mesh, "mesh")
+        couplings = body_couplings(imported, whole, mesh, model)
+        masses = body_masses(imported, couplings, mesh, units)
+        check_mesh(mesh, "mesh", [c.nodes for c in couplings if c.rigid])
         check_conforming(mesh, "mesh")
         check_contact(mesh, "mesh")
         own = _own_materials(imported, geometry, units)
@@ -68,9 +71,10 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     continua = mesh_continua(mesh, materials, state, incompatible_modes=True)
     points = MeshPoints(mesh, continua)
     markers = []
+    apart = {name for coupling in couplings for name in coupling.markers}
     for name, marker in placed(model.markers):
         with at_marker(name):
-            if marker.tie is None:
+            if marker.tie is None and name not in apart:
                 where = position_of(mesh, marker)
                 markers.append(points.rows(name, marker.node, where))
             else:
@@ -85,6 +89,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         markers=tuple(markers),
         continua=continua,
         solids=SolidMesh(mesh, materials, state, incompatible_modes=True),
+        couplings=couplings,
+        point_masses=masses,
         notes=(*imported.notes, *_notes(model, imported, own)),
         geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
     )

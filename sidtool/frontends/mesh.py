@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -61,8 +61,14 @@ class Mesh:
         return self.positions.shape[1]
 
 
-def check_mesh(mesh: Mesh, place: str = "geometry") -> None:
+def check_mesh(
+    mesh: Mesh, place: str = "geometry", joined: Sequence[Indices] = ()
+) -> None:
     """Whether a mesh is one body of sound elements.
+
+    Parameters
+    ----------
+    joined : groups of nodes that are held together beside the elements
 
     Raises
     ------
@@ -85,7 +91,7 @@ def check_mesh(mesh: Mesh, place: str = "geometry") -> None:
             place=place,
             expected="a mesh without free nodes",
         )
-    _check_connected(mesh, place)
+    _check_connected(mesh, place, joined)
 
 
 def without_free_nodes(mesh: Mesh) -> Mesh:
@@ -174,10 +180,11 @@ def _refuse(
     )
 
 
-def _check_connected(mesh: Mesh, place: str) -> None:
+def _check_connected(mesh: Mesh, place: str, joined: Sequence[Indices]) -> None:
     n = len(mesh.positions)
-    first = [np.repeat(b.nodes[:, 0], b.nodes.shape[1] - 1) for b in mesh.blocks]
-    others = [b.nodes[:, 1:].ravel() for b in mesh.blocks]
+    groups = [*(b.nodes for b in mesh.blocks), *(g[None] for g in joined if g.size)]
+    first = [np.repeat(g[:, 0], g.shape[1] - 1) for g in groups]
+    others = [g[:, 1:].ravel() for g in groups]
     i, j = np.concatenate(first), np.concatenate(others)
     graph = sp.csr_matrix((np.ones(len(i), np.int8), (i, j)), shape=(n, n))
     count, part = connected_components(graph, directed=False)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from sidtool.formats.model import ModelFile
 
+from ..coupled import coupled
 from ..interfaces import tied
 from .beam import beam_model
 from .finite_element_model import FiniteElementModel
@@ -42,4 +43,4 @@ def finite_element_model(model: ModelFile) -> FiniteElementModel:
     InputError : names the key that is wrong.
     """
     body = FRONTENDS[model.geometry.type, model.discretisation.type](model)
-    return tied(body, model)
+    return tied(coupled(body), model)

@@ -1,4 +1,5 @@
-"""Nastran bulk data (.bdf, .nas, .dat): solids and plane elements, MAT1, sets.
+"""Nastran bulk data (.bdf, .nas, .dat): solids and plane elements, MAT1, sets,
+coordinate systems of nodes, RBE2, RBE3 and CONM2.
 
 Every card is read, listed as without effect on a linear elastic body, or refused.
 """
@@ -13,10 +14,14 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import Material
 
 from .bdf_cards import Card, members, read_cards
+from .bdf_couplings import conm2, rbe2, rbe3
+from .bdf_systems import System, basic_places, systems_of
 from .imported import (
     EVERYTHING,
     ImportedMesh,
+    RawCoupling,
     RawElement,
+    RawMass,
     assembled_mesh,
     reading_notes,
 )
@@ -39,8 +44,8 @@ _ORDERS = {
 }
 #: Loads, supports, results, and data beyond linear elasticity.
 _IDLE = """
-    ACCEL ACCEL1 ASET ASET1 AUTOSPC BSET BSET1 CORD1C CORD1R CORD1S CORD2C CORD2R
-    CORD2S CSET CSET1 DAREA DCONSTR DELAY DESVAR DLOAD DPHASE DRESP1 DVPREL1 EIGB EIGC
+    ACCEL ACCEL1 ASET ASET1 AUTOSPC BSET BSET1 CSET CSET1 DAREA
+    DCONSTR DELAY DESVAR DLOAD DPHASE DRESP1 DVPREL1 EIGB EIGC
     EIGP EIGR EIGRL FORCE FORCE1 FORCE2 FREQ FREQ1 FREQ2 FREQ3 FREQ4 FREQ5 GRAV LOAD
     LSEQ MAT4 MATS1 MOMENT MOMENT1 MOMENT2 NLPARM NLPCI OMIT OMIT1 PLOAD PLOAD1 PLOAD2
     PLOAD4 PLOTEL QSET QSET1 RANDPS RFORCE RLOAD1 RLOAD2 SPCADD SPCD SPCR SUPORT
@@ -59,6 +64,11 @@ class _Content:
     sets: dict[str, list[int]] = field(default_factory=dict)
     said: dict[str, None] = field(default_factory=dict)
     weight: float = 1.0
+    couplings: list[RawCoupling] = field(default_factory=list)
+    masses: list[RawMass] = field(default_factory=list)
+    systems: dict[int, System] = field(default_factory=dict)
+    local: dict[int, tuple[int, str]] = field(default_factory=dict)
+    system: int = 0
 
 
 def read_bdf(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
@@ -103,17 +113,17 @@ def _grid(content: _Content, card: Card) -> None:
     label = card.integer(0, "a node number")
     if label in content.nodes:
         raise _twice("node", label, card)
-    _only_zero(
-        card, (1, 7), f"node {label} is given in a coordinate system or a superelement"
-    )
+    _only_zero(card, (7,), f"node {label} belongs to a superelement")
     x, y, z = (card.real(i, "a coordinate") for i in (2, 3, 4))
     content.nodes[label] = (x, y, z)
+    content.local[label] = (card.integer(1, "a coordinate system", -1), card.place)
     if card.word(6):
         content.said["PS of GRID (supports)"] = None
 
 
 def _grdset(content: _Content, card: Card) -> None:
-    _only_zero(card, (1, 7), "gives all nodes a coordinate system")
+    _only_zero(card, (7,), "gives all nodes a superelement")
+    content.system = card.integer(1, "a coordinate system", 0)
 
 
 def _only_zero(card: Card, places: tuple[int, ...], problem: str) -> None:
@@ -218,6 +228,28 @@ def _set1(content: _Content, card: Card) -> None:
     content.sets[name] = list(members(card.words[1:], card.place))
 
 
+def _system(content: _Content, card: Card) -> None:
+    for system in systems_of(card):
+        if system.label in content.systems:
+            raise _twice("coordinate system", system.label, card)
+        content.systems[system.label] = system
+
+
+def _rigid(content: _Content, card: Card) -> None:
+    content.couplings.append(rbe2(card))
+
+
+def _mean(content: _Content, card: Card) -> None:
+    coupling, weights = rbe3(card)
+    content.couplings.append(coupling)
+    if weights:
+        content.said["weights of RBE3: its nodes weigh alike here"] = None
+
+
+def _mass(content: _Content, card: Card) -> None:
+    content.masses.append(conm2(card))
+
+
 def _param(content: _Content, card: Card) -> None:
     if card.word(0).upper() == "WTMASS":
         content.weight = card.real(1, "a factor", 1.0)
@@ -235,10 +267,20 @@ _READERS: dict[str, Callable[[_Content, Card], None]] = {
     "SPC1": _spc1,
     "SET1": _set1,
     "PARAM": _param,
+    "RBE2": _rigid,
+    "RBE3": _mean,
+    "CONM2": _mass,
+    **dict.fromkeys(("CORD2R", "CORD2C", "CORD2S"), _system),
+    **dict.fromkeys(("CORD1R", "CORD1C", "CORD1S"), _system),
 }
 
 
 def _imported(content: _Content) -> ImportedMesh:
+    given = {
+        n: (content.system if s < 0 else s, p) for n, (s, p) in content.local.items()
+    }
+    local = {n: (system, place) for n, (system, place) in given.items() if system}
+    content.nodes.update(basic_places(content.nodes, local, content.systems))
     raw = []
     for label, property_, kind, nodes, place in content.elements:
         material, depth = content.properties.get(property_, (None, None))
@@ -254,7 +296,14 @@ def _imported(content: _Content) -> ImportedMesh:
         if own is not None
     }
     mesh = assembled_mesh(content.nodes, raw, content.sets)
-    return ImportedMesh(mesh, materials, notes=tuple(notes))
+    masses = [mass.scaled(content.weight) for mass in content.masses]
+    return ImportedMesh(
+        mesh,
+        materials,
+        notes=tuple(notes),
+        couplings=tuple(content.couplings),
+        masses=tuple(masses),
+    )
 
 
 def _twice(what: str, name: object, card: Card) -> InputError:

@@ -150,9 +150,8 @@ def _rows(content: _Content) -> Iterator[tuple[list[str], list[str]]]:
     """The integers and what follows them in the lines of a block, until its end."""
     found = _FORMAT.search(content.next())
     if found is None:
-        raise InputError(
-            "has no format", place=content.place, expected="a line like (3i9,6e21.13e3)"
-        )
+        wanted = "a line like (3i9,6e21.13e3)"
+        raise InputError("has no format", place=content.place, expected=wanted)
     count, width, _, wide = (int(x) if x else 0 for x in found.groups())
     while True:
         line = content.next()
@@ -188,11 +187,8 @@ def _check_count(name: str, announced: int | None, found: int) -> None:
 
 def _add_node(content: _Content, label: int, words: list[str]) -> None:
     if label in content.nodes:
-        raise InputError(
-            f"node {label} is defined twice",
-            place=content.place,
-            expected="one definition",
-        )
+        what = f"node {label} is defined twice"
+        raise InputError(what, place=content.place, expected="one definition")
     given = [word.strip() or "0" for word in words[:3]]
     x, y, z = (*numbers(given, content.place, "coordinates"), 0.0, 0.0, 0.0)[:3]
     content.nodes[label] = (x, y, z)
@@ -239,10 +235,7 @@ def _now(name: str) -> Callable[[_Content, list[str]], None]:
 
 
 def _single(content: _Content, words: list[str]) -> None:
-    """EN, number, nodes: with the type and the material that hold at this line.
-
-    As EWRITE has it: EN,R5.5,ATTR,-1 ends the elements.
-    """
+    """EN, number, nodes, of the type and material here; EN,R5.5,ATTR,-1 is the end."""
     if words[1].upper().startswith("R5") and words[3:4] == ["-1"]:
         return
     label, *nodes = integers([word for word in words[1:] if word], content.place)

@@ -28,4 +28,4 @@ def deck_names(path: Path) -> DeckNames:
     """
     deck = read_deck(path, frozenset((EVERYTHING,)))
     body = deck.assembly
-    return DeckNames(body.nodes, node_sets(body, body, ""), len(body.elements))
+    return DeckNames(body.nodes, node_sets(deck, body, body, ""), len(body.elements))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,48 @@ EVERYTHING = "EVERYTHING"
 MOST_MEMBERS = 5_000_000
 
 
+@dataclass(frozen=True)
+class RawCoupling:
+    """Nodes that move with a reference node, by their labels.
+
+    Attributes
+    ----------
+    rigid : whether the nodes are one rigid piece; else the reference node takes their
+        mean motion
+    reference : label of the reference node, None where the file has none
+    """
+
+    name: str
+    rigid: bool
+    nodes: tuple[int, ...]
+    reference: int | None
+    place: str
+
+
+@dataclass(frozen=True)
+class RawMass:
+    """A mass at a node, by its label.
+
+    Attributes
+    ----------
+    offset : from the node
+    inertia : xx, yy, zz, xy, yz, zx about its centre; products as in J, so that they
+        are minus the integrals of x y dm
+    """
+
+    node: int
+    mass: float
+    place: str
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
+
+    def scaled(self, factor: float) -> RawMass:
+        """The same place with mass and inertia times a factor."""
+        xx, yy, zz, xy, yz, zx = (factor * value for value in self.inertia)
+        inertia = (xx, yy, zz, xy, yz, zx)
+        return replace(self, mass=factor * self.mass, inertia=inertia)
+
+
 @dataclass(frozen=True, eq=False)
 class ImportedMesh:
     """A mesh with what its file says beyond it.
@@ -39,12 +81,15 @@ class ImportedMesh:
     materials : by the names in the blocks of the mesh; incomplete ones are left out
     state : "plane_stress" or "plane_strain" if the element types say it
     notes : sentences on what was read, replaced and left out
+    couplings, masses : what holds nodes together beside elements, and point masses
     """
 
     mesh: Mesh
     materials: Mapping[str, Material] = field(default_factory=dict)
     state: str | None = None
     notes: tuple[str, ...] = ()
+    couplings: tuple[RawCoupling, ...] = ()
+    masses: tuple[RawMass, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """Abaqus and CalculiX input files (.inp): nodes, elements, sets, materials.
 
 Read are *NODE, *ELEMENT, *NSET, *ELSET, *MATERIAL with *ELASTIC and *DENSITY,
-*SOLID SECTION, *INCLUDE and one *PART with its *INSTANCE. What else a deck may hold,
+*SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS, *INCLUDE and one *PART with its
+*INSTANCE. What else a deck may hold,
 and what of it is refused, stands in `inp_keywords`.
 """
 
@@ -13,10 +14,12 @@ from sidtool.formats.errors import InputError
 
 from .imported import ImportedMesh, integers, numbers
 from .inp_blocks import Block, read_blocks
+from .inp_couplings import read_hold, read_kind, read_mass
 from .inp_deck import Deck, Element, Scope, Section, twice
 from .inp_elements import ElementType, element_type, supported
 from .inp_keywords import BY_CALCULIX, kind_of, readable
 from .inp_sets import extend, read_elset, read_nset
+from .inp_surfaces import read_surface
 
 
 def read_inp(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
@@ -80,10 +83,9 @@ def _assembly(deck: Deck, block: Block) -> None:
 def _instance(deck: Deck, block: Block) -> None:
     name = deck.name(block.options.get("NAME", ""))
     part = deck.name(block.options.get("PART", ""))
-    moved = [word for words, _ in block.rows for word in words if word]
-    if deck.instances or any(numbers(moved, block.place)):
+    if deck.instances:
         raise InputError(
-            "several or displaced instances are not supported",
+            "several instances are not supported",
             place=block.place,
             expected="one part, or a flat input file",
         )
@@ -94,6 +96,7 @@ def _instance(deck: Deck, block: Block) -> None:
             expected="a *PART of this file",
         )
     deck.instances[name] = part
+    deck.placement = [numbers(_filled(words), place) for words, place in block.rows]
     deck.scope = deck.parts[part]
 
 
@@ -214,6 +217,11 @@ _READERS = {
     "ELASTIC": _property,
     "DENSITY": _property,
     "SOLID SECTION": _section,
+    "SURFACE": read_surface,
+    "KINEMATIC": read_kind,
+    "DISTRIBUTING": read_kind,
+    "MASS": read_mass,
+    **dict.fromkeys(("COUPLING", "RIGID BODY", "KINEMATIC COUPLING"), read_hold),
 }
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from sidtool.formats.errors import InputError
 
+from .inp_blocks import Block
 from .inp_elements import ElementType
 
 #: A node or element of an assembly by its instance ("" for the assembly's own).
@@ -33,6 +34,16 @@ class Section:
     place: str
 
 
+@dataclass(frozen=True)
+class SurfacePart:
+    """A line of a *SURFACE: elements and a face, or nodes."""
+
+    kind: str
+    word: str
+    face: str
+    place: str
+
+
 @dataclass
 class Scope:
     """What one part defines, or the assembly, or a flat file."""
@@ -43,6 +54,16 @@ class Scope:
     nsets: dict[str, list[Member]] = field(default_factory=dict)
     elsets: dict[str, list[Member]] = field(default_factory=dict)
     sections: list[Section] = field(default_factory=list)
+    surfaces: dict[str, list[SurfacePart]] = field(default_factory=dict)
+
+
+@dataclass
+class Hold:
+    """A coupling or a mass as it stands in its file, and what says its kind."""
+
+    block: Block
+    scope: Scope
+    kind: Block | None = None
 
 
 @dataclass
@@ -53,7 +74,9 @@ class Deck:
     ----------
     assembly : also what a flat file defines
     parts, instances : by name; an instance names its part
+    placement : translation of the instance, and two points and an angle of rotation
     materials : name -> keyword -> rows of numbers
+    holds, masses : what holds nodes together, and point masses
     said : keywords without effect
     remarks : sentences on what has another name here
     """
@@ -61,7 +84,10 @@ class Deck:
     assembly: Scope = field(default_factory=Scope)
     parts: dict[str, Scope] = field(default_factory=dict)
     instances: dict[str, str] = field(default_factory=dict)
+    placement: list[list[float]] = field(default_factory=list)
     materials: dict[str, dict[str, list[list[float]]]] = field(default_factory=dict)
+    holds: list[Hold] = field(default_factory=list)
+    masses: list[Hold] = field(default_factory=list)
     said: dict[str, None] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     scope: Scope = field(default_factory=Scope)

@@ -21,6 +21,19 @@ READ: dict[str, tuple[str, ...]] = {
     "ELASTIC": ("TYPE", "MODULI"),
     "DENSITY": (),
     "SOLID SECTION": ("ELSET", "MATERIAL", "ORIENTATION", "CONTROLS", "REF NODE"),
+    "SURFACE": (
+        *("NAME", "TYPE", "INTERNAL", "COMBINE", "CROP", "TRIM", "REGION TYPE"),
+        *("PROPERTY", "SCALE MASS", "DEFINITION", "FILLET RADIUS", "MAX RATIO"),
+    ),
+    "COUPLING": (
+        *("CONSTRAINT NAME", "REF NODE", "SURFACE", "ORIENTATION"),
+        *("INFLUENCE RADIUS", "ADJUST"),
+    ),
+    "KINEMATIC": (),
+    "DISTRIBUTING": ("COUPLING", "WEIGHTING METHOD", "CYCLIC SYMMETRY"),
+    "KINEMATIC COUPLING": ("REF NODE",),
+    "RIGID BODY": ("NSET", "ELSET", "REF NODE", "ROT NODE", "POSITION"),
+    "MASS": ("ELSET",),
     "PART": ("NAME",),
     "END PART": (),
     "ASSEMBLY": ("NAME",),
@@ -46,7 +59,7 @@ _BEYOND_ELASTIC = """
 """
 #: Names, axes and contact properties that act through other keywords only.
 _DEFINITIONS = """
-    HEADING; PREPRINT; PHYSICAL CONSTANTS; SURFACE; SURFACE INTERACTION;
+    HEADING; PREPRINT; PHYSICAL CONSTANTS; SURFACE INTERACTION;
     SURFACE BEHAVIOR; FRICTION; CONTACT CONTROLS; CONTACT DAMPING; GAP CONDUCTANCE;
     SURFACE PROPERTY ASSIGNMENT; CONTACT FORMULATION; CLEARANCE; ORIENTATION;
     TRANSFORM; DISTRIBUTION; DISTRIBUTION TABLE; SECTION CONTROLS;
@@ -85,14 +98,8 @@ _INSTEAD = {
         "EQUATION": "a mesh without constraints between its nodes",
         "MPC": "a mesh without constraints between its nodes",
         "CYCLIC SYMMETRY MODEL": "a mesh of the whole body",
-        "RIGID BODY": 'a marker with tie = { type = "rigid", to = SET }',
-        "COUPLING": "a marker with tie = { type = ..., to = SET }",
-        "KINEMATIC": 'a marker with tie = { type = "rigid", to = SET }',
-        "KINEMATIC COUPLING": 'a marker with tie = { type = "rigid", to = SET }',
-        "DISTRIBUTING": 'a marker with tie = { type = "distributing", to = SET }',
         "DISTRIBUTING COUPLING": "a marker with a distributing tie",
         "NONSTRUCTURAL MASS": "densities that hold all mass",
-        "MASS": "a rigid body in the scene, fixed to a marker",
         "ROTARY INERTIA": "a rigid body in the scene, fixed to a marker",
         "SPRING": "a force in the scene between markers",
         "DASHPOT": "a force in the scene between markers",

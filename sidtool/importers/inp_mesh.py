@@ -6,12 +6,17 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Material
 
 from .imported import ImportedMesh, RawElement, assembled_mesh
+from .inp_couplings import couplings_of, masses_of, reference_labels
 from .inp_deck import Deck, Element, Member, Scope, Section
 from .inp_elements import supported
+from .inp_surfaces import surface_nodes
 
 
 def mesh_of(deck: Deck) -> ImportedMesh:
@@ -26,7 +31,11 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     sections = _sections(deck, body)
     elements, apart = _solids(body, sections)
     raw = [_raw(element, sections.get(element.label)) for element in elements]
-    mesh = assembled_mesh(body.nodes, raw, _sets(deck, body, instance))
+    couplings = couplings_of(deck, body, instance)
+    masses = tuple(masses_of(deck, body, instance))
+    mesh = assembled_mesh(
+        _with_references(deck, body), raw, _sets(deck, body, instance)
+    )
     states = {element.type.state for element in elements}
     if len(states) > 1:
         raise InputError("mixes plane stress and plane strain", expected="one of them")
@@ -36,7 +45,39 @@ def mesh_of(deck: Deck) -> ImportedMesh:
         _materials(deck, named),
         next(iter(states)),
         tuple(_notes(deck, body, elements, apart)),
+        tuple(couplings),
+        masses,
     )
+
+
+def _with_references(deck: Deck, body: Scope) -> dict[int, tuple[float, float, float]]:
+    """The nodes of the body, and those of the assembly beside it."""
+    own = reference_labels(deck, body)
+    for given, label in own.items():
+        if given != label:
+            deck.remarks.append(f"node {given} of the assembly is called {label} here")
+    return _placed(deck, body) | {
+        label: deck.assembly.nodes[n] for n, label in own.items()
+    }
+
+
+def _placed(deck: Deck, body: Scope) -> dict[int, tuple[float, float, float]]:
+    """The nodes of the part where its instance has them: moved, then turned.
+
+    The second line of an instance holds two points of the axis, placed already, and
+    the angle in degrees.
+    """
+    lines = [[*line, *[0.0] * 7][:7] for line in deck.placement]
+    if not any(any(line) for line in lines):
+        return body.nodes
+    places = np.array(list(body.nodes.values())) + lines[0][:3]
+    if len(lines) > 1 and lines[1][6]:
+        a, b = np.array(lines[1][:3]), np.array(lines[1][3:6])
+        turn = np.radians(lines[1][6]) * (b - a) / np.linalg.norm(b - a)
+        places = a + Rotation.from_rotvec(turn).apply(places - a)
+    return {
+        n: (x, y, z) for n, (x, y, z) in zip(body.nodes, places.tolist(), strict=True)
+    }
 
 
 def _body(deck: Deck) -> tuple[Scope, str]:
@@ -50,8 +91,9 @@ def _body(deck: Deck) -> tuple[Scope, str]:
                 expected="an *INSTANCE that says which part is the body",
             )
         return deck.assembly, ""
-    if deck.assembly.elements:
-        element = next(iter(deck.assembly.elements.values()))
+    own = [e for e in deck.assembly.elements.values() if e.given != "MASS"]
+    if own:
+        element = own[0]
         raise InputError(
             f"element {element.label} ({element.given}) belongs to the assembly",
             place=element.place,
@@ -142,7 +184,7 @@ def _sets(deck: Deck, body: Scope, instance: str) -> dict[str, list[int]]:
     scopes = [body] if body is deck.assembly else [deck.assembly, body]
     for scope in scopes:
         own = "" if scope is body else instance
-        for name, nodes in node_sets(scope, body, own).items():
+        for name, nodes in node_sets(deck, scope, body, own).items():
             if name not in sets:
                 sets[name] = nodes
             elif set(nodes) != set(sets[name]):
@@ -152,7 +194,9 @@ def _sets(deck: Deck, body: Scope, instance: str) -> dict[str, list[int]]:
     return sets
 
 
-def node_sets(scope: Scope, body: Scope, instance: str) -> dict[str, list[int]]:
+def node_sets(
+    deck: Deck, scope: Scope, body: Scope, instance: str
+) -> dict[str, list[int]]:
     """The nodes of the body in all sets of a scope, element sets after node sets."""
     sets = {
         name: [n for n in _labels(group, instance) if n in body.nodes]
@@ -162,6 +206,10 @@ def node_sets(scope: Scope, body: Scope, instance: str) -> dict[str, list[int]]:
         known = [body.elements.get(label) for label in _labels(group, instance)]
         nodes = dict.fromkeys(n for e in known if e is not None for n in e.nodes)
         sets.setdefault(name, list(nodes))
+    for name in scope.surfaces:
+        on_faces = surface_nodes(deck, scope, body, instance, name)
+        if on_faces is not None:
+            sets.setdefault(name, on_faces)
     return sets
 
 
@@ -204,7 +252,12 @@ def _notes(
     for name, count in given.items():
         if kinds[name].replaced:
             yield f"{count} elements {name}: {kinds[name].replaced}"
-    for name, count in Counter(element.given for element in apart).items():
+    idle = [element.given for element in apart if element.given != "MASS"]
+    if deck.masses:
+        yield "*MASS gives nodes a mass"
+    elif len(idle) < len(apart):
+        yield f"{len(apart) - len(idle)} elements MASS have no *MASS"
+    for name, count in Counter(idle).items():
         yield f"{count} elements {name} without a section only name nodes"
     for part in deck.parts.values():
         if part is not body:
