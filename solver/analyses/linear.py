@@ -172,18 +172,23 @@ def _derivatives(
 
 
 def _frame_motion(mechanics: Mechanics) -> Array:
-    """E in z_I' = E z_I + z_II of tangents, scaled: frames that move on."""
+    """E in z_I' = E z_I + z_II of tangents, scaled: frames that move on.
+
+    Unlike that of `kernels.coordinates` it holds tangents in axes that turn with the
+    bodies, in which a steady rotation stands still.
+    """
     system, n = mechanics.system, mechanics.system.n_velocities
     E = np.zeros((n, n))
     for row, frame in zip(system.arrays.body, mechanics.work.frame, strict=True):
         u, rd = int(row[at.VEL]), int(row[at.RD])
         if rd == 3 and system.planar:
             E[u, u + 2], E[u + 1, u + 2] = -frame[planar.VY], frame[planar.VX]
+            E[u, u + 1], E[u + 1, u] = frame[planar.W], -frame[planar.W]
         elif rd == 6:
             V = frame[spatial.V : spatial.V + 3]
             W = frame[spatial.OMEGA : spatial.OMEGA + 3]
             E[u : u + 3, u + 3 : u + 6] = -_skew(V)
-            E[u + 3 : u + 6, u + 3 : u + 6] = -_skew(W)
+            E[u : u + 3, u : u + 3] = E[u + 3 : u + 6, u + 3 : u + 6] = -_skew(W)
     return E * mechanics.scale / mechanics.scale[:, None]
 
 
