@@ -20,7 +20,8 @@ def info(file: Path) -> None:
     For a SID: modes with frequency, kind, boundary condition, effective mass and share
     in the static deformation; frame, stiffening, stress, nodes, dialect.
     For a model: geometry, material, discretisation, frame, reduction, damping, and
-    where every marker is; for the last the body is discretised.
+    where every marker is; for the last the body is discretised. Of an imported mesh or
+    matrices also mass, centre, inertia, free frequencies and node sets.
     For a scene: bodies, joints, drives, what the simulation keeps or drops, and of
     flexible bodies frequencies, excitation and expected stiffening.
     For a result: outputs with their range, cost, drift of the constraints, and what
@@ -47,10 +48,15 @@ def _model(content: Any, _: Path) -> str:
     from sidtool.formats.errors import InputError
 
     from ..frontends.registry import finite_element_model
+    from ..report.imported import describe_import
     from ..report.model import describe_model
 
     try:
-        return describe_model(content, finite_element_model(content))
+        body = finite_element_model(content)
+        text = describe_model(content, body)
+        if content.geometry.type in ("mesh", "matrices"):
+            text += f"\n\n{describe_import(body)}"
+        return text
     except InputError as error:
         return f"{describe_model(content)}\n\nthe body cannot be made: {error}"
 

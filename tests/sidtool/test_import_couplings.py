@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from numpy.testing import assert_allclose
 
+from sidtool.cli import cli
 from sidtool.convert import sid_from_model
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import J_INDICES, SID
@@ -291,3 +294,26 @@ def test_surfaces_of_quadratic_elements_hold_their_middle_nodes(tmp_path: Path) 
             assert set(np.flatnonzero(inside)) == set(own)
             seen.add(tuple(own))
         assert len(seen) == corners
+
+
+def test_info_tells_what_was_imported(tmp_path: Path) -> None:
+    """Mass, centre and inertia of the bar, six free motions, its sets and markers."""
+    block = Block(COUNTS, SIZE)
+    sid = body(tmp_path, bulk(*rigid(block, (0.7, 0.03, 0.01))))
+    done = CliRunner().invoke(cli, ["info", str(tmp_path / "model.json")])
+    assert done.exit_code == 0, done.output
+    rows = dict(re.findall(r"^(.+?)  +(.*)$", done.output, re.MULTILINE))
+    a, b, c = SIZE
+    bar = STEEL["rho"] * a * b * c
+    numbers = re.compile(r"-?\d[\d.e+-]*")
+
+    def read(name: str) -> np.ndarray:
+        return np.array([float(x) for x in numbers.findall(rows[name])])
+
+    assert read("mass")[0] == pytest.approx(bar, rel=1e-8)
+    assert_allclose(read("centre")[:3], [a / 2, b / 2, c / 2], rtol=1e-5)
+    diagonal = bar / 12 * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
+    assert_allclose(read("inertia about it")[:3], diagonal, rtol=1e-5)
+    assert read("6 rigid motions")[0] < 0.1
+    assert_allclose(read("free frequencies")[:4], frequencies(sid), rtol=1e-5)
+    assert read("SPC7")[0] == len(block.left)
