@@ -24,6 +24,7 @@ from sidtool.formats.model.geometry import (
 )
 from sidtool.formats.sid_mass import skew
 
+from .beam_mass import beam_mass
 from .beam_material import BeamMaterial
 from .finite_element_model import FiniteElementModel, MarkerRows
 from .inertia_points import InertiaPoints
@@ -117,6 +118,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         inertia_points=particles.points(),
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
+        geometry_mass=lambda: beam_mass(geometry, material.density),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -16,6 +18,7 @@ from sidtool.formats.sid import by_mode, symmetric_3x3
 from sidtool.formats.sid_mass import skew
 from sidtool.formats.toml_files import validated
 from sidtool.frontends.finite_element_model import FiniteElementModel
+from sidtool.frontends.geometry_mass import GeometryMass, compared_with_geometry
 from sidtool.frontends.inertia_points import InertiaPoints
 from sidtool.gram import body_inertia
 
@@ -87,6 +90,44 @@ def test_lumped_masses_converge_to_the_consistent_ones() -> None:
         lumped = model.model_copy(update={"discretisation": settings})
         errors.append(np.abs(omegas(lumped)[:4] / fine - 1))
     assert (errors[1] < 0.3 * errors[0]).all()
+
+
+@pytest.mark.parametrize("mass", ["consistent", "lumped"])
+@pytest.mark.parametrize("elements", [1, 3])
+def test_mass_and_centre_are_those_of_the_tapered_beam(
+    elements: int, mass: str
+) -> None:
+    """Height from 40 to 80 mm, 0.5 m: by hand, with a lump at a quarter."""
+    data = beam_data({"type": "beam", "elements": elements, "mass": mass}, 2)
+    section = {"shape": "rectangle", "height": [0.04, 0.08], "width": 0.02}
+    lump = {"at": 0.25, "mass": 0.8}
+    ends = {"start": [0.1, 0.2, -0.3], "end": [0.1, 0.5, 0.1]}
+    data["geometry"] |= {"section": section, "masses": [lump], **ends}
+    model = validated(data, ModelFile)
+    assert model.material is not None
+    beam = model.material.density * 0.5 * 0.02 * 0.06
+    share = (beam * (0.02 + 0.04 / 3) / 0.06 + 0.8 * 0.25) / (beam + 0.8)
+    body = finite_element_model(model)
+    assert body.geometry_mass is not None
+    expected = body.geometry_mass()
+    assert expected.mass == pytest.approx(beam + 0.8, rel=1e-12)
+    centre = np.array(ends["start"]) + share * np.array([0.0, 0.3, 0.4])
+    assert_allclose(expected.first / expected.mass, centre, rtol=1e-12)
+    assert compared_with_geometry(body) == ()
+    assert sid_from_model(model).mass == pytest.approx(beam + 0.8, rel=1e-12)
+
+
+@pytest.mark.parametrize("wrong", ["mass", "centre"])
+def test_a_beam_without_its_mass_is_refused(wrong: str) -> None:
+    """Half of it, or all of it moved by a hundredth of the length."""
+    body = finite_element_model(uniform("timoshenko", 4))
+    assert body.geometry_mass is not None
+    right = body.geometry_mass()
+    share, shift = (2.0, 0.0) if wrong == "mass" else (1.0, 0.01)
+    first = share * right.first + shift * right.mass
+    other = replace(body, geometry_mass=lambda: GeometryMass(share * right.mass, first))
+    with pytest.raises(InputError, match="does not have the mass of its geometry"):
+        compared_with_geometry(other)
 
 
 def test_mass_matrix_is_positive_and_moves_as_a_whole() -> None:
