@@ -203,9 +203,12 @@ class Stiffening:
     condition: str = ""
     axial: bool = False
 
-    def sentence(self) -> str:
-        """How much loads change the stiffness, and whether the SID carries it all."""
-        share = f"{100 * self.ratio:+.3g} % of the stiffness by {self.load}"
+    def sentence(self, when: str = "") -> str:
+        """How much loads change the stiffness, and whether the SID carries it all.
+
+        when : of the loads, in words
+        """
+        share = f"{100 * self.ratio:+.3g} % of the stiffness by {self.load}{when}"
         lacking = not self.carried and not self.axial
         if self.condition and abs(self.ratio) >= MATTERS:
             lacks = " (the SID lacks geometric stiffening)" if lacking else ""

@@ -9,6 +9,7 @@ runs end them all at almost the same time, the last of the times that are compar
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,10 @@ TRUSTED = 1e-3
 #: Outputs that vary by less than these parts of their own values, or of the largest
 #: variation of an output of their kind, hold rounding only.
 CONSTANT, UNMOVED = 1e-12, 1e-9
+#: Of the largest force of a joint, the part that rounding leaves of its components.
+ROUNDED_FORCE = 1e-12
+#: Outputs that are forces and moments.
+FORCE = re.compile(r"[fm][xyz]|f\d+")
 #: Runs are repeated until they have taken this long in all [s], or this often.
 ENOUGH, REPEATS = 0.3, 5
 #: An integrator that takes longer than this [s], and so many times as long as another
@@ -224,7 +229,7 @@ def make_reference(
     others = np.column_stack([check[name] for name in names])[:count]
     scale = np.ptp(values, axis=0)
     differences = np.abs(values - others).max(axis=0)
-    moves = _moves(names, values, scale)
+    moves = _moves(names, values, scale, tight.multipliers)
     good = moves & (differences <= TRUSTED * scale)
     unpredictable = {
         str(name): float(difference / size)
@@ -246,8 +251,11 @@ def make_reference(
     )
 
 
-def _moves(names: Sequence[str], values: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Which outputs vary by more than rounding, (n,)."""
+def _moves(
+    names: Sequence[str], values: np.ndarray, scale: np.ndarray, forces: np.ndarray
+) -> np.ndarray:
+    """Which outputs vary by more than rounding, (n,); forces, of joints and drives,
+    tell how large those are that cancel in some of their components."""
     kinds = [name.rpartition(".")[2].rstrip("0123456789") for name in names]
     largest = [
         max(s for s, k in zip(scale, kinds, strict=True) if k[:-1] == kind[:-1])
@@ -255,6 +263,10 @@ def _moves(names: Sequence[str], values: np.ndarray, scale: np.ndarray) -> np.nd
     ]
     floor = np.maximum(
         CONSTANT * np.abs(values).max(axis=0), UNMOVED * np.array(largest)
+    )
+    of_forces = [FORCE.fullmatch(name.rpartition(".")[2]) is not None for name in names]
+    floor[of_forces] = np.maximum(
+        floor[of_forces], ROUNDED_FORCE * np.abs(forces).max(initial=0.0)
     )
     return np.asarray(scale > floor)
 

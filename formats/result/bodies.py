@@ -68,9 +68,7 @@ class FlexibleBody:
         """Sentences on stiffening and on deflection, known after a run."""
         if self.found is None:
             return "not reached by the run"
-        text = self.found.sentence()
-        if self.found.load:
-            text += f" at t = {self.found.time:.4g} s"
+        text = self.found.sentence(f" at t = {self.found.time:.6g} s")
         if self.deflection > LARGE:
             text += (
                 f"; it deforms by {self.deflection:.2g} of its size, beyond the small "

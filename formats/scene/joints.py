@@ -152,7 +152,10 @@ class Gear(_Coupled):
 
     type: Literal["gear"]
     joints: tuple[str, str] = Field(description="names of two joints")
-    ratio: float = Field(description="negative for wheels that mesh outside")
+    ratio: float = Field(
+        description="of the second coordinate to the first, negative for wheels that "
+        "mesh outside"
+    )
 
 
 class Coupling(_Coupled):

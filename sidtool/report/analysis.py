@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 LEADING, MOVES = 3, 1e-6
 #: Damping ratios are negative below this; differences do not tell less from none.
 GROWS = 1e-6
+#: Damping ratios below this are rounding.
+NOISE = 1e-12
 
 
 def describe_equilibrium(found: Equilibrium) -> str:
@@ -51,7 +53,14 @@ def describe_modes(modes: Linearisation) -> str:
         sizes = np.abs(modes.shapes[k])
         order = [i for i in np.argsort(-sizes) if sizes[i] > MOVES * sizes.max()]
         lead = ", ".join(modes.names[i] for i in order[:LEADING])
-        rows.append([str(k + 1), f"{hertz:.6g}", f"{ratio + 0.0:.4g}", lead])
+        rows.append(
+            [
+                str(k + 1),
+                f"{hertz:.6g}",
+                f"{ratio if abs(ratio) > NOISE else 0.0:.4g}",
+                lead,
+            ]
+        )
     if not rows:
         return "no natural modes: nothing can move"
     text = table(["mode", "Hz", "damping ratio", "moved most by"], rows)

@@ -84,10 +84,11 @@ def hidden_errors(
     axes = 2 if system.planar else 3
     away = np.abs(np.array([control.z[p : p + axes] for p in rows[:, at.POS]])).max()
     span = max(system.length, float(away))
-    least = scales.RESOLVED * scales.ROUNDED * span
-    if control.whole[stepping.ADDING] == 1:
-        least *= steps
+    rounding = scales.RESOLVED * scales.ROUNDED * span
     motion = float(control.real[stepping.MOTION])
+    if 0.0 < motion < rounding:
+        return [f"nothing moves by more than rounding of coordinates, {rounding:.0e} m"]
+    least = rounding * (steps if control.whole[stepping.ADDING] == 1 else 1)
     if not 0.0 < MISSED * rtol * motion < least:
         return []
     return [

@@ -164,16 +164,17 @@ def _change(given: object, now: Array) -> tuple[Array, float]:
 
 
 def _largest(
-    ways: Mapping[str, tuple[float, ...]],
+    told: Mapping[str, tuple[float, ...]],
     sizes: Mapping[str, float],
     least: float,
     *units: str,
 ) -> str:
     """ "rod by 0.1 m and 0.2 rad, ..." of the bodies whose sizes are above `least`."""
-    chosen = sorted((n for n in ways if sizes[n] > least), key=lambda n: -sizes[n])
+    chosen = sorted((n for n in told if sizes[n] > least), key=lambda n: -sizes[n])
     parts = []
     for name in chosen[:MOST]:
-        pairs = zip(ways[name], units, strict=True)
+        ways = told[name]
+        pairs = [(w, u) for w, u in zip(ways, units, strict=True) if w > 1e-3 * least]
         parts.append(
             f"{name} by " + " and ".join(f"{way:.3g} {unit}" for way, unit in pairs)
         )

@@ -178,6 +178,8 @@ def test_a_body_diverges_where_its_linearisation_grows(seed: int) -> None:
     assert body["body"].diverges == grows
     words = told[0].before
     assert ("diverges" in words or "buckles" in words) == grows
+    after = body["body"].after
+    assert not grows or after.index(" at t = ") < after.index(": ")
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -127,6 +127,17 @@ def test_rounding_far_from_the_origin_is_told_where_it_hides_errors(seed: int) -
         assert hidden > rtol * swing
 
 
+@pytest.mark.parametrize("swing", [0.0, 1e-4])
+def test_what_rests_is_said_to_rest(swing: float) -> None:
+    """A rod that hangs, from rounding of its angle; and one that swings."""
+    rod = slender_rod(1.0, angle=swing - 0.5 * math.pi)
+    pin = {"type": "revolute", "markers": ["ground", "rod.a"]}
+    described = scene({"rod": rod}, {"pin": pin}, gravity=[0.0, -9.81])
+    notes = simulate(compiled_scene(described)).notes
+    assert any(n.startswith("nothing moves") for n in notes) == (swing == 0.0)
+    assert not any("small against coordinates" in n for n in notes)
+
+
 TERMS = {
     "first-order terms of Cr and Ge": ("Cr", "Ge"),
     "first-order term of Oe": ("Oe",),

@@ -43,9 +43,9 @@ def told(result: Result, about: str) -> dict[str, list[float]]:
     for part in text.split(", "):
         name, _, numbers = part.partition(" by ")
         if numbers and not name.endswith(" more"):
-            found[name] = [
-                float(x) for x in re.findall(r"[-+.e\d]+(?= (?:m|rad))", numbers)
-            ]
+            sizes = re.findall(r"([-+.e\d]+) (m|rad)", numbers)
+            by_unit = {unit: float(size) for size, unit in sizes}
+            found[name] = [by_unit.get("m", 0.0), by_unit.get("rad", 0.0)]
     return found
 
 
