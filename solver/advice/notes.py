@@ -24,6 +24,8 @@ from ..system.scene import System
 SAME = 1e-9
 #: Errors within so many times the requested one keep the promise.
 MISSED = 10.0
+#: Rotations below this are rounding [rad].
+ROUNDED_TURN = 1e-12
 
 
 def of_run(system: System, t: Array, recorded: Recorded) -> tuple[str, ...]:
@@ -86,7 +88,8 @@ def hidden_errors(
     span = max(system.length, float(away))
     rounding = scales.RESOLVED * scales.ROUNDED * span
     motion = float(control.real[stepping.MOTION])
-    if 0.0 < motion < rounding:
+    turns = control.real[stepping.ROTATION] > ROUNDED_TURN  # of what has no extent
+    if 0.0 < motion < rounding and not turns:
         return [f"nothing moves by more than rounding of coordinates, {rounding:.0e} m"]
     least = rounding * (steps if control.whole[stepping.ADDING] == 1 else 1)
     if not 0.0 < MISSED * rtol * motion < least:

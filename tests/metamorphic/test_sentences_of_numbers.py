@@ -138,6 +138,27 @@ def test_what_rests_is_said_to_rest(swing: float) -> None:
     assert not any("small against coordinates" in n for n in notes)
 
 
+def test_what_turns_on_the_spot_does_not_rest() -> None:
+    """A wheel whose centre rounding alone moves."""
+    spin = {"angular_velocity": [3.0, 4.0, 5.0], "position": [0.3, 0.1, 0.7]}
+    wheel = {"mass": 1.0, "inertia": [0.3, 0.3, 0.1], "initial": spin}
+    spring = {
+        "type": "bushing",
+        "markers": ["ground.place", "wheel"],
+        "stiffness": [9.0] * 3 + [0.0] * 3,
+        "damping": [0.0] * 6,
+    }
+    described = scene(
+        {"wheel": wheel},
+        dimension="spatial",
+        end=20.0,
+        ground={"markers": {"place": {"position": [0.1 + 0.2, 0.1, 0.7]}}},
+        forces={"mount": spring},
+    )
+    result = simulate(compiled_scene(described))
+    assert not any("nothing moves" in note for note in result.notes)
+
+
 TERMS = {
     "first-order terms of Cr and Ge": ("Cr", "Ge"),
     "first-order term of Oe": ("Oe",),
