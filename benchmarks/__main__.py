@@ -21,6 +21,7 @@ BENCHMARKS = (
     "elastic",
     "reduction_methods",
     "calculix",
+    "elements",
     "frontends",
     "error_control",
     "revolutions",

@@ -15,6 +15,7 @@ from .finite_element_model import MarkerRows, carried
 from .internal_modes import internal_slopes
 from .mesh import ElementBlock, Mesh
 from .patch_markers import check_length
+from .reduced_integration import extrapolation
 from .reference_elements import ReferenceElement, reference_element
 from .solids import element_batches
 
@@ -106,10 +107,11 @@ class MeshPoints:
         nodes = block.nodes[row]
         coefficients = np.zeros((3, len(nodes), d))
         coefficients[range(d), :, range(d)] = values[0]
-        gradient, internal = sp.csr_matrix((9, ndof)), sp.csr_matrix((9, ndof))
+        gradient, strain = sp.csr_matrix((9, ndof)), sp.csr_matrix((9, ndof))
         for holder in found:
-            gradient = gradient + self._gradient(*holder)
-            internal = internal + self._internal_gradient(*holder)
+            own = self._gradient(*holder)
+            gradient = gradient + own
+            strain = strain + self._strain_gradient(*holder, own)
         share = 1 / len(found)
         return MarkerRows(
             name=name,
@@ -117,7 +119,7 @@ class MeshPoints:
             position=np.pad(target, (0, 3 - d)),
             displacement=_sparse(coefficients, nodes, ndof),
             rotation=half_curl(sp.csr_matrix(gradient * share)),
-            gradient=sp.csr_matrix((gradient + internal) * share),
+            gradient=sp.csr_matrix(strain * share),
         )
 
     def _holders(self, target: Array) -> list[_Holder]:
@@ -176,6 +178,23 @@ class MeshPoints:
             )
         slopes = gradients[0] @ np.linalg.inv(jacobian)
         d = self.mesh.dimension
+        rows = np.zeros((3, 3, len(nodes), d))
+        for axis in range(d):
+            rows[axis, :d, :, axis] = slopes.T
+        return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
+
+    def _strain_gradient(
+        self, number: int, row: int, where: Array, plain: sp.csr_matrix
+    ) -> sp.csr_matrix:
+        """(9, ndof) gradient that the stiffness of one element sees."""
+        block = self.mesh.blocks[number]
+        shares = extrapolation(block.kind, where)
+        if shares is None:
+            return plain + self._internal_gradient(number, row, where)
+        nodes, d = block.nodes[row], self.mesh.dimension
+        alone = ElementBlock(block.kind, nodes[None], block.labels[[row]])
+        (one,) = element_batches(self.mesh, alone)
+        slopes = np.einsum("g,gmd->md", shares, one.gradients[0])
         rows = np.zeros((3, 3, len(nodes), d))
         for axis in range(d):
             rows[axis, :d, :, axis] = slopes.T

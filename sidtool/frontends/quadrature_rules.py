@@ -73,8 +73,13 @@ def quadrature_rule(shape: str, degree: int) -> Rule:
     if shape == "pyramid":
         return _cone(square, degree)
     if shape == "wedge":
-        return _product(_simplex(2, degree), line)
+        return prism_rule(degree, degree)
     return _simplex(2 if shape == "tri" else 3, degree)
+
+
+def prism_rule(triangle: int, axis: int) -> Rule:
+    """On a wedge, with the degrees in its triangle and along its axis."""
+    return _product(_simplex(2, triangle), _line(axis))
 
 
 def _line(degree: int) -> Rule:

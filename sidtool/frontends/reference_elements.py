@@ -213,10 +213,10 @@ def reference_element(kind: str, integral: str = "stiffness") -> ReferenceElemen
 
     Parameters
     ----------
-    integral : "stiffness" or "mass", for which the quadrature is
+    integral : "stiffness", "stress" or "mass", for which the quadrature is
     """
     _, stiffness, mass = _DEFINITIONS[kind]
-    degree = stiffness if integral == "stiffness" else mass
+    degree = mass if integral == "mass" else stiffness
     points, weights = quadrature_rule(shape_of(kind), degree)
     values, gradients = _tabulated(kind, points)
     corners = len(_CORNERS[shape_of(kind)])

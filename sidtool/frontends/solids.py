@@ -22,6 +22,7 @@ from .elements import (
 from .internal_modes import RELIEVED_KINDS
 from .internal_modes import relieved as with_modes
 from .mesh import ElementBlock, Mesh
+from .reduced_integration import relaxed
 from .reference_elements import LINEAR_KINDS, reference_element
 
 Array = NDArray[np.float64]
@@ -51,8 +52,8 @@ def mesh_matrices(
     thickness : of plane elements whose block does not say it [m]
     incompatible_modes : whether quad4 and hex8 get the internal modes of Taylor,
         Beresford & Wilson (1976), where their block does not say it
-    same_points : whether the mass is integrated at the points of the stiffness, which
-        is cheaper, and exact where edges are straight and the Jacobian is constant
+    same_points : whether the mass is integrated at the points of stresses, which is
+        cheaper, and exact where edges are straight and the Jacobian is constant
 
     Raises
     ------
@@ -72,7 +73,9 @@ def mesh_matrices(
             dimension=d,
             density=material.density * depth,
             law=elasticity(material, state) * depth,
-            mass_batches=None if same_points else element_batches(mesh, block, "mass"),
+            mass_batches=element_batches(
+                mesh, block, "stress" if same_points else "mass"
+            ),
         )
         mass, stiffness = mass + m, stiffness + k
     return sp.csr_matrix(mass), sp.csr_matrix(stiffness)
@@ -90,7 +93,7 @@ def mesh_continua(
     continua = []
     for block in mesh.blocks:
         extra = has_internal_modes(block, incompatible_modes)
-        batches = partial(element_batches, mesh, block, relieved=extra)
+        batches = partial(element_batches, mesh, block, "stress", relieved=extra)
         material, depth = materials[block.material], block.thickness or thickness
         continua.append(
             continuum_of(batches, material, state, depth, internal_modes=extra)
@@ -131,10 +134,12 @@ def element_batches(
     *,
     relieved: bool = False,
 ) -> Iterator[ElementBatch]:
-    """The elements of a block at the quadrature points of their stiffness or mass.
+    """The elements of a block at the quadrature points of an integral.
 
     Parameters
     ----------
+    integral : "stiffness", "stress" or "mass"; stresses come at all points that exact
+        integrals of the stiffness need
     relieved : whether they get internal modes
     """
     element = reference_element(block.kind, integral)
@@ -148,4 +153,9 @@ def element_batches(
             element.gradients[None],
             element.weights,
         )
-        yield with_modes(batch, mesh.positions, element) if relieved else batch
+        if relieved:
+            batch = with_modes(batch, mesh.positions, element)
+        elif integral != "mass":
+            fewer = integral == "stiffness"
+            batch = relaxed(batch, mesh.positions, element, fewer=fewer)
+        yield batch

@@ -49,8 +49,8 @@ def block(
         for at in product(*map(range, counts))
     ]
     points = _shaken(points, counts, seed, shift)
-    points, rows = _split(points, cells, shape_of(kind))
-    points, rows = _with_middles(points, rows, kind)
+    points, rows = split(points, cells, shape_of(kind))
+    points, rows = with_middles(points, rows, kind)
     if len(points) > numbers.size:
         points = _shaken(points, counts, seed, 0.03)
     points = points * (np.array(size) / counts)
@@ -79,7 +79,7 @@ def _shaken(
     return points + random * free
 
 
-def _split(
+def split(
     points: Array, cells: list[list[int]], shape: str
 ) -> tuple[Array, list[list[int]]]:
     if shape in ("quad", "hex"):
@@ -127,7 +127,7 @@ def _kuhn() -> list[list[int]]:
     return result
 
 
-def _with_middles(
+def with_middles(
     points: Array, rows: list[list[int]], kind: str
 ) -> tuple[Array, list[list[int]]]:
     known: dict[tuple[int, ...], int] = {}
