@@ -168,8 +168,11 @@ def readable(block: Block) -> Block:
     allowed = READ[keyword]
     options = {}
     for name, value in block.options.items():
-        fitting = [word for word in allowed if word == name] or [
-            word for word in allowed if word.startswith(name) and len(name) >= _SHORTEST
+        plain = _squeezed(name)
+        fitting = [word for word in allowed if _squeezed(word) == plain] or [
+            word
+            for word in allowed
+            if _squeezed(word).startswith(plain) and len(plain) >= _SHORTEST
         ]
         if keyword.endswith("STEP"):
             continue

@@ -208,7 +208,7 @@ def flat(block: Block, rest: str) -> str:
 def coupling(block: Block, kind: str) -> str:
     face = "".join(f"{n},\n" for n in block.right)
     return {
-        "rigid body": f"*NSET, NSET=END\n{face}*RIGID BODY, NSET=END, REF NODE=9000\n",
+        "rigid body": f"*NSET, NSET=END\n{face}*RIGIDBODY, NSET=END, REFNODE=9000\n",
         "nodes": f"*SURFACE, NAME=S, TYPE=NODE\n{face}"
         "*COUPLING, CONSTRAINT NAME=C, REF NODE=9000, SURFACE=S\n*KINEMATIC\n",
         "faces": f"*SURFACE, NAME=S\n{faces_at_the_end(block)}"
