@@ -43,6 +43,9 @@ ROUNDED_DEFORMATION = 1e-17
 #: An error of velocities goes on to displace for so much of the run where motions are
 #: as large as bodies: free ones, and those whose period depends on their amplitude.
 LASTING = 0.1
+#: Radians (or sizes of the mechanism) in a run from which on such errors add up: there
+#: are as many of them as of turns.
+MANY = 200.0
 TINY = 1e-300
 
 
@@ -137,7 +140,9 @@ def set_scales(system, control, h):
     speed = max(real[SPEED], speed)
     spin = real[ROTATION_RATE] + h * real[ROTATION_PUSH]
     spin = max(real[SPIN], spin, speed / length)
-    lasting = LASTING * turn * period
+    lasting, tolerated = LASTING * turn * period, tolerance
+    if control.whole[ADDING] == 0:
+        tolerated /= max(1.0, spin * period / MANY)
     real[NOISE] = 0.0
     for b in range(len(system.body)):
         row = system.body[b]
@@ -156,7 +161,7 @@ def set_scales(system, control, h):
                 size, rate, whole = turn, spin, 1.0
             control.pace[u + k] = rate
             lasts = min(max(size / rate + lasting, TINY), period)
-            wanted = max(tolerance * size, floor * whole) / lasts
+            wanted = max(tolerated * size, floor * whole) / lasts
             control.scale_v[u + k] = max(wanted, floor * rate)
             noise = ROUNDED * rate / control.scale_v[u + k]
             real[NOISE] = max(real[NOISE], noise)

@@ -12,7 +12,7 @@ from sidtool.solver.integrators import INTEGRATORS
 
 from .motion_cases import CASES
 from .motions import Case, on_hinge, on_rail, relative_error
-from .turning import shaken, sledge, top
+from .turning import pendulum, shaken, sledge, symmetric_top, top
 
 HONEST = 10.0
 HIGH = [name for name, method in INTEGRATORS.items() if method.order > 2]
@@ -67,6 +67,28 @@ def test_turns_of_a_free_body_may_be_many(spin: list[float], integrator: str) ->
     unstable = spin[1] > spin[2]
     case = top([1.0, 1.4, 2.2], spin, 0.3 if unstable else 6.0)
     check(case, integrator, 1e-3, 1e-5, 1e-7)
+
+
+@pytest.mark.parametrize("turns", [100, 500, 1000])
+@pytest.mark.parametrize(
+    ("integrator", "rtols"),
+    [("radau9", [1e-3, 1e-4]), ("radau13", [1e-6]), ("dop853", [1e-3, 1e-4])],
+)
+def test_errors_of_many_turns_do_not_add_up(
+    integrator: str, rtols: list[float], turns: int
+) -> None:
+    """As many errors of velocities as turns, each of which lasts to the end."""
+    for spin in ([90.0, 10.0, 200.0], [20.0, 70.0, 110.0]):
+        end = 2.0 * np.pi * turns / float(np.linalg.norm(spin))
+        check(symmetric_top([1.0, 1.0, 1.8], spin, end), integrator, *rtols)
+
+
+@pytest.mark.parametrize("integrator", HIGH)
+@pytest.mark.parametrize(("speed", "turns"), [(40.0, 300), (15.0, 200)])
+def test_a_pendulum_may_turn_over_many_times(
+    speed: float, turns: int, integrator: str
+) -> None:
+    check(pendulum(speed, 2.0 * np.pi * turns / speed), integrator, 1e-3, 1e-4)
 
 
 @pytest.mark.parametrize("integrator", ["dop853", "auto"])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from sidtool.formats.sid import Array
 from sidtool.solver.system.scene import System
@@ -79,6 +81,27 @@ def top(inertia: list[float], spin: list[float], end: float, arm: float = 0.0) -
         )
 
     return Case(make, motion)
+
+
+def symmetric_top(inertia: list[float], spin: list[float], end: float) -> Case:
+    """A free top whose first two moments of inertia are equal, in closed form.
+
+    It turns about its constant angular momentum with |L| / A and about its own axis
+    with (A - C) / A of its spin (L. D. Landau, E. M. Lifshitz, Mechanics, section 33).
+    """
+    principal = np.array(inertia)
+    case, tip = top(inertia, spin, end), np.array([0.3, 0.2, 0.5])
+
+    def motion(t: Array) -> Motion:
+        first = Rotation.from_rotvec([0.4, 0.0, 0.0])
+        about = first.apply(principal * spin) / principal[0]
+        own = (1.0 - principal[2] / principal[0]) * spin[2]
+        turned = Rotation.from_rotvec(np.outer(t, about)) * first
+        turned = turned * Rotation.from_rotvec(np.outer(t, [0.0, 0.0, own]))
+        place = turned.apply(tip)
+        return {f"top.tip.{axis}": place[:, i] for i, axis in enumerate("xyz")}
+
+    return replace(case, motion=motion)
 
 
 def pendulum(speed: float, end: float, friction: float = 0.0) -> Case:
