@@ -88,7 +88,7 @@ def _frequencies(body: FiniteElementModel, better: _Better) -> tuple[Array, Arra
 
     The latter by a few steps from the modes of the body, which are bounds from above.
     """
-    own = _free_space(body.stiffness, body.mass, body.positions)
+    own = _free_space(body.stiffness, body.field_mass, body.positions)
     values, modes = own.modes(_MODES)
     mass, stiffness = better.mesh.matrices()
     other = _free_space(stiffness, mass, better.mesh.mesh.positions)

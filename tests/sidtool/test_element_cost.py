@@ -88,6 +88,18 @@ def test_a_mesh_that_is_fine_enough_is_not_told(tmp_path: Path) -> None:
     assert coarse and not fine
 
 
+def test_masses_beside_the_elements_do_not_matter(tmp_path: Path) -> None:
+    """The better mesh has none: 50 kg on the bar would pass for its elements' cost."""
+    model = bar(tmp_path, "tet4", (20, 1, 1))
+    before = notes(model)
+    with (tmp_path / "part.inp").open("a") as deck:
+        deck.write("*ELEMENT, TYPE=MASS, ELSET=TOOL\n90001, 5\n")
+        deck.write("*MASS, ELSET=TOOL\n50.\n")
+    body = finite_element_model(model)
+    assert body.mass.diagonal().sum() > 100
+    assert element_cost.element_notes(body) == before
+
+
 def test_what_is_too_large_to_compare_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
