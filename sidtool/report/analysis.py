@@ -45,7 +45,7 @@ def describe_equilibrium(found: Equilibrium) -> str:
 
 
 def describe_modes(modes: Linearisation) -> str:
-    """A table of the natural modes and the coordinates that lead each."""
+    """A table of the natural modes and the coordinates that lead each, and notes."""
     rows = []
     for k, (hertz, ratio) in enumerate(
         zip(modes.frequencies, modes.damping_ratios, strict=True)
@@ -71,7 +71,7 @@ def describe_modes(modes: Linearisation) -> str:
         if len(growing) > 1:
             told = f"modes {which} grow, their damping ratios are negative"
         text += f"\n\nunstable: {told}"
-    return text
+    return "\n\n".join([text, *_notes(modes)])
 
 
 def modes_as_data(modes: Linearisation) -> dict[str, Any]:
@@ -80,6 +80,7 @@ def modes_as_data(modes: Linearisation) -> dict[str, Any]:
         "coordinates": list(modes.names),
         "position": modes.z.tolist(),
         "velocity": modes.v.tolist(),
+        "notes": list(modes.notes),
         "modes": [
             {
                 "frequency": float(modes.frequencies[k]),
@@ -103,7 +104,7 @@ def describe_inverse(result: Result) -> str:
     return "\n\n".join([table(["force", "least", "greatest"], rows), *_notes(result)])
 
 
-def _notes(result: Result) -> list[str]:
+def _notes(result: Result | Linearisation) -> list[str]:
     """What has to be known of the numbers, one paragraph or none."""
     return [named(("note", text) for text in result.notes)] if result.notes else []
 

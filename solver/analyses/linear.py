@@ -16,7 +16,7 @@ time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,9 @@ from .static import static_equilibrium
 #: Perturbation, relative to the size of the mechanism.
 PERTURBATION = 1e-6
 STATES = ("static", "start")
+#: A state is near another one that differs by less than this part of the sizes; what is
+#: left of the accelerations there, relative to them.
+NEAR, STEADY = 0.05, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,7 @@ class Linearisation:
         largest entry 1
     names : of the velocity coordinates
     z, v : the state
+    notes : what has to be known of it
     """
 
     eigenvalues: np.ndarray
@@ -58,6 +62,7 @@ class Linearisation:
     names: tuple[str, ...]
     z: Array
     v: Array
+    notes: tuple[str, ...] = ()
 
 
 def linearise(
@@ -99,7 +104,32 @@ def linearise(
     mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
     mechanics.set_scale(z, stiffness=0.0)
     matrix, motion = state_matrix(mechanics, z, v)
-    return _modes(mechanics, matrix, motion, z, v)
+    notes = _unsteady(mechanics, matrix, motion, z, v)
+    return replace(_modes(mechanics, matrix, motion, z, v), notes=notes)
+
+
+def _unsteady(
+    mechanics: Mechanics, matrix: Array, motion: Array, z: Array, v: Array
+) -> tuple[str, ...]:
+    """Whether the state is far from rest and from steady motion, and what leaves it.
+
+    Near is where the equations, taken as linear, have such a state.
+    """
+    mechanics.evaluate(z, v)
+    left = motion.T @ mechanics.accelerations()[0]
+    forces = np.concatenate([np.zeros_like(left), -left])
+    shift = np.linalg.lstsq(matrix, forces, rcond=1e-10)[0]
+    sizes = coordinate_sizes(mechanics.system) / mechanics.scale
+    way = np.abs(motion @ shift[: len(left)]) / sizes
+    rest = np.abs(matrix @ shift - forces).max(initial=0.0)
+    if way.max(initial=0.0) < NEAR and rest <= STEADY * np.abs(left).max(initial=0.0):
+        return ()
+    names = velocity_names(mechanics.system)
+    first = names[int(np.argmax(np.abs(motion @ left) / sizes))]
+    return (
+        f"the state is neither near rest nor near a steady motion, {first} "
+        "accelerates: modes tell of small motions about such states only",
+    )
 
 
 def _check_size(system: System, z: Array, v: Array) -> None:

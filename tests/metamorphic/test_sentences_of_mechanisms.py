@@ -152,3 +152,30 @@ def test_what_is_called_unstable_runs_away_and_nothing_else(seed: int) -> None:
     buckles = np.linalg.eigvalsh(K)[0] < 0.0
     assert bool(notes(static.result(), "equilibrium is unstable")) == buckles
     assert grows or not buckles
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_modes_about_a_start_that_does_not_stay_there_say_so(seed: int) -> None:
+    """A rod that is let go beside the vertical, with and without a spin about it."""
+    random = np.random.default_rng([38, seed])
+    off = float(np.geomspace(1e-3, 1.0, 8)[seed])
+    bodies = {
+        "rod": slender_rod(float(random.uniform(0.5, 2.0)), angle=off - 0.5 * math.pi)
+    }
+    joints = {"pin": {"type": "revolute", "markers": ["ground", "rod.a"]}}
+    for gravity in (9.81, 0.0):
+        system = compiled_scene(
+            scene(
+                bodies,
+                joints,
+                gravity=[0.0, -gravity],
+                record=["rod.angle"],
+                end=3.0,
+                steps=100,
+            )
+        )
+        modes = linearise(system, "start")
+        away = 0.5 * np.ptp(simulate(system).values)
+        told = "neither near rest nor near a steady motion" in describe_modes(modes)
+        assert told == (away > 0.05)
+        assert not linearise(system).notes

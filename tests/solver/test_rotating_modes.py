@@ -78,3 +78,4 @@ def test_a_rotor_sees_its_whirl_beside_its_speed(seed: int, planar: bool) -> Non
     found = linearise(disc_on_springs(spin, planar, across, turning, away), "start")
     seen = 2.0 * np.pi * found.frequencies
     assert np.sort(seen) == pytest.approx(np.sort(expected), rel=1e-6, abs=1e-5)
+    assert found.notes == ()
