@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .case import Table
-from .ingredients import function, unit
+from .ingredients import NODES, function, second_order, unit
 from .poses import Pose, turned
 from .sketch import END, Sketch
 
@@ -20,7 +20,9 @@ SHARE = 0.25
 
 
 def add_more(sketch: Sketch, seed: int) -> None:
-    for number, add in enumerate((_coupling, _marker_drive, _dampings, _shaft)):
+    for number, add in enumerate(
+        (_coupling, _marker_drive, _dampings, _shaft, _stiffened)
+    ):
         sketch.rng = np.random.default_rng([16, seed, number])
         if sketch.chance(SHARE):
             add(sketch)
@@ -141,3 +143,12 @@ def _shaft(sketch: Sketch) -> None:
         "damping": [1.0, 2.0, 1.0, *np.where(about, 0.0, 1.0).tolist()],
         "shaft": "xyz"[shaft],
     }
+
+
+def _stiffened(sketch: Sketch) -> None:
+    """Displacements of second order: what bends becomes shorter, what turns bends."""
+    for name, cloud in sketch.clouds.items():
+        sid = sketch.sids[name]
+        found = second_order(cloud, sketch.rng, sketch.planar)
+        sketch.clouds[name] = found
+        sketch.sids[name] = found.sid(sid.Ke.m0, sid.De.m0, NODES)

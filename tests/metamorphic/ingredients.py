@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sidtool.formats.sid import Array
@@ -47,6 +49,15 @@ def cloud(rng: Random, planar: bool) -> Cloud:
     second[:, 1:, 0, 0] += 6.0 * rng.normal(size=(nq, 2))
     if planar:
         c[:, 2] = 0.0
+    phi, psi = _fields(second, c, planar)
+    mix = orthonormal(masses, phi)
+    return Cloud(masses, c, phi @ mix, psi @ mix)
+
+
+def _fields(second: Array, c: Array, planar: bool) -> tuple[Array, Array]:
+    """Displacements second_labc c_b c_c and half their curls, (n, 3, l) each."""
+    if planar:
+        second = second.copy()
         second[:, 2] = 0.0
     slope = 2.0 * np.einsum("labc,pc->plab", second, c)
     phi = np.einsum("labc,pb,pc->pal", second, c, c)
@@ -59,8 +70,21 @@ def cloud(rng: Random, planar: bool) -> Cloud:
     )
     if planar:
         psi[:, :2] = 0.0
-    mix = orthonormal(masses, phi)
-    return Cloud(masses, c, phi @ mix, psi @ mix)
+    return phi, psi
+
+
+def second_order(cloud: Cloud, rng: Random, planar: bool) -> Cloud:
+    """The cloud with a displacement of second order that is flat at the origin."""
+    nq = cloud.phi.shape[-1]
+    second = 0.03 * rng.normal(size=(nq, nq, 3, 3, 3))
+    second = second + np.swapaxes(second, 0, 1)
+    second = second + np.swapaxes(second, 3, 4)
+    flat = second.reshape(nq * nq, 3, 3, 3)
+    phi, psi = (
+        field.reshape(*field.shape[:2], nq, nq)
+        for field in _fields(flat, cloud.c, planar)
+    )
+    return replace(cloud, phi1=phi, psi1=psi)
 
 
 def rigid_body(rng: Random, planar: bool) -> Table:

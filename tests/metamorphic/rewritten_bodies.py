@@ -229,9 +229,10 @@ def split_bodies(case: Case, rng: Random) -> Said | None:
 def tools(case: Case, rng: Random) -> Said | None:
     """A mass of the FE model at a node as a body that is fixed there.
 
-    The tool has no size: what turns with a node is of second order in q.
+    The tool has no size: what turns with a node is of second order in q. Displacements
+    of second order are exact in a body that is carried, not in the mass of a SID.
     """
-    if not case.sids:
+    if not case.sids or any(cloud.phi1 is not None for cloud in case.clouds.values()):
         return None
     case = damping.as_matrices(case)  # which follow the mass of the body
     table, sids, planar = copied(case), dict(case.sids), case.planar
