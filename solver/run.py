@@ -150,7 +150,7 @@ class _Run:
         for stop in self.system.breaks:
             status = self._enter(stop)
             if status != 0:
-                return singular(self.system, self.now, status)
+                return singular(self.system, self.work, self.now, status)
             code = stepping.CHUNK
             while code == stepping.CHUNK:
                 code = self.advance(self.limit)
@@ -160,7 +160,7 @@ class _Run:
                     self._switch()
                     status = self._enter(stop)
                     if status != 0:
-                        return singular(self.system, self.now, status)
+                        return singular(self.system, self.work, self.now, status)
                     code = stepping.CHUNK
                 if progress is not None:
                     progress(self.now)

@@ -59,6 +59,14 @@ def particle_body(
     stiffening : adds a second-order displacement field and so the geometric parts of
         Ct, Cr, Oe and of phi at the nodes, and such a field of rotations, psi
     """
+    cloud, omega = particle_cloud(nq, n_particles, planar, seed, stiffening)
+    return cloud.sid(np.diag(omega**2), np.diag(2.0 + 4e-5 * omega**2), nodes)
+
+
+def particle_cloud(
+    nq: int, n_particles: int, planar: bool, seed: int, stiffening: bool
+) -> tuple[Cloud, Array]:
+    """The particles of a `particle_body`, and its angular frequencies (nq,)."""
     rng = np.random.default_rng(seed)
     masses = rng.uniform(0.1, 1.0, n_particles)
     c = rng.normal(size=(n_particles, 3))
@@ -76,8 +84,7 @@ def particle_body(
     if psi1 is not None:
         psi1 = psi1 + np.swapaxes(psi1, 2, 3)
         psi1[:, :2] *= 0.0 if planar else 1.0
-    cloud = Cloud(masses, c, phi, psi, phi1, psi1)
-    return cloud.sid(np.diag(omega**2), np.diag(2.0 + 4e-5 * omega**2), nodes)
+    return Cloud(masses, c, phi, psi, phi1, psi1), omega
 
 
 @dataclass(frozen=True, eq=False)

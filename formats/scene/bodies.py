@@ -87,7 +87,9 @@ class SidBody(Table):
         "count; elastic coordinates and stresses are then not recorded",
     )
     quadratic_inertia: bool = Field(
-        default=False, description="keep the term q.Me.q of the moments of inertia"
+        default=False,
+        description="keep the term q.Me.q of the moments of inertia; a body with "
+        "geometric stiffening by acceleration always has it",
     )
     damping: Damping | None = Field(
         default=None, description="of the elastic coordinates, default that of the SID"

@@ -14,7 +14,7 @@ from sidtool.formats.scene import marker_names, marker_reference
 from sidtool.formats.sid import SID, Array
 
 from ..kernels import layout as at
-from ..kernels import planar
+from ..kernels import planar_columns as planar
 from ..kernels import spatial_columns as spatial
 from ..recording.force_measures import function_values
 from ..recording.force_wrenches import Wrench, between, components, given, motion_of

@@ -24,6 +24,8 @@ _TERMS = {
     at.HAS_KE1: "elastic forces quadratic in the coordinates (Ke1)",
     at.HAS_QUADRATIC_J: "quadratic inertia",
 }
+#: Terms that the inertia of a stiffened body always has, in mean axes.
+_OF_STIFFENED = at.HAS_CR1 | at.HAS_OE1 | at.HAS_CT1 | at.HAS_QUADRATIC_J
 
 
 def describe(system: System) -> list[str]:
@@ -112,6 +114,8 @@ def _body(row: object, data: BodyData) -> str:
     frame |= {3: "3 frame coordinates", 6: "6 frame coordinates"}
     parts = [frame[rigid]]
     if nq:
+        if flags & at.STIFFENED:
+            flags |= _OF_STIFFENED
         kept = [text for bit, text in _TERMS.items() if flags & bit]
         dropped = [text for bit, text in _TERMS.items() if not flags & bit]
         parts.append(f"{nq} elastic coordinates")

@@ -16,7 +16,8 @@ from sidtool.formats.stiffening import (
     unit_stiffness,
 )
 
-from ..system.bodies import body_size, ge, symmetric
+from ..system.blocks import ge
+from ..system.bodies import body_size, symmetric
 
 #: Instants whose eigenvalues are computed together.
 BATCH = 8

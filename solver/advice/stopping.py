@@ -7,6 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from sidtool.formats.result import FlexibleBody
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, coupled_mass_matrix
 
 from ..integrators import stepping
 from ..kernels import layout as at
@@ -28,8 +30,8 @@ CAUSES = {
     "tolerance asks for: it cannot be met; ask for a larger one, or use radau9",
 }
 
-#: Smallest eigenvalue, of a mass matrix with ones on its diagonal, as good as none.
-NO_INERTIA = 1e-5
+#: Part of the smallest eigenvalue of a mass matrix that is left of a lost inertia.
+LOST = 1e-2
 #: Of the inertia of two bodies in a mechanism, the ratio that rounding begins to hide.
 LIGHT = 1e-9
 #: Part of the independence of the constraints that is left near a singular position.
@@ -49,15 +51,21 @@ def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
 
 
 def lost_inertia(system: System, work: at.Work) -> str:
-    """What to know where a body has deformed so far that it has no inertia left."""
+    """What to know where a body has deformed so far that it has no inertia left.
+
+    The mass of a stiffened body is minus infinity then, see `kernels.stiffened`.
+    """
     for row, body in zip(system.arrays.body, system.bodies, strict=True):
         n, first = int(row[at.NV]), int(row[at.BLOCK])
         M = work.M[first : first + n * n].reshape(n, n)
-        if n == 0 or not np.isfinite(M).all():
+        if n and np.isneginf(M[-1, -1]):
+            return (
+                f"; {body.name} has deformed so far that its moments of inertia are no "
+                "longer positive: J and Oe m1 of its SID hold for small deformations"
+            )
+        if n == 0 or body.sid.nq == 0 or not np.isfinite(M).all():
             continue
-        size = np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))
-        left = float(np.linalg.eigvalsh((M + M.T) / 2 / np.outer(size, size))[0])
-        if left < NO_INERTIA:
+        if _least(M) < LOST * _least(_undeformed(system, body.sid, int(row[at.RD]))):
             text = (
                 f"; {body.name} has deformed so far that the inertia of its SID, which "
                 "holds for small deformations, is no longer positive"
@@ -69,6 +77,19 @@ def lost_inertia(system: System, work: at.Work) -> str:
                 text += " (quadratic_inertia = true of the body keeps more of it)"
             return text
     return ""
+
+
+def _least(M: Array) -> float:
+    """The smallest eigenvalue of a mass matrix with ones on its diagonal."""
+    size = np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))
+    return float(np.linalg.eigvalsh((M + M.T) / 2 / np.outer(size, size))[0])
+
+
+def _undeformed(system: System, sid: SID, rd: int) -> Array:
+    """Mass matrix of a body at q = 0 with the rd coordinates of its frame."""
+    axes = list(IN_PLANE[2] if system.planar else SPATIAL)[:rd]
+    keep = [*axes, *range(6, 6 + sid.nq)]
+    return coupled_mass_matrix(sid)[np.ix_(keep, keep)]
 
 
 def too_light(system: System, work: at.Work) -> str:
@@ -106,7 +127,10 @@ def near_singular(control: stepping.Control) -> str:
     )
 
 
-def singular(system: System, t: float, status: int) -> str:
+def singular(system: System, work: at.Work, t: float, status: int) -> str:
+    lost = lost_inertia(system, work) if status == 1 else ""
+    if lost:
+        return f"stopped at t = {t:.9g} s{lost}"
     if status == 1:
         return (
             f"stopped at t = {t:.9g} s: the mass matrix of a body is singular; a body "

@@ -24,7 +24,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels import planar
+from ..kernels import planar_columns as planar
 from ..kernels import spatial_columns as spatial
 from ..recording.outputs import velocity_names
 from ..start.assembly import assemble

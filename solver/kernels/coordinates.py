@@ -19,7 +19,7 @@ import math
 
 from numba import complex128, float64, int64, types
 
-from . import planar
+from . import planar_columns as planar
 from .compiling import entry, inner
 from .layout import (
     C1,

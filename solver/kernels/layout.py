@@ -54,6 +54,7 @@ HAS_CT1 = 8
 HAS_QUADRATIC_J = 16
 DIAGONAL_ME = 32
 HAS_KE1 = 64
+STIFFENED = 128  # Ct and Cr have terms of a displacement field of second order
 
 # --- columns of System.marker ---------------------------------------------
 M_BODY = 0
@@ -221,9 +222,9 @@ class Work(Table):
     frame : (bodies, .) state of the body frames
     point : (markers, .) state of the markers
     phi : Phi and Psi of the markers at the current elastic coordinates
-    M, Rp, Rv : NV x NV blocks of the bodies: mass matrix, whose elastic part never
-        changes, and derivatives of M z_II' - f - C^T lambda by positions and
-        velocities
+    M, Rp, Rv : NV x NV blocks of the bodies: mass matrix, whose elastic part changes
+        only for stiffened bodies, and derivatives of M z_II' - f - C^T lambda by
+        positions and velocities
     f : generalised force
     C, Gp, Gv : segments of the constraint Jacobian and of the derivatives of the
         constraint accelerations by positions and velocities; then those of the force
@@ -232,7 +233,7 @@ class Work(Table):
     turn : (angles, N_TURNED) rotations between markers in space
     measure : (forces, 2) measures that forces act on, and their rates
     clock : (1,) a time inside the smooth interval that is being integrated
-    scratch, modal : intermediate results of one body
+    scratch, modal, stiffened : intermediate results of one body
     """
 
     frame: Array
@@ -251,6 +252,7 @@ class Work(Table):
     clock: Array
     scratch: Array
     modal: Array
+    stiffened: Array
 
 
 F1 = types.Array(float64, 1, "C")
@@ -263,7 +265,7 @@ I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
 SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None])
-WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1] * 3)
+WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1] * 4)
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)

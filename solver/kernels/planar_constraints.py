@@ -41,7 +41,8 @@ from .layout import (
     W_WEIGHT,
     WORK,
 )
-from .planar import (
+from .planar import evaluate_bodies, segment
+from .planar_columns import (
     AL,
     COS,
     DX,
@@ -61,10 +62,8 @@ from .planar import (
     VX,
     VY,
     W,
-    evaluate_bodies,
-    linearise_body,
-    segment,
 )
+from .planar_linear import linearise_body
 from .rows import add_term, is_coupled, write_row
 
 

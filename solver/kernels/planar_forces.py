@@ -30,7 +30,8 @@ from .layout import (
     VEL,
     WORK,
 )
-from .planar import PVX, PVY, PX, PY, TH, TW, segment
+from .planar import segment
+from .planar_columns import PVX, PVY, PX, PY, TH, TW
 from .planar_constraints import (
     add_outer,
     direction_stiffness,

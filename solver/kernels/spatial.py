@@ -35,17 +35,53 @@ from .layout import (
     NV,
     POS,
     RD,
+    STIFFENED,
     SYSTEM,
     VEL,
     WORK,
 )
-from .spatial_columns import ALPHA, OMEGA, PA, PAL, PR, PV, PW, PX, A, D, R, T, U, V, X
+from .spatial_columns import (
+    ALPHA,
+    N_MODAL,
+    N_SQUARES,
+    N_VECTORS,
+    OMEGA,
+    P_J,
+    P_MASS,
+    P_MD,
+    P_VECTORS,
+    PA,
+    PAL,
+    PR,
+    PV,
+    PW,
+    PX,
+    S_CR1,
+    S_CT1,
+    S_DE,
+    S_KE,
+    S_OE1,
+    V_CR,
+    V_CT,
+    V_J1,
+    V_KSIGMA,
+    V_OE0,
+    A,
+    D,
+    R,
+    T,
+    U,
+    V,
+    X,
+)
 from .spatial_frames import free_frame, prescribed_frame
+from .spatial_stiffened import add_stiffened
 from .vectors import (
     VECTOR,
     column,
     cross,
     dot,
+    inertia_times,
     load,
     minus,
     plus,
@@ -56,18 +92,8 @@ from .vectors import (
     turned,
 )
 
-# Pool layout of a body: mass, mdCM, J, then arrays over the elastic coordinates:
-# vectors (by component, then mode), then square matrices (row k, column l), then the
-# cube of Ke1, if any.
-P_MASS, P_MD, P_J, P_VECTORS = 0, 1, 4, 10
-V_CT, V_CR, V_J1, V_OE0, V_KSIGMA, N_VECTORS = 0, 3, 6, 12, 18, 19
-S_KE, S_DE, S_CR1, S_OE1, S_CT1, N_SQUARES = 0, 1, 2, 5, 11, 14
-
 #: Below this rotation the series of the coefficients of T are used.
 SMALL_ROTATION = 0.05
-
-#: Entries of Work.modal per elastic coordinate.
-N_MODAL = 17
 
 
 @inner(types.void(F1, VECTOR, VECTOR, F1))
@@ -200,16 +226,6 @@ def segment(system, work, out, offset, m, force, torque):
     for k in range(nq):
         out[offset + rd + k] += dot(column(work.phi, phi, nq, k), f)
         out[offset + rd + k] += dot(column(work.phi, psi, nq, k), t)
-
-
-@inner(VECTOR(F1, int64, VECTOR))
-def inertia_times(six, at, x):
-    """The symmetric matrix (xx, yy, zz, xy, xz, yz) at `at` times x."""
-    return (
-        six[at] * x[0] + six[at + 3] * x[1] + six[at + 4] * x[2],
-        six[at + 3] * x[0] + six[at + 1] * x[1] + six[at + 5] * x[2],
-        six[at + 4] * x[0] + six[at + 5] * x[1] + six[at + 2] * x[2],
-    )
 
 
 @inner(int64(int64))
@@ -389,3 +405,5 @@ def evaluate_bodies(system, work, t, z, v):
             _marker(system, work, m, z, v)
             m += 1
         _body(system, work, b, z, v)
+        if system.body[b, FLAGS] & STIFFENED:
+            add_stiffened(system, work, b, z, v)

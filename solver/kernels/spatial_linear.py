@@ -15,19 +15,24 @@ from .layout import (
     HAS_CT1,
     HAS_KE1,
     HAS_OE1,
+    HAS_QUADRATIC_J,
     NP,
     NQ,
     NV,
     POS,
     RD,
+    STIFFENED,
     SYSTEM,
     VEL,
     WORK,
 )
-from .spatial import (
+from .spatial import body_state, omega_product
+from .spatial_columns import (
+    ALPHA,
     N_MODAL,
     N_SQUARES,
     N_VECTORS,
+    OMEGA,
     P_MASS,
     P_VECTORS,
     S_CR1,
@@ -36,12 +41,26 @@ from .spatial import (
     S_KE,
     S_OE1,
     V_OE0,
-    body_state,
-    inertia_times,
-    omega_product,
+    A,
+    R,
+    V,
 )
-from .spatial_columns import ALPHA, OMEGA, A, R, V
-from .vectors import VECTOR, column, cross, dot, load, minus, plus, rotate_back, times
+from .spatial_stiffened_linear import linearise_stiffened
+from .vectors import (
+    VECTOR,
+    add_column,
+    add_row,
+    column,
+    cross,
+    dot,
+    inertia_times,
+    load,
+    minus,
+    plus,
+    rotate_back,
+    symmetric_times,
+    times,
+)
 
 
 @inner(types.void(F1, int64, int64, VECTOR, float64))
@@ -63,20 +82,6 @@ def add_skew_product(out, at, stride, x, y, weight):
         for j in range(3):
             out[at + i * stride + j] += weight * y[i] * x[j]
         out[at + i * stride + i] -= weight * d
-
-
-@inner(types.void(F1, int64, VECTOR))
-def add_row(out, at, x):
-    out[at] += x[0]
-    out[at + 1] += x[1]
-    out[at + 2] += x[2]
-
-
-@inner(types.void(F1, int64, int64, VECTOR))
-def add_column(out, at, stride, x):
-    out[at] += x[0]
-    out[at + stride] += x[1]
-    out[at + 2 * stride] += x[2]
 
 
 @inner(VECTOR(F1, int64, int64, VECTOR))
@@ -125,10 +130,11 @@ def _elastic(system, work, b, z, v, acc, a, al):
     q, qd = row[POS] + row[NP] - nq, first + rd
     vec = row[DATA] + P_VECTORS
     sq, n2 = vec + N_VECTORS * nq, nq * nq
+    quadratic = flags & HAS_QUADRATIC_J != 0
     for k in range(nq):
         line = block + (rd + k) * nv
         turn = omega_gradient(pool, vec + V_OE0 * nq + k, nq, w)
-        follow, drag = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+        follow, drag, sway = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         for i in range(nq):
             e, f = k * nq + i, i * nq + k
             stiffness, damping = pool[sq + S_KE * n2 + e], pool[sq + S_DE * n2 + e]
@@ -140,10 +146,16 @@ def _elastic(system, work, b, z, v, acc, a, al):
                 damping += dot(ge, w)
                 turn = plus(turn, times(v[qd + i], ge))
                 follow = plus(follow, times(acc[qd + i], swapped))
+                sway = plus(sway, times(v[qd + i], swapped))
             if flags & HAS_OE1:
                 stiffness += omega_product(pool, sq + S_OE1 * n2 + e, n2, w)
                 gradient = omega_gradient(pool, sq + S_OE1 * n2 + e, n2, w)
                 turn = plus(turn, times(z[q + i], gradient))
+            if quadratic:
+                own = times(-2.0, column(pool, sq + S_OE1 * n2, n2, e))
+                xy, yz, xz = column(pool, sq + (S_OE1 + 3) * n2, n2, e)
+                grow = symmetric_times(own, (-xy, -xz, -yz), w)
+                follow = plus(follow, times(v[qd + i], grow))
             if flags & HAS_CT1:
                 bend = column(pool, sq + S_CT1 * n2, n2, e)
                 stiffness += dot(bend, a)
@@ -153,6 +165,8 @@ def _elastic(system, work, b, z, v, acc, a, al):
             D[line + rd + i] += damping
         if rd >= 3:
             add_column(P, block + rd + k, nv, drag)
+        if quadratic:
+            follow = plus(follow, cross(w, sway))
         if rd == 6:
             add_row(D, line + 3, turn)
             add_column(P, block + 3 * nv + rd + k, nv, follow)
@@ -165,8 +179,7 @@ def _elastic(system, work, b, z, v, acc, a, al):
 def linearise_body(system, work, b, z, v, acc):
     """Rp and Rv of one body: derivatives of M z_II' - f by positions and velocities.
 
-    Positions vary in the body frame, see `coordinates`. The second derivatives of the
-    quadratic inertia are left out.
+    Positions vary in the body frame, see `coordinates`.
     """
     row = system.body[b]
     nq, nv, rd = row[NQ], row[NV], row[RD]
@@ -209,3 +222,5 @@ def linearise_body(system, work, b, z, v, acc):
             add_row(P, line, times(-1.0, cross(ct, g)))
             add_row(D, line, times(-1.0, cross(ct, velocity)))
     _elastic(system, work, b, z, v, acc, a, al)
+    if row[FLAGS] & STIFFENED:
+        linearise_stiffened(system, work, b, z, v, acc)

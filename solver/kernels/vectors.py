@@ -31,6 +31,11 @@ def cross(a, b):
     )
 
 
+@inner(VECTOR(int64))
+def unit(a):
+    return 1.0 if a == 0 else 0.0, 1.0 if a == 1 else 0.0, 1.0 if a == 2 else 0.0
+
+
 @inner(float64(VECTOR, VECTOR))
 def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
@@ -110,3 +115,54 @@ def turned(matrix, at, axis, angle, out, to):
                 c * r[2] + s * turned[2] + along * axis[2],
             ),
         )
+
+
+@inner(VECTOR(F1, int64, VECTOR))
+def inertia_times(six, at, x):
+    """The symmetric matrix (xx, yy, zz, xy, xz, yz) at `at` times x."""
+    return (
+        six[at] * x[0] + six[at + 3] * x[1] + six[at + 4] * x[2],
+        six[at + 3] * x[0] + six[at + 1] * x[1] + six[at + 5] * x[2],
+        six[at + 4] * x[0] + six[at + 5] * x[1] + six[at + 2] * x[2],
+    )
+
+
+@inner(types.void(F1, int64, VECTOR))
+def add_row(out, at, x):
+    out[at] += x[0]
+    out[at + 1] += x[1]
+    out[at + 2] += x[2]
+
+
+@inner(types.void(F1, int64, int64, VECTOR))
+def add_column(out, at, stride, x):
+    out[at] += x[0]
+    out[at + stride] += x[1]
+    out[at + 2 * stride] += x[2]
+
+
+@inner(VECTOR(VECTOR, VECTOR, VECTOR))
+def symmetric_times(own, mixed, x):
+    """The symmetric matrix with xx, yy, zz and xy, xz, yz times x."""
+    return (
+        own[0] * x[0] + mixed[0] * x[1] + mixed[1] * x[2],
+        mixed[0] * x[0] + own[1] * x[1] + mixed[2] * x[2],
+        mixed[1] * x[0] + mixed[2] * x[1] + own[2] * x[2],
+    )
+
+
+@inner(VECTOR(VECTOR, VECTOR, float64))
+def own_product(a, b, weight):
+    """weight (a~ b~ + b~ a~): xx, yy, zz."""
+    x, y, z = a[0] * b[0], a[1] * b[1], a[2] * b[2]
+    return -2.0 * weight * (y + z), -2.0 * weight * (x + z), -2.0 * weight * (x + y)
+
+
+@inner(VECTOR(VECTOR, VECTOR, float64))
+def mixed_product(a, b, weight):
+    """weight (a~ b~ + b~ a~): xy, xz, yz."""
+    return (
+        weight * (a[0] * b[1] + a[1] * b[0]),
+        weight * (a[0] * b[2] + a[2] * b[0]),
+        weight * (a[1] * b[2] + a[2] * b[1]),
+    )

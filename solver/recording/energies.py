@@ -3,7 +3,7 @@
 Kinetic energy of a body in SID quantities, eq. (12):
 T = m v.v / 2 + v.(w x md) + w.J w / 2 + v.Ct^T q' + w.Cr^T q' + q'.Me q' / 2. The
 equations of first order keep this energy up to terms of their own order; with
-`quadratic_inertia` and without geometric stiffening they keep it exactly.
+`quadratic_inertia` they keep it exactly, as bodies with geometric stiffening do theirs.
 """
 
 from __future__ import annotations
@@ -11,9 +11,11 @@ from __future__ import annotations
 import numpy as np
 
 from sidtool.formats.sid import SID, Array, symmetric_3x3
+from sidtool.formats.sid_mass import skew
 
 from ..kernels import layout as at
-from ..system.bodies import BodyData, cr1, ct1, oe1, symmetric
+from ..system.blocks import cr1, ct1, has_second_order, oe1
+from ..system.bodies import BodyData, shapes_of_stiffened, symmetric
 from ..system.first_order import cubic_energies
 from ..system.scene import GROUND_NAME, System
 from .force_measures import Measured, function_values, measured
@@ -26,7 +28,11 @@ def kinetic(system: System, samples: Samples) -> Array:
     total = np.zeros(len(samples.z))
     for b, data in _bodies(system):
         q, qd = elastic_state(system, samples, b)
-        total += _kinetic(data, frame_motion(system, samples, b), q, qd)
+        frame = frame_motion(system, samples, b)
+        if has_second_order(data.sid):
+            total += _stiffened(data, frame, q, qd, system.planar)
+        else:
+            total += _kinetic(data, frame, q, qd)
     return total
 
 
@@ -34,13 +40,51 @@ def _kinetic(data: BodyData, frame: FrameMotion, q: Array, qd: Array) -> Array:
     sid = data.sid
     V, W = frame.V, frame.W
     md, J = _first_moment(data, q), _inertia(data, q)
-    Ct = sid.Ct.m0 + np.einsum("akl,tl->tka", ct1(sid), q)
-    Cr = sid.Cr.m0 + np.einsum("akl,tl->tka", cr1(sid), q)
+    Ct, Cr = sid.Ct.m0, sid.Cr.m0 + np.einsum("akl,tl->tka", cr1(sid), q)
     energy = 0.5 * sid.mass * _dot(V, V) + _dot(V, np.cross(W, md))
     energy += 0.5 * np.einsum("ta,tab,tb->t", W, J, W)
-    energy += np.einsum("ta,tka,tk->t", V, Ct, qd)
+    energy += np.einsum("ta,ka,tk->t", V, Ct, qd)
     energy += np.einsum("ta,tka,tk->t", W, Cr, qd)
     return energy + 0.5 * np.einsum("tk,kl,tl->t", qd, symmetric(sid.Me.m0), qd)
+
+
+def _stiffened(
+    data: BodyData, frame: FrameMotion, q: Array, qd: Array, planar: bool
+) -> Array:
+    """Kinetic energy of a body with geometric stiffening, eq. (24)."""
+    sid, W = data.sid, frame.W
+    axes, free = shapes_of_stiffened(sid, planar)
+    Ct = sid.Ct.m0 + np.einsum("akl,tl->tka", ct1(sid), q)
+    flow = frame.V + np.cross(W, _first_moment(data, q)) / sid.mass
+    flow = flow + np.einsum("tka,tk->ta", Ct, qd) / sid.mass
+    if planar:
+        flow[:, 2] = 0.0
+    about = np.cross(q @ axes.tilt, W)
+    turn = W - about + 0.5 * np.cross(q @ axes.tilt, about) + qd @ axes.tilt
+    size = np.einsum("tk,kl,tl->t", q, free.mass, q)
+    first, added = q @ sid.Ct.m0, _first_moment(data, q) - sid.mdCM.m0[:, 0]
+    bow = 0.5 * np.einsum("klab,tk,tl->tab", axes.bows, q, q)
+    H = axes.inertia + np.einsum("kab,tk->tab", axes.slopes, q) + bow
+    H = H + (skew(added) @ skew(added) - skew(first) @ skew(first)) / sid.mass
+    kick = np.cross(added, np.einsum("tka,tk->ta", Ct, qd))
+    kick = -(kick - np.cross(first, qd @ sid.Ct.m0)) / sid.mass
+    kick -= np.einsum("tab,tb->ta", bow, qd @ axes.tilt)
+    kick += np.einsum("akl,tk,tl->ta", axes.coupling, qd, q)
+    free_kick = np.einsum("akl,tk,tl->ta", free.turning, qd, q)
+    round_ = axes.inertia + np.multiply.outer(size, np.eye(3))
+    energy = 0.5 * sid.mass * _dot(flow, flow)
+    energy += 0.5 * np.einsum("tk,kl,tl->t", qd, free.mass, qd)
+    energy += _turning(H, turn, kick, planar)
+    return energy - _turning(round_, 0.0 * turn, free_kick, planar)
+
+
+def _turning(H: Array, turn: Array, kick: Array, planar: bool) -> Array:
+    """p.H^-1 p / 2 with the angular momentum p = H turn + kick, (nt,)."""
+    axes = [2] if planar else [0, 1, 2]
+    H = H[:, axes][:, :, axes]
+    u = np.einsum("tab,tb->ta", np.linalg.pinv(H, hermitian=True), kick[:, axes])
+    u = u + turn[:, axes]
+    return 0.5 * np.einsum("ta,tab,tb->t", u, H, u)
 
 
 def _first_moment(data: BodyData, q: Array) -> Array:

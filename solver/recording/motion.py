@@ -11,7 +11,7 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels import planar
+from ..kernels import planar_columns as planar
 from ..kernels import spatial_columns as spatial
 from ..system.scene import System
 from .sampling import Samples

@@ -19,7 +19,7 @@ from sidtool.formats.sid import Array
 
 from ..integrators import stepping
 from ..kernels import layout as at
-from ..kernels import planar
+from ..kernels import planar_columns as planar
 from ..kernels import spatial_columns as spatial
 from ..kernels.layout import Work
 from ..kernels.newton import Kernels, Memory

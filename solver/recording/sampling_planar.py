@@ -7,7 +7,7 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels.planar import AL, AX, COS, DX, DY, PAX, PAY, SIN, TA
+from ..kernels.planar_columns import AL, AX, COS, DX, DY, PAX, PAY, SIN, TA
 from ..system.bodies import elastic_rates
 from ..system.scene import System
 

@@ -9,7 +9,7 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels import planar
+from ..kernels import planar_columns as planar
 from ..kernels import spatial_columns as spatial
 from ..kernels.layout import IntTable
 from ..system import kernel_calls

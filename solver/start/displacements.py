@@ -10,7 +10,7 @@ from sidtool.formats.scene import as_3d, rotation
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels import planar
+from ..kernels import planar_columns as planar
 from ..kernels import spatial_columns as spatial
 from ..kernels.layout import Work
 from ..system import kernel_calls

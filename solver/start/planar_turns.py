@@ -14,7 +14,7 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels import planar
+from ..kernels import planar_columns as planar
 from ..system import kernel_calls
 from ..system.forces import Element
 from ..system.scene import System

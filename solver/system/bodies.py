@@ -11,6 +11,7 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import Body, RigidBody, SidBody, as_3d, position_3d, rotation
 from sidtool.formats.sid import (
+    J_INDICES,
     SID,
     Array,
     Node,
@@ -29,10 +30,14 @@ from ..kernels.layout import (
     HAS_KE1,
     HAS_OE1,
     HAS_QUADRATIC_J,
+    STIFFENED,
 )
+from .blocks import cr1, ct1, ge, has_second_order, oe1, without_turning
 from .damping import damped
 from .first_order import check_first_order, cubic_stiffness
+from .free_shapes import FreeShapes, free_shapes
 from .held_frames import with_frame_node
+from .mean_axes import MeanAxes, mean_axes
 from .rigid_bodies import rigid_part
 
 #: Couplings in Me below this part of its diagonal are rounding.
@@ -45,7 +50,8 @@ class BodyData:
 
     sid : its Standard Input Data; a rigid body has no elastic coordinates
     rotates : False for a point mass, whose orientation never changes
-    quadratic_inertia : keep the term of J that is quadratic in q
+    quadratic_inertia : keep the term of J that is quadratic in q; stiffened bodies
+        always do
     nodes : marker name to node id
     """
 
@@ -119,15 +125,16 @@ def _tensor(inertia: object) -> Array:
 
 def flags(sid: SID, quadratic_inertia: bool) -> int:
     """Which optional terms the equations of a SID have, and shapes of its matrices."""
-    nq = sid.nq
+    plain, nq, stiffened = without_turning(sid), sid.nq, has_second_order(sid)
     applies = {
-        HAS_CR1: sid.Cr.first_order(nq).any(),
-        HAS_GE: sid.Cr.first_order(nq).any(),
-        HAS_OE1: sid.Oe.first_order(nq).any(),
+        HAS_CR1: plain.Cr.first_order(nq).any(),
+        HAS_GE: plain.Cr.first_order(nq).any(),
+        HAS_OE1: plain.Oe.first_order(nq).any(),
         HAS_CT1: sid.Ct.first_order(nq).any(),
-        HAS_QUADRATIC_J: quadratic_inertia and sid.Oe.first_order(nq).any(),
+        HAS_QUADRATIC_J: quadratic_inertia and plain.Oe.first_order(nq).any(),
         HAS_KE1: sid.Ke.first_order(nq).any(),
-        DIAGONAL_ME: is_diagonal(elastic_mass(sid)),
+        DIAGONAL_ME: is_diagonal(elastic_mass(sid)) and not stiffened,
+        STIFFENED: stiffened,
     }
     return sum(bit for bit, needed in applies.items() if needed)
 
@@ -147,36 +154,26 @@ def body_size(sid: SID) -> float:
     return float(max(length, np.linalg.norm(np.ptp(places, axis=0))))
 
 
-def cr1(sid: SID) -> Array:
-    """First-order term of Cr as (axis, k, l)."""
-    return np.moveaxis(sid.Cr.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
-
-
-def ge(sid: SID) -> Array:
-    """Ge as (axis, k, l), rebuilt as Cr1 - Cr1^T, the exact theory (I8)."""
-    kinematic = cr1(sid)
-    return kinematic - kinematic.transpose(0, 2, 1)
-
-
-def oe1(sid: SID) -> Array:
-    """First-order term of Oe as (column, k, l), symmetric in k and l (I11)."""
-    term = np.moveaxis(sid.Oe.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
-    return 0.5 * (term + term.transpose(0, 2, 1))
-
-
 def _ke1(sid: SID) -> list[Array]:
     """The first-order term of Ke, if there is one; see `cubic_stiffness`."""
     return [cubic_stiffness(sid)] if sid.Ke.first_order(sid.nq).any() else []
 
 
-def ct1(sid: SID) -> Array:
-    """First-order term of Ct as (axis, k, l): geometric stiffening."""
-    return np.moveaxis(sid.Ct.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+def shapes_of_stiffened(sid: SID, planar: bool) -> tuple[MeanAxes, FreeShapes]:
+    """What the inertia of a stiffened body is made of; zero for others."""
+    if has_second_order(sid):
+        axes = mean_axes(sid, ct1(sid), cr1(sid), oe1(sid), planar)
+        return axes, free_shapes(sid, elastic_mass(sid), cr1(sid), planar)
+    n, zero = (sid.nq, sid.nq), np.zeros((3, 3))
+    bows, slopes = np.zeros((*n, 3, 3)), np.zeros((sid.nq, 3, 3))
+    axes = MeanAxes(np.zeros((sid.nq, 3)), zero, slopes, bows, np.zeros((3, *n)))
+    return axes, FreeShapes(np.zeros(n), np.zeros((3, *n)))
 
 
 def pack_planar(body: BodyData) -> Array:
     """The reals of a planar body in the order of `kernels.planar`."""
-    sid, nq = body.sid, body.sid.nq
+    sid, nq = without_turning(body.sid), body.sid.nq
+    axes, free = shapes_of_stiffened(body.sid, planar=True)
     vectors = [
         sid.Ct.m0[:, 0],
         sid.Ct.m0[:, 1],
@@ -184,6 +181,8 @@ def pack_planar(body: BodyData) -> Array:
         sid.J.first_order(nq)[:, 2, 0],
         sid.Oe.m0[:, 2],
         sid.ksigma.m0[:, 0],
+        axes.tilt[:, 2],
+        axes.slopes[:, 2, 2],
     ]
     squares = [
         sid.Ke.m0,
@@ -194,21 +193,29 @@ def pack_planar(body: BodyData) -> Array:
         ct1(sid)[0],
         ct1(sid)[1],
         -oe1(sid)[2],
+        axes.coupling[2],
+        axes.bows[:, :, 2, 2],
+        free.turning[2],
+        free.mass,
         *_ke1(sid),
     ]
     head = [sid.mass, sid.mdCM.m0[0, 0], sid.mdCM.m0[1, 0], sid.J.m0[2, 0]]
+    head.append(axes.inertia[2, 2])
     return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
 
 
 def pack_spatial(body: BodyData) -> Array:
     """The reals of a spatial body in the order of `kernels.spatial`."""
-    sid, nq = body.sid, body.sid.nq
+    sid, nq = without_turning(body.sid), body.sid.nq
+    axes, free = shapes_of_stiffened(body.sid, planar=False)
     vectors = [
         *sid.Ct.m0.T,
         *sid.Cr.m0.T,
         *sid.J.first_order(nq)[:, :, 0].T,
         *sid.Oe.m0.T,
         sid.ksigma.m0[:, 0],
+        *axes.tilt.T,
+        *(axes.slopes[:, a, b] for a, b in J_INDICES),
     ]
     squares = [
         sid.Ke.m0,
@@ -216,9 +223,14 @@ def pack_spatial(body: BodyData) -> Array:
         *cr1(sid),
         *oe1(sid),
         *ct1(sid),
+        *axes.coupling,
+        *(axes.bows[:, :, a, b] for a, b in J_INDICES),
+        *free.turning,
+        free.mass,
         *_ke1(sid),
     ]
     head = [sid.mass, *sid.mdCM.m0[:, 0], *sid.J.m0[:, 0]]
+    head += [axes.inertia[a, b] for a, b in J_INDICES]
     return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
 
 

@@ -11,10 +11,11 @@ from sidtool.formats.sid import SID, Array
 from ..kernels import layout as at
 from ..kernels.lapack import lapack
 from ..kernels.newton import N_COUNTERS, Memory
-from ..kernels.planar import N_FRAME as PLANAR_FRAME
-from ..kernels.planar import N_POINT as PLANAR_POINT
-from ..kernels.spatial import N_MODAL
+from ..kernels.planar_columns import N_FRAME as PLANAR_FRAME
+from ..kernels.planar_columns import N_POINT as PLANAR_POINT
+from ..kernels.spatial_centre import HEAD, N_ROW
 from ..kernels.spatial_columns import N_FRAME as SPATIAL_FRAME
+from ..kernels.spatial_columns import N_MODAL
 from ..kernels.spatial_columns import N_POINT as SPATIAL_POINT
 from .bodies import elastic_mass, modal_squares, shape_functions, symmetric
 from .scene import System
@@ -54,6 +55,7 @@ def new_work(system: System) -> at.Work:
         np.zeros(1),
         np.zeros(max(2 * largest, SCRATCH)),
         np.zeros(N_MODAL * int(body[:, at.NQ].max())),
+        np.zeros(HEAD + N_ROW * int(body[:, at.NQ].max())),
     )
 
 

@@ -11,7 +11,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.toml_files import validated
 from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels import planar
+from sidtool.solver.kernels import planar_columns as planar
 from sidtool.solver.kernels import spatial_columns as spatial
 from sidtool.solver.kernels.layout import Work
 from sidtool.solver.system import kernel_calls

@@ -339,9 +339,12 @@ def test_shape_functions_too_slow_for_the_excitation_are_told() -> None:
 
 
 def test_contributions_of_one_mode_that_swings_alone() -> None:
-    """Released in its second mode, the body keeps to it, and all energy is there."""
+    """Released in its second mode, the body keeps to it, and all energy is there.
+
+    But for what its inertia has of second order, a share of 1e-9 at 1e-3.
+    """
     sid = replace(cantilever(), De=Taylor(np.zeros((3, 3))))
-    start = {"elastic": [0.0, 1e-3, 0.0]}
+    start = {"elastic": [0.0, 1e-4, 0.0]}
     described = scene(
         {"beam": {"sid": "b", "markers": {"root": 1}, "initial": start}},
         {"hub": {"type": "fixed", "markers": ["ground", "beam.root"]}},
@@ -351,12 +354,12 @@ def test_contributions_of_one_mode_that_swings_alone() -> None:
     result = simulate(compiled(described, beam=sid), rtol=1e-8)
     found = body(result)
     assert_allclose(found.energy_shares, [0, 1, 0], atol=1e-9)
-    assert_allclose(found.amplitudes, np.abs(result.values).max(axis=0))
-    assert_allclose(found.amplitudes, [0, 1e-3, 0], atol=1e-10)
+    assert_allclose(found.amplitudes, np.abs(result.values).max(axis=0), atol=1e-12)
+    assert_allclose(found.amplitudes, [0, 1e-4, 0], atol=1e-10)
     hertz = np.array([3.516015, 22.0345, 61.6972]) / (2 * np.pi)
     assert_allclose(found.frequencies, hertz, rtol=5e-3)
     assert found.labels == sid.labels
-    assert found.deflection == pytest.approx(2e-3, rel=5e-3)
+    assert found.deflection == pytest.approx(2e-4, rel=5e-3)
 
 
 def test_rigid_scenes_have_no_flexible_bodies() -> None:

@@ -16,7 +16,7 @@ from sidtool.formats.sid import SID, Taylor
 from sidtool.solver import simulate
 from sidtool.solver.advice.body_loads import recorded_loads
 from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels import planar
+from sidtool.solver.kernels import planar_columns as planar
 from sidtool.solver.kernels import spatial_columns as spatial
 from sidtool.solver.kernels.coordinates import rate
 from sidtool.solver.recording.sampling import Samples, complete_accelerations
@@ -57,7 +57,7 @@ def loaded(dimension: str) -> System:
     inertia: Any = 0.3 if plane else [0.3, 0.4, 0.2]
     described = scene(
         {
-            "soft": {"sid": "-", "quadratic_inertia": plane},
+            "soft": {"sid": "-"},
             "block": {"mass": 2.0, "inertia": inertia},
         },
         {

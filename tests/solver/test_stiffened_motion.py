@@ -1,0 +1,286 @@
+"""Motions of bodies with geometric stiffening, in all frames and far beyond the start.
+
+With the terms of Ct and Cr in the mass matrix alone every one of these stopped in a
+tangent frame for want of positive inertia, or gained energy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.sid_mass import coupled_mass_matrix
+from sidtool.formats.toml_files import read_data, validated
+from sidtool.rereference import rereferenced
+from sidtool.solver import compile_scene, simulate
+from tests.sidtool.models import EXAMPLES, rod
+from tests.solver.test_second_order import momentum, states
+
+TANGENT, CHORD, MEAN = FRAMES = ("tangent:1", "chord:1,2", "buckens")
+WIDTH, HEIGHT, LENGTH = 0.03, 0.02, 1.0
+
+
+@cache
+def clamped_bar(modes: int, stiffened: bool) -> SID:
+    """A steel bar by the modes of one held end, without damping."""
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "title": "Bar",
+        "material": {
+            "youngs_modulus": 2.1e11,
+            "poissons_ratio": 0.3,
+            "density": 7850.0,
+        },
+        "geometry": {
+            "type": "beam",
+            "start": [0, 0, 0],
+            "end": [LENGTH, 0, 0],
+            "section": {"shape": "rectangle", "width": WIDTH, "height": HEIGHT},
+        },
+        "discretisation": {"type": "beam", "elements": 16},
+        "frame": {"type": "tangent", "marker": "a", "clamp": "start"},
+        "markers": {
+            "a": {"node": 1, "parameters": [0]},
+            "b": {"node": 2, "parameters": [1]},
+        },
+        "reduction": {"method": "modal", "modes": modes},
+    }
+    if stiffened:
+        data["stiffening"] = {}
+    sid = sid_from_model(validated(data, ModelFile))
+    return replace(sid, De=Taylor(np.zeros((modes, modes))))
+
+
+@cache
+def bar(modes: int, frame: str, stiffened: bool = True) -> SID:
+    return rereferenced(clamped_bar(modes, stiffened), frame)
+
+
+def struck(sid: SID, blow: list[float], spin: list[float]) -> dict[str, Any]:
+    """Initial motion of the bar at x = 0 in space that an impulse at its end makes,
+    and a rotation before."""
+    node = sid.node("2")
+    push = [*blow, *np.cross(node.position, blow), *(node.phi.m0.T @ np.array(blow))]
+    v = np.linalg.solve(coupled_mass_matrix(sid), push)
+    return {
+        "position": [-sid.node("1").position[0], 0.0, 0.0],
+        "velocity": v[:3].tolist(),
+        "angular_velocity": (v[3:6] + spin).tolist(),
+        "elastic_velocity": v[6:].tolist(),
+    }
+
+
+def planar(table: dict[str, Any]) -> dict[str, Any]:
+    cut = {key: table[key][:2] for key in ("position", "velocity")}
+    return table | cut | {"angular_velocity": table["angular_velocity"][2]}
+
+
+def run(sid: SID, dimension: str, end: float, rtol: float, **tables: Any) -> Result:
+    scene = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": dimension,
+        "time": {"end": end, "output_step": end / 50},
+        "outputs": {"record": ["bar.b.x", "bar.b.y", "bar.b.z"]},
+        "accuracy": {"rtol": rtol, "integrator": "radau9"},
+        **tables,
+    }
+    if dimension == "planar":
+        scene["outputs"] = {"record": ["bar.b.x", "bar.b.y"]}
+    system = compile_scene(validated(scene, SceneFile), ".", {"bar": sid})
+    result = simulate(system)
+    assert result.completed
+    return result
+
+
+def ways(result: Result) -> Array:
+    """Of the end of the bar, (2 or 3, nt)."""
+    return np.array([result[n] for n in result.names if n.startswith("bar.b.")])
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+@pytest.mark.parametrize(
+    ("frame", "stiffened"), [(TANGENT, False), *((frame, True) for frame in FRAMES)]
+)
+def test_a_free_bar_keeps_energy_and_momenta_for_a_thousand_periods(
+    frame: str, stiffened: bool, dimension: str
+) -> None:
+    """Without stiffening by the quadratic inertia."""
+    sid = bar(2, frame, stiffened)
+    start = struck(sid, [0.1, 0.6, 0.4], [0.0, 0.0, 3.0])
+    if dimension == "planar":
+        start = planar(start)
+    scene = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": dimension,
+        "time": {"end": 9.5, "output_step": 0.5},
+        "bodies": {
+            "bar": {
+                "sid": "-",
+                "markers": {"b": 2},
+                "initial": start,
+                "quadratic_inertia": not stiffened,
+            }
+        },
+        "outputs": {"record": ["energy.kinetic", "energy.elastic"]},
+        "accuracy": {"rtol": 1e-9, "integrator": "radau13"},
+    }
+    system = compile_scene(validated(scene, SceneFile), ".", {"bar": sid})
+    result = simulate(system)
+    energy = result["energy.kinetic"] + result["energy.elastic"]
+    assert np.abs(energy / energy[0] - 1.0).max() < 1e-8
+    momenta = np.array([momentum(system, t, z, v) for t, z, v in states(result)])
+    assert np.abs(momenta - momenta[0]).max() < 1e-8 * np.abs(momenta[0]).max()
+
+
+def hinged(modes: int, frame: str, load: float) -> Array:
+    """Way of the end of a bar on a hinge about z, pushed across; (3, nt)."""
+    sid = bar(modes, frame)
+    marker = {"a": 1, "b": 2}
+    start = {"position": [-sid.node("1").position[0], 0.0, 0.0]}
+    push = {"type": "force", "marker": "bar.b"}
+    result = run(
+        sid,
+        "spatial",
+        0.02,
+        1e-9,
+        bodies={"bar": {"sid": "-", "markers": marker, "initial": start}},
+        joints={"hinge": {"type": "revolute", "markers": ["ground", "bar.a"]}},
+        forces={"push": push | {"force": [0.0, 2.0 * load, load]}},
+    )
+    return ways(result)
+
+
+def test_a_hinged_bar_moves_the_same_in_all_frames() -> None:
+    """Up to terms of third order in the deformation."""
+    left = {}
+    for load in (20.0, 60.0):
+        ways = [hinged(6, frame, load) for frame in FRAMES]
+        bent = np.abs(ways[0][2]).max()
+        left[load] = max(np.abs(way - ways[0]).max() for way in ways[1:])
+        assert left[load] < 3.0 * bent**3 / LENGTH**2
+    assert left[60.0] == pytest.approx(27.0 * left[20.0], rel=0.5)
+
+
+def test_more_shape_functions_of_a_hinged_bar_converge() -> None:
+    few, more, most = (hinged(modes, TANGENT, 20.0) for modes in (4, 6, 12))
+    assert np.abs(more - most).max() < 0.3 * np.abs(few - most).max()
+    assert (
+        np.abs(hinged(12, CHORD, 20.0) - most).max() < 0.1 * np.abs(more - most).max()
+    )
+
+
+def test_thirty_shape_functions_of_the_rod_run_in_all_frames() -> None:
+    """They stopped at 1.62 s (Q4) and 1.52 s (IGA)."""
+    data = read_data(EXAMPLES / "slider_crank.toml")
+    data["time"]["end"] = 2.0
+    data["outputs"]["record"] = ["piston.x", "rod.q1"]
+    reduction = {"method": "modal", "modes": 30, "fix": "left"}
+    tangent = {"type": "tangent", "marker": "crank_pin"}
+    ways = []
+    for mesh in (
+        {"type": "q4", "elements": [30, 4]},
+        {"type": "iga", "degrees": [3, 2], "elements": [10, 2]},
+    ):
+        model = rod(mesh, frame=tangent, reduction=reduction, stiffening={})
+        sid = sid_from_model(model)
+        for frame in (TANGENT, MEAN):
+            seen = rereferenced(sid, frame)
+            place = [0.1 - seen.node(1).position[0], 0.0]
+            data["bodies"]["rod"]["initial"]["position"] = place
+            system = compile_scene(validated(data, SceneFile), EXAMPLES, {"rod": seen})
+            result = simulate(system, integrator="radau9", rtol=1e-6)
+            assert result.completed
+            ways.append(result["piston.x"])
+        assert np.abs(ways[-1] - ways[-2]).max() < 1e-9
+
+
+def on_a_hub(frame: str, torque: float, planar_scene: bool) -> tuple[Array, float]:
+    """Way of the end of a bar on a hub that a torque turns, and how far it bends.
+
+    In the plane the hub has a bearing, in space it floats with the bar as its panel.
+    """
+    sid = bar(6, frame)
+    place = [0.1 - sid.node("1").position[0], 0.0, 0.0]
+    hub: dict[str, Any] = {"mass": 20.0, "inertia": [0.5, 0.7, 0.6]}
+    hub["markers"] = {"centre": {"position": [0.0, 0.0]}, "rim": {"position": [0.1, 0]}}
+    moment: Any = [0.1 * torque, 0.6 * torque, torque]
+    joints: dict[str, Any] = {
+        "seat": {"type": "fixed", "markers": ["hub.rim", "bar.a"]}
+    }
+    if planar_scene:
+        hub["inertia"], place, moment = 0.6, place[:2], torque
+        markers = ["ground", "hub.centre"]
+        joints["bearing"] = {"type": "revolute", "markers": markers}
+    else:
+        for name in hub["markers"]:
+            hub["markers"][name] = {
+                "position": [*hub["markers"][name]["position"], 0.0][:3]
+            }
+    part = {"sid": "-", "markers": {"a": 1, "b": 2}, "initial": {"position": place}}
+    result = run(
+        sid,
+        "planar" if planar_scene else "spatial",
+        0.06,
+        1e-9,
+        bodies={"hub": hub, "bar": part},
+        joints=joints,
+        forces={"turn": {"type": "force", "marker": "hub.centre", "torque": moment}},
+    )
+    return ways(result), result.bodies["bar"].deflection
+
+
+@pytest.mark.parametrize("planar_scene", [True, False])
+def test_a_hub_that_spins_up_with_a_panel_moves_the_same_in_all_frames(
+    planar_scene: bool,
+) -> None:
+    """A hub stopped at a deflection of 2.8 %, a satellite with its panel likewise."""
+    left = []
+    for torque in (600.0, 200.0):
+        runs = [on_a_hub(frame, torque, planar_scene) for frame in FRAMES]
+        bend = runs[0][1]
+        left.append(max(np.abs(way - runs[0][0]).max() for way, _ in runs[1:]))
+        assert left[-1] < 3.0 * bend**3 * LENGTH
+    assert left[1] < 0.1 * left[0]
+
+
+def test_a_bar_that_a_gear_turns_moves_as_one_on_a_drive() -> None:
+    """A gear leaves it its coordinates: it stopped where the driven one went on."""
+    law = {"type": "harmonic", "frequency": 3.0, "phase": -0.5 * np.pi}
+    law |= {"offset": 0.8, "amplitude": 0.8}
+    wheel = {
+        "mass": 1.0,
+        "inertia": 0.01,
+        "markers": {"axle": {"position": [0.0, 0.0]}},
+    }
+    found = []
+    for geared in (True, False):
+        part = {"sid": "-", "markers": {"a": 1, "b": 2}}
+        bearing = {"type": "revolute", "markers": ["ground", "bar.a"]}
+        tables: dict[str, Any] = {
+            "bodies": {"bar": part},
+            "joints": {"hinge": bearing},
+            "drives": {"turn": {"joint": "hinge", "function": law}},
+        }
+        if geared:
+            axle = {"type": "revolute", "markers": ["ground", "wheel.axle"]}
+            mesh = {"type": "gear", "joints": ["axle", "hinge"], "ratio": 2.0}
+            tables["bodies"] = {"wheel": wheel, "bar": part}
+            tables["joints"] = {"axle": axle, "hinge": bearing, "mesh": mesh}
+            half = law | {"offset": 0.4, "amplitude": 0.4}
+            tables["drives"] = {"turn": {"joint": "axle", "function": half}}
+        result = run(bar(6, TANGENT), "planar", 0.2, 1e-9, **tables)
+        found.append(np.array([result["bar.b.x"], result["bar.b.y"]]))
+        assert result.bodies["bar"].deflection > 0.01
+    assert np.abs(found[1] - found[0]).max() < 1e-8
