@@ -73,23 +73,39 @@ def mapped_batch(
 
 
 def _determinants(matrices: Array) -> Array:
-    """Of (..., d, d); in the plane without LAPACK, which is slow for small ones."""
-    if matrices.shape[-1] != 2:
-        return np.asarray(np.linalg.det(matrices), float)
-    a, b, c, d = np.moveaxis(matrices.reshape(*matrices.shape[:-2], 4), -1, 0)
-    return a * d - b * c
+    """Of (..., d, d), without LAPACK, which is slow for small ones."""
+    columns = np.moveaxis(matrices, (-2, -1), (1, 0))
+    if matrices.shape[-1] == 2:
+        (a, c), (b, d) = columns
+        return np.asarray(a * d - b * c, float)
+    first, second, third = columns
+    return np.asarray(sum(first[i] * x for i, x in enumerate(_cross(second, third))))
 
 
 def _inverses(matrices: Array, determinants: Array) -> Array:
     """Of (..., d, d) with these determinants."""
-    if matrices.shape[-1] != 2:
-        return np.asarray(np.linalg.inv(matrices), float)
     adjugate = np.empty_like(matrices)
-    adjugate[..., 0, 0] = matrices[..., 1, 1]
-    adjugate[..., 1, 1] = matrices[..., 0, 0]
-    adjugate[..., 0, 1] = -matrices[..., 0, 1]
-    adjugate[..., 1, 0] = -matrices[..., 1, 0]
+    if matrices.shape[-1] == 2:
+        adjugate[..., 0, 0] = matrices[..., 1, 1]
+        adjugate[..., 1, 1] = matrices[..., 0, 0]
+        adjugate[..., 0, 1] = -matrices[..., 0, 1]
+        adjugate[..., 1, 0] = -matrices[..., 1, 0]
+    else:
+        columns = np.moveaxis(matrices, (-2, -1), (1, 0))
+        for row in range(3):
+            pair = columns[(row + 1) % 3], columns[(row + 2) % 3]
+            for k, entry in enumerate(_cross(*pair)):
+                adjugate[..., row, k] = entry
     return adjugate / determinants[..., None, None]
+
+
+def _cross(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """Of vectors (3, ...)."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
 
 
 def check_orientation(

@@ -38,8 +38,8 @@ Array = NDArray[np.float64]
 #: Gauss points per knot span at most, for weights that differ very much; to how much
 #: their integrals are right; and on how many lines across this is looked at.
 _MOST_POINTS, _RATIONAL, _ACROSS = 64, 1e-10, 7
-#: Entries of the largest array of one batch of knot spans.
-_BATCH_ENTRIES = 4_000_000
+#: Entries of the largest array of one batch of knot spans, its strains.
+_BATCH_ENTRIES = 1_000_000
 
 
 def iga_model(model: ModelFile) -> FiniteElementModel:
@@ -211,7 +211,9 @@ def knot_span_batches(
     tables, weights = _tables(patch, points)
     spans = [len(w) for w in weights]
     functions = [t.values.shape[-1] for t in tables]
-    steps = _batch_steps(spans, int(np.prod(functions) * np.prod(points)))
+    d = len(spans)
+    strains = d * d * (d + 1) // 2  # For each displacement of each function.
+    steps = _batch_steps(spans, strains * int(np.prod(functions) * np.prod(points)))
     ranges = [range(0, n, step) for n, step in zip(spans, steps, strict=True)]
     for starts in product(*ranges):
         parts = [slice(s, s + step) for s, step in zip(starts, steps, strict=True)]
