@@ -65,7 +65,7 @@ def swell(begin: float, width: float, end: float) -> dict[str, Any]:
     return {"type": "polynomial", "pieces": pieces}
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_short_push_in_a_long_run_is_seen(seed: int) -> None:
     """Euler's column; it begins and ends within few of thousands of steps."""
     random = np.random.default_rng(seed)
@@ -88,7 +88,7 @@ def test_a_short_push_in_a_long_run_is_seen(seed: int) -> None:
     assert "stiffening matters and is in the SID" in found.sentence()
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", range(1))
 def test_a_short_spin_in_a_long_run_is_seen_as_in_a_short_run(seed: int) -> None:
     """A torque turns a free hub up and down again; once with a long time around."""
     random = np.random.default_rng(seed)
