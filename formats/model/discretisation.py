@@ -86,7 +86,7 @@ class BeamDiscretisation(Part):
     """
 
     type: Literal["beam"]
-    elements: Count
+    elements: Annotated[int, Field(ge=1, le=100_000)]
     theory: Literal["euler_bernoulli", "timoshenko"] = "euler_bernoulli"
     mass: Literal["consistent", "lumped"] = "consistent"
 

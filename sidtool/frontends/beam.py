@@ -33,6 +33,8 @@ from .patch_markers import at_marker, check_length, placed
 Array = NDArray[np.float64]
 
 _GAUSS_POINTS = 4
+#: Sections are smaller than this [m].
+LARGEST = 1e9
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,7 @@ def section_at(geometry: BeamGeometry, fraction: float) -> Section:
 
     Raises
     ------
-    InputError : a height or width is not positive there.
+    InputError : a height or width is not positive there, or no length of a section.
     """
     section = geometry.section
     if isinstance(section, GeneralSection):
@@ -145,6 +147,12 @@ def section_at(geometry: BeamGeometry, fraction: float) -> Section:
         )
     h, w = (_interpolated(section, name, fraction) for name in ("height", "width"))
     a, b = max(h, w), min(h, w)
+    if not a < LARGEST:
+        raise InputError(
+            f"is {a:g} m at {fraction:.3g} of the length",
+            place="geometry.section",
+            expected=f"a section below {LARGEST:g} m",
+        )
     torsion = a * b**3 * (1 / 3 - 0.21 * b / a * (1 - (b / a) ** 4 / 12))
     return Section(h * w, h * w**3 / 12, w * h**3 / 12, torsion, 5 / 6, 5 / 6)
 

@@ -260,6 +260,10 @@ def test_inertia_of_second_order_is_that_of_finite_rotations(discs: tuple) -> No
         ({"end": [0, 0, 0]}, "start and end are the same"),
         ({"y_axis": [1, 0, 0]}, "parallel to the beam"),
         (
+            {"section": {"shape": "rectangle", "height": 3e150, "width": 1}},
+            "geometry.section: is 3e\\+150 m at",
+        ),
+        (
             {"section": {"shape": "rectangle", "height": [1, 0.01, 1], "width": 1}},
             None,
         ),
@@ -271,6 +275,11 @@ def test_degenerate_beams(change: dict, message: str | None) -> None:
         message = "becomes -"
     with pytest.raises(InputError, match=message):
         finite_element_model(uniform("euler_bernoulli", 9, **change))
+
+
+def test_more_elements_than_a_computer_counts_are_refused() -> None:
+    with pytest.raises(InputError, match="discretisation.elements"):
+        uniform("euler_bernoulli", 2**63 - 1)
 
 
 @pytest.mark.parametrize("elements", [1, 2, 4, 7])
