@@ -25,6 +25,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.result import read_result
 from sidtool.formats.sid_files import read_sid
 
+from . import mutations
 from .machine import describe_machine
 from .report import Report, Table
 
@@ -255,6 +256,44 @@ def limits(c: Campaign, cache: Path) -> None:
     c.note("limits on file sizes, each with a run after", outcomes)
 
 
+def full_disks(c: Campaign, cache: Path) -> None:
+    """A disk of a few sizes, if this user may mount one: what has no room moves."""
+    outcomes = []
+    for k in range(SIZES):
+        folder = c.folder()
+        disk = folder / "disk"
+        disk.mkdir()
+        size = 4096 * (1 + k * 5)
+        mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)]
+        try:
+            mounted = subprocess.run(mount, capture_output=True).returncode == 0
+        except FileNotFoundError:
+            mounted = False
+        if not mounted:
+            c.say("  no full disks: nothing can be mounted here")
+            return
+        try:
+            targets = ("-o", "disk/r.h5", "--csv", "disk/r.csv")
+            found = c.run((*SIMULATE[:4], *targets), folder, cache, (0, 1))
+            found += c.half_written(disk)
+            if list(disk.glob(".*")):
+                found.append("rests on the full disk")
+            outcomes.append(found)
+        finally:
+            subprocess.run(["umount", str(disk)], check=True)
+        shutil.rmtree(c.root / "elsewhere")
+        (c.root / "elsewhere").mkdir()
+    c.note("disks too small for all or some of the files", outcomes)
+
+
+def mistakes(c: Campaign) -> None:
+    """Mutations of each example file, see `mutations`."""
+    for file in mutations.examples():
+        root = Path(tempfile.mkdtemp(dir=c.root))
+        chance = random.Random(file.name)
+        c.note(f"mutations of {file.name}", mutations.outcomes(file, root, chance))
+
+
 def out_of_reach(c: Campaign, cache: Path) -> None:
     one = [c.run(SIMULATE, c.folder(), Path("/dev/null/cache"))]
     c.note("a cache that cannot be made", one)
@@ -282,9 +321,11 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
         kills(c, cache)
         damages(c, cache)
         limits(c, cache)
+        full_disks(c, cache)
         out_of_reach(c, cache)
         cold_kills(c)
         together(c)
+        mistakes(c)
     caption = "Runs of the slider-crank, and how many were wrong:"
     return Report(
         title="Faults on purpose",
