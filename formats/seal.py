@@ -10,10 +10,10 @@ import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
-from .atomic import atomic_path
 from .errors import InputError
+from .growing import GrowingFile, undisturbed
 
 if TYPE_CHECKING:
     import h5py
@@ -23,12 +23,62 @@ HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 SEAL_SIGNATURE = b"\x89SID\r\n\x1a\n"
 
 
+class SealedFile:
+    """A sealed HDF5 file that is written piece by piece, wholly or not at all.
+
+    Attributes
+    ----------
+    target : the file below libhdf5, see `GrowingFile`
+
+    Raises
+    ------
+    InputError : see `atomic_path`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], elsewhere: bool = False) -> None:
+        import h5py
+
+        self.target = GrowingFile(path, elsewhere)
+        with undisturbed():
+            self._file = h5py.File(cast(Any, self.target), "w", userblock_size=BLOCK)
+
+    def put(self, fill: Callable[[h5py.File], None]) -> None:
+        """Puts some content into the file.
+
+        Raises
+        ------
+        OSError : there is no place for it.
+        """
+        with undisturbed():
+            fill(self._file)
+        self.target.check()
+
+    def close(self) -> None:
+        """Seals the file, which takes its place.
+
+        Raises
+        ------
+        OSError : there is no place for it; nothing is left.
+        """
+        with undisturbed():
+            self._file.close()
+        self.target.seek(BLOCK)
+        digest = hashlib.file_digest(cast(Any, self.target), "sha256").digest()
+        self.target.seek(0)
+        self.target.write((SEAL_SIGNATURE + digest).ljust(BLOCK, b"\0"))
+        self.target.close()
+
+    def discard(self) -> None:
+        """Leaves no trace."""
+        with undisturbed():
+            self._file.close()
+        self.target.discard()
+
+
 def write_sealed(
     path: str | os.PathLike[str], fill: Callable[[h5py.File], None]
 ) -> None:
     """Write a sealed HDF5 file, wholly or not at all.
-
-    libhdf5 makes it in memory: on a full disk it would end the process.
 
     fill : puts the content into the open file
 
@@ -36,18 +86,13 @@ def write_sealed(
     ------
     InputError, OSError : see `atomic_path`.
     """
-    import h5py
-
-    with h5py.File(
-        os.fspath(path), "w", driver="core", backing_store=False, userblock_size=BLOCK
-    ) as file:
-        fill(file)
-        file.flush()
-        image = file.id.get_file_image()
-    head = SEAL_SIGNATURE + hashlib.sha256(image).digest()
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        stream.write(head.ljust(BLOCK, b"\0"))
-        stream.write(image)
+    file = SealedFile(path)
+    try:
+        file.put(fill)
+        file.close()
+    except BaseException:
+        file.discard()
+        raise
 
 
 def check_seal(path: Path) -> None:
@@ -59,11 +104,12 @@ def check_seal(path: Path) -> None:
     """
     with path.open("rb") as stream:
         start = stream.read(BLOCK)
-    if start.startswith(HDF5_SIGNATURE):
-        return
-    if not start.startswith(SEAL_SIGNATURE):
-        raise InputError("is not an HDF5 file", source=path, expected="HDF5")
-    expected = SEAL_SIGNATURE + _digest(path)
+        if start.startswith(HDF5_SIGNATURE):
+            return
+        if not start.startswith(SEAL_SIGNATURE):
+            raise InputError("is not an HDF5 file", source=path, expected="HDF5")
+        stream.seek(BLOCK)
+        expected = SEAL_SIGNATURE + hashlib.file_digest(stream, "sha256").digest()
     if start != expected.ljust(BLOCK, b"\0"):
         raise InputError(
             "was damaged or changed after it was written",
@@ -71,9 +117,3 @@ def check_seal(path: Path) -> None:
             place=f"check sum in the first {BLOCK} bytes",
             expected="an unchanged file (remove the user block after edits by hand)",
         )
-
-
-def _digest(path: Path) -> bytes:
-    with path.open("rb") as stream:
-        stream.seek(BLOCK)
-        return hashlib.file_digest(stream, "sha256").digest()

@@ -7,6 +7,6 @@ import sys
 if not sys.flags.safe_path and sys.path[:1] == [os.getcwd()]:
     del sys.path[0]
 
-from .cli import main  # noqa: E402
+from .command import main  # noqa: E402
 
 main()

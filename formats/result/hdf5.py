@@ -18,16 +18,75 @@ import h5py
 import numpy as np
 
 from ..errors import InputError
+from ..growing import GrowingFile
 from ..hdf5_links import check_own_data
-from ..seal import check_seal, write_sealed
+from ..seal import SealedFile, check_seal
 from .data import TABLES, Result
 from .events import read_events, write_events
 from .hdf5_bodies import read_bodies, write_bodies
+from .rows import BLOCK, Columns, Rows, pass_on
 
 FORMAT = "sidtool result"
 VERSION = 1
 _GROUPS = ("counters", "drift", "settings", "versions")
 _UNITS = "t: s; other quantities in SI units, angles in radians"
+
+
+class ResultFile:
+    """A result file that is written while a run goes on.
+
+    The file is there after `finish`, and not at all after `discard`.
+
+    Raises
+    ------
+    InputError, OSError : the file cannot be written.
+    """
+
+    def __init__(self, path: str | Path, elsewhere: bool = False) -> None:
+        self._path, self._elsewhere = path, elsewhere
+        self._sealed: SealedFile | None = None
+
+    @property
+    def file(self) -> GrowingFile | None:
+        return None if self._sealed is None else self._sealed.target
+
+    def begin(self, columns: Columns, most: int) -> None:
+        def fill(file: h5py.File) -> None:
+            rows = min(BLOCK, max(most, 1))
+            file.create_dataset("t", (0,), float, maxshape=(None,), chunks=(rows,))
+            for table, names in columns.items():
+                width = len(names)
+                dataset = file.create_dataset(
+                    table,
+                    (0, width),
+                    float,
+                    maxshape=(None, width or None),
+                    chunks=(rows, width or 1),
+                )
+                dataset.attrs["names"] = np.array(names, dtype=h5py.string_dtype())
+
+        self._sealed = SealedFile(self._path, self._elsewhere)
+        self._sealed.put(fill)
+
+    def add(self, rows: Rows) -> None:
+        def fill(file: h5py.File) -> None:
+            begin = len(file["t"])
+            for name, array in {"t": rows.t, **rows.tables}.items():
+                file[name].resize(begin + len(rows.t), axis=0)
+                file[name][begin:] = array
+            file.flush()
+
+        assert self._sealed is not None
+        self._sealed.put(fill)
+
+    def finish(self, result: Result) -> None:
+        assert self._sealed is not None
+        self._sealed.put(lambda file: _tell(file, result))
+        self._sealed.close()
+
+    def discard(self) -> None:
+        if self._sealed is not None:
+            self._sealed.discard()
 
 
 def write_result(path: str | Path, result: Result) -> None:
@@ -38,31 +97,31 @@ def write_result(path: str | Path, result: Result) -> None:
     InputError : the file cannot be written.
     OSError : not as a whole, as on a full disk.
     """
+    file = ResultFile(path)
+    try:
+        pass_on(result, file)
+    except BaseException:
+        file.discard()
+        raise
 
-    def fill(file: h5py.File) -> None:
-        file.attrs.update(
-            format=FORMAT,
-            format_version=VERSION,
-            units=_UNITS,
-            title=result.title,
-            completed=result.completed,
-            message=result.message,
-            notes=np.array(result.notes, dtype=h5py.string_dtype()),
-        )
-        file["t"] = result.t
-        for table, names in TABLES.items():
-            dataset = file.create_dataset(table, data=getattr(result, table))
-            dataset.attrs["names"] = np.array(
-                getattr(result, names), dtype=h5py.string_dtype()
-            )
-        file.create_dataset("scene", data=result.scene, dtype=h5py.string_dtype())
-        for group in _GROUPS:
-            file.create_group(group).attrs.update(_storable(getattr(result, group)))
-        write_bodies(file.create_group("bodies"), result.bodies)
-        if result.events:
-            write_events(file.create_group("events"), result.events)
 
-    write_sealed(path, fill)
+def _tell(file: h5py.File, result: Result) -> None:
+    """All but the tables."""
+    file.attrs.update(
+        format=FORMAT,
+        format_version=VERSION,
+        units=_UNITS,
+        title=result.title,
+        completed=result.completed,
+        message=result.message,
+        notes=np.array(result.notes, dtype=h5py.string_dtype()),
+    )
+    file.create_dataset("scene", data=result.scene, dtype=h5py.string_dtype())
+    for group in _GROUPS:
+        file.create_group(group).attrs.update(_storable(getattr(result, group)))
+    write_bodies(file.create_group("bodies"), result.bodies)
+    if result.events:
+        write_events(file.create_group("events"), result.events)
 
 
 def read_result(path: str | Path) -> Result:

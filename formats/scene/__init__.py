@@ -13,7 +13,7 @@ from .damping import (
 )
 from .drives import Drive, driven_coordinate
 from .events import Event, watched
-from .file import Accuracy, Outputs, SceneFile, Time, output_times, read_scene
+from .file import Accuracy, Outputs, SceneFile, Time, read_scene
 from .forces import (
     Actuator,
     Bushing,
@@ -66,6 +66,7 @@ from .outputs import (
     marker_reference,
     parse_output,
 )
+from .times import OutputTimes, output_times
 
 __all__ = [
     "Accuracy",
@@ -97,6 +98,7 @@ __all__ = [
     "Marker",
     "ModalDamping",
     "OutputName",
+    "OutputTimes",
     "Outputs",
     "PEAK_STRESS",
     "Piece",

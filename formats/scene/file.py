@@ -5,11 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from ..errors import InputError
 from ..toml_files import load
 from .base import Table, Vector
 from .bodies import Body, Ground
@@ -18,8 +15,6 @@ from .drives import Drive
 from .events import Event
 from .forces import Force
 from .joints import Joint
-
-MOST_OUTPUTS = 10_000_000
 
 
 class Time(Table):
@@ -116,26 +111,3 @@ def read_scene(path: str | Path) -> SceneFile:
     InputError : the file cannot be read or is not a valid scene.
     """
     return load(path, SceneFile)
-
-
-def output_times(scene: SceneFile) -> NDArray[np.float64]:
-    """Times of the rows of the result [s], (nt,), increasing.
-
-    Multiples of the output step from the start; the end is one of them if it fits.
-    """
-    time = scene.time
-    if time.output_times is not None:
-        return np.array(time.output_times)
-    assert time.output_step is not None
-    span = time.end - time.start
-    count = int(span / time.output_step * (1 + 1e-12) + 1e-9)
-    if count > MOST_OUTPUTS:
-        raise InputError(
-            f"asks for {count} output times",
-            place="time.output_step",
-            expected=f"at most {MOST_OUTPUTS}",
-        )
-    steps = np.arange(count + 1, dtype=np.float64)
-    if abs(count * time.output_step - span) <= 1e-9 * span:
-        return time.start + span * steps / max(count, 1)
-    return time.start + time.output_step * steps

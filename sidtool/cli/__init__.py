@@ -76,6 +76,12 @@ def _end(number: int, frame: object) -> NoReturn:
     raise Ended(number)
 
 
+def _interrupt(number: int, frame: object) -> NoReturn:
+    """The first Ctrl-C cleans up; the second one ends the program as it is."""
+    signal.signal(number, signal.SIG_DFL)
+    raise KeyboardInterrupt
+
+
 def _ending_signals() -> list[signal.Signals]:
     """Those that end a program without cleaning up, and are not ignored (nohup)."""
     present = [n for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n)]
@@ -89,6 +95,8 @@ def main() -> NoReturn:
     gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.showwarning = _tell
     before = {number: signal.signal(number, _end) for number in _ending_signals()}
+    if signal.getsignal(signal.SIGINT) in (signal.SIG_DFL, signal.default_int_handler):
+        before[signal.SIGINT] = signal.signal(signal.SIGINT, _interrupt)
     status = run(sys.argv[1:])
     for number, handler in before.items():
         signal.signal(number, handler)
@@ -129,7 +137,7 @@ def run(arguments: Sequence[str]) -> int:
         return _complain("ended by a signal", 128 + ended.number)
     except (KeyboardInterrupt, click.Abort):
         return _complain("interrupted", INTERRUPTED)
-    except BrokenPipeError:
+    except (BrokenPipeError, SystemExit):  # click makes the second of the first
         return _closed_pipe()
     except MemoryError:
         return _complain("there is not enough memory for this", FAILED)

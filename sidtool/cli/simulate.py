@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -103,19 +101,27 @@ def simulate(
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     _check_numbers(rtol, step, spectral_radius)
-    try:
-        with progress_bar("simulating") as bar:
-            result = _run(scene, swaps, rigid, accept_defects, settings, bar)
-    except SimulationError as error:
-        click.echo(f"sidtool: {scene}: {error}", err=True)
-        partial = getattr(error, "result", None)
-        if partial is not None:
-            _write(partial, output, csv)
-        raise click.exceptions.Exit(1) from None
-    _write(result, output, csv)
+    from .outputs import Outputs
+
+    with Outputs(output, csv) as files:
+        try:
+            with progress_bar("simulating") as bar:
+                result = _run(scene, swaps, rigid, accept_defects, settings, bar, files)
+        except SimulationError as error:
+            click.echo(f"sidtool: {scene}: {error}", err=True)
+            files.tell(err=True)
+            raise click.exceptions.Exit(1) from None
+        except OSError:
+            files.tell(err=True)
+            if not files.failed:
+                raise
+            raise click.exceptions.Exit(1) from None
+    files.tell(err=False)
+    if files.failed:
+        raise click.exceptions.Exit(1)
     from ..report.result import summary
 
-    click.echo(summary(result))
+    click.echo(summary(result, files.span))
     if output is None and csv is None:
         click.echo("nothing written: -o FILE keeps the result, --csv FILE its outputs")
 
@@ -141,6 +147,7 @@ def _run(
     accept_defects: bool,
     settings: dict[str, Any],
     bar: Callable[[float], None] | None,
+    files: Any,
 ) -> Any:
     from sidtool.formats.scene import read_scene
 
@@ -163,7 +170,14 @@ def _run(
             scene, path.parent, sids=sids, accept_defects=accept_defects
         )
         progress = _share(bar, scene.time)
-        return run(system, progress=progress, foresee=_foresee, told=told, **settings)
+        return run(
+            system,
+            progress=progress,
+            foresee=_foresee,
+            told=told,
+            into=files,
+            **settings,
+        )
     except InputError as error:
         raise error.located(path) from None
 
@@ -198,33 +212,3 @@ def _swaps(swaps: tuple[str, ...], scene: Any) -> dict[str, str]:
             )
         found[body] = file
     return found
-
-
-def _write(result: Any, output: Path | None, csv: Path | None) -> None:
-    from sidtool.formats.result import write_csv, write_result
-
-    failed = None
-    for path, write in ((csv, write_csv), (output, write_result)):
-        if path is None:
-            continue
-        try:
-            write(path, result)
-            click.echo(f"{path} written", err=not result.completed)
-        except OSError as error:
-            failed = error
-            click.echo(f"sidtool: {path}: {error.strerror}", err=True)
-            _keep_elsewhere(path, write, result)
-    if failed is not None:
-        raise click.exceptions.Exit(1)
-
-
-def _keep_elsewhere(path: Path, write: Callable[..., None], result: Any) -> None:
-    """What was computed goes to the folder for temporary files."""
-    folder = Path(tempfile.gettempdir())
-    other = folder / path.name
-    text = "nothing was kept: run again with another -o"
-    if other.parent.resolve() != path.parent.resolve() and not other.exists():
-        with suppress(OSError, InputError):
-            write(other, result)
-            text = f"{other} written instead"
-    click.echo(f"sidtool: {text}", err=True)

@@ -32,10 +32,14 @@ STIFF_PART = 4
 _DRIFT_UNITS = {"position": "m", "velocity": "m/s"}
 
 
-def summary(result: Result) -> str:
-    """A few lines after a run: span, cost, drift, notes, events, flexible bodies."""
+def summary(result: Result, span: tuple[float, float, int] | None = None) -> str:
+    """A few lines after a run: span, cost, drift, notes, events, flexible bodies.
+
+    span : first and last output time [s] and how many there are; default those of the
+        result
+    """
     entries = [
-        ("motion", _span(result)),
+        ("motion", _span(*(span or _span_of(result)))),
         ("method", _settings(result)),
         ("cost", _cost(result)),
         ("drift", _drift(result)),
@@ -127,11 +131,15 @@ def _contributions(name: str, body: FlexibleBody) -> str:
     return f"{body.before}\n{table(header, rows)}"
 
 
-def _span(result: Result) -> str:
-    if not len(result.t):
+def _span_of(result: Result) -> tuple[float, float, int]:
+    count = len(result.t)
+    return (float(result.t[0]), float(result.t[-1]), count) if count else (0.0, 0.0, 0)
+
+
+def _span(first: float, last: float, count: int) -> str:
+    if not count:
         return "no output time was reached"
-    times = plural(len(result.t), "output time")
-    return f"{result.t[0]:g} s to {result.t[-1]:g} s, {times}"
+    return f"{first:g} s to {last:g} s, {plural(count, 'output time')}"
 
 
 def _settings(result: Result) -> str:

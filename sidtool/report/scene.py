@@ -8,12 +8,12 @@ from sidtool.formats.scene import (
     Event,
     Force,
     Joint,
+    OutputTimes,
     Polynomial,
     SceneFile,
     SidBody,
     driven_coordinate,
     marker_names,
-    output_times,
 )
 
 from .tables import named, plural, table
@@ -21,7 +21,7 @@ from .tables import named, plural, table
 
 def describe_scene(scene: SceneFile) -> str:
     """Lines and tables of bodies, joints and drives."""
-    count = len(output_times(scene))
+    count = len(OutputTimes(scene))
     accuracy = scene.accuracy
     entries = [
         ("title", scene.title or "(none)"),

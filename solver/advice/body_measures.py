@@ -1,8 +1,8 @@
-"""What a run asks of each flexible body, before it and after it."""
+"""What a run asks of each flexible body, before it and while it goes on."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,18 +11,20 @@ from sidtool.formats.result import FlexibleBody
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.stiffening import Stiffening
 
-from ..recording.energies import deformation_energies, elastic_state
+from ..kernels import layout as at
+from ..recording.energies import elastic_state
 from ..recording.sampling import Samples
 from ..start.assembly import Start
 from ..system.bodies import body_size, frequencies, modal_squares
 from ..system.scene import System
 from .body_loads import foreseen_loads, recorded_loads, turning_loads
+from .energy_shares import EnergyShares
 from .excitation import drive_history, excitation, fastest_rotation
 from .prescribed import prescribed_frames, start_frame
 from .stiffening import largest_stiffening
 
-#: Instants whose deflections are computed together.
-INSTANTS = 64
+#: Numbers that are computed together.
+NUMBERS = 1 << 18
 
 
 def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
@@ -61,28 +63,56 @@ def _if_it_turned(system: System, sid: SID, rate: float, drive: str) -> Stiffeni
     return replace(guess, condition=drive, diverges=False)
 
 
-def reached_bodies(
-    system: System, samples: Samples, times: Array, expected: Mapping[str, FlexibleBody]
-) -> dict[str, FlexibleBody]:
-    """The same with what the recorded states tell, (nt,) `times`."""
-    found = dict(expected)
-    if len(times) == 0:
-        return found
-    for name, body in expected.items():
-        b = system.index(name)
-        sid = system.bodies[b].sid
-        q, _ = elastic_state(system, samples, b)
-        loads = recorded_loads(system, samples, times, name)
-        amplitudes, shares = _contributions(sid, q, times)
-        found[name] = replace(
-            body,
-            found=largest_stiffening(sid, loads, times),
-            frequencies=frequencies(sid) / (2.0 * np.pi),
-            amplitudes=amplitudes,
-            energy_shares=shares,
-            deflection=_deflection(sid, q),
-        )
-    return found
+class Reached:
+    """What flexible bodies met so far in a run.
+
+    expected : what was said of them before
+    """
+
+    def __init__(self, system: System, expected: Mapping[str, FlexibleBody]) -> None:
+        self.system, self.bodies = system, dict(expected)
+        self._shares = {name: EnergyShares(self._sid(name)) for name in expected}
+
+    def _sid(self, name: str) -> SID:
+        return self.system.bodies[self.system.index(name)].sid
+
+    def add(self, samples: Samples, times: Array) -> None:
+        """Some states (nt,), in any order."""
+        for name, body in self.bodies.items() if len(times) else ():
+            sid = self._sid(name)
+            q, _ = elastic_state(self.system, samples, self.system.index(name))
+            loads = recorded_loads(self.system, samples, times, name)
+            least = abs(body.found.ratio) if body.found else 0.0
+            found = largest_stiffening(sid, loads, times, least)
+            largest = np.nanmax(np.abs(q), axis=0, initial=0.0)
+            self.bodies[name] = replace(
+                body,
+                found=_worse(body.found, found) if body.found else found,
+                amplitudes=np.maximum(body.amplitudes, largest)
+                if body.found
+                else largest,
+                deflection=_deflection(sid, q, body.deflection),
+            )
+
+    def go_on(self, times: Array, z: Array) -> None:
+        """The states after those of the last call, in the order of time."""
+        for name, shares in self._shares.items():
+            row = self.system.arrays.body[self.system.index(name)]
+            end = int(row[at.POS] + row[at.NP])
+            shares.add(times, z[:, end - int(row[at.NQ]) : end])
+
+    def all(self) -> dict[str, FlexibleBody]:
+        """With what is known of the whole run."""
+        return {
+            name: body
+            if body.found is None
+            else replace(
+                body,
+                frequencies=frequencies(self._sid(name)) / (2.0 * np.pi),
+                energy_shares=self._shares[name].parts(),
+            )
+            for name, body in self.bodies.items()
+        }
 
 
 def highest_frequency(sid: SID) -> float:
@@ -90,22 +120,12 @@ def highest_frequency(sid: SID) -> float:
     return float(np.sqrt(max(modal_squares(sid)[-1], 0.0))) / (2.0 * np.pi)
 
 
-def _contributions(sid: SID, q: Array, times: Array) -> tuple[Array, Array]:
-    """Largest |q| of each coordinate and its part of the energy, see `FlexibleBody`."""
-    largest = np.nanmax(np.abs(q), axis=0, initial=0.0)
-    weights = np.gradient(times) if len(times) > 1 else np.ones(1)
-    size = float(largest.max()) or 1.0
-    scaled = deformation_energies(sid, q / size, size)
-    energies = np.nansum(weights[:, None] * scaled, axis=0)
-    return largest, energies / (energies.sum() or 1.0)
-
-
 def _worse(one: Stiffening, other: Stiffening) -> Stiffening:
     return max(one, other, key=lambda s: (s.diverges, abs(s.ratio)))
 
 
-def _deflection(sid: SID, q: Array) -> float:
-    """Largest displacement of a node over the size of the body.
+def _deflection(sid: SID, q: Array, least: float) -> float:
+    """Largest displacement of a node over the size of the body, `least` at least.
 
     The sum of |Phi_l| |q_l| bounds it: the largest bounds are looked at first.
     """
@@ -114,12 +134,20 @@ def _deflection(sid: SID, q: Array) -> float:
         return 0.0
     shapes = np.array([node.phi.m0 for node in sid.nodes])
     lengths = np.linalg.norm(shapes, axis=1)
-    bounds = np.nan_to_num((np.abs(q) @ lengths.T).max(axis=1))
-    order, found = np.argsort(-bounds), 0.0
-    for first in range(0, len(order), INSTANTS):
-        rows = order[first : first + INSTANTS]
+    bounds = np.zeros(len(q))
+    for part in _parts(len(q), len(shapes)):
+        bounds[part] = np.nan_to_num((np.abs(q[part]) @ lengths.T).max(axis=1))
+    order, found = np.argsort(-bounds), least * size
+    for part in _parts(len(q), shapes.size):
+        rows = order[part]
         if bounds[rows[0]] <= found:
             break
         u = np.einsum("tl,nal->tna", q[rows], shapes)
         found = max(found, float(np.nanmax(np.linalg.norm(u, axis=2))))
     return found / size
+
+
+def _parts(count: int, numbers: int) -> Iterator[slice]:
+    """Rows in groups that are not large, of so many numbers each."""
+    size = max(1, NUMBERS // max(numbers, 1))
+    yield from (slice(first, first + size) for first in range(0, count, size))

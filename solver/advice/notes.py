@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sidtool.formats.scene import SceneFile, parse_output, watched
+from sidtool.formats.scene import SceneFile, parse_output
 from sidtool.formats.sid import Array
 
 from ..integrators import scales, stepping
@@ -28,24 +28,62 @@ MISSED = 10.0
 ROUNDED_TURN = 1e-12
 
 
-def of_run(system: System, t: Array, recorded: Recorded) -> tuple[str, ...]:
-    """Of what a run recorded at the times t."""
-    names = (*recorded.names, *multiplier_names(system))
-    values = np.hstack([recorded.values, recorded.multipliers])
-    return (
-        *left_out(system, t, recorded),
-        *undetermined_forces(recorded, watched(system.scene)),
-        *undefined_values(t, names, values),
-    )
+class Remarks:
+    """What has to be known of recorded rows, block by block."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self._told = system, system
+        self._widest = 0.0
+        self._undetermined: set[int] = set()
+        self._undefined: set[str] = set()
+        self._names: tuple[str, ...] = ()
+        self._first, self._count = 0.0, 0
+
+    def add(self, t: Array, recorded: Recorded) -> None:
+        """What was recorded at the times t (nt,)."""
+        z, v = recorded.samples.z, recorded.samples.v
+        if self.system.dropped:
+            widest = widest_left_open(self.system, t, z, v)
+            self._widest = max(self._widest, widest)
+        self._told = recorded.system
+        self._undetermined.update(recorded.undetermined)
+        self._names = (*recorded.names, *multiplier_names(self.system))
+        values = np.hstack([recorded.values, recorded.multipliers])
+        missing = ~np.isfinite(values)
+        when = t[missing.any(axis=1)]
+        if len(when):
+            self._first = self._first if self._count else float(when[0])
+            self._count += len(when)
+            columns = zip(self._names, np.any(missing, axis=0).tolist(), strict=True)
+            self._undefined.update(name for name, bad in columns if bad)
+
+    def sentences(self, outputs: Iterable[str] | None = None) -> tuple[str, ...]:
+        """outputs : only their forces are spoken of, default those of all joints"""
+        return (
+            *left_out(self.system, self._widest),
+            *undetermined_forces(self._told, self._undetermined, outputs),
+            *self.undefined(),
+        )
+
+    def undefined(self) -> list[str]:
+        """Of outputs and multipliers that are not numbers."""
+        if not self._count:
+            return []
+        what = [name for name in self._names if name in self._undefined]
+        more = f" and at {self._count - 1} other times" if self._count > 1 else ""
+        return [
+            f"{', '.join(what)} could not be computed at t = {self._first:.9g} s{more}:"
+            " the constraints depend on each other there (singular configuration)"
+        ]
 
 
-def of_output_times(scene: SceneFile, times: Array) -> list[str]:
+def of_output_times(scene: SceneFile, last: float) -> list[str]:
     """Of an output grid that misses the end of the run."""
     span = scene.time.end - scene.time.start
-    if scene.time.output_times is not None or scene.time.end - times[-1] <= SAME * span:
+    if scene.time.output_times is not None or scene.time.end - last <= SAME * span:
         return []
     return [
-        f"the last output time is {times[-1]:g} s and not the end, "
+        f"the last output time is {last:g} s and not the end, "
         f"{scene.time.end:g} s: output_step does not divide the time span"
     ]
 
@@ -60,12 +98,13 @@ def of_programs(system: System) -> list[str]:
     ]
 
 
-def left_out(system: System, t: Array, recorded: Recorded) -> list[str]:
-    """Of constraints that contradict others by the rounding of data."""
+def left_out(system: System, widest: float) -> list[str]:
+    """Of constraints that contradict others by the rounding of data.
+
+    widest : how far they are open at most, relative to sizes
+    """
     if not system.dropped:
         return []
-    z, v = recorded.samples.z, recorded.samples.v
-    widest = widest_left_open(system, t, z, v)
     count = len(system.dropped)
     follow = "constraint follows" if count == 1 else "constraints follow"
     return [
@@ -139,14 +178,14 @@ def _times(count: int) -> str:
 
 
 def undetermined_forces(
-    recorded: Recorded, outputs: Iterable[str] | None = None
+    system: System, rows: Iterable[int], outputs: Iterable[str] | None = None
 ) -> list[str]:
     """Of joints and drives that share loads in a way that the motion leaves open.
 
-    outputs : only their forces are spoken of, default those of all joints
+    system, rows : the scene whose joint forces are told, and its constraint rows that
+        the motion does not determine
     """
-    system = recorded.system
-    sharing = sorted(set(names_of_rows(system, recorded.undetermined)))
+    sharing = sorted(set(names_of_rows(system, tuple(sorted(rows)))))
     told = sharing
     if outputs is not None:
         wanted = {name.owner for name in map(parse_output, outputs) if _is_force(name)}
@@ -170,17 +209,3 @@ def _is_force(name: object) -> bool:
     quantity = name.quantity  # type: ignore[attr-defined]
     numbered = quantity[:1] == "f" and (quantity[1:] == "*" or quantity[1:].isdigit())
     return quantity in COMPONENTS or numbered
-
-
-def undefined_values(t: Array, names: tuple[str, ...], values: Array) -> list[str]:
-    """Of outputs (nt, n) that are not numbers."""
-    missing = ~np.isfinite(values)
-    if not missing.any():
-        return []
-    when = t[missing.any(axis=1)]
-    what = [name for name, bad in zip(names, missing.T, strict=True) if bad.any()]
-    more = f" and at {len(when) - 1} other times" if len(when) > 1 else ""
-    return [
-        f"{', '.join(what)} could not be computed at t = {when[0]:.9g} s{more}: the "
-        "constraints depend on each other there (singular configuration)"
-    ]

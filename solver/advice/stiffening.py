@@ -49,10 +49,14 @@ class Loads:
     moments: Mapping[str, Array] = field(default_factory=dict)
 
 
-def largest_stiffening(sid: SID, loads: Loads, times: Array) -> Stiffening:
+def largest_stiffening(
+    sid: SID, loads: Loads, times: Array, least: float = 0.0
+) -> Stiffening:
     """The instant at which loads change the stiffness most.
 
     times : (nt,) of the loads [s]
+    least : smaller changes than this part of the stiffness need not be found, unless
+        deformations grow
     """
     carried = has_stiffening(sid)
     columns, matrices, owners = _columns(sid, loads)
@@ -60,7 +64,7 @@ def largest_stiffening(sid: SID, loads: Loads, times: Array) -> Stiffening:
     if len(columns) == 0 or not columns.any() or basis.size == 0:
         return Stiffening(carried=carried)
     reduced = basis.T @ matrices @ basis
-    worst = _extreme(columns, reduced)
+    worst = _extreme(columns, reduced, least=least)
     sinking = _extreme(columns, -reduced, signed=True, least=1.0)
     diverges = sinking.ratio >= 1.0 and _grows(
         sid,

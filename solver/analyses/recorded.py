@@ -10,7 +10,7 @@ import numpy as np
 from sidtool.formats.result import Result
 from sidtool.formats.sid import Array
 
-from ..advice.notes import left_out, of_programs, undefined_values, undetermined_forces
+from ..advice.notes import Remarks, of_programs
 from ..errors import SimulationError
 from ..kernels.pointers import kernels
 from ..recording import outputs
@@ -76,14 +76,11 @@ def recorded(
         history,
         sample_known(system, work, times, z, v, a, multipliers),
     )
-    undefined = undefined_values(times, found.names, found.values)
+    remarks = Remarks(system)
+    remarks.add(times, found)
+    undefined = remarks.undefined()
     if undefined:
         raise SimulationError(undefined[0])
-    told = [
-        *of_programs(system),
-        *left_out(system, times, found),
-        *undetermined_forces(found),
-    ]
     return Result(
         title=system.scene.title,
         names=found.names,
@@ -98,7 +95,7 @@ def recorded(
         settings={"analysis": kind},
         scene=system.scene.model_dump_json(by_alias=True, exclude_none=True),
         versions=versions(),
-        notes=(*notes, *told),
+        notes=(*notes, *of_programs(system), *remarks.sentences()),
         completed=not message,
         message=message,
     )

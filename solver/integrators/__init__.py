@@ -1,8 +1,8 @@
 """Integrators: step loops on compiled scenes, one registry line each.
 
 An integrator is a function that prepares its storage and coefficients and returns
-`advance(limit)`, which makes at most `limit` steps and returns one of the codes of
-`stepping`. It keeps its state in the `Control` that all share.
+`advance(control, limit)`, which makes at most `limit` steps and returns one of the
+codes of `stepping`. It keeps its state in the `Control` that all share.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..system.scene import System
     from .stepping import Control
 
-Advance = Callable[[int], int]
+Advance = Callable[["Control", int], int]
 
 
 @dataclass(frozen=True)
@@ -57,18 +57,18 @@ def _radau(stages: int) -> Integrator:
         storage = new_stages(
             stages, system.n_positions, system.n_velocities, system.n_newton_rows
         )
-        parts = kernels, system.arrays, work, memory, control, storage
+        parts = kernels, system.arrays, work, memory
 
-        def advance(limit: int) -> int:
+        def advance(control: Control, limit: int) -> int:
             before = memory.counters[STEPS]
-            code = radau.advance(*parts, limit)
+            code = radau.advance(*parts, control, storage, limit)
             if code != stepping.BESIDE:
                 return code
             warmup.ensure_loop(passing)
             from . import radau_passing
 
             left = limit - int(memory.counters[STEPS] - before)
-            return radau_passing.advance(*parts, left)
+            return radau_passing.advance(*parts, control, storage, left)
 
         return advance
 
@@ -86,7 +86,7 @@ def _trapezoidal(
     storage = trapezoidal.new_slopes(
         system.n_positions, system.n_velocities, system.n_newton_rows
     )
-    return lambda limit: trapezoidal.advance(
+    return lambda control, limit: trapezoidal.advance(
         kernels, system.arrays, work, memory, control, storage, limit
     )
 
@@ -98,7 +98,7 @@ def _explicit(
 
     tableau = dop853.tableau()
     storage = explicit.new_slopes(system.n_positions, system.n_velocities)
-    return lambda limit: explicit.advance(
+    return lambda control, limit: explicit.advance(
         kernels, system.arrays, work, memory, tableau, control, storage, limit
     )
 
@@ -112,7 +112,7 @@ def _generalised_alpha(
     rho = float(control.real[stepping.RADIUS])
     sizes = coordinate_sizes(system)
     storage = alpha_table.new_alpha(system.arrays, rho, sizes)
-    return lambda limit: generalised_alpha.advance(
+    return lambda control, limit: generalised_alpha.advance(
         kernels, system.arrays, work, memory, control, storage, limit
     )
 

@@ -23,7 +23,7 @@ from ..kernels.tables import Table, TableType
 from .dop853 import END, STAGES, TABLEAU
 from .landing import close_step
 from .projection import accelerate
-from .recording import move, output_due, share_of_step
+from .recording import is_full, move, output_due, share_of_step
 from .scales import note_motion, set_scales
 from .singular import NEAR, beside_singular, keep_free_part, leave_start
 from .step_sizes import (
@@ -40,6 +40,7 @@ from .stepping import (
     CRAWLING,
     CROSSING,
     FIXED_STEP,
+    FULL,
     NOT_FINITE,
     OFF_CONSTRAINTS,
     OLD_STEP,
@@ -258,6 +259,8 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
         note_motion(system, memory, control)
         if control.real[OLD_STEP] == 0.0:
             h = leave_start(system, memory, control, h)
+        if is_full(control, h):
+            return FULL
         kernels.rate(system, control.z, control.v, slopes.Kz[0])
         copy(memory.acceleration, slopes.Kv[0])
         failures = 0

@@ -16,6 +16,7 @@ from ..kernels.mass import independence
 from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
 from .newton_steps import after_divergence, look_back, take_jacobian
 from .projection import accelerate
+from .recording import is_full
 from .scales import note_motion, set_scales
 from .singular import FAR, NEAR, beside_singular, leave_start
 from .step_sizes import (
@@ -39,6 +40,7 @@ from .stepping import (
     FINEST,
     FIXED_STEP,
     FRESH,
+    FULL,
     INDEPENDENCE,
     JACOBIAN,
     MISSED,
@@ -181,6 +183,8 @@ def step_loop(
             if real[OLD_STEP] == 0.0:
                 part = first_step if whole[FIXED_STEP] == 0 else 1.0
                 h = leave_start(system, memory, control, part * h)
+            if is_full(control, h):
+                return FULL
             begin(kernels, system, work, memory, control, storage)
             whole[JACOBIAN] = whole[NEEDS_JACOBIAN]
             if whole[JACOBIAN] == FRESH:

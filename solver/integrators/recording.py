@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from numba import float64, int64, types
+from numba import boolean, float64, int64, types
 
 from ..kernels.compiling import entry, inner
 from ..kernels.layout import F1, F2, F3, N_TURNS, SYSTEM, TURNED, WORK
@@ -14,12 +14,24 @@ from .projection import accelerate, project
 from .stepping import CONTROL, OUTPUT, PERIOD, SHARE, STOP, TIME, copy
 
 
+@inner(boolean(CONTROL, int64, float64))
+def is_inside(control, k, h):
+    """Whether an output time lies in the next step of length h."""
+    t = control.real[TIME]
+    return control.times[k] <= t + h + 1e-12 * max(h, abs(t))
+
+
+@inner(boolean(CONTROL, float64))
+def is_full(control, h):
+    """Whether a step of length h may have more output times than the control holds."""
+    return is_inside(control, len(control.times) - 1, h)
+
+
 @inner(int64(CONTROL, float64))
 def output_due(control, h):
     """The row of the next state that is wanted inside the step, or -1."""
     k, t = control.whole[OUTPUT], control.real[TIME]
-    slack = 1e-12 * max(h, abs(t))
-    if k < len(control.times) and control.times[k] <= t + h + slack:
+    if k < len(control.times) and is_inside(control, k, h):
         control.whole[OUTPUT] += 1
         return k
     i = control.whole[SHARE]

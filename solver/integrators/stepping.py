@@ -53,7 +53,7 @@ N_REAL = 33
 
 # Entries of Control.whole
 FIXED_STEP = 0  # 1: no error control
-OUTPUT = 1  # next entry of the output times
+OUTPUT = 1  # next entry of `Control.times`
 NEEDS_JACOBIAN = 2
 PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected one
 SHARE = 4  # next entry of the shares
@@ -86,7 +86,7 @@ FINEST = 5e-10
 
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
-CRAWLING, BLURRED, BESIDE = 6, 7, 8
+CRAWLING, BLURRED, BESIDE, FULL = 6, 7, 8, 9
 
 
 class Control(Table):
@@ -104,7 +104,8 @@ class Control(Table):
     pace : per velocity coordinate, the largest so far of its kind
     scale_z, scale_v : tolerated error per coordinate
     closed : (rows, 2) |c| and |dc/dt| below which each constraint is met
-    times : output times
+    times : the next output times; the last one lies beyond a step that is made, or is
+        infinite
     shares : of steps, at which dense output is wanted beside the output times; a
         negative one ends the list of a step
     moments : the times of the shares

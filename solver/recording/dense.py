@@ -40,6 +40,13 @@ class Steps:
     v: Array
 
 
+def joined(parts: Sequence[Steps]) -> Steps:
+    """Some steps after others."""
+    return Steps(
+        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "z", "v"))
+    )
+
+
 class Points:
     """The points of a step.
 
@@ -92,10 +99,8 @@ class Points:
 
     def batches(self, parts: Sequence[Steps]) -> Iterator[Steps]:
         """The same steps in groups that are neither many nor large."""
-        t = np.concatenate([steps.t for steps in parts])
-        z = np.concatenate([steps.z for steps in parts])
-        v = np.concatenate([steps.v for steps in parts])
-        size = BATCH * self.count
+        steps, size = joined(parts), BATCH * self.count
+        t, z, v = steps.t, steps.z, steps.v
         for i in range(0, len(t), size):
             yield Steps(t[i : i + size], z[i : i + size], v[i : i + size])
 

@@ -6,7 +6,7 @@ polynomial through them. The balance of energies tells the size of the error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from ..kernels.newton import Kernels, Memory
 from ..system import kernel_calls
 from ..system.scene import System
 from ..system.storage import new_memory, new_work
-from .dense import Points, Steps
+from .dense import BATCH, Points, Steps
 from .energies import dissipation, supply
 from .sampling import sample
 from .whole_scene import whole_motion
@@ -28,49 +28,75 @@ from .whole_scene import whole_motion
 INTEGRATED = frozenset(["dissipated", "supplied", "balance"])
 
 
-@dataclass
 class History:
-    """The steps of a run with their points."""
+    """Energies dissipated and supplied since the start; of the last steps in detail."""
 
-    points: Points
-    parts: list[Steps] = field(default_factory=list)
+    def __init__(
+        self, system: System, kernels: Kernels, closed: Array, points: Points
+    ) -> None:
+        self.points = points
+        self._system, self._kernels, self._closed = system, kernels, closed
+        self._work, self._memory = new_work(system), new_memory(system, 0)
+        self._steps: list[Steps] = []
+        self._before = np.zeros(2)
 
     def add(self, steps: Steps) -> None:
         if len(steps.t):
-            self.parts.append(steps)
+            self._steps.append(steps)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether `until` should be asked for all that is wanted, and then `forget`."""
+        return sum(len(s.t) for s in self._steps) > BATCH * self.points.count
+
+    def until(self, times: Array) -> tuple[Array, Array]:
+        """Energies dissipated and supplied until times since the last `forget`, (nt,)
+        each [J]."""
+        if not self._steps:
+            nothing = np.zeros(len(times))
+            return nothing + self._before[0], nothing + self._before[1]
+        t, powers = self._powers
+        lost, given = (
+            before + self.points.integral(t, power, times)
+            for before, power in zip(self._before, powers, strict=True)
+        )
+        return lost, given
+
+    def forget(self) -> None:
+        """Goes on from the end of the steps so far."""
+        if self._steps:
+            self._before = np.ravel(self.until(self._steps[-1].t[-1:]))
+        self._steps = []
+        self.__dict__.pop("_powers", None)
+
+    @cached_property
+    def _powers(self) -> tuple[Array, list[Array]]:
+        """Times of all points, and both powers there [W]."""
+        system, t, powers = self._system, [], []
+        for steps in self.points.batches(self._steps):
+            z, v = steps.z.copy(), steps.v.copy()
+            samples = sample(
+                system,
+                self._kernels,
+                self._work,
+                self._memory,
+                steps.t,
+                z,
+                v,
+                self._closed,
+            )
+            lost = dissipation(system, samples)
+            told, motion = whole_motion(system, steps.t, samples)
+            drift = _drift(told, steps.t, motion.z)
+            powers.append((lost, supply(told, motion, steps.t, drift)))
+            t.append(steps.t)
+        return np.concatenate(t), [np.concatenate(p) for p in zip(*powers, strict=True)]
 
 
 def is_wanted(scene: SceneFile) -> bool:
     """True when an output needs the powers along the run."""
     names = [parse_output(text) for text in scene.outputs.record]
     return any(n.owner == "energy" and n.quantity in INTEGRATED for n in names)
-
-
-def integrated_energies(
-    system: System,
-    kernels: Kernels,
-    work: Work,
-    memory: Memory,
-    history: History,
-    closed: Array,
-    times: Array,
-) -> tuple[Array, Array]:
-    """Energies dissipated and supplied until `times`, (nt,) each [J]."""
-    if not history.parts:
-        return np.zeros(len(times)), np.zeros(len(times))
-    t, powers = [], []
-    for steps in history.points.batches(history.parts):
-        z, v = steps.z.copy(), steps.v.copy()
-        samples = sample(system, kernels, work, memory, steps.t, z, v, closed)
-        lost = dissipation(system, samples)
-        told, motion = whole_motion(system, steps.t, samples)
-        drift = _drift(told, steps.t, motion.z)
-        powers.append((lost, supply(told, motion, steps.t, drift)))
-        t.append(steps.t)
-    nodes = np.concatenate(t)
-    dissipated, given = (np.concatenate(power) for power in zip(*powers, strict=True))
-    integral = history.points.integral
-    return integral(nodes, dissipated, times), integral(nodes, given, times)
 
 
 def history_between(
@@ -81,7 +107,7 @@ def history_between(
     Between them it is interpolated by cubic Hermite polynomials of positions and of
     velocities. Of fewer than two times there is nothing to tell.
     """
-    history, memory = History(Points(3)), new_memory(system, 0)
+    history, memory = History(system, kernels, closed, Points(3)), new_memory(system, 0)
     if len(times) < 2:
         return history
     lengths = np.diff(times)[:, None]

@@ -76,9 +76,7 @@ def record(
     if samples is None:
         samples = sample(system, kernels, work, memory, times, z, v, closed)
     told, motion = whole_motion(system, times, samples)
-    whole = SceneQuantities(
-        system, kernels, work, memory, times, samples, closed, history
-    )
+    whole = SceneQuantities(system, work, times, samples, history)
     names: list[str] = []
     columns: list[Array] = []
     for text in system.scene.outputs.record:

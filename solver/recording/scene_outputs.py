@@ -10,11 +10,10 @@ from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
 from ..kernels.layout import Work
-from ..kernels.newton import Kernels, Memory
 from ..system import kernel_calls
 from ..system.scene import System
 from . import energies
-from .energy_history import History, integrated_energies
+from .energy_history import History
 from .sampling import Samples
 
 
@@ -24,22 +23,13 @@ class SceneQuantities:
     def __init__(
         self,
         system: System,
-        kernels: Kernels,
         work: Work,
-        memory: Memory,
         times: Array,
         samples: Samples,
-        closed: Array,
         history: History | None,
     ) -> None:
-        self.system, self.kernels, self.work, self.memory = (
-            system,
-            kernels,
-            work,
-            memory,
-        )
-        self.times, self.samples, self.closed = times, samples, closed
-        self.history = history
+        self.system, self.work = system, work
+        self.times, self.samples, self.history = times, samples, history
 
     def column(self, owner: str, quantity: str) -> Array:
         """Values (nt,) of one of `sidtool.formats.scene.outputs.SCENE_QUANTITIES`."""
@@ -77,15 +67,7 @@ class SceneQuantities:
         if self.history is None:
             nothing = np.zeros(len(self.times))
             return nothing, nothing
-        return integrated_energies(
-            self.system,
-            self.kernels,
-            self.work,
-            self.memory,
-            self.history,
-            self.closed,
-            self.times,
-        )
+        return self.history.until(self.times)
 
     @cached_property
     def _residuals(self) -> dict[str, Array]:

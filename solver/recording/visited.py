@@ -13,7 +13,7 @@ from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
 from ..system.scene import System
-from .dense import Steps
+from .dense import Steps, joined
 
 #: At most twice as many states are kept; of longer runs every second, fourth, ... one.
 MOST = 500
@@ -52,7 +52,7 @@ class Visited:
         """Takes the ends of some steps, in the order of time."""
         if not len(ends.t):
             return
-        self._note(_joined([self._last, ends]))
+        self._note(joined([self._last, ends]))
         self._last = _rows(ends, slice(-1, None))
         first = -self._seen % self._stride
         self._seen += len(ends.t)
@@ -60,7 +60,7 @@ class Visited:
         self._parts.append(part)
         self._count += len(part.t)
         if self._count > 2 * MOST:
-            kept = _rows(_joined(self._parts), slice(None, None, 2))
+            kept = _rows(joined(self._parts), slice(None, None, 2))
             self._parts, self._count = [kept], len(kept.t)
             self._stride *= 2
 
@@ -90,16 +90,10 @@ class Visited:
     def until(self, end: float) -> Steps:
         """All that is kept up to a time [s], in the order of time."""
         parts = [*self._parts, *self._peaks.values(), *self._named]
-        states = _joined(parts)
+        states = joined(parts)
         times, rows = np.unique(states.t, return_index=True)
         return _rows(states, rows[times <= end])
 
 
 def _rows(steps: Steps, which: slice | np.ndarray) -> Steps:
     return Steps(steps.t[which].copy(), steps.z[which].copy(), steps.v[which].copy())
-
-
-def _joined(parts: list[Steps]) -> Steps:
-    return Steps(
-        *(np.concatenate([getattr(p, name) for p in parts]) for name in ("t", "z", "v"))
-    )

@@ -36,10 +36,11 @@ def new_control(
     system: System,
     settings: Settings,
     start: Start,
-    times: Array,
+    times: int,
     shares: Array,
     closed: Array,
 ) -> stepping.Control:
+    """times : output times that it holds, see `Window`"""
     scene = system.scene
     duration = scene.time.end - scene.time.start
     real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
@@ -56,7 +57,7 @@ def new_control(
     whole[stepping.FIXED_STEP] = int(settings.step is not None)
     whole[stepping.ADDING] = int(adding)
     n, m = system.n_positions, system.n_velocities
-    count = len(times) + len(shares)
+    count = times + len(shares)
     amplitude, frequency = np.ones(m), np.ones(m)
     axes = 2 if system.planar else 3
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
@@ -78,7 +79,7 @@ def new_control(
         np.ones(n - system.n_turns),
         np.ones(m),
         closed,
-        times,
+        np.full(times, np.inf),
         shares,
         np.zeros(len(shares)),
         np.zeros((count, n)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ import pytest
 import sidtool
 from sidtool.cli import run
 from sidtool.formats.errors import InputError
-from sidtool.formats.result import read_result
+from sidtool.formats.result import Sink, read_result
+from sidtool.formats.result.rows import pass_on
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 SCENE = str(EXAMPLE / "slider_crank.toml")
@@ -127,9 +129,9 @@ def test_a_run_that_stops_keeps_what_there_is(
     from sidtool import solver
     from sidtool.solver.errors import SimulationError
 
-    def stop(system: object, **_: object) -> None:
-        partial = read_result(tmp_path / "whole.h5")
-        object.__setattr__(partial, "completed", False)
+    def stop(system: object, *, into: Sink, **_: object) -> None:
+        partial = replace(read_result(tmp_path / "whole.h5"), completed=False)
+        pass_on(partial, into)
         raise SimulationError("at 1.5 s the step became too small", partial)
 
     assert run(["simulate", SCENE, "-o", str(tmp_path / "whole.h5")]) == 0

@@ -69,6 +69,33 @@ def killed(
     return subprocess.CompletedProcess(arguments, process.returncode, "", errors)
 
 
+#: Ctrl-C when the first module of the command line is imported.
+EARLY = """
+import os, signal, sys
+from sidtool import command
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "sidtool.cli":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+command.main()
+"""
+#: A second Ctrl-C while the first one is answered.
+TWICE = """
+import os, signal, sys
+from sidtool import cli, command
+
+def interrupt(*arguments, **named):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        os.kill(os.getpid(), signal.SIGINT)
+
+cli.cli.main = interrupt
+command.main()
+"""
 CONVERT = ["convert", "rod_q4.SID_FEM", "-o", "rod.h5"]
 
 
@@ -84,6 +111,17 @@ def test_a_run_that_is_told_to_end_cleans_up(
     assert done.returncode == status, done.stderr
     assert done.stderr.strip().count("\n") == 0
     assert names(folder) == before
+
+
+@pytest.mark.parametrize("arguments", [["-c", EARLY], ["-c", TWICE]])
+def test_ctrl_c_while_modules_are_imported_and_again_after_it(
+    arguments: list[str],
+) -> None:
+    """Nothing is said of the program's own lines (there was a traceback)."""
+    done = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
 
 
 def test_the_next_run_removes_what_a_killed_one_left(

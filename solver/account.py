@@ -1,0 +1,126 @@
+"""What is told of a run at its end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sidtool.formats.result import Result
+from sidtool.formats.result.data import TABLES
+from sidtool.formats.scene import watched
+
+from .advice import notes
+from .advice.bifurcations import crossings
+from .advice.stopping import CAUSES, explained, lost_inertia, near_singular, too_light
+from .integrators import stepping
+from .kernels import newton
+from .recording import outputs
+from .start import assembly
+from .start.displacements import told_displacements
+from .start.settings import made_with
+from .start.turn_counts import lost_turn
+from .versions import versions
+
+if TYPE_CHECKING:
+    from .run import Run
+
+COUNTERS = {
+    "steps": newton.STEPS,
+    "rejected": newton.REJECTED,
+    "evaluations": newton.EVALUATIONS,
+    "jacobians": newton.JACOBIANS,
+    "factorisations": newton.FACTORISATIONS,
+    "newton_iterations": newton.ITERATIONS,
+    "projections": newton.PROJECTIONS,
+}
+
+
+def result_of(run: Run, seconds: dict[str, float], failure: str) -> Result:
+    """All but the tables, which are empty."""
+    system, recorder, real = run.system, run.recorder, run.control.real
+    bodies, columns = recorder.bodies(), recorder.columns
+    tables: dict[str, Any] = {
+        table: np.zeros((0, len(names))) for table, names in columns.items()
+    }
+    tables |= {TABLES[table]: names for table, names in columns.items()}
+    return Result(
+        title=system.scene.title,
+        t=np.zeros(0),
+        **tables,
+        counters=_counters(run) | seconds,
+        drift={
+            "position": float(real[stepping.DRIFT]),
+            "velocity": float(real[stepping.DRIFT_RATE]),
+        },
+        settings=_settings(run),
+        bodies=bodies,
+        events=tuple(sorted(recorder.events, key=lambda event: event.t)),
+        scene=made_with(system.scene, run.settings),
+        notes=(*_notes(run), *recorder.remarks.sentences(watched(system.scene))),
+        versions=versions(),
+        completed=not failure,
+        message=explained(failure, bodies) or _event_at_the_end(run),
+    )
+
+
+def failure_of(run: Run, code: int) -> str:
+    """Why the step loop could not go on."""
+    system, work, control = run.system, run.work, run.control
+    cause = CAUSES.get(code, f"code {code}")
+    if code in (stepping.TOO_SMALL, stepping.OFF_CONSTRAINTS):
+        cause = lost_turn(system, work, control) or cause
+    worst = outputs.busiest_body(system, control)
+    text = f"stopped at t = {run.now:.9g} s: {cause} (fastest change: {worst})"
+    text += (
+        lost_inertia(system, work) or too_light(system, work) or near_singular(control)
+    )
+    if system.redundant:
+        rows = assembly.names_of_rows(system, system.redundant)
+        names = ", ".join(dict.fromkeys(rows))
+        text += f"; redundant at the start, perhaps contradicting now: {names}"
+    return text
+
+
+def _settings(run: Run) -> dict[str, str | float]:
+    """How the run was made."""
+    settings = run.settings
+    name = settings.integrator
+    if not math.isnan(run.switched):
+        name += f", then {settings.when_stiff} from t = {run.switched:.6g} s"
+    told: dict[str, str | float] = {"integrator": name, "rtol": settings.rtol}
+    told["step"] = settings.step or 0.0
+    if run.method.damps:
+        told["spectral_radius"] = settings.radius
+    return told
+
+
+def _notes(run: Run) -> Iterator[str]:
+    """What a reader has to know of the numbers."""
+    system, rtol = run.system, run.settings.rtol
+    steps = int(run.memory.counters[newton.STEPS])
+    yield from run.told
+    yield from crossings(system, run.kernels, run.control, rtol)
+    yield from told_displacements(system, run.start, rtol)
+    if run.now >= system.scene.time.end and not _event_at_the_end(run):
+        yield from notes.of_output_times(system.scene, float(run.times[-1:][0]))
+    yield from notes.of_programs(system)
+    yield from notes.hidden_errors(system, run.control, rtol, steps)
+    yield from notes.passed_over(system, run.control, run.settings)
+
+
+def _counters(run: Run) -> dict[str, Any]:
+    stiff = int(run.control.whole[stepping.STIFF])
+    explicit = {"stiff_steps": stiff} if run.method.explicit else {}
+    counters = run.memory.counters
+    return {name: int(counters[i]) for name, i in COUNTERS.items()} | explicit
+
+
+def _event_at_the_end(run: Run) -> str:
+    """What ended the run before the end of the time span, if an event did."""
+    if run.watch is None or not run.watch.ended:
+        return ""
+    t = run.watch.moments[-1].t
+    return f"event {run.watch.ended} ended the run at t = {t:.9g} s"

@@ -1,0 +1,145 @@
+"""What a run records, block by block: rows for a sink, and what is told of all rows."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sidtool.formats.result import Event, FlexibleBody
+from sidtool.formats.result.rows import Rows, Sink
+from sidtool.formats.sid import Array
+
+from .advice.body_measures import Reached
+from .advice.notes import Remarks
+from .kernels.newton import Kernels
+from .recording import outputs
+from .recording.dense import Steps, joined
+from .recording.energy_history import History
+from .recording.events import Moment, events_of
+from .recording.sampling import sample
+from .recording.visited import Visited
+from .system.scene import System
+from .system.storage import new_memory, new_work
+
+#: Ends of steps that wait for the rows between them.
+MOST_WAITING = 4096
+
+
+class Recorder:
+    """Takes states at output times, ends of steps and events in the order of time.
+
+    Attributes
+    ----------
+    columns : names of the columns of each table
+    events : those so far
+    seconds : spent here
+    """
+
+    def __init__(
+        self,
+        system: System,
+        kernels: Kernels,
+        closed: Array,
+        expected: Mapping[str, FlexibleBody],
+        history: History | None,
+        sink: Sink,
+        most: int,
+    ) -> None:
+        """most : rows that there may be"""
+        self.system, self.kernels, self.closed = system, kernels, closed
+        self.work, self.memory = new_work(system), new_memory(system, 0)
+        self.history, self.sink = history, sink
+        self.reached, self.remarks = Reached(system, expected), Remarks(system)
+        worst = [body.expected.time for body in expected.values()]
+        self.visited = Visited(system, worst) if expected else None
+        self.events: list[Event] = []
+        self.seconds, self._waiting = 0.0, list[Steps]()
+        self._last = -np.inf
+        nothing = (np.zeros((0, n)) for n in (system.n_positions, system.n_velocities))
+        self.columns = {
+            "values": self._record(np.zeros(0), *nothing).names,
+            "positions": outputs.position_names(system),
+            "velocities": outputs.velocity_names(system),
+            "multipliers": outputs.multiplier_names(system),
+        }
+        sink.begin(self.columns, most)
+
+    def visit(self, ends: Steps) -> None:
+        """Ends of some steps."""
+        if self.visited is not None and len(ends.t):
+            self.visited.add(ends)
+            self._waiting.append(ends)
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether `take` should be called with what there is."""
+        waiting = sum(len(steps.t) for steps in self._waiting)
+        history = self.history
+        return waiting > MOST_WAITING or (history is not None and history.is_long)
+
+    def take(self, t: Array, z: Array, v: Array, moments: Sequence[Moment]) -> None:
+        """All rows and events until now; z and v are projected."""
+        began = time.perf_counter()
+        if len(t):
+            self._add(self._record(t, z, v), t, z, v)
+        self._go_on(t, z, v)
+        if moments:
+            parts = self.system, self.kernels, self.closed, self.history
+            self.events += events_of(moments, *parts)
+        if self.history is not None:
+            self.history.forget()
+        self.seconds += time.perf_counter() - began
+
+    def forget_after(self, end: float) -> None:
+        """The run ended before the end of its last step."""
+        self._waiting = [_until(steps, end) for steps in self._waiting]
+
+    def known(self, t: Array, z: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Where a run failed: no row twice, and no last one without accelerations."""
+        if len(t) and t[-1] > self._last:
+            found = self._record(t[-1:], z[-1:], v[-1:])
+            if np.isfinite(found.samples.accelerations).all():
+                return t, z, v
+        return t[:-1], z[:-1], v[:-1]
+
+    def _record(self, t: Array, z: Array, v: Array) -> outputs.Recorded:
+        parts = self.system, self.kernels, self.work, self.memory
+        return outputs.record(*parts, t, z, v, self.closed, self.history)
+
+    def _add(self, found: outputs.Recorded, t: Array, z: Array, v: Array) -> None:
+        tables = {
+            "values": found.values,
+            "positions": z,
+            "velocities": v,
+            "multipliers": found.multipliers,
+        }
+        self.sink.add(Rows(t, tables))
+        self.remarks.add(t, found)
+        self.reached.add(found.samples, t)
+        self._last = float(t[-1])
+
+    def _go_on(self, t: Array, z: Array, v: Array) -> None:
+        """Rows and ends of steps together, for what is meant over time."""
+        if self.visited is None:
+            return
+        ends = joined(self._waiting) if self._waiting else Steps(t[:0], z[:0], v[:0])
+        self._waiting = []
+        times, states = np.concatenate([t, ends.t]), np.concatenate([z, ends.z])
+        order = np.argsort(times, kind="stable")
+        self.reached.go_on(times[order], states[order])
+
+    def bodies(self) -> dict[str, FlexibleBody]:
+        """What flexible bodies met, at output times and at the ends of steps."""
+        if self.visited is not None and np.isfinite(self._last):
+            ends = self.visited.until(self._last)
+            parts = self.system, self.kernels, self.work, self.memory
+            samples = sample(*parts, ends.t, ends.z, ends.v, self.closed)
+            self.reached.add(samples, ends.t)
+        return self.reached.all()
+
+
+def _until(steps: Steps, end: float) -> Steps:
+    before = steps.t <= end
+    return Steps(steps.t[before], steps.z[before], steps.v[before])

@@ -1,0 +1,189 @@
+"""Results of many rows: written while the run goes on, in any blocks, whole or not."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import InMemory, read_result
+from sidtool.formats.result.data import TABLES
+from sidtool.formats.result.rows import Rows
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.solver import compile_scene, run, simulate
+from sidtool.solver.recording import window
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+RECORD = ["piston.x", "energy.balance", "energy.supplied", "crank_pin.f*", "rod.q*"]
+EVENTS = {
+    "out": {"quantity": "piston.x", "value": 1.05},
+    "bent": {"quantity": "rod.q1", "value": 0.0, "direction": "rising"},
+    "fast": {"quantity": "piston.vx", "value": -1.0},
+}
+STOP = {"quantity": "piston.x", "value": 0.97, "action": "stop", "count": 2}
+
+
+def described(rows: int, **more: object) -> SceneFile:
+    """The slider-crank with so many output steps, in half of its time."""
+    data = read_scene(EXAMPLE / "slider_crank.toml").model_dump(exclude_none=True)
+    data["time"] = {"end": 2.1, "output_step": 2.1 / rows}
+    data["accuracy"] |= {"rtol": 1e-4}
+    return SceneFile.model_validate(data | more)
+
+
+@pytest.mark.parametrize("stop", [{}, {"stop": STOP}])
+@pytest.mark.parametrize("method", ["radau9", "generalised_alpha"])
+def test_blocks_of_rows_change_nothing(
+    method: str, stop: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows of two rows, which grow in every step, against all rows in one.
+
+    Only energies that are integrals are summed up in other groups.
+    """
+    scene = described(150, outputs={"record": RECORD}, events=EVENTS | stop, title="t")
+    system = compile_scene(scene, EXAMPLE)
+    monkeypatch.setattr(window, "BLOCK", 10_000)
+    whole = simulate(system, integrator=method)
+    monkeypatch.setattr(window, "LEAST", 1)
+    monkeypatch.setattr(window, "NUMBERS", 1)
+    assert window.Window(range(150), 30).size == 2  # type: ignore[arg-type]
+    parts = simulate(system, integrator=method)
+    exact = [not name.startswith("energy") for name in whole.names]
+    for table in ("t", "positions", "velocities"):
+        assert np.array_equal(getattr(whole, table), getattr(parts, table))
+    assert np.array_equal(whole.values[:, exact], parts.values[:, exact])
+    np.testing.assert_allclose(parts.values, whole.values, rtol=1e-8, atol=1e-8)
+    assert [(e.name, e.kind, e.t) for e in whole.events] == [
+        (e.name, e.kind, e.t) for e in parts.events
+    ]
+    for one, other in zip(whole.events, parts.events, strict=True):
+        np.testing.assert_allclose(other.values, one.values, rtol=1e-8, atol=1e-8)
+    if not stop:  # steps behind the end are counted, too
+        assert parts.counters["steps"] == whole.counters["steps"]
+    assert (parts.message, parts.notes) == (whole.message, whole.notes)
+    a, b = whole.bodies["rod"], parts.bodies["rod"]
+    assert a.found is not None and b.found is not None
+    assert b.found.sentence() == a.found.sentence()
+    assert (b.found.time, b.deflection) == (a.found.time, a.deflection)
+    assert np.array_equal(a.amplitudes, b.amplitudes)
+    np.testing.assert_allclose(b.energy_shares, a.energy_shares, rtol=1e-9)
+
+
+def test_the_energy_supplied_is_that_of_the_motion_however_many_rows(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its balance closes with 4 rows and with 500, of which some are held at a time."""
+    monkeypatch.setattr(window, "BLOCK", 64)
+    for rows in (3, 500):
+        system = compile_scene(described(rows, outputs={"record": RECORD}), EXAMPLE)
+        result = simulate(system, rtol=1e-8)
+        supplied, balance = result["energy.supplied"], result["energy.balance"]
+        assert supplied[-1] > 20.0
+        assert np.ptp(balance) < 1e-6 * supplied[-1]
+
+
+PEAK = """
+import resource, sys
+from sidtool.cli import run
+assert run(sys.argv[1:]) == 0
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def peak(folder: Path, rows: int) -> float:
+    """Megabytes that `simulate` takes for so many rows."""
+    text = (EXAMPLE / "slider_crank.toml").read_text()
+    (folder / "s.toml").write_text(
+        text.replace("output_step = 0.01", f"output_step = {3.0 / rows!r}")
+    )
+    shutil.copy(EXAMPLE / "rod_q4.SID_FEM", folder)
+    arguments = ["simulate", "s.toml", "--rtol", "1e-4", "-o", "r.h5", "--csv", "r.csv"]
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return float(done.stdout.split()[-1]) / 1024
+
+
+def test_memory_does_not_grow_with_the_rows(tmp_path: Path) -> None:
+    """24 MB of results took 246 MB more than 0.2 MB of them."""
+    few, many = peak(tmp_path, 1000), peak(tmp_path, 100_000)
+    assert (tmp_path / "r.h5").stat().st_size > 2.3e7
+    assert many - few < 30.0
+    result = read_result(tmp_path / "r.h5")
+    assert len(result.t) == 100_001
+    with (tmp_path / "r.csv").open() as lines:
+        assert sum(1 for _ in lines) == 100_002
+
+
+def test_the_files_are_those_of_the_result_in_memory(tmp_path: Path) -> None:
+    result = sidtool.simulate(described(9000), base_folder=EXAMPLE)
+    sidtool.write(tmp_path / "r.h5", result)
+    back = read_result(tmp_path / "r.h5")
+    for table, names in TABLES.items():
+        assert np.array_equal(getattr(back, table), getattr(result, table))
+        assert getattr(back, names) == getattr(result, names)
+    assert np.array_equal(back.t, result.t)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_ended_leaves_nothing(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    text = (EXAMPLE / "slider_crank.toml").read_text()
+    scene = tmp_path / "s.toml"
+    scene.write_text(text.replace("output_step = 0.01", "output_step = 3e-7"))
+    shutil.copy(EXAMPLE / "rod_q4.SID_FEM", tmp_path)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sidtool", "simulate", str(scene)]
+        + ["-o", "r.h5", "--csv", "r.csv"],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+    )
+    while sum(p.stat().st_size for p in tmp_path.glob(".*.part")) < 1_000_000:
+        assert process.poll() is None
+        time.sleep(0.02)
+    process.send_signal(number)
+    error = process.communicate(timeout=60)[1]
+    assert process.returncode == 128 + number and error.strip().count("\n") == 0
+    assert {p.name for p in tmp_path.iterdir()} == {"s.toml", "rod_q4.SID_FEM"}
+
+
+class Full(InMemory):
+    """Has no room for the third block."""
+
+    count = 0
+
+    def add(self, rows: Rows) -> None:
+        self.count += 1
+        if self.count == 3:
+            raise OSError(28, "No space left on device")
+
+
+def test_a_sink_that_fails_ends_the_run() -> None:
+    system, sink = compile_scene(described(20_000), EXAMPLE), Full()
+    with pytest.raises(OSError, match="No space"):
+        simulate(system, into=sink)
+    assert sink.count == 3
+
+
+def test_the_rows_of_a_run_go_to_its_sink(monkeypatch: pytest.MonkeyPatch) -> None:
+    sink = InMemory()
+    result = run.simulate(compile_scene(described(100), EXAMPLE), into=sink)
+    assert len(result.t) == 0 and result.values.shape == (0, len(result.names))
+    assert len(sink.arrays()["t"]) == 101
+    with pytest.raises(InputError, match="rho"):
+        run.simulate(compile_scene(described(100), EXAMPLE), integrator="rho")
