@@ -108,6 +108,7 @@ def _notes(run: Run) -> Iterator[str]:
         yield from notes.of_output_times(system.scene, float(run.times[-1:][0]))
     yield from notes.of_programs(system)
     yield from notes.hidden_errors(system, run.control, rtol, steps)
+    yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)
 
 

@@ -98,12 +98,14 @@ class SidBody(Table):
 
 def _kind_of_body(value: Any) -> str:
     if isinstance(value, RigidBody | SidBody):
-        return "flexible" if isinstance(value, SidBody) else "rigid"
-    return "flexible" if isinstance(value, dict) and "sid" in value else "rigid"
+        return "flexible body" if isinstance(value, SidBody) else "rigid body"
+    return (
+        "flexible body" if isinstance(value, dict) and "sid" in value else "rigid body"
+    )
 
 
 Body = Annotated[
-    Annotated[RigidBody, Tag("rigid")] | Annotated[SidBody, Tag("flexible")],
+    Annotated[RigidBody, Tag("rigid body")] | Annotated[SidBody, Tag("flexible body")],
     Discriminator(_kind_of_body),
 ]
 

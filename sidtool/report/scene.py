@@ -71,7 +71,8 @@ def _body(body: Body) -> list[str]:
             terms.append("frame held")
         if body.quadratic_inertia:
             terms.append("quadratic inertia")
-        return ["flexible", ", ".join(terms), markers]
+        kind = "taken as rigid" if body.rigid else "flexible"
+        return [kind, ", ".join(terms), markers]
     kind = "rigid" if body.inertia is not None else "point mass"
     return [kind, f"{body.mass:g} kg", markers]
 

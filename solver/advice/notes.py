@@ -24,6 +24,8 @@ from ..system.scene import System
 SAME = 1e-9
 #: Errors within so many times the requested one keep the promise.
 MISSED = 10.0
+#: Turns from which on radau13 does not keep a relative tolerance above the second.
+MANY_TURNS, ADDS_UP = 200.0, 1e-6
 #: Rotations below this are rounding [rad].
 ROUNDED_TURN = 1e-12
 
@@ -137,6 +139,20 @@ def hidden_errors(
         f"motions of {motion:.1g} m are small against coordinates of {span:.3g} m: "
         f"rounding hides errors below {least:.0e} m, and rtol = {rtol:g} is not "
         "promised; put the origin near to the motion, or ask for less"
+    ]
+
+
+def many_turns(control: stepping.Control, settings: Settings) -> list[str]:
+    """Of rotations in which what Newton's iteration leaves of long steps adds up."""
+    turns = float(control.real[stepping.SPIN] * control.real[stepping.PERIOD])
+    turns /= 2.0 * np.pi
+    loose = settings.rtol > ADDS_UP and settings.step is None
+    if settings.integrator != "radau13" or not loose or turns < MANY_TURNS:
+        return []
+    return [
+        f"radau13 takes so long steps that errors add up over {turns:.0f} turns: "
+        f"rtol = {settings.rtol:g} is not promised; radau9 keeps it, and so does "
+        f"rtol = {ADDS_UP:g}"
     ]
 
 

@@ -161,7 +161,11 @@ def turning(sid: SID, rate: float, axis: np.ndarray) -> System:
 
 @pytest.mark.parametrize("seed", range(30))
 def test_a_body_diverges_where_its_linearisation_grows(seed: int) -> None:
-    """Particles that turn about any axis, some of them with stiffening."""
+    """Particles that turn about any axis, some of them with stiffening.
+
+    They start undeformed, not in their steady deformation: with stiffening this adds
+    growth with the third power of the rate, 3e-4 of a frequency at most.
+    """
     random = np.random.default_rng([22, seed])
     sid = particle_body(2, 9, seed=seed, stiffening=seed % 3 == 0)
     stiffness = random.uniform(1.0, 20.0, 2)
@@ -173,7 +177,7 @@ def test_a_body_diverges_where_its_linearisation_grows(seed: int) -> None:
     told: list[FlexibleBody] = []
     values = linearise(system, "start").eigenvalues
     body = simulate(system, foresee=lambda bodies: told.append(bodies["body"])).bodies
-    grows = values.real.max() > 1e-6 * np.abs(values).max()
+    grows = values.real.max() > 1e-2 * np.abs(values).max()
     assert told[0].expected.diverges == grows
     assert body["body"].diverges == grows
     words = told[0].before

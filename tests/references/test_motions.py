@@ -80,6 +80,18 @@ def test_errors_of_many_turns_do_not_add_up(
         check(symmetric_top([1.0, 1.0, 1.8], spin, end), integrator, *rtols)
 
 
+@pytest.mark.parametrize("turns", [100, 500])
+@pytest.mark.parametrize("integrator", ["radau9", "radau13"])
+def test_a_promise_that_is_not_kept_is_not_made(integrator: str, turns: int) -> None:
+    spin = [90.0, 10.0, 200.0]
+    end = 2.0 * np.pi * turns / float(np.linalg.norm(spin))
+    case = symmetric_top([1.0, 1.0, 1.8], spin, end)
+    result = simulate(case.make(), integrator=integrator, rtol=1e-3)
+    said = [note for note in result.notes if "is not promised" in note]
+    assert len(said) == (integrator == "radau13" and turns == 500)
+    assert said or relative_error(case, result) < HONEST * 1e-3
+
+
 @pytest.mark.parametrize("integrator", HIGH)
 @pytest.mark.parametrize(("speed", "turns"), [(40.0, 300), (15.0, 200)])
 def test_a_pendulum_may_turn_over_many_times(

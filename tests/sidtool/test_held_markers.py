@@ -46,7 +46,7 @@ def slender(direction: list[float], frame: str, theory: str = "euler_bernoulli")
         "root": {"node": 1, "parameters": [0]},
         "tip": {"node": 2, "parameters": [1]},
     }
-    data["frame"] = FRAMES[frame]
+    data["frame"] = dict(FRAMES[frame])
     reduction = {"method": "craig_bampton", "interfaces": ["root", "tip"], "modes": 8}
     data["reduction"] = reduction
     return data

@@ -33,7 +33,7 @@ def part(kind: str, frame: str) -> Any:
         del marker["at"]
         marker["tie"] = {"type": "distributing", "to": marker.pop("edge")}
     reduction = {"method": "craig_bampton", "interfaces": ["root", "tip"], "modes": 4}
-    return data | {"frame": FRAMES[frame], "reduction": reduction}
+    return data | {"frame": dict(FRAMES[frame]), "reduction": reduction}
 
 
 def body(kind: str, frame: str, **prestress: Any) -> SID:
