@@ -14,10 +14,8 @@ from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid, write_sid
 
+from .chosen import chosen
 from .kinds import read
-from .other_shapes import other_shapes
-from .rigid import as_rigid, told_rigid
-from .swaps import swapped
 from .validate import check, compare, repair
 
 __all__ = ["compare", "convert", "read", "repair", "simulate", "validate", "write"]
@@ -103,8 +101,7 @@ def simulate(
             read_scene(Path(scene)),
             Path(base_folder or Path(scene).parent),
         )
-    plain = content = as_rigid(content, rigid)
-    content, replaced = swapped(plain, sids or {}, folder)
+    content, replaced, told = chosen(content, folder, sids or {}, rigid)
     try:
         system = compile_scene(
             content, folder, replaced, accept_defects, drives, forces=forces
@@ -116,7 +113,7 @@ def simulate(
             step=step,
             spectral_radius=spectral_radius,
             progress=progress,
-            told=[*other_shapes(plain, folder, replaced), *told_rigid(plain)],
+            told=told,
         )
     except InputError as error:
         raise error if isinstance(scene, SceneFile) else error.located(scene) from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import SceneFile, SidBody
+from sidtool.formats.scene import SceneFile
 
 
 def as_rigid(scene: SceneFile, names: Iterable[str]) -> SceneFile:
@@ -15,8 +15,7 @@ def as_rigid(scene: SceneFile, names: Iterable[str]) -> SceneFile:
     ------
     InputError : a name is not that of a body with a SID.
     """
-    bodies = dict(scene.bodies)
-    known = [name for name, body in bodies.items() if isinstance(body, SidBody)]
+    bodies, known = dict(scene.bodies), scene.flexible
     for name in names:
         if name not in known:
             raise InputError(

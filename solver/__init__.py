@@ -78,22 +78,25 @@ def compile_scene(
         check_outputs,
         check_replaced,
     )
+    from .system.bodies import read_sids
     from .system.building import build_system
 
-    check_replaced(scene, sids or {})
-    folder, told = Path(base_folder), tuple[str, ...]()
-    if scene.initial.state == "static":
-        from .analyses.resting import resting
+    def checked(scene: SceneFile, keep_joints: bool) -> System:
+        system = build_system(scene, known, drives, keep_joints, forces)
+        check_outputs(system)
+        if not accept_defects:
+            check_masses(system)
+            check_attachments(system)
+        return system
 
-        whole = build_system(scene, folder, sids, drives, True, forces)
-        scene, told = resting(whole)
-    system = build_system(scene, folder, sids, drives, keep_joints, forces)
-    system = replace(system, told=told)
-    check_outputs(system)
-    if not accept_defects:
-        check_masses(system)
-        check_attachments(system)
-    return system
+    check_replaced(scene, sids or {})
+    known = read_sids(scene, Path(base_folder), sids or {})
+    if scene.initial.state != "static":
+        return checked(scene, keep_joints)
+    from .analyses.resting import resting
+
+    rested, told = resting(checked(scene, True))
+    return replace(checked(rested, keep_joints), told=told)
 
 
 _ELSEWHERE = {

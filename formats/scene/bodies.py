@@ -99,9 +99,8 @@ class SidBody(Table):
 def _kind_of_body(value: Any) -> str:
     if isinstance(value, RigidBody | SidBody):
         return "flexible body" if isinstance(value, SidBody) else "rigid body"
-    return (
-        "flexible body" if isinstance(value, dict) and "sid" in value else "rigid body"
-    )
+    flexible = isinstance(value, dict) and "sid" in value
+    return "flexible body" if flexible else "rigid body"
 
 
 Body = Annotated[

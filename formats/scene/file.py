@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from ..toml_files import load
 from .base import Table, Vector
-from .bodies import Body, Ground
+from .bodies import Body, Ground, SidBody
 from .checks import check
 from .drives import Drive
 from .events import Event
@@ -96,6 +96,11 @@ class SceneFile(Table):
     forces: dict[str, Force] = Field(default_factory=dict)
     events: dict[str, Event] = Field(default_factory=dict)
     outputs: Outputs = Outputs()
+
+    @property
+    def flexible(self) -> list[str]:
+        """Names of the bodies with a SID."""
+        return [n for n, body in self.bodies.items() if isinstance(body, SidBody)]
 
     @model_validator(mode="after")
     def _consistent(self) -> SceneFile:

@@ -158,13 +158,10 @@ def _run(
     from sidtool.solver import compile_scene
     from sidtool.solver import simulate as run
 
-    from ..other_shapes import other_shapes
-    from ..rigid import as_rigid, told_rigid
-    from ..swaps import swapped
+    from ..chosen import chosen
 
-    plain = scene = as_rigid(scene, rigid)
-    scene, sids = swapped(plain, _swaps(swaps, scene), path.parent)
-    told = [*other_shapes(plain, path.parent, sids), *told_rigid(plain)]
+    swapped = _swaps(swaps, scene)
+    scene, sids, told = chosen(scene, path.parent, swapped, rigid)
     try:
         system = compile_scene(
             scene, path.parent, sids=sids, accept_defects=accept_defects
@@ -198,10 +195,7 @@ def _share(bar: Callable[[float], None] | None, time: Any) -> Any:
 
 
 def _swaps(swaps: tuple[str, ...], scene: Any) -> dict[str, str]:
-    from sidtool.formats.scene import SidBody
-
-    flexible = [n for n, body in scene.bodies.items() if isinstance(body, SidBody)]
-    found = {}
+    flexible, found = scene.flexible, {}
     for swap in swaps:
         body, _, file = swap.partition("=")
         if body not in flexible or not file:

@@ -10,7 +10,6 @@ from sidtool.formats.orientation import fault
 from sidtool.formats.scene import (
     SCENE_QUANTITIES,
     SceneFile,
-    SidBody,
     coordinate_of,
     is_stress,
     marker_names,
@@ -34,7 +33,7 @@ def check_replaced(scene: SceneFile, names: Iterable[str]) -> None:
     ------
     InputError : one is not a flexible body of the scene.
     """
-    flexible = [n for n, body in scene.bodies.items() if isinstance(body, SidBody)]
+    flexible = scene.flexible
     for name in names:
         if name not in flexible:
             raise InputError(

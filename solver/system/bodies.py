@@ -9,7 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import Body, RigidBody, SidBody, as_3d, position_3d, rotation
+from sidtool.formats.scene import (
+    Body,
+    RigidBody,
+    SceneFile,
+    SidBody,
+    as_3d,
+    position_3d,
+    rotation,
+)
 from sidtool.formats.sid import (
     J_INDICES,
     SID,
@@ -66,24 +74,35 @@ class BodyData:
         return self.sid.node(self.nodes.get(marker, marker))
 
 
-def body_data(
-    name: str, body: Body, folder: Path, sids: Mapping[str, SID], planar: bool
-) -> BodyData:
-    """Reads or builds the SID of one body of a scene.
+def read_sids(
+    scene: SceneFile, folder: Path, sids: Mapping[str, SID]
+) -> dict[str, SID]:
+    """The SIDs of all bodies that have one, by name; given ones replace files.
 
     Raises
     ------
-    InputError : the SID cannot be read or lacks a node that a marker names.
+    InputError : a SID cannot be read.
+    """
+    return {
+        name: sids[name] if name in sids else read_sid(folder / body.sid)
+        for name, body in scene.bodies.items()
+        if isinstance(body, SidBody)
+    }
+
+
+def body_data(name: str, body: Body, sids: Mapping[str, SID], planar: bool) -> BodyData:
+    """The data of one body of a scene; see `read_sids`.
+
+    Raises
+    ------
+    InputError : its SID lacks a node that a marker names.
     """
     if isinstance(body, SidBody):
-        return _flexible_body(name, body, folder, sids)
+        return _flexible_body(name, body, sids[name])
     return _rigid_body(name, body, planar)
 
 
-def _flexible_body(
-    name: str, body: SidBody, folder: Path, sids: Mapping[str, SID]
-) -> BodyData:
-    sid = sids[name] if name in sids else read_sid(folder / body.sid)
+def _flexible_body(name: str, body: SidBody, sid: SID) -> BodyData:
     for marker, node in body.markers.items():
         try:
             sid.node(node)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -47,26 +46,25 @@ from .turns import Coordinate, Turn, turn_table, with_turns
 
 def build_system(
     scene: SceneFile,
-    folder: Path,
-    sids: Mapping[str, SID] | None = None,
+    sids: Mapping[str, SID],
     drives: Mapping[str, Derivatives] | None = None,
     keep_joints: bool = False,
     forces: Mapping[str, Derivatives] | None = None,
 ) -> System:
     """Flat tables of a scene, before its initial conditions are looked at.
 
+    sids : of all bodies that have one; see `read_sids`
     drives, forces : callables that replace functions of time, by name
     keep_joints : joints stay constraints even where they prescribe a frame
 
     Raises
     ------
-    InputError : a SID cannot be read, or a marker does not exist.
+    InputError : a marker does not exist.
     """
     scene = with_held_frames(without_elasticity(scene))
     planar, pool = scene.dimension == "planar", Pool()
     data = {
-        name: body_data(name, body, folder, sids or {}, planar)
-        for name, body in scene.bodies.items()
+        name: body_data(name, body, sids, planar) for name, body in scene.bodies.items()
     }
     data[GROUND_NAME] = _ground(scene)
     functions = FunctionTable(pool, (scene.time.start, scene.time.end))
