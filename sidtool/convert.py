@@ -21,14 +21,14 @@ from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.geometry_mass import compared_with_geometry
 from .frontends.registry import finite_element_model
 from .gram import body_inertia
-from .prestress import prestressed
+from .prestress import check_prestress, prestressed
 from .reduction.fidelity import fidelity_sentence
 from .reduction.frames import FRAMES, Frame, clamped_dofs
 from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
 from .reduction.running import running
 from .stiffening import stiffened
-from .stress import with_stress
+from .stress import check_stress, with_stress
 
 __all__ = ["finite_element_model", "sid_from_model"]
 
@@ -78,6 +78,8 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
     for sentence in (*body.notes, *compared_with_geometry(body)):
         progress(NOTE + sentence)
     frame = FRAMES[model.frame.type](body, model.frame)
+    for sentence in _check_wanted(body, model):
+        progress(NOTE + sentence)
     gigabytes = expected_gigabytes(body.ndof, body.dimension)
     progress(
         f"reducing {body.ndof} degrees of freedom, which may take {gigabytes:.1f} GB"
@@ -109,6 +111,14 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
         progress("stress")
         sid = with_stress(sid, body, frame, basis, model.stress, initial)
     return sid
+
+
+def _check_wanted(body: FiniteElementModel, model: ModelFile) -> list[str]:
+    """Raises stress and stiffening that cannot be had before they cost time; sentences
+    on what of them is not told."""
+    if model.stiffening:
+        check_prestress(body, model.stiffening, model.frame)
+    return check_stress(body, model.stress) if model.stress else []
 
 
 def _tell_fidelity(

@@ -49,6 +49,21 @@ class InitialStress:
     uniform: Array
 
 
+def check_prestress(
+    body: FiniteElementModel, settings: Stiffening, frame: FrameSettings
+) -> None:
+    """Whether the loads of a prestress fit the body, before anything is solved.
+
+    Raises
+    ------
+    InputError : numbers do not fit the dimension, or nothing holds the loads of a
+        prestress.
+    """
+    if settings.prestress is not None:
+        prestress = _supported(body, settings.prestress, frame)
+        _uniform(prestress, body.dimension)
+
+
 def prestressed(
     body: FiniteElementModel,
     frame: Frame,

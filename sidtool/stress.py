@@ -23,6 +23,10 @@ from .vectors import LEVI_CIVITA
 
 #: Random states of equal energy that the peak points are chosen from.
 _STATES = 400
+_SILENT = (
+    "no stress is told at {}: tied to node sets; a marker at a point of the material "
+    "tells it"
+)
 
 
 def with_stress(
@@ -36,17 +40,8 @@ def with_stress(
     """The SID with sigma rows at its markers, and with nodes for the peak.
 
     sigma holds xx, yy, zz, xy, yz, xz: m0 the prestress, m1 per elastic coordinate.
-
-    Raises
-    ------
-    InputError : a marker has no stress, or the body came without elements.
+    The settings have passed `check_stress`.
     """
-    if not body.continua:
-        raise InputError(
-            "there is no stress in beams and in bodies that came as matrices",
-            place="stress",
-            expected="a body of solid elements, or no table [stress]",
-        )
     nodes = []
     for node in sid.nodes:
         marker = next(m for m in body.markers if str(m.node) == node.id)
@@ -58,49 +53,69 @@ def with_stress(
             sigma = Taylor(fixed[:, None], (rows @ basis.shapes).T[:, :, None])
             node = replace(node, sigma=sigma)
         nodes.append(node)
-    if not settings.peak_points and not any(node.sigma for node in nodes):
+    if settings.peak_points:
+        points = peak_points(body, basis, settings.peak_points, initial)
+        for number, point in enumerate(points, settings.first_node):
+            nodes.append(_node(number, point, frame))
+    return replace(sid, nodes=tuple(nodes))
+
+
+def check_stress(body: FiniteElementModel, settings: StressRecovery) -> list[str]:
+    """Whether a body can tell the stress that is asked for; sentences on what is not.
+
+    Raises
+    ------
+    InputError : a marker has no stress, or the number of a node is taken.
+    """
+    _check_numbers(body, settings)
+    for marker in body.markers:
+        if marker.name in (settings.markers or ()) and marker.gradient is None:
+            raise InputError(
+                f"there is no stress at marker {marker.name}",
+                place="stress.markers",
+                expected="a marker at a point of the material, not one tied to node "
+                "sets",
+            )
+    told = [marker for marker in body.markers if _wanted(marker, settings)]
+    laws = {(part.law.tobytes(), part.transverse) for part in body.continua}
+    if told and len(laws) != 1:
+        raise InputError(
+            "the body has several materials",
+            place="stress.markers",
+            expected="markers = [] and peak_points, which works for several; stress "
+            "at markers needs a body of one material",
+        )
+    if not settings.peak_points and not told:
         raise InputError(
             "tells no stress: all markers are tied to node sets",
             place="stress",
             expected="a marker at a point of the material, or peak_points",
         )
-    if settings.peak_points:
-        points = peak_points(body, basis, settings.peak_points, initial)
-        taken = {node.id for node in nodes}
-        for number, point in enumerate(points, settings.first_node):
-            if str(number) in taken:
-                raise InputError(
-                    f"node {number} belongs to a marker already",
-                    place="stress.first_node",
-                    expected="the first of a range of free node numbers",
-                )
-            nodes.append(_node(number, point, frame))
-    return replace(sid, nodes=tuple(nodes))
+    if settings.markers is not None:
+        return []
+    silent = [marker.name for marker in body.markers if marker.gradient is None]
+    return [_SILENT.format(", ".join(silent))] if silent else []
+
+
+def _check_numbers(body: FiniteElementModel, settings: StressRecovery) -> None:
+    """Raises node numbers of peak points that markers have."""
+    first = settings.first_node
+    for marker in body.markers:
+        if first <= marker.node < first + settings.peak_points:
+            raise InputError(
+                f"node {marker.node} belongs to marker {marker.name} already",
+                place="stress.first_node",
+                expected=f"the first of {settings.peak_points} free node numbers",
+            )
 
 
 def _wanted(marker: MarkerRows, settings: StressRecovery) -> bool:
     if settings.markers is None:
         return marker.gradient is not None
-    if marker.name not in settings.markers:
-        return False
-    if marker.gradient is None:
-        raise InputError(
-            f"there is no stress at marker {marker.name}",
-            place="stress.markers",
-            expected="a marker at a point of the material, not one tied to node sets",
-        )
-    return True
+    return marker.name in settings.markers
 
 
 def _rows(body: FiniteElementModel, marker: MarkerRows) -> NDArray[np.float64]:
-    laws = {(part.law.tobytes(), part.transverse) for part in body.continua}
-    if len(laws) != 1:
-        raise InputError(
-            "the body has no material, or several",
-            place="stress.markers",
-            expected="stress at markers of a body of one material; peak_points works "
-            "for several",
-        )
     assert marker.gradient is not None
     return stress_rows(marker.gradient, body.continua[0]).toarray()
 

@@ -123,6 +123,29 @@ class ModelFile(Part):
         return self
 
     @model_validator(mode="after")
+    def _stress_is_known(self) -> Self:
+        """Stress and stiffening need elements that know their stress."""
+        beam, stiffening = self.geometry.type == "beam", self.stiffening
+        engine = getattr(self.geometry, "engine", None)
+        matrices = self.geometry.type == "matrices" or engine is not None
+        prestress = stiffening.prestress if stiffening else None
+        unknown = {
+            "stress": (beam or matrices) and self.stress is not None,
+            "stiffening": matrices and stiffening is not None,
+            "stiffening.prestress.stress": beam
+            and prestress is not None
+            and prestress.stress is not None,
+        }
+        for place, asked in unknown.items():
+            if asked:
+                raise InputError(
+                    "there is no stress in beams and in bodies that came as matrices",
+                    place=place,
+                    expected=f"a body of solid elements, or nothing under {place}",
+                )
+        return self
+
+    @model_validator(mode="after")
     def _references(self) -> Self:
         edges = self.geometry.edge_names
         for name in self.frame.clamped_edges:

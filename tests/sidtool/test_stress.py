@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -211,7 +212,7 @@ def test_stress_that_is_not_known_is_refused() -> None:
     """Not left out without a word: of beams, and where all markers are tied."""
     data = beam_rod({"type": "beam", "elements": 4}, 3) | {"stress": {}}
     with pytest.raises(InputError, match="stress: there is no stress in beams"):
-        sid_from_model(validated(data, ModelFile))
+        validated(data, ModelFile)
     data = rod_data({"type": "q4", "elements": [8, 2]}) | {"stress": {}}
     for marker in data["markers"].values():
         marker["tie"] = {"type": "distributing", "to": marker.pop("edge")}
@@ -219,3 +220,62 @@ def test_stress_that_is_not_known_is_refused() -> None:
     data["frame"] = {"type": "buckens"}
     with pytest.raises(InputError, match="stress: tells no stress: all markers"):
         sid_from_model(validated(data, ModelFile))
+
+
+REFUSED = [
+    ({"stress": {"peak_points": 2, "first_node": 1}}, "stress.first_node"),
+    ({"stress": {"markers": ["piston_pin"]}}, "stress.markers: there is no stress at"),
+    ({"stress": {"markers": []}}, "stress: tells no stress"),
+    ({"stiffening": {"prestress": {"stress": [1.0]}}}, "prestress.stress: has 1"),
+    (
+        {
+            "frame": {"type": "buckens"},
+            "stiffening": {"prestress": {"forces": {"piston_pin": [1.0, 0.0]}}},
+        },
+        "stiffening.prestress: the forces and moments are not in balance",
+    ),
+]
+
+
+@pytest.mark.parametrize(("tables", "message"), REFUSED)
+def test_what_cannot_be_had_is_refused_before_anything_is_solved(
+    tables: dict[str, Any], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However large the mesh is: no equations are solved, no modes computed."""
+
+    def solved(*_: Any) -> None:
+        raise AssertionError("equations were solved first")
+
+    monkeypatch.setitem(REDUCTIONS, "modal", solved)
+    data = rod_data({"type": "q4", "elements": [8, 2]}) | tables
+    pin = data["markers"]["piston_pin"]
+    pin["tie"] = {"type": "distributing", "to": pin.pop("edge")}
+    del pin["at"]
+    with pytest.raises(InputError, match=re.escape(message)):
+        sid_from_model(validated(data, ModelFile))
+
+
+def test_bodies_that_know_no_stress_are_refused_when_the_file_is_read() -> None:
+    """Before a deck is discretised by another program, or a matrix is read."""
+    beam = beam_rod({"type": "beam", "elements": 4}, 3)
+    deck = rod_data({"type": "mesh"})
+    deck["geometry"] = {"type": "mesh", "file": "no.inp", "engine": "calculix"}
+    uniform = {"stiffening": {"prestress": {"stress": [1.0, 0.0, 0.0]}}}
+    for data in (
+        beam | uniform,
+        beam | {"stress": {}},
+        deck | {"stress": {}},
+        deck | {"stiffening": {}},
+    ):
+        with pytest.raises(InputError, match="there is no stress in beams"):
+            validated(data, ModelFile)
+
+
+def test_markers_that_tell_no_stress_are_told() -> None:
+    data = rod_data({"type": "q4", "elements": [8, 2]}) | {"stress": {}}
+    pin = data["markers"]["piston_pin"]
+    pin["tie"] = {"type": "distributing", "to": pin.pop("edge")}
+    del pin["at"]
+    with pytest.warns(UserWarning, match="no stress is told at piston_pin: tied"):
+        sid = sid_from_model(validated(data, ModelFile))
+    assert [node.sigma is not None for node in sid.nodes] == [True, False]
