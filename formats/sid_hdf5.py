@@ -55,7 +55,7 @@ def write_hdf5(path: str | os.PathLike[str], sid: SID) -> None:
     OSError : not as a whole, as on a full disk.
     """
     check_finite(sid)
-    write_sealed(path, lambda file: _put(file, sid))
+    write_sealed(path, lambda file: put_sid(file, sid))
 
 
 def read_hdf5(path: str | os.PathLike[str]) -> SID:
@@ -104,7 +104,8 @@ def _check_kind(file: h5py.File, source: str) -> None:
         )
 
 
-def _put(file: h5py.File, sid: SID) -> None:
+def put_sid(file: h5py.Group, sid: SID) -> None:
+    """All of a SID, into a file or a group of one."""
     file.attrs["format"] = FORMAT
     file.attrs["version"] = VERSION
     file.attrs["meaning"] = MEANING

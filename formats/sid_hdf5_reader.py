@@ -25,7 +25,7 @@ class Reader:
         self._source = source
         self._most_bytes = 100 * file_size
 
-    def sid(self, file: h5py.File) -> SID:
+    def sid(self, file: h5py.Group) -> SID:
         """The whole body."""
         blocks: dict[str, Any] = {
             name: self._block(file[f"blocks/{name}"]) for name in BLOCK_SHAPES

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sidtool.formats.sid import SID as SID
     from sidtool.solver.functions.callables import Timed as Timed
 
+    from .afterwards import outputs as outputs
     from .analysing import inverse_dynamics as inverse_dynamics
     from .analysing import linearise as linearise
     from .analysing import static_equilibrium as static_equilibrium
@@ -43,6 +44,7 @@ _HOME = {
     "convert": "sidtool.api",
     "inverse_dynamics": "sidtool.analysing",
     "linearise": "sidtool.analysing",
+    "outputs": "sidtool.afterwards",
     "read": "sidtool.kinds",
     "repair": "sidtool.api",
     "simulate": "sidtool.api",

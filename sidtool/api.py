@@ -14,6 +14,7 @@ from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid, write_sid
 
+from .afterwards import answering
 from .chosen import chosen
 from .kinds import read
 from .validate import check, compare, repair
@@ -93,6 +94,7 @@ def simulate(
     """
     from sidtool.solver import compile_scene
     from sidtool.solver import simulate as run
+    from sidtool.solver.errors import SimulationError
 
     if isinstance(scene, SceneFile):
         content, folder = scene, Path(base_folder or ".")
@@ -106,7 +108,7 @@ def simulate(
         system = compile_scene(
             content, folder, replaced, accept_defects, drives, forces=forces
         )
-        return run(
+        result = run(
             system,
             integrator=integrator,
             rtol=rtol,
@@ -115,5 +117,10 @@ def simulate(
             progress=progress,
             told=told,
         )
+        return answering(result, drives, forces)
+    except SimulationError as error:
+        if error.result is not None:
+            error.result = answering(error.result, drives, forces)
+        raise
     except InputError as error:
         raise error if isinstance(scene, SceneFile) else error.located(scene) from None

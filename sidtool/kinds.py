@@ -116,7 +116,9 @@ def _read_scene(path: Path_) -> Any:
 def _read_result(path: Path_) -> Any:
     from sidtool.formats.result import read_result
 
-    return read_result(Path(path))
+    from .afterwards import answering
+
+    return answering(read_result(Path(path)))
 
 
 READERS: dict[str, Callable[[Path_], Any]] = {

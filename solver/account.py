@@ -59,6 +59,7 @@ def result_of(run: Run, seconds: dict[str, float], failure: str) -> Result:
         bodies=bodies,
         events=tuple(sorted(recorder.events, key=lambda event: event.t)),
         scene=made_with(system.scene, run.settings),
+        sids=system.sids,
         notes=(*_notes(run), *recorder.remarks.sentences(watched(system.scene))),
         versions=versions(),
         completed=not failure,

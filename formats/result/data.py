@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..sid import SID
 from .bodies import FlexibleBody
 from .events import Event
 
 Array = NDArray[np.float64]
 Scalar = bool | int | float | str
+More = Callable[["Result", str], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,9 @@ class Result:
     bodies : what the run asked of each flexible body, see `FlexibleBody`
     events : crossings that the scene asks for, and breaks, in the order of time
     scene : the scene as JSON
+    sids : the SIDs of the bodies that have one, by body
+    more : evaluates outputs that were not recorded, see `sidtool.outputs`; it takes
+        this result and a name, perhaps with wildcards
     versions : of this program and of the libraries under it
     notes : what a reader has to know of the numbers, one sentence each
     completed : False when the run stopped early, for the reason in `message`; True
@@ -64,10 +69,12 @@ class Result:
     bodies: Mapping[str, FlexibleBody] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
     scene: str = ""
+    sids: Mapping[str, SID] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     completed: bool = True
     message: str = ""
+    more: More | None = None
 
     def __post_init__(self) -> None:
         for table, names in TABLES.items():
@@ -80,12 +87,15 @@ class Result:
                 )
 
     def __getitem__(self, name: str) -> Array:
-        """The course of one output, (nt,).
+        """The course of one output, (nt,), or of all that a name with `*` stands for,
+        (nt, n); also of outputs that were not recorded, if the result knows its scene.
 
         Raises
         ------
         InputError : no output has this name.
         """
+        if name not in self.names and self.more is not None:
+            return self.more(self, name)
         if name not in self.names:
             expected = f"one of {', '.join(self.names) or 'no outputs'}"
             raise InputError(f"there is no output {name!r}", expected=expected)

@@ -4,7 +4,8 @@ Attributes of the root: format, format_version, title, completed, message, and n
 list of texts. Datasets: t, values, positions, velocities, multipliers, each of the
 latter four with its columns' names in the attribute ``names``; scene (JSON text).
 Groups counters, drift, settings and versions hold their entries as attributes, and so
-does bodies/NAME for each flexible body, see `hdf5_bodies`; group events, see `events`.
+does bodies/NAME for each flexible body, see `hdf5_bodies`; group events, see `events`;
+group sids: the SIDs of all bodies that have one, see `hdf5_sids`.
 The file is sealed, see `seal`.
 """
 
@@ -24,6 +25,7 @@ from ..seal import SealedFile, check_seal
 from .data import TABLES, Result
 from .events import read_events, write_events
 from .hdf5_bodies import read_bodies, write_bodies
+from .hdf5_sids import read_sids, write_sids
 from .rows import BLOCK, Columns, Rows, pass_on
 
 FORMAT = "sidtool result"
@@ -120,6 +122,7 @@ def _tell(file: h5py.File, result: Result) -> None:
     for group in _GROUPS:
         file.create_group(group).attrs.update(_storable(getattr(result, group)))
     write_bodies(file.create_group("bodies"), result.bodies)
+    write_sids(file.create_group("sids"), result.sids)
     if result.events:
         write_events(file.create_group("events"), result.events)
 
@@ -136,7 +139,7 @@ def read_result(path: str | Path) -> Result:
         with h5py.File(path, "r") as file:
             _check_format(file, path)
             check_own_data(file)
-            return _result(file)
+            return _result(file, Path(path))
     except InputError as error:
         raise error.located(path) from None
     except FileNotFoundError:
@@ -167,7 +170,7 @@ def _check_format(file: h5py.File, path: str | Path) -> None:
         )
 
 
-def _result(file: h5py.File) -> Result:
+def _result(file: h5py.File, path: Path) -> Result:
     parts: dict[str, Any] = {"t": np.asarray(file["t"][()], float)}
     for table, names in TABLES.items():
         parts[table] = np.asarray(file[table][()], float)
@@ -177,6 +180,8 @@ def _result(file: h5py.File) -> Result:
         parts[group] = {key: _plain(value) for key, value in entries}
     parts["bodies"] = read_bodies(file.get("bodies"))
     parts["events"] = read_events(file.get("events"))
+    size = path.stat().st_size
+    parts["sids"] = read_sids(file.get("sids"), str(path), size)
     return Result(
         title=str(file.attrs["title"]),
         completed=bool(file.attrs["completed"]),

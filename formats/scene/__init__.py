@@ -67,6 +67,7 @@ from .outputs import (
     parse_output,
 )
 from .times import OutputTimes, output_times
+from .wildcards import expanded, has_wildcard, known_outputs, matching, owners
 
 __all__ = [
     "Accuracy",
@@ -128,13 +129,18 @@ __all__ = [
     "coordinate_of",
     "coupled_coordinates",
     "driven_coordinate",
+    "expanded",
+    "has_wildcard",
     "is_elastic",
     "is_of_joint",
     "is_rate",
     "is_stress",
+    "known_outputs",
     "marker_names",
     "marker_reference",
+    "matching",
     "output_times",
+    "owners",
     "parse_output",
     "position_3d",
     "read_scene",

@@ -59,7 +59,8 @@ class Outputs(Table):
         description="of bodies x, vx, ax, angle, wz, q1, q*, peak_von_mises; of "
         "markers x, vx, ax, ux, sigma_xx, von_mises; of joints angle, angle_rate, "
         "displacement, ... as they have them; of joints and drives fx, mz, f1, f*; "
-        "energy.kinetic, constraint.position, ...; y and z likewise",
+        "energy.kinetic, constraint.position, ...; y and z likewise; `*` stands for "
+        "any letters within a part: rod.*.ux, *.x",
     )
 
 

@@ -19,6 +19,7 @@ from .analyse import analyse
 from .convert import convert
 from .demo import demo
 from .info import info
+from .recorded import outputs
 from .schema import schema
 from .simulate import simulate
 from .study import study
@@ -56,6 +57,7 @@ for command in (
     analyse,
     validate,
     info,
+    outputs,
     study,
     demo,
     schema,

@@ -102,20 +102,25 @@ def _severity(body: FlexibleBody) -> float:
 
 def describe_result(result: Result) -> str:
     """The summary, the outputs with their range, and the versions."""
-    rows = [
-        [name, f"{column[0]:.10g}", *(f"{f(column):.10g}" for f in (np.min, np.max))]
-        + [f"{column[-1]:.10g}"]
-        for name, column in zip(result.names, result.values.T, strict=True)
-        if len(column)
-    ]
     parts = [named([("title", result.title or "(none)")]) + "\n" + summary(result)]
     parts += [_contributions(name, body) for name, body in result.bodies.items()]
-    if rows:
-        parts.append(table(["output", "first", "least", "greatest", "last"], rows))
+    if result.names and len(result.t):
+        parts.append(ranges(dict(zip(result.names, result.values.T, strict=True))))
     if result.versions:
         made = ", ".join(f"{name} {text}" for name, text in result.versions.items())
         parts.append(f"made with {made}")
     return "\n\n".join(parts)
+
+
+def ranges(columns: Mapping[str, np.ndarray]) -> str:
+    """A table of the first, least, greatest and last value of each output."""
+    rows = [
+        [name, f"{column[0]:.10g}", *(f"{f(column):.10g}" for f in (np.min, np.max))]
+        + [f"{column[-1]:.10g}"]
+        for name, column in columns.items()
+        if len(column)
+    ]
+    return table(["output", "first", "least", "greatest", "last"], rows)
 
 
 def _contributions(name: str, body: FlexibleBody) -> str:

@@ -94,6 +94,7 @@ def recorded(
         multiplier_names=outputs.multiplier_names(system),
         settings={"analysis": kind},
         scene=system.scene.model_dump_json(by_alias=True, exclude_none=True),
+        sids=system.sids,
         versions=versions(),
         notes=(*notes, *of_programs(system), *remarks.sentences()),
         completed=not message,

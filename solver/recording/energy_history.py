@@ -14,14 +14,13 @@ from sidtool.formats.scene import SceneFile, parse_output
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels.coordinates import rate
-from ..kernels.layout import Work
-from ..kernels.newton import Kernels, Memory
+from ..kernels.newton import Kernels
 from ..system import kernel_calls
 from ..system.scene import System
 from ..system.storage import new_memory, new_work
 from .dense import BATCH, Points, Steps
 from .energies import dissipation, supply
+from .interpolation import interpolated
 from .sampling import sample
 from .whole_scene import whole_motion
 
@@ -115,50 +114,9 @@ def history_between(
     nodes[:, 0], nodes[:, -1] = np.nextafter(times[:-1], np.inf), times[1:]
     nodes[:, -1] = np.nextafter(nodes[:, -1], -np.inf)
     work, states = new_work(system), (times, z, v)
-    found = _interpolated(system, kernels, work, memory, states, closed, nodes.ravel())
+    found = interpolated(system, kernels, work, memory, states, closed, nodes.ravel())
     history.add(Steps(nodes.ravel(), *found))
     return history
-
-
-def _interpolated(
-    system: System,
-    kernels: Kernels,
-    work: Work,
-    memory: Memory,
-    states: tuple[Array, Array, Array],
-    closed: Array,
-    nodes: Array,
-) -> tuple[Array, Array]:
-    """Positions and velocities at the nodes, by Hermite polynomials."""
-    t, z, v = states
-    k = np.clip(np.searchsorted(t, nodes) - 1, 0, len(t) - 2)
-    h = t[k + 1] - t[k]
-    x = ((nodes - t[k]) / h)[:, None]
-    after, before = np.nextafter(t[:-1], np.inf), t[1:]
-    accelerations = [
-        sample(
-            system, kernels, work, memory, when, a.copy(), b.copy(), closed
-        ).accelerations
-        for when, a, b in ((after, z[:-1], v[:-1]), (before, z[1:], v[1:]))
-    ]
-    ends = []
-    for y, slopes in (
-        (z, [_rates(system, z[:-1], v[:-1]), _rates(system, z[1:], v[1:])]),
-        (v, accelerations),
-    ):
-        a = (1.0 + 2.0 * x) * (1.0 - x) ** 2 * y[k]
-        b = x * x * (3.0 - 2.0 * x) * y[k + 1]
-        c = x * (1.0 - x) ** 2 * h[:, None] * slopes[0][k]
-        d = -x * x * (1.0 - x) * h[:, None] * slopes[1][k]
-        ends.append(a + b + c + d)
-    return ends[0], ends[1]
-
-
-def _rates(system: System, z: Array, v: Array) -> Array:
-    rates = np.zeros_like(z)
-    for i in range(len(z)):
-        rate(system.arrays, z[i], v[i], rates[i])
-    return rates
 
 
 def _drift(system: System, times: Array, z: Array) -> Array:

@@ -17,6 +17,7 @@ from sidtool.formats.scene import (
     SceneFile,
     as_3d,
     coordinate_of,
+    expanded,
     parse_output,
     position_3d,
     rotation,
@@ -61,7 +62,7 @@ def build_system(
     ------
     InputError : a marker does not exist.
     """
-    scene = with_held_frames(without_elasticity(scene))
+    scene = _with_all_names(with_held_frames(without_elasticity(scene)), sids)
     planar, pool = scene.dimension == "planar", Pool()
     data = {
         name: body_data(name, body, sids, planar) for name, body in scene.bodies.items()
@@ -75,12 +76,20 @@ def build_system(
     order = (GROUND_NAME, *frames, *others)
     parts = Ingredients(scene, data, frames, order, drive_index, pool)
     cut = _system(parts, functions, elements)
+    cut = replace(cut, sids=sids)
     if not frames or not (keep_joints or asks_for_joints(scene, cut.eliminated)):
         return cut
     whole = _system(replace(parts, frames={}), functions, elements)
     carrying = with_prescribed_frames(whole.arrays.body, cut.arrays.body)
-    whole = replace(whole, carrying=carrying)
+    whole = replace(whole, carrying=carrying, sids=sids)
     return whole if keep_joints else replace(cut, whole=whole)
+
+
+def _with_all_names(scene: SceneFile, sids: Mapping[str, SID]) -> SceneFile:
+    """The scene with the outputs that its wildcards stand for."""
+    record = expanded(scene.outputs.record, scene, sids, "outputs.record")
+    outputs = scene.outputs.model_copy(update={"record": record})
+    return scene.model_copy(update={"outputs": outputs})
 
 
 def _system(

@@ -6,6 +6,7 @@ from sidtool.formats.scene import (
     ElasticInitial,
     SceneFile,
     SidBody,
+    has_wildcard,
     is_elastic,
     is_stress,
     parse_output,
@@ -23,6 +24,8 @@ def elastic_outputs(scene: SceneFile) -> list[str]:
     """Outputs that only the flexibility of rigid bodies would give."""
     found = []
     for text in scene.outputs.record:
+        if has_wildcard(text):
+            continue
         name = parse_output(text)
         elastic = is_elastic(name.quantity) or is_stress(name.quantity)
         if elastic and is_rigid(scene, name.owner):

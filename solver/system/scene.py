@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import Array
+from sidtool.formats.sid import SID, Array
 
 from ..functions.features import Features
 from ..kernels import layout as at
@@ -61,6 +61,7 @@ class System:
     whole : of a scene that was cut down, the one with all joints, if their forces are
         asked for
     told : what has to be known of how it was made
+    sids : as they were read, of the bodies that have one
     """
 
     scene: SceneFile
@@ -84,6 +85,7 @@ class System:
     carrying: at.IntTable | None = None
     whole: System | None = None
     told: tuple[str, ...] = ()
+    sids: Mapping[str, SID] = field(default_factory=dict)
 
     @property
     def planar(self) -> bool:

@@ -1,0 +1,138 @@
+"""Outputs that a name with wildcards stands for.
+
+`*` stands for any letters within one part of a name: `rod.*.ux`, `*.x`, `bearing.*`.
+Wildcards do not find velocities in body axes (`vx_body`), nor, in planar scenes, what
+is zero there. `JOINT.f*` means all multipliers of a joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+from ..errors import InputError
+from ..sid import SID
+from ..stress import stress_nodes
+from .bodies import SidBody
+from .joints import marker_names
+from .outputs import (
+    ELASTIC,
+    MULTIPLIER,
+    PEAK_STRESS,
+    RATE,
+    SCENE_QUANTITIES,
+    STRESSES,
+)
+
+if TYPE_CHECKING:
+    from .file import SceneFile
+
+_SPATIAL = tuple(kind + axis for kind in ("", "v", "a") for axis in "xyz")
+#: By dimension: quantities of points, of bodies besides, of joints and forces,
+#: elastic displacements.
+_POINT = {"spatial": _SPATIAL, "planar": tuple(n for n in _SPATIAL if n[-1] != "z")}
+_BODY = {"spatial": ("angle", "wx", "wy", "wz"), "planar": ("angle", "wz")}
+_WRENCH = {
+    "spatial": ("fx", "fy", "fz", "mx", "my", "mz"),
+    "planar": ("fx", "fy", "mz"),
+}
+_DISPLACEMENT = {"spatial": ("ux", "uy", "uz"), "planar": ("ux", "uy")}
+
+
+def has_wildcard(text: str) -> bool:
+    """Whether a name stands for others; q*, vq* and f* of one owner are names, too."""
+    owner, _, quantity = text.rpartition(".")
+    alone = ELASTIC.fullmatch(quantity) or MULTIPLIER.fullmatch(quantity)
+    return "*" in owner or ("*" in quantity and not alone)
+
+
+def _is_pattern(text: str) -> bool:
+    return "*" in text and not MULTIPLIER.fullmatch(text.rpartition(".")[2])
+
+
+def matching(pattern: str, names: Iterable[str]) -> list[str]:
+    """The names that a pattern stands for, part by part."""
+    parts = pattern.split(".")
+    return [
+        name
+        for name in names
+        if len(found := name.split(".")) == len(parts)
+        and all(map(fnmatchcase, found, parts))
+    ]
+
+
+def expanded(
+    texts: Iterable[str], scene: SceneFile, sids: Mapping[str, SID], place: str = ""
+) -> tuple[str, ...]:
+    """The names without wildcards, each once.
+
+    Raises
+    ------
+    InputError : a pattern stands for nothing in this scene.
+    """
+    texts, found = tuple(texts), dict[str, None]()
+    known: list[str] = []
+    if any("*" in text for text in texts):
+        known = list(known_outputs(scene, sids))
+    for text in texts:
+        names = matching(text, known) if _is_pattern(text) else [text]
+        if not names and has_wildcard(text):
+            raise InputError(
+                f"{text!r} stands for no output of this scene",
+                place=place or None,
+                expected=f"a part of {', '.join(owners(known))}",
+            )
+        found |= dict.fromkeys(names)
+    return tuple(found)
+
+
+def owners(names: Iterable[str]) -> list[str]:
+    """What stands before the quantities of names, each once."""
+    return list(dict.fromkeys(name.rpartition(".")[0] for name in names))
+
+
+def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:
+    """All outputs of a scene that wildcards find; see the top of this module."""
+    dimension = scene.dimension
+    for name, body in scene.bodies.items():
+        yield from _named(name, (*_POINT[dimension], *_BODY[dimension]))
+        if isinstance(body, SidBody):
+            yield from _flexible(name, body, sids.get(name), dimension)
+        else:
+            for marker in body.markers:
+                yield from _named(f"{name}.{marker}", _POINT[dimension])
+    for name, joint in scene.joints.items():
+        for coordinate in joint.coordinates:
+            yield from _named(name, (coordinate, coordinate + RATE))
+        if marker_names(joint):
+            yield from _named(name, _WRENCH[dimension])
+    for name, drive in scene.drives.items():
+        if drive.joint is None or marker_names(scene.joints[drive.joint]):
+            yield from _named(name, _WRENCH[dimension])
+    for name in scene.forces:
+        yield from _named(name, _WRENCH[dimension])
+    for owner, quantities in SCENE_QUANTITIES.items():
+        yield from _named(owner, quantities)
+
+
+def _flexible(
+    name: str, body: SidBody, sid: SID | None, dimension: str
+) -> Iterator[str]:
+    elastic = sid is not None and not body.rigid
+    if sid is not None and elastic:
+        for prefix in ("q", "vq"):
+            yield from _named(name, (f"{prefix}{k + 1}" for k in range(sid.nq)))
+    carriers = set(stress_nodes(sid)) if sid is not None and elastic else set()
+    if carriers:
+        yield f"{name}.{PEAK_STRESS}"
+    for marker, node in body.markers.items():
+        yield from _named(f"{name}.{marker}", _POINT[dimension])
+        if elastic:
+            yield from _named(f"{name}.{marker}", _DISPLACEMENT[dimension])
+        if node in carriers:
+            yield from _named(f"{name}.{marker}", STRESSES)
+
+
+def _named(owner: str, quantities: Iterable[str]) -> Iterator[str]:
+    return (f"{owner}.{quantity}" for quantity in quantities)

@@ -1,0 +1,104 @@
+"""``sidtool outputs``: what a result can tell beside what was recorded."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from .common import check_targets, existing, force, result_target, target
+
+
+@click.command()
+@click.argument("result", metavar="RESULT", type=existing)
+@click.option(
+    "--add",
+    "names",
+    metavar="NAMES",
+    multiple=True,
+    help="Outputs to evaluate, with commas between them; `*` for any letters.",
+)
+@click.option(
+    "-o",
+    "--output",
+    type=target,
+    help="Write what was recorded and what was added (.h5 or .csv).",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the columns as JSON.")
+@force
+def outputs(
+    result: Path,
+    names: tuple[str, ...],
+    output: Path | None,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Evaluate outputs of a RESULT that its run did not record.
+
+    A result holds its scene with all SIDs, and the states at all output times, so
+    that every output of the scene follows without a new run. Only energies that are
+    integrals along the run (dissipated, supplied, balance) have to be recorded in it.
+    Without --add the names of all outputs are listed; those recorded have a *.
+
+    \b
+    Examples:
+      sidtool outputs result.h5
+      sidtool outputs result.h5 --add rod.piston_pin.vx,rod.q*
+      sidtool outputs result.h5 --add "*.vx,bearing.f*" -o more.h5
+      sidtool outputs result.h5 --add "rod.*.ux" -o tip.csv
+    """
+    from sidtool.formats.errors import InputError
+    from sidtool.formats.result import write_csv, write_result
+
+    from ..afterwards import outputs as evaluated
+    from ..afterwards import with_outputs
+    from ..kinds import expect_kind, read
+    from ..report.result import ranges
+
+    expect_kind(result, "result")
+    check_targets([result_target(output)], [result], force)
+    content = read(result)
+    if not names:
+        click.echo(_listed(content))
+        return
+    try:
+        found = evaluated(content, ",".join(names))
+    except InputError as error:
+        raise error.located(result) from None
+    if as_json:
+        columns = {"t": content.t, **found}
+        click.echo(json.dumps({name: c.tolist() for name, c in columns.items()}))
+    else:
+        click.echo(ranges(found))
+    if output is None:
+        return
+    more = with_outputs(content, found)
+    if output.suffix.lower() == ".csv":
+        write_csv(output, more)
+    else:
+        write_result(output, more)
+    click.echo(f"{output} written", err=as_json)
+
+
+def _listed(content: object) -> str:
+    """Names of all outputs, a line for each owner."""
+    from sidtool.formats.result import Result
+    from sidtool.formats.scene import known_outputs, owners
+    from sidtool.solver.afterwards import scene_of
+
+    from ..report.tables import named
+
+    assert isinstance(content, Result)
+    known = dict.fromkeys(
+        [*content.names, *known_outputs(scene_of(content), content.sids)]
+    )
+    lines = []
+    for owner in owners(known):
+        quantities = [
+            n.rpartition(".")[2] for n in known if n.rpartition(".")[0] == owner
+        ]
+        marks = ["*" if f"{owner}.{q}" in content.names else "" for q in quantities]
+        pairs = zip(quantities, marks, strict=True)
+        lines.append((owner, " ".join(q + mark for q, mark in pairs)))
+    return named(lines)

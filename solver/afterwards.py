@@ -1,0 +1,218 @@
+"""A run looked at again: its result holds scene, SIDs and states, and so all outputs.
+
+Nothing is integrated. The scene is compiled and assembled as for the run, and outputs
+are evaluated at the states of the result, which are positions and velocities.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, expanded, parse_output
+from sidtool.formats.sid import Array
+from sidtool.formats.toml_files import validated
+
+from . import compile_scene, warmup
+from .functions.callables import Derivatives
+from .kernels import layout as at
+from .kernels.layout import Work
+from .kernels.newton import Kernels, Memory
+from .kernels.pointers import kernels
+from .recording.energy_history import INTEGRATED
+from .recording.interpolation import interpolated
+from .recording.outputs import position_names, record, velocity_names
+from .recording.sampling import Samples, sample
+from .start.assembly import assemble
+from .start.new_control import closed_below
+from .start.settings import settings_of
+from .start.turn_counts import keep_turns, starting_turns
+from .system import kernel_calls
+from .system.scene import System
+from .system.storage import new_memory, new_work
+
+#: Rotations between two output times beyond which turns cannot be counted [rad].
+LARGEST_TURN = 0.5 * np.pi
+
+Programs = Mapping[str, Derivatives]
+
+
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A compiled scene and the states that a result holds.
+
+    system : the scene, assembled as at the start of the run
+    t, z, v : (nt,), (nt, .), (nt, .)
+    """
+
+    system: System
+    t: Array
+    z: Array
+    v: Array
+
+    def outputs(self, times: Array | None = None) -> dict[str, Array]:
+        """The outputs of the scene by name, (nt,) each.
+
+        times : default those of the result; between them states are interpolated by
+            cubic Hermite polynomials and projected on the constraints
+        """
+        t, z, v = self.states(times)
+        system, calls, work, memory = self._parts
+        found = record(system, calls, work, memory, t, z, v, self._closed)
+        return dict(zip(found.names, found.values.T, strict=True))
+
+    def samples(self, times: Array | None = None) -> Samples:
+        """Frames and markers at some times, see `outputs`."""
+        t, z, v = self.states(times)
+        return sample(*self._parts, t, z, v, self._closed)
+
+    def states(self, times: Array | None) -> tuple[Array, Array, Array]:
+        """Times, positions and velocities, as copies."""
+        if times is None or len(self.t) < 2:
+            return self.t.copy(), self.z.copy(), self.v.copy()
+        known = (self.t, self.z, self.v)
+        z, v = interpolated(*self._parts, known, self._closed, times)
+        return times.copy(), z, v
+
+    @cached_property
+    def _closed(self) -> Array:
+        return closed_below(
+            self.system, settings_of(self.system, None, None, None, None)
+        )
+
+    @cached_property
+    def _parts(self) -> tuple[System, Kernels, Work, Memory]:
+        system = self.system
+        return system, kernels(system.planar), new_work(system), new_memory(system, 0)
+
+
+def replay(
+    result: Result,
+    names: Iterable[str] = (),
+    drives: Programs | None = None,
+    forces: Programs | None = None,
+) -> Replay:
+    """The scene of a result with other outputs, at the states of the result.
+
+    names : of outputs, also with wildcards
+    drives, forces : callables that the run was made with, by name
+
+    Raises
+    ------
+    InputError : the result does not hold its scene or SIDs, a name is that of no
+        output or of an integral over the run, or rotations are too fast to be counted.
+    """
+    scene = _scene_of(result, tuple(names))
+    warmup.ensure(scene.dimension == "planar", ())
+    system = compile_scene(
+        scene,
+        sids=dict(result.sids),
+        accept_defects=True,
+        drives=drives,
+        forces=forces,
+        keep_joints="analysis" in result.settings,
+    )
+    system, start = assemble(system)
+    v = _columns(result.velocities, result.velocity_names, velocity_names(system))
+    if np.isnan(v).any():
+        raise _unlike("velocities")
+    z = _columns(result.positions, result.position_names, position_names(system))
+    turns = z.shape[1] - system.n_turns
+    if np.isnan(z[:, :turns]).any():
+        raise _unlike("positions")
+    if np.isnan(z).any() and len(z):
+        _count_turns(system, result.t, z, v)
+    return Replay(system, result.t, z, v)
+
+
+def scene_of(result: Result) -> SceneFile:
+    """The scene that a result was made with.
+
+    Raises
+    ------
+    InputError : the result holds none.
+    """
+    if not result.scene:
+        raise InputError("holds no scene", expected="a result of a simulation")
+    return validated(json.loads(result.scene), SceneFile, source="scene of the result")
+
+
+def _scene_of(result: Result, names: tuple[str, ...]) -> SceneFile:
+    """With these outputs and without events; without names, no outputs at all."""
+    scene = scene_of(result)
+    missing = [name for name in scene.flexible if name not in result.sids]
+    if missing:
+        raise InputError(
+            f"holds no SID of {', '.join(missing)}",
+            expected="a result of this version of sidtool; simulate again",
+        )
+    record = expanded(names, scene, result.sids)
+    for name in record:
+        _check_instantaneous(name)
+    content: dict[str, Any] = json.loads(result.scene)
+    content.pop("events", None)
+    content["outputs"] = {"record": list(record)}
+    return validated(content, SceneFile, source="scene of the result")
+
+
+def _check_instantaneous(name: str) -> None:
+    parsed = parse_output(name)
+    if parsed.owner == "energy" and parsed.quantity in INTEGRATED:
+        raise InputError(
+            f"{name} is an integral along the steps of the run, which are not kept",
+            expected="to be recorded in the run: outputs.record of the scene",
+        )
+
+
+def _columns(table: Array, known: tuple[str, ...], wanted: tuple[str, ...]) -> Array:
+    """Columns by name, those that are not known as NaN."""
+    places = {name: i for i, name in enumerate(known)}
+    found = np.full((len(table), len(wanted)), np.nan)
+    for column, name in enumerate(wanted):
+        if name in places:
+            found[:, column] = table[:, places[name]]
+    return found
+
+
+def _count_turns(system: System, t: Array, z: Array, v: Array) -> None:
+    """Fills in angles that were not counted in the run, each from the one before.
+
+    Raises
+    ------
+    InputError : one turns too far between two times.
+    """
+    work, n = new_work(system), system.n_turns
+    fresh = np.isnan(z[:, z.shape[1] - n :]).any(axis=0)
+    before = starting_turns(system)
+    for k, clock in enumerate(system.clocks(t)):
+        part = z[k, z.shape[1] - n :]
+        part[fresh] = before[fresh]
+        work.clock[0] = clock
+        kernel_calls.evaluate(system, work, t[k], z[k], v[k])
+        keep_turns(system, work, z[k])
+        step = t[k] - t[k - 1] if k else 0.0
+        way = np.maximum(
+            np.abs(part - before) if k else 0.0,
+            step * np.abs(work.turn[:n, at.TURN_RATE]),
+        )
+        if (way[fresh] > LARGEST_TURN).any():
+            raise InputError(
+                f"a joint turns by more than a quarter between output times at "
+                f"t = {t[k]:.6g} s, where its angle cannot be counted afterwards",
+                expected="a smaller output_step, or the angle recorded in the run",
+            )
+        before = part.copy()
+
+
+def _unlike(what: str) -> InputError:
+    return InputError(
+        f"its {what} are not those of its scene",
+        expected="a result of this version of sidtool",
+    )

@@ -1,0 +1,60 @@
+"""States between times at which they are known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sidtool.formats.sid import Array
+
+from ..kernels.coordinates import rate
+from ..kernels.layout import Work
+from ..kernels.newton import Kernels, Memory
+from ..system.scene import System
+from .sampling import sample
+
+
+def interpolated(
+    system: System,
+    kernels: Kernels,
+    work: Work,
+    memory: Memory,
+    states: tuple[Array, Array, Array],
+    closed: Array,
+    nodes: Array,
+) -> tuple[Array, Array]:
+    """Positions and velocities at other times, by cubic Hermite polynomials.
+
+    states : times (nt,), of at least two, with positions and velocities (nt, .)
+    nodes : times between the first and the last of these
+
+    The error of both grows with the fourth power of the distance of times.
+    """
+    t, z, v = states
+    k = np.clip(np.searchsorted(t, nodes) - 1, 0, len(t) - 2)
+    h = t[k + 1] - t[k]
+    x = ((nodes - t[k]) / h)[:, None]
+    after, before = np.nextafter(t[:-1], np.inf), t[1:]
+    accelerations = [
+        sample(
+            system, kernels, work, memory, when, a.copy(), b.copy(), closed
+        ).accelerations
+        for when, a, b in ((after, z[:-1], v[:-1]), (before, z[1:], v[1:]))
+    ]
+    ends = []
+    for y, slopes in (
+        (z, [_rates(system, z[:-1], v[:-1]), _rates(system, z[1:], v[1:])]),
+        (v, accelerations),
+    ):
+        a = (1.0 + 2.0 * x) * (1.0 - x) ** 2 * y[k]
+        b = x * x * (3.0 - 2.0 * x) * y[k + 1]
+        c = x * (1.0 - x) ** 2 * h[:, None] * slopes[0][k]
+        d = -x * x * (1.0 - x) * h[:, None] * slopes[1][k]
+        ends.append(a + b + c + d)
+    return ends[0], ends[1]
+
+
+def _rates(system: System, z: Array, v: Array) -> Array:
+    rates = np.zeros_like(z)
+    for i in range(len(z)):
+        rate(system.arrays, z[i], v[i], rates[i])
+    return rates
