@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.sid import SID, Node, Taylor
 from sidtool.formats.sid_mass import skew
 
 from .element_cost import element_notes
+from .field.body_field import body_field
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.geometry_mass import compared_with_geometry
 from .frontends.registry import finite_element_model
@@ -63,16 +65,39 @@ def sid_from_model(
     ------
     InputError : names the file (if given by its path) and the key that is wrong.
     """
+    return _made(model, progress, engine, with_field=False)[0]
+
+
+def field_from_model(
+    model: ModelFile | str | Path,
+    progress: Callable[[str], None] | None = None,
+    engine: str | None = None,
+) -> tuple[SID, Field]:
+    """As `sid_from_model`, with the full field of the body."""
+    sid, field = _made(model, progress, engine, with_field=True)
+    assert field is not None
+    return sid, field
+
+
+def _made(
+    model: ModelFile | str | Path,
+    progress: Callable[[str], None] | None,
+    engine: str | None,
+    with_field: bool,
+) -> tuple[SID, Field | None]:
+    tell = progress or _notes_only
     with running(engine, progress):
         if isinstance(model, ModelFile):
-            return _convert(model, progress or _notes_only)
+            return _convert(model, tell, with_field)
         try:
-            return _convert(read_model(model), progress or _notes_only)
+            return _convert(read_model(model), tell, with_field)
         except InputError as error:
             raise error.located(model) from None
 
 
-def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
+def _convert(
+    model: ModelFile, progress: Callable[[str], None], with_field: bool
+) -> tuple[SID, Field | None]:
     progress("discretising")
     body = finite_element_model(model)
     for sentence in (*body.notes, *compared_with_geometry(body)):
@@ -110,7 +135,10 @@ def _convert(model: ModelFile, progress: Callable[[str], None]) -> SID:
     if model.stress:
         progress("stress")
         sid = with_stress(sid, body, frame, basis, model.stress, initial)
-    return sid
+    if not with_field:
+        return sid, None
+    progress("evaluating the full field")
+    return sid, body_field(sid, body, frame, basis, initial)
 
 
 def _check_wanted(body: FiniteElementModel, model: ModelFile) -> list[str]:
@@ -217,4 +245,4 @@ def _free_turns(
 def _notes_only(text: str) -> None:
     """Nobody listens to the stages, but notes are told."""
     if text.startswith(NOTE):
-        warnings.warn(text.removeprefix(NOTE), stacklevel=4)
+        warnings.warn(text.removeprefix(NOTE), stacklevel=5)

@@ -17,10 +17,12 @@ WRITTEN = {
     "sidtool scene": "scene",
     "sidtool reference": "reference",
 }
+#: The same of HDF5 files; all others are SIDs, whose reader says what is wrong.
+_STORED = {"sidtool result": "result", "sidtool field": "field"}
 
 
 def kind_of(path: Path_) -> str:
-    """ "model", "scene", "reference", "result" or "sid", judged by the content.
+    """ "model", "scene", "reference", "result", "field" or "sid", by the content.
 
     Raises
     ------
@@ -36,7 +38,7 @@ def kind_of(path: Path_) -> str:
 
 
 def read(path: Path_) -> Any:
-    """The content of a file of any kind: SID, ModelFile, SceneFile or Result.
+    """The content of a file: SID, ModelFile, SceneFile, Result or Field.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def _kind_of_hdf5(path: Path) -> str:
     check_seal(path)
     try:
         with h5py.File(path, "r") as file:
-            return "result" if file.attrs.get("format") == "sidtool result" else "sid"
+            return _STORED.get(str(file.attrs.get("format")), "sid")
     except (OSError, RuntimeError, ValueError, TypeError):
         return "sid"  # whose reader says what is wrong
 
@@ -121,9 +123,16 @@ def _read_result(path: Path_) -> Any:
     return answering(read_result(Path(path)))
 
 
+def _read_field(path: Path_) -> Any:
+    from sidtool.formats.field import read_field
+
+    return read_field(path)
+
+
 READERS: dict[str, Callable[[Path_], Any]] = {
     "sid": _read_sid,
     "model": _read_model,
     "scene": _read_scene,
     "result": _read_result,
+    "field": _read_field,
 }

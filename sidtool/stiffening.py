@@ -189,6 +189,8 @@ class QuadraturePart:
     internal : (p, k, d) slopes of internal modes of the element [1/m]
     amplitudes : (e, d k, d m) of these by the displacements of the element's nodes
     element : (p,) row of `amplitudes` of every point
+    per_element : points of each element, which follow each other
+    continuum : number of the continuum of the body
     """
 
     nodes: NDArray[np.int64]
@@ -201,6 +203,8 @@ class QuadraturePart:
     internal: Array | None = None
     amplitudes: Array | None = None
     element: NDArray[np.int64] | None = None
+    per_element: int = 1
+    continuum: int = 0
 
     def only(self, row: int) -> QuadraturePart:
         """One of the points."""
@@ -213,6 +217,7 @@ class QuadraturePart:
             weights=self.weights[cut],
             internal=None if self.internal is None else self.internal[cut],
             element=None if self.element is None else self.element[cut],
+            per_element=1,
         )
 
     def gradients(self, fields: Array) -> Array:
@@ -242,7 +247,7 @@ def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
             expected="a body from Q4, IGA or another mesh of solid elements",
         )
     d = body.dimension
-    for continuum in body.continua:
+    for number, continuum in enumerate(body.continua):
         for batch in continuum.batches():
             ne, ng = batch.measures.shape
             step = max(1, points // ng)
@@ -258,6 +263,8 @@ def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
                     law=continuum.law,
                     transverse=continuum.transverse,
                     table=body.table[:, :d],
+                    per_element=ng,
+                    continuum=number,
                     **inner,
                 )
 

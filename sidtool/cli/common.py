@@ -25,6 +25,7 @@ target = click.Path(path_type=Path)
 #: Kinds of files that are written: endings that say so, and their name.
 ENDINGS = {
     "result": ((".h5", ".hdf5"), "a result (HDF5)"),
+    "field": ((".h5", ".hdf5"), "a full field (HDF5)"),
     "table": ((".csv", ".txt", ".dat"), "a table (CSV)"),
     "modes": ((".json",), "modes (JSON)"),
     "sid": ((".sid_fem", ".sid", ".fem", ".h5", ".hdf5", ".txt", ".dat"), "a SID"),

@@ -35,6 +35,13 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
     "-o", "--output", required=True, type=target, help="SID to write; .h5 gives HDF5."
 )
 @click.option(
+    "--field",
+    "field",
+    type=target,
+    help="Write the full field of a model, too: mesh, surface, shape functions and "
+    "stresses at all nodes, for pictures and exports (HDF5).",
+)
+@click.option(
     "--dialect",
     type=click.Choice(DIALECTS),
     default="fembs",
@@ -76,6 +83,7 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 def convert(
     source: Path,
     output: Path,
+    field: Path | None,
     dialect: str,
     engine: str | None,
     repair: bool,
@@ -90,9 +98,14 @@ def convert(
     The kind of the source is seen from its content, the format of the output from its
     name: .h5 or .hdf5 is HDF5, any other name the ASCII format.
 
+    A SID keeps the motion of a few nodes. `--field FILE` writes that of the whole body
+    beside it; named like the SID with the ending .field.h5 it is found by itself where
+    the body is drawn.
+
     \b
     Examples:
       sidtool convert rod_q4.toml -o rod.SID_FEM
+      sidtool convert rod_q4.toml -o rod.SID_FEM --field rod.field.h5
       sidtool convert rod.SID_FEM -o rod.h5
       sidtool convert beam.SID_FEM -o better.SID_FEM --repair
       sidtool convert beam.SID_FEM -o beam_si.SID_FEM --units mm-t-s:SI
@@ -102,8 +115,10 @@ def convert(
       mpirun -n 2 sidtool convert rod_q4.toml -o rod.h5 --engine slepc
     """
     with _processes(engine) as processes:
-        check_targets([Target("-o", output, "sid")], files_of(source), force)
-        sid = _sid(source, engine, processes.rank == 0)
+        targets = [Target("-o", output, "sid"), Target("--field", field, "field")]
+        check_targets(targets, files_of(source), force)
+        _check_field(field, source, units, frame)
+        sid, whole = _sid(source, engine, processes.rank == 0, field is not None)
         processes.go_on()
         if processes.rank > 0:
             return
@@ -112,6 +127,45 @@ def convert(
         sid = _rereferenced(sid, frame) if frame else sid
         sid = _damped(sid, damping) if damping else sid
         _written(output, sid, dialect)
+        if field is not None:
+            _write_field(field, whole)
+
+
+def _check_field(
+    field: Path | None, source: Path, units: str | None, frame: str | None
+) -> None:
+    """A field is written with the SID that it belongs to."""
+    from sidtool.formats.errors import InputError
+
+    from ..kinds import expect_kind
+
+    if field is None:
+        return
+    if expect_kind(source, "model", "sid") == "sid":
+        raise InputError(
+            "is a SID, which does not hold the whole body",
+            source=source,
+            place="--field",
+            expected="the model that it came from",
+        )
+    for option, value in (("--units", units), ("--frame", frame)):
+        if value is not None:
+            raise InputError(
+                f"does not go with {option}, which changes what the field is in",
+                place="--field",
+                expected="frame and units as the model says them",
+            )
+
+
+def _write_field(path: Path, field: Any) -> None:
+    from sidtool.formats.field import write_field
+
+    write_field(path, field)
+    known = "with" if field.stress is not None else "without"
+    click.echo(
+        f"{path}: {len(field.positions)} points, {len(field.triangles)} triangles, "
+        f"{known} stresses"
+    )
 
 
 def _written(output: Path, sid: Any, dialect: str) -> None:
@@ -164,19 +218,24 @@ def _refuse_mpirun() -> None:
         )
 
 
-def _sid(source: Path, engine: str | None, leading: bool) -> Any:
+def _sid(
+    source: Path, engine: str | None, leading: bool, with_field: bool
+) -> tuple[Any, Any]:
+    """The SID and, if it is wanted, the full field."""
     from ..kinds import expect_kind, read
 
     if expect_kind(source, "model", "sid") == "sid":
-        return read(source)
-    from ..convert import sid_from_model
+        return read(source), None
+    from ..convert import field_from_model, sid_from_model
     from ..reduction.factors import engine_name
     from ..reduction.running import running
 
     with running(engine):
         engine_name()
     with _stages(leading) as tell:
-        return sid_from_model(source, tell, engine)
+        if with_field:
+            return field_from_model(source, tell, engine)
+        return sid_from_model(source, tell, engine), None
 
 
 def _rereferenced(sid: Any, frame: str) -> Any:

@@ -26,7 +26,7 @@ from sidtool.formats.sid_mass import skew
 
 from .beam_mass import beam_mass
 from .beam_material import BeamMaterial
-from .finite_element_model import FiniteElementModel, MarkerRows
+from .finite_element_model import FiniteElementModel, MarkerRows, Outline
 from .inertia_points import InertiaPoints
 from .patch_markers import at_marker, check_length, placed
 
@@ -120,8 +120,19 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         inertia_points=particles.points(),
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
+        outline=_outline(geometry, line, ends),
         geometry_mass=lambda: beam_mass(geometry, material.density),
     )
+
+
+def _outline(geometry: BeamGeometry, line: Line, ends: Array) -> Outline:
+    """Sections as rectangles; of general ones with the same area and moments."""
+    halves = []
+    for fraction in ends:
+        section = section_at(geometry, fraction)
+        moments = np.array([section.iz, section.iy])
+        halves.append(np.sqrt(3 * moments / section.area))
+    return Outline(line.axes[1:], np.array(halves))
 
 
 def section_at(geometry: BeamGeometry, fraction: float) -> Section:

@@ -92,7 +92,7 @@ def calculix_model(model: ModelFile, units: UnitSystem) -> FiniteElementModel:
         raise error.located(geometry.file) from None
     deck = _deck_mesh(body, discretised.positions, names, units)
     solids = Mesh(discretised.positions, body.mesh.blocks)
-    return replace(discretised, markers=_markers(model, solids, deck))
+    return replace(discretised, markers=_markers(model, solids, deck), drawn=solids)
 
 
 def _solid(found: Computed, names: DeckNames) -> _Solid:

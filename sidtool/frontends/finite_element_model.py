@@ -20,7 +20,9 @@ from .inertia_points import InertiaPoints
 from .surface import Surface
 
 if TYPE_CHECKING:
+    from ..geometry.patch import NurbsPatch
     from .geometry_mass import GeometryMass
+    from .mesh import Mesh
     from .solid_mesh import SolidMesh
 
 Array = NDArray[np.float64]
@@ -68,6 +70,18 @@ def carried(marker: MarkerRows, position: Array) -> MarkerRows:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The cross-sections of a beam, for pictures.
+
+    axes : (2, 3) unit vectors y and z of the sections
+    halves : (n, 2) half their extent along these at every node [m]
+    """
+
+    axes: Array
+    halves: Array
+
+
 def _apart(_: tuple[str, ...]) -> Surface | None:
     return None
 
@@ -107,6 +121,10 @@ class FiniteElementModel:
         lie apart
     geometry_mass : mass and centre of the geometry by a rule of its own
     solids : the elements, if the body is a mesh of solid ones
+    drawn : a mesh whose nodes are the first rows of `positions`, if pictures need one
+        beside `solids`
+    patches : NURBS patches with the nodes that their control points are
+    outline : of a beam
     notes : sentences on what the model file does not say and the body has
     """
 
@@ -128,6 +146,9 @@ class FiniteElementModel:
     surface: Callable[[tuple[str, ...]], Surface | None] = _apart
     geometry_mass: Callable[[], GeometryMass] | None = None
     solids: SolidMesh | None = None
+    drawn: Mesh | None = None
+    patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
+    outline: Outline | None = None
     notes: tuple[str, ...] = ()
 
     @property

@@ -34,6 +34,7 @@ from .geometry_mass import GeometryMass, patch_mass
 from .patch_markers import edge_sets, marker_rows, named_surface
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 #: Gauss points per knot span at most, for weights that differ very much; to how much
 #: their integrals are right; and on how many lines across this is looked at.
@@ -62,6 +63,7 @@ def iga_model(model: ModelFile) -> FiniteElementModel:
         node_sets=edge_sets(geometry, patch),
         markers=marker_rows(model, exact, patch),
         continua=(patch_continuum(model, exact, patch),),
+        patches=((patch, np.arange(len(patch.points))),),
         surface=lambda names: named_surface(geometry, patch, names),
         geometry_mass=lambda: expected_mass(model, [exact]),
     )
@@ -255,9 +257,48 @@ def _tables(
     return tables, weights
 
 
+def sampled_batch(
+    patch: NurbsPatch, axes: tuple[Array, ...], inner: tuple[Array, ...]
+) -> tuple[Indices, Array, Array]:
+    """The functions of a patch at the points of a grid of parameters.
+
+    axes : parameters of each direction
+    inner : those where slopes are taken, inside the patch
+
+    Returns
+    -------
+    nodes (p, m) that reach each point, their values (p, m) and slopes (p, m, d) [1/m]
+    """
+    nodes, values, _ = _functions(patch, _points(patch, axes))
+    ones = [np.ones((len(axis), 1)) for axis in inner]
+    batch = _batch(patch, _points(patch, inner), ones)
+    assert np.array_equal(nodes, batch.nodes)
+    return nodes, values[:, 0], batch.gradients[:, 0]
+
+
+def _points(patch: NurbsPatch, axes: tuple[Array, ...]) -> list[LocalBasis]:
+    """Tables of parameters, each as a span with one point."""
+    tables = []
+    for knots, degree, x in zip(patch.knots, patch.degrees, axes, strict=True):
+        flat = local_basis(knots, degree, x)
+        tables.append(
+            LocalBasis(flat.first, flat.values[:, None], flat.derivatives[:, None])
+        )
+    return tables
+
+
 def _batch(
     patch: NurbsPatch, tables: list[LocalBasis], weights: list[Array]
 ) -> ElementBatch:
+    nodes, values, slopes = _functions(patch, tables)
+    measures = _tensor([w[..., None] for w in weights])[..., 0]
+    return mapped_batch(nodes, patch.points, values, slopes, measures)
+
+
+def _functions(
+    patch: NurbsPatch, tables: list[LocalBasis]
+) -> tuple[Indices, Array, Array]:
+    """Numbers (e, m), values (e, g, m) and slopes by the parameters (e, g, m, d)."""
     index = [
         t.first[:, None] + np.arange(t.values.shape[-1], dtype=np.int64) for t in tables
     ]
@@ -271,11 +312,10 @@ def _batch(
         _tensor([t.derivatives if i == k else t.values for i, t in enumerate(tables)])
         for k in range(len(tables))
     ]
-    measures = _tensor([w[..., None] for w in weights])[..., 0]
     values, slopes = rational(
         values, np.stack(gradients, -1), patch.weights.ravel()[nodes][:, None]
     )
-    return mapped_batch(nodes, patch.points, values, slopes, measures)
+    return nodes, values, slopes
 
 
 def _tensor(factors: list[Array]) -> Array:

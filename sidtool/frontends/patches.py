@@ -86,6 +86,7 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
             )
             for name, patch in fine.items()
         ),
+        patches=tuple((fine[name], numbering.numbers[name]) for name in fine),
         geometry_mass=lambda: expected_mass(model, list(exact.values())),
         notes=tuple(
             f"{tie.slave.name} lies on a part of {tie.master.name}: tied weakly "

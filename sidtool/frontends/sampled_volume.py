@@ -87,9 +87,9 @@ def sampled_volume(
     Middle nodes lie on the exact geometry. The node sets are called "i.e" with
     direction i and end e.
     """
-    boxes = _boxes(elements)
+    corners = box_corners(elements)
     simplices = kind.startswith("tet")
-    cells = _tetrahedra(boxes) if simplices else boxes
+    cells = _tetrahedra(corners) if simplices else corners
     quadratic = kind in ("hex20", "tet10")
     fine = tuple(2 * n for n in elements) if quadratic else elements
     index = _grid_index(elements, 2 if quadratic else 1)[cells]
@@ -106,7 +106,7 @@ def sampled_volume(
     return Mesh(positions, (block,), _sides(used, shape))
 
 
-def _boxes(elements: tuple[int, int, int]) -> Indices:
+def box_corners(elements: tuple[int, int, int]) -> Indices:
     """(ne, 8) corners of the boxes, as numbers in the grid of corners."""
     n = np.arange(np.prod([k + 1 for k in elements])).reshape([k + 1 for k in elements])
     square = ((0, 0), (1, 0), (1, 1), (0, 1))
