@@ -27,12 +27,12 @@ Say = Callable[[str], None]
 Group = tuple[str, ...]
 NEWTON: Group = ("kernels.newton:newton_factor", "kernels.newton:newton_solve")
 PLANAR: list[Group] = [
-    ("kernels.planar_forces:linearise",),
-    ("kernels.planar_forces:evaluate",),
+    ("kernels.equations:linearise_in_plane",),
+    ("kernels.equations:evaluate_in_plane",),
 ]
 SPATIAL: list[Group] = [
-    ("kernels.spatial_forces:linearise",),
-    ("kernels.spatial_forces:evaluate",),
+    ("kernels.equations:linearise_in_space",),
+    ("kernels.equations:evaluate_in_space",),
 ]
 MASS: Group = ("kernels.newton:solve_accelerations", "kernels.newton:project_once")
 COORDINATES: Group = (

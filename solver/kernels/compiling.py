@@ -154,7 +154,8 @@ def _type_of_inner(value: Inner, context: Any) -> Any:
 def inner(*signatures: Any) -> Callable[[Any], Any]:
     """A kernel that only kernels call; compiled into them.
 
-    The signatures say what it is called with. There is one version for each.
+    The signatures say what it is called with; one without any is for all types that
+    it is called with, plane and space. There is one version for each.
     """
     return Inner
 

@@ -319,34 +319,6 @@ def _body(system, work, b, z, v):
         f[first + 2] = -(mdx * ay - mdy * ax) - Jd * w
 
 
-@inner(types.void(SYSTEM, WORK, F1, int64, int64, float64, float64, float64))
-def segment(system, work, out, offset, m, ex, ey, torque):
-    """Adds the generalised force of an inertial force and a torque at a marker.
-
-    The same row maps velocities to the marker's velocity along e plus `torque` times
-    its angular velocity, and variations of position likewise.
-    """
-    b = system.marker[m, M_BODY]
-    row = system.body[b]
-    frame, point = work.frame[b], work.point[m]
-    c, s = frame[COS], frame[SIN]
-    fx, fy = c * ex + s * ey, -s * ex + c * ey
-    rd, nq = row[RD], row[NQ]
-    phi = system.marker[m, M_PHI]
-    psi = phi + 2 * nq
-    if rd >= 2:
-        out[offset] += fx
-        out[offset + 1] += fy
-    if rd == 3:
-        out[offset + 2] += point[DX] * fy - point[DY] * fx + torque
-    for k in range(nq):
-        out[offset + rd + k] += (
-            work.phi[phi + k] * fx
-            + work.phi[phi + nq + k] * fy
-            + work.phi[psi + k] * torque
-        )
-
-
 @inner(EVALUATE)
 def evaluate_bodies(system, work, t, z, v):
     """Frames, markers, mass matrices and forces of all bodies.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from . import newton
+from . import equations, newton
 from .compiling import Entry
 from .coordinates import rate, retract
 from .tables import Pointer
@@ -20,13 +20,9 @@ def pointer(kernel: Entry, signature: Any) -> Pointer:
 
 def entries(planar: bool) -> tuple[Entry, ...]:
     """The kernels of planar or of spatial scenes, in the order of `newton.Kernels`."""
-    if planar:
-        from .planar_forces import evaluate, linearise
-    else:
-        from .spatial_forces import evaluate, linearise
     return (
-        evaluate,
-        linearise,
+        equations.evaluate_in_plane if planar else equations.evaluate_in_space,
+        equations.linearise_in_plane if planar else equations.linearise_in_space,
         newton.solve_accelerations,
         newton.project_once,
         newton.remember,

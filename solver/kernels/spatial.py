@@ -201,33 +201,6 @@ def _marker(system, work, m, z, v):
         store(point, PR + 3 * i, rotate_back(pool, data + 3, r))
 
 
-@inner(types.void(SYSTEM, WORK, F1, int64, int64, VECTOR, VECTOR))
-def segment(system, work, out, offset, m, force, torque):
-    """Adds the generalised force of an inertial force and torque at a marker.
-
-    The same row maps velocities to the marker's velocity along the force plus its
-    angular velocity along the torque, and variations of position likewise.
-    """
-    b = system.marker[m, M_BODY]
-    row = system.body[b]
-    frame, point = work.frame[b], work.point[m]
-    rd, nq = row[RD], row[NQ]
-    f, t = rotate_back(frame, R, force), rotate_back(frame, R, torque)
-    if rd >= 3:
-        store(out, offset, plus(load(out, offset), f))
-    if rd == 6:
-        moment = plus(cross(load(point, D), f), t)
-        store(out, offset + 3, plus(load(out, offset + 3), moment))
-    if nq == 0:
-        return
-    phi = system.marker[m, M_PHI]
-    psi = phi + 3 * nq
-    t = rotate_back(point, T, t)
-    for k in range(nq):
-        out[offset + rd + k] += dot(column(work.phi, phi, nq, k), f)
-        out[offset + rd + k] += dot(column(work.phi, psi, nq, k), t)
-
-
 @inner(int64(int64))
 def quadratic_column(a):
     """Column of Oe that belongs to entry a of J: J has xz before yz, Oe after."""

@@ -18,7 +18,16 @@ from .tables import TableType
 #: Globals that kernels take into their code; others only share a name with a field.
 CONSTANTS = (bool, int, float, complex, str, tuple, types.Type)
 #: What decides beside the code of a kernel what becomes of it.
-MACHINERY = ("compiler", "compiling", "stamps", "tables")
+MACHINERY = (
+    "compiler",
+    "compiling",
+    "stamps",
+    "tables",
+    "records",
+    "values",
+    "algebra",
+    "spaces",
+)
 
 
 def stamp(function: FunctionType, signatures: tuple[Any, ...], caller: str) -> str:
@@ -74,8 +83,9 @@ def _function_text(function: FunctionType, seen: dict[CodeType, int]) -> str:
     for name, value in (scope | enclosed).items():
         # kernels and numba's functions have a py_func, intrinsics a _defn
         python = getattr(value, "py_func", None) or getattr(value, "_defn", None)
-        if python is not None:
-            parts.append(_function_text(python, seen))
+        either = getattr(value, "py_funcs", () if python is None else (python,))
+        if either:
+            parts += [_function_text(function, seen) for function in either]
         elif isinstance(value, CONSTANTS):
             parts.append(f"{name}={value!r}")
     return " ".join(parts)

@@ -26,6 +26,7 @@ from numba.core.extending import (
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 
 from .compiler import ArrayValue
+from .records import RowsType, constant_word
 
 _WORD = ir.IntType(64)
 
@@ -34,11 +35,12 @@ class TableType(types.Type):
     """The compiled type of a subclass of `Table`.
 
     members : types of its fields; None stands for the table type itself
+    name : of what kernels see a table as, which is compiled in their place
     """
 
-    def __init__(self, owner: type[Table], members: list[Any]) -> None:
+    def __init__(self, owner: type[Table], members: list[Any], name: str = "") -> None:
         self.fields = tuple(owner.__annotations__)
-        super().__init__(f"{owner.__module__}.{owner.__qualname__}")
+        super().__init__(f"{owner.__module__}.{owner.__qualname__}{name}")
         self.members = {
             field: self if kind is None else kind
             for field, kind in zip(self.fields, members, strict=True)
@@ -47,16 +49,22 @@ class TableType(types.Type):
         words = 0
         for field, kind in self.members.items():
             self.offsets[field] = words
-            words += 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
-        self.owner = owner
-        owner.kind = self
+            words += 1 + (kind.ndim if isinstance(kind, types.Array | RowsType) else 0)
+        self.owner, self.seen_as = owner, name
+        if not name:
+            owner.kind, owner.kinds = self, {}
+        owner.kinds[name] = self
+
+    def seen(self, name: str, **members: Any) -> TableType:
+        """The same table with other types of some fields."""
+        return TableType(self.owner, [*(self.members | members).values()], name)
 
     def __reduce__(self) -> Any:
-        return _kind_of, (self.owner,)
+        return _kind_of, (self.owner, self.seen_as)
 
 
-def _kind_of(owner: type[Table]) -> TableType:
-    return owner.kind
+def _kind_of(owner: type[Table], name: str) -> TableType:
+    return owner.kinds[name]
 
 
 class Table:
@@ -66,6 +74,7 @@ class Table:
     """
 
     kind: ClassVar[TableType]
+    kinds: ClassVar[dict[str, TableType]]
     address: int
 
     def __init__(self, *values: Any, **named: Any) -> None:
@@ -153,14 +162,16 @@ class _TableAttribute(AttributeTemplate):
 def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: str):  # type: ignore[no-untyped-def]
     member, start = kind.members[field], kind.offsets[field]
     words = builder.bitcast(table, _WORD.as_pointer())
-    address = _load(builder, words, start)
+    address = constant_word(builder, words, start)
+    if isinstance(member, RowsType):
+        return builder.gep(words, [ir.Constant(_WORD, start)])
     if isinstance(member, TableType):
         return builder.inttoptr(address, cgutils.voidptr_t)
     if isinstance(member, types.FunctionType):
         function = cgutils.create_struct_proxy(member)(context, builder)
         function.c_addr = builder.inttoptr(address, cgutils.voidptr_t)
         return function._getvalue()
-    shape = [_load(builder, words, start + 1 + i) for i in range(member.ndim)]
+    shape = [constant_word(builder, words, start + 1 + i) for i in range(member.ndim)]
     size = context.get_abi_sizeof(context.get_data_type(member.dtype))
     strides = [context.get_constant(types.intp, size)]
     for extent in shape[:0:-1]:
@@ -173,11 +184,3 @@ def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: s
     array.shape = cgutils.pack_array(builder, shape)
     array.strides = cgutils.pack_array(builder, strides)
     return array._getvalue()
-
-
-def _load(builder: Any, words: Any, index: int) -> Any:
-    """A word of a table; tables do not change, so that it is read once."""
-    place = builder.gep(words, [ir.Constant(_WORD, index)])
-    word = builder.load(place)
-    word.set_metadata("invariant.load", builder.module.add_metadata([]))
-    return word

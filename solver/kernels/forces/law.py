@@ -12,11 +12,8 @@ from __future__ import annotations
 
 import math
 
-from numba import float64, int64, types
-
-from .compiling import inner
-from .drives import drive_value
-from .layout import F1, F_LAW, F_TIME, SYSTEM, WORK
+from ..compiling import inner
+from ..drives import drive_value
 
 # Entries of a force law in the pool; K and D follow, each as the starts of its pieces
 # and then the coefficients of each, lowest power first.
@@ -24,10 +21,8 @@ REST, APPLIED, FRICTION, SPEED = 0, 1, 2, 3
 K_PIECES, K_TERMS, D_PIECES, D_TERMS = 4, 5, 6, 7
 POLYNOMIALS = 8
 
-TRIPLE = types.UniTuple(float64, 3)
 
-
-@inner(types.UniTuple(float64, 2)(F1, int64, int64, int64, float64))
+@inner()
 def piecewise(pool, at, pieces, terms, x):
     """Value and slope at x of a piecewise polynomial."""
     if pieces == 0:
@@ -44,19 +39,19 @@ def piecewise(pool, at, pieces, terms, x):
     return value, slope
 
 
-@inner(float64(SYSTEM, WORK, int64, float64))
+@inner()
 def time_factor(system, work, k, t):
     """The function of time of a force, 1 where there is none."""
-    if system.force[k, F_TIME] < 0:
+    if system.force[k].time < 0:
         return 1.0
-    value, _, _ = drive_value(system, system.force[k, F_TIME], work.clock[0], t)
+    value, _, _ = drive_value(system, system.force[k].time, work.clock[0], t)
     return value
 
 
-@inner(TRIPLE(SYSTEM, WORK, int64, float64, float64, float64))
+@inner()
 def force_law(system, work, k, t, g, rate):
     """Force, its stiffness -dF/dg and its damping -dF/dg'."""
-    pool, law = system.pool, system.force[k, F_LAW]
+    pool, law = system.pool, system.force[k].law
     at = law + POLYNOMIALS
     pieces, terms = int(pool[law + K_PIECES]), int(pool[law + K_TERMS])
     spring, stiffness = piecewise(pool, at, pieces, terms, g - pool[law + REST])

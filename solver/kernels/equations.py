@@ -1,0 +1,70 @@
+"""The complete equations of a scene in plane or space, and their derivatives."""
+
+from __future__ import annotations
+
+from .compiling import entry, inner
+from .constraints.all import evaluate_constraints, linearise_constraints
+from .dropped import drop_derivatives, drop_rows
+from .forces.all import evaluate_forces, linearise_forces
+from .forces.turns import keep_turns
+from .layout import EVALUATE, LINEARISE
+from .planar import evaluate_bodies as evaluate_planar_bodies
+from .planar_linear import linearise_body as linearise_planar_body
+from .spaces import BySpace, in_plane, in_space
+from .spatial import evaluate_bodies as evaluate_spatial_bodies
+from .spatial_linear import linearise_body as linearise_spatial_body
+
+
+@inner()
+def _no_turns(system, work, z):
+    pass
+
+
+_keep_turns = BySpace(plane=_no_turns, space=keep_turns)
+
+
+@inner()
+def _evaluate(system, work, t, z, v):
+    evaluate_constraints(system, work, t)
+    _keep_turns(system, work, z)
+    evaluate_forces(system, work, t)
+
+
+@entry(EVALUATE)
+def evaluate_in_plane(system, work, t, z, v):
+    """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
+    evaluate_planar_bodies(system, work, t, z, v)
+    _evaluate(in_plane(system), in_plane(work), t, z, v)
+    drop_rows(system, work)
+
+
+@entry(EVALUATE)
+def evaluate_in_space(system, work, t, z, v):
+    """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
+    evaluate_spatial_bodies(system, work, t, z, v)
+    _evaluate(in_space(system), in_space(work), t, z, v)
+    drop_rows(system, work)
+
+
+@inner()
+def _linearise(system, work, t, z, v, acc, lam):
+    linearise_constraints(system, work, t, v, acc, lam)
+    linearise_forces(system, work, t, v)
+
+
+@entry(LINEARISE)
+def linearise_in_plane(system, work, t, z, v, acc, lam):
+    """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
+    for b in range(len(system.body)):
+        linearise_planar_body(system, work, b, z, v, acc)
+    _linearise(in_plane(system), in_plane(work), t, z, v, acc, lam)
+    drop_derivatives(system, work)
+
+
+@entry(LINEARISE)
+def linearise_in_space(system, work, t, z, v, acc, lam):
+    """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
+    for b in range(len(system.body)):
+        linearise_spatial_body(system, work, b, z, v, acc)
+    _linearise(in_space(system), in_space(work), t, z, v, acc, lam)
+    drop_derivatives(system, work)

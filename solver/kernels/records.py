@@ -1,0 +1,142 @@
+"""Records: rows of tables whose numbers have names.
+
+A kernel sees a table in plane or in space (`RowsType`): `work.point[m].x` loads a
+`Vector`, `work.point[m].x = ...` stores one; nothing but an address is kept.
+"""
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core.datamodel import models
+from numba.core.extending import (
+    lower_builtin,
+    lower_getattr_generic,
+    lower_setattr_generic,
+    register_model,
+)
+from numba.core.typing.templates import (
+    AbstractTemplate,
+    AttributeTemplate,
+    infer_getattr,
+    infer_global,
+    signature,
+)
+
+from .values import INDEX, REAL, ValueType
+
+
+class RecordType(types.Type):
+    """Numbers behind each other in memory, with names.
+
+    fields : float64 or values; or int64, all of them
+    size : of a row, in numbers
+    """
+
+    def __init__(self, name: str, **fields: Any) -> None:
+        self.fields, self.size = fields, 0
+        self.places: dict[str, int] = {}
+        for field, kind in fields.items():
+            self.places[field] = self.size
+            self.size += kind.size if isinstance(kind, ValueType) else 1
+        whole = types.int64 in fields.values()
+        self.number = INDEX if whole else REAL
+        super().__init__(name)
+
+
+class RowsType(types.Type):
+    """A table of records."""
+
+    def __init__(self, record: RecordType) -> None:
+        self.record, self.ndim = record, 2
+        super().__init__(f"rows of {record}")
+
+
+for _kind in (RecordType, RowsType):
+
+    @register_model(_kind)
+    class _Address(models.PrimitiveModel):
+        def __init__(self, manager: Any, kind: Any) -> None:
+            number = kind.number if isinstance(kind, RecordType) else INDEX
+            super().__init__(manager, kind, number.as_pointer())
+
+
+@infer_getattr
+class _FieldOfRecord(AttributeTemplate):
+    key = RecordType
+
+    def generic_resolve(self, kind: RecordType, field: str) -> Any:  # type: ignore[override]
+        return kind.fields.get(field)
+
+
+def _place(builder: Any, kind: RecordType, record: Any, field: str, i: int = 0) -> Any:
+    place = ir.Constant(INDEX, kind.places[field] + i)
+    return builder.gep(record, [place], inbounds=True)
+
+
+@lower_getattr_generic(RecordType)
+def _get_field(context: Any, builder: Any, kind: Any, record: Any, field: str) -> Any:
+    member = kind.fields[field]
+    if not isinstance(member, ValueType):
+        return builder.load(_place(builder, kind, record, field))
+    value = ir.Constant(context.get_value_type(member), ir.Undefined)
+    for i in range(member.size):
+        number = builder.load(_place(builder, kind, record, field, i))
+        value = builder.insert_value(value, number, i)
+    return value
+
+
+@lower_setattr_generic(RecordType)
+def _set_field(context: Any, builder: Any, sig: Any, args: Any, field: str) -> None:
+    kind, member = sig.args[0], sig.args[0].fields[field]
+    record, value = args
+    value = context.cast(builder, value, sig.args[1], member)
+    if not isinstance(member, ValueType):
+        builder.store(value, _place(builder, kind, record, field))
+        return
+    for i in range(member.size):
+        number = builder.extract_value(value, i)
+        builder.store(number, _place(builder, kind, record, field, i))
+
+
+@infer_global(operator.getitem)
+class _RowOfTable(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        rows, index = args
+        if isinstance(rows, RowsType) and isinstance(index, types.Integer):
+            return signature(rows.record, rows, index)
+        return None
+
+
+@lower_builtin(operator.getitem, RowsType, types.Integer)
+def _get_row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    record = sig.args[0].record
+    index = context.cast(builder, args[1], sig.args[1], types.int64)
+    place = builder.mul(index, ir.Constant(INDEX, record.size))
+    data = builder.inttoptr(
+        constant_word(builder, args[0], 0), record.number.as_pointer()
+    )
+    return builder.gep(data, [place], inbounds=True)
+
+
+@infer_global(len)
+class _LengthOfTable(AbstractTemplate):
+    def generic(self, args: Any, kws: Any) -> Any:
+        if isinstance(args[0], RowsType):
+            return signature(types.intp, *args)
+        return None
+
+
+@lower_builtin(len, RowsType)
+def _count_rows(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    return constant_word(builder, args[0], 1)
+
+
+def constant_word(builder: Any, words: Any, index: int) -> Any:
+    """A word of a table; tables do not change, so that it is read once."""
+    word = builder.load(builder.gep(words, [ir.Constant(INDEX, index)]))
+    word.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return word

@@ -1,0 +1,167 @@
+"""Plane and space, as kernels see them: records with vectors, and what is by space."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import float64, int64, types
+from numba.core.datamodel import models
+from numba.core.extending import (
+    lower_builtin,
+    register_model,
+    typeof_impl,
+)
+from numba.core.imputils import lower_constant
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+
+from .compiling import Inner
+from .layout import SYSTEM, WORK
+from .records import RecordType, RowsType
+from .values import Turn, ValueType, Vector
+
+PLANE, SPACE = "plane", "space"
+
+
+def _rows(name: str, **fields: Any) -> RowsType:
+    return RowsType(RecordType(name, **fields))
+
+
+def _integers(name: str, *fields: str) -> RowsType:
+    return _rows(name, **dict.fromkeys(fields, int64))
+
+
+#: Rows of the tables of a system, in the order of the columns in `layout`.
+BODY = _integers(
+    "Body", "nq", "nv", "rd", "pos", "vel", "np", "block", "seg0", "seg1", "data",
+    "flags", "motion", "base", "tip", "drive", "frame",
+)  # fmt: skip
+MARKER = _integers("Marker", "body", "data", "phi", "phi1", "psi1")
+CONSTRAINT = _integers(
+    "Constraint", "kind", "row", "a", "b", "seg_a", "seg_b", "data", "drive"
+)
+SEGMENT = _integers("Segment", "row", "body", "offset")
+FORCE = _integers(
+    "Force", "kind", "a", "b", "seg_a", "seg_b", "data", "law", "time", "turn"
+)
+TURN = _integers("Turn", "kind", "a", "b", "data", "entry")
+ROW = _rows("Row", value=float64, rate=float64, gamma=float64)
+_V2, _V1, _V3 = ValueType(Vector, 2), ValueType(Vector, 1), ValueType(Vector, 3)
+_COSINE_SINE, _MATRIX = ValueType(Turn, 2), ValueType(Turn, 9)
+#: Rotation from one marker to another, and the inertial torque that works on it.
+TURNED = _rows("Turned", value=float64, rate=float64, axis=_V3)
+#: State of body frames, in the order of `planar_columns` and `spatial_columns`:
+#: position, orientation, velocity, angular velocity and the accelerations at zero
+#: z_II', resolved in the frame; and of markers: position, velocity, acceleration,
+#: orientation, angular velocity and acceleration, inertial; body-resolved position and
+#: relative velocity.
+FRAMES = {
+    PLANE: _rows(
+        "Planar frame",
+        x=_V2, R=_COSINE_SINE, angle=float64, v=_V2, w=_V1, a=_V2, al=_V1,
+    ),
+    SPACE: _rows(
+        "Spatial frame",
+        x=_V3, R=_MATRIX, v=_V3, w=_V3, a=_V3, al=_V3, p=ValueType(Vector, 4),
+    ),
+}  # fmt: skip
+POINTS = {
+    PLANE: _rows(
+        "Planar point",
+        x=_V2, v=_V2, a=_V2, angle=float64, w=_V1, al=_V1, d=_V2, u=_V2,
+    ),
+    SPACE: _rows(
+        "Spatial point",
+        x=_V3, v=_V3, a=_V3, d=_V3, u=_V3, R=_MATRIX, w=_V3, al=_V3, T=_MATRIX,
+    ),
+}  # fmt: skip
+SYSTEMS = {
+    space: SYSTEM.seen(
+        space,
+        body=BODY,
+        marker=MARKER,
+        constraint=CONSTRAINT,
+        segment=SEGMENT,
+        force=FORCE,
+        turn=TURN,
+    )
+    for space in (PLANE, SPACE)
+}
+WORKS = {
+    space: WORK.seen(
+        space,
+        frame=FRAMES[space],
+        point=POINTS[space],
+        row=ROW,
+        turn=TURNED,
+    )
+    for space in (PLANE, SPACE)
+}
+
+
+def in_plane(table: Any) -> Any:
+    """A system or work as the equations of the plane see it."""
+    raise TypeError("for kernels only")
+
+
+def in_space(table: Any) -> Any:
+    """A system or work as the equations of space see it."""
+    raise TypeError("for kernels only")
+
+
+for _function, _space in ((in_plane, PLANE), (in_space, SPACE)):
+
+    class _Seen(AbstractTemplate):
+        key = _function
+        kinds = {SYSTEM: SYSTEMS[_space], WORK: WORKS[_space]}
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            return signature(self.kinds[args[0]], *args)
+
+    infer_global(_function)(_Seen)
+
+    @lower_builtin(_function, types.Any)
+    def _same(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return args[0]
+
+
+class BySpace:
+    """Two kernels, for plane and space; a call of it is one of that for its `work`."""
+
+    def __init__(self, plane: Inner, space: Inner) -> None:
+        self.kernels = {PLANE: plane, SPACE: space}
+        self.py_funcs = plane.py_func, space.py_func
+
+
+class BySpaceType(types.Callable):  # type: ignore[misc]
+    """The compiled type of kernels that differ between plane and space."""
+
+    def __init__(self, choice: BySpace) -> None:
+        self.choice = choice
+        names = (kernel.py_func.__qualname__ for kernel in choice.kernels.values())
+        super().__init__(f"by space {' '.join(names)} {id(choice)}")
+
+    def _chosen(self, args: Any) -> Any:
+        space = next(s for s, kind in WORKS.items() if kind in args)
+        return types.Dispatcher(self.choice.kernels[space].dispatcher)
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        return self._chosen(args).get_call_type(context, args, kws)
+
+    def get_call_signatures(self) -> Any:
+        return (), True
+
+    def get_impl_key(self, sig: Any) -> Any:
+        return self._chosen(sig.args).get_impl_key(sig)
+
+
+register_model(BySpaceType)(models.OpaqueModel)
+
+
+@typeof_impl.register(BySpace)
+def _type_of(value: BySpace, context: Any) -> BySpaceType:
+    return BySpaceType(value)
+
+
+@lower_constant(BySpaceType)
+def _nothing(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    return context.get_dummy_value()
