@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
 from ..system import kernel_calls
@@ -37,6 +38,10 @@ __all__ = ["Start", "assemble", "dense_jacobian", "guess", "names_of_rows"]
 
 #: Bodies that are fixed may lie off by this part of the size of the mechanism.
 HELD = 1e-10
+#: Constraints are met when they are open by less, relative to their sizes.
+CLOSE = 1e-10
+#: Shares of the stiffness in the metric that are tried, one after the other.
+SOFTER = (1.0, 1e-3, 1e-6)
 #: Times of each smooth interval at which prescribed frames are compared.
 SAMPLES = 21
 
@@ -95,16 +100,37 @@ def _closed(system: System, state: State) -> System:
 
 def _reach_positions(state: State) -> None:
     guessed = state.z.copy()
-    close(state)
+    _close_softly(state, guessed)
     if relax(state, guessed):
         close(state)
-    if state.opening > 1e-10:
+    if state.opening > CLOSE:
         raise InputError(
             "the start position cannot be assembled: "
             f"{widest_open(state.system, state.residual)}",
             place="bodies.*.initial",
             expected="initial positions from which all joints and drives can be met",
         )
+
+
+def _close_softly(state: State, guessed: Array) -> None:
+    """Moves the state onto the constraints, deforming bodies as much as that takes.
+
+    Where rigid motions hardly close a gap, as along a rod between two pins, the metric
+    with all of the stiffness leads far away: bodies that count as softer deform there.
+    """
+    found = []
+    for share in SOFTER if state.memory.metric.any() else SOFTER[:1]:
+        state.stiffness = share
+        opening = close(state)
+        found.append(state.z.copy())
+        if opening <= CLOSE:
+            break
+        state.z[:] = guessed
+        state.evaluate()
+    else:
+        state.z[:] = found[0]
+        state.evaluate()
+    state.stiffness = 1.0
 
 
 def _measure_start(state: State) -> None:

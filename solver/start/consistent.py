@@ -95,6 +95,7 @@ class State:
     """The state in hand, with dense matrices of its constraints.
 
     sizes : (rows,) what is large for each constraint, see `sizes.row_sizes`
+    stiffness : share of tau^2 K in the metric
     """
 
     def __init__(self, system: System, start: Start) -> None:
@@ -107,6 +108,7 @@ class State:
         self.ignored = np.zeros(system.n_rows, bool)
         self.ignored[[row for _, row in system.from_start]] = True
         self.sizes = row_sizes(system)
+        self.stiffness = 1.0
         self.start()
 
     def start(self) -> None:
@@ -167,7 +169,7 @@ class State:
 
         C N has the digits that C N N^T C^T loses where bodies are stiff.
         """
-        blocks = self.work.M + self.memory.metric
+        blocks = self.work.M + self.stiffness * self.memory.metric
         sizes = coordinate_sizes(self.system)
         N = np.zeros((len(sizes), len(sizes)))
         bodies = []

@@ -10,6 +10,7 @@ import pytest
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import Array
 from sidtool.formats.sid_files import read_sid
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.start.assembly import assemble
@@ -83,6 +84,11 @@ def test_a_consistent_start_is_not_changed() -> None:
     assert not start.v.any()
 
 
+def turn(angle: float) -> Array:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
 def clamped() -> dict[str, Any]:
     """The founding rod between a hinge and a wall that are too far apart, turning."""
     ends = {"markers": {"a": "1", "b": "2"}}
@@ -108,6 +114,39 @@ def test_a_body_that_has_to_deform_does_so_with_the_least_energy() -> None:
     held = np.linalg.lstsq(C.T, load, rcond=None)[0]
     assert abs(probe.work.row[:, :2]).max() < 1e-11
     assert C.T @ held == pytest.approx(load, abs=1e-3 * abs(load).max())
+
+
+@pytest.mark.parametrize(("lean", "gap"), [(0.02, 1e-3), (0.05, 3e-3), (-0.01, 2e-4)])
+def test_a_rod_that_no_turn_brings_to_its_line_is_stretched(
+    lean: float, gap: float
+) -> None:
+    """The line leans: turning closes the gap to first order, and never for a rigid rod,
+    as the line is farther off than its length."""
+    normal = np.array([np.cos(lean), np.sin(lean)])
+    line = {"position": [1.0 + gap, 0.0], "angle": lean + np.pi / 2.0}
+    joints = {
+        "hinge": {"type": "coincident", "markers": ["ground", "rod.a"]},
+        "line": {
+            "type": "point_on_line",
+            "markers": ["ground.line", "rod.b"],
+            "axis": [1.0, 0.0],
+        },
+    }
+    bodies = {"rod": {"sid": "rod", "markers": {"a": "1", "b": "2"}}}
+    described = scene(
+        bodies,
+        joints,
+        ground={"markers": {"line": line}},
+        record=["rod.b.x", "rod.b.y"],
+    )
+    sid = read_sid(EXAMPLE / "rod_q4.SID_FEM")
+    system, start = assemble(compiled(described, rod=sid))
+    end = sid.node("2")
+    tip = (end.position + end.phi.m0 @ start.z[3:])[:2]
+    x, y = start.z[:2] + turn(start.z[2]) @ tip
+    distance = (1.0 + gap) * normal[0]
+    assert normal @ [x, y] == pytest.approx(distance, abs=1e-10)
+    assert np.linalg.norm(tip) >= distance > 1.0
 
 
 @pytest.mark.parametrize(
