@@ -42,6 +42,8 @@ class Verdict:
     """Of one scene said in one way: its difference, and what is allowed.
 
     A run that stopped says why in `where` and has no difference.
+
+    halved : how often the drives of the scene were halved, for its loops to follow
     """
 
     seed: int
@@ -49,6 +51,7 @@ class Verdict:
     error: float | None = None
     allowed: float = 0.0
     where: str = ""
+    halved: int = 0
 
     @property
     def ratio(self) -> float:
@@ -69,7 +72,7 @@ def judged(seed: int) -> list[Verdict]:
         exact = run_case(case, rtol=RTOL)
     except Exception as stop:
         return [_stopped(seed, ORIGINAL, stop)]
-    found = [Verdict(seed, ORIGINAL, 0.0, 1.0)]
+    found = [Verdict(seed, ORIGINAL, 0.0, 1.0, halved=case.halved)]
     for way in TRANSFORMATIONS:
         try:
             told = compared(way, case, exact, seed, RTOL)
@@ -152,18 +155,34 @@ def tabled(verdicts: list[Verdict]) -> Table:
 
 def _row(verdicts: list[Verdict]) -> list[str]:
     seeds = list(dict.fromkeys(str(v.seed) for v in verdicts if not v.equal))
-    more = f" and {len(seeds) - NAMED} more" if len(seeds) > NAMED else ""
     equal = sum(v.equal for v in verdicts)
     worst = max((v.ratio for v in verdicts), default=0.0)
     ratio = "stopped" if worst == float("inf") else f"{worst:.2g}"
-    return [str(len(verdicts)), str(equal), ratio, ", ".join(seeds[:NAMED]) + more]
+    return [str(len(verdicts)), str(equal), ratio, _named(seeds)]
+
+
+def _named(seeds: list[str]) -> str:
+    more = f" and {len(seeds) - NAMED} more" if len(seeds) > NAMED else ""
+    return ", ".join(seeds[:NAMED]) + more
+
+
+def ends(verdicts: list[Verdict]) -> Table:
+    """How each scene ended: none is left out."""
+    scenes = [v for v in verdicts if v.way == ORIGINAL]
+    groups: dict[str, list[str]] = {}
+    for v in scenes:
+        times = f"with drives halved {v.halved} times, for loops to follow"
+        ran = f"runs, {times}" if v.halved else "runs as drawn"
+        groups.setdefault(ran if v.equal else v.where, []).append(str(v.seed))
+    rows = [[end, str(len(seeds)), _named(seeds)] for end, seeds in groups.items()]
+    return Table("How the scenes end", ["end", "scenes", "seeds"], rows)
 
 
 def run(folder: Path, name: str, say: Callable[[str], object]) -> Report:
     verdicts = judge_all(range(SCENES), folder / f"{name}.judged", say)
     return Report(
         title=f"{SCENES} random scenes said differently",
-        tables=[tabled(verdicts)],
+        tables=[tabled(verdicts), ends(verdicts)],
         machine=describe_machine(),
     )
 
@@ -176,4 +195,5 @@ if __name__ == "__main__":
     def tell(text: str) -> None:
         print(text, flush=True)
 
-    tell(tabled(judge_all(range(first, last), kept, tell)).text())
+    verdicts = judge_all(range(first, last), kept, tell)
+    tell(f"{tabled(verdicts).text()}\n\n{ends(verdicts).text()}")

@@ -132,6 +132,14 @@ class Cloud:
             **blocks,
         )
 
+    def at(self, p: int) -> Cloud:
+        """The particle p alone."""
+        one = slice(p, p + 1)
+        first = None if self.phi1 is None else self.phi1[one]
+        turn = None if self.psi1 is None else self.psi1[one]
+        rest = self.phi[one], self.psi[one], first, turn
+        return Cloud(self.masses[one], self.c[one], *rest)
+
 
 def orthonormal(masses: Array, phi: Array) -> Array:
     """(nq, nq) combinations of shape functions for which Me is the identity."""

@@ -87,24 +87,12 @@ def _marker_drive(sketch: Sketch) -> None:
         second, mine = sketch.marker(name)
         place = seen.inverse.then(sketch.poses[name].then(mine))
         coordinate = str(rng.choice(["x", "y", "angle" if planar else "z"]))
-        start = _angle(sketch, second) - _angle(sketch, first)
+        start = sketch.angle(second) - sketch.angle(first)
         if coordinate != "angle":
             start = float(place.x["xyz".index(coordinate)])
         drive |= {"marker": second, "coordinate": coordinate}
     drive["function"] = function(rng, start, 0.2, END)
     _unless_implied(sketch, "drives", drive)
-
-
-def _angle(sketch: Sketch, text: str) -> float:
-    """Of a marker in the plane, with the turns that its body and it are said with."""
-    if not sketch.planar:
-        return 0.0
-    name, marker = text.split(".")
-    if name == "ground":
-        return float(sketch.table["ground"]["markers"][marker]["angle"])
-    body = sketch.table["bodies"][name]
-    own = 0.0 if name in sketch.sids else body["markers"][marker]["angle"]
-    return float(own + body["initial"]["angle"])
 
 
 def _dampings(sketch: Sketch) -> None:

@@ -40,7 +40,10 @@ AXIAL = ("w", "m")
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A scene as a table, SIDs and their particles by body, callables, and measures."""
+    """A scene as a table, SIDs and their particles by body, callables, and measures.
+
+    halved : how often its drives were halved, for loops to follow them
+    """
 
     table: Table
     sids: Mapping[str, SID] = field(default_factory=dict)
@@ -48,6 +51,7 @@ class Case:
     drives: Mapping[str, Derivatives] = field(default_factory=dict)
     forces: Mapping[str, Derivatives] = field(default_factory=dict)
     clouds: Mapping[str, Cloud] = field(default_factory=dict)
+    halved: int = 0
 
     @property
     def planar(self) -> bool:

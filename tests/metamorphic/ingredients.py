@@ -76,7 +76,7 @@ def _fields(second: Array, c: Array, planar: bool) -> tuple[Array, Array]:
 def second_order(cloud: Cloud, rng: Random, planar: bool) -> Cloud:
     """The cloud with a displacement of second order that is flat at the origin."""
     nq = cloud.phi.shape[-1]
-    second = 0.03 * rng.normal(size=(nq, nq, 3, 3, 3))
+    second = 0.1 * rng.normal(size=(nq, nq, 3, 3, 3))
     second = second + np.swapaxes(second, 0, 1)
     second = second + np.swapaxes(second, 3, 4)
     flat = second.reshape(nq * nq, 3, 3, 3)

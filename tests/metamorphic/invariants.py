@@ -16,7 +16,7 @@ from sidtool.formats.sid import Array
 from tests.bodies import Cloud
 
 from .case import Case, Values, run, times
-from .differences import WITHIN
+from .differences import LOOSER, WITHIN
 from .poses import Pose
 from .rewritten_bodies import inertia_3d
 from .said import copied, with_table
@@ -46,23 +46,24 @@ class Motion:
 def violations(case: Case, rtol: float) -> dict[str, tuple[float, float]]:
     """The largest violation of each law in one run, and what is allowed.
 
-    None where bodies have displacements of second order, which their mass matrices
-    hold to first order only.
+    The mass matrices of bodies with displacements of second order hold these to first
+    order only, so that their kinetic energy is not that of the particles.
     """
-    if any(cloud.phi1 is not None for cloud in case.clouds.values()):
-        return {}
     seen = with_corners(_finer(case))
     loads = list(_loads(seen))
     more = [f"energy.{name}" for name in ENERGIES]
     more += [f"{name}.{kind}" for name, _, _ in loads for kind in "fm"]
     more += [f"{end}.x" for _, _, end in loads if not end.startswith("ground")]
     seen = replace(seen, measures=tuple(dict.fromkeys([*seen.measures, *more])))
-    found = run(seen, rtol=rtol)
+    # kinetic energy depends on rates, which may differ by so many times more
+    found = run(seen, rtol=rtol / LOOSER["v"])
     bodies = {name: _motion(seen, name, found) for name in case.table["bodies"]}
     laws = {
         "energy": (_energy(found), WITHIN * rtol),
-        "kinetic energy of the particles": (_kinetic(bodies, found), PARTICLES),
     }
+    if all(cloud.phi1 is None for cloud in case.clouds.values()):
+        kinetic = _kinetic(bodies, found)
+        laws["kinetic energy of the particles"] = (kinetic, PARTICLES)
     # gears and couplings act on coordinates of joints: their wrenches are not told
     if not any("joints" in joint for joint in case.table["joints"].values()):
         impulses = _impulses(seen, bodies, loads, found)

@@ -16,9 +16,9 @@ import numpy as np
 from sidtool.formats.scene import as_3d
 from sidtool.rereference import changed, frame_change
 
-from . import damping, functions
-from .case import Case, Table, Values, run
-from .differences import difference, magnitude, variation
+from . import damping
+from .case import Case, Values, run
+from .differences import difference, magnitude
 from .ingredients import Random
 from .poses import Pose, replaced
 from .said import (
@@ -30,15 +30,10 @@ from .said import (
     owner,
     spin,
     with_table,
-    without,
 )
 from .scenes import at_instant, settled
+from .small_motions import LEFT, in_small_motion, is_deformed
 
-#: Loads of the two small motions, relative to those of the scene, and their request.
-LOADS, RTOL = (1e-3, 1e-4), 1e-8
-#: More than a tenth of a relative difference is not left under a tenth of the load, but
-#: for what has not yet grown with the larger one: a vibration may be back in phase.
-LEFT = 0.3
 #: Shares of the elastic rates at two starts; one instant may differ by so small a part
 #: of what two runs may.
 RATES, SHARP = (1e-3, 1e-4), 1e-3
@@ -49,7 +44,7 @@ def at_the_start(case: Case, rng: Random) -> Said | None:
 
     Elastic rates are slow: of second order in them the accelerations differ.
     """
-    if not case.sids or _is_deformed(case):
+    if not case.sids or is_deformed(case):
         return None
     case = damping.as_matrices(case)
     measures = [f"{name}.a" for name in case.table["bodies"] if name not in case.sids]
@@ -90,64 +85,13 @@ def _slow(case: Case, rate: float) -> Case:
 
 def small_motion(case: Case, rng: Random) -> Said | None:
     """The motion under a ten-thousandth of all loads and speeds."""
-    if not case.sids or _is_deformed(case):
-        return None
-    case = damping.as_matrices(case)
-    bases = [small(case, load) for load in LOADS]
-    seed = int(rng.integers(1 << 30))
-    others = [_elsewhere(base, np.random.default_rng(seed)) for base in bases]
-    sizes = partial(variation, least=1e-5 * LOADS[1])
     flexible = set(case.sids)
 
-    def back(values: Values) -> Values:
+    def dropped(name: str) -> bool:
         own = ("x", "v", "w", "angle")
-        return without(
-            values,
-            lambda n: (
-                n.startswith("energy.")  # quadratic
-                or (owner(n) in flexible and n.count(".") == 1 and kind(n) in own)
-            ),
-        )
+        return owner(name) in flexible and name.count(".") == 1 and kind(name) in own
 
-    def slack(exact: Values) -> float:
-        large = [run(case, rtol=RTOL) for case in (others[0], bases[0])]
-        return LEFT * difference(back(large[0]), large[1], sizes)[0]
-
-    return Said(others[1], back, slack, base=bases[1], sizes=sizes)
-
-
-def _is_deformed(case: Case) -> bool:
-    return any("elastic" in body["initial"] for body in case.table["bodies"].values())
-
-
-def small(case: Case, load: float) -> Case:
-    """The case with all that moves it multiplied, about the places that it starts in.
-
-    Constraints are met at the start as before; forces of springs are multiplied.
-    """
-    table = copied(case)
-    table["gravity"] = [load * g for g in table["gravity"]]
-    for drive in table["drives"].values():
-        drive["function"] = functions.about_start(drive["function"], load)
-    for force in table["forces"].values():
-        _weaken(force, load)
-    for body in table["bodies"].values():
-        for key in ("velocity", "angular_velocity", "elastic_velocity"):
-            if key in body["initial"]:
-                body["initial"][key] = (load * np.array(body["initial"][key])).tolist()
-    return with_table(case, table)
-
-
-def _weaken(force: Table, load: float) -> None:
-    if "function" in force:
-        force["function"] = functions.scaled(force["function"], load)
-    for key in ("stiffness", "damping"):
-        if key in force:
-            force[key] = (load * np.array(force[key])).tolist()
-    if "table" in force:
-        force["table"]["force"] = [load * f for f in force["table"]["force"]]
-    if force["type"] == "friction":
-        force |= {key: load * force[key] for key in ("force", "speed")}
+    return in_small_motion(damping.as_matrices(case), rng, _elsewhere, dropped)
 
 
 def _elsewhere(case: Case, rng: Random) -> Case:

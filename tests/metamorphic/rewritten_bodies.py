@@ -8,7 +8,6 @@ import numpy as np
 
 from sidtool.formats.scene import as_3d
 from sidtool.formats.sid import Array, rigid_node, rigid_sid
-from tests.bodies import Cloud
 
 from . import damping
 from .case import Case, Table, Values
@@ -26,6 +25,7 @@ from .said import (
     without,
 )
 from .sids import in_axes, mixed
+from .small_motions import in_small_motion
 
 Z = np.array([0.0, 0.0, 1.0])
 
@@ -230,19 +230,29 @@ def tools(case: Case, rng: Random) -> Said | None:
     """A mass of the FE model at a node as a body that is fixed there.
 
     The tool has no size: what turns with a node is of second order in q. Displacements
-    of second order are exact in a body that is carried, not in the mass of a SID.
+    of second order are exact in a body that is carried, not in the mass of a SID: there
+    small motions are compared.
     """
-    if not case.sids or any(cloud.phi1 is not None for cloud in case.clouds.values()):
+    if not case.sids:
         return None
     case = damping.as_matrices(case)  # which follow the mass of the body
+    if any(cloud.phi1 is not None for cloud in case.clouds.values()):
+        return in_small_motion(case, rng, _with_tool)
+
+    def back(values: Values) -> Values:
+        return without(values, lambda n: kind(n) in ("kinetic",))
+
+    return Said(_with_tool(case, rng), back)
+
+
+def _with_tool(case: Case, rng: Random) -> Case:
     table, sids, planar = copied(case), dict(case.sids), case.planar
     name = str(rng.choice(sorted(case.sids)))
     sid, k = case.sids[name], str(rng.integers(2, 5))
     node = sid.node(k)
     mass = 0.05
-    lump = Cloud(
-        np.array([-mass]), node.position[None], node.phi.m0[None], node.psi.m0[None]
-    ).sid(np.zeros((sid.nq, sid.nq)), np.zeros((sid.nq, sid.nq)), 0)
+    part, none = case.clouds[name].at(int(k) - 1), np.zeros((sid.nq, sid.nq))
+    lump = replace(part, masses=np.array([-mass])).sid(none, none, 0)
     blocks = {}
     for block in ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe"):
         one, other = getattr(sid, block), getattr(lump, block)
@@ -279,9 +289,4 @@ def tools(case: Case, rng: Random) -> Said | None:
         "type": "coincident" if q.any() else "fixed",
         "markers": [f"{name}.{k}", "tool"],
     }
-    said = with_table(case, table, sids=sids)
-
-    def back(values: Values) -> Values:
-        return without(values, lambda n: kind(n) in ("kinetic",))
-
-    return Said(said, back)
+    return with_table(case, table, sids=sids)

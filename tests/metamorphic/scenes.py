@@ -6,11 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from sidtool.solver import simulate
+from sidtool.solver.errors import SimulationError
+
+from . import functions
 from .additions import add_more, deformed
-from .case import Case, Table, run
+from .case import Case, Table, compiled, run
 from .ingredients import Random, coordinates_of
 from .loads import add_forces
-from .sketch import Sketch
+from .said import copied, with_table
+from .sketch import Sketch, constraints, least
 from .states import started_at, with_corners
 
 #: Joints all of whose motion their coordinates tell.
@@ -18,6 +23,10 @@ DRIVEN = {
     "planar": ("fixed", "revolute", "prismatic"),
     "spatial": ("fixed", "revolute", "prismatic", "cylindrical", "universal"),
 }
+
+#: How often drives are halved before a scene is given up, and the request of the runs
+#: that tell; a loop is blocked where its constraints are hardly independent.
+HALVINGS, RTOL, BLOCKED = 6, 1e-7, 1e-3
 
 
 def random_scene(seed: int) -> Case:
@@ -45,7 +54,7 @@ def random_scene(seed: int) -> Case:
     case = sketch.case()
     if deformed(sketch, seed):
         case = placed(case)
-    return with_measures(settled(case), forces=seed % 3 == 0)
+    return with_measures(within_reach(settled(case)), forces=seed % 3 == 0)
 
 
 def driven_scene(seed: int) -> Case:
@@ -72,6 +81,28 @@ def placed(case: Case) -> Case:
     """The case with its bodies where the assembly puts them."""
     seen = with_corners(at_instant(case))
     return replace(case, table=started_at(case, seen, run(seen, keep_joints=True), 0))
+
+
+def within_reach(case: Case) -> Case:
+    """The case with drives that its loops can follow: halved until none is blocked.
+
+    Raises
+    ------
+    SimulationError : a run stops though its constraints are independent there.
+    """
+    for _ in range(HALVINGS):
+        try:
+            simulate(compiled(case, keep_joints=True), rtol=RTOL)
+        except SimulationError as stop:
+            if least(constraints(case, stop.result)) > BLOCKED:
+                raise
+        else:
+            return case
+        table = copied(case)
+        for drive in table["drives"].values():
+            drive["function"] = functions.about_start(drive["function"], 0.5)
+        case = settled(with_table(case, table, halved=case.halved + 1))
+    return case
 
 
 def at_instant(case: Case) -> Case:

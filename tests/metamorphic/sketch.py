@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
 from sidtool.formats.sid import SID, Array
 from sidtool.solver.analyses.mechanics import Mechanics
 from sidtool.solver.start.assembly import assemble
@@ -90,6 +91,22 @@ class Sketch:
         owner["markers"][name] = pose.table(self.planar)
         return f"{body}.{name}", pose
 
+    def angle(self, text: str) -> float:
+        """Of a marker in the plane, with all turns that are said; else zero."""
+        if not self.planar:
+            return 0.0
+        name, marker = text.split(".")
+        if name == "ground":
+            return float(self.table["ground"]["markers"][marker]["angle"])
+        body = self.table["bodies"][name]
+        own = 0.0 if name in self.sids else body["markers"][marker]["angle"]
+        return float(own + body["initial"]["angle"])
+
+    def turns(self, first: str, second: str) -> float:
+        """Whole turns of the second marker beyond the first one, as an angle."""
+        turn = 2.0 * np.pi
+        return turn * round((self.angle(second) - self.angle(first)) / turn)
+
     def add_body(
         self,
         parent: str | None,
@@ -107,6 +124,7 @@ class Sketch:
         else:
             body = rigid_body(self.rng, self.planar)
         self.table["bodies"][name] = body
+        ends = None
         if parent is None:
             self.poses[name] = any_pose(self.rng, self.planar, 0.5)
         else:
@@ -115,12 +133,15 @@ class Sketch:
             second, mine = self.marker(name)
             label = self.name("joints")
             table, between, coordinates = joint(self.rng, kind, self.planar)
-            self.table["joints"][label] = {**table, "markers": [first, second]}
+            ends = (first, second)
+            self.table["joints"][label] = {**table, "markers": [*ends]}
             for coordinate, value in coordinates.items():
                 self.coordinates[label, coordinate] = value
             place = self.poses[parent].then(at).then(between)
             self.poses[name] = place.then(mine.inverse)
         body["initial"] = self.poses[name].table(self.planar)
+        if ends and self.planar:
+            body["initial"]["angle"] -= self.turns(*ends)
 
     def close(self) -> None:
         """A joint between bodies that have their places."""
@@ -143,6 +164,8 @@ class Sketch:
             table, between, coordinates = joint(self.rng, kind, self.planar)
             place = self.poses[first].then(at).then(between)
             b, _ = self.marker(second, self.poses[second].inverse.then(place))
+            if "angle" in coordinates:
+                coordinates["angle"] += self.turns(a, b)
         self.table["joints"][label] = {**table, "markers": [a, b]}
         if self.independent():
             for coordinate, value in coordinates.items():
@@ -196,16 +219,27 @@ class Sketch:
             return False
         if jacobian.shape[0] > jacobian.shape[1]:
             return False
-        values = np.linalg.svd(jacobian, compute_uv=False)
-        return not len(values) or bool(values[-1] > INDEPENDENT)
+        return least(jacobian) > INDEPENDENT
 
 
-def constraints(case: Case) -> Array:
-    """(rows, n) Jacobian at the start, rows of unit length, in units of energy."""
+def least(jacobian: Array) -> float:
+    """The least singular value: how independent constraints are."""
+    values = np.linalg.svd(jacobian, compute_uv=False)
+    return float(values[-1]) if len(values) else np.inf
+
+
+def constraints(case: Case, last: Result | None = None) -> Array:
+    """(rows, n) Jacobian, rows of unit length, in units of energy.
+
+    last : of a run with all joints kept; its last state is taken, default the start
+    """
     system, start = assemble(compiled(case, keep_joints=True))
-    mechanics = Mechanics(system, 0.0, 0.0)
+    t, z, v = 0.0, start.z, start.v
+    if last is not None:
+        t, z, v = float(last.t[-1]), last.positions[-1], last.velocities[-1]
+    mechanics = Mechanics(system, t, t)
     mechanics.set_scale(start.z)
-    mechanics.evaluate(start.z, start.v)
+    mechanics.evaluate(z, v)
     jacobian: Array = mechanics.jacobian
     sizes = np.linalg.norm(jacobian, axis=1, keepdims=True)
     return jacobian / np.maximum(sizes, 1e-300)
