@@ -67,6 +67,7 @@ from .outputs import (
     parse_output,
 )
 from .times import OutputTimes, output_times
+from .units import unit_of
 from .wildcards import expanded, has_wildcard, known_outputs, matching, owners
 
 __all__ = [
@@ -145,5 +146,6 @@ __all__ = [
     "position_3d",
     "read_scene",
     "rotation",
+    "unit_of",
     "watched",
 ]

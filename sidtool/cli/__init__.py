@@ -16,6 +16,7 @@ from sidtool.formats.errors import InputError
 
 from .. import __version__
 from .analyse import analyse
+from .animate import animate
 from .convert import convert
 from .demo import demo
 from .info import info
@@ -58,6 +59,7 @@ for command in (
     validate,
     info,
     outputs,
+    animate,
     study,
     demo,
     schema,

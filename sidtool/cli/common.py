@@ -27,11 +27,20 @@ ENDINGS = {
     "result": ((".h5", ".hdf5"), "a result (HDF5)"),
     "field": ((".h5", ".hdf5"), "a full field (HDF5)"),
     "table": ((".csv", ".txt", ".dat"), "a table (CSV)"),
+    "page": ((".html",), "a page (HTML)"),
+    "film": ((".gif", ".mp4"), "a film (GIF or MP4)"),
+    "picture": ((".png", ".svg", ".pdf"), "a picture (PNG, SVG or PDF)"),
     "modes": ((".json",), "modes (JSON)"),
     "sid": ((".sid_fem", ".sid", ".fem", ".h5", ".hdf5", ".txt", ".dat"), "a SID"),
 }
 #: Endings of files that people or other programs write, and of pictures.
-_OTHERS = (".toml", ".png", ".svg", ".pdf", ".py", ".inp", ".msh", ".bdf")
+_OTHERS = (".toml", ".py", ".inp", ".msh", ".bdf")
+#: What files of these kinds have near their beginning.
+_STARTS = {
+    "page": (b'name="generator" content="sidtool',),
+    "film": (b"GIF8", b"ftyp"),
+    "picture": (b"\x89PNG", b"<svg", b"%PDF"),
+}
 force = click.option(
     "--force",
     is_flag=True,
@@ -174,6 +183,10 @@ def _check_present(target: Target, path: Path) -> None:
 def _is_of_kind(path: Path, kind: str) -> bool:
     from ..kinds import kind_of
 
+    if kind in _STARTS:
+        with path.open("rb") as stream:
+            start = stream.read(2048)
+        return any(mark in start for mark in _STARTS[kind])
     if kind == "table":
         with path.open("rb") as stream:
             return stream.read(2) in (b"t,", b"t\n")

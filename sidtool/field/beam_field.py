@@ -12,12 +12,12 @@ from .sampled import Sampled
 
 Array = NDArray[np.float64]
 
-_CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
+CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
 
 
 def beam_field(body: FiniteElementModel, outline: Outline) -> Sampled:
     """Four corners at every node; sections turn with their nodes."""
-    arms = (outline.halves[:, None] * _CORNERS) @ outline.axes
+    arms = (outline.halves[:, None] * CORNERS) @ outline.axes
     n = len(arms)
     turning = -skew(arms.reshape(-1, 3)).reshape(n, 4, 3, 3)
 

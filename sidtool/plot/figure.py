@@ -36,16 +36,23 @@ def figure(
     rows, columns : of the grid of axes; one of each yields the axes themselves
     size : width and height [inch]
     """
-    import matplotlib
-
-    with matplotlib.rc_context(_STYLE | {"axes.prop_cycle": _cycle()}):
-        page, axes = _new_page(rows, columns, size)
+    with styled():
+        page, axes = new_page(rows, columns, size)
         yield axes
         with atomic_path(path) as temporary:
             page.savefig(temporary, dpi=100, format=path.suffix[1:])
 
 
-def _new_page(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
+@contextmanager
+def styled(**more: Any) -> Iterator[None]:
+    """What is drawn inside looks like all pictures of sidtool."""
+    import matplotlib
+
+    with matplotlib.rc_context(_STYLE | {"axes.prop_cycle": _cycle()} | more):
+        yield
+
+
+def new_page(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
     """A figure of its own canvas: no window, no global state of pyplot."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

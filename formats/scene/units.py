@@ -1,0 +1,45 @@
+"""Units of outputs, for axes and tables."""
+
+from __future__ import annotations
+
+from .outputs import (
+    ELASTIC,
+    IN_BODY,
+    JOINT_QUANTITIES,
+    MULTIPLIER,
+    coordinate_of,
+    is_rate,
+    is_stress,
+    parse_output,
+)
+
+_KINDS = {"u": "m", "v": "m/s", "a": "m/s\N{SUPERSCRIPT TWO}", "w": "rad/s"}
+
+
+def unit_of(name: str) -> str:
+    """The unit of an output; empty where it has none that is known.
+
+    Elastic coordinates are measured in what their SID says, and multipliers in what
+    their constraint needs.
+
+    Raises
+    ------
+    InputError : it is no name of an output.
+    """
+    parsed = parse_output(name)
+    quantity = parsed.quantity.removesuffix(IN_BODY)
+    if parsed.owner == "energy" and not parsed.marker:
+        return "J"
+    if parsed.owner == "constraint" and not parsed.marker:
+        return ""
+    if is_stress(quantity):
+        return "Pa"
+    if ELASTIC.fullmatch(quantity) or MULTIPLIER.fullmatch(quantity):
+        return ""
+    if quantity in JOINT_QUANTITIES:
+        return "N" if quantity[0] == "f" else "N m"
+    coordinate = coordinate_of(quantity)
+    if coordinate:
+        unit = "rad" if coordinate.startswith("angle") else "m"
+        return f"{unit}/s" if is_rate(quantity) else unit
+    return _KINDS[quantity[0]] if len(quantity) == 2 else "m"

@@ -1,0 +1,120 @@
+"""``sidtool animate``: the motion of a result, to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sidtool.formats.errors import InputError
+
+from .common import Target, check_targets, existing, force, target
+
+
+@click.command()
+@click.argument("result", metavar="RESULT", type=existing)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=target,
+    help="Page (.html) or film (.gif, or .mp4 where ffmpeg is installed) to write.",
+)
+@click.option(
+    "--field",
+    "fields",
+    metavar="BODY=FILE",
+    multiple=True,
+    help="Full field of a flexible body, from `convert --field`; may be given several "
+    "times. NAME.field.h5 beside the SID of a scene is found by itself.",
+)
+@click.option(
+    "--outputs",
+    "outputs",
+    metavar="NAMES",
+    help="Outputs beside the motion, with commas between them, `*` for any letters; "
+    "default the first that were recorded.",
+)
+@click.option(
+    "--colour",
+    type=click.Choice(["body", "displacement", "stress"]),
+    default="body",
+    show_default=True,
+    help="What bodies are coloured by; a page lets you choose again.",
+)
+@click.option(
+    "--scale",
+    type=float,
+    metavar="FACTOR",
+    help="Magnification of elastic deformations; default one that shows them.",
+)
+@force
+def animate(
+    result: Path,
+    output: Path,
+    fields: tuple[str, ...],
+    outputs: str | None,
+    colour: str,
+    scale: float | None,
+    force: bool,
+) -> None:
+    """Show the motion of a RESULT: as a page for any browser, or as a film.
+
+    The page is one file that needs no network. It plays the mechanism in 3D with a
+    slider for time, speed, magnification of deformations, colours by displacement or
+    von Mises stress, views, joints and frames, and outputs beside it; a click on a
+    plot goes to its time. It takes three.js from `pip install "sidtool[view]"`.
+
+    Flexible bodies are drawn from their full field where it is known (see `sidtool
+    convert --field`), else as lines between the nodes of their SIDs; rigid bodies as
+    lines between their markers, or as boxes.
+
+    \b
+    Examples:
+      sidtool animate result.h5 -o motion.html
+      sidtool animate result.h5 -o motion.html --colour stress --outputs "rod.q*,*.vx"
+      sidtool animate result.h5 -o motion.html --field rod=rod.field.h5 --scale 1
+      sidtool animate result.h5 -o motion.gif
+    """
+    from ..kinds import expect_kind, read
+    from ..view.animating import animate as animated
+
+    expect_kind(result, "result")
+    kind = "film" if output.suffix.lower() in (".gif", ".mp4") else "page"
+    given = field_files(fields)
+    check_targets([Target("-o", output, kind)], [result, *given.values()], force)
+    if scale is not None and not 0 <= scale < float("inf"):
+        expected = "a number of at least 0; 1 shows deformations as they are"
+        raise InputError(f"found {scale}", place="--scale", expected=expected)
+    try:
+        told = animated(
+            read(result),
+            output,
+            fields=given,
+            outputs=outputs,
+            colour="" if colour == "body" else colour,
+            scale=scale,
+            folder=result.parent,
+        )
+    except InputError as error:
+        raise error.located(result) from None
+    for sentence in told:
+        click.echo(f"note: {sentence}")
+    click.echo(f"{output} written: {output.stat().st_size / 1e6:.2f} MB")
+
+
+def field_files(texts: tuple[str, ...]) -> dict[str, str]:
+    """BODY=FILE, several times.
+
+    Raises
+    ------
+    InputError : one has another form.
+    """
+    found = {}
+    for text in texts:
+        body, _, file = text.partition("=")
+        if not body or not file:
+            expected = "BODY=FILE, as in rod=rod.field.h5"
+            raise InputError(f"found {text!r}", place="--field", expected=expected)
+        found[body] = file
+    return found

@@ -1,0 +1,78 @@
+"""Courses of outputs over time, grouped into axes with units."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.scene import unit_of
+
+from .figure import new_page, styled
+
+Array = NDArray[np.float64]
+
+#: Curves in one pair of axes at most.
+MOST_CURVES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A name for the legend and its values over common times."""
+
+    name: str
+    values: Array
+
+
+def grouped(names: Sequence[str]) -> list[list[str]]:
+    """Names that share axes: numbered ones of one owner, such as rod.q1, rod.q2."""
+    groups: dict[tuple[str, int], list[str]] = {}
+    for name in names:
+        stem = re.sub(r"\d+$", "", name)
+        part = 0
+        while len(groups.get((stem, part), ())) >= MOST_CURVES:
+            part += 1
+        groups.setdefault((stem, part), []).append(name)
+    return list(groups.values())
+
+
+def label_of(names: Sequence[str]) -> str:
+    """What an axis says: the common name and the unit."""
+    stem = re.sub(r"\d+$", "", names[0]) if len(names) > 1 else names[0]
+    unit = unit_of(names[0])
+    return f"{stem} [{unit}]" if unit else stem
+
+
+def draw(axes: Any, t: Array, curves: Sequence[Curve], label: str) -> None:
+    """Curves over time; several have a legend above the axes."""
+    for curve in curves:
+        axes.plot(t, curve.values, label=curve.name)
+    axes.set_ylabel(label)
+    axes.set_xlim(t[0], t[-1] if t[-1] > t[0] else t[0] + 1.0)
+    if len(curves) > 1:
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0)
+
+
+def drawn_svg(t: Array, columns: Mapping[str, Array]) -> tuple[str, float, float]:
+    """All outputs below each other as SVG, and where the axes begin and end across
+    it, as shares of its width."""
+    groups = grouped(list(columns))
+    with styled(**{"svg.fonttype": "none", "svg.hashsalt": "sidtool"}):
+        height = 1.5 * len(groups) + 0.5
+        page, axes = new_page(len(groups), 1, (5.2, height))
+        rows = np.atleast_1d(axes)
+        for place, names in zip(rows, groups, strict=True):
+            curves = [Curve(name, columns[name]) for name in names]
+            draw(place, t, curves, label_of(names))
+        rows[-1].set_xlabel("t [s]")
+        page.draw_without_rendering()
+        box = rows[0].get_position()
+        stream = io.StringIO()
+        page.savefig(stream, format="svg", metadata={"Date": None})
+    text = stream.getvalue()
+    return text[text.index("<svg") :], float(box.x0), float(box.x1)

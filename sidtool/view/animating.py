@@ -1,0 +1,153 @@
+"""A result played: as a page for a browser, or as a film."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sidtool import __version__
+from sidtool.formats.atomic import atomic_path
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import expanded
+from sidtool.formats.sid import Array
+from sidtool.solver.afterwards import replay, scene_of
+from sidtool.solver.recording.energy_history import INTEGRATED
+
+from .companions import Given, companions
+from .drawn_bodies import Drawn, drawn_bodies
+from .page import page
+from .played import Played, played
+from .ranges import fitting_scale
+
+#: Outputs drawn beside the motion unless they are named, and at most.
+_SOME, _MOST = 12, 40
+ENDINGS = (".html", ".gif", ".mp4")
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What is to be seen of a result.
+
+    told : sentences on what was left out, or what bodies are drawn from
+    """
+
+    motion: Played
+    bodies: list[Drawn]
+    told: list[str]
+
+
+def shown(
+    result: Result, fields: Given | None = None, folder: Path | None = None
+) -> Shown:
+    """Bodies and motion of a result.
+
+    Parameters
+    ----------
+    fields : full fields of flexible bodies, or their files, by body
+    folder : where the files of the scene may be, beside the working folder
+
+    Raises
+    ------
+    InputError : the result does not hold its scene, or a field is not that of its SID.
+    """
+    motion = played(result)
+    folders = [folder or Path("."), Path(".")]
+    known, told = companions(motion.scene, result.sids, fields or {}, folders)
+    bodies = drawn_bodies(motion.scene, motion.system.bodies, known, motion.size)
+    told = [*motion.told, *told]
+    told += [f"{body.name} is drawn from {body.source}" for body in bodies if body.nq]
+    return Shown(motion, bodies, told)
+
+
+def animate(
+    result: Result,
+    path: str | Path,
+    *,
+    fields: Given | None = None,
+    outputs: str | Iterable[str] | None = None,
+    colour: str = "",
+    scale: float | None = None,
+    folder: Path | None = None,
+) -> list[str]:
+    """Write the motion of a result as a page (.html) or a film (.gif, .mp4).
+
+    Parameters
+    ----------
+    outputs : drawn beside the motion of a page; default the first that were recorded
+    colour : "" for a colour by body, "displacement" or "stress"
+    scale : magnification of deformations; by default one that shows them
+    fields, folder : see `shown`
+
+    Returns
+    -------
+    sentences on what was drawn from what, and what was left out
+
+    Raises
+    ------
+    InputError : a wrong ending, output, field or colour; something is not installed.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in ENDINGS:
+        raise InputError(
+            "is neither a page nor a film",
+            source=path,
+            expected=f"an ending out of {', '.join(ENDINGS)}",
+        )
+    seen = shown(result, fields, folder)
+    scale = fitting_scale(seen.motion, seen.bodies) if scale is None else scale
+    told = list(seen.told)
+    if scale != 1:
+        told.insert(0, f"deformations are drawn {scale:g} times as large")
+    if path.suffix.lower() != ".html":
+        from .film import film
+
+        return [*told, *film(path, seen.motion, seen.bodies, colour, scale)]
+    columns, more = _columns(result, seen.motion.t, outputs)
+    text = page(
+        seen.motion,
+        seen.bodies,
+        columns,
+        title=result.title,
+        colour=colour,
+        scale=scale,
+        told=seen.told,
+        generator=f"sidtool {__version__}",
+    )
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return [*told, *more]
+
+
+def _columns(
+    result: Result, t: Array, names: str | Iterable[str] | None
+) -> tuple[dict[str, Array], list[str]]:
+    """Outputs at the times of the pictures."""
+    told = []
+    if names is None:
+        wanted = [n for n in result.names if not _is_integral(n)]
+        if len(wanted) > _SOME:
+            told = [f"the first {_SOME} of {len(wanted)} outputs are drawn beside it"]
+        wanted = wanted[:_SOME]
+    else:
+        listed = names.split(",") if isinstance(names, str) else list(names)
+        listed = [name.strip() for name in listed if name.strip()]
+        wanted = list(expanded(listed, scene_of(result), result.sids))
+        if len(wanted) > _MOST:
+            raise InputError(
+                f"{len(wanted)} outputs are more than a page shows",
+                place="--outputs",
+                expected=f"at most {_MOST}",
+            )
+    if not wanted:
+        return {}, told
+    found = replay(result, wanted).outputs(t)
+    return {name: np.asarray(values) for name, values in found.items()}, told
+
+
+def _is_integral(name: str) -> bool:
+    owner, _, quantity = name.rpartition(".")
+    return owner == "energy" and quantity in INTEGRATED

@@ -1,0 +1,69 @@
+"""The full fields of the flexible bodies of a scene: named, or beside their SIDs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.field import Field, mismatch, read_field
+from sidtool.formats.scene import SceneFile, SidBody
+from sidtool.formats.sid import SID
+
+ENDING = ".field.h5"
+Given = Mapping[str, Field | str | os.PathLike[str]]
+
+
+def companions(
+    scene: SceneFile, sids: Mapping[str, SID], given: Given, folders: list[Path]
+) -> tuple[dict[str, Field], list[str]]:
+    """Fields by body, and sentences about those that were found but do not fit.
+
+    given : fields, or files with one, by body
+    folders : where paths of the scene may begin
+
+    Raises
+    ------
+    InputError : a given field is not that of its SID, or there is no such body.
+    """
+    found: dict[str, Field] = {}
+    told: list[str] = []
+    for body, content in given.items():
+        if body not in sids:
+            raise InputError(
+                f"there is no flexible body {body!r}",
+                place="--field",
+                expected=f"BODY=FILE with a BODY out of {', '.join(sids) or 'none'}",
+            )
+        field = content if isinstance(content, Field) else read_field(content)
+        wrong = mismatch(field, sids[body])
+        if wrong:
+            raise InputError(
+                f"the field {wrong}",
+                place=f"--field {body}",
+                expected="the field that was written with this SID",
+            )
+        found[body] = field
+    for body, path in _beside(scene, folders):
+        if body in found or body not in sids:
+            continue
+        field = read_field(path)
+        wrong = mismatch(field, sids[body])
+        if wrong:
+            told.append(f"{path} is not the field of {body}: it {wrong}")
+        else:
+            found[body] = field
+    return found, told
+
+
+def _beside(scene: SceneFile, folders: list[Path]) -> Iterator[tuple[str, Path]]:
+    """Files NAME.field.h5 beside the SIDs of a scene."""
+    for name, body in scene.bodies.items():
+        if not isinstance(body, SidBody):
+            continue
+        for folder in folders:
+            path = (folder / body.sid).with_suffix(ENDING)
+            if path.is_file():
+                yield name, path
+                break

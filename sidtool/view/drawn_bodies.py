@@ -1,0 +1,133 @@
+"""What is drawn of the bodies of a scene, each in its body frame."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.field import Field
+from sidtool.formats.scene import RigidBody, SceneFile
+from sidtool.formats.sid import SID, Array
+from sidtool.solver.system.bodies import BodyData
+
+from .sketch import boxed, skeleton
+from .surface import plate
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """One body.
+
+    Attributes
+    ----------
+    positions : (n, 3) undeformed [m]
+    triangles : (m, 3)
+    shapes : (n, 3, nq) displacement per elastic coordinate
+    stress : (n, 6, nq) per elastic coordinate [Pa], or None
+    initial_stress : (n, 6) [Pa]
+    source : what the picture was made from, in words
+    """
+
+    name: str
+    positions: Array
+    triangles: Indices
+    shapes: Array
+    stress: Array | None = None
+    initial_stress: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    source: str = ""
+
+    @property
+    def nq(self) -> int:
+        """Number of elastic coordinates."""
+        return self.shapes.shape[2]
+
+
+def drawn_bodies(
+    scene: SceneFile,
+    bodies: tuple[BodyData, ...],
+    fields: Mapping[str, Field],
+    size: float,
+) -> list[Drawn]:
+    """All bodies but the ground.
+
+    fields : of flexible bodies, as far as they are known
+    size : of the mechanism, by which sketches are scaled [m]
+    """
+    found = []
+    for data in bodies:
+        if data.name not in scene.bodies:
+            continue
+        if data.name in fields:
+            elastic = data.sid.nq > 0
+            found.append(of_field(data.name, fields[data.name], elastic))
+        elif isinstance(scene.bodies[data.name], RigidBody):
+            found.append(_rigid(data, size))
+        else:
+            found.append(of_sid(data.name, data.sid, 0.02 * size))
+    return found
+
+
+def of_field(name: str, content: Field, elastic: bool = True) -> Drawn:
+    """The surface of a body; a plane one with its thickness.
+
+    elastic : False for a body that the scene takes as rigid
+    """
+    if not len(content.triangles):
+        return _points(name, content)
+    used, rows = np.unique(content.triangles, return_inverse=True)
+    surface = plate(content.positions[used], rows.reshape(-1, 3), content.thickness)
+    copies = used[surface.copies]
+    nq = content.nq if elastic else 0
+    stress = None if content.stress is None else content.stress[copies][..., :nq]
+    return Drawn(
+        name=name,
+        positions=surface.positions,
+        triangles=surface.triangles,
+        shapes=content.shapes[copies][..., :nq],
+        stress=stress,
+        initial_stress=content.initial_stress[copies],
+        source="its full field",
+    )
+
+
+def _points(name: str, content: Field) -> Drawn:
+    """A body that came as matrices: lines between its nodes."""
+    size = float(np.ptp(content.positions, axis=0).max())
+    turns = np.zeros_like(content.shapes)
+    lines = skeleton(content.positions, content.shapes, turns, 0.01 * size)
+    return Drawn(name, *lines, source="the nodes of its field, joined by lines")
+
+
+def of_sid(name: str, sid: SID, width: float) -> Drawn:
+    """Lines between the nodes of a SID, which bend with their rotations.
+
+    width : of the lines [m]
+    """
+    places = np.array([node.position for node in sid.nodes]).reshape(-1, 3)
+    if len(places) < 2:
+        places = np.vstack([np.zeros((1, 3)), places])
+        zero = np.zeros((1, 3, sid.nq))
+        phi, psi = (np.concatenate([zero, part]) for part in sid.shapes)
+    else:
+        phi, psi = sid.shapes
+    lines = skeleton(places, phi, psi, width)
+    return Drawn(name, *lines, source="the nodes of its SID, joined by lines")
+
+
+def _rigid(data: BodyData, size: float) -> Drawn:
+    """Lines between the markers of a rigid body and its centre of mass; of a single
+    point a box, with the proportions that its moments of inertia tell."""
+    sid = data.sid
+    centre = sid.mdCM.m0[:, 0] / sid.mass
+    places = [*(node.position for node in sid.nodes if node.id), centre]
+    points = np.unique(np.round(places, 12), axis=0)
+    if len(points) == 1:
+        return Drawn(data.name, *boxed(sid, centre, size), source="a box")
+    still = np.zeros((len(points), 3, 0))
+    lines = skeleton(points, still, still, 0.03 * size)
+    return Drawn(data.name, *lines, source="lines between its markers")

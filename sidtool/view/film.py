@@ -1,0 +1,192 @@
+"""The motion of a mechanism as GIF or MP4, drawn by matplotlib."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from sidtool.formats.atomic import atomic_path
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import Array
+from sidtool.formats.stress import von_mises
+
+from ..plot.figure import COLOURS, styled
+from .drawn_bodies import Drawn
+from .played import Played
+from .ranges import Range, colour_ranges
+from .surface import thinned
+from .views import upward, views
+
+#: Pictures, pictures a second, and triangles of a picture at most.
+_PICTURES, _RATE, _TRIANGLES = 100, 20, 7000
+_SIZE, _DPI = (6.4, 4.4), 100
+#: Part of a colour that does not depend on where a triangle looks.
+_AMBIENT = 0.55
+
+
+def film(
+    path: Path, motion: Played, bodies: Sequence[Drawn], colour: str, scale: float
+) -> list[str]:
+    """Write a film; the ending of its name says which kind.
+
+    Returns
+    -------
+    sentences on what was left out
+
+    Raises
+    ------
+    InputError : ffmpeg is not installed, or there is nothing to colour by.
+    """
+    ranges = colour_ranges(motion, bodies)
+    if colour and colour not in ranges:
+        raise InputError(
+            f"there is no {colour} to colour by",
+            place="--colour",
+            expected=" or ".join(ranges) or "a flexible body",
+        )
+    writer = _writer(path)
+    total = sum(len(body.triangles) for body in bodies)
+    parts = [
+        thinned(b.positions, b.triangles, 12 + _TRIANGLES * len(b.triangles) // total)
+        for b in bodies
+    ]
+    rows = np.linspace(0, len(motion.t) - 1, min(_PICTURES, len(motion.t)))
+    with styled(), tempfile.TemporaryDirectory() as folder:
+        stage = Stage(motion, bodies, parts, ranges.get(colour), colour, scale)
+        whole = Path(folder) / path.name
+        with writer.saving(stage.page, str(whole), _DPI):
+            for row in np.round(rows).astype(int):
+                stage.show(int(row))
+                writer.grab_frame()
+        with atomic_path(path) as temporary:
+            shutil.copyfile(whole, temporary)
+    drawn, told = sum(map(len, parts)), []
+    if drawn < total:
+        told.append(f"thinned to {drawn} of {total} surface triangles")
+    if len(rows) < len(motion.t):
+        told.append(f"{len(rows)} pictures of {len(motion.t)}")
+    return told
+
+
+def _writer(path: Path) -> Any:
+    from matplotlib.animation import FFMpegWriter, PillowWriter
+
+    if path.suffix.lower() == ".gif":
+        return PillowWriter(fps=_RATE)
+    if not FFMpegWriter.isAvailable():
+        raise InputError(
+            "ffmpeg is not installed, which writes MP4",
+            source=path,
+            expected="an installed ffmpeg, or a film -o motion.gif",
+        )
+    return FFMpegWriter(fps=_RATE)
+
+
+class Stage:
+    """A picture of a mechanism that is drawn anew for each time."""
+
+    def __init__(
+        self,
+        motion: Played,
+        bodies: Sequence[Drawn],
+        triangles: Sequence[Any],
+        found: Range | None,
+        colour: str,
+        scale: float,
+    ) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+        from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        self.motion, self.bodies, self.triangles = motion, bodies, triangles
+        self.range, self.colour, self.scale = found, colour, scale
+        self.page = Figure(figsize=_SIZE)
+        FigureCanvasAgg(self.page)
+        stage = self.page.add_axes((0, 0, 1, 0.94), projection="3d")
+        self.axes = cast(Any, stage)
+        self.faces = Poly3DCollection([np.zeros((3, 3))], linewidths=0)
+        self.axes.add_collection3d(self.faces)
+        self._place()
+        if found is not None:
+            self._legend(found)
+
+    def _place(self) -> None:
+        """The same window at all times."""
+        axes, motion = self.axes, self.motion
+        half = 0.55 * motion.size * np.ones(3)
+        lows, highs = motion.centre - half, motion.centre + half
+        axes.set(
+            xlim=(lows[0], highs[0]), ylim=(lows[1], highs[1]), zlim=(lows[2], highs[2])
+        )
+        axes.set_box_aspect((1, 1, 1), zoom=2.0)
+        axes.set_proj_type("ortho")
+        axes.set_axis_off()
+        up = upward(motion.scene)
+        vertical = "xyz"[int(np.abs(up).argmax())]
+        planar = motion.scene.dimension == "planar"
+        if planar:
+            axes.view_init(elev=90, azim=-90, roll=0)
+        else:
+            direction = views(motion.scene)["iso"]
+            x, y, z = np.roll(direction, 2 - "xyz".index(vertical))
+            axes.view_init(
+                elev=np.degrees(np.arctan2(z, np.hypot(x, y))),
+                azim=np.degrees(np.arctan2(y, x)),
+                vertical_axis=vertical,
+            )
+        self.light = np.array([0.3, 0.4, 1.0]) if planar else views(motion.scene)["iso"]
+        self.light = self.light / np.linalg.norm(self.light)
+
+    def _legend(self, found: Range) -> None:
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
+
+        bar = self.page.add_axes((0.08, 0.13, 0.3, 0.025))
+        scale = Normalize(0, found.most / found.per)
+        self.page.colorbar(
+            ScalarMappable(scale, "viridis"), cax=bar, orientation="horizontal"
+        ).set_label(f"{found.title} [{found.unit}]")
+
+    def show(self, row: int) -> None:
+        """Draws one time."""
+        corners, colours = [], []
+        for number, body in enumerate(self.bodies):
+            q = self.motion.elastic[body.name][row]
+            moved = body.shapes @ q
+            local = body.positions + self.scale * moved
+            place = self.motion.places[body.name][row]
+            world = place + local @ self.motion.turns[body.name][row].T
+            faces = world[self.triangles[number]]
+            corners.append(faces)
+            colours.append(self._shaded(faces, self._colours(number, body, q, moved)))
+        self.faces.set_verts(np.concatenate(corners))
+        self.faces.set_facecolor(np.concatenate(colours))
+        self.page.suptitle(f"t = {self.motion.t[row]:.4g} s", fontsize="medium")
+
+    def _colours(self, number: int, body: Drawn, q: Array, moved: Array) -> Array:
+        from matplotlib import colormaps
+        from matplotlib.colors import to_rgb
+
+        triangles = self.triangles[number]
+        plain = np.tile(to_rgb(COLOURS[number % 6]), (len(triangles), 1))
+        if self.range is None or not body.nq:
+            return plain
+        if self.colour == "displacement":
+            values = np.linalg.norm(moved, axis=1)
+        elif body.stress is None:
+            return plain
+        else:
+            values = von_mises(body.initial_stress + body.stress @ q)
+        shares = values[triangles].mean(axis=1) / self.range.most
+        return np.asarray(colormaps["viridis"](shares)[:, :3])
+
+    def _shaded(self, faces: Array, colours: Array) -> Array:
+        normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+        sizes = np.linalg.norm(normals, axis=1)
+        bright = np.abs(normals @ self.light) / np.maximum(sizes, 1e-300)
+        return colours * (_AMBIENT + (1 - _AMBIENT) * bright)[:, None]

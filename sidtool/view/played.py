@@ -1,0 +1,154 @@
+"""Where the bodies of a result are at the times of a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, marker_names, marker_reference
+from sidtool.formats.sid import Array
+from sidtool.solver.afterwards import Replay, replay
+from sidtool.solver.recording.energies import elastic_state
+from sidtool.solver.recording.motion import frame_motion
+from sidtool.solver.system.scene import GROUND_NAME, System
+
+#: Rotation between two pictures above which more are put between [rad].
+TURN = 0.15
+#: Pictures at most: more are left out, evenly.
+MOST = 6000
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint, at its first marker.
+
+    body : the ground has none
+    position : (3,) in the body frame, or in space [m]
+    shapes : (3, nq)
+    """
+
+    name: str
+    kind: str
+    body: str
+    position: Array
+    shapes: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """The motion of all bodies but the ground.
+
+    t : (nt,) [s]
+    places, turns : by body, origins (nt, 3) [m] and orientations (nt, 3, 3)
+    elastic : by body, (nt, nq)
+    size, centre : extent and middle (3,) of the mechanism over all times [m]
+    told : what has to be known of the times
+    """
+
+    scene: SceneFile
+    system: System
+    t: Array
+    places: Mapping[str, Array]
+    turns: Mapping[str, Array]
+    elastic: Mapping[str, Array]
+    joints: tuple[Joint, ...]
+    size: float
+    centre: Array
+    told: tuple[str, ...] = ()
+
+
+def played(result: Result, most: int = MOST, times: Array | None = None) -> Played:
+    """The motion of a result, between its output times interpolated where bodies turn
+    fast, see `Replay.outputs`.
+
+    times : default those that a film needs
+
+    Raises
+    ------
+    InputError : the result holds no motion, or not its scene.
+    """
+    if not len(result.t):
+        raise InputError("holds no output times", expected="a result with a motion")
+    again = replay(result)
+    told: tuple[str, ...] = ()
+    if times is None:
+        times, told = _times(again, most)
+    system, samples = again.system, again.samples(times)
+    places, turns, elastic = {}, {}, {}
+    for b, data in enumerate(system.bodies):
+        if data.name != GROUND_NAME:
+            motion = frame_motion(system, samples, b)
+            places[data.name], turns[data.name] = motion.X, motion.R
+            elastic[data.name] = elastic_state(system, samples, b)[0]
+    low, high = _extent(system, places, turns)
+    return Played(
+        scene=system.scene,
+        system=system,
+        t=times,
+        places=places,
+        turns=turns,
+        elastic=elastic,
+        joints=tuple(_joints(system)),
+        size=float((high - low).max()) or 1.0,
+        centre=(low + high) / 2,
+        told=told,
+    )
+
+
+def _extent(
+    system: System, places: Mapping[str, Array], turns: Mapping[str, Array]
+) -> tuple[Array, Array]:
+    """The box around all nodes, undeformed, at some hundred times."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for data in system.bodies:
+        points = np.array([node.position for node in data.sid.nodes]).reshape(-1, 3)
+        if data.name in places:
+            some = slice(None, None, 1 + len(places[data.name]) // 200)
+            points = np.concatenate([points, np.zeros((1, 3))])
+            turned = turns[data.name][some] @ points.T
+            points = (places[data.name][some, :, None] + turned).swapaxes(1, 2)
+        points = points.reshape(-1, 3)
+        low = np.minimum(low, points.min(axis=0, initial=np.inf))
+        high = np.maximum(high, points.max(axis=0, initial=-np.inf))
+    return low, high
+
+
+def _times(again: Replay, most: int) -> tuple[Array, tuple[str, ...]]:
+    """Output times, with others between them where bodies turn far, or fewer."""
+    t, samples = again.t, again.samples()
+    if len(t) < 2:
+        return t, ()
+    if len(t) > most:
+        rows = np.round(np.linspace(0, len(t) - 1, most)).astype(int)
+        return t[rows], (f"{most} of {len(t)} output times are shown",)
+    turned = np.zeros(len(t) - 1)
+    for b in range(len(again.system.bodies)):
+        motion = frame_motion(again.system, samples, b)
+        rate = np.linalg.norm(motion.W, axis=1)
+        turned = np.maximum(turned, np.diff(t) * np.maximum(rate[1:], rate[:-1]))
+    count = max(1, int(np.ceil(turned.max() / TURN)))
+    count = max(1, min(count, most // len(t)))
+    shares = np.arange(count) / count
+    inner = (t[:-1, None] + np.diff(t)[:, None] * shares).ravel()
+    told: tuple[str, ...] = ()
+    if count > 1:
+        told = (f"between output times {count - 1} more are interpolated",)
+    return np.append(inner, t[-1]), told
+
+
+def _joints(system: System) -> list[Joint]:
+    found = []
+    bodies = {data.name: data for data in system.bodies}
+    for name, joint in system.scene.joints.items():
+        names = marker_names(joint)
+        if not names:
+            continue
+        owner, marker = marker_reference(names[0])
+        node = bodies[owner].node(marker)
+        body = "" if owner == GROUND_NAME else owner
+        found.append(Joint(name, joint.type, body, node.position, node.phi.m0))
+    return found

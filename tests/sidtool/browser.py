@@ -1,0 +1,60 @@
+"""A browser without a window, if one is installed; else tests are skipped."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+#: WebGL by the processor alone, as machines for tests have no graphics.
+FLAGS = (
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+)
+
+
+class Page:
+    """A page that was opened, with all that its console and the network said."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.said: list[str] = []
+        page.on("console", lambda told: self.said.append(f"{told.type}: {told.text}"))
+        page.on("pageerror", lambda error: self.said.append(f"error: {error}"))
+        page.on("request", self._asked)
+
+    def _asked(self, request: Any) -> None:
+        if not request.url.startswith(("file:", "data:", "blob:")):
+            self.said.append(f"request: {request.url}")
+
+    def run(self, script: str) -> Any:
+        """The value of an expression on the page."""
+        return self.page.evaluate(script)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Page]:
+    """A page of a file in a headless Chromium that is installed here."""
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip("no Chromium is installed here (apt-get install chromium)")
+    api = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed (sidtool[dev])"
+    )
+    with api.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=found, args=list(FLAGS))
+        try:
+            page = browser.new_page(viewport={"width": 900, "height": 600})
+            watched = Page(page)
+            page.goto(path.as_uri())
+            yield watched
+        finally:
+            browser.close()
