@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..sid import (
     block_shape,
 )
 from . import layout
+from .codes import M0
 from .expansion import (
     PRINT_NOISE,
     SYMMETRIC,
@@ -30,7 +32,6 @@ from .expansion import (
 from .notes import Notes
 from .raw import RawFile, RawNode, RawTaylor
 from .title import Layout, layout_from_words, split_tag
-from .values import M0, unpack
 
 _REQUIRED_IN_NODE = tuple(name for name in NODE_SHAPES if name != "sigma")
 
@@ -146,7 +147,7 @@ def _sized(raw: RawFile) -> Iterator[tuple[RawTaylor, int]]:
 def _j_is_3x3(raw: RawTaylor | None) -> bool:
     if raw is None:
         return False
-    kinds, rows, columns, _ = unpack(raw.codes)
+    kinds, rows, columns, _ = raw.codes.unpacked
     widest = int(columns[kinds == M0].max(initial=1))
     tallest = int(rows.max(initial=1))
     guess = 3 if widest > 1 and tallest <= 3 else 1
@@ -209,7 +210,7 @@ def _stored_halves(raw: RawFile) -> str:
         block = raw.blocks.get(name)
         if block is None or declared(block, "structure", 0) != SYMMETRIC:
             continue
-        kinds, rows, columns, _ = unpack(block.codes)
+        kinds, rows, columns, _ = block.codes.unpacked
         if ((kinds == M0) & (rows < columns)).any():
             return "both"
         seen |= bool(((kinds == M0) & (rows > columns)).any())
@@ -218,7 +219,7 @@ def _stored_halves(raw: RawFile) -> str:
 
 def _exponent(raw: RawFile) -> str:
     letters = [block.letter for _, block in raw.expansions() if len(block.codes)]
-    return max(letters, key=letters.count, default="D")
+    return Counter(letters).most_common(1)[0][0] if letters else "D"
 
 
 def _note_counts(raw: RawFile, notes: Notes) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,9 +10,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..sid import Array, Taylor
+from .codes import M0, M1, MN
 from .notes import Notes
 from .raw import RawTaylor
-from .values import M0, M1, MN, unpack
 
 ZERO, DIAGONAL, SYMMETRIC, GENERAL, IDENTITY = range(5)
 
@@ -53,19 +54,16 @@ def taylor(raw: RawTaylor, shape: tuple[int, int], place: str, to: Reading) -> T
     """
     _check_header(raw, shape, to)
     _check_unique(raw, to)
-    kinds, rows, second, third = unpack(raw.codes)
-    first, higher = kinds == M0, kinds == MN
-    m0 = _m0(raw, first, (rows, second), shape, place, to)
+    m0 = _m0(raw, shape, place, to)
     m1 = mn = None
-    linear = kinds == M1
-    if to.m1_index == "rcl":
-        second, third = third, second
-    if linear.any():
-        m1 = _scatter(raw, linear, (second, rows, third), (to.nq, *shape), to)
-    if higher.any():
-        count = declared(raw, "nqn", 0) or int(second[higher].max())
+    if raw.codes.has(M1):
+        m1 = _scatter(raw, M1, (to.nq, *shape), to)
+    if raw.codes.has(MN):
+        kinds, _, second, third = raw.codes.unpacked
+        modes = third if to.m1_index == "rcl" else second
+        count = declared(raw, "nqn", 0) or int(modes[kinds == MN].max())
         _check_size(raw, count * shape[0] * shape[1], to)
-        mn = _scatter(raw, higher, (second, rows, third), (count, *shape), to)
+        mn = _scatter(raw, MN, (count, *shape), to)
     order = declared(raw, "order", 1 if m1 is not None else 0)
     if order == 0 and m1 is not None:
         to.notes.add("has first-order terms although it declares order 0", place)
@@ -74,7 +72,7 @@ def taylor(raw: RawTaylor, shape: tuple[int, int], place: str, to: Reading) -> T
 
 def free_shape(raw: RawTaylor, to: Reading) -> tuple[int, int]:
     """The shape of a block that this project does not know."""
-    kinds, rows, second, third = unpack(raw.codes)
+    kinds, rows, second, third = raw.codes.unpacked
     columns = np.where((kinds == M0) | (to.m1_index == "rcl"), second, third)
     shape = (
         declared(raw, "nrow", int(rows.max(initial=0))),
@@ -114,12 +112,10 @@ def _check_header(raw: RawTaylor, shape: tuple[int, int], to: Reading) -> None:
 
 
 def _check_unique(raw: RawTaylor, to: Reading) -> None:
-    codes, firsts = np.unique(raw.codes, return_index=True)
-    if len(codes) == len(raw.codes):
-        return
-    repeated = np.setdiff1d(np.arange(len(raw.codes)), firsts)[0]
-    line = int(raw.lines[repeated])
-    raise to.error(f"an entry of {raw.name} stands here again", "each once", line)
+    repeated = raw.codes.repeated
+    if repeated is not None:
+        line = int(raw.lines[repeated])
+        raise to.error(f"an entry of {raw.name} stands here again", "each once", line)
 
 
 def _check_size(raw: RawTaylor, numbers: int, to: Reading) -> None:
@@ -128,20 +124,11 @@ def _check_size(raw: RawTaylor, numbers: int, to: Reading) -> None:
         raise to.error(problem, f"at most {MOST_NUMBERS}", raw.line)
 
 
-def _scatter(
-    raw: RawTaylor,
-    chosen: NDArray[np.bool_],
-    indices: tuple[NDArray[np.int64], ...],
-    shape: tuple[int, ...],
-    to: Reading,
-) -> Array:
-    """The chosen entries in a zero array; indices start at 1."""
-    zero_based = tuple(index[chosen] - 1 for index in indices)
-    outside = np.zeros(len(zero_based[0]), dtype=bool)
-    for index, size in zip(zero_based, shape, strict=True):
-        outside |= (index < 0) | (index >= size)
-    if outside.any():
-        line = int(raw.lines[chosen][outside][0])
+def _scatter(raw: RawTaylor, kind: int, shape: tuple[int, ...], to: Reading) -> Array:
+    """The entries of a kind in a zero array; indices start at 1."""
+    chosen, places = raw.codes.places(kind, shape, to.m1_index)
+    if (places < 0).any():
+        line = int(raw.lines[chosen][places < 0][0])
         ranges = " x ".join(str(size) for size in shape)
         raise to.error(
             f"an index of {raw.name} is out of range",
@@ -150,21 +137,14 @@ def _scatter(
             else f"indices of {ranges} (rows x columns)",
             line,
         )
-    dense = np.zeros(shape)
-    dense[zero_based] = raw.values[chosen]
-    return dense
+    dense = np.zeros(math.prod(shape))
+    dense[places] = raw.values[chosen]
+    return dense.reshape(shape)
 
 
-def _m0(
-    raw: RawTaylor,
-    chosen: NDArray[np.bool_],
-    indices: tuple[NDArray[np.int64], NDArray[np.int64]],
-    shape: tuple[int, int],
-    place: str,
-    to: Reading,
-) -> Array:
+def _m0(raw: RawTaylor, shape: tuple[int, int], place: str, to: Reading) -> Array:
     """m0 from entries and declared structure; where they disagree, entries win."""
-    dense = _scatter(raw, chosen, indices, shape, to)
+    dense = _scatter(raw, M0, shape, to)
     structure = declared(raw, "structure", GENERAL)
     square = shape[0] == shape[1]
     if structure == IDENTITY and square:
@@ -172,9 +152,9 @@ def _m0(
         if not dense.any() or not (dense - identity)[dense != 0.0].any():
             return identity
     if structure == SYMMETRIC and square:
-        present = np.zeros(shape, dtype=bool)
-        present[tuple(index[chosen] - 1 for index in indices)] = True
-        return _symmetric(dense, present, place, to)
+        present = np.zeros(math.prod(shape), dtype=bool)
+        present[raw.codes.places(M0, shape, to.m1_index)[1]] = True
+        return _symmetric(dense, present.reshape(shape), place, to)
     if not _agrees(dense, structure):
         names = ("zero", "diagonal", "symmetric", "general", "the identity")
         remark = f"has other entries than its declared structure ({names[structure]})"

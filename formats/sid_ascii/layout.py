@@ -13,7 +13,6 @@ import numpy as np
 from ..sid import Array, Taylor, by_mode, symmetric_3x3
 from .raw import RawTaylor
 from .title import Layout
-from .values import M0, unpack
 
 CONFIDENT = 1e-3
 CLEARLY_WORSE = 10.0
@@ -32,11 +31,7 @@ def m1_index(
     """
     misfits = {"rlc": 0, "rcl": 0}
     for raw, columns in expansions:
-        kinds, _, second, third = unpack(raw.codes)
-        higher = kinds == M0 + 1
-        if not higher.any():
-            continue
-        j, k = int(second[higher].max()), int(third[higher].max())
+        j, k = raw.codes.largest
         misfits["rlc"] += j > nq or k > columns
         misfits["rcl"] += j > columns or k > nq
     if misfits["rlc"] != misfits["rcl"]:

@@ -6,16 +6,14 @@ import re
 
 from ..errors import InputError
 from ..sid import BLOCK_SHAPES, NODE_SHAPES
-from .entries import BATCH, Entries
+from .entries import Entries
 from .lines import Lines
 from .raw import RawFile, RawNode, RawReference, RawTaylor
 from .title import split_title
-from .values import entry_code, integer, real, short
+from .values import integer, real, short
 
 #: More would be a damaged file, and its matrices would not fit into memory.
 MOST_MODES = 2000
-
-HEADER_ITEMS = ("order", "nrow", "ncol", "nq", "nqn", "structure")
 
 _BLOCKS = {name.lower(): name for name in BLOCK_SHAPES} | {"mcm": "mdCM", "mmi": "J"}
 _NODE_ENTRIES = {name.lower(): name for name in NODE_SHAPES}
@@ -176,37 +174,17 @@ def _blocks(lines: Lines, closings: list[str]) -> dict[str, RawTaylor]:
 
 
 def _taylor(lines: Lines, name: str) -> RawTaylor:
-    """One expansion, from behind its name to its end; the hot loop of reading."""
-    header: dict[str, tuple[int, int]] = {}
+    """One expansion, from behind its name to its end."""
     entries = Entries(name, lines)
-    codes, texts, numbers = entries.codes, entries.texts, entries.numbers
+    entries.add_ahead()
     for text in lines:
         key, equals, value = text.partition("=")
-        code = entry_code(key) if equals else 0
-        if code:
-            codes.append(code)
-            texts.append(value)
-            numbers.append(lines.number)
-            if len(codes) == BATCH:
-                entries.pack()
-        elif equals:
-            _header_item(lines, header, key.strip().lower(), value.strip(), name)
-        else:
+        if not equals:
             _must_be(lines, text, f"end {name}", " or an entry 'm0(...) = ...'")
-            return entries.finish(header)
+            return entries.finish()
+        entries.add(key, value)
+        entries.add_ahead()
     raise lines.cut_off(name, f"'end {name}'")
-
-
-def _header_item(
-    lines: Lines, header: dict[str, tuple[int, int]], key: str, value: str, name: str
-) -> None:
-    if key not in HEADER_ITEMS or key in header:
-        raise lines.error(
-            f"'{short(key)}' is unknown or given twice in {name}",
-            f"{', '.join(HEADER_ITEMS)}, m0(row, column), m1(row, mode, column) "
-            f"or 'end {name}'",
-        )
-    header[key] = (integer(value, key, lines), lines.number)
 
 
 def _keyword(text: str) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sid import Array
+from .codes import Codes
 
 
 @dataclass(frozen=True)
@@ -20,7 +21,7 @@ class RawTaylor:
     name : as written
     line : where the expansion starts
     header : item -> (value, line number)
-    codes : (n,) packed indices, see `values.entry_code`
+    codes : indices of the n entries
     values : (n,)
     lines : (n,) line numbers
     letter : exponent letter of the entries, "D", "E" or "" for none
@@ -29,7 +30,7 @@ class RawTaylor:
     name: str
     line: int
     header: dict[str, tuple[int, int]]
-    codes: NDArray[np.int64]
+    codes: Codes
     values: Array
     lines: NDArray[np.int64]
     letter: str

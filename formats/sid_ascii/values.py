@@ -1,59 +1,21 @@
-"""Numbers and index lists as the writers of SID files print them."""
+"""Numbers as the writers of SID files print them."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..sid import Array
 from .lines import Lines
 
-#: Indices are packed into one integer: kind, row, mode and column, or row and column.
-_BITS = 20
-_MASK = (1 << _BITS) - 1
-M0, M1, MN = 1, 2, 3
-_KINDS = {"0": M0, "1": M1, "n": MN}
-
-_ENTRY = re.compile(
-    r"m([01n])\s*\(\s*(\d{1,6})\s*,\s*(\d{1,6})\s*(?:,\s*(\d{1,6})\s*)?\)\s*",
-    re.IGNORECASE,
-)
 _NUMBER = re.compile(
     r"([+-]?(?:\d+\.?\d*|\.\d+))(?:[eEdD]([+-]?\d+)|([+-]\d+))?", re.ASCII
 )
 _INTEGER = re.compile(r"[+-]?\d{1,9}", re.ASCII)
 
 REAL_EXPECTED = "a finite number such as 1.5, -7.065D+02 or 1.0-100"
-
-
-@lru_cache(maxsize=1 << 14)
-def entry_code(key: str) -> int:
-    """The packed indices of "m0(r,c)", "m1(r,l,c)" or "mn(r,n,c)"; 0 for other keys.
-
-    Indices are 1-based. A file repeats most keys at every node, hence the cache.
-    """
-    match = _ENTRY.fullmatch(key)
-    if match is None:
-        return 0
-    kind = _KINDS[match[1].lower()]
-    if (kind == M0) != (match[4] is None):
-        return 0
-    row, second, third = int(match[2]), int(match[3]), int(match[4] or 0)
-    return (((kind << _BITS | row) << _BITS) | second) << _BITS | third
-
-
-def unpack(codes: NDArray[np.int64]) -> tuple[NDArray[np.int64], ...]:
-    """Kind and the three indices, as written, of packed entry codes."""
-    return (
-        codes >> 3 * _BITS,
-        codes >> 2 * _BITS & _MASK,
-        codes >> _BITS & _MASK,
-        codes & _MASK,
-    )
 
 
 def reals(texts: Sequence[str], numbers: Sequence[int], lines: Lines) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -105,9 +106,9 @@ def _transformed(entry: Taylor, name: str, T: Array, nq: int) -> Taylor:
     )
     m1 = None
     if entry.m1 is not None:
-        turned = [right(left(matrix)) for matrix in entry.m1]
-        stacked = np.array(turned).reshape(nq, *right(left(entry.m0)).shape)
-        m1 = np.tensordot(T.T, stacked, axes=1)
+        turned = np.array([right(left(matrix)) for matrix in entry.m1])
+        shape = right(left(entry.m0)).shape
+        m1 = (T.T @ turned.reshape(nq, math.prod(shape))).reshape(T.shape[1], *shape)
     return Taylor(right(left(entry.m0)), m1, order=entry.order)
 
 

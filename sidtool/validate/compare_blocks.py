@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from sidtool.formats.sid import BLOCK_SHAPES, SID, Array, Taylor
+from sidtool.formats.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Taylor
 
 from ..rereference import FrameChange, changed
 from .basis import change_basis
@@ -63,10 +63,12 @@ def block_rows(
         yield from _rows(
             name, getattr(told, name), getattr(reference, name), sizes.get(name, 0.0)
         )
-    for name in ("phi", "psi"):
-        yield from _rows(
-            name, _stacked(told, name, first), _stacked(reference, name, second), 0.0
-        )
+    for name in NODE_SHAPES:
+        found, wanted = _stacked(told, name, first), _stacked(reference, name, second)
+        if found is not None and wanted is not None:
+            yield from _rows(name, found, wanted, 0.0)
+        elif found is not wanted:
+            notes.append(f"only one of the bodies has {name}: it is not compared")
 
 
 def _rows(name: str, found: Taylor, wanted: Taylor, natural: float) -> Iterator[Row]:
@@ -119,11 +121,11 @@ def _seen(sid: SID, nodes: list[int]) -> Array:
     return np.vstack(rows)
 
 
-def _stacked(sid: SID, name: str, nodes: list[int]) -> Taylor:
-    """The entries of several nodes as one expansion."""
+def _stacked(sid: SID, name: str, nodes: list[int]) -> Taylor | None:
+    """The entries of several nodes as one expansion; None where one has none."""
     entries = [getattr(sid.nodes[i], name) for i in nodes]
-    if not entries:
-        return Taylor(np.zeros((0, sid.nq)))
+    if not entries or any(entry is None for entry in entries):
+        return None
     m1 = None
     if any(entry.m1 is not None for entry in entries):
         m1 = np.concatenate([entry.first_order(sid.nq) for entry in entries], axis=1)

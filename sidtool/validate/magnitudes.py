@@ -23,17 +23,22 @@ def refuse_absurd(sid: SID) -> None:
     ]
     for node in sid.nodes:
         entries += [(f"node {node.id}, {n}", getattr(node, n)) for n in NODE_SHAPES]
-    _refuse("mass", np.array(sid.mass))
-    for place, entry in entries:
-        for part in () if entry is None else (entry.m0, entry.m1, entry.mn):
-            if part is not None:
-                _refuse(place, part)
+    numbers = [
+        (place, part)
+        for place, entry in [("mass", Taylor(np.full((1, 1), sid.mass))), *entries]
+        if entry is not None
+        for part in (entry.m0, entry.m1, entry.mn)
+        if part is not None
+    ]
+    if _usual(np.concatenate([part.ravel() for _, part in numbers])):
+        return
+    place = next(place for place, part in numbers if not _usual(part))
+    raise InputError(
+        "holds a number that is infinite, undefined or beyond any physical size",
+        place=place,
+        expected="finite numbers below 1e100",
+    )
 
 
-def _refuse(place: str, numbers: Array) -> None:
-    if not np.all(np.abs(numbers) < _LARGEST):
-        raise InputError(
-            "holds a number that is infinite, undefined or beyond any physical size",
-            place=place,
-            expected="finite numbers below 1e100",
-        )
+def _usual(numbers: Array) -> bool:
+    return bool(np.all(np.abs(numbers) < _LARGEST))

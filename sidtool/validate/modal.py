@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,17 +72,21 @@ class ModalBody:
         ----------
         omega : circular frequency [rad/s], not zero
         """
-        columns = self._columns()[rows]
+        columns = self._columns[rows]
         return columns @ self._per_force(omega) @ columns.T
 
     def receptance_size(self, omega: float) -> float:
         """Frobenius norm of the receptance of all rows."""
-        columns = self._columns()
-        product = (columns.T @ columns) @ self._per_force(omega)
+        product = self._gram @ self._per_force(omega)
         return float(np.sqrt(max(0.0, np.trace(product @ np.conj(product)).real)))
 
+    @cached_property
     def _columns(self) -> Array:
         return np.hstack([self.shapes, self.carried])
+
+    @cached_property
+    def _gram(self) -> Array:
+        return np.asarray(self._columns.T @ self._columns)
 
     def _per_force(self, omega: float) -> Response:
         """Of the modes and the rigid coordinates, per force on them."""

@@ -375,6 +375,26 @@ def test_opposite_signs_of_a_block_are_seen(name: str) -> None:
     assert row.deviation == pytest.approx(2.0, rel=1e-6)
 
 
+@pytest.mark.parametrize("term", ["origin m1", "AP m0", "AP m1", "sigma m1"])
+def test_opposite_signs_of_an_entry_of_the_nodes_are_seen(term: str) -> None:
+    """Positions that q moves, orientations and stresses, at one node of ten."""
+    body = particle_body(4, 15, nodes=10, seed=6)
+    rng = np.random.default_rng(6)
+    nodes = [
+        replace(node, sigma=Taylor(np.zeros((6, 1)), rng.normal(size=(4, 6, 1))))
+        for node in body.nodes
+    ]
+    body = replace(body, nodes=tuple(nodes))
+    name, part = term.split()
+    entry = getattr(nodes[7], name)
+    flipped: dict[str, Any] = {
+        name: replace(entry, **{part: -getattr(entry, part)}),
+    }
+    nodes[7] = replace(nodes[7], **flipped)
+    found = compare(_mixed(replace(body, nodes=tuple(nodes)), 1), body, tolerance=1e-6)
+    assert {row.quantity for row in found.rows if row.verdict == "failed"} == {term}
+
+
 @pytest.mark.parametrize("turning", [True, False])
 def test_a_mode_that_moves_no_node_is_itself(turning: bool) -> None:
     """Torsion about the axis on which the nodes are; also where none tells it."""
