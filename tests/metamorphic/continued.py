@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from .case import Case, Values, run
+from sidtool.formats.sid import Array
+
+from .case import Case, Table, Values, run
 from .descriptions import used_coordinates
 from .ingredients import Random, coordinates_of
+from .poses import Pose
 from .said import Said, copied, kind, owner, with_table
-from .states import started_at, with_corners
+from .states import rotations, started_at, with_corners
 
 ROW = 10
 
@@ -26,6 +29,8 @@ def continued(case: Case, rng: Random) -> Said | None:
     found = run(seen, rtol=1e-10)
     turns = {} if case.planar else _turns(case, found)
     if any((owner(m), kind(m)) in used_coordinates(case.table) for m in turns):
+        return None
+    if any(_has_turned(seen, force, found) for force in case.table["forces"].values()):
         return None
     table = started_at(case, seen, found, -1)
     table["time"]["start"] = half["time"]["end"]
@@ -48,3 +53,25 @@ def _turns(case: Case, found: Values) -> dict[str, float]:
     ]
     made = {name: turn * round(float(found[name][-1, 0]) / turn) for name in names}
     return {name: angle for name, angle in made.items() if angle}
+
+
+def _has_turned(case: Case, force: Table, found: Values) -> bool:
+    """Whether a shaft of a bushing has made half a turn from rest."""
+    if "shaft" not in force:
+        return False
+    a, b = (_orientations(case, text, found) for text in force["markers"])
+    R, k = np.swapaxes(a, 1, 2) @ b, "xyz".index(force["shaft"])
+    i, j = (k + 1) % 3, (k + 2) % 3
+    twist = np.unwrap(np.arctan2(R[:, j, i] - R[:, i, j], R[:, i, i] + R[:, j, j]))
+    return bool(abs(twist[-1]) > np.pi)
+
+
+def _orientations(case: Case, text: str, found: Values) -> Array:
+    """(nt, 3, 3) of a marker; nodes of flexible bodies as undeformed."""
+    name, marker = text.split(".")
+    if name == "ground":
+        return Pose.of(case.table["ground"]["markers"][marker]).R[None]
+    own = rotations(case, name, found)
+    if case.is_flexible(name):
+        return own
+    return np.asarray(own @ Pose.of(case.body(name)["markers"][marker]).R)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 
 import numpy as np
@@ -20,8 +21,21 @@ def value(function: Table) -> Callable[[float], float]:
         speed, phase = angular_frequency(function), function.get("phase", 0.0)
         offset, amplitude = function.get("offset", 0.0), function["amplitude"]
         return lambda t: float(offset + amplitude * math.sin(speed * t + phase))
-    found = pieces(function)
-    return lambda t: float(found(t))
+    return _at_one_time(pieces(function))
+
+
+def _at_one_time(found: PPoly) -> Callable[[float], float]:
+    """Piecewise polynomials as a function of one number: fifty thousand calls a run."""
+    edges, rows = found.x.tolist(), found.c.T.tolist()
+
+    def at(t: float) -> float:
+        k = min(max(bisect_right(edges, t) - 1, 0), len(rows) - 1)
+        result = 0.0
+        for c in rows[k]:
+            result = result * (t - edges[k]) + c
+        return float(result)
+
+    return at
 
 
 def angular_frequency(function: Table) -> float:
