@@ -94,6 +94,21 @@ def central_inertia(sid: SID) -> Array:
     return symmetric_3x3(sid.J.m0[:, 0]) + sid.mass * offset @ offset
 
 
+def body_size(sid: SID) -> float:
+    """The length of a body [m]: of a bar with its largest moment of inertia, or the
+    extent of its nodes if that is more. The place of its frame does not count."""
+    if sid.mass == 0.0:
+        return 0.0
+    centre = sid.mdCM.m0[:, 0] / sid.mass
+    moments = symmetric_3x3(sid.J.m0[:, 0])
+    steiner = centre @ centre * np.eye(3) - np.outer(centre, centre)
+    central = moments / sid.mass - steiner
+    second = 0.5 * np.trace(central) * np.eye(3) - central
+    length = np.sqrt(12.0 * max(np.linalg.eigvalsh(second)[-1], 0.0))
+    places = np.array([centre, *(node.position for node in sid.nodes)])
+    return float(max(length, np.linalg.norm(np.ptp(places, axis=0))))
+
+
 def free_modal_mass(sid: SID, rigid: tuple[int, ...] = SPATIAL) -> Array:
     """Me less what the floating frame takes up: Me - [Ct Cr] Mr^-1 [Ct Cr]^T, (nq, nq).
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sidtool.formats.errors import InputError
 from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
+from sidtool.formats.plausible import body_questions, material_questions
 from sidtool.formats.sid import SID, Node, Taylor
 from sidtool.formats.sid_mass import skew
 
@@ -24,7 +25,7 @@ from .frontends.geometry_mass import compared_with_geometry
 from .frontends.registry import finite_element_model
 from .gram import body_inertia
 from .prestress import check_prestress, prestressed
-from .reduction.fidelity import fidelity_sentence
+from .reduction.fidelity import fidelity_sentence, held_sentence
 from .reduction.frames import FRAMES, Frame, clamped_dofs
 from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
@@ -98,6 +99,10 @@ def _made(
 def _convert(
     model: ModelFile, progress: Callable[[str], None], with_field: bool
 ) -> tuple[SID, Field | None]:
+    if model.material is not None:
+        material = model.material
+        for text in material_questions(material.youngs_modulus, material.density):
+            progress(NOTE + text)
     progress("discretising")
     body = finite_element_model(model)
     for sentence in (*body.notes, *compared_with_geometry(body)):
@@ -115,6 +120,8 @@ def _convert(
     for sentence in basis.report:
         progress(sentence)
     _tell_fidelity(body, frame, basis, model, progress)
+    if told := held_sentence(body, frame, basis, model):
+        progress(NOTE + told)
     basis = replace(basis, space=None)
     stiffening, initial = model.stiffening, None
     if stiffening and stiffening.prestress:
@@ -135,6 +142,8 @@ def _convert(
     if model.stress:
         progress("stress")
         sid = with_stress(sid, body, frame, basis, model.stress, initial)
+    for text in body_questions(sid):
+        progress(NOTE + text)
     if not with_field:
         return sid, None
     progress("evaluating the full field")

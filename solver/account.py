@@ -9,12 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sidtool.formats.result import Result
+from sidtool.formats.result.bodies import LARGE
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import watched
 
 from .advice import notes
 from .advice.bifurcations import crossings
-from .advice.stopping import CAUSES, explained, lost_inertia, near_singular, too_light
+from .advice.stopping import (
+    CAUSES,
+    demanded_too_much,
+    explained,
+    lost_inertia,
+    near_singular,
+    too_light,
+)
 from .integrators import stepping
 from .kernels import newton
 from .recording import outputs
@@ -75,6 +83,8 @@ def failure_of(run: Run, code: int) -> str:
         cause = lost_turn(system, work, control) or cause
     worst = outputs.busiest_body(system, control)
     text = f"stopped at t = {run.now:.9g} s: {cause} (fastest change: {worst})"
+    if why := demanded_too_much(system, run.now, control.z, control.v):
+        return f"{text}; {why}"
     text += (
         lost_inertia(system, work) or too_light(system, work) or near_singular(control)
     )
@@ -111,6 +121,15 @@ def _notes(run: Run) -> Iterator[str]:
     yield from notes.hidden_errors(system, run.control, rtol, steps)
     yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)
+    yield from _forced(run)
+
+
+def _forced(run: Run) -> Iterator[str]:
+    """What joints and drives deform instead of loads."""
+    bent = [n for n, body in run.recorder.bodies().items() if body.deflection > LARGE]
+    if bent and run.now >= run.system.scene.time.end:
+        why = demanded_too_much(run.system, run.now, run.control.z, run.control.v)
+        yield from [f"joints and drives deform {', '.join(bent)}: {why}"] if why else []
 
 
 def _counters(run: Run) -> dict[str, Any]:

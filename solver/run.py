@@ -9,12 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from sidtool.formats.errors import InputError
 from sidtool.formats.result import FlexibleBody, InMemory, Result, Sink
 from sidtool.formats.scene import OutputTimes
 
 from . import warmup
 from .account import failure_of, result_of
 from .advice.body_measures import expected_bodies
+from .advice.questions import questions
 from .advice.stopping import singular
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Advance, newton_steps, recording, stepping
@@ -77,12 +79,14 @@ def simulate(
     loops = [INTEGRATORS[name].step_loop for name in settings.possible]
     warmup.ensure(system.planar, loops)
     began = time.perf_counter()
-    system, start = assembly.assemble(system)
+    asked = tuple(questions(system))
+    system, start = _assembled(system, asked)
     expected = expected_bodies(system, start)
     if foresee is not None:
         foresee(expected)
     kept = InMemory()
-    run = Run(system, settings, start, expected, (*system.told, *told), into or kept)
+    told = tuple(dict.fromkeys((*system.told, *told, *asked)))
+    run = Run(system, settings, start, expected, told, into or kept)
     assembled = time.perf_counter()
     failure = run.go(progress)
     solved = time.perf_counter() - assembled - run.recorder.seconds
@@ -96,6 +100,17 @@ def simulate(
     if failure:
         raise SimulationError(result.message, result)
     return result
+
+
+def _assembled(system: System, asked: tuple[str, ...]) -> tuple[System, assembly.Start]:
+    """An error that numbers in other units may explain ends with the questions."""
+    try:
+        return assembly.assemble(system)
+    except InputError as error:
+        if not asked:
+            raise
+        problem = "; ".join((error.problem, *asked))
+        raise InputError(problem, place=error.place, expected=error.expected) from None
 
 
 class Run:

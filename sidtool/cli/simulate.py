@@ -109,6 +109,8 @@ def simulate(
                 result = _run(scene, swaps, rigid, accept_defects, settings, bar, files)
         except SimulationError as error:
             click.echo(f"sidtool: {scene}: {error}", err=True)
+            for note in error.result.notes if error.result is not None else ():
+                click.echo(f"note: {note}", err=True)
             files.tell(err=True)
             raise click.exceptions.Exit(1) from None
         except OSError:

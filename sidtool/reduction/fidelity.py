@@ -107,6 +107,35 @@ def fidelity_sentence(
         return f"its errors cannot be measured: {error.problem}", False
 
 
+def held_sentence(
+    body: FiniteElementModel, frame: Frame, basis: ReducedBasis, model: ModelFile
+) -> str | None:
+    """What modes of the free body miss where a joint holds the marker of their frame.
+
+    None where they do not, or the frame is clamped or of another kind.
+    """
+    if basis.space is None or frame.rows is None or model.frame.type != "tangent":
+        return None
+    stiffness, mass = (basis.shapes.T @ (a @ basis.shapes) for a in _matrices(body))
+    squares, _ = basis.space.with_constraints(frame.rows).modes(1)
+    own = float(hertz(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))[0])
+    true = float(hertz(squares)[0])
+    if abs(own / true - 1) <= _POOR:
+        return None
+    marker = model.frame.marker
+    return (
+        f"its modes are those of the free body, which a frame at {marker} does not "
+        f"hold: held at {marker}, as a joint there may hold it, it has its first "
+        f"frequency at {own:.5g} Hz instead of {true:.5g} Hz "
+        f"({_percent(own / true - 1)}); clamp in [frame], or Craig-Bampton with "
+        f"{marker} among the interfaces, has the modes of the held body"
+    )
+
+
+def _matrices(body: FiniteElementModel) -> tuple[Any, Any]:
+    return body.stiffness, body.mass
+
+
 def _loaded(
     body: FiniteElementModel, frame: Frame, settings: ReductionSettings
 ) -> list[MarkerRows]:
@@ -153,7 +182,7 @@ def _measured(
         rigid = space.displacements(space.rigid)
         momenta = body.mass @ rigid
         shapes = shapes - rigid @ np.linalg.solve(momenta.T @ rigid, momenta.T @ shapes)
-    stiffness, mass = (shapes.T @ (a @ shapes) for a in (body.stiffness, body.mass))
+    stiffness, mass = (shapes.T @ (a @ shapes) for a in _matrices(body))
     squares, vectors = scipy.linalg.eigh(stiffness, mass)
     motions = full.rows @ (shapes @ vectors)
     compliances = (motions**2 / squares).sum(axis=1)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
+from sidtool.formats.plausible import body_questions
 from sidtool.formats.sid import SID
 
 from ..validate.checks import Check, check, report, verdict
@@ -23,11 +24,14 @@ class Judgement:
     checks: tuple[Check, ...]
     units: UnitGuess
     comparison: Comparison | None
+    questions: tuple[str, ...] = ()
 
     def good(self, *, strict: bool) -> bool:
-        """True when nothing failed that counts; warnings count with `strict`."""
+        """True when nothing failed that counts; warnings and questions about units
+        count with `strict`."""
         matched = self.comparison is None or self.comparison.passed
-        return verdict(self.checks, strict=strict) and matched
+        sound = verdict(self.checks, strict=strict) and not (strict and self.questions)
+        return sound and matched
 
 
 def judge(
@@ -43,15 +47,21 @@ def judge(
     InputError : a file cannot be read or does not fit the SID.
     """
     checks, units = check(sid), guess_units(sid)
+    asked = tuple(body_questions(sid))
     if reference is None:
-        return Judgement(checks, units, None)
-    return Judgement(checks, units, compare(sid, reference, tolerance=tolerance))
+        return Judgement(checks, units, None, asked)
+    comparison = compare(sid, reference, tolerance=tolerance)
+    return Judgement(checks, units, comparison, asked)
 
 
 def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
     """One JSON document; see `to_json`."""
     return to_json(
-        judgement.checks, judgement.comparison, judgement.units, strict=strict
+        judgement.checks,
+        judgement.comparison,
+        judgement.units,
+        judgement.questions,
+        strict=strict,
     )
 
 
@@ -59,6 +69,7 @@ def judgement_as_text(judgement: Judgement, *, strict: bool) -> str:
     """Tables, the meaning of each failure, and the verdict in the last line."""
     parts = [_checks(judgement.checks), *_meanings(judgement.checks)]
     parts.append(_units(judgement.units))
+    parts += [f"question: {text}" for text in judgement.questions]
     if judgement.comparison is not None:
         parts += _comparison(judgement.comparison)
     parts.append(_verdict(judgement, strict=strict))
@@ -109,4 +120,7 @@ def _verdict(judgement: Judgement, *, strict: bool) -> str:
         missed = sum(r.verdict == "failed" for r in judged)
         counts.append(f"{missed} of {len(judged)} judged reference values missed")
     word = "good" if judgement.good(strict=strict) else "bad"
+    if judgement.questions:
+        counts.append(plural(len(judgement.questions), "question"))
+        word = "questionable" if word == "good" else word
     return f"{word}: {', '.join(counts)}{' (warnings count)' if strict else ''}"

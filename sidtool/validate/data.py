@@ -23,20 +23,23 @@ def to_json(
     checks: Sequence[Check],
     comparison: Comparison | None = None,
     units: UnitGuess | None = None,
+    questions: Sequence[str] = (),
     *,
     strict: bool = False,
 ) -> str:
     """One JSON document; numbers that JSON cannot hold (nan, infinity) become null.
 
-    Keys: ``passed`` (of all together), ``checks``, and, where given, ``comparison``
-    and ``units``.
+    Keys: ``passed`` (of all together), ``checks``, and, where given, ``comparison``,
+    ``units`` and ``questions``, which count as warnings.
     """
     good = verdict(checks, strict=strict) and (comparison is None or comparison.passed)
+    good = good and not (strict and questions)
     data: dict[str, Any] = {"passed": good, "checks": _plain(checks_as_data(checks))}
     if comparison is not None:
         data["comparison"] = comparison_as_data(comparison)
     if units is not None:
         data["units"] = _plain(asdict(units))
+        data["questions"] = list(questions)
     return json.dumps(data, indent=2, allow_nan=False)
 
 

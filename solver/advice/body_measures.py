@@ -9,13 +9,14 @@ import numpy as np
 
 from sidtool.formats.result import FlexibleBody
 from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid_mass import body_size
 from sidtool.formats.stiffening import Stiffening
 
 from ..kernels import layout as at
 from ..recording.energies import elastic_state
 from ..recording.sampling import Samples
 from ..start.assembly import Start
-from ..system.bodies import body_size, frequencies, modal_squares
+from ..system.bodies import frequencies, modal_squares
 from ..system.scene import System
 from .body_loads import foreseen_loads, recorded_loads, turning_loads
 from .energy_shares import EnergyShares
@@ -91,7 +92,7 @@ class Reached:
                 amplitudes=np.maximum(body.amplitudes, largest)
                 if body.found
                 else largest,
-                deflection=_deflection(sid, q, body.deflection),
+                deflection=deflection(sid, q, body.deflection),
             )
 
     def go_on(self, times: Array, z: Array) -> None:
@@ -124,7 +125,7 @@ def _worse(one: Stiffening, other: Stiffening) -> Stiffening:
     return max(one, other, key=lambda s: (s.diverges, abs(s.ratio)))
 
 
-def _deflection(sid: SID, q: Array, least: float) -> float:
+def deflection(sid: SID, q: Array, least: float) -> float:
     """Largest displacement of a node over the size of the body, `least` at least.
 
     The sum of |Phi_l| |q_l| bounds it: the largest bounds are looked at first.

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+import numpy as np
+
 from sidtool.formats.dead_nodes import check_alive, dead_nodes
 from sidtool.formats.errors import InputError
 from sidtool.formats.orientation import fault
 from sidtool.formats.scene import (
     SCENE_QUANTITIES,
+    PointForce,
     SceneFile,
     coordinate_of,
     is_stress,
@@ -78,6 +81,7 @@ def check_attachments(system: System) -> None:
         whose orientation is no rotation.
     """
     _check_orientations(system)
+    _check_torques(system)
     bodies = {data.name: data for data in system.bodies if dead_nodes(data.sid)}
     for what, place, (body, marker) in attachments(system.scene):
         if body not in bodies:
@@ -91,6 +95,21 @@ def check_attachments(system: System) -> None:
                 place=place,
                 expected=f"{error.expected}, or --accept-defects",
             ) from None
+
+
+def _check_torques(system: System) -> None:
+    """Raises torques on what cannot rotate: they would do nothing."""
+    still = {d.name for d in system.bodies if not d.rotates and d.name != GROUND_NAME}
+    for name, force in system.scene.forces.items():
+        if not isinstance(force, PointForce) or not np.any(force.torque or 0.0):
+            continue
+        body = marker_reference(force.marker)[0]
+        if body in still:
+            raise InputError(
+                f"its torque acts on {body}, a point mass, which does not rotate",
+                place=f"forces.{name}.torque",
+                expected=f"a body with inertia: bodies.{body}.inertia, or no torque",
+            )
 
 
 def _check_orientations(system: System) -> None:

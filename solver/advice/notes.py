@@ -14,11 +14,14 @@ from ..integrators.passing import OVER
 from ..kernels import layout as at
 from ..recording.joint_forces import COMPONENTS
 from ..recording.outputs import Recorded, multiplier_names
-from ..start.consistent import names_of_rows
+from ..start.consistent import dense_jacobian, names_of_rows
 from ..start.new_control import share_followed
 from ..start.overconstraint import advice, widest_left_open
 from ..start.settings import Settings
+from ..system import kernel_calls
 from ..system.scene import System
+from ..system.sizes import coordinate_sizes
+from ..system.storage import new_work
 
 #: Times are the same when they differ by less than this part of the time span.
 SAME = 1e-9
@@ -131,7 +134,10 @@ def hidden_errors(
     motion = float(control.real[stepping.MOTION])
     turns = control.real[stepping.ROTATION] > ROUNDED_TURN  # of what has no extent
     if 0.0 < motion < rounding and not turns:
-        return [f"nothing moves by more than rounding of coordinates, {rounding:.0e} m"]
+        return [
+            f"nothing moves by more than rounding of coordinates, {rounding:.0e} m: "
+            f"{_why_at_rest(system, control)}"
+        ]
     least = rounding * (steps if control.whole[stepping.ADDING] == 1 else 1)
     if not 0.0 < MISSED * rtol * motion < least:
         return []
@@ -140,6 +146,19 @@ def hidden_errors(
         f"rounding hides errors below {least:.0e} m, and rtol = {rtol:g} is not "
         "promised; put the origin near to the motion, or ask for less"
     ]
+
+
+def _why_at_rest(system: System, control: stepping.Control) -> str:
+    """What keeps a scene where it is."""
+    work, t = new_work(system), float(control.real[stepping.TIME])
+    work.clock[0] = float(system.clocks(np.array([t]))[0])
+    kernel_calls.evaluate(system, work, t, control.z, control.v)
+    C = dense_jacobian(system, work.C) * coordinate_sizes(system)
+    rank = int(np.linalg.matrix_rank(C)) if C.size else 0
+    if rank == system.n_velocities:
+        return "joints and drives leave no motion"
+    free = system.n_velocities - rank
+    return f"no force acts along the {free} coordinates that joints and drives leave"
 
 
 def many_turns(control: stepping.Control, settings: Settings) -> list[str]:

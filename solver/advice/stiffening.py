@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sidtool.formats.sid import SID, Array, symmetric_3x3
+from sidtool.formats.sid_mass import body_size
 from sidtool.formats.stiffening import (
     Stiffening,
     elastic_basis,
@@ -17,7 +18,7 @@ from sidtool.formats.stiffening import (
 )
 
 from ..system.blocks import ge
-from ..system.bodies import body_size, symmetric
+from ..system.bodies import symmetric
 
 #: Instants whose eigenvalues are computed together.
 BATCH = 8

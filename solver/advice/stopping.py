@@ -12,6 +12,7 @@ from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, coupled_mass_matrix
 
 from ..integrators import stepping
 from ..kernels import layout as at
+from ..start.conflicts import conflict_soon
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 
@@ -90,6 +91,18 @@ def _undeformed(system: System, sid: SID, rd: int) -> Array:
     axes = list(IN_PLANE[2] if system.planar else SPATIAL)[:rd]
     keep = [*axes, *range(6, 6 + sid.nq)]
     return coupled_mass_matrix(sid)[np.ix_(keep, keep)]
+
+
+def demanded_too_much(system: System, t: float, z: Array, v: Array) -> str:
+    """What to know where joints and drives ask for more than the mechanism can do."""
+    if not np.isfinite(z).all() or not system.n_rows:
+        return ""
+    why = conflict_soon(system, t, z, v)
+    if not why:
+        return ""
+    flexible = [body.name for body in system.bodies if body.sid.nq]
+    bent = f"; only deforming {', '.join(flexible)} can help" if flexible else ""
+    return f"{why}{bent}"
 
 
 def too_light(system: System, work: at.Work) -> str:

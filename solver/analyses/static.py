@@ -9,19 +9,24 @@ equilibria attract and unstable ones do not.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from sidtool.formats.result import Result
+from sidtool.formats.result.bodies import LARGE
 from sidtool.formats.sid import Array
 
+from ..advice.body_measures import deflection
+from ..advice.questions import questions
 from ..advice.stopping import lost_inertia
 from ..errors import SimulationError
+from ..kernels import layout as at
 from ..recording.outputs import velocity_names
 from ..start.assembly import assemble
 from ..start.consistent import widest_open
-from ..system.scene import System
+from ..system.scene import GROUND_NAME, System
 from ..system.sizes import coordinate_sizes
 from .held import held
 from .mechanics import Mechanics, null_space, refuse_prescribed
@@ -97,14 +102,42 @@ def static_equilibrium(system: System) -> Equilibrium:
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
             notes = (*_checked(mechanics), *_unstable(mechanics, z, motion, left))
+            notes += (*_far(mechanics, z), *questions(system))
             return Equilibrium(z, left, residual, iteration, system, notes)
         step = motion @ _newton_step(mechanics, z, motion, force, left)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
     raise SimulationError(
         f"no static equilibrium found in {ITERATIONS} steps: the unbalanced part of "
-        f"the forces is {best:.1e}; a body may be free to fall or to fly away"
+        f"the forces is {best:.1e}, largest at {_pushed(system, motion @ force)}; a "
+        "body may be free to fall or to fly away"
+        + "".join(f"; {text}" for text in questions(system))
     )
+
+
+def _pushed(system: System, force: Array) -> str:
+    """The body that unbalanced forces (n velocities,) push most."""
+    work = np.abs(force) * coordinate_sizes(system)
+    largest = int(np.argmax(work))
+    for row, body in zip(system.arrays.body, system.bodies, strict=True):
+        if row[at.VEL] <= largest < row[at.VEL] + row[at.NV]:
+            return body.name
+    return "no body"
+
+
+def _far(mechanics: Mechanics, z: Array) -> Iterator[str]:
+    """Of bodies that leave the small deformations that a SID describes."""
+    system = mechanics.system
+    for row, body in zip(system.arrays.body, system.bodies, strict=True):
+        end = int(row[at.POS] + row[at.NP])
+        if body.name == GROUND_NAME or not row[at.NQ]:
+            continue
+        share = deflection(body.sid, z[None, end - int(row[at.NQ]) : end], 0.0)
+        if share > LARGE:
+            yield (
+                f"{body.name} deforms by {share:.2g} of its size, beyond the small "
+                "deformations that a SID describes"
+            )
 
 
 def _checked(mechanics: Mechanics) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from ..kernels import layout as at
 from ..system import kernel_calls
 from ..system.scene import System
 from .alignment import align, check_alignment
+from .conflicts import conflict_at_start, conflict_of_rates, conflict_soon
 from .consistent import (
     Start,
     State,
@@ -104,11 +105,13 @@ def _reach_positions(state: State) -> None:
     if relax(state, guessed):
         close(state)
     if state.opening > CLOSE:
+        why, wanted = conflict_at_start(state.system)
         raise InputError(
             "the start position cannot be assembled: "
-            f"{widest_open(state.system, state.residual)}",
+            f"{why or widest_open(state.system, state.residual)}",
             place="bodies.*.initial",
-            expected="initial positions from which all joints and drives can be met",
+            expected=wanted
+            or "initial positions from which all joints and drives can be met",
         )
 
 
@@ -178,6 +181,7 @@ def _check_springs(system: System, state: State) -> None:
 
 def _reach_velocities(state: State) -> None:
     state.evaluate()
+    system = state.system
     rates = state.work.row[:, at.C_RATE].copy()
     change, left = state.smallest(-rates)
     state.v += change
@@ -185,9 +189,11 @@ def _reach_velocities(state: State) -> None:
     size = max(1.0 / state.duration, state.speed, state.relative(rates))
     if state.relative(left) > 1e-8 * size:
         residual = state.work.row[:, at.C_RATE]
+        why = conflict_soon(system, state.t, state.z, state.v)
+        why = why or conflict_of_rates(system, state.t, state.z, state.v)
         raise InputError(
-            f"the joints and drives contradict each other at velocity level: "
-            f"{widest_open(state.system, residual)} per second",
+            "no velocities meet all joints and drives: "
+            f"{why or widest_open(system, residual) + ' per second'}",
             place="joints",
             expected="drives and joints that can move together",
         )

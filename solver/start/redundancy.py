@@ -21,6 +21,7 @@ from ..kernels.coordinates import retract
 from ..system.newton_rows import with_slack
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
+from .conflicts import conflict_soon
 from .consistent import RANK_TOLERANCE, State, close, names_of_rows
 
 #: How far beside the start constraints are looked at, relative to all sizes.
@@ -151,9 +152,10 @@ def _check_accelerations(state: State, redundant: tuple[int, ...]) -> None:
     if _can_accelerate(state):
         return
     names = ", ".join(dict.fromkeys(names_of_rows(state.system, redundant)))
+    why = conflict_soon(state.system, state.t, state.z, state.v)
     raise InputError(
-        f"the mechanism is over-constrained: {names} cannot be accelerated as "
-        "the other joints and drives demand",
+        "the mechanism is over-constrained: "
+        f"{why or names + ' cannot be accelerated as the others demand'}",
         place="joints",
         expected="as many constraints as the mechanism can follow",
     )
@@ -170,9 +172,11 @@ def _check_singular_start(state: State, rows: tuple[int, ...]) -> None:
             expected="initial velocities that choose one, or a start beside it",
         )
     if not _can_accelerate(state):
+        why = conflict_soon(state.system, state.t, state.z, state.v)
         raise InputError(
             f"the mechanism starts in a singular position ({names}) with velocities "
-            "that lead nowhere: no accelerations keep the joints together",
+            "that lead nowhere: "
+            f"{why or 'no accelerations keep the joints together'}",
             place="bodies.*.initial",
             expected="velocities of a motion through this position, or a start "
             "beside it",

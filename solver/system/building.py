@@ -77,12 +77,18 @@ def build_system(
     parts = Ingredients(scene, data, frames, order, drive_index, pool)
     cut = _system(parts, functions, elements)
     cut = replace(cut, sids=sids)
-    if not frames or not (keep_joints or asks_for_joints(scene, cut.eliminated)):
+    if not frames:
         return cut
-    whole = _system(replace(parts, frames={}), functions, elements)
-    carrying = with_prescribed_frames(whole.arrays.body, cut.arrays.body)
-    whole = replace(whole, carrying=carrying, sids=sids)
-    return whole if keep_joints else replace(cut, whole=whole)
+
+    def every_joint() -> System:
+        whole = _system(replace(parts, frames={}), functions, elements)
+        carrying = with_prescribed_frames(whole.arrays.body, cut.arrays.body)
+        return replace(whole, carrying=carrying, sids=sids)
+
+    if keep_joints:
+        return every_joint()
+    asked = asks_for_joints(scene, cut.eliminated)
+    return replace(cut, every_joint=every_joint, whole=every_joint() if asked else None)
 
 
 def _with_all_names(scene: SceneFile, sids: Mapping[str, SID]) -> SceneFile:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -62,6 +62,7 @@ class System:
         asked for
     told : what has to be known of how it was made
     sids : as they were read, of the bodies that have one
+    every_joint : makes the same scene with all of its joints, where some are left out
     """
 
     scene: SceneFile
@@ -86,6 +87,12 @@ class System:
     whole: System | None = None
     told: tuple[str, ...] = ()
     sids: Mapping[str, SID] = field(default_factory=dict)
+    every_joint: Callable[[], System] | None = None
+
+    @property
+    def complete_scene(self) -> System:
+        """The scene with all of its joints as constraints, to look at what they ask."""
+        return self if self.every_joint is None else self.every_joint()
 
     @property
     def planar(self) -> bool:

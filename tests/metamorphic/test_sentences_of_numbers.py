@@ -13,9 +13,9 @@ import pytest
 import sidtool
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.sid_mass import body_size
 from sidtool.report.result import ADVICE, summary
 from sidtool.solver import describe, simulate
-from sidtool.solver.system.bodies import body_size
 from sidtool.swaps import FROM_PROGRAM
 from tests.solver.scenes import compiled as compiled_scene
 from tests.solver.scenes import scene, slender_rod, soft_body, with_cubic_energy

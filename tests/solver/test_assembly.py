@@ -180,7 +180,7 @@ def test_a_position_out_of_reach_is_refused_with_the_joint_that_is_open() -> Non
 
 def test_fixed_bodies_that_do_not_fit_are_refused() -> None:
     described = two_rods({"fixed": True}, {"position": [1.5, 0.0], "fixed": True})
-    with pytest.raises(InputError, match="elbow is open by 0.5"):
+    with pytest.raises(InputError, match=r"\(elbow\) come no nearer than 0.5 m"):
         assemble(compiled(described))
 
 

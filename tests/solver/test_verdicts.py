@@ -10,11 +10,11 @@ import pytest
 
 from sidtool.formats.result import Result
 from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.sid_mass import body_size
 from sidtool.solver import simulate
 from sidtool.solver.advice.body_measures import expected_bodies
 from sidtool.solver.advice.excitation import drive_history, excitation
 from sidtool.solver.advice.stiffening import Loads, largest_stiffening
-from sidtool.solver.system.bodies import body_size
 from sidtool.solver.system.scene import System
 
 from .scenes import compiled, polynomial, scene

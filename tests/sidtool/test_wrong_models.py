@@ -1,0 +1,21 @@
+"""Every physical mistake gets a message that names what, where and what helps."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from .wrong_models import MISTAKES
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_gets_the_message_that_names_it(name: str) -> None:
+    attempt, words = MISTAKES[name]
+    said = attempt()
+    for pattern in words:
+        assert re.search(pattern, said), said
+
+
+def test_the_gallery_is_not_small() -> None:
+    assert len(MISTAKES) >= 30
