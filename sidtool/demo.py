@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import read_model
 from sidtool.formats.reference import ReferenceFile, read_reference
 from sidtool.formats.result import Result, write_csv, write_result
 from sidtool.formats.scene import read_scene
@@ -241,11 +240,12 @@ def _plots(
     results: Mapping[str, Result],
     runs: Mapping[str, list[tuple[float, Result, float]]],
 ) -> None:
+    from .convert import field_from_model
+    from .plot.bodies import plot_sid
     from .plot.motion import plot_motions
     from .plot.precision import plot_precision
-    from .plot.shapes import plot_shapes
 
-    plot_shapes(folder / "rod.png", read_model(examples / "rod_q4.toml"))
+    plot_sid(folder / "rod.png", *field_from_model(examples / "rod_q4.toml"))
     plot_motions(
         folder / "motion.png",
         results,

@@ -81,6 +81,22 @@ class Replay:
         z, v = interpolated(*self._parts, known, self._closed, times)
         return times.copy(), z, v
 
+    def uncertainty(self) -> float:
+        """How far states between output times may be off, relative to their range.
+
+        Every other output time is predicted from its neighbours, whose distance is
+        twice as large: the error between neighbours is a sixteenth of that.
+        """
+        if len(self.t) < 3:
+            return 1.0
+        known = (self.t[::2].copy(), self.z[::2].copy(), self.v[::2].copy())
+        between = slice(1, 2 * len(known[0]) - 2, 2)
+        z, _ = interpolated(*self._parts, known, self._closed, self.t[between].copy())
+        ranges = np.ptp(self.z, axis=0)
+        moving = ranges > 1e-6 * ranges.max(initial=0.0)
+        errors = np.abs(z - self.z[between])[:, moving].max(axis=0) / ranges[moving]
+        return float(errors.max(initial=0.0)) / 16.0
+
     @cached_property
     def _closed(self) -> Array:
         return closed_below(

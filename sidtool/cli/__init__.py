@@ -20,6 +20,7 @@ from .animate import animate
 from .convert import convert
 from .demo import demo
 from .info import info
+from .plot import plot
 from .recorded import outputs
 from .schema import schema
 from .simulate import simulate
@@ -59,6 +60,7 @@ for command in (
     validate,
     info,
     outputs,
+    plot,
     animate,
     study,
     demo,

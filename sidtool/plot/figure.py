@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 #: Okabe and Ito's colours, told apart by everyone: blue, orange, green, ...
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+#: Pixels to the inch.
+PIXELS = 100
 _STYLE: dict[Any, Any] = {
     "axes.grid": True,
     "axes.spines.right": False,
@@ -39,8 +41,13 @@ def figure(
     with styled():
         page, axes = new_page(rows, columns, size)
         yield axes
-        with atomic_path(path) as temporary:
-            page.savefig(temporary, dpi=100, format=path.suffix[1:])
+        saved(page, path)
+
+
+def saved(page: Figure, path: Path) -> None:
+    """Writes a figure as what the ending of its name says."""
+    with atomic_path(path) as temporary:
+        page.savefig(temporary, dpi=PIXELS, format=path.suffix[1:].lower())
 
 
 @contextmanager

@@ -238,16 +238,17 @@
   }
   const triangles = () => bodies.reduce((sum, body) => sum + body.triangles, 0);
 
-  let last = 0, slow = 0;
+  let last = 0, count = 0;
   function step(now) {
     if (!state.playing) return;
     const passed = last ? now - last : 0;
     last = now;
     if (passed > 0) {
       state.cost = state.cost ? 0.9 * state.cost + 0.1 * passed : passed;
-      slow = passed > data.slowest ? slow + 1 : 0;
+      count += 1;
     }
-    if (slow >= 5 && !state.thin && bodies.some((body) => body.coarse)) thin(true);
+    const slow = count > 8 && state.cost > data.slowest;
+    if (slow && !state.thin && bodies.some((body) => body.coarse)) thin(true);
     const end = times[times.length - 1];
     const next = state.time + state.speed * passed / 1000;
     seek(next > end ? times[0] : next);
@@ -257,7 +258,7 @@
     if (wanted === state.playing) return;
     state.playing = wanted;
     $("play").textContent = wanted ? "Pause" : "Play";
-    last = slow = state.cost = 0;
+    last = count = state.cost = 0;
     if (!wanted) { thin(false); update(); } else requestAnimationFrame(step);
   }
 

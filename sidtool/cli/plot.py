@@ -1,0 +1,140 @@
+"""``sidtool plot``: a picture of any file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sidtool.formats.errors import InputError
+
+from .common import Target, check_targets, existing, force, target
+
+
+@click.command()
+@click.argument("file", metavar="FILE", type=existing)
+@click.option(
+    "-o",
+    "--output",
+    required=True,
+    type=target,
+    help="Picture to write: .png, .svg or .pdf.",
+)
+@click.option(
+    "--outputs",
+    metavar="NAMES",
+    help="Of a result: outputs with commas between them, `*` for any letters; also "
+    "those that were not recorded. Default all that were.",
+)
+@click.option(
+    "--kind",
+    type=click.Choice(["outputs", "spectrum", "energy", "drift"]),
+    help="Of a result: outputs over time (default), their amplitudes over frequency, "
+    "energies, or residuals of the constraints.",
+)
+@click.option(
+    "--field",
+    type=existing,
+    help="Of a SID: its full field, from `convert --field`. NAME.field.h5 beside it "
+    "is found by itself.",
+)
+@force
+def plot(
+    file: Path,
+    output: Path,
+    outputs: str | None,
+    kind: str | None,
+    field: Path | None,
+    force: bool,
+) -> None:
+    """Draw a SID, model, field or result.
+
+    \b
+    SID     the body and its shape functions with their frequencies, on the full
+            body where its field is known, else as lines between its nodes
+    model   mesh, markers, what markers are tied to, control net of NURBS
+    field   as the SID that it belongs to
+    result  outputs over time, spectra, energies, residuals of constraints
+
+    Plane bodies are drawn from above, others in 3D. Curves are drawn from states
+    between the output times, not from straight lines.
+
+    \b
+    Examples:
+      sidtool plot rod.SID_FEM -o rod.png
+      sidtool plot rod_q4.toml -o mesh.svg
+      sidtool plot result.h5 -o motion.pdf --outputs "rod.q*,*.vx"
+      sidtool plot result.h5 -o spectrum.png --kind spectrum
+    """
+    from ..kinds import expect_kind, read
+
+    found = expect_kind(file, "sid", "model", "field", "result")
+    _check_options(found, outputs, kind, field)
+    check_targets(
+        [Target("-o", output, "picture")], [file, *([field] if field else [])], force
+    )
+    if output.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise InputError(
+            "does not say what kind of picture it is",
+            source=output,
+            expected="an ending out of .png, .svg, .pdf",
+        )
+    try:
+        told = _drawn(
+            found, read(file), output, outputs, kind or "outputs", field, file
+        )
+    except InputError as error:
+        raise error.located(file) from None
+    for sentence in told:
+        click.echo(f"note: {sentence}")
+    click.echo(f"{output} written")
+
+
+def _check_options(
+    found: str, outputs: str | None, kind: str | None, field: Path | None
+) -> None:
+    """Options that say nothing of this kind of file are refused."""
+    given = {"--outputs": outputs, "--kind": kind, "--field": field}
+    meant = {"--outputs": "result", "--kind": "result", "--field": "sid"}
+    for option, value in given.items():
+        if value is not None and meant[option] != found:
+            name = "a SID" if meant[option] == "sid" else "a result"
+            raise InputError(
+                f"says nothing of a {found}", place=option, expected=f"it with {name}"
+            )
+    if outputs is not None and kind in ("energy", "drift"):
+        raise InputError(
+            f"says nothing with --kind {kind}",
+            place="--outputs",
+            expected="--kind outputs or spectrum",
+        )
+
+
+def _drawn(
+    found: str,
+    content: Any,
+    output: Path,
+    outputs: str | None,
+    kind: str,
+    field: Path | None,
+    file: Path,
+) -> list[str]:
+    if found == "result":
+        from ..plot.results import plot_result
+
+        return plot_result(output, content, kind, outputs)
+    from ..plot.bodies import plot_field, plot_model, plot_sid
+
+    if found == "model":
+        return plot_model(output, content)
+    if found == "field":
+        return plot_field(output, content)
+    from sidtool.formats.field import read_field
+
+    from ..view.companions import ENDING
+
+    beside = file.with_suffix(ENDING)
+    if field is None and beside.is_file() and beside != file:
+        field = beside
+    return plot_sid(output, content, None if field is None else read_field(field))

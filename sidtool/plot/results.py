@@ -1,0 +1,183 @@
+"""Results: outputs over time, spectra, energies, residuals of constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.scene import expanded, unit_of
+from sidtool.solver.afterwards import Replay, replay, scene_of
+
+from .courses import Curve, draw, grouped, label_of
+from .figure import new_page, saved, styled
+
+Array = NDArray[np.float64]
+
+#: Points of a curve at least, and pairs of axes at most.
+_POINTS, _MOST = 2000, 12
+#: Uncertainty between output times that is told of.
+_TOLD = 0.005
+ENERGIES = ("energy.kinetic", "energy.elastic", "energy.potential")
+RESIDUALS = ("constraint.position", "constraint.velocity")
+KINDS = ("outputs", "spectrum", "energy", "drift")
+
+
+def plot_result(
+    path: Path,
+    result: Result,
+    kind: str = "outputs",
+    names: str | Iterable[str] | None = None,
+) -> list[str]:
+    """Draw what a result says over time, or its spectrum.
+
+    Curves are drawn from states between the output times, interpolated and projected
+    on the constraints.
+
+    Parameters
+    ----------
+    kind : one of `KINDS`
+    names : outputs to draw, with wildcards; default those that were recorded
+
+    Returns
+    -------
+    sentences on what was left out, or is uncertain
+
+    Raises
+    ------
+    InputError : the result holds too few times, or there is no such output.
+    """
+    if len(result.t) < 2:
+        raise InputError(
+            f"holds {len(result.t)} output times", expected="at least two for a curve"
+        )
+    if kind == "energy":
+        return _energy(path, result)
+    told: list[str] = []
+    wanted = list(RESIDUALS) if kind == "drift" else _wanted(result, names)
+    groups = grouped(wanted)
+    if len(groups) > _MOST:
+        told.append(f"{_MOST} of {len(groups)} pairs of axes are drawn")
+        groups = groups[:_MOST]
+    wanted = [name for group in groups for name in group]
+    if kind == "spectrum":
+        return told + _spectrum(path, result, wanted)
+    t, columns, uncertain = _dense(result, wanted)
+    with styled():
+        page, axes = new_page(len(groups), 1, (7.5, 1.7 * len(groups) + 0.6))
+        rows = np.atleast_1d(axes)
+        for place, group in zip(rows, groups, strict=True):
+            curves = [Curve(name, columns[name]) for name in group]
+            draw(place, t, curves, label_of(group))
+            if kind == "drift":
+                place.set_yscale("log")
+        _finish(page, rows, result, path, "t [s]")
+    return told + uncertain
+
+
+def _wanted(result: Result, names: str | Iterable[str] | None) -> list[str]:
+    if names is None:
+        if not result.names:
+            raise InputError(
+                "recorded no outputs", place="--outputs", expected='such as "rod.q*"'
+            )
+        return list(result.names)
+    listed = names.split(",") if isinstance(names, str) else list(names)
+    listed = [name.strip() for name in listed if name.strip()]
+    return list(expanded(listed, scene_of(result), result.sids))
+
+
+def _dense(
+    result: Result, names: list[str]
+) -> tuple[Array, dict[str, Array], list[str]]:
+    """Outputs at many times; recorded ones that cannot be evaluated where they are."""
+    fixed = [n for n in names if n.startswith("energy.") and n in result.names]
+    fixed = [n for n in fixed if n not in ENERGIES]
+    again = replay(result, [name for name in names if name not in fixed])
+    t = _times(again, "analysis" in result.settings)
+    columns = again.outputs(t)
+    for name in fixed:
+        columns[name] = np.interp(t, result.t, result[name])
+    return t, columns, _uncertain(again)
+
+
+def _times(again: Replay, as_given: bool) -> Array:
+    t = again.t
+    count = 1 if as_given else max(1, -(-_POINTS // (len(t) - 1)))
+    shares = np.arange(count) / count
+    inner = (t[:-1, None] + np.diff(t)[:, None] * shares).ravel()
+    return np.append(inner, t[-1])
+
+
+def _uncertain(again: Replay) -> list[str]:
+    off = again.uncertainty()
+    if off < _TOLD:
+        return []
+    return [
+        f"between output times curves may be off by {off:.1%} of their range: a "
+        "smaller output_step shows more"
+    ]
+
+
+def _energy(path: Path, result: Result) -> list[str]:
+    """Kinetic, elastic and potential energy and their sum; what is recorded besides."""
+    more = [n for n in result.names if n.startswith("energy.") and n not in ENERGIES]
+    t, columns, told = _dense(result, [*ENERGIES, *more])
+    total = np.sum([columns[name] for name in ENERGIES], axis=0)
+    with styled():
+        page, axes = new_page(2, 1, (7.5, 5.0))
+        curves = [
+            Curve(name.removeprefix("energy."), columns[name]) for name in ENERGIES
+        ]
+        draw(axes[0], t, [*curves, Curve("sum", total)], "energy [J]")
+        shown = [Curve("change of the sum", total - total[0])]
+        shown += [Curve(n.removeprefix("energy."), columns[n]) for n in more]
+        draw(axes[1], t, shown, "energy [J]" if more else "change of the sum [J]")
+        _finish(page, axes, result, path, "t [s]")
+    return told
+
+
+def _spectrum(path: Path, result: Result, names: list[str]) -> list[str]:
+    """Amplitudes of a Hann window over the whole run, up to half the rate of output
+    times."""
+    again = replay(result, names)
+    count = max(8, len(result.t))
+    t = np.linspace(result.t[0], result.t[-1], count)
+    columns = again.outputs(t)
+    groups = grouped(names)
+    step = t[1] - t[0]
+    frequencies = np.fft.rfftfreq(count, step)[1:]
+    with styled():
+        page, axes = new_page(len(groups), 1, (7.5, 1.9 * len(groups) + 0.6))
+        rows = np.atleast_1d(axes)
+        for place, group in zip(rows, groups, strict=True):
+            for name in group:
+                place.semilogy(frequencies, amplitudes(columns[name])[1:], label=name)
+            unit = unit_of(group[0])
+            place.set_ylabel(f"amplitude [{unit}]" if unit else "amplitude")
+            place.legend(
+                loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0
+            )
+            place.set_xlim(0.0, frequencies[-1])
+        _finish(page, rows, result, path, "frequency [Hz]")
+    return [f"up to {frequencies[-1]:.4g} Hz, half the rate of the output times"]
+
+
+def amplitudes(values: Array) -> Array:
+    """Of evenly spaced values less their mean, by a Hann window: a sine of amplitude
+    one that lasts many periods has a peak of one."""
+    window = np.hanning(len(values))
+    spectrum = np.fft.rfft((values - values.mean()) * window)
+    return np.asarray(2.0 * np.abs(spectrum) / window.sum())
+
+
+def _finish(page: Any, rows: Any, result: Result, path: Path, label: str) -> None:
+    rows[-1].set_xlabel(label)
+    if result.title:
+        page.suptitle(result.title, fontsize="medium")
+    saved(page, path)
