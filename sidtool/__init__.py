@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sidtool.formats.result import Result as Result
     from sidtool.formats.sid import SID as SID
     from sidtool.solver.functions.callables import Timed as Timed
+    from sidtool.solver.functions.laws import Law as Law
 
     from .afterwards import outputs as outputs
     from .analysing import inverse_dynamics as inverse_dynamics
@@ -39,6 +40,7 @@ _HOME = {
     "Result": "sidtool.formats.result",
     "SID": "sidtool.formats.sid",
     "SimulationError": "sidtool.solver.errors",
+    "Law": "sidtool.solver.functions.laws",
     "Timed": "sidtool.solver.functions.callables",
     "compare": "sidtool.api",
     "convert": "sidtool.api",

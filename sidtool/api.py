@@ -85,7 +85,8 @@ def simulate(
         forces on nodes that no shape function moves
     drives : functions of time f(t), or tuples of f and its first or first two
         derivatives, that replace those of the scene's drives, by name
-    forces : the same for functions that scale forces, or are actuators
+    forces : the same for functions that scale forces, or are actuators; a `Law` sees
+        outputs of the motion as well
 
     Raises
     ------

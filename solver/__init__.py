@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .analyses.static import static_equilibrium as static_equilibrium
     from .functions.callables import Derivatives
     from .functions.callables import Timed as Timed
+    from .functions.laws import Law as Law
     from .run import simulate as simulate
     from .system.scene import System
 
@@ -47,7 +48,7 @@ def compile_scene(
     accept_defects: bool = False,
     drives: Mapping[str, Derivatives] | None = None,
     keep_joints: bool = False,
-    forces: Mapping[str, Derivatives] | None = None,
+    forces: Mapping[str, Derivatives | Law] | None = None,
 ) -> System:
     """Compiles a scene into the tables that the kernels integrate.
 
@@ -64,7 +65,8 @@ def compile_scene(
     keep_joints : keep all joints as constraints, whose forces are then known, also
         those that prescribe a frame
     forces : callables f(t) that scale the forces, or are the actuators, with these
-        names; their value must be continuous, their rate may jump
+        names; their value must be continuous, their rate may jump. A `Law` sees
+        outputs of the motion as well
 
     Raises
     ------
@@ -95,14 +97,15 @@ def compile_scene(
         return checked(scene, keep_joints)
     from .analyses.resting import resting
 
-    rested, told = resting(checked(scene, True))
-    return replace(checked(rested, keep_joints), told=told)
+    rested, states, told = resting(checked(scene, True))
+    return replace(checked(rested, keep_joints).with_states(states), told=told)
 
 
 _ELSEWHERE = {
     "static_equilibrium": "sidtool.solver.analyses.static",
     "linearise": "sidtool.solver.analyses.linear",
     "inverse_dynamics": "sidtool.solver.analyses.inverse",
+    "Law": "sidtool.solver.functions.laws",
     "Timed": "sidtool.solver.functions.callables",
 }
 

@@ -30,6 +30,7 @@ from .start import assembly
 from .start.displacements import told_displacements
 from .start.settings import made_with
 from .start.turn_counts import lost_turn
+from .system.lapses import lapse
 from .versions import versions
 
 if TYPE_CHECKING:
@@ -78,6 +79,9 @@ def result_of(run: Run, seconds: dict[str, float], failure: str) -> Result:
 def failure_of(run: Run, code: int) -> str:
     """Why the step loop could not go on."""
     system, work, control = run.system, run.work, run.control
+    said = lapse(system, work, since=run.now)
+    if said:
+        return f"stopped at t = {run.now:.9g} s: {said}"
     cause = CAUSES.get(code, f"code {code}")
     if code in (stepping.TOO_SMALL, stepping.OFF_CONSTRAINTS):
         cause = lost_turn(system, work, control) or cause

@@ -22,6 +22,7 @@ from sidtool.formats.toml_files import validated
 
 from . import compile_scene, warmup
 from .functions.callables import Derivatives
+from .functions.laws import Law
 from .kernels import layout as at
 from .kernels.layout import Work
 from .kernels.newton import Kernels, Memory
@@ -41,7 +42,7 @@ from .system.storage import new_memory, new_work
 #: Rotations between two output times beyond which turns cannot be counted [rad].
 LARGEST_TURN = 0.5 * np.pi
 
-Programs = Mapping[str, Derivatives]
+Programs = Mapping[str, Derivatives | Law]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,7 @@ class Replay:
 def replay(
     result: Result,
     names: Iterable[str] = (),
-    drives: Programs | None = None,
+    drives: Mapping[str, Derivatives] | None = None,
     forces: Programs | None = None,
 ) -> Replay:
     """The scene of a result with other outputs, at the states of the result.

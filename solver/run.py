@@ -33,6 +33,8 @@ from .start import assembly
 from .start.new_control import closed_below, new_control
 from .start.settings import Settings, settings_of
 from .start.turn_counts import keep_turns
+from .system.kernel_calls import go_on
+from .system.lapses import lapse
 from .system.scene import System
 from .system.storage import new_memory, new_work
 
@@ -197,6 +199,7 @@ class Run:
         while True:
             before = int(self.memory.counters[newton.STEPS])
             code = self.advance(self.control, left)
+            go_on(self.system)
             left -= int(self.memory.counters[newton.STEPS]) - before
             self._look_inside()
             if self.watch is not None and self.watch.ended:
@@ -298,6 +301,10 @@ class Run:
             control.z,
             control.v,
         )
+        go_on(self.system)
+        said = lapse(self.system, self.work, since=begin)
+        if said:
+            raise InputError(said, place="forces", expected="a number at the start")
         if status == 0:
             keep_turns(self.system, self.work, control.z)
             control.measured[:, :2] = self.work.measure

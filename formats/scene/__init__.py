@@ -13,6 +13,7 @@ from .damping import (
 )
 from .drives import Drive, driven_coordinate
 from .events import Event, watched
+from .expressions import Instruction, Postfix, parse_expression
 from .file import Accuracy, Outputs, SceneFile, Time, read_scene
 from .forces import (
     Actuator,
@@ -52,11 +53,14 @@ from .joints import (
     coupled_coordinates,
     marker_names,
 )
+from .laws import Expression, ForceFunction, Pid
 from .outputs import (
     IN_BODY,
     PEAK_STRESS,
     SCENE_QUANTITIES,
+    STATE,
     STRESSES,
+    VALUE,
     OutputName,
     coordinate_of,
     is_elastic,
@@ -85,8 +89,10 @@ __all__ = [
     "Drive",
     "ElasticInitial",
     "Event",
+    "Expression",
     "Fixed",
     "Force",
+    "ForceFunction",
     "FrequencyDamping",
     "Friction",
     "Function",
@@ -96,6 +102,7 @@ __all__ = [
     "Harmonic",
     "IN_BODY",
     "Initial",
+    "Instruction",
     "Joint",
     "Marker",
     "ModalDamping",
@@ -103,6 +110,7 @@ __all__ = [
     "OutputTimes",
     "Outputs",
     "PEAK_STRESS",
+    "Pid",
     "Piece",
     "Placement",
     "PlanarJoint",
@@ -110,11 +118,13 @@ __all__ = [
     "PointOnLine",
     "PointOnPlane",
     "Polynomial",
+    "Postfix",
     "Prismatic",
     "RayleighDamping",
     "Revolute",
     "RigidBody",
     "SCENE_QUANTITIES",
+    "STATE",
     "STRESSES",
     "SceneFile",
     "SidBody",
@@ -125,6 +135,7 @@ __all__ = [
     "SpringDamper",
     "Time",
     "Universal",
+    "VALUE",
     "as_3d",
     "coefficients",
     "coordinate_of",
@@ -142,6 +153,7 @@ __all__ = [
     "matching",
     "output_times",
     "owners",
+    "parse_expression",
     "parse_output",
     "position_3d",
     "read_scene",

@@ -9,13 +9,18 @@ from .bodies import RigidBody
 from .events import check_quantity
 from .failures import fail, known_names
 from .force_checks import check_force
+from .functions import Given
 from .joint_checks import check_drives, check_joint
+from .laws import states_of
 from .outputs import (
     ELASTIC,
     JOINT_QUANTITIES,
     NAME,
     RESERVED,
     SCENE_QUANTITIES,
+    STATE,
+    VALUE,
+    OutputName,
     coordinate_of,
     is_of_joint,
     is_quantity,
@@ -96,6 +101,16 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         raise InputError(error.problem, place=place, expected=error.expected) from None
     if name.owner in SCENE_QUANTITIES:
         return
+    if name.owner in scene.forces and name.marker == STATE:
+        _check_state(name, place, scene)
+        return
+    if name.marker == STATE and not is_quantity(name.quantity, of_marker=True):
+        fail(place, f"found {text!r}", "a state of the law of a force")
+    if name.quantity == VALUE and not name.marker:
+        if name.owner not in scene.forces:
+            expected = known_names(name.owner, scene.forces, "force")
+            fail(place, f"there is no force {name.owner!r}", expected)
+        return
     coordinate = "" if name.marker else coordinate_of(name.quantity)
     if coordinate and (name.owner in scene.joints or name.quantity != "angle"):
         _check_coordinate(name.owner, coordinate, place, scene)
@@ -116,6 +131,15 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         check_reference(f"{name.owner}.{name.marker}", place, scene)
     elif ELASTIC.fullmatch(name.quantity) and isinstance(body, RigidBody):
         fail(place, f"{name.owner} is rigid", "elastic coordinates of a SID body")
+
+
+def _check_state(name: OutputName, place: str, scene: SceneFile) -> None:
+    """A state that a law has; those of a law of a program are not known here."""
+    function = getattr(scene.forces[name.owner], "function", None)
+    known = states_of(function)
+    if name.quantity not in known and not isinstance(function, Given):
+        found = f"the law of {name.owner} has no state {name.quantity!r}"
+        fail(place, found, " or ".join(known) or "a law with states")
 
 
 def _check_coordinate(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 
 from .base import Table, Vector3
-from .functions import Function
 from .joints import Joint
+from .laws import ForceFunction
 
 #: Coordinates of a marker that a drive may prescribe, by dimension of the scene.
 MARKER_COORDINATES = {
@@ -33,7 +33,7 @@ class Drive(Table):
     axis: Vector3 | None = Field(
         default=None, description="of a rotation, in the axes of the reference"
     )
-    function: Function
+    function: ForceFunction
 
 
 def driven_coordinate(drive: Drive, joints: dict[str, Joint]) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, Field
 
 from .base import AngularVelocity, Table, Vector
-from .functions import Function
+from .laws import ForceFunction
 
 Values = tuple[float, ...]
 
@@ -61,8 +61,8 @@ class PointForce(_Force):
         default=None, description="a number (planar) or three [N m]"
     )
     axes: Literal["inertial", "marker"] = "inertial"
-    function: Function | None = Field(
-        default=None, description="function of time that scales both, default 1"
+    function: ForceFunction | None = Field(
+        default=None, description="of time or of outputs: scales both, default 1"
     )
 
 
@@ -98,13 +98,15 @@ class SpringDamper(_Pair):
 
 
 class Actuator(_Pair):
-    """A force that pushes two markers apart, or drives a joint, as a function of time.
+    """A force that pushes two markers apart, or drives a joint.
 
-    In a joint, a force or torque in the direction in which its coordinate grows.
+    It is a function of time, or of outputs of the motion: a formula (`expression`) or a
+    controller (`pid`). In a joint, a force or torque in the direction in which its
+    coordinate grows.
     """
 
     type: Literal["actuator"]
-    function: Function
+    function: ForceFunction
 
 
 class Bushing(_Force):

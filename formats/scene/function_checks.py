@@ -6,14 +6,16 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from .failures import fail
-from .functions import Function, Harmonic, Piece, Polynomial, SmoothStep, Spline
+from .functions import Harmonic, Piece, Polynomial, SmoothStep, Spline
+from .law_checks import check_expression, check_pid
+from .laws import Expression, ForceFunction, Pid
 
 if TYPE_CHECKING:
     from .file import Time
 
 
-def check_function(function: Function, place: str, time: Time) -> None:
-    """Raise what does not fit in a function of time as `InputError` with its key."""
+def check_function(function: ForceFunction, place: str, time: Time) -> None:
+    """Raise what does not fit in a function or a law as `InputError` with its key."""
     if isinstance(function, Polynomial):
         _check_polynomial(function, place, time)
     elif isinstance(function, Harmonic):
@@ -23,6 +25,12 @@ def check_function(function: Function, place: str, time: Time) -> None:
             fail(f"{place}.to", f"found {function.to}", f"more than {function.from_}")
     elif isinstance(function, Spline):
         _check_spline(function, place, time)
+    elif isinstance(function, Expression):
+        check_expression(function, place)
+    elif isinstance(function, Pid):
+        check_pid(function, place)
+        if not isinstance(function.reference, float | str):
+            check_function(function.reference, f"{place}.reference", time)
 
 
 def _check_harmonic(function: Harmonic, place: str) -> None:

@@ -11,6 +11,7 @@ from .drives import MARKER_COORDINATES, Drive, driven_coordinate
 from .failures import fail, known_names
 from .function_checks import check_function
 from .joints import Coupling, Gear, Joint, Universal, marker_names
+from .laws import Expression, Pid
 from .references import check_reference, check_two_bodies
 from .values import check_length
 
@@ -106,6 +107,10 @@ def check_drives(scene: SceneFile) -> None:
             expected = "one drive for each coordinate"
             fail(f"{place}.{'joint' if drive.joint else 'marker'}", found, expected)
         driven[key] = name
+        if isinstance(drive.function, Expression | Pid):
+            found = "a drive prescribes a motion, which cannot follow the motion itself"
+            expected = "a function of time; or an actuator, whose force may"
+            fail(f"{place}.function", found, expected)
         check_function(drive.function, f"{place}.function", scene.time)
 
 

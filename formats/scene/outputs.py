@@ -13,7 +13,9 @@ Coordinates of a joint are angle, displacement, length, angle_1 and angle_2, as 
 it has them, and their rates angle_rate, ...; angles go on over many turns. Quantities
 of a joint or a drive: fx fy fz and mx my mz, the force and torque on its
 second marker in inertial axes; fK is its K-th multiplier and f* all of them. fx to mz
-of a force are what it puts on its marker, or on the second one. Of the whole scene:
+of a force are what it puts on its marker, or on the second one; its `value` is what
+scales it, a function of time or a law, whose states are FORCE.state.NAME. Of the whole
+scene:
 energy.kinetic, .elastic, .potential, .dissipated, .supplied and .balance (the first
 four less the fifth), and constraint.position and .velocity, the largest residual of
 the constraints.
@@ -54,6 +56,8 @@ RESERVED = frozenset(["ground", *SCENE_QUANTITIES])
 ELASTIC = re.compile(r"(q|vq)([1-9]\d*|\*)")
 MULTIPLIER = re.compile(r"f([1-9]\d*|\*)")
 RATE = "_rate"
+#: Of a force: what scales it; and what stands before the name of a state of its law.
+VALUE, STATE = "value", "state"
 NAME = re.compile(r"[^\W\d][\w-]*")
 
 _EXPECTED = "BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.fx, such as piston.x"
@@ -84,7 +88,8 @@ def parse_output(name: str) -> OutputName:
             listed = ", ".join(SCENE_QUANTITIES[owner])
             raise InputError(f"found {name!r}", expected=f"{owner}. and {listed}")
         return OutputName(owner, marker, quantity)
-    if marker or not coordinate_of(quantity):
+    is_law = marker == STATE or (not marker and quantity == VALUE)
+    if not is_law and (marker or not coordinate_of(quantity)):
         _check_word(name, quantity, marker)
     return OutputName(owner, marker, quantity)
 
@@ -96,7 +101,8 @@ def _check_word(name: str, quantity: str, marker: str) -> None:
             ""
             if marker
             else ", qN, vqN, q*, vq*, or fN, fx to mz, angle, displacement"
-            " or another coordinate and its rate, such as angle_rate, of a joint"
+            " or another coordinate and its rate, such as angle_rate, of a joint,"
+            " or value and state.NAME of a force"
         )
         raise InputError(
             f"found {name!r}", expected=f"a quantity out of {', '.join(known)}{more}"

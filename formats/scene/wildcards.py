@@ -16,13 +16,16 @@ from ..sid import SID
 from ..stress import stress_nodes
 from .bodies import SidBody
 from .joints import marker_names
+from .laws import states_of
 from .outputs import (
     ELASTIC,
     MULTIPLIER,
     PEAK_STRESS,
     RATE,
     SCENE_QUANTITIES,
+    STATE,
     STRESSES,
+    VALUE,
 )
 
 if TYPE_CHECKING:
@@ -110,8 +113,12 @@ def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:
     for name, drive in scene.drives.items():
         if drive.joint is None or marker_names(scene.joints[drive.joint]):
             yield from _named(name, _WRENCH[dimension])
-    for name in scene.forces:
+    for name, force in scene.forces.items():
         yield from _named(name, _WRENCH[dimension])
+        function = getattr(force, "function", None)
+        if function is not None:
+            yield f"{name}.{VALUE}"
+        yield from _named(f"{name}.{STATE}", states_of(function))
     for owner, quantities in SCENE_QUANTITIES.items():
         yield from _named(owner, quantities)
 

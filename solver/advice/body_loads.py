@@ -71,7 +71,7 @@ def _foreseen_forces(
 ) -> Iterator[tuple[str, Array, Array]]:
     """Node, force and moment (nt or 1, 3) in body axes of the given forces."""
     for element in system.forces:
-        if element.kind > at.FOLLOWING or element.b[0] != body:
+        if element.kind > at.FOLLOWING or element.b[0] != body or element.code:
             continue
         node = system.bodies[system.index(body)].node(element.b[1])
         factor = np.ones((1, 1))
@@ -120,12 +120,14 @@ def _wrenches(
         return
     yield from _of_joints(system, samples, body)
     for k, element in enumerate(system.forces):
+        if not element.acts:
+            continue
         if element.kind <= at.FOLLOWING:
             if element.b[0] == body:
-                yield element.b[1], given(system, samples, times, k)
+                yield element.b[1], given(system, samples, k)
             continue
         for marker, pair in zip(
-            (element.a, element.b), between(system, samples, times, k), strict=True
+            (element.a, element.b), between(system, samples, k), strict=True
         ):
             if marker is not None and marker[0] == body:
                 yield marker[1], pair

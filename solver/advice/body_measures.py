@@ -33,7 +33,7 @@ def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
 
     start : the assembled start of the system
     """
-    flexible = [data for data in system.bodies if data.sid.nq]
+    flexible = [data for data in system.bodies if data.of_scene and data.sid.nq]
     if not flexible:
         return {}
     history = drive_history(system)

@@ -11,6 +11,8 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.orientation import fault
 from sidtool.formats.scene import (
     SCENE_QUANTITIES,
+    STATE,
+    VALUE,
     PointForce,
     SceneFile,
     coordinate_of,
@@ -24,9 +26,9 @@ from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
 from ..kernels import layout as at
 from ..recording.joint_forces import COMPONENTS, is_constraint, second_marker
-from ..recording.outputs import elastic_range, multiplier_rows
+from ..recording.outputs import elastic_range, multiplier_rows, state_row
 from ..recording.stress_outputs import check_stress
-from ..system.scene import GROUND_NAME, System
+from ..system.scene import System
 
 
 def check_replaced(scene: SceneFile, names: Iterable[str]) -> None:
@@ -55,6 +57,9 @@ def check_outputs(system: System) -> None:
     """
     for text in watched(system.scene):
         name = parse_output(text)
+        if name.owner in system.scene.forces and name.marker == STATE:
+            state_row(system, name)
+            continue
         if is_stress(name.quantity):
             check_stress(system, name)
             continue
@@ -65,6 +70,8 @@ def check_outputs(system: System) -> None:
         if name.quantity in COMPONENTS:
             if is_constraint(system, name.owner):
                 second_marker(system, name.owner)
+            continue
+        if name.quantity == VALUE:
             continue
         if name.owner not in system.scene.bodies:
             multiplier_rows(system, name.owner, name.quantity)
@@ -99,7 +106,7 @@ def check_attachments(system: System) -> None:
 
 def _check_torques(system: System) -> None:
     """Raises torques on what cannot rotate: they would do nothing."""
-    still = {d.name for d in system.bodies if not d.rotates and d.name != GROUND_NAME}
+    still = {d.name for d in system.bodies if not d.rotates and d.of_scene}
     for name, force in system.scene.forces.items():
         if not isinstance(force, PointForce) or not np.any(force.torque or 0.0):
             continue
@@ -152,7 +159,7 @@ def check_masses(system: System) -> None:
     InputError : one is not positive definite: no such body can exist.
     """
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if data.name == GROUND_NAME or row[at.RD] < (3 if system.planar else 6):
+        if not data.of_scene or row[at.RD] < (3 if system.planar else 6):
             continue
         motion = free_motion(data.sid, IN_PLANE[2] if system.planar else SPATIAL)
         if motion.possible:

@@ -10,7 +10,7 @@ from ..kernels import layout as at
 from ..start.assembly import assemble, names_of_rows
 from ..start.displacements import told_displacements
 from ..system.bodies import BodyData
-from ..system.scene import GROUND_NAME, System
+from ..system.scene import System
 from .body_measures import expected_bodies
 from .checks import check_attachments
 from .notes import of_programs
@@ -42,7 +42,7 @@ def describe(system: System) -> list[str]:
         f"{system.n_velocities} velocity coordinates, {system.n_rows} constraints"
     ]
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if data.name != GROUND_NAME:
+        if data.of_scene:
             lines.append(f"body {data.name}: {_body(row, data)}")
             lines += _stiffened_markers(system, data)
             lines += _prestress(data)

@@ -18,7 +18,7 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import Array
 from sidtool.formats.sid_mass import central_inertia
 
-from ..system.scene import GROUND_NAME, System
+from ..system.scene import System
 from ..system.sizes import diameter
 from .excitation import ANGLES, drive_history, fastest_rotation
 
@@ -47,7 +47,7 @@ def questions(system: System) -> Iterator[str]:
             "earth: is it in mm/s2?"
         )
     for data in system.bodies:
-        if data.name != GROUND_NAME and data.sid.nq:
+        if data.of_scene and data.sid.nq:
             for text in body_questions(data.sid, gravity or None):
                 yield f"{data.name}: {text}"
     yield from _angles(system)

@@ -1,4 +1,5 @@
-"""A mechanism whose drives and forces hold their values at the start."""
+"""A mechanism whose drives and forces hold their values at the start, and whose laws
+find their states."""
 
 from __future__ import annotations
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from ..kernels import layout as at
 from ..kernels.drives import drive_value
+from ..kernels.forces import programs
 from ..system.scene import System
 
 
@@ -30,3 +32,37 @@ def held(system: System) -> System:
     constants = np.column_stack([np.zeros(len(values)), values]).ravel()
     pool = np.concatenate([arrays.pool, constants])
     return replace(system, arrays=arrays.replaced(drive=table, pool=pool))
+
+
+def places_for_states(system: System) -> System:
+    """The system in which the places of states of laws stand for the states.
+
+    An equilibrium is looked for among places, with all velocities zero; but a state is
+    a velocity, see `system.laws`.
+    """
+    pool = system.arrays.pool.copy()
+    table = system.arrays.force
+    for k, element in enumerate(system.forces):
+        if not element.code:
+            continue
+        code, read = int(table[k, at.F_CODE]), int(element.code[0])
+        first = code + programs.HEAD
+        last = first + programs.WIDTH * int(element.code[1])
+        for word in pool[first:last].reshape(-1, programs.WIDTH):
+            if word[0] == programs.MEASURE:
+                sensor = table[k - read + int(word[1])]
+                of_state = sensor[at.F_KIND] == at.COORDINATE
+                if of_state and is_state(system, int(sensor[at.F_B])):
+                    word[2] = 0.0
+    return replace(system, arrays=system.arrays.replaced(pool=pool))
+
+
+def is_state(system: System, b: int) -> bool:
+    """Whether a body is a state of a law."""
+    return bool(system.arrays.body[b, at.FLAGS] & at.STATE)
+
+
+def state_entries(system: System) -> tuple[list[int], list[int]]:
+    """Entries of z_I and z_II of the states of laws."""
+    rows = [row for b, row in enumerate(system.arrays.body) if is_state(system, b)]
+    return [int(row[at.POS]) for row in rows], [int(row[at.VEL]) for row in rows]

@@ -96,7 +96,7 @@ class _Motion:
         free = null_space(self.mechanics.jacobian[:, self.driven]).shape[1]
         if not free:
             return
-        flexible = any(body.sid.nq for body in self.system.bodies)
+        flexible = any(body.sid.nq for body in self.system.bodies if body.of_scene)
         raise InputError(
             f"{free} of {int(self.driven.sum())} coordinates can move freely",
             place="drives",

@@ -30,6 +30,7 @@ from ..recording.outputs import velocity_names
 from ..start.assembly import assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
+from .held import state_entries
 from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
 from .static import static_equilibrium
 
@@ -95,8 +96,7 @@ def linearise(
         _check_size(system, z, v)
     elif about == "static":
         found = static_equilibrium(system)
-        system, z = found.system, found.z
-        v = np.zeros(system.n_velocities)
+        system, z, v = found.system, found.z, found.v
     else:
         system, start = assemble(system)
         z, v = start.z, start.v
@@ -117,10 +117,11 @@ def _unsteady(
     """
     mechanics.evaluate(z, v)
     left = motion.T @ mechanics.accelerations()[0]
-    forces = np.concatenate([np.zeros_like(left), -left])
+    places = _places(matrix, motion)
+    forces = np.concatenate([np.zeros(places), -left])
     shift = np.linalg.lstsq(matrix, forces, rcond=1e-10)[0]
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
-    way = np.abs(motion @ shift[: len(left)]) / sizes
+    way = np.abs(motion[:, :places] @ shift[:places]) / sizes
     rest = np.abs(matrix @ shift - forces).max(initial=0.0)
     if way.max(initial=0.0) < NEAR and rest <= STEADY * np.abs(left).max(initial=0.0):
         return ()
@@ -144,11 +145,14 @@ def _check_size(system: System, z: Array, v: Array) -> None:
 
 
 def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array]:
-    """(2 d, 2 d) matrix of (y, w) and the (n, d) scaled free directions N."""
+    """Matrix of (y, w) and the (n, d) scaled free directions N, states of laws last.
+
+    They are among w only: what they add up to does not matter.
+    """
     mechanics.evaluate(z, v)
     mechanics.refuse_singular()
     C, M, E = mechanics.jacobian, mechanics.mass, _frame_motion(mechanics)
-    N = null_space(C)
+    N, places = _free_directions(mechanics.system, C)
     d = N.shape[1]
     inertia = N.T @ M @ N
     a, multipliers = mechanics.accelerations()
@@ -162,7 +166,24 @@ def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array
     held = least_squares(C, np.hstack(gamma))
     right = N.T @ (np.hstack(force) - M @ held)
     matrix[d:] = mechanics.solve_inertia(inertia, right)
-    return matrix, N
+    kept = [*range(places), *range(d, 2 * d)]
+    return matrix[np.ix_(kept, kept)], N
+
+
+def _free_directions(system: System, C: Array) -> tuple[Array, int]:
+    """The null space of C, states of laws last, and how many are no states."""
+    _, states = state_entries(system)
+    others = np.setdiff1d(np.arange(C.shape[1]), states)
+    moving = null_space(C[:, others])
+    N = np.zeros((C.shape[1], moving.shape[1] + len(states)))
+    N[others, : moving.shape[1]] = moving
+    N[states, moving.shape[1] :] = np.eye(len(states))
+    return N, moving.shape[1]
+
+
+def _places(matrix: Array, motion: Array) -> int:
+    """How many free directions are no states of laws."""
+    return len(matrix) - motion.shape[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +253,8 @@ def _modes(
     values, vectors = np.linalg.eig(matrix)
     kept = [k for k in np.argsort(np.abs(values)) if values[k].imag >= 0.0]
     values = values[kept]
-    shapes = (motion @ vectors[: motion.shape[1], kept]).T * mechanics.scale
+    places = _places(matrix, motion)
+    shapes = (motion[:, :places] @ vectors[:places, kept]).T * mechanics.scale
     for shape in shapes:
         largest = shape[np.argmax(np.abs(shape))] if len(shape) else 1.0
         shape /= largest if largest != 0.0 else 1.0

@@ -14,6 +14,7 @@ from ..kernels.coordinates import retract
 from ..start.assembly import Start, dense_jacobian, names_of_rows
 from ..start.turn_counts import keep_turns
 from ..system import kernel_calls
+from ..system.lapses import lapse
 from ..system.scene import System
 from ..system.sizes import row_sizes
 from ..system.storage import new_memory, new_work
@@ -40,7 +41,11 @@ class Mechanics:
         self.scale = np.ones(system.n_velocities)
 
     def evaluate(self, z: Array, v: Array) -> None:
+        """Raises SimulationError where a law gives no number."""
         kernel_calls.evaluate(self.system, self.work, self.t, z, v)
+        said = lapse(self.system, self.work)
+        if said:
+            raise SimulationError(said)
 
     def set_scale(self, z: Array, stiffness: float = 1.0) -> None:
         """Takes the scale from the masses and stiffnesses at a position.

@@ -13,11 +13,15 @@ from sidtool.formats.sid import Array
 from ..errors import SimulationError
 from ..kernels import layout as at
 from ..system.scene import System
+from .held import is_state
 from .static import static_equilibrium
 
 
-def resting(system: System) -> tuple[SceneFile, tuple[str, ...]]:
-    """The scene of a system with its bodies in equilibrium, and what is told of it.
+def resting(
+    system: System,
+) -> tuple[SceneFile, dict[str, float], tuple[str, ...]]:
+    """The scene of a system with its bodies in equilibrium, states of its laws there
+    by name, and what is told of it.
 
     Gravity and loads are those at the start, drives hold their values there. Stated
     velocities stay as they are.
@@ -41,7 +45,12 @@ def resting(system: System) -> tuple[SceneFile, tuple[str, ...]]:
             place = _placed(system, found.z, b)
             moved = start.model_copy(update=place)
             bodies[data.name] = bodies[data.name].model_copy(update={"initial": moved})
-    return system.scene.model_copy(update={"bodies": bodies}), found.notes
+    states = {
+        data.name: float(found.v[system.arrays.body[b, at.VEL]])
+        for b, data in enumerate(system.bodies)
+        if is_state(system, b)
+    }
+    return system.scene.model_copy(update={"bodies": bodies}), states, found.notes
 
 
 def _placed(system: System, z: Array, b: int) -> dict[str, Any]:

@@ -26,9 +26,9 @@ from ..kernels import layout as at
 from ..recording.outputs import velocity_names
 from ..start.assembly import assemble
 from ..start.consistent import widest_open
-from ..system.scene import GROUND_NAME, System
+from ..system.scene import System
 from ..system.sizes import coordinate_sizes
-from .held import held
+from .held import held, places_for_states, state_entries
 from .mechanics import Mechanics, null_space, refuse_prescribed
 from .recorded import Found, recorded
 
@@ -53,7 +53,7 @@ UNSTABLE = 1e-8
 class Equilibrium:
     """A state of rest.
 
-    z : (n positions,)
+    z, v : (n positions,), (n velocities,); only states of laws have a v
     multipliers : (rows,) forces of the joints and drives
     residual : what is left of the forces, relative to them
     iterations : Newton steps taken
@@ -62,6 +62,7 @@ class Equilibrium:
     """
 
     z: Array
+    v: Array
     multipliers: Array
     residual: float
     iterations: int
@@ -71,7 +72,7 @@ class Equilibrium:
     def result(self) -> Result:
         """The scene's outputs in equilibrium, as a result of one time."""
         nothing = np.zeros(self.system.n_velocities)
-        rest = Found(self.z, nothing, nothing, self.multipliers)
+        rest = Found(self.z, self.v, nothing, self.multipliers)
         times = np.array([self.system.scene.time.start])
         kind = "static equilibrium"
         return recorded(self.system, kind, times, [rest], notes=self.notes)
@@ -92,8 +93,10 @@ def static_equilibrium(system: System) -> Equilibrium:
     refuse_prescribed(system)
     system, start = assemble(system)
     system, t = held(system), system.scene.time.start
-    mechanics = Mechanics(system, t, 0.5 * (t + system.breaks[0]))
+    mechanics = Mechanics(places_for_states(system), t, 0.5 * (t + system.breaks[0]))
     mechanics.set_scale(start.z)
+    places, velocities = state_entries(system)
+    start.z[places] = start.v[velocities]
     z = mechanics.closed(start.z)
     best, largest = np.inf, mechanics.weight
     for iteration in range(ITERATIONS):
@@ -103,7 +106,9 @@ def static_equilibrium(system: System) -> Equilibrium:
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
             notes = (*_checked(mechanics), *_unstable(mechanics, z, motion, left))
             notes += (*_far(mechanics, z), *questions(system))
-            return Equilibrium(z, left, residual, iteration, system, notes)
+            v = np.zeros(system.n_velocities)
+            v[velocities] = z[places]
+            return Equilibrium(z, v, left, residual, iteration, system, notes)
         step = motion @ _newton_step(mechanics, z, motion, force, left)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
@@ -130,7 +135,7 @@ def _far(mechanics: Mechanics, z: Array) -> Iterator[str]:
     system = mechanics.system
     for row, body in zip(system.arrays.body, system.bodies, strict=True):
         end = int(row[at.POS] + row[at.NP])
-        if body.name == GROUND_NAME or not row[at.NQ]:
+        if not body.of_scene or not row[at.NQ]:
             continue
         share = deflection(body.sid, z[None, end - int(row[at.NQ]) : end], 0.0)
         if share > LARGE:
@@ -160,7 +165,8 @@ def _unstable(
     mechanics: Mechanics, z: Array, motion: Array, multipliers: Array
 ) -> tuple[str, ...]:
     """Whether the least disturbance leads away, and what moves most then."""
-    if motion.shape[1] == 0:
+    states = len(state_entries(mechanics.system)[0])
+    if motion.shape[1] == 0 or states:
         return ()
     stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
     values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
@@ -183,6 +189,8 @@ def _newton_step(
     mechanics: Mechanics, z: Array, motion: Array, force: Array, multipliers: Array
 ) -> Array:
     stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
+    if any(element.code for element in mechanics.system.forces):
+        return np.asarray(np.linalg.lstsq(stiffness, force)[0], np.float64)
     values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
     softest = SOFTEST * max(np.max(np.abs(values)), float(np.linalg.norm(force)))
     if values[0] > softest:

@@ -17,7 +17,7 @@ from numpy.polynomial.polynomial import polyval
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
     Constant,
-    Function,
+    ForceFunction,
     Given,
     Harmonic,
     Polynomial,
@@ -153,7 +153,7 @@ class FunctionTable:
 
     def add(
         self,
-        function: Function,
+        function: ForceFunction,
         place: str,
         program: Derivatives | None = None,
         smooth: bool = False,
@@ -204,7 +204,7 @@ class FunctionTable:
         return {t: tuple(self._breaks[t]) for t in inside}
 
 
-def compile_function(function: Function, place: str) -> Compiled:
+def compile_function(function: ForceFunction, place: str) -> Compiled:
     """A function of time in the form that kernels evaluate.
 
     Raises

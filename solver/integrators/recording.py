@@ -94,7 +94,7 @@ def begin(kernels, system, work, memory, t, z, v):
 
 @entry(
     types.void(
-        KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2
+        KERNELS, SYSTEM, WORK, MEMORY, *[F2, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2, F2]
     )
 )
 def sample(
@@ -113,6 +113,7 @@ def sample(
     points,
     acc,
     lam,
+    factors,
 ):
     """Projects recorded states onto the constraints and solves eq. (3) there.
 
@@ -154,6 +155,7 @@ def sample(
             z[k, first + i] = work.turn[i, TURNED]
         copy(memory.acceleration, acc[k])
         copy(memory.multiplier, lam[k])
+        copy(work.factor, factors[k])
         if status != 0:
             for n in range(acc.shape[1]):
                 acc[k, n] = math.nan

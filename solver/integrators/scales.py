@@ -13,7 +13,7 @@ import math
 from numba import float64, types
 
 from ..kernels.compiling import inner
-from ..kernels.layout import F1, NP, NQ, POS, RD, SYSTEM, VEL
+from ..kernels.layout import F1, FLAGS, NP, NQ, POS, RD, STATE, SYSTEM, VEL
 from ..kernels.newton import MEMORY
 from .stepping import (
     ADDING,
@@ -40,6 +40,8 @@ SMALLEST_DEFORMATION = 1e-7
 #: the second one of steps whose errors add up. Deformations are small numbers.
 ROUNDED, RESOLVED, RESOLVED_PART = 1e-15, 10.0, 3.0
 ROUNDED_DEFORMATION = 1e-17
+#: The same of states of laws, relative to the mechanism or, if that is less, to one.
+SMALLEST_STATE, ROUNDED_STATE = 1e-9, 1e-14
 #: An error of velocities goes on to displace for so much of the run where motions are
 #: as large as bodies: free ones, and those whose period depends on their amplitude.
 LASTING = 0.1
@@ -92,6 +94,10 @@ def _note_deformation(system, memory, control, b):
         coming[i] = 0.0
     for k in range(row[NQ]):
         i = first + k
+        if row[FLAGS] & STATE:
+            control.elastic[b] = max(control.elastic[b], abs(control.v[i]))
+            coming[1] = abs(memory.acceleration[i])
+            return 0.0
         size, omega = control.amplitude[i], max(control.frequency[i], TINY)
         pace, push = size * abs(control.v[i]), size * abs(memory.acceleration[i])
         shape = size * abs(control.z[q + k] - control.start[q + k])
@@ -143,7 +149,7 @@ def set_scales(system, control, h):
     lasting, tolerated = LASTING * turn * period, tolerance
     if control.whole[ADDING] == 0:
         tolerated /= max(1.0, spin * period / MANY)
-    real[NOISE] = 0.0
+    real[NOISE], least = 0.0, min(length, 1.0)
     for b in range(len(system.body)):
         row = system.body[b]
         rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
@@ -151,9 +157,9 @@ def set_scales(system, control, h):
         axes = 2 if rd == 2 or (rd == 3 and rigid == 3) else 3
         for k in range(rigid):
             size, whole = (motion, length) if k < axes else (turn, 1.0)
-            least = max(whole, abs(control.z[p + k]))
-            control.scale_z[p + k] = max(tolerance * size, floor * least)
-            noise = ROUNDED * least / control.scale_z[p + k]
+            extent = max(whole, abs(control.z[p + k]))
+            control.scale_z[p + k] = max(tolerance * size, floor * extent)
+            noise = ROUNDED * extent / control.scale_z[p + k]
             real[NOISE] = max(real[NOISE], noise)
         for k in range(rd):
             size, rate, whole = motion, speed, length
@@ -166,6 +172,12 @@ def set_scales(system, control, h):
             noise = ROUNDED * rate / control.scale_v[u + k]
             real[NOISE] = max(real[NOISE], noise)
         coming = control.coming[b]
+        if row[FLAGS] & STATE:
+            size = max(control.elastic[b], h * coming[1], SMALLEST_STATE * least)
+            control.pace[u] = size
+            control.scale_v[u] = max(resolved * size, ROUNDED_STATE * least)
+            control.scale_z[p] = control.scale_v[u] * period
+            continue
         size = min(h * coming[0], coming[2]) + min(0.5 * h * h * coming[1], coming[3])
         size = max(size, control.elastic[b], SMALLEST_DEFORMATION * motion)
         size = max(size, ROUNDED_DEFORMATION / real[TOLERANCE] * length)

@@ -27,7 +27,7 @@ _keep_turns = BySpace(plane=_no_turns, space=keep_turns)
 def _evaluate(system, work, t, z, v):
     evaluate_constraints(system, work, t)
     _keep_turns(system, work, z)
-    evaluate_forces(system, work, t)
+    evaluate_forces(system, work, t, z, v)
 
 
 @entry(EVALUATE)

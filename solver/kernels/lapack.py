@@ -68,7 +68,7 @@ def lapack(kind: str, largest: int) -> Lapack:
 
 
 @intrinsic
-def _address(typing: Any, array: Any, index: Any):  # type: ignore[no-untyped-def]
+def address(typing: Any, array: Any, index: Any):  # type: ignore[no-untyped-def]
     """Address of one entry of a vector."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -84,14 +84,14 @@ def factor_large(lapack, A, o, n, pivots, first):
     """LU of the n x n block at o, in place; 1 if singular."""
     word = lapack.word
     word[SIZE], word[INFO] = n, 0
-    size = _address(word, SIZE)
+    size = address(word, SIZE)
     lapack.factor(
         size,
         size,
-        _address(A, o),
+        address(A, o),
         size,
-        _address(pivots, first),
-        _address(word, INFO),
+        address(pivots, first),
+        address(word, INFO),
     )
     return 0 if word[INFO] == 0 else 1
 
@@ -101,15 +101,15 @@ def solve_large(lapack, A, o, n, pivots, first, x, at):
     """Solves with a factor of `factor_large`; x[at:at+n] is overwritten."""
     word = lapack.word
     word[SIZE] = n
-    size = _address(word, SIZE)
+    size = address(word, SIZE)
     lapack.solve(
-        _address(word, TRANSPOSED),
+        address(word, TRANSPOSED),
         size,
-        _address(word, ONE),
-        _address(A, o),
+        address(word, ONE),
+        address(A, o),
         size,
-        _address(pivots, first),
-        _address(x, at),
+        address(pivots, first),
+        address(x, at),
         size,
-        _address(word, INFO),
+        address(word, INFO),
     )

@@ -55,6 +55,7 @@ HAS_QUADRATIC_J = 16
 DIAGONAL_ME = 32
 HAS_KE1 = 64
 STIFFENED = 128  # Ct and Cr have terms of a displacement field of second order
+STATE = 256  # no body: its velocity is a state of a law
 
 # --- columns of System.marker ---------------------------------------------
 M_BODY = 0
@@ -122,7 +123,9 @@ F_DATA = 5  # pool: direction, or components of a given force
 F_LAW = 6  # pool: force law, see `forces`
 F_TIME = 7  # function of time that scales what is applied, -1 for none
 F_TURN = 8  # entry of Work.turn of a torque about an axis in space, -1 for none
-N_FORCE = 9
+F_CODE = 9  # pool: its law, see `forces.programs`; -1 for none
+F_OWNER = 10  # row of the law that reads this measure, which is no force; -1 for forces
+N_FORCE = 11
 
 # --- kinds of forces: each belongs to a scalar measure of the markers' motion -----
 GIVEN = 0  # force and torque on marker B, components along inertial axes
@@ -132,6 +135,7 @@ SLIDE = 3  # along a direction fixed in marker A; the displacement of B along it
 TWIST = 4  # torque about an axis fixed in marker A; the angle from A to B
 TILT = 5  # component of the rotation vector from A to B (spatial)
 LEAN = 6  # scalar product of a direction of A and one of B (spatial)
+COORDINATE = 7  # elastic coordinate F_DATA of the body F_B
 
 # --- columns of System.turn: rotations from marker A to B in space, of the kind TWIST,
 # TILT or LEAN. Orientations tell them up to full turns; those that are counted go on
@@ -232,6 +236,10 @@ class Work(Table):
     row : (rows, N_ROW) values, rates and right-hand sides of the constraints
     turn : (angles, N_TURNED) rotations between markers in space
     measure : (forces, 2) measures that forces act on, and their rates
+    factor : (forces,) functions of time and laws that scale what is applied
+    slope : (forces, 2) of a measure that a law reads: the derivatives of what the law
+        yields by it and by its rate
+    stack, lapse : of laws, see `forces.programs`
     clock : (1,) a time inside the smooth interval that is being integrated
     scratch, modal, stiffened : intermediate results of one body
     """
@@ -249,6 +257,10 @@ class Work(Table):
     row: Array
     turn: Array
     measure: Array
+    factor: Array
+    slope: Array
+    stack: Array
+    lapse: Array
     clock: Array
     scratch: Array
     modal: Array
@@ -265,7 +277,7 @@ I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
 SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None])
-WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1] * 4)
+WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2, F1, F1] + [F1] * 4)
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)

@@ -41,8 +41,9 @@ CONSTRAINT = _integers(
 )
 SEGMENT = _integers("Segment", "row", "body", "offset")
 FORCE = _integers(
-    "Force", "kind", "a", "b", "seg_a", "seg_b", "data", "law", "time", "turn"
-)
+    "Force", "kind", "a", "b", "seg_a", "seg_b", "data", "law", "time", "turn", "code",
+    "owner",
+)  # fmt: skip
 TURN = _integers("Turn", "kind", "a", "b", "data", "entry")
 ROW = _rows("Row", value=float64, rate=float64, gamma=float64)
 _V2, _V1, _V3 = ValueType(Vector, 2), ValueType(Vector, 1), ValueType(Vector, 3)

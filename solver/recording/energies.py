@@ -17,8 +17,8 @@ from ..kernels import layout as at
 from ..system.blocks import cr1, ct1, has_second_order, oe1
 from ..system.bodies import BodyData, shapes_of_stiffened, symmetric
 from ..system.first_order import cubic_energies
-from ..system.scene import GROUND_NAME, System
-from .force_measures import Measured, function_values, measured
+from ..system.scene import System
+from .force_measures import Measured, measured
 from .motion import FrameMotion, frame_motion, marker_motion
 from .sampling import Samples
 
@@ -132,7 +132,7 @@ def potential(system: System, samples: Samples) -> Array:
         moment = np.einsum("tij,tj->ti", frame.R, _first_moment(data, q))
         total -= (data.sid.mass * frame.X + moment) @ gravity
     for element in system.forces:
-        if element.kind > at.FOLLOWING:
+        if element.acts and element.kind > at.FOLLOWING:
             deflection = measured(system, samples, element).g - element.law.rest
             total += element.law.stiffness.integral(deflection)
     return total
@@ -145,21 +145,23 @@ def dissipation(system: System, samples: Samples) -> Array:
         _, qd = elastic_state(system, samples, b)
         total += np.einsum("tk,kl,tl->t", qd, data.sid.De.m0, qd)
     for element in system.forces:
-        if element.kind > at.FOLLOWING:
+        if element.acts and element.kind > at.FOLLOWING:
             law, rate = element.law, measured(system, samples, element).rate
             total += law.damping.value(rate) * rate
             total += law.friction * np.tanh(rate / law.speed) * rate
     return total
 
 
-def supply(system: System, samples: Samples, times: Array, drift: Array) -> Array:
-    """Power of drives and of forces that are functions of time, (nt,) [W].
+def supply(system: System, samples: Samples, drift: Array) -> Array:
+    """Power of drives, and of forces that are functions of time or laws, (nt,) [W].
 
     drift : (nt, rows) derivative of the constraints by time alone
     """
     total = -np.sum(np.where(drift != 0.0, samples.multipliers * drift, 0.0), axis=1)
     for k, element in enumerate(system.forces):
-        factor = function_values(system, element.function, times)
+        factor = samples.factors[:, k]
+        if not element.acts:
+            continue
         if element.kind <= at.FOLLOWING:
             total += factor * _given_power(system, samples, k)
         elif element.law.applied:
@@ -190,7 +192,7 @@ def elastic_state(system: System, samples: Samples, b: int) -> tuple[Array, Arra
 
 def _bodies(system: System) -> list[tuple[int, BodyData]]:
     found = enumerate(system.bodies)
-    return [(b, data) for b, data in found if data.name != GROUND_NAME]
+    return [(b, data) for b, data in found if data.of_scene]
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -87,7 +87,7 @@ class History:
             lost = dissipation(system, samples)
             told, motion = whole_motion(system, steps.t, samples)
             drift = _drift(told, steps.t, motion.z)
-            powers.append((lost, supply(told, motion, steps.t, drift)))
+            powers.append((lost, supply(told, motion, drift)))
             t.append(steps.t)
         return np.concatenate(t), [np.concatenate(p) for p in zip(*powers, strict=True)]
 

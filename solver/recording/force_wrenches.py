@@ -9,7 +9,7 @@ from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
 from ..system.scene import System
-from .force_measures import function_values, measured, torque_axis
+from .force_measures import measured, torque_axis
 from .motion import Motion, marker_motion
 from .sampling import Samples
 
@@ -21,12 +21,12 @@ def force_wrench(system: System, samples: Samples, times: Array, owner: str) -> 
     """Force and torque of a force on its (second) marker in inertial axes, (nt, 6)."""
     total = np.zeros((len(times), 6))
     for k, element in enumerate(system.forces):
-        if element.name != owner:
+        if element.name != owner or not element.acts:
             continue
         if element.kind <= at.FOLLOWING:
-            pair = given(system, samples, times, k)
+            pair = given(system, samples, k)
         else:
-            pair = between(system, samples, times, k)[_second(system, k)]
+            pair = between(system, samples, k)[_second(system, k)]
         total += np.column_stack(pair)
     return total
 
@@ -47,10 +47,10 @@ def motion_of(system: System, samples: Samples, end: tuple[str, str]) -> Motion:
     return marker_motion(system, samples, system.markers[end])
 
 
-def given(system: System, samples: Samples, times: Array, k: int) -> Wrench:
-    """Force and moment (nt, 3) of a force that is a function of time."""
+def given(system: System, samples: Samples, k: int) -> Wrench:
+    """Force and moment (nt, 3) of a force with components."""
     element = system.forces[k]
-    factor = function_values(system, element.function, times)[:, None]
+    factor = samples.factors[:, k, None]
     force, moment = components(system, element.data)
     if element.kind == at.FOLLOWING:
         R = motion_of(system, samples, element.b).R
@@ -65,13 +65,11 @@ def components(system: System, data: tuple[float, ...]) -> Wrench:
     return np.array(data[:3]), np.array(data[3:])
 
 
-def between(
-    system: System, samples: Samples, times: Array, k: int
-) -> tuple[Wrench, Wrench]:
+def between(system: System, samples: Samples, k: int) -> tuple[Wrench, Wrench]:
     """Forces and moments on both markers of a force between two, (nt, 3) each."""
     element = system.forces[k]
     assert element.a is not None
-    size = _size(system, samples, times, k)[:, None]
+    size = _size(system, samples, k)[:, None]
     if element.kind >= at.TWIST:
         torque = size * torque_axis(system, samples, element)
         return (0.0 * torque, -torque), (0.0 * torque, torque)
@@ -88,11 +86,11 @@ def between(
     return (-force, np.cross(force, line)), (force, 0.0 * force)
 
 
-def _size(system: System, samples: Samples, times: Array, k: int) -> Array:
+def _size(system: System, samples: Samples, k: int) -> Array:
     """What a force law yields, (nt,) [N] or [N m]."""
     element = system.forces[k]
     law, measure = element.law, measured(system, samples, element)
-    size = law.applied * function_values(system, element.function, times)
+    size = law.applied * samples.factors[:, k]
     size = size - law.stiffness.value(measure.g - law.rest)
     size = size - law.damping.value(measure.rate)
     return size - law.friction * np.tanh(measure.rate / law.speed)

@@ -10,6 +10,9 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
     IN_BODY,
     SCENE_QUANTITIES,
+    STATE,
+    VALUE,
+    OutputName,
     coordinate_of,
     is_rate,
     is_stress,
@@ -23,7 +26,7 @@ from ..kernels import planar_columns as planar
 from ..kernels import spatial_columns as spatial
 from ..kernels.layout import Work
 from ..kernels.newton import Kernels, Memory
-from ..system.scene import GROUND_NAME, System
+from ..system.scene import System
 from .energy_history import History
 from .force_measures import measured
 from .force_wrenches import force_wrench
@@ -98,6 +101,11 @@ def _columns(
     name = parse_output(text)
     if is_stress(name.quantity):
         return [(text, stress_column(system, samples, name))]
+    if name.owner in system.scene.forces and name.quantity == VALUE:
+        return [(text, samples.factors[:, _acting(system, name.owner)])]
+    if name.owner in system.scene.forces and name.marker == STATE:
+        row = system.arrays.body[state_row(system, name)]
+        return [(text, samples.v[:, row[at.VEL]])]
     if name.marker:
         m = system.markers[name.owner, name.marker]
         return [(text, _marker_column(system, samples, m, name.quantity))]
@@ -116,6 +124,29 @@ def _columns(
     if name.quantity[-1] == "*" or name.quantity[-1].isdigit():
         return _elastic_columns(system, samples, name.owner, name.quantity)
     return [(text, _body_column(system, samples, name.owner, name.quantity))]
+
+
+def _acting(system: System, force: str) -> int:
+    """Row of the first element of a force."""
+    named = (k for k, e in enumerate(system.forces) if e.acts and e.name == force)
+    return next(named)
+
+
+def state_row(system: System, name: OutputName) -> int:
+    """Row of the body that carries a state of a law.
+
+    Raises
+    ------
+    InputError : there is no such state.
+    """
+    for b, data in enumerate(system.bodies):
+        if data.name == ".".join(name):
+            return b
+    raise InputError(
+        f"the law of {name.owner} has no state {name.quantity!r}",
+        place="outputs.record",
+        expected="one of its states",
+    )
 
 
 def multiplier_rows(system: System, owner: str, quantity: str) -> dict[str, int]:
@@ -246,7 +277,8 @@ def position_names(system: System) -> tuple[str, ...]:
     rigid = {2: "x y", 3: "x y angle" if system.planar else "x y z", 0: ""}
     rigid |= {7: "x y z e0 e1 e2 e3"}
     turns = [name for turn in system.turns if turn.counted for name in turn.angles]
-    return (*_coordinate_names(system, at.NP, rigid, "q"), *turns)
+    names = _coordinate_names(system, at.NP, rigid, "q", " (integral)")
+    return (*names, *turns)
 
 
 def velocity_names(system: System) -> tuple[str, ...]:
@@ -254,17 +286,18 @@ def velocity_names(system: System) -> tuple[str, ...]:
     axes = "vx vy wz" if system.planar else "vx vy vz wx wy wz"
     names = [name + IN_BODY for name in axes.split()]
     rigid = {n: " ".join(names[:n]) for n in (0, 2, 3, 6)}
-    return _coordinate_names(system, at.NV, rigid, "vq")
+    return _coordinate_names(system, at.NV, rigid, "vq", "")
 
 
 def _coordinate_names(
-    system: System, size: int, rigid: dict[int, str], elastic: str
+    system: System, size: int, rigid: dict[int, str], elastic: str, state: str
 ) -> tuple[str, ...]:
     names: list[str] = []
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if data.name == GROUND_NAME:
-            continue
         nq = int(row[at.NQ])
+        if not data.of_scene:
+            names += [data.name + state] * nq
+            continue
         parts = rigid[int(row[size]) - nq].split()
         parts += [f"{elastic}{k + 1}" for k in range(nq)]
         names += [f"{data.name}.{part}" for part in parts]

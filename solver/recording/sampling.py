@@ -26,6 +26,7 @@ class Samples:
         with accelerations complete
     accelerations : (nt, .) z_II'
     multipliers : (nt, rows), of redundant constraints the smallest, see `minimum_norm`
+    factors : (nt, forces) functions of time and laws that scale forces
     undetermined : rows of multipliers that the motion does not determine
     """
 
@@ -35,6 +36,7 @@ class Samples:
     points: Array
     accelerations: Array
     multipliers: Array
+    factors: Array
     undetermined: tuple[int, ...] = ()
 
 
@@ -57,6 +59,7 @@ def sample(
     points = np.zeros((nt, *work.point.shape))
     accelerations = np.zeros((nt, system.n_velocities))
     multipliers = np.zeros((nt, system.n_rows))
+    factors = np.zeros((nt, len(system.forces)))
     edges = np.array([system.scene.time.start, *system.breaks])
     recording.sample(
         kernels,
@@ -74,12 +77,14 @@ def sample(
         points,
         accelerations,
         multipliers,
+        factors,
     )
+    kernel_calls.go_on(system)
     complete_accelerations(system, z, frames, points, accelerations)
     rows: tuple[int, ...] = ()
     if system.redundant:
         multipliers, rows = minimum_norm(system, work, times, z, v, multipliers)
-    return Samples(z, v, frames, points, accelerations, multipliers, rows)
+    return Samples(z, v, frames, points, accelerations, multipliers, factors, rows)
 
 
 def sample_known(
@@ -94,14 +99,15 @@ def sample_known(
     """Recorded states whose accelerations and multipliers are known."""
     frames = np.zeros((len(times), *work.frame.shape))
     points = np.zeros((len(times), *work.point.shape))
+    factors = np.zeros((len(times), len(system.forces)))
     for k, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
         work.clock[0] = clock
         kernel_calls.evaluate(system, work, t, z[k], v[k])
         keep_turns(system, work, z[k])
-        frames[k], points[k] = work.frame, work.point
+        frames[k], points[k], factors[k] = work.frame, work.point, work.factor
     complete_accelerations(system, z, frames, points, accelerations)
     smallest, rows = minimum_norm(system, work, times, z, v, multipliers)
-    return Samples(z, v, frames, points, accelerations, smallest, rows)
+    return Samples(z, v, frames, points, accelerations, smallest, factors, rows)
 
 
 def complete_accelerations(

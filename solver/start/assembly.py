@@ -164,7 +164,7 @@ def _check_springs(system: System, state: State) -> None:
     """Raises forces along a line without a direction: their markers coincide."""
     axes = 2 if system.planar else 3
     for element in system.forces:
-        if element.kind != at.SPAN or element.a is None:
+        if element.kind != at.SPAN or element.a is None or element.is_read:
             continue
         ends = [state.work.point[system.markers[m]] for m in (element.a, element.b)]
         gap = np.linalg.norm(ends[1][:axes] - ends[0][:axes])

@@ -15,7 +15,7 @@ from ..kernels.coordinates import retract
 from ..kernels.newton import Memory
 from ..system import kernel_calls
 from ..system.bodies import quaternion
-from ..system.scene import GROUND_NAME, System
+from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from ..system.storage import new_memory, new_work
 from .carried import place_carried
@@ -47,7 +47,8 @@ def guess(system: System) -> Start:
     """
     z, v = np.zeros(system.n_positions), np.zeros(system.n_velocities)
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if data.name == GROUND_NAME:
+        if not data.of_scene:
+            v[row[at.VEL] : row[at.VEL] + row[at.NV]] = data.starts_at
             continue
         initial = system.scene.bodies[data.name].initial
         matrix = rotation(initial)
@@ -219,7 +220,7 @@ def _free_coordinates(system: System) -> Array:
     """True for velocity coordinates of bodies that the assembly may move."""
     free = np.ones(system.n_velocities, bool)
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if data.name != GROUND_NAME and system.scene.bodies[data.name].initial.fixed:
+        if data.of_scene and system.scene.bodies[data.name].initial.fixed:
             free[row[at.VEL] : row[at.VEL] + row[at.NV]] = False
     return free
 

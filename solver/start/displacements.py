@@ -15,7 +15,7 @@ from ..kernels import spatial_columns as spatial
 from ..kernels.layout import Work
 from ..system import kernel_calls
 from ..system.bodies import quaternion
-from ..system.scene import GROUND_NAME, System
+from ..system.scene import System
 from ..system.storage import new_work
 from .consistent import Start
 
@@ -28,7 +28,7 @@ def displacements(system: System, work: Work) -> dict[str, tuple[float, float]]:
     [m], and the angle [rad]; `work` holds the frames."""
     found = {}
     for b, data in enumerate(system.bodies):
-        if data.name == GROUND_NAME:
+        if not data.of_scene:
             continue
         initial, frame = system.scene.bodies[data.name].initial, work.frame[b]
         if system.planar:
@@ -89,7 +89,7 @@ def _deformations(
     hurried: dict[str, tuple[float, float]] = {}
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         nq = int(row[at.NQ])
-        if data.name == GROUND_NAME or not nq:
+        if not data.of_scene or not nq:
             continue
         initial = system.scene.bodies[data.name].initial
         last = int(row[at.POS] + row[at.NP]), int(row[at.VEL] + row[at.NV])
@@ -124,7 +124,7 @@ def _replaced_velocities(
     """
     changes, sizes = {}, {}
     for b, data in enumerate(system.bodies):
-        if data.name == GROUND_NAME:
+        if not data.of_scene:
             continue
         initial = system.scene.bodies[data.name].initial
         found = _velocities(system, work.frame[b])

@@ -60,6 +60,8 @@ class BodyData:
     quadratic_inertia : keep the term of J that is quadratic in q; stiffened bodies
         always do
     nodes : marker name to node id
+    of_scene : False for the ground, and for what carries a state of a law, see `laws`
+    starts_at : that state at the start
     """
 
     name: str
@@ -67,6 +69,8 @@ class BodyData:
     rotates: bool
     quadratic_inertia: bool
     nodes: Mapping[str, str]
+    of_scene: bool = True
+    starts_at: float = 0.0
 
     def node(self, marker: str) -> Node:
         """The node behind a marker name; no name is the origin of a rigid body."""
@@ -301,8 +305,8 @@ def symmetric(matrix: Array) -> Array:
 
 def amplitudes(sid: SID, axes: int) -> Array:
     """Largest displacement at a node per unit of each elastic coordinate, (nq,)."""
-    if sid.nq == 0:
-        return np.zeros(0)
+    if sid.nq == 0 or sid.mass == 0.0:
+        return np.ones(sid.nq)
     fallback = np.sqrt(np.maximum(np.diag(sid.Me.m0), 1e-300) / sid.mass)
     if not sid.nodes:
         return fallback

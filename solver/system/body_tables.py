@@ -13,7 +13,6 @@ from . import bodies as packing
 from .bodies import BodyData
 from .eliminated import MOTIONS, slide
 from .ingredients import Ingredients, Reference
-from .scene import GROUND_NAME
 
 #: Columns that prescribe a frame.
 PRESCRIBING = [at.MOTION, at.BASE, at.TIP, at.DRIVE, at.FRAME]
@@ -34,6 +33,8 @@ def body_table(parts: Ingredients, markers: dict[Reference, int]) -> IntTable:
         row[at.NV], row[at.NP] = rigid + nq, rigid + nq + turns
         row[at.POS], row[at.VEL], row[at.BLOCK] = position, velocity, block
         row[at.FLAGS] = packing.flags(data.sid, data.quadratic_inertia)
+        if not data.of_scene and nq:
+            row[at.FLAGS] |= at.STATE
         row[at.DATA] = parts.pool.add(_packed(parts, data))
         row[at.FRAME], row[at.MOTION] = _frame_data(parts, name)
         row[at.DRIVE] = _frame_drive(parts, name)
@@ -59,7 +60,7 @@ def _packed(parts: Ingredients, data: BodyData) -> Array:
 
 def _rigid_coordinates(parts: Ingredients, data: BodyData) -> tuple[int, int]:
     """Rigid velocity coordinates, and how many position coordinates come on top."""
-    if data.name == GROUND_NAME or data.name in parts.frames:
+    if not data.of_scene or data.name in parts.frames:
         return 0, 0
     if parts.planar:
         return (3, 0) if data.rotates else (2, 0)
@@ -67,7 +68,7 @@ def _rigid_coordinates(parts: Ingredients, data: BodyData) -> tuple[int, int]:
 
 
 def _frame_data(parts: Ingredients, name: str) -> tuple[int, int]:
-    if name == GROUND_NAME:
+    if not parts.data[name].of_scene:
         return 0, at.GROUND
     frame = parts.frames.get(name)
     if frame is None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
+    STATE,
     SceneFile,
     as_3d,
     coordinate_of,
@@ -26,6 +27,7 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import SID, rigid_node, rigid_sid
 
 from ..functions.callables import Derivatives
+from ..functions.laws import Law
 from ..functions.pool import Pool
 from ..functions.table import FunctionTable
 from ..kernels import layout as at
@@ -38,6 +40,7 @@ from .eliminated import asks_for_joints, eliminated_frames, eliminated_joints
 from .forces import Element, compile_forces, force_table, joint_coordinate
 from .held_frames import with_held_frames
 from .ingredients import Ingredients, Reference, driven_coordinates
+from .laws import LawTable, laws_of, state_bodies
 from .newton_rows import newton_rows
 from .rigid_bodies import without_elasticity
 from .scene import GROUND_NAME, System
@@ -50,12 +53,13 @@ def build_system(
     sids: Mapping[str, SID],
     drives: Mapping[str, Derivatives] | None = None,
     keep_joints: bool = False,
-    forces: Mapping[str, Derivatives] | None = None,
+    forces: Mapping[str, Derivatives | Law] | None = None,
 ) -> System:
     """Flat tables of a scene, before its initial conditions are looked at.
 
     sids : of all bodies that have one; see `read_sids`
-    drives, forces : callables that replace functions of time, by name
+    drives, forces : callables that replace functions of time, by name; of forces also
+        laws
     keep_joints : joints stay constraints even where they prescribe a frame
 
     Raises
@@ -70,10 +74,13 @@ def build_system(
     data[GROUND_NAME] = _ground(scene)
     functions = FunctionTable(pool, (scene.time.start, scene.time.end))
     drive_index = _drive_functions(scene, functions, drives or {})
-    elements = compile_forces(scene, functions, planar, forces or {})
+    laws = laws_of(scene, forces or {})
     frames = eliminated_frames(scene, data)
+    data |= state_bodies(laws)
+    table = LawTable(scene, data, functions, laws)
+    elements = compile_forces(scene, functions, planar, forces or {}, table.rows)
     others = [name for name in scene.bodies if name not in frames]
-    order = (GROUND_NAME, *frames, *others)
+    order = (GROUND_NAME, *frames, *others, *state_bodies(laws))
     parts = Ingredients(scene, data, frames, order, drive_index, pool)
     cut = _system(parts, functions, elements)
     cut = replace(cut, sids=sids)
@@ -108,7 +115,7 @@ def _system(
     marker, phi = marker_table(parts, markers)
     tables = constraint_tables(parts, constraints, markers, body, marker)
     dims = _dims(parts, body, tables, phi, turns)
-    force = force_table(elements, markers, parts.pool)
+    force = force_table(elements, markers, parts.order, parts.pool)
     turn = turn_table(turns, markers, parts.pool)
     rows_of_newton = newton_rows(body, marker, tables.segment, dims, force)
     arrays = at.System(
@@ -193,7 +200,7 @@ def _ground(scene: SceneFile) -> BodyData:
     for name, placement in scene.ground.markers.items():
         nodes.append(rigid_node(name, position_3d(placement), rotation(placement)))
     sid = rigid_sid(0.0, np.zeros(3), np.zeros((3, 3)), tuple(nodes))
-    return BodyData(GROUND_NAME, sid, False, False, {})
+    return BodyData(GROUND_NAME, sid, False, False, {}, of_scene=False)
 
 
 def _drive_functions(
@@ -221,9 +228,19 @@ def _used_markers(
     """Only markers that something uses, sorted by body; rows of their table."""
     used = {reference for c in constraints for reference in (c.a, c.b)}
     used |= {ref for frame in parts.frames.values() for ref in (frame.base, frame.tip)}
-    used |= {ref for force in forces for ref in (force.a, force.b) if ref is not None}
+    used |= {
+        ref
+        for force in forces
+        for ref in (force.a, force.b)
+        if ref is not None and force.kind != at.COORDINATE
+    }
     outputs = [parse_output(text) for text in watched(parts.scene)]
-    used |= {(name.owner, name.marker) for name in outputs if name.marker}
+    laws = parts.scene.forces
+    used |= {
+        (name.owner, name.marker)
+        for name in outputs
+        if name.marker and not (name.owner in laws and name.marker == STATE)
+    }
     for reference in used:
         parts.node(reference)
     ranked = sorted(used, key=lambda ref: (parts.order.index(ref[0]), ref[1]))

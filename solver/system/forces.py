@@ -7,8 +7,9 @@ as a function of time. One entry in `_COMPILERS` adds a kind.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +17,11 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
     Actuator,
     Bushing,
-    Characteristic,
+    Expression,
     Force,
     Friction,
     Given,
+    Pid,
     PointForce,
     SceneFile,
     SpringDamper,
@@ -27,96 +29,28 @@ from sidtool.formats.scene import (
     marker_names,
     marker_reference,
 )
-from sidtool.formats.sid import Array
 
-from ..functions.callables import Derivatives
-from ..functions.features import Features
+from ..functions.laws import Law as GivenLaw
+from ..functions.native import Native
 from ..functions.pool import Pool
-from ..functions.table import FunctionTable, features
+from ..functions.table import FunctionTable
 from ..kernels import layout as at
 from ..kernels.layout import IntTable
+from .force_laws import NOTHING, Law, characteristic, powers
 from .ingredients import Reference
 from .joints import joint_parts
 
 
 @dataclass(frozen=True, eq=False)
-class Polynomials:
-    """A piecewise polynomial: starts (n,) and coefficients (n, terms), lowest first."""
+class Programmed:
+    """The law of a row of the table of forces.
 
-    starts: Array
-    terms: Array
+    reads : (which of its measures, 1 for its rate) of all outputs that it reads
+    natives : callables in it, whose addresses its code holds
+    """
 
-    def value(self, x: Array) -> Array:
-        """Values at x, (nt,)."""
-        if len(self.starts) == 0:
-            return np.zeros_like(x)
-        piece = self._piece(x)
-        return _horner(self.terms[piece], x - self.starts[piece])
-
-    def integral(self, x: Array) -> Array:
-        """Integrals from 0 to x, (nt,)."""
-        if len(self.starts) == 0:
-            return np.zeros_like(x)
-        return self._antiderivative(x) - self._antiderivative(np.zeros(1))
-
-    def _antiderivative(self, x: Array) -> Array:
-        powers = np.arange(1, self.terms.shape[1] + 1)
-        terms = np.column_stack([np.zeros(len(self.starts)), self.terms / powers])
-        terms[1:, 0] = np.cumsum(_horner(terms, self._lengths())[:-1])
-        piece = self._piece(x)
-        return _horner(terms[piece], x - self.starts[piece])
-
-    def _lengths(self) -> Array:
-        return np.diff(self.starts, append=self.starts[-1])
-
-    def _piece(self, x: Array) -> Array:
-        return np.maximum(np.searchsorted(self.starts, x, side="right") - 1, 0)
-
-
-def _horner(terms: Array, x: Array) -> Array:
-    """Polynomials with coefficients (n, terms), lowest first, at x (n,)."""
-    total = np.zeros(np.broadcast_shapes(terms.shape[:1], x.shape))
-    for column in terms.T[::-1]:
-        total = total * x + column
-    return total
-
-
-NOTHING = Polynomials(np.zeros(0), np.zeros((0, 0)))
-
-
-@dataclass(frozen=True, eq=False)
-class Law:
-    """F = applied(t) - K(g - rest) - D(g') - friction tanh(g' / speed)."""
-
-    rest: float = 0.0
-    applied: float = 0.0
-    friction: float = 0.0
-    speed: float = 1.0
-    stiffness: Polynomials = NOTHING
-    damping: Polynomials = NOTHING
-
-    def features(self) -> Features:
-        """Of the force over the measure, which no step may pass unseen."""
-        curve = self.stiffness
-
-        def value(g: Array) -> Array:
-            return curve.value(g - self.rest)
-
-        return features.of_characteristic(value, self.rest + curve.starts)
-
-    def rate_features(self) -> Features:
-        """Of the force over the rate of the measure, likewise."""
-        if self.friction == 0.0:
-            return features.NONE
-        return features.of_friction(self.speed)
-
-    def packed(self) -> Array:
-        """In the order of `kernels.forces`."""
-        sizes = [*self.stiffness.terms.shape, *self.damping.terms.shape]
-        head = [self.rest, self.applied, self.friction, self.speed, *sizes]
-        parts = [self.stiffness, self.damping]
-        rows = [np.concatenate([p.starts, p.terms.ravel()]) for p in parts]
-        return np.concatenate([head, *rows])
+    reads: Mapping[str, tuple[int, int]]
+    natives: tuple[Native, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +63,9 @@ class Element:
     function : row of its function of time, -1 for none
     coordinate : joint and coordinate that are its measure, if they are
     turn : entry of Work.turn that is its measure, -1 for none, see `turns`
+    code : instructions of its law, see `kernels.forces.programs`; empty for none
+    programmed : what is known of that law
+    is_read : no force, but a measure for the next row that has a law
     """
 
     name: str
@@ -140,17 +77,27 @@ class Element:
     function: int = -1
     coordinate: tuple[str, str] | None = None
     turn: int = -1
+    code: tuple[float, ...] = ()
+    programmed: Programmed | None = None
+    is_read: bool = False
+
+    @property
+    def acts(self) -> bool:
+        """Whether it is a force on bodies; else a measure, or what changes a state."""
+        return not self.is_read and self.kind != at.COORDINATE
 
 
 def compile_forces(
     scene: SceneFile,
     functions: FunctionTable,
     planar: bool,
-    programs: Mapping[str, Derivatives],
+    programs: Mapping[str, Any],
+    rows_of: Callable[[Element], list[Element]],
 ) -> tuple[Element, ...]:
     """The elements of all forces of a scene.
 
-    programs : callables that replace the functions of time of forces
+    programs : callables and laws that replace the functions of forces
+    rows_of : adds to an element that may have a law what belongs to that
 
     Raises
     ------
@@ -161,15 +108,17 @@ def compile_forces(
     for name, force in scene.forces.items():
         function, row = getattr(force, "function", None), -1
         program = programs.get(name)
-        if function is not None or program is not None:
+        is_law = isinstance(program or function, Expression | Pid | GivenLaw)
+        if not is_law and (function is not None or program is not None):
             place = f"forces.{name}.function"
             row = functions.add(function or Given(type="callable"), place, program)
         context = _Context(name, scene, planar, row)
-        found += _COMPILERS[type(force)](force, context)
+        for element in _COMPILERS[type(force)](force, context):
+            found += rows_of(element)
     return tuple(found)
 
 
-def _check_programs(scene: SceneFile, programs: Mapping[str, Derivatives]) -> None:
+def _check_programs(scene: SceneFile, programs: Mapping[str, Any]) -> None:
     timed = [name for name, force in scene.forces.items() if hasattr(force, "function")]
     for name in programs:
         if name not in timed:
@@ -207,10 +156,10 @@ def _point_force(force: PointForce, context: _Context) -> list[Element]:
 
 
 def _spring_damper(force: SpringDamper, context: _Context) -> list[Element]:
-    stiffness = _powers(force.stiffness)
+    stiffness = powers(force.stiffness)
     if force.table is not None:
-        stiffness = _characteristic(force.table)
-    law = Law(rest=force.rest, stiffness=stiffness, damping=_powers(force.damping))
+        stiffness = characteristic(force.table)
+    law = Law(rest=force.rest, stiffness=stiffness, damping=powers(force.damping))
     return [_pair(force.markers, force.joint, force.coordinate, law, context)]
 
 
@@ -220,7 +169,7 @@ def _actuator(force: Actuator, context: _Context) -> list[Element]:
 
 
 def _friction(force: Friction, context: _Context) -> list[Element]:
-    viscous = _powers((force.viscous,)) if force.viscous else NOTHING
+    viscous = powers((force.viscous,)) if force.viscous else NOTHING
     law = Law(friction=force.force, speed=force.speed, damping=viscous)
     return [_pair(None, force.joint, force.coordinate, law, context)]
 
@@ -275,7 +224,7 @@ def _bushing(force: Bushing, context: _Context) -> list[Element]:
             a,
             b,
             data,
-            Law(stiffness=_powers((k,)), damping=_powers((d,))),
+            Law(stiffness=powers((k,)), damping=powers((d,))),
         )
         for (kind, data), k, d in zip(measures, force.stiffness, damping, strict=True)
         if k != 0.0 or d != 0.0
@@ -313,36 +262,36 @@ _COMPILERS: dict[type[Force], Callable[..., list[Element]]] = {
 }
 
 
-def _powers(values: tuple[float, ...] | None) -> Polynomials:
-    """A polynomial without constant term."""
-    if values is None:
-        return NOTHING
-    return Polynomials(np.zeros(1), np.array([[0.0, *values]]))
-
-
-def _characteristic(table: Characteristic) -> Polynomials:
-    from scipy.interpolate import PchipInterpolator
-
-    curve = PchipInterpolator(table.deflection, table.force)
-    inside = np.ascontiguousarray(curve.c[::-1].T)
-    slopes = curve.derivative()(curve.x[[0, -1]])
-    before = [table.force[0], slopes[0], 0.0, 0.0]
-    after = [table.force[-1], slopes[1], 0.0, 0.0]
-    starts = np.concatenate([curve.x[:1], curve.x])
-    return Polynomials(starts, np.vstack([before, inside, after]))
-
-
 def force_table(
-    elements: tuple[Element, ...], markers: dict[Reference, int], pool: Pool
+    elements: tuple[Element, ...],
+    markers: dict[Reference, int],
+    order: Sequence[str],
+    pool: Pool,
 ) -> IntTable:
-    """The table of forces, without their rows in Newton matrices."""
+    """The table of forces, without their rows in Newton matrices.
+
+    order : names of bodies, as in their table
+    """
     table = np.full((len(elements), at.N_FORCE), -1, np.int64)
-    for row, element in zip(table, elements, strict=True):
+    for k, (row, element) in enumerate(zip(table, elements, strict=True)):
         row[at.F_KIND] = element.kind
-        row[at.F_A] = -1 if element.a is None else markers[element.a]
-        row[at.F_B] = markers[element.b]
-        row[at.F_DATA] = pool.add(element.data)
+        if element.kind == at.COORDINATE:
+            row[at.F_B] = order.index(element.b[0])
+            row[at.F_DATA] = int(element.data[0])
+        else:
+            row[at.F_A] = -1 if element.a is None else markers[element.a]
+            row[at.F_B] = markers[element.b]
+            row[at.F_DATA] = pool.add(element.data)
         row[at.F_LAW] = pool.add(element.law.packed())
         row[at.F_TIME] = element.function
         row[at.F_TURN] = element.turn
+        if element.code:
+            row[at.F_CODE] = pool.add(element.code)
+            read = int(element.code[0])
+            table[k - read : k, at.F_OWNER] = k
     return table
+
+
+def most_read(elements: Sequence[Element]) -> int:
+    """The largest number of measures that a law reads."""
+    return max((int(e.code[0]) for e in elements if e.code), default=0)

@@ -14,6 +14,13 @@ def evaluate(system: System, work: Work, t: float, z: Array, v: Array) -> None:
     at = equations
     kernel = at.evaluate_in_plane if system.planar else at.evaluate_in_space
     kernel(system.arrays, work, t, z, v)
+    go_on(system)
+
+
+def go_on(system: System) -> None:
+    """Raises what stopped a callable of a law while a kernel ran, as Ctrl-C does."""
+    for native in system.natives:
+        native.go_on()
 
 
 def linearise(

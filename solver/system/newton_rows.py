@@ -59,19 +59,30 @@ def newton_rows(
 def _force_pieces(
     body: IntTable, marker: IntTable, dims: IntTable, force: IntTable
 ) -> list[tuple[int, int, int]]:
-    """Row of the force table, body and offset of each segment of a force."""
+    """Row of the force table, body and offset of each segment of a force.
+
+    What a law reads belongs to the row of its force.
+    """
     pieces = []
     offset = int(dims[at.N_ENTRIES])
     for k, row in enumerate(force):
-        if row[at.F_KIND] <= at.FOLLOWING:
-            continue
-        for column, m in ((at.F_SEG_A, at.F_A), (at.F_SEG_B, at.F_B)):
-            b = int(marker[row[m], at.M_BODY])
+        owner = k if row[at.F_OWNER] < 0 else int(row[at.F_OWNER])
+        for column, b in _ends(row, marker):
             if body[b, at.NV] > 0:
                 row[column] = offset
-                pieces.append((k, b, offset))
+                pieces.append((owner, b, offset))
                 offset += int(body[b, at.NV])
     return pieces
+
+
+def _ends(row: Array, marker: IntTable) -> list[tuple[int, int]]:
+    """Columns of the segments of a force, or of a measure of a law, and the bodies."""
+    if row[at.F_KIND] == at.COORDINATE:
+        return [(at.F_SEG_B, int(row[at.F_B]))]
+    end = (at.F_SEG_B, int(marker[row[at.F_B], at.M_BODY]))
+    if row[at.F_KIND] <= at.FOLLOWING:
+        return [end] if row[at.F_CODE] >= 0 else []
+    return [(at.F_SEG_A, int(marker[row[at.F_A], at.M_BODY])), end]
 
 
 def with_slack(arrays: at.System, slack: Array) -> at.System:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
 
 from ..functions.features import Features
+from ..functions.native import Native
 from ..kernels import layout as at
 from .bodies import BodyData
 from .forces import Element
@@ -94,6 +96,12 @@ class System:
         """The scene with all of its joints as constraints, to look at what they ask."""
         return self if self.every_joint is None else self.every_joint()
 
+    @cached_property
+    def natives(self) -> tuple[Native, ...]:
+        """Callables in laws."""
+        laws = [e.programmed for e in self.forces if e.programmed is not None]
+        return tuple(native for law in laws for native in law.natives)
+
     @property
     def planar(self) -> bool:
         return self.scene.dimension == "planar"
@@ -125,6 +133,14 @@ class System:
         edges = np.array([self.scene.time.start, *self.breaks])
         part = np.clip(np.searchsorted(edges, times) - 1, 0, len(edges) - 2)
         return np.asarray(0.5 * (edges[part] + edges[part + 1]))
+
+    def with_states(self, values: Mapping[str, float]) -> System:
+        """The system whose laws start with these states, see `laws.state_body`."""
+        bodies = tuple(
+            replace(data, starts_at=values.get(data.name, data.starts_at))
+            for data in self.bodies
+        )
+        return replace(self, bodies=bodies)
 
     def index(self, body: str) -> int:
         """Row of a body in the tables."""

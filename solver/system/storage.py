@@ -9,6 +9,7 @@ import numpy as np
 from sidtool.formats.sid import SID, Array
 
 from ..kernels import layout as at
+from ..kernels.forces import programs
 from ..kernels.lapack import lapack
 from ..kernels.newton import N_COUNTERS, Memory
 from ..kernels.planar_columns import N_FRAME as PLANAR_FRAME
@@ -18,6 +19,7 @@ from ..kernels.spatial_columns import N_FRAME as SPATIAL_FRAME
 from ..kernels.spatial_columns import N_MODAL
 from ..kernels.spatial_columns import N_POINT as SPATIAL_POINT
 from .bodies import elastic_mass, modal_squares, shape_functions, symmetric
+from .forces import most_read
 from .scene import System
 
 #: Weight of stiffness against mass in the metric of projections: radians of the slowest
@@ -36,6 +38,7 @@ def new_work(system: System) -> at.Work:
     entries = segment_entries(system)
     largest = max(1, int(body[:, at.NV].max()))
     turns = sum(len(turn.angles) for turn in system.turns)
+    read = most_read(system.forces)
     frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
     point = PLANAR_POINT if system.planar else SPATIAL_POINT
     return at.Work(
@@ -52,6 +55,10 @@ def new_work(system: System) -> at.Work:
         np.zeros((system.n_rows, at.N_ROW)),
         np.zeros((turns, at.N_TURNED)),
         np.zeros((len(system.forces), 2)),
+        np.ones(len(system.forces)),
+        np.zeros((len(system.forces), 2)),
+        np.zeros(programs.DEPTH * (1 + 2 * read)),
+        np.zeros(programs.LAPSED_MEASURES + 2 * read),
         np.zeros(1),
         np.zeros(max(2 * largest, SCRATCH)),
         np.zeros(N_MODAL * int(body[:, at.NQ].max())),

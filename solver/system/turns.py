@@ -72,7 +72,8 @@ def with_turns(
 
 
 def _depends_on_angle(element: Element) -> bool:
-    return element.kind == at.TILT or len(element.law.stiffness.starts) > 0
+    springs = len(element.law.stiffness.starts) > 0
+    return element.kind == at.TILT or springs or element.is_read
 
 
 class _Book:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from ..algebra import zero
 from ..compiling import inner
-from ..layout import FOLLOWING, N_ENTRIES, SLIDE, SPAN
+from ..layout import COORDINATE, FOLLOWING, N_ENTRIES, SLIDE, SPAN
 from ..marker_rows import segment, vary_psi, vary_velocity
+from .coordinate import evaluate as evaluate_coordinate
+from .coordinate import linearise as linearise_coordinate
 from .given import evaluate as evaluate_given
 from .given import linearise as linearise_given
-from .law import force_law
+from .law import force_law, set_factor, set_slopes
 from .rotation import measure as measure_rotation
 from .rotation import rate_derivatives as rotation_derivatives
 from .rotation import stiffness as rotation_stiffness
@@ -43,28 +45,34 @@ def _push(system, work, m, force, torque):
 
 
 @inner()
-def evaluate_forces(system, work, t):
-    """Adds to f; keeps what the forces measure."""
+def evaluate_forces(system, work, t, z, v):
+    """Adds to f; keeps what the forces measure, and what laws read before them."""
     for k in range(len(system.force)):
         row = system.force[k]
+        set_factor(system, work, k, t)
         if row.kind <= FOLLOWING:
-            force, torque = evaluate_given(system, work, k, t)
+            force, torque = evaluate_given(system, work, k, work.factor[k])
             _push(system, work, row.b, force, torque)
+            continue
+        if row.kind == COORDINATE:
+            evaluate_coordinate(system, work, k, z, v)
             continue
         g, rate, n, torque_a, torque_b = measure(system, work, k)
         work.measure[k, 0], work.measure[k, 1] = g, rate
-        size, _, _ = force_law(system, work, k, t, g, rate)
+        if row.owner >= 0:
+            continue
+        size, _, _ = force_law(system, work, k, g, rate)
         _push(system, work, row.b, size * n, size * torque_b)
         _push(system, work, row.a, -size * n, size * torque_a)
 
 
 @inner()
-def _linearise(system, work, k, t, v):
+def _linearise(system, work, k, v):
     """The row of a force: its direction, its stiffness and its damping."""
     row = system.force[k]
     kind = row.kind
     g, rate, n, torque_a, torque_b = measure(system, work, k)
-    force, stiffness, damping = force_law(system, work, k, t, g, rate)
+    force, stiffness, damping = force_law(system, work, k, g, rate)
     if kind == SPAN:
         by_x, turn_a, turn_b = span_derivatives(system, work, row, g, rate, n)
         span_stiffness(system, work, row, g, n, force)
@@ -83,7 +91,8 @@ def _linearise(system, work, k, t, v):
             continue
         m, sign = (row.a, -1.0) if side == 0 else (row.b, 1.0)
         torque, turn = (torque_a, turn_a) if side == 0 else (torque_b, turn_b)
-        segment(system, work, work.C, o, m, sign * n, torque)
+        if row.owner < 0:
+            segment(system, work, work.C, o, m, sign * n, torque)
         segment(system, work, work.Gp, o, m, sign * by_x, turn)
         segment(system, work, work.Gv, o, m, zero(n), damping * torque)
         vary_psi(system, work, work.Gp, o, m, damping * torque, v)
@@ -100,8 +109,11 @@ def linearise_forces(system, work, t, v):
     """
     for i in range(system.dims[N_ENTRIES], len(work.C)):
         work.C[i] = 0.0
+    set_slopes(system, work, t)
     for k in range(len(system.force)):
         if system.force[k].kind <= FOLLOWING:
-            linearise_given(system, work, k, t)
+            linearise_given(system, work, k)
+        elif system.force[k].kind == COORDINATE:
+            linearise_coordinate(system, work, k)
         else:
-            _linearise(system, work, k, t, v)
+            _linearise(system, work, k, v)

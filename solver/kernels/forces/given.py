@@ -7,6 +7,7 @@ import math
 from ..algebra import cross, load, rotate, size, unit, zero
 from ..compiling import inner
 from ..layout import FOLLOWING
+from ..marker_rows import segment
 from ..marker_stiffness import (
     add_outer,
     bending_stiffness,
@@ -16,7 +17,6 @@ from ..marker_stiffness import (
 )
 from ..spaces import BySpace
 from ..values import Turn, formula
-from .law import time_factor
 
 
 @formula
@@ -39,10 +39,10 @@ _orientation = BySpace(plane=_in_plane, space=_in_space)
 
 
 @inner()
-def evaluate(system, work, k, t):
-    """Inertial force and torque."""
+def evaluate(system, work, k, scale):
+    """Inertial force and torque, for what scales them."""
     row = system.force[k]
-    point, scale = work.point[row.b], time_factor(system, work, k, t)
+    point = work.point[row.b]
     force = scale * load(point.x, system.pool, row.data)
     torque = scale * load(point.w, system.pool, row.data + size(point.x))
     if row.kind == FOLLOWING:
@@ -72,13 +72,17 @@ _follow = BySpace(plane=_follow_in_plane, space=_follow_in_space)
 
 
 @inner()
-def linearise(system, work, k, t):
-    """Rp: the arm of the force moves; a following one turns, another does not."""
+def linearise(system, work, k):
+    """Rp: the arm of the force moves; a following one turns, another does not. With a
+    law, the direction of its row."""
     row = system.force[k]
     m = row.b
     if system.body[system.marker[m].body].nv == 0:
         return
-    force, torque = evaluate(system, work, k, t)
+    if row.seg_b >= 0:
+        force, torque = evaluate(system, work, k, 1.0)
+        segment(system, work, work.C, row.seg_b, m, force, torque)
+    force, torque = evaluate(system, work, k, work.factor[k])
     if row.kind == FOLLOWING:
         _follow(system, work, m, force, torque)
         return

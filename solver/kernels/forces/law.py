@@ -3,9 +3,10 @@
 The force on a measure g of the motion, positive in the direction in which g grows, is
 (eq. (16))
 
-    F = applied(t) - K(g - rest) - D(g') - friction tanh(g' / speed),
+    F = applied f - K(g - rest) - D(g') - friction tanh(g' / speed),
 
-with piecewise polynomials K and D.
+with piecewise polynomials K and D, and f a function of time or what a law makes of
+other measures, see `programs`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import math
 
 from ..compiling import inner
 from ..drives import drive_value
+from .programs import law_value
 
 # Entries of a force law in the pool; K and D follow, each as the starts of its pieces
 # and then the coefficients of each, lowest power first.
@@ -40,18 +42,33 @@ def piecewise(pool, at, pieces, terms, x):
 
 
 @inner()
-def time_factor(system, work, k, t):
-    """The function of time of a force, 1 where there is none."""
-    if system.force[k].time < 0:
-        return 1.0
-    value, _, _ = drive_value(system, system.force[k].time, work.clock[0], t)
-    return value
+def set_factor(system, work, k, t):
+    """What scales a force: its law, its function of time, or 1."""
+    value = 1.0
+    if system.force[k].code >= 0:
+        value = law_value(system, work, k, t, False)
+    elif system.force[k].time >= 0:
+        value, _, _ = drive_value(system, system.force[k].time, work.clock[0], t)
+    work.factor[k] = value
 
 
 @inner()
-def force_law(system, work, k, t, g, rate):
-    """Force, its stiffness -dF/dg and its damping -dF/dg'."""
+def set_slopes(system, work, t):
+    """Derivatives of all laws by what they read."""
+    for k in range(len(system.force)):
+        if system.force[k].code >= 0:
+            law_value(system, work, k, t, True)
+
+
+@inner()
+def force_law(system, work, k, g, rate):
+    """Force, its stiffness -dF/dg and its damping -dF/dg'.
+
+    Of a measure that a law reads, those of the force by that law.
+    """
     pool, law = system.pool, system.force[k].law
+    if system.force[k].owner >= 0:
+        return 0.0, -work.slope[k, 0], -work.slope[k, 1]
     at = law + POLYNOMIALS
     pieces, terms = int(pool[law + K_PIECES]), int(pool[law + K_TERMS])
     spring, stiffness = piecewise(pool, at, pieces, terms, g - pool[law + REST])
@@ -60,7 +77,7 @@ def force_law(system, work, k, t, g, rate):
     damper, damping = piecewise(pool, at, pieces, terms, rate)
     force = -spring - damper
     if pool[law + APPLIED] != 0.0:
-        force += pool[law + APPLIED] * time_factor(system, work, k, t)
+        force += pool[law + APPLIED] * work.factor[k]
     if pool[law + FRICTION] != 0.0:
         saturation = math.tanh(rate / pool[law + SPEED])
         force -= pool[law + FRICTION] * saturation

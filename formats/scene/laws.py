@@ -1,0 +1,104 @@
+"""Laws: what a force makes of outputs of the motion, as a formula or a controller."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from .base import Table
+from .functions import (
+    Constant,
+    Function,
+    Given,
+    Harmonic,
+    Polynomial,
+    SmoothStep,
+    Spline,
+)
+
+_LIMITS = "lower and upper bound of the value"
+_SAMPLE = (
+    "time between two samples [s]: the value is computed from what is measured at a "
+    "sample and held until the next; default none, all the time"
+)
+
+
+class State(Table):
+    """A number that a law keeps, as an integral or a filter does.
+
+    It follows the differential equation x' = `rate`; that of a law with a sample time
+    becomes `next` at each sample, after the value was computed.
+    """
+
+    initial: float = 0.0
+    rate: str | None = Field(default=None, description="a formula, as `value`")
+    next: str | None = Field(default=None, description="a formula, with sample_time")
+
+
+class Expression(Table):
+    """A formula of outputs, such as "-50*elbow.angle - 3*elbow.angle_rate + 2*sin(t)".
+
+    Names are t, pi, parameters, states, and outputs that are positions or velocities:
+    coordinates of joints and their rates, places and velocities of markers and rigid
+    bodies, elastic coordinates; states of other laws as FORCE.state.NAME. Names with a
+    hyphen stand in quotes. Operators are + - * / and **; functions are sin cos tan
+    asin acos atan atan2 sinh cosh tanh exp log sqrt abs sign min max and
+    clip(x, lower, upper).
+    """
+
+    type: Literal["expression"]
+    value: str = Field(description="the formula [N] or [N m]")
+    parameters: dict[str, float] = Field(
+        default_factory=dict, description="numbers by name"
+    )
+    states: dict[str, State] = Field(
+        default_factory=dict, description="numbers that the law keeps, by name"
+    )
+    limits: tuple[float, float] | None = Field(default=None, description=_LIMITS)
+    sample_time: float | None = Field(default=None, gt=0, description=_SAMPLE)
+
+
+class Pid(Table):
+    """A controller: p e + i (integral of e) + d e' of e = reference - measured.
+
+    With `limits` the integral follows e + (limited - unlimited value) / (i T), so that
+    it does not wind up; T is `anti_windup`. With `filter` e' passes a first-order lag.
+    """
+
+    type: Literal["pid"]
+    measured: str = Field(description="an output that is a position or a velocity")
+    reference: float | str | Function = Field(
+        default=0.0, description="a number, an output, or a function of time"
+    )
+    p: float = Field(default=0.0, description="[N/m], [N m/rad]")
+    i: float = Field(default=0.0, description="[N/(m s)], [N m/(rad s)]")
+    d: float = Field(default=0.0, description="[N s/m], [N m s/rad]")
+    filter: float | None = Field(
+        default=None, gt=0, description="time constant of the lag [s], default none"
+    )
+    limits: tuple[float, float] | None = Field(default=None, description=_LIMITS)
+    anti_windup: float | None = Field(
+        default=None,
+        gt=0,
+        description="T [s], default sqrt(|d / i|), or |p / i| without d",
+    )
+    sample_time: float | None = Field(default=None, gt=0, description=_SAMPLE)
+
+
+#: What scales a force: a function of time, or a law.
+ForceFunction = Annotated[
+    Constant | Polynomial | Harmonic | SmoothStep | Spline | Given | Expression | Pid,
+    Field(discriminator="type"),
+]
+
+
+def states_of(function: object) -> tuple[str, ...]:
+    """Names of the states that a law of a scene keeps."""
+    if isinstance(function, Expression):
+        return tuple(function.states)
+    if not isinstance(function, Pid):
+        return ()
+    lagged = function.d != 0.0 and function.filter is not None
+    kept = {"derivative": lagged, "integral": function.i != 0.0}
+    return tuple(name for name, is_kept in kept.items() if is_kept)
