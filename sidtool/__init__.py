@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from .api import validate as validate
     from .api import write as write
     from .kinds import read as read
+    from .view.animating import animate as animate
+    from .view.peaks import peak_stresses as peak_stresses
 
 _HOME = {
     "InputError": "sidtool.formats.errors",
@@ -42,11 +44,13 @@ _HOME = {
     "SimulationError": "sidtool.solver.errors",
     "Law": "sidtool.solver.functions.laws",
     "Timed": "sidtool.solver.functions.callables",
+    "animate": "sidtool.view.animating",
     "compare": "sidtool.api",
     "convert": "sidtool.api",
     "inverse_dynamics": "sidtool.analysing",
     "linearise": "sidtool.analysing",
     "outputs": "sidtool.afterwards",
+    "peak_stresses": "sidtool.view.peaks",
     "read": "sidtool.kinds",
     "repair": "sidtool.api",
     "simulate": "sidtool.api",

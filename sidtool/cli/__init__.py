@@ -19,6 +19,7 @@ from .analyse import analyse
 from .animate import animate
 from .convert import convert
 from .demo import demo
+from .export import export
 from .info import info
 from .plot import plot
 from .recorded import outputs
@@ -62,6 +63,7 @@ for command in (
     outputs,
     plot,
     animate,
+    export,
     study,
     demo,
     schema,

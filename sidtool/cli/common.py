@@ -29,6 +29,7 @@ ENDINGS = {
     "table": ((".csv", ".txt", ".dat"), "a table (CSV)"),
     "page": ((".html",), "a page (HTML)"),
     "film": ((".gif", ".mp4"), "a film (GIF or MP4)"),
+    "export": ((".vtkhdf", ".pvd"), "a file for ParaView (VTKHDF or PVD)"),
     "picture": ((".png", ".svg", ".pdf"), "a picture (PNG, SVG or PDF)"),
     "modes": ((".json",), "modes (JSON)"),
     "sid": ((".sid_fem", ".sid", ".fem", ".h5", ".hdf5", ".txt", ".dat"), "a SID"),
@@ -39,6 +40,7 @@ _OTHERS = (".toml", ".py", ".inp", ".msh", ".bdf")
 _STARTS = {
     "page": (b'name="generator" content="sidtool',),
     "film": (b"GIF8", b"ftyp"),
+    "export": (b"VTKHDF", b'<VTKFile type="Collection"'),
     "picture": (b"\x89PNG", b"<svg", b"%PDF"),
 }
 force = click.option(

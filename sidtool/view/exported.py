@@ -1,0 +1,178 @@
+"""The bodies of a result as one mesh, and what its points do at each output time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.field import Field
+from sidtool.formats.result import Result
+from sidtool.formats.sid import Array
+from sidtool.formats.stress import von_mises
+from sidtool.solver.afterwards import replay
+from sidtool.solver.recording.energies import elastic_state
+from sidtool.solver.recording.motion import FrameMotion, frame_motion
+
+from .companions import Given, companions
+from .drawn_bodies import drawn_bodies
+from .played import played
+
+Indices = NDArray[np.int64]
+#: Kinds of elements -> numbers of VTK, which orders their nodes alike.
+VTK_CELLS = {
+    "tri3": 5,
+    "tri6": 22,
+    "quad4": 9,
+    "quad8": 23,
+    "tet4": 10,
+    "tet10": 24,
+    "hex8": 12,
+    "hex20": 25,
+    "wedge6": 13,
+    "wedge15": 26,
+    "pyramid5": 14,
+    "pyramid13": 27,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One body: its points in the body frame, cells, and motion at nt times.
+
+    frame : of the body
+    q, rates : (nt, nq) elastic coordinates and their rates
+    """
+
+    name: str
+    positions: Array
+    cells: Mapping[str, Indices]
+    shapes: Array
+    stress: Array | None
+    initial_stress: Array
+    frame: FrameMotion
+    q: Array
+    rates: Array
+    source: str
+
+    def at(self, k: int) -> dict[str, Array]:
+        """Points and what is known at them at time k; in inertial axes but stresses,
+        which are in those of the body and NaN where they are not known."""
+        R, q = self.frame.R[k], self.q[k]
+        moved = self.shapes @ q
+        local = self.positions + moved
+        speed = self.frame.V[k] + np.cross(self.frame.W[k], local)
+        speed = speed + self.shapes @ self.rates[k]
+        stress = np.full((len(local), 6), np.nan)
+        if self.stress is not None:
+            stress = self.initial_stress + self.stress @ q
+        return {
+            "points": self.frame.X[k] + local @ R.T,
+            "displacement": moved @ R.T,
+            "velocity": speed @ R.T,
+            "stress": stress,
+            "von_mises": von_mises(stress),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Exported:
+    """All bodies with their points one after another.
+
+    connectivity, offsets, types : cells as VTK has them
+    body : number of the body of every cell
+    """
+
+    t: Array
+    parts: tuple[Part, ...]
+    connectivity: Indices
+    offsets: Indices
+    types: NDArray[np.uint8]
+    body: Indices
+    told: tuple[str, ...]
+
+    @property
+    def n_points(self) -> int:
+        return sum(len(part.positions) for part in self.parts)
+
+    def steps(self) -> Iterator[dict[str, Array]]:
+        """`Part.at` of all bodies together, time by time."""
+        for k in range(len(self.t)):
+            found = [part.at(k) for part in self.parts]
+            yield {name: np.concatenate([f[name] for f in found]) for name in found[0]}
+
+
+def exported(
+    result: Result, fields: Given | None = None, folder: Path | None = None
+) -> Exported:
+    """The bodies of a result: flexible ones by all cells of their full field where it
+    is known, else as they are drawn.
+
+    Raises
+    ------
+    InputError : the result does not hold its scene, or a field is not that of its SID.
+    """
+    again = replay(result)
+    system, samples = again.system, again.samples()
+    folders = [folder or Path("."), Path(".")]
+    known, told = companions(system.scene, result.sids, fields or {}, folders)
+    size = played(result, times=again.t).size
+    rows = {data.name: b for b, data in enumerate(system.bodies)}
+    parts = []
+    for drawn in drawn_bodies(system.scene, system.bodies, known, size):
+        b = rows[drawn.name]
+        q, rates = elastic_state(system, samples, b)
+        positions, cells = drawn.positions, {"tri3": drawn.triangles}
+        shapes, stress, initial = drawn.shapes, drawn.stress, drawn.initial_stress
+        field = known.get(drawn.name)
+        if field is not None and field.cells:
+            positions, cells = field.positions, dict(field.cells)
+            shapes, initial = field.shapes[..., : q.shape[1]], field.initial_stress
+            stress = None if field.stress is None else field.stress[..., : q.shape[1]]
+        motion = frame_motion(system, samples, b)
+        parts.append(
+            Part(
+                drawn.name,
+                positions,
+                cells,
+                shapes,
+                stress,
+                initial,
+                motion,
+                q,
+                rates,
+                drawn.source,
+            )
+        )
+    told += [f"{p.name} is {_what(p, known)}" for p in parts]
+    return Exported(again.t, tuple(parts), *_cells(parts), tuple(told))
+
+
+def _what(part: Part, known: Mapping[str, Field]) -> str:
+    if part.name in known and known[part.name].cells:
+        count = sum(map(len, part.cells.values()))
+        return f"the {count} cells of its full field"
+    return part.source
+
+
+def _cells(
+    parts: list[Part],
+) -> tuple[Indices, Indices, NDArray[np.uint8], Indices]:
+    connectivity, sizes, types, owners, first = [], [], [], [], 0
+    for number, part in enumerate(parts):
+        for kind, nodes in part.cells.items():
+            connectivity.append((nodes + first).ravel())
+            sizes.append(np.full(len(nodes), nodes.shape[1]))
+            types.append(np.full(len(nodes), VTK_CELLS[kind], np.uint8))
+            owners.append(np.full(len(nodes), number))
+        first += len(part.positions)
+    offsets = np.concatenate([[0], np.cumsum(np.concatenate(sizes))])
+    return (
+        np.concatenate(connectivity).astype(np.int64),
+        offsets.astype(np.int64),
+        np.concatenate(types),
+        np.concatenate(owners).astype(np.int64),
+    )
