@@ -47,7 +47,7 @@ def check_quantity(text: str, place: str) -> None:
     if "*" in text:
         fail(place, f"{text} stands for several outputs", "one of them")
     if name.owner in SCENE_QUANTITIES and name.quantity not in INSTANTANEOUS:
-        listed = ", ".join(f"energy.{quantity}" for quantity in INSTANTANEOUS)
+        listed = ", ".join(f"energy.{quantity}" for quantity in INSTANTANEOUS[:3])
         fail(place, f"{text} is nothing that an event can look at", listed)
 
 

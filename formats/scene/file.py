@@ -56,11 +56,13 @@ class Outputs(Table):
 
     record: tuple[str, ...] = Field(
         default=(),
-        description="of bodies x, vx, ax, angle, wz, q1, q*, peak_von_mises; of "
-        "markers x, vx, ax, ux, sigma_xx, von_mises; of joints angle, angle_rate, "
-        "displacement, ... as they have them; of joints and drives fx, mz, f1, f*; "
-        "energy.kinetic, constraint.position, ...; y and z likewise; `*` stands for "
-        "any letters within a part: rod.*.ux, *.x",
+        description="of bodies x, vx, ax, angle, wz, q1, q*, peak_von_mises, "
+        "quaternion_0 to _3, rotation_x, momentum_x, angular_momentum_x; of markers x, "
+        "vx, ax, ux, angle, wz, quaternion_0 to _3, rotation_x, sigma_xx, von_mises; "
+        "of joints angle, angle_rate, displacement, ... as they have them; of joints "
+        "and drives fx, mz, f1, f*; energy.kinetic, constraint.position, momentum.x, "
+        "angular_momentum.x, ...; y and z likewise; `*` stands for any letters within "
+        "a part: rod.*.ux, *.x",
     )
 
 

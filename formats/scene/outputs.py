@@ -5,9 +5,16 @@ marker name or, for a SID, a node id. Quantities of a body: x y z, angle, vx vy 
 wx wy wz, ax ay az, qN, vqN, and q*, vq* for all of them. Motion is in inertial axes;
 vx_body vy_body vz_body and wx_body wy_body wz_body are velocities in the axes of the
 body, which are the states of a result. Quantities of a marker: x y z, vx vy vz,
-ax ay az, ux uy uz for its elastic displacement in the body frame, and, of a SID with
-stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sigma_xz and von_mises [Pa].
-The largest von_mises over all nodes with stress is peak_von_mises of the body.
+ax ay az, angle, wx wy wz, ux uy uz for its elastic displacement in the body frame,
+and, of a SID with stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sigma_xz
+and von_mises [Pa]. The largest von_mises over all nodes with stress is peak_von_mises
+of the body.
+
+Orientations of bodies and of markers: quaternion_0 (scalar, not negative) to
+quaternion_3, and rotation_x rotation_y rotation_z, the rotation vector of at most half
+a turn [rad]. Momenta of bodies: momentum_x to _z [kg m/s] and, about the inertial
+origin, angular_momentum_x to _z [kg m2/s], in inertial axes; all bodies together have
+momentum.x to .z and angular_momentum.x to .z.
 
 Coordinates of a joint are angle, displacement, length, angle_1 and angle_2, as far as
 it has them, and their rates angle_rate, ...; angles go on over many turns. Quantities
@@ -34,13 +41,26 @@ POINT_QUANTITIES = frozenset(["x", "y", "z", "vx", "vy", "vz", "ax", "ay", "az"]
 #: Stresses at a marker of a flexible body, and the largest one of the whole body.
 STRESSES = (*(f"sigma_{pair}" for pair in STRESS_COMPONENTS), "von_mises")
 PEAK_STRESS = "peak_von_mises"
-MARKER_QUANTITIES = POINT_QUANTITIES | frozenset(["ux", "uy", "uz", *STRESSES])
+#: Of bodies and markers.
+ORIENTATIONS = (
+    *(f"quaternion_{k}" for k in range(4)),
+    *(f"rotation_{axis}" for axis in "xyz"),
+)
+#: Of a body.
+MOMENTA = (
+    *(f"momentum_{axis}" for axis in "xyz"),
+    *(f"angular_momentum_{axis}" for axis in "xyz"),
+)
+TURNING = ("angle", "wx", "wy", "wz")
+MARKER_QUANTITIES = POINT_QUANTITIES | frozenset(
+    ["ux", "uy", "uz", *STRESSES, *TURNING, *ORIENTATIONS]
+)
 #: Velocities of a body frame in its own axes end in this.
 IN_BODY = "_body"
 VELOCITIES = ("vx", "vy", "vz", "wx", "wy", "wz")
 BODY_QUANTITIES = (
     POINT_QUANTITIES
-    | frozenset(["angle", PEAK_STRESS, *VELOCITIES])
+    | frozenset(["angle", PEAK_STRESS, *VELOCITIES, *ORIENTATIONS, *MOMENTA])
     | frozenset(name + IN_BODY for name in VELOCITIES)
 )
 JOINT_QUANTITIES = frozenset(["fx", "fy", "fz", "mx", "my", "mz"])
@@ -48,9 +68,11 @@ JOINT_QUANTITIES = frozenset(["fx", "fy", "fz", "mx", "my", "mz"])
 SCENE_QUANTITIES = {
     "energy": ("kinetic", "elastic", "potential", "dissipated", "supplied", "balance"),
     "constraint": ("position", "velocity"),
+    "momentum": ("x", "y", "z"),
+    "angular_momentum": ("x", "y", "z"),
 }
 #: Those that the state at one time decides and that can take any value.
-INSTANTANEOUS = ("kinetic", "elastic", "potential")
+INSTANTANEOUS = ("kinetic", "elastic", "potential", "x", "y", "z")
 #: Names that no part of a scene may have.
 RESERVED = frozenset(["ground", *SCENE_QUANTITIES])
 ELASTIC = re.compile(r"(q|vq)([1-9]\d*|\*)")

@@ -1,8 +1,9 @@
 """Outputs that a name with wildcards stands for.
 
 `*` stands for any letters within one part of a name: `rod.*.ux`, `*.x`, `bearing.*`.
-Wildcards do not find velocities in body axes (`vx_body`), nor, in planar scenes, what
-is zero there. `JOINT.f*` means all multipliers of a joint.
+Wildcards do not find velocities in body axes (`vx_body`), orientations as quaternions
+or rotation vectors, momenta of bodies, nor, in planar scenes, what is zero there.
+`JOINT.f*` means all multipliers of a joint.
 """
 
 from __future__ import annotations

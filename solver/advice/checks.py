@@ -16,6 +16,7 @@ from sidtool.formats.scene import (
     PointForce,
     SceneFile,
     coordinate_of,
+    is_elastic,
     is_stress,
     marker_names,
     marker_reference,
@@ -75,7 +76,7 @@ def check_outputs(system: System) -> None:
             continue
         if name.owner not in system.scene.bodies:
             multiplier_rows(system, name.owner, name.quantity)
-        elif name.quantity[-1] == "*" or name.quantity[-1].isdigit():
+        elif is_elastic(name.quantity):
             elastic_range(system, name.owner, name.quantity)
 
 

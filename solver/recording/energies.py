@@ -29,11 +29,17 @@ def kinetic(system: System, samples: Samples) -> Array:
     for b, data in _bodies(system):
         q, qd = elastic_state(system, samples, b)
         frame = frame_motion(system, samples, b)
-        if has_second_order(data.sid):
-            total += _stiffened(data, frame, q, qd, system.planar)
-        else:
-            total += _kinetic(data, frame, q, qd)
+        total += body_kinetic(data, frame, q, qd, system.planar)
     return total
+
+
+def body_kinetic(
+    data: BodyData, frame: FrameMotion, q: Array, qd: Array, planar: bool
+) -> Array:
+    """Kinetic energy of one body, (nt,) [J]."""
+    if has_second_order(data.sid):
+        return _stiffened(data, frame, q, qd, planar)
+    return _kinetic(data, frame, q, qd)
 
 
 def _kinetic(data: BodyData, frame: FrameMotion, q: Array, qd: Array) -> Array:

@@ -9,11 +9,15 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
     IN_BODY,
+    MOMENTA,
+    ORIENTATIONS,
     SCENE_QUANTITIES,
     STATE,
+    TURNING,
     VALUE,
     OutputName,
     coordinate_of,
+    is_elastic,
     is_rate,
     is_stress,
     parse_output,
@@ -31,7 +35,9 @@ from .energy_history import History
 from .force_measures import measured
 from .force_wrenches import force_wrench
 from .joint_forces import COMPONENTS, is_constraint, wrench
-from .motion import frame_motion, place
+from .momenta import momentum_column
+from .motion import Motion, frame_motion, marker_motion, place
+from .orientation import orientation_column
 from .sampling import Samples, sample
 from .scene_outputs import SceneQuantities
 from .stress_outputs import stress_column
@@ -106,6 +112,9 @@ def _columns(
     if name.owner in system.scene.forces and name.marker == STATE:
         row = system.arrays.body[state_row(system, name)]
         return [(text, samples.v[:, row[at.VEL]])]
+    if name.quantity in MOMENTA:
+        column = momentum_column(system, samples, name.owner, name.quantity)
+        return [(text, column)]
     if name.marker:
         m = system.markers[name.owner, name.marker]
         return [(text, _marker_column(system, samples, m, name.quantity))]
@@ -121,7 +130,7 @@ def _columns(
         return [(text, wrenches[:, COMPONENTS.index(name.quantity)])]
     if name.owner not in system.scene.bodies:
         return _multiplier_columns(system, samples, name.owner, name.quantity)
-    if name.quantity[-1] == "*" or name.quantity[-1].isdigit():
+    if is_elastic(name.quantity):
         return _elastic_columns(system, samples, name.owner, name.quantity)
     return [(text, _body_column(system, samples, name.owner, name.quantity))]
 
@@ -217,6 +226,9 @@ def _elastic_columns(
 
 def _body_column(system: System, samples: Samples, owner: str, quantity: str) -> Array:
     frame = samples.frames[:, system.index(owner)]
+    if quantity in ORIENTATIONS:
+        R = frame_motion(system, samples, system.index(owner)).R
+        return orientation_column(R, quantity)
     if quantity.endswith(IN_BODY):
         motion = frame_motion(system, samples, system.index(owner))
         V = {"v": motion.V, "w": motion.W}[quantity[0]]
@@ -254,6 +266,8 @@ def _spatial_body(frame: Array, quantity: str) -> Array:
 
 def _marker_column(system: System, samples: Samples, m: int, quantity: str) -> Array:
     point = samples.points[:, m]
+    if quantity in (*ORIENTATIONS, *TURNING):
+        return _turning(marker_motion(system, samples, m), quantity)
     axis = "xyz".index(quantity[-1])
     if quantity[0] == "u":
         return _displacement(system, samples, m)[:, axis]
@@ -263,6 +277,19 @@ def _marker_column(system: System, samples: Samples, m: int, quantity: str) -> A
         return np.zeros(len(point)) if axis == 2 else point[:, starts[order] + axis]
     starts = (spatial.PX, spatial.PV, spatial.PA)
     return point[:, starts[order] + axis]
+
+
+def _turning(motion: Motion, quantity: str) -> Array:
+    """Orientation or angular velocity of a marker; in space its angle is that of the
+    whole rotation, 0 to pi [rad]."""
+    if quantity in ORIENTATIONS:
+        return orientation_column(motion.R, quantity)
+    if quantity != "angle":
+        return motion.w[:, "xyz".index(quantity[-1])]
+    if np.isfinite(motion.angle).any():
+        return motion.angle
+    parts = [orientation_column(motion.R, f"rotation_{axis}") for axis in "xyz"]
+    return np.asarray(np.linalg.norm(parts, axis=0))
 
 
 def _displacement(system: System, samples: Samples, m: int) -> Array:

@@ -1,4 +1,4 @@
-"""Outputs of the whole scene: energies, their balance, residuals of constraints."""
+"""Outputs of the whole scene: energies, momenta, residuals of constraints."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from ..system import kernel_calls
 from ..system.scene import System
 from . import energies
 from .energy_history import History
+from .momenta import momentum_column
 from .sampling import Samples
 
 
 class SceneQuantities:
-    """Columns energy.X and constraint.X at the recorded times; each made once."""
+    """Columns of energies, momenta and residuals at the recorded times."""
 
     def __init__(
         self,
@@ -35,6 +36,9 @@ class SceneQuantities:
         """Values (nt,) of one of `sidtool.formats.scene.outputs.SCENE_QUANTITIES`."""
         if owner == "constraint":
             return self._residuals[quantity]
+        if owner in ("momentum", "angular_momentum"):
+            name = f"{owner}_{quantity}"
+            return momentum_column(self.system, self.samples, "", name)
         return getattr(self, quantity)  # type: ignore[no-any-return]
 
     @cached_property

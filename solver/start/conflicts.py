@@ -103,7 +103,9 @@ def _undeformed(system: System, t: float, z: Array, v: Array) -> State:
     work.clock[0] = float(system.clocks(np.array([t]))[0])
     kernel_calls.evaluate(system, work, t, z, v)
     start = guess(whole)
-    for b, body in enumerate(whole.bodies[1:], 1):
+    for b, body in enumerate(whole.bodies):
+        if not body.of_scene:
+            continue
         frame = work.frame[system.index(body.name)]
         keep_frame(whole, b, frame, start.z, start.v)
     if whole.n_turns == system.n_turns:
