@@ -78,6 +78,12 @@ class Replay:
         """Times, positions and velocities, as copies."""
         if times is None or len(self.t) < 2:
             return self.t.copy(), self.z.copy(), self.v.copy()
+        if any(element.sampled for element in self.system.forces):
+            raise InputError(
+                "laws of the scene hold values between samples, which are not kept "
+                "between output times",
+                expected="the output times of the result",
+            )
         known = (self.t, self.z, self.v)
         z, v = interpolated(*self._parts, known, self._closed, times)
         return times.copy(), z, v

@@ -35,6 +35,7 @@ from .start.settings import Settings, settings_of
 from .start.turn_counts import keep_turns
 from .system.kernel_calls import go_on
 from .system.lapses import lapse
+from .system.samples import Samplers
 from .system.scene import System
 from .system.storage import new_memory, new_work
 
@@ -135,6 +136,7 @@ class Run:
         self.memory: Memory = new_memory(system, max(m.pairs for m in methods))
         self.kernels = kernels(system.planar)
         self.times = OutputTimes(system.scene)
+        self.samplers = Samplers(system)
         self.closed = closed_below(system, settings)
         points = dense.Points(max(m.dense for m in methods))
         self.watch = None
@@ -172,9 +174,9 @@ class Run:
     def go(self, progress: Progress | None) -> str:
         """Integrates over all smooth intervals; the reason if one is not finished."""
         for stop in self.system.breaks:
-            status = self._enter(stop)
-            if status != 0:
-                return singular(self.system, self.work, self.now, status)
+            reason = self._enter(stop)
+            if reason:
+                return reason
             code = stepping.CHUNK
             while code == stepping.CHUNK:
                 code = self._steps()
@@ -182,9 +184,9 @@ class Run:
                     return ""
                 if self._is_hard(code):
                     self._switch()
-                    status = self._enter(stop)
-                    if status != 0:
-                        return singular(self.system, self.work, self.now, status)
+                    reason = self._enter(stop)
+                    if reason:
+                        return reason
                     code = stepping.CHUNK
                 if progress is not None:
                     progress(self.now)
@@ -277,9 +279,8 @@ class Run:
         if self.watch is not None:
             self.watch.look(steps)
 
-    def _enter(self, end: float) -> int:
-        """Starts a smooth interval, with no memory of steps before; 0, or the code of
-        a singular system."""
+    def _enter(self, end: float) -> str:
+        """Starts a smooth interval, with no memory of steps before; why it cannot."""
         control, real, begin = self.control, self.control.real, self.now
         real[stepping.STOP] = end
         real[stepping.OLD_STEP] = 0.0
@@ -292,20 +293,30 @@ class Run:
         if self.settings.step is not None:
             count = max(1, int(np.ceil((end - begin) / self.settings.step - 1e-9)))
             real[stepping.STEP] = (end - begin) / count
+        status = self._begin()
+        if status == 0 and self.samplers.take(self.work, begin, control.v):
+            status = self._begin()
+        said = lapse(self.system, self.work, since=begin)
+        if said and begin == self.system.scene.time.start:
+            raise InputError(said, place="forces", expected="a number at the start")
+        if said:
+            return f"stopped at t = {begin:.9g} s: {said}"
+        if status != 0:
+            return singular(self.system, self.work, begin, status)
+        keep_turns(self.system, self.work, control.z)
+        control.measured[:, :2] = self.work.measure
+        return ""
+
+    def _begin(self) -> int:
+        """Evaluates the state in hand; 0, or the code of a singular system."""
         status: int = recording.begin(
             self.kernels,
             self.system.arrays,
             self.work,
             self.memory,
-            begin,
-            control.z,
-            control.v,
+            self.now,
+            self.control.z,
+            self.control.v,
         )
         go_on(self.system)
-        said = lapse(self.system, self.work, since=begin)
-        if said:
-            raise InputError(said, place="forces", expected="a number at the start")
-        if status == 0:
-            keep_turns(self.system, self.work, control.z)
-            control.measured[:, :2] = self.work.measure
         return status

@@ -57,6 +57,25 @@ def places_for_states(system: System) -> System:
     return replace(system, arrays=system.arrays.replaced(pool=pool))
 
 
+def unsampled(system: System) -> tuple[System, tuple[str, ...]]:
+    """The system with laws that act all the time in the place of sampled ones, and what
+    has to be known of that.
+
+    Raises
+    ------
+    InputError : a sampled law keeps states that are known at samples only.
+    """
+    names = dict.fromkeys(e.name for e in system.forces if e.sampled)
+    if system.unsampled is None or not names:
+        return system, ()
+    listed = ", ".join(names)
+    told = (
+        f"the sampled laws of {listed} are taken as continuous: what sampling and "
+        "holding delay is left out",
+    )
+    return system.unsampled(), told
+
+
 def is_state(system: System, b: int) -> bool:
     """Whether a body is a state of a law."""
     return bool(system.arrays.body[b, at.FLAGS] & at.STATE)

@@ -22,6 +22,7 @@ from ..start.turn_counts import keep_turns
 from ..system.bodies import symmetric
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
+from .held import is_state
 from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
 from .recorded import Found, recorded
 
@@ -55,6 +56,7 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
         its `result` holds what comes before.
     """
     refuse_prescribed(system)
+    _refuse_states(system)
     system, start = assemble(system)
     t = system.scene.time.start
     mechanics = Mechanics(system, t, t)
@@ -75,6 +77,17 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
             raise
         states.append(found)
     return recorded(system, kind, times, states)
+
+
+def _refuse_states(system: System) -> None:
+    """Raises laws whose states no prescribed motion decides."""
+    for b, data in enumerate(system.bodies):
+        if is_state(system, b):
+            raise InputError(
+                f"{data.name} is no function of the motion that is prescribed",
+                place="forces",
+                expected="laws without states and sample time in inverse dynamics",
+            )
 
 
 class _Motion:

@@ -30,7 +30,7 @@ from ..recording.outputs import velocity_names
 from ..start.assembly import assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
-from .held import state_entries
+from .held import state_entries, unsampled
 from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
 from .static import static_equilibrium
 
@@ -88,6 +88,7 @@ def linearise(
         configuration, or its inertia is not positive.
     """
     refuse_prescribed(system)
+    system, told = unsampled(system)
     if about not in STATES:
         raise InputError(f"found {about!r}", expected=f"one of {', '.join(STATES)}")
     if state is not None:
@@ -104,7 +105,7 @@ def linearise(
     mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
     mechanics.set_scale(z, stiffness=0.0)
     matrix, motion = state_matrix(mechanics, z, v)
-    notes = _unsteady(mechanics, matrix, motion, z, v)
+    notes = (*_unsteady(mechanics, matrix, motion, z, v), *told)
     return replace(_modes(mechanics, matrix, motion, z, v), notes=notes)
 
 

@@ -38,7 +38,7 @@ def resting(
         raise InputError(
             str(error), place="initial.state", expected="a scene that can rest"
         ) from None
-    bodies = dict(system.scene.bodies)
+    system, bodies = found.system, dict(system.scene.bodies)
     for b, data in enumerate(system.bodies):
         if data.name in bodies:
             start = bodies[data.name].initial

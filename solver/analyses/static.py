@@ -28,7 +28,7 @@ from ..start.assembly import assemble
 from ..start.consistent import widest_open
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
-from .held import held, places_for_states, state_entries
+from .held import held, places_for_states, state_entries, unsampled
 from .mechanics import Mechanics, null_space, refuse_prescribed
 from .recorded import Found, recorded
 
@@ -91,6 +91,7 @@ def static_equilibrium(system: System) -> Equilibrium:
         come apart on the way there.
     """
     refuse_prescribed(system)
+    system, told = unsampled(system)
     system, start = assemble(system)
     system, t = held(system), system.scene.time.start
     mechanics = Mechanics(places_for_states(system), t, 0.5 * (t + system.breaks[0]))
@@ -105,7 +106,7 @@ def static_equilibrium(system: System) -> Equilibrium:
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
             notes = (*_checked(mechanics), *_unstable(mechanics, z, motion, left))
-            notes += (*_far(mechanics, z), *questions(system))
+            notes += (*_far(mechanics, z), *questions(system), *told)
             v = np.zeros(system.n_velocities)
             v[velocities] = z[places]
             return Equilibrium(z, v, left, residual, iteration, system, notes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sidtool.formats.errors import InputError
@@ -100,6 +100,28 @@ class LawParts:
     sample_time: float | None
 
 
+def continuous(law: Expression | Pid | Law, place: str) -> Expression | Pid | Law:
+    """The law without its samples.
+
+    Raises
+    ------
+    InputError : it keeps states that are known at samples only.
+    """
+    if law.sample_time is None:
+        return law
+    if isinstance(law, Pid):
+        return law.model_copy(update={"sample_time": None})
+    if law.states:
+        raise InputError(
+            f"its states ({', '.join(law.states)}) are known at samples only",
+            place=place,
+            expected="a law without a sample time, or without states, in an analysis",
+        )
+    if isinstance(law, Expression):
+        return law.model_copy(update={"sample_time": None})
+    return replace(law, sample_time=None)
+
+
 def law_parts(law: Expression | Pid | Law, place: str) -> LawParts:
     """A law of a scene or of a program in instructions.
 
@@ -159,11 +181,11 @@ def _of_pid(law: Pid) -> LawParts:
         lagged: Parts = slope
         if law.filter is not None:
             lagged = (Instruction("name", "derivative"),)
-            change = _scaled(1.0 / law.filter, _apply("-", slope, lagged))
+            behind = _apply("-", slope, lagged)
+            change = _scaled(1.0 / law.filter, behind)
             if law.sample_time is not None:
                 share = -math.expm1(-law.sample_time / law.filter)
-                step = _scaled(share, _apply("-", slope, lagged))
-                change = _apply("+", lagged, step)
+                lagged = change = _apply("+", lagged, _scaled(share, behind))
             states["derivative"] = Kept(0.0, change)
         value = _apply("+", value, _scaled(law.d, lagged))
     if law.i:

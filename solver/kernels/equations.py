@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from numba import float64, int64
+
 from .compiling import entry, inner
 from .constraints.all import evaluate_constraints, linearise_constraints
 from .dropped import drop_derivatives, drop_rows
 from .forces.all import evaluate_forces, linearise_forces
+from .forces.programs import law_value
 from .forces.turns import keep_turns
-from .layout import EVALUATE, LINEARISE
+from .layout import EVALUATE, LINEARISE, SYSTEM, WORK
 from .planar import evaluate_bodies as evaluate_planar_bodies
 from .planar_linear import linearise_body as linearise_planar_body
 from .spaces import BySpace, in_plane, in_space
@@ -44,6 +47,12 @@ def evaluate_in_space(system, work, t, z, v):
     evaluate_spatial_bodies(system, work, t, z, v)
     _evaluate(in_space(system), in_space(work), t, z, v)
     drop_rows(system, work)
+
+
+@entry(float64(SYSTEM, WORK, int64, float64))
+def law_at(system, work, k, t):
+    """What the law of row k yields at the state that was just evaluated."""
+    return law_value(in_plane(system), in_plane(work), k, t, False)
 
 
 @inner()

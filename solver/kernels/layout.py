@@ -125,7 +125,8 @@ F_TIME = 7  # function of time that scales what is applied, -1 for none
 F_TURN = 8  # entry of Work.turn of a torque about an axis in space, -1 for none
 F_CODE = 9  # pool: its law, see `forces.programs`; -1 for none
 F_OWNER = 10  # row of the law that reads this measure, which is no force; -1 for forces
-N_FORCE = 11
+F_SAMPLED = 11  # 1: its law is asked at samples only, see `equations.law_at`
+N_FORCE = 12
 
 # --- kinds of forces: each belongs to a scalar measure of the markers' motion -----
 GIVEN = 0  # force and torque on marker B, components along inertial axes

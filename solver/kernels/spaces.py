@@ -42,7 +42,7 @@ CONSTRAINT = _integers(
 SEGMENT = _integers("Segment", "row", "body", "offset")
 FORCE = _integers(
     "Force", "kind", "a", "b", "seg_a", "seg_b", "data", "law", "time", "turn", "code",
-    "owner",
+    "owner", "sampled",
 )  # fmt: skip
 TURN = _integers("Turn", "kind", "a", "b", "data", "entry")
 ROW = _rows("Row", value=float64, rate=float64, gamma=float64)

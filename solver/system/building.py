@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -43,6 +44,7 @@ from .ingredients import Ingredients, Reference, driven_coordinates
 from .laws import LawTable, laws_of, state_bodies
 from .newton_rows import newton_rows
 from .rigid_bodies import without_elasticity
+from .samples import with_samples
 from .scene import GROUND_NAME, System
 from .sizes import mechanism_size
 from .turns import Coordinate, Turn, turn_table, with_turns
@@ -54,6 +56,7 @@ def build_system(
     drives: Mapping[str, Derivatives] | None = None,
     keep_joints: bool = False,
     forces: Mapping[str, Derivatives | Law] | None = None,
+    sampled: bool = True,
 ) -> System:
     """Flat tables of a scene, before its initial conditions are looked at.
 
@@ -61,11 +64,13 @@ def build_system(
     drives, forces : callables that replace functions of time, by name; of forces also
         laws
     keep_joints : joints stay constraints even where they prescribe a frame
+    sampled : False to let laws with a sample time act all the time
 
     Raises
     ------
     InputError : a marker does not exist.
     """
+    original = scene
     scene = _with_all_names(with_held_frames(without_elasticity(scene)), sids)
     planar, pool = scene.dimension == "planar", Pool()
     data = {
@@ -74,7 +79,7 @@ def build_system(
     data[GROUND_NAME] = _ground(scene)
     functions = FunctionTable(pool, (scene.time.start, scene.time.end))
     drive_index = _drive_functions(scene, functions, drives or {})
-    laws = laws_of(scene, forces or {})
+    laws = laws_of(scene, forces or {}, sampled)
     frames = eliminated_frames(scene, data)
     data |= state_bodies(laws)
     table = LawTable(scene, data, functions, laws)
@@ -84,13 +89,18 @@ def build_system(
     parts = Ingredients(scene, data, frames, order, drive_index, pool)
     cut = _system(parts, functions, elements)
     cut = replace(cut, sids=sids)
+    if any(law.sample_time is not None for law in laws.values()):
+        again = partial(
+            build_system, original, sids, drives, keep_joints, forces, sampled=False
+        )
+        cut = replace(cut, unsampled=again)
     if not frames:
         return cut
 
     def every_joint() -> System:
         whole = _system(replace(parts, frames={}), functions, elements)
         carrying = with_prescribed_frames(whole.arrays.body, cut.arrays.body)
-        return replace(whole, carrying=carrying, sids=sids)
+        return replace(whole, carrying=carrying, sids=sids, unsampled=cut.unsampled)
 
     if keep_joints:
         return every_joint()
@@ -141,7 +151,7 @@ def _system(
         markers=markers,
         rows=tables.rows,
         eliminated=eliminated_joints(parts.scene, parts.frames),
-        breaks=functions.breaks(),
+        breaks=with_samples(functions.breaks(), elements, parts.scene.time),
         causes=functions.causes(),
         length=mechanism_size(parts.scene, parts.data, markers),
         forces=elements,

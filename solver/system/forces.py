@@ -66,6 +66,7 @@ class Element:
     code : instructions of its law, see `kernels.forces.programs`; empty for none
     programmed : what is known of that law
     is_read : no force, but a measure for the next row that has a law
+    sampled : time between samples of its law [s], 0 for one that acts all the time
     """
 
     name: str
@@ -80,6 +81,7 @@ class Element:
     code: tuple[float, ...] = ()
     programmed: Programmed | None = None
     is_read: bool = False
+    sampled: float = 0.0
 
     @property
     def acts(self) -> bool:
@@ -274,7 +276,7 @@ def force_table(
     """
     table = np.full((len(elements), at.N_FORCE), -1, np.int64)
     for k, (row, element) in enumerate(zip(table, elements, strict=True)):
-        row[at.F_KIND] = element.kind
+        row[at.F_KIND], row[at.F_SAMPLED] = element.kind, 0
         if element.kind == at.COORDINATE:
             row[at.F_B] = order.index(element.b[0])
             row[at.F_DATA] = int(element.data[0])
@@ -289,6 +291,7 @@ def force_table(
             row[at.F_CODE] = pool.add(element.code)
             read = int(element.code[0])
             table[k - read : k, at.F_OWNER] = k
+            row[at.F_SAMPLED] = int(element.sampled > 0.0)
     return table
 
 

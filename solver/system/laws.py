@@ -18,7 +18,16 @@ from sidtool.formats.scene import STATE, Expression, Instruction, Pid, SceneFile
 from sidtool.formats.sid import BLOCK_SHAPES, SID, Taylor, block_shape
 
 from ..functions.callables import Derivatives
-from ..functions.laws import Called, LawParts, Parts, RateOf, Timing, law_parts
+from ..functions.laws import (
+    Called,
+    Kept,
+    LawParts,
+    Parts,
+    RateOf,
+    Timing,
+    continuous,
+    law_parts,
+)
 from ..functions.laws import Law as GivenLaw
 from ..functions.native import Native
 from ..functions.table import FunctionTable
@@ -28,6 +37,9 @@ from .force_laws import Law
 from .forces import Element, Programmed
 from .sensors import Reading, coordinate, reading
 
+#: State of a sampled law: what it holds. No name in a scene has a space.
+HELD = "held value"
+MOST_SAMPLES = 1_000_000
 _OPERATORS = {
     "+": op.ADD,
     "-": op.SUBTRACT,
@@ -61,9 +73,11 @@ def state_body(force: str, state: str) -> str:
 
 
 def laws_of(
-    scene: SceneFile, programs: Mapping[str, Derivatives | GivenLaw]
+    scene: SceneFile, programs: Mapping[str, Derivatives | GivenLaw], sampled: bool
 ) -> dict[str, LawParts]:
     """The laws of forces, of the scene and of a program, by the names of the forces.
+
+    sampled : whether laws with a sample time are sampled; else they act all the time
 
     Raises
     ------
@@ -73,8 +87,20 @@ def laws_of(
     for name, force in scene.forces.items():
         law = programs.get(name, getattr(force, "function", None))
         if isinstance(law, Expression | Pid | GivenLaw):
-            found[name] = law_parts(law, _place(name))
+            kept = law if sampled else continuous(law, _place(name))
+            found[name] = law_parts(kept, _place(name))
+            _check_sample_time(found[name], scene, _place(name))
     return found
+
+
+def _check_sample_time(law: LawParts, scene: SceneFile, place: str) -> None:
+    span = scene.time.end - scene.time.start
+    if law.sample_time is not None and span > MOST_SAMPLES * law.sample_time:
+        raise InputError(
+            f"a run of {span:.6g} s has more than {MOST_SAMPLES} samples",
+            place=f"{place}.sample_time",
+            expected=f"at least {span / MOST_SAMPLES:.3g}",
+        )
 
 
 def state_bodies(laws: Mapping[str, LawParts]) -> dict[str, BodyData]:
@@ -90,8 +116,15 @@ def state_bodies(laws: Mapping[str, LawParts]) -> dict[str, BodyData]:
             starts_at=kept.initial,
         )
         for force, parts in laws.items()
-        for name, kept in parts.states.items()
+        for name, kept in _kept(parts).items()
     }
+
+
+def _kept(parts: LawParts) -> dict[str, Kept]:
+    """The states of a law, and of a sampled one what is held between samples."""
+    if parts.sample_time is None:
+        return dict(parts.states)
+    return {HELD: Kept(0.0, parts.value), **parts.states}
 
 
 def _state_sid() -> SID:
@@ -125,10 +158,16 @@ class LawTable:
         parts = self.laws.get(force)
         if parts is None:
             return [element]
-        found = list(self._rows(element, parts.value, force))
-        for name, kept in parts.states.items():
-            pushed = coordinate(state_body(force, name), 0)
-            pushed = replace(pushed, name=force, law=Law(applied=1.0))
+        sampled = parts.sample_time is not None
+        value: Parts = (Instruction("name", HELD),) if sampled else parts.value
+        found = list(self._rows(element, value, force))
+        for name, kept in _kept(parts).items():
+            pushed = replace(
+                coordinate(state_body(force, name), 0),
+                name=force,
+                law=Law(applied=0.0 if sampled else 1.0),
+                sampled=parts.sample_time or 0.0,
+            )
             found += self._rows(pushed, kept.change, force)
         return found
 
@@ -141,7 +180,7 @@ class LawTable:
 
     def read(self, name: str, force: str) -> Reading:
         """The measure of an output or a state; states of the law itself come first."""
-        if name in self.laws[force].states:
+        if name in _kept(self.laws[force]):
             return Reading(coordinate(state_body(force, name), 0), 1)
         owner, _, state = name.partition(f".{STATE}.")
         if owner in self.laws and state in self.laws[owner].states:

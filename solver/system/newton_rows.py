@@ -67,6 +67,8 @@ def _force_pieces(
     offset = int(dims[at.N_ENTRIES])
     for k, row in enumerate(force):
         owner = k if row[at.F_OWNER] < 0 else int(row[at.F_OWNER])
+        if force[owner, at.F_SAMPLED]:
+            continue
         for column, b in _ends(row, marker):
             if body[b, at.NV] > 0:
                 row[column] = offset

@@ -65,6 +65,8 @@ class System:
     told : what has to be known of how it was made
     sids : as they were read, of the bodies that have one
     every_joint : makes the same scene with all of its joints, where some are left out
+    unsampled : makes the same scene with laws that act all the time, where some are
+        sampled
     """
 
     scene: SceneFile
@@ -90,6 +92,7 @@ class System:
     told: tuple[str, ...] = ()
     sids: Mapping[str, SID] = field(default_factory=dict)
     every_joint: Callable[[], System] | None = None
+    unsampled: Callable[[], System] | None = None
 
     @property
     def complete_scene(self) -> System:

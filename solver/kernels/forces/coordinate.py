@@ -23,6 +23,8 @@ def evaluate(system, work, k, z, v):
 def linearise(system, work, k):
     """The row of the force, or of the measure in that of a law."""
     row = system.force[k]
+    if row.seg_b < 0:
+        return
     at = row.seg_b + system.body[row.b].rd + row.data
     g, rate = work.measure[k, 0], work.measure[k, 1]
     _, stiffness, damping = force_law(system, work, k, g, rate)

@@ -45,7 +45,9 @@ def piecewise(pool, at, pieces, terms, x):
 def set_factor(system, work, k, t):
     """What scales a force: its law, its function of time, or 1."""
     value = 1.0
-    if system.force[k].code >= 0:
+    if system.force[k].sampled == 1:
+        value = 0.0
+    elif system.force[k].code >= 0:
         value = law_value(system, work, k, t, False)
     elif system.force[k].time >= 0:
         value, _, _ = drive_value(system, system.force[k].time, work.clock[0], t)
@@ -56,7 +58,7 @@ def set_factor(system, work, k, t):
 def set_slopes(system, work, t):
     """Derivatives of all laws by what they read."""
     for k in range(len(system.force)):
-        if system.force[k].code >= 0:
+        if system.force[k].code >= 0 and system.force[k].sampled == 0:
             law_value(system, work, k, t, True)
 
 
