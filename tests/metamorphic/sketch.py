@@ -175,7 +175,9 @@ class Sketch:
 
     def drive(self, key: tuple[str, str]) -> None:
         """Prescribes a coordinate of a joint."""
-        label, size = self.name("drives"), 0.05 if key[1] == "length" else 0.4
+        label, size = self.name("drives"), 0.4
+        if key[1] == "length":  # which has no direction at zero
+            size = min(0.05, 0.2 * self.coordinates[key])
         self.table["drives"][label] = {
             "joint": key[0],
             "coordinate": key[1],
