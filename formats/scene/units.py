@@ -7,6 +7,8 @@ from .outputs import (
     IN_BODY,
     JOINT_QUANTITIES,
     MULTIPLIER,
+    STATE,
+    VALUE,
     coordinate_of,
     is_rate,
     is_stress,
@@ -19,8 +21,8 @@ _KINDS = {"u": "m", "v": "m/s", "a": "m/s\N{SUPERSCRIPT TWO}", "w": "rad/s"}
 def unit_of(name: str) -> str:
     """The unit of an output; empty where it has none that is known.
 
-    Elastic coordinates are measured in what their SID says, and multipliers in what
-    their constraint needs.
+    Elastic coordinates are measured in what their SID says, multipliers in what their
+    constraint needs, laws and their states in what their formula makes of it.
 
     Raises
     ------
@@ -38,6 +40,8 @@ def unit_of(name: str) -> str:
         return ""
     if quantity in JOINT_QUANTITIES:
         return "N" if quantity[0] == "f" else "N m"
+    if parsed.marker == STATE or quantity == VALUE:
+        return ""
     coordinate = coordinate_of(quantity)
     if coordinate:
         unit = "rad" if coordinate.startswith("angle") else "m"

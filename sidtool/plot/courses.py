@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from sidtool.formats.scene import unit_of
 
-from .figure import new_page, styled
+from .figure import COLOURS, new_page, styled
 
 Array = NDArray[np.float64]
 
-#: Curves in one pair of axes at most.
-MOST_CURVES = 8
+#: Curves in one pair of axes at most, each in a colour of its own.
+MOST_CURVES = len(COLOURS)
 
 
 @dataclass(frozen=True, eq=False)

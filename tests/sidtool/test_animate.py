@@ -20,6 +20,7 @@ from sidtool.formats.field import Field, write_field
 from sidtool.formats.result import Result, write_result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.view import library
+from sidtool.view import page as page_module
 from sidtool.view.animating import animate, shown
 from sidtool.view.drawn_bodies import of_field, of_sid
 from sidtool.view.played import played
@@ -194,6 +195,31 @@ def test_many_triangles_are_thinned_and_said(result: Result, tmp_path: Path) -> 
     rod_told = next(b for b in body["bodies"] if b["name"] == "rod")
     assert len(rod_told["coarse"]) < 0.2 * len(rod_told["triangles"])
     del sid
+
+
+def test_a_slow_browser_plays_fewer_triangles_and_says_so(
+    result: Result,
+    made: tuple[sidtool.SID, Field],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Any browser is slower than a thousandth of a millisecond."""
+    monkeypatch.setattr(page_module, "SLOWEST", 1e-3)
+    monkeypatch.setattr(page_module, "FEW_TRIANGLES", 300)
+    path = tmp_path / "slow.html"
+    page_of(result, path, fields={"rod": made[1]}, colour="displacement")
+    with opened(path) as page:
+        every = page.run("player.triangles()")
+        page.run("player.play(true)")
+        page.page.wait_for_function("player.state.thin", timeout=60_000)
+        few = page.run("player.triangles()")
+        notice = page.page.inner_text("#notice")
+        page.run("player.play(false)")
+        assert page.run("player.triangles()") == every
+        assert page.page.inner_text("#notice") == ""
+        assert page.said == []
+    assert few < 0.5 * every
+    assert notice.startswith(f"{few} of {every} triangles")
 
 
 def test_fields_beside_the_sids_are_found(

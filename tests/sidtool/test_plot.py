@@ -181,6 +181,8 @@ def test_groups_and_units() -> None:
         "j.mz": "N m",
         "j.f2": "",
         "a.vq3": "",
+        "motor.value": "",
+        "motor.state.x": "",
         "energy.kinetic": "J",
         "constraint.position": "",
     }
