@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.field import Field, write_field
 from sidtool.formats.reference import ReferenceFile, read_reference
 from sidtool.formats.result import Result, write_csv, write_result
 from sidtool.formats.scene import read_scene
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import write_sid
 
-from .convert import sid_from_model
+from .convert import field_from_model
 from .report.sid import modes_of
 from .report.tables import table
 
@@ -61,7 +62,7 @@ def run_demo(folder: Path, say: Say) -> None:
         ) from None
     _prepare_kernels(say)
     say("1. The rod, from its geometry to Standard Input Data (SID)\n")
-    sids = _converted(examples, folder)
+    sids, fields = _converted(examples, folder)
     reference = read_reference(examples / "frequencies.toml")
     say(frequency_table(sids, reference) + "\n")
     say("2. The slider-crank with either rod\n")
@@ -72,7 +73,8 @@ def run_demo(folder: Path, say: Say) -> None:
     say("3. Speed against error, rod from Q4\n")
     runs = precision_runs(examples, sids["Q4"])
     say(precision_table(runs) + "\n")
-    _plots(examples, folder, results, runs)
+    _plots(folder, sids["Q4"], fields["Q4"], results, runs)
+    say(_page(folder / "motion.html", results["Q4"], fields["Q4"]))
     seconds = time.perf_counter() - begin
     say(f"Plots, SIDs and results are in {folder} ({seconds:.1f} s in all).")
 
@@ -102,12 +104,14 @@ def example_folder() -> Path:
     return folder
 
 
-def _converted(examples: Path, folder: Path) -> dict[str, SID]:
-    sids = {}
+def _converted(examples: Path, folder: Path) -> tuple[dict[str, SID], dict[str, Field]]:
+    """SIDs and full fields of the rod by the name of their discretisation."""
+    sids, fields = {}, {}
     for file, name in SOURCES.items():
-        sids[name] = sid_from_model(examples / f"{file}.toml")
+        sids[name], fields[name] = field_from_model(examples / f"{file}.toml")
         write_sid(folder / f"{file}.SID_FEM", sids[name])
-    return sids
+        write_field(folder / f"{file}.field.h5", fields[name])
+    return sids, fields
 
 
 def frequency_table(sids: Mapping[str, SID], reference: ReferenceFile) -> str:
@@ -234,18 +238,29 @@ def precision_table(runs: Mapping[str, list[tuple[float, Result, float]]]) -> st
     return table(header, rows)
 
 
+def _page(path: Path, result: Result, field: Field) -> str:
+    """Writes the page that plays the mechanism, if three.js is there; what was done."""
+    from .view.animating import animate
+
+    try:
+        animate(result, path, fields={"rod": field}, colour="stress")
+    except InputError as error:
+        return f"No page {path.name}: {error}."
+    return f"{path} plays the mechanism in a browser."
+
+
 def _plots(
-    examples: Path,
     folder: Path,
+    sid: SID,
+    field: Field,
     results: Mapping[str, Result],
     runs: Mapping[str, list[tuple[float, Result, float]]],
 ) -> None:
-    from .convert import field_from_model
     from .plot.bodies import plot_sid
     from .plot.motion import plot_motions
     from .plot.precision import plot_precision
 
-    plot_sid(folder / "rod.png", *field_from_model(examples / "rod_q4.toml"))
+    plot_sid(folder / "rod.png", sid, field)
     plot_motions(
         folder / "motion.png",
         results,
