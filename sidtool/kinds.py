@@ -16,13 +16,14 @@ WRITTEN = {
     "sidtool model": "model",
     "sidtool scene": "scene",
     "sidtool reference": "reference",
+    "sidtool study": "study",
 }
 #: The same of HDF5 files; all others are SIDs, whose reader says what is wrong.
 _STORED = {"sidtool result": "result", "sidtool field": "field"}
 
 
 def kind_of(path: Path_) -> str:
-    """ "model", "scene", "reference", "result", "field" or "sid", by the content.
+    """ "model", "scene", "reference", "study", "result", "field" or "sid".
 
     Raises
     ------
@@ -38,7 +39,7 @@ def kind_of(path: Path_) -> str:
 
 
 def read(path: Path_) -> Any:
-    """The content of a file: SID, ModelFile, SceneFile, Result or Field.
+    """The content of a file: SID, ModelFile, SceneFile, StudyFile, Result or Field.
 
     Raises
     ------
@@ -129,10 +130,17 @@ def _read_field(path: Path_) -> Any:
     return read_field(path)
 
 
+def _read_study(path: Path_) -> Any:
+    from sidtool.formats.study import read_study
+
+    return read_study(Path(path))
+
+
 READERS: dict[str, Callable[[Path_], Any]] = {
     "sid": _read_sid,
     "model": _read_model,
     "scene": _read_scene,
     "result": _read_result,
     "field": _read_field,
+    "study": _read_study,
 }

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.study import StudyFile, StudyPoint
 
 from .report.tables import table
 
@@ -379,14 +380,43 @@ def recommendation_table(points: Sequence[Point], wanted: Iterable[float]) -> st
     return table(["wanted", "error", "seconds", "[accuracy]"], rows)
 
 
-def plot_study(path: Path, result: Study, title: str) -> None:
-    """Work against precision, one line per integrator."""
+def study_file(result: Study, title: str) -> StudyFile:
+    """A study as it is kept."""
+    points = tuple(
+        StudyPoint(
+            integrator=p.setting.integrator,
+            rtol=p.setting.rtol,
+            step=p.setting.step,
+            error=p.error if np.isfinite(p.error) else None,
+            seconds=p.seconds if np.isfinite(p.seconds) else None,
+            steps=p.steps,
+            message=p.message,
+        )
+        for p in result.points
+    )
+    reference = result.reference
+    return StudyFile(
+        title=title,
+        outputs=reference.names,
+        uncertainty=reference.uncertainty,
+        points=points,
+    )
+
+
+def plot_study(path: Path, content: StudyFile) -> None:
+    """Work against precision, one line per integrator.
+
+    Raises
+    ------
+    InputError : no setting gave an error.
+    """
     from .plot.precision import plot_precision
 
     lines: dict[str, list[tuple[float, float]]] = {}
-    for p in result.points:
-        if not p.message and p.error > 0.0:
-            kind = "" if p.setting.step is None else ", fixed step"
-            name = p.setting.integrator + kind
+    for p in content.points:
+        if not p.message and p.error and p.seconds:
+            name = p.integrator + ("" if p.step is None else ", fixed step")
             lines.setdefault(name, []).append((p.error, p.seconds))
-    plot_precision(path, lines, f"relative error, {title}")
+    if not lines:
+        raise InputError("holds no errors to draw", expected="a study with runs")
+    plot_precision(path, lines, f"relative error, {content.title}")

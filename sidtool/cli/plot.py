@@ -48,7 +48,7 @@ def plot(
     field: Path | None,
     force: bool,
 ) -> None:
-    """Draw a SID, model, field or result.
+    """Draw a SID, model, field, result or study.
 
     \b
     SID     the body and its shape functions with their frequencies, on the full
@@ -56,6 +56,7 @@ def plot(
     model   mesh, markers, what markers are tied to, control net of NURBS
     field   as the SID that it belongs to
     result  outputs over time, spectra, energies, residuals of constraints
+    study   study.json of `sidtool study -o`: time over error
 
     Plane bodies are drawn from above, others in 3D. Curves are drawn from states
     between the output times, not from straight lines.
@@ -69,7 +70,7 @@ def plot(
     """
     from ..kinds import expect_kind, read
 
-    found = expect_kind(file, "sid", "model", "field", "result")
+    found = expect_kind(file, "sid", "model", "field", "result", "study")
     _check_options(found, outputs, kind, field)
     check_targets(
         [Target("-o", output, "picture")], [file, *([field] if field else [])], force
@@ -124,6 +125,11 @@ def _drawn(
         from ..plot.results import plot_result
 
         return plot_result(output, content, kind, outputs)
+    if found == "study":
+        from ..study import plot_study
+
+        plot_study(output, content)
+        return []
     from ..plot.bodies import plot_field, plot_model, plot_sid
 
     if found == "model":

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("scene", metavar="SCENE", type=existing)
 @click.option(
-    "-o", "--output", type=target, help="Folder for the plot and the tables as text."
+    "-o",
+    "--output",
+    type=target,
+    help="Folder for the plot, the tables as text, and the study for `sidtool plot`.",
 )
 @click.option(
     "--wanted",
@@ -156,12 +159,15 @@ def _report(result: Study, wanted: tuple[float, ...]) -> str:
 def _write(folder: Path, result: Study, text: str, title: str) -> None:
     """The text takes its place last: where it stands, nothing is missing."""
     from sidtool.formats.atomic import atomic_path
+    from sidtool.formats.study import write_study
 
-    from ..study import plot_study
+    from ..study import plot_study, study_file
 
     folder.mkdir(parents=True, exist_ok=True)
-    table, plot = folder / "study.txt", folder / "study.png"
+    table, plot, data = (folder / f"study.{end}" for end in ("txt", "png", "json"))
+    content = study_file(result, title)
     with atomic_path(table) as temporary:
         temporary.write_text(text + "\n")
-        plot_study(plot, result, title)
-    click.echo(f"{table} and {plot} written")
+        plot_study(plot, content)
+        write_study(data, content)
+    click.echo(f"{table}, {plot} and {data} written")

@@ -62,7 +62,7 @@ def drawn_svg(t: Array, columns: Mapping[str, Array]) -> tuple[str, float, float
     """All outputs below each other as SVG, and where the axes begin and end across
     it, as shares of its width."""
     groups = grouped(list(columns))
-    with styled(**{"svg.fonttype": "none", "svg.hashsalt": "sidtool"}):
+    with styled():
         height = 1.5 * len(groups) + 0.5
         page, axes = new_page(len(groups), 1, (5.2, height))
         rows = np.atleast_1d(axes)

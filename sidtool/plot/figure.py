@@ -24,6 +24,8 @@ _STYLE: dict[Any, Any] = {
     "grid.alpha": 0.3,
     "legend.frameon": False,
     "lines.linewidth": 1.2,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "sidtool",
 }
 
 
@@ -51,11 +53,11 @@ def saved(page: Figure, path: Path) -> None:
 
 
 @contextmanager
-def styled(**more: Any) -> Iterator[None]:
+def styled() -> Iterator[None]:
     """What is drawn inside looks like all pictures of sidtool."""
     import matplotlib
 
-    with matplotlib.rc_context(_STYLE | {"axes.prop_cycle": _cycle()} | more):
+    with matplotlib.rc_context(_STYLE | {"axes.prop_cycle": _cycle()}):
         yield
 
 

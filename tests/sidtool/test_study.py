@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import sidtool
 from sidtool.cli import run
 from sidtool.formats.errors import InputError
 from sidtool.solver.integrators import INTEGRATORS
@@ -153,6 +154,12 @@ def test_the_command_recommends_and_draws(
     assert 'integrator = "radau5", rtol = ' in text
     assert (tmp_path / "out" / "study.txt").read_text().strip() in text
     assert (tmp_path / "out" / "study.png").read_bytes().startswith(b"\x89PNG")
+    data, again = tmp_path / "out" / "study.json", tmp_path / "again.svg"
+    kept = sidtool.read(data)
+    assert {p.integrator for p in kept.points} and kept.uncertainty > 0
+    assert all(p.error is None or p.error > 0 for p in kept.points)
+    assert run(["plot", str(data), "-o", str(again)]) == 0
+    assert "relative error" in again.read_text()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,58 @@
+"""Studies as files: what each setting of a run costs and gives, as JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from .atomic import atomic_path
+from .scene.base import Table
+from .toml_files import load
+
+
+class StudyPoint(Table):
+    """One setting; `step` [s] replaces the error control by `rtol`."""
+
+    integrator: str
+    rtol: float | None = None
+    step: float | None = None
+    error: float | None = Field(
+        default=None, description="relative, of the worst output; none if it failed"
+    )
+    seconds: float | None = None
+    steps: int
+    message: str = Field(default="", description="why it failed")
+
+
+class StudyFile(Table):
+    """All settings that were tried on a scene."""
+
+    format: Literal["sidtool study"] = "sidtool study"
+    version: Literal[1] = 1
+    title: str = ""
+    outputs: tuple[str, ...] = Field(description="that were compared")
+    uncertainty: float = Field(description="of the reference, relative")
+    points: tuple[StudyPoint, ...]
+
+
+def read_study(path: str | Path) -> StudyFile:
+    """Read a study.
+
+    Raises
+    ------
+    InputError : the file cannot be read or is no study.
+    """
+    return load(path, StudyFile)
+
+
+def write_study(path: str | Path, content: StudyFile) -> None:
+    """Write a study, wholly or not at all.
+
+    Raises
+    ------
+    InputError, OSError : the file cannot be written.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_text(content.model_dump_json(indent=1) + "\n")
