@@ -31,8 +31,10 @@ from .functions import (
     Harmonic,
     Piece,
     Polynomial,
+    SineRamp,
     SmoothStep,
     Spline,
+    Sum,
     coefficients,
 )
 from .joints import (
@@ -135,10 +137,12 @@ __all__ = [
     "SceneFile",
     "SidBody",
     "SidDamping",
+    "SineRamp",
     "SmoothStep",
     "Spherical",
     "Spline",
     "SpringDamper",
+    "Sum",
     "Time",
     "Universal",
     "VALUE",

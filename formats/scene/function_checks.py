@@ -6,7 +6,15 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from .failures import fail
-from .functions import Harmonic, Piece, Polynomial, SmoothStep, Spline
+from .functions import (
+    Harmonic,
+    Piece,
+    Polynomial,
+    SineRamp,
+    SmoothStep,
+    Spline,
+    Sum,
+)
 from .law_checks import check_expression, check_pid
 from .laws import Expression, ForceFunction, Pid
 
@@ -20,9 +28,14 @@ def check_function(function: ForceFunction, place: str, time: Time) -> None:
         _check_polynomial(function, place, time)
     elif isinstance(function, Harmonic):
         _check_harmonic(function, place)
-    elif isinstance(function, SmoothStep):
+    elif isinstance(function, Sum):
+        for index, part in enumerate(function.parts):
+            check_function(part, f"{place}.parts[{index}]", time)
+    elif isinstance(function, SmoothStep | SineRamp):
         if not function.to > function.from_:
             fail(f"{place}.to", f"found {function.to}", f"more than {function.from_}")
+        if isinstance(function, SineRamp):
+            _check_offset(function, place)
     elif isinstance(function, Spline):
         _check_spline(function, place, time)
     elif isinstance(function, Expression):
@@ -31,6 +44,11 @@ def check_function(function: ForceFunction, place: str, time: Time) -> None:
         check_pid(function, place)
         if not isinstance(function.reference, float | str):
             check_function(function.reference, f"{place}.reference", time)
+
+
+def _check_offset(ramp: SineRamp, place: str) -> None:
+    if ramp.of == "value" and ramp.offset != 0.0:
+        fail(f"{place}.offset", "stands beside a ramp of the value", "start")
 
 
 def _check_harmonic(function: Harmonic, place: str) -> None:

@@ -67,6 +67,24 @@ class SmoothStep(Table):
     continuity: Literal[2, 3] = 2
 
 
+class SineRamp(Table):
+    """From one value, or one rate, to another by a straight line with a sine on it.
+
+    Between `from` and `to` it is start + (end - start) (x - sin(2 pi x) / 2 pi), with x
+    from 0 to 1: it begins and ends without rate and acceleration. With `of = "rate"`
+    that is the rate, so that an angle spins up to the rate `end`, and `offset` the
+    value at `from`.
+    """
+
+    type: Literal["sine_ramp"]
+    from_: float = Field(alias="from", description="begin of the ramp [s]")
+    to: float = Field(description="end of the ramp [s]")
+    start: float = Field(default=0.0, description="before")
+    end: float = Field(description="after")
+    of: Literal["value", "rate"] = "value"
+    offset: float = Field(default=0.0, description="of a rate: the value at `from`")
+
+
 class Spline(Table):
     """A table of values, joined by a cubic spline with two continuous derivatives.
 
@@ -89,8 +107,21 @@ class Given(Table):
     type: Literal["callable"]
 
 
+Single = Annotated[
+    Constant | Polynomial | Harmonic | SmoothStep | SineRamp | Spline,
+    Field(discriminator="type"),
+]
+
+
+class Sum(Table):
+    """The sum of other functions, such as two harmonics or a ramp and a harmonic."""
+
+    type: Literal["sum"]
+    parts: tuple[Single, ...] = Field(min_length=1, description="functions of time")
+
+
 Function = Annotated[
-    Constant | Polynomial | Harmonic | SmoothStep | Spline | Given,
+    Constant | Polynomial | Harmonic | SmoothStep | SineRamp | Spline | Sum | Given,
     Field(discriminator="type"),
 ]
 

@@ -13,8 +13,10 @@ from .functions import (
     Given,
     Harmonic,
     Polynomial,
+    SineRamp,
     SmoothStep,
     Spline,
+    Sum,
 )
 
 _LIMITS = "lower and upper bound of the value"
@@ -88,7 +90,16 @@ class Pid(Table):
 
 #: What scales a force: a function of time, or a law.
 ForceFunction = Annotated[
-    Constant | Polynomial | Harmonic | SmoothStep | Spline | Given | Expression | Pid,
+    Constant
+    | Polynomial
+    | Harmonic
+    | SmoothStep
+    | SineRamp
+    | Spline
+    | Sum
+    | Given
+    | Expression
+    | Pid,
     Field(discriminator="type"),
 ]
 

@@ -63,7 +63,12 @@ def excitation(system: System, history: DriveHistory) -> Excitation:
 
 
 def _of_function(system: System, row: int, name: str) -> Excitation:
-    if system.arrays.drive[row, at.D_KIND] == at.HARMONIC:
+    _, _, first, kind = system.arrays.drive[row]
+    if kind == at.SUM:
+        rows = range(first, first + int(system.arrays.drive[row, at.D_PIECES]))
+        parts = [_of_function(system, part, name) for part in rows]
+        return max(parts, key=lambda e: e.frequency)
+    if kind == at.HARMONIC:
         omega, amplitude = _harmonic_of(system, row)
         return Excitation(omega / (2.0 * math.pi), name) if amplitude else Excitation()
     t, clocks = _instants(system, row)

@@ -21,8 +21,10 @@ from sidtool.formats.scene import (
     Given,
     Harmonic,
     Polynomial,
+    SineRamp,
     SmoothStep,
     Spline,
+    Sum,
     coefficients,
 )
 from sidtool.formats.sid import Array
@@ -127,7 +129,34 @@ class Sine:
         return Features(features.NONE.starts, part)
 
 
-Compiled = Pieces | Curve | Sine
+@dataclass(frozen=True)
+class Ramp:
+    """A sine ramp, see `formats.scene.SineRamp`."""
+
+    ramp: SineRamp
+
+    kind = at.RAMP
+    shape = (2, 0)
+
+    def data(self) -> Array:
+        ramp = self.ramp
+        of_rate = ramp.of == "rate"
+        before, rate = (ramp.offset, ramp.start) if of_rate else (ramp.start, 0.0)
+        change = ramp.end - ramp.start
+        return np.array(
+            [ramp.from_, ramp.to, before, change, float(of_rate), rate], float
+        )
+
+    def breaks(self) -> list[float]:
+        return [self.ramp.from_, self.ramp.to]
+
+    def features(self, span: tuple[float, float]) -> Features:
+        part = WELL_FOLLOWED * (self.ramp.to - self.ramp.from_)
+        starts = np.array([-np.inf, self.ramp.from_, self.ramp.to])
+        return Features(starts, np.array([np.inf, part, np.inf]))
+
+
+Compiled = Pieces | Curve | Sine | Ramp
 
 
 class FunctionTable:
@@ -147,6 +176,7 @@ class FunctionTable:
         self._pool = pool
         self._span = span
         self._rows: list[tuple[int, int, int, int]] = []
+        self._parts: list[tuple[int, int, int, int]] = []
         self._breaks: dict[float, list[str]] = {}
         self._features: dict[str, list[Features]] = {}
         self.seen: dict[str, float] = {}
@@ -169,6 +199,26 @@ class FunctionTable:
         ------
         InputError : it jumps, or its values are left to a program that has none.
         """
+        if isinstance(function, Sum) and program is None:
+            parts = [
+                self._add(part, f"{place}.parts[{i}]", None, smooth)
+                for i, part in enumerate(function.parts)
+            ]
+            row = len(parts), 0, len(self._parts), at.SUM
+            self._parts += parts
+        else:
+            row = self._add(function, place, program, smooth)
+        self._rows.append(row)
+        return len(self._rows) - 1
+
+    def _add(
+        self,
+        function: ForceFunction,
+        place: str,
+        program: Derivatives | None,
+        smooth: bool,
+    ) -> tuple[int, int, int, int]:
+        """The row of a function that is no sum."""
         name = place.split(".")[1]
         if program is not None:
             compiled: Compiled = Curve(*interpolate(program, self._span, place, smooth))
@@ -178,15 +228,17 @@ class FunctionTable:
         if smooth and isinstance(compiled, Pieces):
             check_jumps(compiled, self._span, place)
         data = self._pool.add(compiled.data())
-        self._rows.append((*compiled.shape, data, compiled.kind))
         self._features.setdefault(name, []).append(compiled.features(self._span))
         for t in compiled.breaks():
             self._breaks.setdefault(t, []).append(name)
-        return len(self._rows) - 1
+        return (*compiled.shape, data, compiled.kind)
 
     def table(self) -> IntTable:
-        """What kernels read."""
-        return np.array(self._rows, np.int64).reshape(-1, at.N_DRIVE)
+        """What kernels read: all functions, then the parts of sums."""
+        rows = [*self._rows, *self._parts]
+        table = np.array(rows, np.int64).reshape(-1, at.N_DRIVE)
+        table[table[:, at.D_KIND] == at.SUM, at.D_DATA] += len(self._rows)
+        return table
 
     def breaks(self) -> tuple[float, ...]:
         """Times inside the span at which a function is not smooth, then its end."""
@@ -286,6 +338,10 @@ def _harmonic(function: Harmonic, place: str) -> Sine:
     return Sine(function.offset, function.amplitude, omega, function.phase)
 
 
+def _ramp(function: SineRamp, place: str) -> Ramp:
+    return Ramp(function)
+
+
 def _given(function: Given, place: str) -> Pieces:
     raise InputError(
         "its values are left to a program",
@@ -300,6 +356,7 @@ _COMPILERS: dict[type, Callable[..., Compiled]] = {
     Polynomial: _polynomial,
     Harmonic: _harmonic,
     SmoothStep: _smooth_step,
+    SineRamp: _ramp,
     Spline: _spline,
     Given: _given,
 }

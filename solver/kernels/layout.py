@@ -112,6 +112,8 @@ N_DRIVE = 4
 POLYNOMIAL = 0  # starts of the pieces, coefficients of (t - start), lowest power first
 SMOOTH = 1  # edges of the pieces, coefficients on each as on [-1, 1]: one smooth curve
 HARMONIC = 2  # offset, amplitude, angular frequency, phase
+RAMP = 3  # begin, end, value before, change by the ramp, 1 for that of the rate, rate
+SUM = 4  # of D_PIECES rows from D_DATA on, see `FunctionTable.table`
 
 # --- columns of System.force ----------------------------------------------
 F_KIND = 0
