@@ -2,179 +2,52 @@
 
 Every run happens to the slider-crank in a folder of its own, as a user starts it. What
 counts is that nothing is half-written, no process stays, no traceback is shown and the
-numbers are those of an undisturbed run. `python -m benchmarks faults`.
+numbers are those of an undisturbed run. `python -m benchmarks faults`, or some pieces
+by `python -m benchmarks.faults PIECE ...`, which leave the figures of the others as
+they are.
 """
 
 from __future__ import annotations
 
-import os
 import random
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.result import read_result
-from sidtool.formats.sid_files import read_sid
-
-from . import mutations
+from . import mutations, odd_inputs
+from .campaign import COMMANDS, EXAMPLE, FILES, SIGNALS, SIMULATE, Campaign
 from .machine import describe_machine
-from .report import Report, Table
+from .report import Report, Table, load, save
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "slider_crank"
-FILES = ("slider_crank.toml", "rod_q4.SID_FEM")
-SIMULATE = ("simulate", FILES[0], "--rtol", "1e-3", "-o", "r.h5", "--csv", "r.csv")
-COMMANDS: dict[str, tuple[str, ...]] = {
-    "convert": ("convert", FILES[1], "-o", "rod.h5"),
-    "simulate": SIMULATE,
-    "study": ("study", FILES[0], "-o", "s", "--integrator", "radau9", "--rtol", "1e-3"),
-}
-#: Signals, and the status of a run that is ended by one.
-SIGNALS = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
 KILLS, COLD_KILLS, SIZES, TOGETHER = 100, 6, 20, 8
 #: Kernels up to this many bytes are compiled quickly.
 SMALL = 40_000
 
 
-@dataclass
-class Campaign:
-    """The folder of all runs, what is right, and what went wrong."""
-
-    root: Path
-    say: Callable[[str], None]
-    chance: random.Random = field(default_factory=lambda: random.Random(1))
-    right: bytes = b""
-    rows: list[list[str]] = field(default_factory=list)
-    wrong: list[str] = field(default_factory=list)
-
-    def folder(self) -> Path:
-        made = Path(tempfile.mkdtemp(dir=self.root))
-        for name in FILES:
-            shutil.copy(EXAMPLE / name, made / name)
-        return made
-
-    def start(
-        self, command: Sequence[str], folder: Path, cache: Path, **more: object
-    ) -> subprocess.Popen[str]:
-        limit = more.pop("limit", None)
-        surroundings = os.environ | {
-            "NUMBA_CACHE_DIR": str(cache),
-            "TMPDIR": str(self.root / "elsewhere"),
-        }
-
-        def prepare() -> None:
-            if isinstance(limit, int):
-                resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-
-        return subprocess.Popen(
-            [sys.executable, "-m", "sidtool", *command],
-            cwd=folder,
-            env=surroundings | {str(k): str(v) for k, v in more.items()},
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-            preexec_fn=prepare,
-        )
-
-    def run(
-        self,
-        command: Sequence[str],
-        folder: Path,
-        cache: Path,
-        statuses: Sequence[int] = (0,),
-        **more: object,
-    ) -> list[str]:
-        """A run to its end; what is wrong with it."""
-        process = self.start(command, folder, cache, **more)
-        errors = process.communicate()[1]
-        return self.judge(folder, process, errors, statuses)
-
-    def judge(
-        self,
-        folder: Path,
-        process: subprocess.Popen[str],
-        errors: str,
-        statuses: Sequence[int],
-    ) -> list[str]:
-        found = []
-        if process.returncode not in statuses:
-            found.append(f"status {process.returncode}: {errors.strip()[-200:]}")
-        if "Traceback" in errors:
-            found.append("a traceback")
-        if process.returncode != -signal.SIGKILL and list(folder.glob(".*.part")):
-            found.append("a .part file stays")
-        if process.returncode == 0 and "r.csv" in process.args:  # type: ignore[operator]
-            found += [] if (folder / "r.csv").exists() else ["no r.csv"]
-        return found + self.half_written(folder) + staying(process.pid)
-
-    def half_written(self, folder: Path) -> list[str]:
-        """What is there is whole, and right."""
-        table, study = folder / "r.csv", folder / "s"
-        found = []
-        if table.exists() and table.read_bytes() != self.right:
-            found.append("other numbers in r.csv")
-        for name, read in (("r.h5", read_result), ("rod.h5", read_sid)):
-            with suppress(FileNotFoundError):
-                try:
-                    if (folder / name).exists():
-                        read(folder / name)
-                except InputError as error:
-                    found.append(f"{name}: {error}")
-        if (study / "study.txt").exists() and not (study / "study.png").exists():
-            found.append("half a study")
-        return found
-
-    def note(self, what: str, outcomes: Sequence[list[str]]) -> None:
-        bad = [text for outcome in outcomes for text in outcome]
-        self.rows.append([what, str(len(outcomes)), str(sum(map(bool, outcomes)))])
-        self.wrong += [f"{what}: {text}" for text in bad]
-        self.say(f"  {what}: {len(outcomes)}, wrong {sum(map(bool, outcomes))} {bad}")
-
-
-def staying(session: int) -> list[str]:
-    """Processes of a session whose first one has ended, a second later."""
-    for _ in range(20):
-        alive = [p for p in Path("/proc").glob("[0-9]*") if _belongs(p, session)]
-        if not alive:
-            return []
-        time.sleep(0.05)
-    return [f"{len(alive)} processes stay"]
-
-
-def _belongs(process: Path, session: int) -> bool:
-    try:
-        fields = (process / "stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return False
-    return fields[0] != "Z" and int(fields[3]) == session
-
-
-def kills(c: Campaign, cache: Path) -> None:
+def kills(c: Campaign) -> None:
     """At random instants of warm runs; one in ten is followed by a whole run."""
     names = list(COMMANDS)
     seconds = {}
     for name in names:
         began = time.perf_counter()
-        c.note(f"{name}, undisturbed", [c.run(COMMANDS[name], c.folder(), cache)])
+        c.note(f"{name}, undisturbed", [c.run(COMMANDS[name], c.folder(), c.cache)])
         seconds[name] = time.perf_counter() - began
     outcomes: dict[str, list[list[str]]] = {}
     for k in range(KILLS):
         name, number = names[k % 3], list(SIGNALS)[k // 3 % 3]
         folder = c.folder()
         found = killed(
-            c, name, number, c.chance.uniform(0, seconds[name]), cache, folder
+            c, name, number, c.chance.uniform(0, seconds[name]), c.cache, folder
         )
         if k % 10 == 0:
-            found += c.run(COMMANDS[name], folder, cache)
+            found += c.run(COMMANDS[name], folder, c.cache)
         outcomes.setdefault(f"{name}, {number.name}", []).append(found)
     for what, of_these in sorted(outcomes.items()):
         c.note(what, of_these)
@@ -210,7 +83,7 @@ def cold_kills(c: Campaign) -> None:
     c.note("killed while compiling, then a whole run", outcomes)
 
 
-def damages(c: Campaign, cache: Path) -> None:
+def damages(c: Campaign) -> None:
     """Each kind to a small kernel, then all kernels at once; all are whole after."""
 
     def garbled(content: bytes) -> bytes:
@@ -228,15 +101,17 @@ def damages(c: Campaign, cache: Path) -> None:
     }
     outcomes = []
     for change in kinds.values():
-        file = c.chance.choice([f for f in kernels(cache) if f.stat().st_size < SMALL])
+        file = c.chance.choice(
+            [f for f in kernels(c.cache) if f.stat().st_size < SMALL]
+        )
         file.write_bytes(change(file.read_bytes()))
-        outcomes += [c.run(SIMULATE, c.folder(), cache) for _ in range(2)]
-    first, second = (f.read_bytes() for f in kernels(cache)[:2])
-    kernels(cache)[0].write_bytes(second)
-    outcomes.append(c.run(SIMULATE, c.folder(), cache))
-    for file in kernels(cache):
+        outcomes += [c.run(SIMULATE, c.folder(), c.cache) for _ in range(2)]
+    first, second = (f.read_bytes() for f in kernels(c.cache)[:2])
+    kernels(c.cache)[0].write_bytes(second)
+    outcomes.append(c.run(SIMULATE, c.folder(), c.cache))
+    for file in kernels(c.cache):
         file.write_bytes(c.chance.choice(list(kinds.values()))(file.read_bytes()))
-    outcomes += [c.run(SIMULATE, c.folder(), cache) for _ in range(2)]
+    outcomes += [c.run(SIMULATE, c.folder(), c.cache) for _ in range(2)]
     c.note("damaged kernels on disk", outcomes)
 
 
@@ -244,60 +119,105 @@ def kernels(cache: Path) -> list[Path]:
     return sorted(cache.rglob("*.kernel"))
 
 
-def limits(c: Campaign, cache: Path) -> None:
+def limits(c: Campaign) -> None:
     """Files cannot grow beyond a size: kernels, result and table alike."""
     outcomes = []
     for k in range(SIZES):
-        small = min(kernels(cache), key=lambda file: file.stat().st_size)
+        small = min(kernels(c.cache), key=lambda file: file.stat().st_size)
         small.unlink()
         size = int(10.0 ** (6.0 * k / (SIZES - 1)))
-        outcomes.append(c.run(SIMULATE, c.folder(), cache, (0, 1), limit=size))
-        outcomes.append(c.run(SIMULATE, c.folder(), cache))
+        outcomes.append(c.run(SIMULATE, c.folder(), c.cache, (0, 1), limit=size))
+        outcomes.append(c.run(SIMULATE, c.folder(), c.cache))
     c.note("limits on file sizes, each with a run after", outcomes)
 
 
-def full_disks(c: Campaign, cache: Path) -> None:
-    """A disk of a few sizes, if this user may mount one: what has no room moves."""
+@contextmanager
+def disk(place: Path, size: int) -> Iterator[bool]:
+    """A disk of so many bytes, if this user may mount one."""
+    place.mkdir(exist_ok=True)
+    mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(place)]
+    try:
+        mounted = subprocess.run(mount, capture_output=True).returncode == 0
+    except FileNotFoundError:
+        mounted = False
+    try:
+        yield mounted
+    finally:
+        if mounted:
+            subprocess.run(["umount", str(place)], check=True)
+
+
+def full_disks(c: Campaign) -> None:
+    """A disk of a few sizes: what has no room moves."""
     outcomes = []
     for k in range(SIZES):
         folder = c.folder()
-        disk = folder / "disk"
-        disk.mkdir()
-        size = 4096 * (1 + k * 5)
-        mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(disk)]
-        try:
-            mounted = subprocess.run(mount, capture_output=True).returncode == 0
-        except FileNotFoundError:
-            mounted = False
-        if not mounted:
-            c.say("  no full disks: nothing can be mounted here")
-            return
-        try:
+        with disk(folder / "disk", 4096 * (1 + k * 5)) as mounted:
+            if not mounted:
+                c.say("  no full disks: nothing can be mounted here")
+                return
             targets = ("-o", "disk/r.h5", "--csv", "disk/r.csv")
-            found = c.run((*SIMULATE[:4], *targets), folder, cache, (0, 1))
-            found += c.half_written(disk)
-            if list(disk.glob(".*")):
+            found = c.run((*SIMULATE[:4], *targets), folder, c.cache, (0, 1))
+            found += c.half_written(folder / "disk")
+            if list((folder / "disk").glob(".*")):
                 found.append("rests on the full disk")
             outcomes.append(found)
-        finally:
-            subprocess.run(["umount", str(disk)], check=True)
         shutil.rmtree(c.root / "elsewhere")
         (c.root / "elsewhere").mkdir()
     c.note("disks too small for all or some of the files", outcomes)
 
 
-def mistakes(c: Campaign) -> None:
-    """Mutations of each example file, see `mutations`."""
-    for file in mutations.examples():
-        root = Path(tempfile.mkdtemp(dir=c.root))
-        chance = random.Random(file.name)
-        c.note(f"mutations of {file.name}", mutations.outcomes(file, root, chance))
+def read_only(c: Campaign) -> None:
+    """A cache that cannot be written: whole, without a kernel, damaged, empty."""
+
+    def without_one(kept: Path) -> None:
+        kernels(kept)[0].unlink()
+
+    def damaged(kept: Path) -> None:
+        file = kernels(kept)[-1]
+        file.write_bytes(file.read_bytes()[:-100])
+
+    changes: dict[str, Callable[[Path], None]] = {
+        "whole": lambda kept: None,
+        "without a kernel": without_one,
+        "damaged": damaged,
+        "empty": shutil.rmtree,
+    }
+    for name, change in changes.items():
+        place = c.root / "read_only"
+        with disk(place, 1 << 28) as mounted:
+            if not mounted:
+                c.say("  no read-only caches: nothing can be mounted here")
+                return
+            shutil.copytree(c.cache, place / "cache")
+            change(place / "cache")
+            subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+            found = c.run(SIMULATE, c.folder(), place / "cache")
+            c.note(f"a read-only cache, {name}", [found])
 
 
-def out_of_reach(c: Campaign, cache: Path) -> None:
+def mistakes(c: Campaign, file: Path) -> None:
+    """Mutations of an example file; those that end wrongly are kept."""
+    root = Path(tempfile.mkdtemp(prefix="mutations_"))
+    found = mutations.outcomes(file, root, random.Random(file.name))
+    c.note(f"mutations of {file.name}", found)
+    if not any(found):
+        shutil.rmtree(root)
+
+
+def odd(c: Campaign) -> None:
+    """Hostile and odd inputs, one by one."""
+    found = [
+        odd_inputs.outcome(what, c.folder(), EXAMPLE / FILES[1])
+        for what in odd_inputs.INPUTS
+    ]
+    c.note("odd inputs: " + ", ".join(odd_inputs.INPUTS), found)
+
+
+def out_of_reach(c: Campaign) -> None:
     one = [c.run(SIMULATE, c.folder(), Path("/dev/null/cache"))]
     c.note("a cache that cannot be made", one)
-    jit = [c.run(SIMULATE, c.folder(), cache, NUMBA_DISABLE_JIT=1)]
+    jit = [c.run(SIMULATE, c.folder(), c.cache, NUMBA_DISABLE_JIT=1)]
     c.note("NUMBA_DISABLE_JIT=1", jit)
 
 
@@ -310,28 +230,49 @@ def together(c: Campaign) -> None:
     c.note("at once on an empty cache", [c.judge(f, p, e, [0]) for f, p, e in ended])
 
 
-def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
+#: Name of a piece -> its runs.
+PIECES: dict[str, Callable[[Campaign], None]] = {
+    "kills": kills,
+    "kills while compiling": cold_kills,
+    "damaged caches": damages,
+    "read-only caches": read_only,
+    "caches out of reach": out_of_reach,
+    "an empty cache": together,
+    "limits": limits,
+    "full disks": full_disks,
+    "odd inputs": odd,
+    **{file.name: partial(mistakes, file=file) for file in mutations.examples()},
+}
+HEADER = ("fault", "runs", "wrong")
+
+
+def run(
+    folder: Path,
+    name: str,
+    say: Callable[[str], None],
+    pieces: Sequence[str] = tuple(PIECES),
+) -> Report:
+    """The figures of these pieces, and those that are there of the others."""
+    last = load(folder, [name]).get(name)
+    tables = {table.caption: table for table in last.tables} if last else {}
     with tempfile.TemporaryDirectory() as made:
         c = Campaign(Path(made), say)
-        (c.root / "elsewhere").mkdir()
-        cache, first = c.root / "cache", c.folder()
-        process = c.start(SIMULATE, first, cache)
-        process.communicate()
-        c.right = (first / "r.csv").read_bytes()
-        kills(c, cache)
-        damages(c, cache)
-        limits(c, cache)
-        full_disks(c, cache)
-        out_of_reach(c, cache)
-        cold_kills(c)
-        together(c)
-        mistakes(c)
-    caption = "Runs of the slider-crank, and how many were wrong:"
-    return Report(
-        title="Faults on purpose",
-        tables=[
-            Table(caption, ["fault", "runs", "wrong"], c.rows),
-        ],
-        remarks=c.wrong or ["Nothing was half-written, stayed, or had other numbers."],
-        machine=describe_machine(),
-    )
+        for piece in pieces:
+            c.rows = []
+            PIECES[piece](c)
+            tables[piece] = Table(piece, HEADER, c.rows)
+    known = [tables[piece] for piece in PIECES if piece in tables]
+    wrong = [row for table in known for row in table.rows if row[2] != "0"]
+    total = sum(int(row[1]) for table in known for row in table.rows)
+    remark = f"{len(wrong)} of these kinds of faults ended wrongly."
+    if not wrong:
+        remark = (
+            f"{total} runs: nothing was half-written, stayed, hung, showed a traceback "
+            "or had other numbers."
+        )
+    return Report("Faults on purpose", known, [remark], machine=describe_machine())
+
+
+if __name__ == "__main__":
+    results = Path(__file__).parent / "results"
+    save(results, "faults", run(results, "faults", print, sys.argv[1:] or [*PIECES]))

@@ -180,7 +180,8 @@ def _child(command: tuple[str, ...], folder: Path) -> None:
     try:
         os.chdir(folder)
         limit = PATIENCE if command[0] == "simulate" else LONGEST
-        resource.setrlimit(resource.RLIMIT_CPU, (limit, limit))
+        # at the second limit the kernel sends SIGKILL instead of SIGXCPU
+        resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 5))
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         for number, name in ((1, ".out"), (2, ".err")):
             os.dup2(os.open(name, os.O_WRONLY | os.O_CREAT), number)

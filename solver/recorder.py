@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sidtool.formats.result import Event, FlexibleBody
-from sidtool.formats.result.rows import Rows, Sink
+from sidtool.formats.result.rows import BLOCK, Rows, Sink
 from sidtool.formats.sid import Array
 
 from .advice.body_measures import Reached
@@ -82,8 +82,9 @@ class Recorder:
     def take(self, t: Array, z: Array, v: Array, moments: Sequence[Moment]) -> None:
         """All rows and events until now; z and v are projected."""
         began = time.perf_counter()
-        if len(t):
-            self._add(self._record(t, z, v), t, z, v)
+        for first in range(0, len(t), BLOCK):  # a step may hold any number of rows
+            rows = [table[first : first + BLOCK] for table in (t, z, v)]
+            self._add(self._record(*rows), *rows)
         self._go_on(t, z, v)
         if moments:
             parts = self.system, self.kernels, self.closed, self.history
@@ -128,7 +129,9 @@ class Recorder:
         self._waiting = []
         times, states = np.concatenate([t, ends.t]), np.concatenate([z, ends.z])
         order = np.argsort(times, kind="stable")
-        self.reached.go_on(times[order], states[order])
+        for first in range(0, len(order), BLOCK):
+            rows = order[first : first + BLOCK]
+            self.reached.go_on(times[rows], states[rows])
 
     def bodies(self) -> dict[str, FlexibleBody]:
         """What flexible bodies met, at output times and at the ends of steps."""

@@ -28,14 +28,15 @@ class OutputTimes:
         step = scene.time.output_step
         if step is None:
             return
-        steps = int(self._span / step * (1 + 1e-12) + 1e-9)
-        if steps > MOST_OUTPUTS:
+        steps = self._span / step * (1 + 1e-12) + 1e-9
+        if not steps < MOST_OUTPUTS + 1:
+            count = int(steps) if steps < 1e15 else f"{steps:.3g}"
             raise InputError(
-                f"asks for {steps} output times",
+                f"asks for {count} output times",
                 place="time.output_step",
                 expected=f"at most {MOST_OUTPUTS}",
             )
-        self._count = steps + 1
+        self._count = int(steps) + 1
 
     def __len__(self) -> int:
         return self._count

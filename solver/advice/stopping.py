@@ -81,9 +81,17 @@ def lost_inertia(system: System, work: at.Work) -> str:
 
 
 def _least(M: Array) -> float:
-    """The smallest eigenvalue of a mass matrix with ones on its diagonal."""
-    size = np.sqrt(np.maximum(M.diagonal(), np.finfo(float).tiny))
-    return float(np.linalg.eigvalsh((M + M.T) / 2 / np.outer(size, size))[0])
+    """The smallest eigenvalue of a mass matrix with ones on its diagonal.
+
+    Minus infinity where an element of the diagonal has no such scale.
+    """
+    if not (M.diagonal() > 0.0).all():
+        return -np.inf
+    size = np.sqrt(M.diagonal())
+    scaled = M / size / size[:, None]
+    if not np.isfinite(scaled).all():
+        return -np.inf
+    return float(np.linalg.eigvalsh((scaled + scaled.T) / 2)[0])
 
 
 def _undeformed(system: System, sid: SID, rd: int) -> Array:

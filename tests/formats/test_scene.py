@@ -241,8 +241,13 @@ def test_output_times_hit_the_end_and_the_written_decimals() -> None:
     assert np.allclose(output_times(validated(odd, SceneFile)), [0, 0.7, 1.4, 2.1, 2.8])
 
 
-def test_the_number_of_output_times_is_bounded() -> None:
-    data = changed(planar(), "time/output_step", 1e-12)
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [("output_step", 1e-12), ("output_step", 1e-308), ("end", 1e308)],
+)
+def test_the_number_of_output_times_is_bounded(place: str, value: float) -> None:
+    """Also where it is more than a floating-point number can tell."""
+    data = changed(planar(), f"time/{place}", value)
     with pytest.raises(InputError, match="output_step: asks for"):
         output_times(validated(data, SceneFile))
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from sidtool.formats.result import Result
-from sidtool.solver import run, simulate
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.solver import compile_scene, run, simulate
+from sidtool.solver.advice import stopping
 from sidtool.solver.errors import SimulationError
 from sidtool.solver.system.scene import System
 from tests.solver.scenes import compiled, scene, slender_rod
@@ -110,3 +113,20 @@ def test_an_interval_that_cannot_be_entered_keeps_what_was_before(
     assert result.t == pytest.approx([0.0, 0.25, 0.5])
     assert result["block.x"] == pytest.approx(0.75 * result.t**2, abs=1e-9)
     assert result["block.ax"] == pytest.approx([1.5] * 3)
+
+
+@pytest.mark.parametrize("place", [-1e20, 3e18])
+def test_a_mechanism_beyond_all_sizes_stops_with_the_cause(place: float) -> None:
+    """Mass matrices of elastic coordinates of 1e20 have no scale, nor eigenvalues."""
+    folder = Path(__file__).parents[2] / "examples" / "slider_crank"
+    data = read_scene(folder / "slider_crank.toml").model_dump(exclude_none=True)
+    data["bodies"]["crank"]["markers"]["bearing"]["position"] = [place, 0.0]
+    result = stopped(compile_scene(SceneFile.model_validate(data), folder), rtol=1e-2)
+    assert "stopped at t = 0 s" in result.message
+
+
+@pytest.mark.parametrize("worst", [-1e300, 0.0, np.nan])
+def test_matrices_without_a_scale_are_not_positive(worst: float) -> None:
+    M = np.eye(3) * [1.0, 2.0, worst] + 1e200 * np.eye(3)[::-1]
+    assert stopping._least(M) == -np.inf
+    assert stopping._least(np.array([[4.0, 1.0], [1.0, 1.0]])) == pytest.approx(0.5)
