@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 Path_ = str | os.PathLike[str]
 Sids = Mapping[str, SID | Path_]
+Programs = Mapping[str, Any]
 
 
 def static_equilibrium(
@@ -30,11 +31,13 @@ def static_equilibrium(
     sids: Sids | None = None,
     base_folder: Path_ | None = None,
     accept_defects: bool = False,
+    drives: Programs | None = None,
+    forces: Programs | None = None,
 ) -> Equilibrium:
     """The state of rest downhill from the start of a scene.
 
     Its `result()` holds the outputs of the scene and the forces of all joints. The
-    other arguments are those of `simulate`.
+    other arguments are those of `simulate`, also callables and laws of programs.
 
     Raises
     ------
@@ -43,7 +46,8 @@ def static_equilibrium(
     """
     from sidtool.solver.analyses.static import static_equilibrium as analyse
 
-    with _Compiled(scene, sids, base_folder, accept_defects) as system:
+    programs = drives, forces
+    with _Compiled(scene, sids, base_folder, accept_defects, programs) as system:
         return analyse(system)
 
 
@@ -54,6 +58,8 @@ def linearise(
     sids: Sids | None = None,
     base_folder: Path_ | None = None,
     accept_defects: bool = False,
+    drives: Programs | None = None,
+    forces: Programs | None = None,
 ) -> Linearisation:
     """Frequencies, damping ratios and shapes of the natural modes of a scene.
 
@@ -66,7 +72,8 @@ def linearise(
     """
     from sidtool.solver.analyses.linear import linearise as analyse
 
-    with _Compiled(scene, sids, base_folder, accept_defects) as system:
+    programs = drives, forces
+    with _Compiled(scene, sids, base_folder, accept_defects, programs) as system:
         return analyse(system, about)
 
 
@@ -77,6 +84,8 @@ def inverse_dynamics(
     sids: Sids | None = None,
     base_folder: Path_ | None = None,
     accept_defects: bool = False,
+    drives: Programs | None = None,
+    forces: Programs | None = None,
 ) -> Result:
     """Motion and joint forces of a scene whose drives prescribe everything.
 
@@ -91,7 +100,8 @@ def inverse_dynamics(
     """
     from sidtool.solver.analyses.inverse import inverse_dynamics as analyse
 
-    with _Compiled(scene, sids, base_folder, accept_defects) as system:
+    programs = drives, forces
+    with _Compiled(scene, sids, base_folder, accept_defects, programs) as system:
         return analyse(system, quasi_static=quasi_static)
 
 
@@ -104,12 +114,14 @@ class _Compiled:
         sids: Sids | None,
         base_folder: Path_ | None,
         accept_defects: bool,
+        programs: tuple[Programs | None, Programs | None],
     ) -> None:
         self.path = None if isinstance(scene, SceneFile) else Path(scene)
         self.scene = scene
         self.sids = sids or {}
         self.folder = base_folder
         self.accept_defects = accept_defects
+        self.drives, self.forces = programs
 
     def __enter__(self) -> System:
         from sidtool.solver import compile_scene
@@ -127,7 +139,9 @@ class _Compiled:
                 folder,
                 replaced,
                 accept_defects=self.accept_defects,
+                drives=self.drives,
                 keep_joints=True,
+                forces=self.forces,
             )
         except InputError as error:
             raise self._located(error) from None
