@@ -53,6 +53,22 @@ def outputs(
     )
 
 
+def outputs_at(result: Result, names: Iterable[str], times: Array) -> dict[str, Array]:
+    """Outputs at any times of a run, (nt,) each: from its states, interpolated between
+    output times. Of an analysis what it recorded, along straight lines.
+
+    Raises
+    ------
+    InputError : see `outputs`; an analysis did not record one.
+    """
+    if "analysis" in result.settings:
+        found = outputs(result, names)
+        return {name: np.interp(times, result.t, v) for name, v in found.items()}
+    from sidtool.solver.afterwards import replay
+
+    return replay(result, names).outputs(times)
+
+
 def with_outputs(result: Result, found: Mapping[str, Array]) -> Result:
     """The result with these outputs beside those that it has."""
     new = [name for name in found if name not in result.names]

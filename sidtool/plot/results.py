@@ -14,6 +14,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import expanded, unit_of
 from sidtool.solver.afterwards import Replay, replay, scene_of
 
+from ..afterwards import outputs, outputs_at
 from .courses import Curve, draw, grouped, label_of
 from .figure import new_page, saved, styled
 
@@ -96,19 +97,20 @@ def _dense(
     result: Result, names: list[str]
 ) -> tuple[Array, dict[str, Array], list[str]]:
     """Outputs at many times; recorded ones that cannot be evaluated where they are."""
+    if "analysis" in result.settings:
+        return result.t, outputs(result, names), []
     fixed = [n for n in names if n.startswith("energy.") and n in result.names]
     fixed = [n for n in fixed if n not in ENERGIES]
     again = replay(result, [name for name in names if name not in fixed])
-    t = _times(again, "analysis" in result.settings)
+    t = _times(result.t)
     columns = again.outputs(t)
     for name in fixed:
         columns[name] = np.interp(t, result.t, result[name])
     return t, columns, _uncertain(again)
 
 
-def _times(again: Replay, as_given: bool) -> Array:
-    t = again.t
-    count = 1 if as_given else max(1, -(-_POINTS // (len(t) - 1)))
+def _times(t: Array) -> Array:
+    count = max(1, -(-_POINTS // (len(t) - 1)))
     shares = np.arange(count) / count
     inner = (t[:-1, None] + np.diff(t)[:, None] * shares).ravel()
     return np.append(inner, t[-1])
@@ -145,10 +147,9 @@ def _energy(path: Path, result: Result) -> list[str]:
 def _spectrum(path: Path, result: Result, names: list[str]) -> list[str]:
     """Amplitudes of a Hann window over the whole run, up to half the rate of output
     times."""
-    again = replay(result, names)
     count = max(8, len(result.t))
     t = np.linspace(result.t[0], result.t[-1], count)
-    columns = again.outputs(t)
+    columns = outputs_at(result, names, t)
     groups = grouped(names)
     step = t[1] - t[0]
     frequencies = np.fft.rfftfreq(count, step)[1:]

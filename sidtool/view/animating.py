@@ -6,17 +6,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from sidtool import __version__
 from sidtool.formats.atomic import atomic_path
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
 from sidtool.formats.scene import expanded
 from sidtool.formats.sid import Array
-from sidtool.solver.afterwards import replay, scene_of
+from sidtool.solver.afterwards import scene_of
 from sidtool.solver.recording.energy_history import INTEGRATED
 
+from ..afterwards import outputs_at
 from .companions import Given, companions
 from .drawn_bodies import Drawn, drawn_bodies
 from .page import page
@@ -144,8 +143,7 @@ def _columns(
             )
     if not wanted:
         return {}, told
-    found = replay(result, wanted).outputs(t)
-    return {name: np.asarray(values) for name, values in found.items()}, told
+    return outputs_at(result, wanted, t), told
 
 
 def _is_integral(name: str) -> bool:

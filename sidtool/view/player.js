@@ -66,15 +66,16 @@
     }
     get triangles() { return this.geometry.index.count / 3; }
     place(i, s) {
+      const next = Math.min(i + 1, times.length - 1);
       const from = new THREE.Vector3().fromArray(this.places, 3 * i);
-      const to = new THREE.Vector3().fromArray(this.places, 3 * (i + 1));
+      const to = new THREE.Vector3().fromArray(this.places, 3 * next);
       this.group.position.copy(from.lerp(to, s));
       const first = new THREE.Quaternion().fromArray(this.turns, 4 * i);
-      const second = new THREE.Quaternion().fromArray(this.turns, 4 * (i + 1));
+      const second = new THREE.Quaternion().fromArray(this.turns, 4 * next);
       this.group.quaternion.copy(first.slerp(second, s));
       const n = this.q.length;
       for (let k = 0; k < n; k++) {
-        this.q[k] = (1 - s) * this.elastic[i * n + k] + s * this.elastic[(i + 1) * n + k];
+        this.q[k] = (1 - s) * this.elastic[i * n + k] + s * this.elastic[next * n + k];
       }
     }
     each(act) {

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import sidtool
+from sidtool.afterwards import outputs_at
 from sidtool.cli import run
 from sidtool.convert import field_from_model
 from sidtool.formats.errors import InputError
 from sidtool.formats.field import write_field
 from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result, write_result
-from sidtool.formats.scene import SceneFile, unit_of
+from sidtool.formats.scene import SceneFile, read_scene, unit_of
 from sidtool.formats.toml_files import validated
 from sidtool.plot import bodies, results
 from sidtool.plot.courses import grouped, label_of
@@ -136,6 +137,22 @@ def test_coarse_output_times_are_told(pages: list[Any]) -> None:
     result = sidtool.simulate(validated(content, SceneFile))
     (told,) = results.plot_result(Path("x.png"), result)
     assert "between output times curves may be off by" in told
+
+
+def test_forces_of_an_analysis_are_drawn_as_it_found_them(pages: list[Any]) -> None:
+    """Quasi-static: free vibrations of the same states would need other forces."""
+    scene = read_scene(EXAMPLE / "slider_crank.toml")
+    outputs = scene.outputs.model_copy(update={"record": ("bearing.mz",)})
+    time = scene.time.model_copy(update={"end": 1.0, "output_step": 0.05})
+    scene = scene.model_copy(update={"outputs": outputs, "time": time})
+    found = sidtool.inverse_dynamics(scene, base_folder=EXAMPLE, quasi_static=True)
+    results.plot_result(Path("x.png"), found)
+    line = pages[0].axes[0].lines[0]
+    assert np.array_equal(line.get_ydata(), found["bearing.mz"])
+    drawn = outputs_at(found, ["bearing.mz"], found.t)["bearing.mz"]
+    assert np.array_equal(drawn, found["bearing.mz"])
+    with pytest.raises(InputError, match="there is no output 'bearing.fx'"):
+        results.plot_result(Path("x.png"), found, names="bearing.fx")
 
 
 def test_spectra_show_amplitudes(wheel: Result, pages: list[Any]) -> None:
