@@ -15,6 +15,7 @@ from sidtool.formats.scene import watched
 
 from .advice import notes
 from .advice.bifurcations import crossings
+from .advice.far_starts import far_starts
 from .advice.stopping import (
     CAUSES,
     demanded_too_much,
@@ -26,6 +27,7 @@ from .advice.stopping import (
 from .integrators import stepping
 from .kernels import newton
 from .recording import outputs
+from .recording.sampling import Samples, sample
 from .start import assembly
 from .start.displacements import told_displacements
 from .start.settings import made_with
@@ -126,6 +128,9 @@ def _notes(run: Run) -> Iterator[str]:
     yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)
     yield from _forced(run)
+    bodies = run.recorder.bodies()
+    if bodies and run.now > system.scene.time.start:
+        yield from far_starts(system, _first(run), bodies)
 
 
 def _forced(run: Run) -> Iterator[str]:
@@ -134,6 +139,21 @@ def _forced(run: Run) -> Iterator[str]:
     if bent and run.now >= run.system.scene.time.end:
         why = demanded_too_much(run.system, run.now, run.control.z, run.control.v)
         yield from [f"joints and drives deform {', '.join(bent)}: {why}"] if why else []
+
+
+def _first(run: Run) -> Samples:
+    """The start, with accelerations."""
+    start = run.start
+    return sample(
+        run.system,
+        run.kernels,
+        run.work,
+        run.memory,
+        np.array([run.system.scene.time.start]),
+        start.z[None],
+        start.v[None],
+        run.closed,
+    )
 
 
 def _counters(run: Run) -> dict[str, Any]:

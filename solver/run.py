@@ -16,6 +16,7 @@ from sidtool.formats.scene import OutputTimes
 from . import warmup
 from .account import failure_of, result_of
 from .advice.body_measures import expected_bodies
+from .advice.coverage import rigid_directions
 from .advice.questions import questions
 from .advice.stopping import singular
 from .errors import SimulationError
@@ -55,6 +56,7 @@ def simulate(
     spectral_radius: float | None = None,
     progress: Progress | None = None,
     foresee: Foresee | None = None,
+    tell: Callable[[str], None] | None = None,
     told: Iterable[str] = (),
     into: Sink | None = None,
 ) -> Result:
@@ -69,6 +71,7 @@ def simulate(
     spectral_radius : of generalised_alpha, 0 to 1, default as in the scene
     progress : called with the simulated time [s] from time to time
     foresee : called before the first step with what is expected of flexible bodies
+    tell : called before the first step with what is to be asked or known of the scene
     told : sentences for the notes of the result
     into : takes the rows of the result while the run goes on, and the result at its
         end, whose tables are then empty; default they are kept in memory
@@ -84,6 +87,10 @@ def simulate(
     began = time.perf_counter()
     asked = tuple(questions(system))
     system, start = _assembled(system, asked)
+    asked = (*asked, *rigid_directions(system, start))
+    if tell is not None:
+        for sentence in asked:
+            tell(sentence)
     expected = expected_bodies(system, start)
     if foresee is not None:
         foresee(expected)

@@ -72,7 +72,9 @@ class Start(Table):
     state: Literal["stated", "static"] = Field(
         default="stated",
         description="static: in the equilibrium nearest downhill from what is stated, "
-        "under gravity and the loads at the start, drives held; stated velocities stay",
+        "under gravity and the loads at the start, drives held; stated velocities "
+        "stay. Where drives prescribe all motion and move at the start (steady spin), "
+        "bodies carry the loads of that motion as well",
     )
 
 

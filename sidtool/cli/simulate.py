@@ -173,6 +173,7 @@ def _run(
             system,
             progress=progress,
             foresee=_foresee,
+            tell=lambda text: click.echo(f"before the run: {text}"),
             told=told,
             into=files,
             **settings,

@@ -90,6 +90,33 @@ def _refuse_states(system: System) -> None:
             )
 
 
+def relative_equilibrium(system: System) -> Array | None:
+    """Positions at the start of a scene whose drives move it at once, (n,), its bodies
+    in equilibrium with the loads of that motion; None of other scenes.
+
+    None, too, where something moves that no drive prescribes.
+
+    Raises
+    ------
+    SimulationError : a body is too soft for a quasi-static deformation.
+    """
+    refuse_prescribed(system)
+    system, start = assemble(system)
+    t = system.scene.time.start
+    mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
+    mechanics.scale = coordinate_sizes(system)
+    motion = _Motion(mechanics, quasi_static=True)
+    try:
+        _refuse_states(system)
+        motion.refuse_freedom(start)
+    except InputError:
+        return None
+    if motion.driven.all() or not motion.velocities(start.z).any():
+        return None
+    found = motion.deformed(start.z)
+    return None if found is None else found.z
+
+
 class _Motion:
     """States that the drives demand.
 

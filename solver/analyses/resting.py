@@ -14,6 +14,7 @@ from ..errors import SimulationError
 from ..kernels import layout as at
 from ..system.scene import System
 from .held import is_state
+from .inverse import relative_equilibrium
 from .static import static_equilibrium
 
 
@@ -24,7 +25,8 @@ def resting(
     by name, and what is told of it.
 
     Gravity and loads are those at the start, drives hold their values there. Stated
-    velocities stay as they are.
+    velocities stay as they are. Where drives prescribe all motion and move at once, as
+    in steady spin, bodies are in equilibrium with the loads of that motion, too.
 
     system : with all of its joints
 
@@ -33,24 +35,33 @@ def resting(
     InputError : there is no equilibrium near the start.
     """
     try:
+        z = relative_equilibrium(system)
+        if z is not None:
+            return _scene_at(system, z), {}, ()
         found = static_equilibrium(system)
     except SimulationError as error:
         raise InputError(
             str(error), place="initial.state", expected="a scene that can rest"
         ) from None
-    system, bodies = found.system, dict(system.scene.bodies)
-    for b, data in enumerate(system.bodies):
-        if data.name in bodies:
-            start = bodies[data.name].initial
-            place = _placed(system, found.z, b)
-            moved = start.model_copy(update=place)
-            bodies[data.name] = bodies[data.name].model_copy(update={"initial": moved})
+    system = found.system
     states = {
         data.name: float(found.v[system.arrays.body[b, at.VEL]])
         for b, data in enumerate(system.bodies)
         if is_state(system, b)
     }
-    return system.scene.model_copy(update={"bodies": bodies}), states, found.notes
+    return _scene_at(system, found.z), states, found.notes
+
+
+def _scene_at(system: System, z: Array) -> SceneFile:
+    """The scene with its bodies at some positions."""
+    bodies = dict(system.scene.bodies)
+    for b, data in enumerate(system.bodies):
+        if data.name in bodies:
+            start = bodies[data.name].initial
+            place = _placed(system, z, b)
+            moved = start.model_copy(update=place)
+            bodies[data.name] = bodies[data.name].model_copy(update={"initial": moved})
+    return system.scene.model_copy(update={"bodies": bodies})
 
 
 def _placed(system: System, z: Array, b: int) -> dict[str, Any]:

@@ -72,7 +72,7 @@ def conflict_soon(system: System, t: float, z: Array, v: Array) -> str:
         return ""
     for share in SOON:
         when = min(t + share * (span.end - span.start), span.end)
-        state = _undeformed(system, when, z, v)
+        state = undeformed(system, when, z, v)
         names, met = _names_and_test(state)
         apart = _nearest(state, met, names) if names else None
         if names and (apart is None or apart.gap > MEET * system.length):
@@ -84,7 +84,7 @@ def conflict_of_rates(system: System, t: float, z: Array, v: Array) -> str:
     """Why no velocities meet all joints and drives in a state at a time t [s]."""
     if system.n_rows > LARGEST:
         return ""
-    state = _undeformed(system, t, z, v)
+    state = undeformed(system, t, z, v)
     state.ignored[:] = False
     state.evaluate()
     rates = state.work.row[:, at.C_RATE].copy()
@@ -97,7 +97,7 @@ def conflict_of_rates(system: System, t: float, z: Array, v: Array) -> str:
     return "" if can_move() else _contradicting(state.system, state.ignored, can_move)
 
 
-def _undeformed(system: System, t: float, z: Array, v: Array) -> State:
+def undeformed(system: System, t: float, z: Array, v: Array) -> State:
     """The scene with all of its joints at a time t, its bodies where a run has them."""
     work, whole = new_work(system), system.complete_scene
     work.clock[0] = float(system.clocks(np.array([t]))[0])
@@ -161,7 +161,7 @@ def _listed(names: list[str]) -> str:
 def _names_and_test(state: State) -> tuple[str, Callable[[], bool]]:
     """What contradicts what, empty if all can be met; and the test of what is met, from
     where the state is now."""
-    _make_rigid(state)
+    make_rigid(state)
     z = state.z.copy()
 
     def met() -> bool:
@@ -174,7 +174,8 @@ def _names_and_test(state: State) -> tuple[str, Callable[[], bool]]:
     return _contradicting(state.system, state.ignored, met), met
 
 
-def _make_rigid(state: State) -> None:
+def make_rigid(state: State) -> None:
+    """Takes the deformation from a state, and from what may move it."""
     for row in state.system.arrays.body:
         nq = int(row[at.NQ])
         if nq:

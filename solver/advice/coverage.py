@@ -1,0 +1,160 @@
+"""Directions in which joints and forces load a flexible body that is rigid there.
+
+A modal basis often lacks the shapes that stretch or twist a body: no shape function
+moves a marker in the direction of a load, which then meets a rigid body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sidtool.formats.scene import PointForce, marker_names, marker_reference
+from sidtool.formats.sid import Array
+
+from ..kernels import layout as at
+from ..kernels import planar_columns as planar
+from ..kernels import spatial_columns as spatial
+from ..start.assembly import Start
+from ..start.conflicts import LARGEST, make_rigid, undeformed
+from ..start.consistent import State
+from ..system.scene import Row, System
+
+#: Shape functions move a marker when they do so by more than this part of what they
+#: move any node of the body.
+MOVED = 1e-9
+#: A direction is that of an axis when its cosine is closer to one than this.
+ALONG = 1e-6
+
+Found = dict[tuple[str, str], dict[str, str]]
+
+
+def rigid_directions(system: System, start: Start) -> Iterator[str]:
+    """One sentence for each body and marker that is rigid where it is loaded.
+
+    start : the assembled start of the system
+    """
+    flexible = any(body.of_scene and body.sid.nq for body in system.bodies)
+    if not flexible or system.complete_scene.n_rows > LARGEST:
+        return
+    state = undeformed(system, system.scene.time.start, start.z, start.v)
+    make_rigid(state)
+    found: Found = {}
+    _of_joints(state, found)
+    _of_forces(state, found)
+    for (body, marker), directions in found.items():
+        names = list(dict.fromkeys(directions.values()))
+        yield (
+            f"{body} is rigid {' and '.join(directions)} at {marker}, where "
+            f"{', '.join(names)} {'load' if names[1:] else 'loads'} it: no shape "
+            "function moves that; attachment modes or Craig-Bampton with this marker "
+            "among the interfaces have one"
+        )
+
+
+def _of_joints(state: State, found: Found) -> None:
+    """Constraint forces: rows of C hold their directions, rigid and elastic."""
+    system = state.system
+    owner = {i: row.name for row in system.rows for i in range(row.first, _end(row))}
+    for row, b, offset in system.arrays.segment:
+        body = system.bodies[b]
+        table = system.arrays.body[b]
+        rd, nq = int(table[at.RD]), int(table[at.NQ])
+        if not nq or not rd or not body.of_scene:
+            continue
+        joint = system.scene.joints.get(owner[row])
+        for text in marker_names(joint) if joint is not None else ():
+            name, marker = marker_reference(text)
+            if name != body.name:
+                continue
+            C = state.work.C[offset : offset + rd + nq]
+            axes = 2 if system.planar else 3
+            f, m = _full(C[:axes]), _full(C[axes:rd], turn=True)
+            m = m - np.cross(body.node(marker).position, f)
+            if np.linalg.norm(f) > MOVED:
+                m = np.zeros(3)
+            _check(state, (name, marker), f, m, owner[row], found)
+
+
+def _of_forces(state: State, found: Found) -> None:
+    """Forces and torques at markers, by their directions at the start."""
+    system = state.system
+    for name, force in system.scene.forces.items():
+        if not isinstance(force, PointForce):
+            continue
+        body, marker = marker_reference(force.marker)
+        b = system.index(body)
+        if not system.bodies[b].of_scene or not system.bodies[b].sid.nq:
+            continue
+        R = _orientation(state, b)
+        if force.axes == "marker":
+            R = np.asarray(system.bodies[b].node(marker).AP.m0).T
+        f = R.T @ _padded(force.force)
+        torque = np.ravel(force.torque or 0.0)
+        turn = torque if len(torque) == 3 else np.array([0.0, 0.0, torque[0]])
+        for kind, vector in enumerate((f, R.T @ turn)):
+            if np.any(vector):
+                pair = [np.zeros(3), np.zeros(3)]
+                pair[kind] = vector
+                _check(state, (body, marker), pair[0], pair[1], name, found)
+
+
+def _check(
+    state: State,
+    where: tuple[str, str],
+    f: Array,
+    m: Array,
+    owner: str,
+    found: Found,
+) -> None:
+    """Enters a force f or a moment m at a marker that does not deform its body."""
+    sid = state.system.bodies[state.system.index(where[0])].sid
+    node = state.system.bodies[state.system.index(where[0])].node(where[1])
+    if not node.phi.m0.any() and not node.psi.m0.any():
+        return
+    turning = bool(np.any(m))
+    vector = m if turning else f
+    rows = [(n.psi if turning else n.phi).m0 for n in sid.nodes]
+    largest = max(float(np.abs(r).max(initial=0.0)) for r in rows)
+    moved = vector @ (node.psi if turning else node.phi).m0
+    size = float(np.linalg.norm(vector))
+    if size > 0.0 and float(np.abs(moved).max()) <= MOVED * size * (largest or 1.0):
+        words = f"{'about' if turning else 'along'} {_direction(vector / size)}"
+        found.setdefault(where, {}).setdefault(words, owner)
+
+
+def _direction(unit: Array) -> str:
+    for axis, name in enumerate("xyz"):
+        if abs(unit[axis]) > 1.0 - ALONG:
+            return name
+    return f"({', '.join(f'{x:.3g}' for x in unit + 0.0)})"
+
+
+def _orientation(state: State, b: int) -> Array:
+    """Body axes to inertial ones."""
+    frame = state.work.frame[b]
+    if not state.system.planar:
+        return np.asarray(frame[spatial.R : spatial.R + 9].reshape(3, 3))
+    c, s = frame[planar.COS], frame[planar.SIN]
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _padded(values: tuple[float, ...] | None) -> Array:
+    full = np.zeros(3)
+    full[: len(values or ())] = values or ()
+    return full
+
+
+def _full(part: Array, turn: bool = False) -> Array:
+    """Components of a planar or spatial row, in three dimensions."""
+    full = np.zeros(3)
+    if turn and len(part) == 1:
+        full[2] = part[0]
+    else:
+        full[: len(part)] = part
+    return full
+
+
+def _end(row: Row) -> int:
+    return row.first + row.count

@@ -1,0 +1,89 @@
+"""Starts in relative equilibrium, and starts that are far from one."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import SID
+from sidtool.formats.toml_files import validated
+from sidtool.solver import simulate
+from tests.sidtool.wrong_models import bar_data
+from tests.solver.scenes import compiled, polynomial, scene
+
+WAVE = np.sqrt(2.1e11 / 7850.0)
+FAR = "starts far from equilibrium"
+
+
+def stout_bar(modes: int = 16) -> SID:
+    data = bar_data(reduction={"method": "modal", "modes": modes})
+    data["geometry"]["section"] |= {"height": 0.4, "width": 0.5}
+    data["discretisation"]["elements"] = 60
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return sid_from_model(validated(data, ModelFile))
+
+
+def spun(sid: SID, rate: float, state: str, **more: Any) -> Any:
+    """The bar on a hub that turns at a constant rate from the start on."""
+    joints = {"hub": {"type": "revolute", "markers": ["ground", "bar.a"]}}
+    drives = {"motor": {"joint": "hub", "function": polynomial(0.3, rate)}}
+    body = {"sid": "-", "markers": {"a": 1, "b": 2}} | more.pop("body", {})
+    described = scene(
+        {"bar": body},
+        joints,
+        drives,
+        end=0.01,
+        record=["bar.b.ux", "bar.b.uy"],
+        initial={"state": state},
+        accuracy={"rtol": 1e-7},
+        **more,
+    )
+    return simulate(compiled(described, bar=sid))
+
+
+@pytest.mark.parametrize("rate", [150.0, -400.0])
+def test_a_spinning_bar_starts_stretched(rate: float) -> None:
+    """E u'' + rho w^2 (x + u) = 0 between the axis and the free end: u(L) is
+    tan(k L) / k - L with k = w / c. It stays so, and is told to ring otherwise."""
+    sid = stout_bar()
+    steady, sudden = spun(sid, rate, "static"), spun(sid, rate, "stated")
+    k = abs(rate) / WAVE
+    stretch = np.tan(k) / k - 1.0
+    assert steady["bar.b.ux"] == pytest.approx(stretch, rel=1e-3)
+    assert np.ptp(steady["bar.b.ux"]) < 1e-6 * stretch
+    assert np.ptp(sudden["bar.b.ux"]) > stretch
+    assert not any(FAR in note for note in steady.notes)
+    assert any(FAR in note and "bar by" in note for note in sudden.notes)
+
+
+@pytest.mark.parametrize("state", ["static", "stated"])
+def test_a_clamped_bar_under_gravity(state: str) -> None:
+    """At rest only where it starts so; it says by how much it is away, about
+    rho g A L^4 / (8 E I) of 1 m. A deformation that the scene states is meant."""
+    sid = stout_bar(3)
+    joints = {"wall": {"type": "fixed", "markers": ["ground", "bar.a"]}}
+    body = {"sid": "-", "markers": {"a": 1, "b": 2}}
+    for stated in (False, True):
+        if stated:
+            body["initial"] = {"elastic": [0.0] * sid.nq}
+        described = scene(
+            {"bar": body},
+            joints,
+            end=0.01,
+            gravity=[0.0, -9.81],
+            record=["bar.b.uy"],
+            initial={"state": state},
+        )
+        result = simulate(compiled(described, bar=sid))
+        told = [note for note in result.notes if FAR in note]
+        assert bool(told) == (state == "stated" and not stated)
+        sag = 7850.0 * 9.81 * 0.2 / (8 * 2.1e11 * 0.5 * 0.4**3 / 12)
+        for note in told:
+            away = float(note.split("bar by ")[1].split(" of")[0])
+            assert away == pytest.approx(sag, rel=0.1)
