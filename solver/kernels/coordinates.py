@@ -35,8 +35,8 @@ from .layout import (
     SYSTEM,
     VEL,
 )
+from .quaternions import frame_rate, turn
 from .spatial_columns import OMEGA, P, R, V
-from .spatial_frames import frame_rate, turn
 
 COS, SIN, VX, VY, W = planar.COS, planar.SIN, planar.VX, planar.VY, planar.W
 

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from numba import float64, int64
 
+from .bodies import evaluate_body
+from .bodies_linear import linearise_body
 from .compiling import entry, inner
 from .constraints.all import evaluate_constraints, linearise_constraints
 from .dropped import drop_derivatives, drop_rows
 from .forces.all import evaluate_forces, linearise_forces
 from .forces.programs import law_value
 from .forces.turns import keep_turns
-from .layout import EVALUATE, LINEARISE, SYSTEM, WORK
-from .planar import evaluate_bodies as evaluate_planar_bodies
-from .planar_linear import linearise_body as linearise_planar_body
+from .frames import free_frame, prescribed_frame
+from .layout import EVALUATE, FREE, LINEARISE, STIFFENED, SYSTEM, WORK
+from .markers import evaluate_marker
+from .planar_stiffened import add_stiffened as add_planar
+from .planar_stiffened import linearise_stiffened as linearise_planar
 from .spaces import BySpace, in_plane, in_space
-from .spatial import evaluate_bodies as evaluate_spatial_bodies
-from .spatial_linear import linearise_body as linearise_spatial_body
+from .spatial_stiffened import add_stiffened as add_spatial
+from .spatial_stiffened_linear import linearise_stiffened as linearise_spatial
 
 
 @inner()
@@ -24,6 +28,25 @@ def _no_turns(system, work, z):
 
 
 _keep_turns = BySpace(plane=_no_turns, space=keep_turns)
+
+
+@inner()
+def _evaluate_bodies(system, work, t, z, v):
+    """Frames, markers, mass matrices and forces of all bodies.
+
+    Bodies are sorted so that a prescribed frame comes after its base; markers are
+    sorted by body.
+    """
+    m, markers = 0, len(system.marker)
+    for b in range(len(system.body)):
+        if system.body[b].motion == FREE:
+            free_frame(system, work, b, z, v)
+        else:
+            prescribed_frame(system, work, b, t)
+        while m < markers and system.marker[m].body == b:
+            evaluate_marker(system, work, m, z, v)
+            m += 1
+        evaluate_body(system, work, b, z, v)
 
 
 @inner()
@@ -36,7 +59,10 @@ def _evaluate(system, work, t, z, v):
 @entry(EVALUATE)
 def evaluate_in_plane(system, work, t, z, v):
     """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
-    evaluate_planar_bodies(system, work, t, z, v)
+    _evaluate_bodies(in_plane(system), in_plane(work), t, z, v)
+    for b in range(len(system.body)):
+        if system.body[b, 10] & STIFFENED:
+            add_planar(system, work, b, z, v)
     _evaluate(in_plane(system), in_plane(work), t, z, v)
     drop_rows(system, work)
 
@@ -44,7 +70,10 @@ def evaluate_in_plane(system, work, t, z, v):
 @entry(EVALUATE)
 def evaluate_in_space(system, work, t, z, v):
     """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
-    evaluate_spatial_bodies(system, work, t, z, v)
+    _evaluate_bodies(in_space(system), in_space(work), t, z, v)
+    for b in range(len(system.body)):
+        if system.body[b, 10] & STIFFENED:
+            add_spatial(system, work, b, z, v)
     _evaluate(in_space(system), in_space(work), t, z, v)
     drop_rows(system, work)
 
@@ -65,7 +94,9 @@ def _linearise(system, work, t, z, v, acc, lam):
 def linearise_in_plane(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
     for b in range(len(system.body)):
-        linearise_planar_body(system, work, b, z, v, acc)
+        linearise_body(in_plane(system), in_plane(work), b, z, v, acc)
+        if system.body[b, 10] & STIFFENED:
+            linearise_planar(system, work, b, z, v, acc)
     _linearise(in_plane(system), in_plane(work), t, z, v, acc, lam)
     drop_derivatives(system, work)
 
@@ -74,6 +105,8 @@ def linearise_in_plane(system, work, t, z, v, acc, lam):
 def linearise_in_space(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
     for b in range(len(system.body)):
-        linearise_spatial_body(system, work, b, z, v, acc)
+        linearise_body(in_space(system), in_space(work), b, z, v, acc)
+        if system.body[b, 10] & STIFFENED:
+            linearise_spatial(system, work, b, z, v, acc)
     _linearise(in_space(system), in_space(work), t, z, v, acc, lam)
     drop_derivatives(system, work)

@@ -48,7 +48,6 @@ PRISMATIC = 4
 
 # --- optional terms and shapes of matrices (bits of FLAGS) ----------------
 HAS_CR1 = 1
-HAS_GE = 2
 HAS_OE1 = 4
 HAS_CT1 = 8
 HAS_QUADRATIC_J = 16

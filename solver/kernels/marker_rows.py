@@ -164,8 +164,12 @@ def vary_turning(system, work, o, m, by_rate, by_acceleration, v, acc):
     by_rate, by_acceleration : derivatives of the constraint acceleration by the angular
         velocity and by the angular acceleration of the marker
     """
-    if system.marker[m].psi1 < 0:
-        return
+    if system.marker[m].psi1 >= 0:
+        _vary_turning(system, work, o, m, by_rate, by_acceleration, v, acc)
+
+
+@inner()
+def _vary_turning(system, work, o, m, by_rate, by_acceleration, v, acc):
     frame = work.frame[system.marker[m].body]
     by_rate = by_rate + cross(by_acceleration, rotate(frame.R, frame.w))
     vary_psi(system, work, work.Gp, o, m, by_rate, v)

@@ -25,10 +25,14 @@ from .spaces import BySpace
 @inner()
 def bending_stiffness(system, work, m, force, torque):
     """Rp from what inertial loads at a marker change as Phi and Psi depend on q."""
+    if system.marker[m].phi1 >= 0 or system.marker[m].psi1 >= 0:
+        _bend(system, work, m, force, torque)
+
+
+@inner()
+def _bend(system, work, m, force, torque):
     marker = system.marker[m]
     phi1, psi1 = marker.phi1, marker.psi1
-    if phi1 < 0 and psi1 < 0:
-        return
     row, frame = system.body[marker.body], work.frame[marker.body]
     nv, nq, rd, block, pool = row.nv, row.nq, row.rd, row.block, system.pool
     f = back(frame.R, force)

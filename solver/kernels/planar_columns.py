@@ -19,5 +19,5 @@ P_MASS, P_MDX, P_MDY, P_J, P_H, P_VECTORS = range(6)
 V_CTX, V_CTY, V_CR, V_J1, V_OE0, V_KSIGMA, V_TILT, V_H1, N_VECTORS = range(9)
 # Square matrices, in this order (row k, column l); behind them the cube of Ke1, if any.
 # The last four are those of a stiffened body.
-S_KE, S_DE, S_CR1, S_GE, S_OE1, S_CT1X, S_CT1Y, S_J2 = range(8)
-S_COUPLING, S_H2, S_FREE_TURN, S_FREE_MASS, N_SQUARES = range(8, 13)
+S_KE, S_DE, S_CR1, S_OE1, S_CT1X, S_CT1Y = range(6)
+S_COUPLING, S_H2, S_FREE_TURN, S_FREE_MASS, N_SQUARES = range(6, 11)

@@ -32,7 +32,7 @@ from .values import INDEX, REAL, ValueType
 class RecordType(types.Type):
     """Numbers behind each other in memory, with names.
 
-    fields : float64 or values; or int64, all of them
+    fields : float64 or values; or int64, all of them, which kernels only read
     size : of a row, in numbers
     """
 
@@ -50,9 +50,14 @@ class RecordType(types.Type):
 class RowsType(types.Type):
     """A table of records."""
 
-    def __init__(self, record: RecordType) -> None:
-        self.record, self.ndim = record, 2
-        super().__init__(f"rows of {record}")
+    def __init__(self, record: RecordType, ndim: int = 2) -> None:
+        self.record, self.ndim = record, ndim
+        super().__init__(f"rows of {record} in {ndim} dimensions")
+
+    @property
+    def behind_each_other(self) -> RowsType:
+        """The same records in an array of one dimension."""
+        return RowsType(self.record, 1)
 
 
 for _kind in (RecordType, RowsType):
@@ -81,7 +86,8 @@ def _place(builder: Any, kind: RecordType, record: Any, field: str, i: int = 0) 
 def _get_field(context: Any, builder: Any, kind: Any, record: Any, field: str) -> Any:
     member = kind.fields[field]
     if not isinstance(member, ValueType):
-        return builder.load(_place(builder, kind, record, field))
+        number = builder.load(_place(builder, kind, record, field))
+        return _constant(builder, number) if kind.number is INDEX else number
     value = ir.Constant(context.get_value_type(member), ir.Undefined)
     for i in range(member.size):
         number = builder.load(_place(builder, kind, record, field, i))
@@ -136,7 +142,13 @@ def _count_rows(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 
 
 def constant_word(builder: Any, words: Any, index: int) -> Any:
-    """A word of a table; tables do not change, so that it is read once."""
-    word = builder.load(builder.gep(words, [ir.Constant(INDEX, index)]))
+    """A word of a table; tables do not change."""
+    return _constant(
+        builder, builder.load(builder.gep(words, [ir.Constant(INDEX, index)]))
+    )
+
+
+def _constant(builder: Any, word: Any) -> Any:
+    """Tells that kernels do not write there, so that it is read once."""
     word.set_metadata("invariant.load", builder.module.add_metadata([]))
     return word

@@ -17,7 +17,7 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 from .compiling import Inner
 from .layout import SYSTEM, WORK
 from .records import RecordType, RowsType
-from .values import Turn, ValueType, Vector
+from .values import Symmetric, Turn, ValueType, Vector
 
 PLANE, SPACE = "plane", "space"
 
@@ -65,6 +65,18 @@ FRAMES = {
         x=_V3, R=_MATRIX, v=_V3, w=_V3, a=_V3, al=_V3, p=ValueType(Vector, 4),
     ),
 }  # fmt: skip
+#: Of an elastic coordinate: Ct, Cr and the derivative of J at q, Cr of the gyroscopic
+#: term, Oe Omega and the row sum Ge q' w.
+MODES = {
+    PLANE: _rows(
+        "Planar mode",
+        ct=_V2, cr=_V1, j1=ValueType(Symmetric, 1), turned=_V1, oe=float64, ge=float64,
+    ),
+    SPACE: _rows(
+        "Spatial mode",
+        ct=_V3, cr=_V3, j1=ValueType(Symmetric, 6), turned=_V3, oe=float64, ge=float64,
+    ),
+}  # fmt: skip
 POINTS = {
     PLANE: _rows(
         "Planar point",
@@ -92,6 +104,7 @@ WORKS = {
         space,
         frame=FRAMES[space],
         point=POINTS[space],
+        modal=MODES[space].behind_each_other,
         row=ROW,
         turn=TURNED,
     )

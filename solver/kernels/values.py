@@ -56,6 +56,10 @@ class Turn(Value):
     """A rotation: its cosine and sine, or its matrix by rows."""
 
 
+class Symmetric(Value):
+    """A symmetric matrix on rotations: a number, or xx, yy, zz, xy, xz, yz."""
+
+
 class ValueType(types.Type):
     """The compiled type of a value."""
 

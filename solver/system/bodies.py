@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -29,17 +30,17 @@ from sidtool.formats.sid import (
 )
 from sidtool.formats.sid_files import read_sid
 
+from ..kernels.blocks import HEAD, ROWS, SQUARES
 from ..kernels.layout import (
     DIAGONAL_ME,
     HAS_CR1,
     HAS_CT1,
-    HAS_GE,
     HAS_KE1,
     HAS_OE1,
     HAS_QUADRATIC_J,
     STIFFENED,
 )
-from .blocks import cr1, ct1, ge, has_second_order, oe1, without_turning
+from .blocks import cr1, ct1, has_second_order, oe1, without_turning
 from .damping import damped
 from .first_order import check_first_order, cubic_stiffness
 from .free_shapes import FreeShapes, free_shapes
@@ -150,7 +151,6 @@ def flags(sid: SID, quadratic_inertia: bool) -> int:
     plain, nq, stiffened = without_turning(sid), sid.nq, has_second_order(sid)
     applies = {
         HAS_CR1: plain.Cr.first_order(nq).any(),
-        HAS_GE: plain.Cr.first_order(nq).any(),
         HAS_OE1: plain.Oe.first_order(nq).any(),
         HAS_CT1: sid.Ct.first_order(nq).any(),
         HAS_QUADRATIC_J: quadratic_inertia and plain.Oe.first_order(nq).any(),
@@ -177,68 +177,38 @@ def shapes_of_stiffened(sid: SID, planar: bool) -> tuple[MeanAxes, FreeShapes]:
     return axes, FreeShapes(np.zeros(n), np.zeros((3, *n)))
 
 
-def pack_planar(body: BodyData) -> Array:
-    """The reals of a planar body in the order of `kernels.planar`."""
+def pack(body: BodyData, planar: bool) -> Array:
+    """The reals of a body in the order of `kernels.blocks`."""
     sid, nq = without_turning(body.sid), body.sid.nq
-    axes, free = shapes_of_stiffened(body.sid, planar=True)
-    vectors = [
-        sid.Ct.m0[:, 0],
-        sid.Ct.m0[:, 1],
-        sid.Cr.m0[:, 2],
-        sid.J.first_order(nq)[:, 2, 0],
-        sid.Oe.m0[:, 2],
-        sid.ksigma.m0[:, 0],
-        axes.tilt[:, 2],
-        axes.slopes[:, 2, 2],
-    ]
-    squares = [
-        sid.Ke.m0,
-        sid.De.m0,
-        cr1(sid)[2],
-        ge(sid)[2],
-        oe1(sid)[2],
-        ct1(sid)[0],
-        ct1(sid)[1],
-        -oe1(sid)[2],
-        axes.coupling[2],
-        axes.bows[:, :, 2, 2],
-        free.turning[2],
-        free.mass,
-        *_ke1(sid),
-    ]
-    head = [sid.mass, sid.mdCM.m0[0, 0], sid.mdCM.m0[1, 0], sid.J.m0[2, 0]]
-    head.append(axes.inertia[2, 2])
-    return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
-
-
-def pack_spatial(body: BodyData) -> Array:
-    """The reals of a spatial body in the order of `kernels.spatial`."""
-    sid, nq = without_turning(body.sid), body.sid.nq
-    axes, free = shapes_of_stiffened(body.sid, planar=False)
-    vectors = [
-        *sid.Ct.m0.T,
-        *sid.Cr.m0.T,
-        *sid.J.first_order(nq)[:, :, 0].T,
-        *sid.Oe.m0.T,
-        sid.ksigma.m0[:, 0],
-        *axes.tilt.T,
-        *(axes.slopes[:, a, b] for a, b in J_INDICES),
-    ]
-    squares = [
-        sid.Ke.m0,
-        sid.De.m0,
-        *cr1(sid),
-        *oe1(sid),
-        *ct1(sid),
-        *axes.coupling,
-        *(axes.bows[:, :, a, b] for a, b in J_INDICES),
-        *free.turning,
-        free.mass,
-        *_ke1(sid),
-    ]
-    head = [sid.mass, *sid.mdCM.m0[:, 0], *sid.J.m0[:, 0]]
-    head += [axes.inertia[a, b] for a, b in J_INDICES]
-    return np.concatenate([head, *vectors, *(m.ravel() for m in squares)])
+    axes, free = shapes_of_stiffened(body.sid, planar)
+    pairs = [(2, 2)] if planar else J_INDICES
+    move, turn = slice(2 if planar else 3), slice(2 if planar else 0, 3)
+    pair = slice(2, 3) if planar else slice(6)
+    values: dict[str, Any] = {
+        "mass": sid.mass,
+        "mdCM": sid.mdCM.m0[move, 0],
+        "J0": sid.J.m0[pair, 0],
+        "H0": [axes.inertia[a, b] for a, b in pairs],
+        "Ct0": sid.Ct.m0.T[move],
+        "Cr0": sid.Cr.m0.T[turn],
+        "J1": sid.J.first_order(nq)[:, pair, 0].T,
+        "Oe0": sid.Oe.m0.T[pair],
+        "ksigma": sid.ksigma.m0[:, 0],
+        "tilt": axes.tilt.T[turn],
+        "slope": [axes.slopes[:, a, b] for a, b in pairs],
+        "Ke": sid.Ke.m0,
+        "De": sid.De.m0,
+        "Cr1": cr1(sid)[turn],
+        "Oe1": oe1(sid)[pair],
+        "Ct1": ct1(sid)[move],
+        "coupling": axes.coupling[turn],
+        "bow": [axes.bows[:, :, a, b] for a, b in pairs],
+        "free_turning": free.turning[turn],
+        "free_mass": free.mass,
+    }
+    names = [*HEAD, *ROWS, *SQUARES]
+    blocks = [*(values[name] for name in names), *_ke1(sid)]
+    return np.concatenate([np.ravel(block) for block in blocks])
 
 
 def pack_spatial_marker(node: Node) -> Array:

@@ -55,7 +55,7 @@ def with_prescribed_frames(whole: IntTable, cut: IntTable) -> IntTable:
 
 
 def _packed(parts: Ingredients, data: BodyData) -> Array:
-    return packing.pack_planar(data) if parts.planar else packing.pack_spatial(data)
+    return packing.pack(data, parts.planar)
 
 
 def _rigid_coordinates(parts: Ingredients, data: BodyData) -> tuple[int, int]:

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import math
 
-from ..algebra import cross, dot, load, rotate, zero
+from ..algebra import cross, direction, dot, load, rotate, zero
 from ..compiling import inner
 from ..marker_rows import marker_acceleration, vary_rotation, vary_translation
 from ..marker_stiffness import line_stiffness
 from ..rows import offset_at
 from ..spaces import BySpace
-from ..values import Vector, formula
-
-
-@formula
-def _vector(x, y):
-    return Vector(x, y)
 
 
 @inner()
 def _fixed_in_plane(system, work, m, data):
     angle = work.point[m].angle + system.pool[data]
-    return _vector(math.cos(angle), math.sin(angle))
+    return direction(math.cos(angle), math.sin(angle))
 
 
 @inner()

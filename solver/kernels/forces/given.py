@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ..algebra import cross, load, rotate, size, unit, zero
+from ..algebra import cross, load, plane_turn, rotate, size, unit, zero
 from ..compiling import inner
 from ..layout import FOLLOWING
 from ..marker_rows import segment
@@ -16,18 +16,12 @@ from ..marker_stiffness import (
     torque_stiffness,
 )
 from ..spaces import BySpace
-from ..values import Turn, formula
-
-
-@formula
-def _turn(cosine, sine):
-    return Turn(cosine, sine)
 
 
 @inner()
 def _in_plane(work, m):
     angle = work.point[m].angle
-    return _turn(math.cos(angle), math.sin(angle))
+    return plane_turn(math.cos(angle), math.sin(angle))
 
 
 @inner()
