@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from .values import Symmetric, Turn, Vector, formula
+from .values import Symmetric, Turn, Value, Vector, formula
 
 
 def _directions(x: Vector) -> list[Vector]:
@@ -24,8 +24,8 @@ def size(x: Vector) -> int:
 
 
 @formula
-def zero(x: Vector) -> Vector:
-    return Vector(*[0.0] * len(x))
+def zero(x: Value) -> Value:
+    return type(x)(*[0.0] * len(x))
 
 
 @formula
@@ -185,6 +185,33 @@ def inertia_times(J: Symmetric, x: Vector) -> Vector:
 
 
 @formula
+def entry(J: Symmetric, i: Any) -> Any:
+    return sum(i.matches(j) * x for j, x in enumerate(J))
+
+
+@formula
+def inertia(xx: Any, yy: Any, zz: Any, xy: Any, xz: Any, yz: Any) -> Symmetric:
+    return Symmetric(xx, yy, zz, xy, xz, yz)
+
+
+@formula
+def isotropic(J: Symmetric, moment: Any) -> Symmetric:
+    """A moment about all axes, as a matrix like J."""
+    return Symmetric(*[moment] * min(len(J), 3), *[0.0] * (len(J) - 3))
+
+
+@formula
+def product(a: Vector, b: Vector, weight: Any) -> Symmetric:
+    """weight (a~ b~ + b~ a~): what a point's position does in J."""
+    if len(a) == 2:
+        return Symmetric(-2.0 * weight * dot(a, b))
+    x, y, z = (-2.0 * weight * (i * j) for i, j in zip(a, b, strict=True))
+    pairs = ((0, 1), (0, 2), (1, 2))
+    mixed = (weight * (a[i] * b[j] + a[j] * b[i]) for i, j in pairs)
+    return Symmetric(y + z, x + z, x + y, *mixed)
+
+
+@formula
 def omega_product(oe: Symmetric, w: Vector) -> Any:
     """A row of Oe times (wx2, wy2, wz2, wxwy, wywz, wxwz)."""
     if len(w) == 1:
@@ -248,6 +275,11 @@ def add_inertia(
         cross(w, inertia_times(J, e)) + inertia_times(rate, e) for e in _directions(w)
     ]
     _add_matrix(out, at, stride, columns)
+
+
+@formula
+def add_symmetric(out: Any, at: Any, stride: Any, J: Symmetric) -> None:
+    _add_matrix(out, at, stride, _matrix(J))
 
 
 @formula

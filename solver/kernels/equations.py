@@ -15,11 +15,9 @@ from .forces.turns import keep_turns
 from .frames import free_frame, prescribed_frame
 from .layout import EVALUATE, FREE, LINEARISE, STIFFENED, SYSTEM, WORK
 from .markers import evaluate_marker
-from .planar_stiffened import add_stiffened as add_planar
-from .planar_stiffened import linearise_stiffened as linearise_planar
 from .spaces import BySpace, in_plane, in_space
-from .spatial_stiffened import add_stiffened as add_spatial
-from .spatial_stiffened_linear import linearise_stiffened as linearise_spatial
+from .stiffened import add_stiffened
+from .stiffened_linear import linearise_stiffened
 
 
 @inner()
@@ -47,10 +45,13 @@ def _evaluate_bodies(system, work, t, z, v):
             evaluate_marker(system, work, m, z, v)
             m += 1
         evaluate_body(system, work, b, z, v)
+        if system.body[b].flags & STIFFENED:
+            add_stiffened(system, work, b, z, v)
 
 
 @inner()
 def _evaluate(system, work, t, z, v):
+    _evaluate_bodies(system, work, t, z, v)
     evaluate_constraints(system, work, t)
     _keep_turns(system, work, z)
     evaluate_forces(system, work, t, z, v)
@@ -59,10 +60,6 @@ def _evaluate(system, work, t, z, v):
 @entry(EVALUATE)
 def evaluate_in_plane(system, work, t, z, v):
     """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
-    _evaluate_bodies(in_plane(system), in_plane(work), t, z, v)
-    for b in range(len(system.body)):
-        if system.body[b, 10] & STIFFENED:
-            add_planar(system, work, b, z, v)
     _evaluate(in_plane(system), in_plane(work), t, z, v)
     drop_rows(system, work)
 
@@ -70,10 +67,6 @@ def evaluate_in_plane(system, work, t, z, v):
 @entry(EVALUATE)
 def evaluate_in_space(system, work, t, z, v):
     """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
-    _evaluate_bodies(in_space(system), in_space(work), t, z, v)
-    for b in range(len(system.body)):
-        if system.body[b, 10] & STIFFENED:
-            add_spatial(system, work, b, z, v)
     _evaluate(in_space(system), in_space(work), t, z, v)
     drop_rows(system, work)
 
@@ -86,6 +79,10 @@ def law_at(system, work, k, t):
 
 @inner()
 def _linearise(system, work, t, z, v, acc, lam):
+    for b in range(len(system.body)):
+        linearise_body(system, work, b, z, v, acc)
+        if system.body[b].flags & STIFFENED:
+            linearise_stiffened(system, work, b, z, v, acc)
     linearise_constraints(system, work, t, v, acc, lam)
     linearise_forces(system, work, t, v)
 
@@ -93,10 +90,6 @@ def _linearise(system, work, t, z, v, acc, lam):
 @entry(LINEARISE)
 def linearise_in_plane(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
-    for b in range(len(system.body)):
-        linearise_body(in_plane(system), in_plane(work), b, z, v, acc)
-        if system.body[b, 10] & STIFFENED:
-            linearise_planar(system, work, b, z, v, acc)
     _linearise(in_plane(system), in_plane(work), t, z, v, acc, lam)
     drop_derivatives(system, work)
 
@@ -104,9 +97,5 @@ def linearise_in_plane(system, work, t, z, v, acc, lam):
 @entry(LINEARISE)
 def linearise_in_space(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
-    for b in range(len(system.body)):
-        linearise_body(in_space(system), in_space(work), b, z, v, acc)
-        if system.body[b, 10] & STIFFENED:
-            linearise_spatial(system, work, b, z, v, acc)
     _linearise(in_space(system), in_space(work), t, z, v, acc, lam)
     drop_derivatives(system, work)

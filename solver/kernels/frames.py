@@ -37,8 +37,9 @@ def _orient_in_plane(system, work, row, frame, z):
 
 @inner()
 def _orient_in_space(system, work, row, frame, z):
-    frame.p = load(frame.p, z, row.pos + 3)
-    if row.rd != 6:
+    if row.rd == 6:
+        frame.p = load(frame.p, z, row.pos + 3)
+    else:
         frame.p = load(frame.p, system.pool, row.frame)
     frame.R = quaternion_turn(frame.p)
 

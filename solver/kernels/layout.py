@@ -243,7 +243,7 @@ class Work(Table):
         yields by it and by its rate
     stack, lapse : of laws, see `forces.programs`
     clock : (1,) a time inside the smooth interval that is being integrated
-    scratch, modal, stiffened : intermediate results of one body
+    scratch, modal, stiffened, turning : intermediate results of one body
     """
 
     frame: Array
@@ -267,6 +267,7 @@ class Work(Table):
     scratch: Array
     modal: Array
     stiffened: Array
+    turning: Array
 
 
 F1 = types.Array(float64, 1, "C")
@@ -279,7 +280,7 @@ I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
 SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None])
-WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2, F1, F1] + [F1] * 4)
+WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2, F1, F1] + [F1] * 5)
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)

@@ -54,11 +54,6 @@ class RowsType(types.Type):
         self.record, self.ndim = record, ndim
         super().__init__(f"rows of {record} in {ndim} dimensions")
 
-    @property
-    def behind_each_other(self) -> RowsType:
-        """The same records in an array of one dimension."""
-        return RowsType(self.record, 1)
-
 
 for _kind in (RecordType, RowsType):
 

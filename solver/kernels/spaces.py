@@ -65,18 +65,56 @@ FRAMES = {
         x=_V3, R=_MATRIX, v=_V3, w=_V3, a=_V3, al=_V3, p=ValueType(Vector, 4),
     ),
 }  # fmt: skip
+_KINDS = {
+    PLANE: {"move": _V2, "turn": _V1, "pair": ValueType(Symmetric, 1)},
+    SPACE: {"move": _V3, "turn": _V3, "pair": ValueType(Symmetric, 6)},
+}
+
+
+def _by_space(name: str, **fields: str) -> dict[str, RowsType]:
+    """Records behind each other, for both spaces, of kinds of fields."""
+    return {
+        space: RowsType(
+            RecordType(
+                f"{name} in {space}",
+                **{
+                    field: kinds.get(kind, float64)
+                    for kind, listed in fields.items()
+                    for field in listed.split()
+                },
+            ),
+            1,
+        )
+        for space, kinds in _KINDS.items()
+    }
+
+
 #: Of an elastic coordinate: Ct, Cr and the derivative of J at q, Cr of the gyroscopic
 #: term, Oe Omega and the row sum Ge q' w.
-MODES = {
-    PLANE: _rows(
-        "Planar mode",
-        ct=_V2, cr=_V1, j1=ValueType(Symmetric, 1), turned=_V1, oe=float64, ge=float64,
-    ),
-    SPACE: _rows(
-        "Spatial mode",
-        ct=_V3, cr=_V3, j1=ValueType(Symmetric, 6), turned=_V3, oe=float64, ge=float64,
-    ),
-}  # fmt: skip
+MODES = _by_space("Mode", move="ct", turn="cr turned", pair="j1", number="oe ge")
+#: Of a stiffened body: mdCM; Ct^T q'; acceleration of the centre of mass relative to
+#: the frame; what q adds to mdCM, the part of first order, and its rate; Ct^T q''; sum
+#: over rates of `bend`. Tilt of the mean axes and its rate; their angular velocity and
+#: its rate; momentum H u and its rate; u and its rate; H^-1 coupling q'; sum of tilt
+#: times accelerations. H, its rate and its inverse, its terms of second order and
+#: their rate.
+TURNING = _by_space(
+    "Turning",
+    move="md flow sway mu m1 m1_rate pull bent",
+    turn="theta theta_rate turn turn_rate momentum momentum_rate u u_rate lag "
+    "lean_rate",
+    pair="H H_rate H_inverse H_bow H_bow_rate",
+)
+#: Of its elastic coordinates: Ct, at q = 0, too, and sums of its derivatives times
+#: rates and times accelerations. Row of the coupling and its rate, sums of its column
+#: times rates and times accelerations; tilt, and what it does to the turn of the frame;
+#: dH u, dH lag. Derivative of H and its rate, and the share of terms of second order.
+STIFFENED = _by_space(
+    "Stiffened",
+    move="ct ct0 bend trail",
+    turn="row row_rate column follow tilt lean heave drag",
+    pair="growth growth_rate bow bow_rate",
+)
 POINTS = {
     PLANE: _rows(
         "Planar point",
@@ -104,7 +142,9 @@ WORKS = {
         space,
         frame=FRAMES[space],
         point=POINTS[space],
-        modal=MODES[space].behind_each_other,
+        modal=MODES[space],
+        stiffened=STIFFENED[space],
+        turning=TURNING[space],
         row=ROW,
         turn=TURNED,
     )

@@ -14,9 +14,8 @@ from ..kernels.lapack import lapack
 from ..kernels.newton import N_COUNTERS, Memory
 from ..kernels.planar_columns import N_FRAME as PLANAR_FRAME
 from ..kernels.planar_columns import N_POINT as PLANAR_POINT
-from ..kernels.spatial_centre import HEAD, N_ROW
+from ..kernels.spaces import MODES, PLANE, SPACE, STIFFENED, TURNING
 from ..kernels.spatial_columns import N_FRAME as SPATIAL_FRAME
-from ..kernels.spatial_columns import N_MODAL
 from ..kernels.spatial_columns import N_POINT as SPATIAL_POINT
 from .bodies import elastic_mass, modal_squares, shape_functions, symmetric
 from .forces import most_read
@@ -39,6 +38,7 @@ def new_work(system: System) -> at.Work:
     largest = max(1, int(body[:, at.NV].max()))
     turns = sum(len(turn.angles) for turn in system.turns)
     read = most_read(system.forces)
+    most, space = int(body[:, at.NQ].max()), PLANE if system.planar else SPACE
     frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
     point = PLANAR_POINT if system.planar else SPATIAL_POINT
     return at.Work(
@@ -61,8 +61,9 @@ def new_work(system: System) -> at.Work:
         np.zeros(programs.LAPSED_MEASURES + 2 * read),
         np.zeros(1),
         np.zeros(max(2 * largest, SCRATCH)),
-        np.zeros(N_MODAL * int(body[:, at.NQ].max())),
-        np.zeros(HEAD + N_ROW * int(body[:, at.NQ].max())),
+        np.zeros(MODES[space].record.size * most),
+        np.zeros(STIFFENED[space].record.size * most),
+        np.zeros(TURNING[space].record.size),
     )
 
 

@@ -119,6 +119,7 @@ def test_measured_forces_and_moments_are_those_that_act(dimension: str) -> None:
         probe.work.point[None].copy(),
         np.zeros((1, system.n_velocities)),
         np.zeros((1, system.n_rows)),
+        probe.work.factor[None].copy(),
     )
     loads = recorded_loads(system, samples, np.array([probe.t]), "soft")
     found = np.zeros(sid.nq)
