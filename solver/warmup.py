@@ -29,10 +29,12 @@ NEWTON: Group = ("kernels.newton:newton_factor", "kernels.newton:newton_solve")
 PLANAR: list[Group] = [
     ("kernels.equations:linearise_in_plane",),
     ("kernels.equations:evaluate_in_plane",),
+    ("kernels.equations:complete_in_plane",),
 ]
 SPATIAL: list[Group] = [
     ("kernels.equations:linearise_in_space",),
     ("kernels.equations:evaluate_in_space",),
+    ("kernels.equations:complete_in_space",),
 ]
 MASS: Group = ("kernels.newton:solve_accelerations", "kernels.newton:project_once")
 COORDINATES: Group = (

@@ -146,10 +146,6 @@ def sample(
             copy(step_v[0], v[k])
         else:
             status = accelerate(kernels, system, work, memory, times[k], z[k], v[k])
-        for b in range(work.frame.shape[0]):
-            copy(work.frame[b], frames[k, b])
-        for m in range(work.point.shape[0]):
-            copy(work.point[m], points[k, m])
         first = z.shape[1] - system.dims[N_TURNS]
         for i in range(system.dims[N_TURNS]):
             z[k, first + i] = work.turn[i, TURNED]
@@ -161,3 +157,8 @@ def sample(
                 acc[k, n] = math.nan
             for n in range(lam.shape[1]):
                 lam[k, n] = math.nan
+        kernels.complete(system, work, acc[k])
+        for b in range(work.frame.shape[0]):
+            copy(work.frame[b], frames[k, b])
+        for m in range(work.point.shape[0]):
+            copy(work.point[m], points[k, m])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numba import float64, int64
 
+from .algebra import load, size
 from .bodies import evaluate_body
 from .bodies_linear import linearise_body
 from .compiling import entry, inner
@@ -13,7 +14,8 @@ from .forces.all import evaluate_forces, linearise_forces
 from .forces.programs import law_value
 from .forces.turns import keep_turns
 from .frames import free_frame, prescribed_frame
-from .layout import EVALUATE, FREE, LINEARISE, STIFFENED, SYSTEM, WORK
+from .layout import COMPLETE, EVALUATE, FREE, LINEARISE, STIFFENED, SYSTEM, WORK
+from .marker_rows import marker_acceleration
 from .markers import evaluate_marker
 from .spaces import BySpace, in_plane, in_space
 from .stiffened import add_stiffened
@@ -99,3 +101,29 @@ def linearise_in_space(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
     _linearise(in_space(system), in_space(work), t, z, v, acc, lam)
     drop_derivatives(system, work)
+
+
+@inner()
+def _complete(system, work, acc):
+    for m in range(len(system.marker)):
+        point = work.point[m]
+        a, al = marker_acceleration(system, work, m, acc)
+        point.a, point.al = a, al
+    for b in range(len(system.body)):
+        row, frame, n = system.body[b], work.frame[b], size(work.frame[b].x)
+        if row.rd >= n:
+            frame.a = frame.a + load(frame.a, acc, row.vel)
+        if row.rd > n:
+            frame.al = frame.al + load(frame.al, acc, row.vel + n)
+
+
+@entry(COMPLETE)
+def complete_in_plane(system, work, acc):
+    """Adds what z_II' contributes to the accelerations of frames and markers."""
+    _complete(in_plane(system), in_plane(work), acc)
+
+
+@entry(COMPLETE)
+def complete_in_space(system, work, acc):
+    """Adds what z_II' contributes to the accelerations of frames and markers."""
+    _complete(in_space(system), in_space(work), acc)

@@ -286,3 +286,5 @@ WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2, F1, F1] + [F1] 
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)
 #: linearise(system, work, t, z_I, z_II, z_II', lambda), after evaluate at that state
 LINEARISE = types.void(SYSTEM, WORK, float64, F1, F1, F1, F1)
+#: complete(system, work, z_II'), after evaluate at that state
+COMPLETE = types.void(SYSTEM, WORK, F1)

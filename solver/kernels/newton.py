@@ -33,6 +33,7 @@ from .layout import (
     C_GAMMA,
     C_RATE,
     C_VALUE,
+    COMPLETE,
     EVALUATE,
     F1,
     F2,
@@ -137,6 +138,7 @@ class Kernels(Table):
     solve_complex: Any
     rate: Any
     retract: Any
+    complete: Any
 
 
 SIGNATURES = (
@@ -151,6 +153,7 @@ SIGNATURES = (
     SOLVE_COMPLEX,
     RATE,
     RETRACT,
+    COMPLETE,
 )
 KERNELS = TableType(Kernels, [types.FunctionType(sig) for sig in SIGNATURES])
 

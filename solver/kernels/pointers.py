@@ -32,6 +32,7 @@ def entries(planar: bool) -> tuple[Entry, ...]:
         newton.newton_solve,
         rate,
         retract,
+        equations.complete_in_plane if planar else equations.complete_in_space,
     )
 
 

@@ -80,7 +80,6 @@ def sample(
         factors,
     )
     kernel_calls.go_on(system)
-    complete_accelerations(system, z, frames, points, accelerations)
     rows: tuple[int, ...] = ()
     if system.redundant:
         multipliers, rows = minimum_norm(system, work, times, z, v, multipliers)
@@ -103,19 +102,8 @@ def sample_known(
     for k, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
         work.clock[0] = clock
         kernel_calls.evaluate(system, work, t, z[k], v[k])
+        kernel_calls.complete(system, work, accelerations[k])
         keep_turns(system, work, z[k])
         frames[k], points[k], factors[k] = work.frame, work.point, work.factor
-    complete_accelerations(system, z, frames, points, accelerations)
     smallest, rows = minimum_norm(system, work, times, z, v, multipliers)
     return Samples(z, v, frames, points, accelerations, smallest, factors, rows)
-
-
-def complete_accelerations(
-    system: System, z: Array, frames: Array, points: Array, accelerations: Array
-) -> None:
-    """Adds what z_II' contributes to the accelerations of frames and markers."""
-    if system.planar:
-        from .sampling_planar import complete
-    else:
-        from .sampling_spatial import complete
-    complete(system, z, frames, points, accelerations)

@@ -244,17 +244,6 @@ def pack_stiffening(shapes: Taylor, rows: slice) -> Array:
     return (0.5 * (term + term.transpose(0, 2, 1))).ravel()
 
 
-def elastic_rates(shapes: Taylor, q: Array, rates: Array) -> Array:
-    """Phi(q) or Psi(q) of a marker times rates (nt, nq) at q (nt, nq): (nt, 3)."""
-    found = rates @ shapes.m0.T
-    stiffening = pack_stiffening(shapes, slice(3))
-    if len(stiffening):
-        nq = q.shape[1]
-        term = stiffening.reshape(3, nq, nq)
-        found += np.einsum("akl,tk,tl->ta", term, rates, q, optimize=True)
-    return found
-
-
 def elastic_mass(sid: SID) -> Array:
     """Me, symmetric; diagonal where it is so but for rounding."""
     mass = symmetric(sid.Me.m0)

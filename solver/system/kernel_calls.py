@@ -30,3 +30,10 @@ def linearise(
     at = equations
     kernel = at.linearise_in_plane if system.planar else at.linearise_in_space
     kernel(system.arrays, work, t, z, v, acc, lam)
+
+
+def complete(system: System, work: Work, acc: Array) -> None:
+    """Adds what z_II' contributes to the accelerations in `work`."""
+    at = equations
+    kernel = at.complete_in_plane if system.planar else at.complete_in_space
+    kernel(system.arrays, work, acc)

@@ -19,9 +19,9 @@ from sidtool.solver.kernels import layout as at
 from sidtool.solver.kernels import planar_columns as planar
 from sidtool.solver.kernels import spatial_columns as spatial
 from sidtool.solver.kernels.coordinates import rate
-from sidtool.solver.recording.sampling import Samples, complete_accelerations
+from sidtool.solver.recording.sampling import Samples
 from sidtool.solver.start.assembly import assemble
-from sidtool.solver.system.kernel_calls import linearise
+from sidtool.solver.system.kernel_calls import complete, linearise
 from sidtool.solver.system.scene import System
 from tests.solver.scenes import Probe, compiled, scene, soft_body
 from tests.solver.test_equations import STILL, not_turning, random_state
@@ -240,10 +240,8 @@ def test_accelerations_of_markers_are_rates_of_their_velocities(dimension: str) 
     system = loaded(dimension)
     probe = random_state(system, 9)
     acc = np.random.default_rng(1).normal(size=system.n_velocities)
-    points = probe.work.point[None].copy()
-    complete_accelerations(
-        system, probe.z[None], probe.work.frame[None].copy(), points, acc[None]
-    )
+    complete(system, probe.work, acc)
+    points = probe.work.point.copy()
     speeds, found = (
         ([planar.PVX, planar.PVY, planar.TW], [planar.PAX, planar.PAY, planar.TA])
         if system.planar
@@ -259,7 +257,7 @@ def test_accelerations_of_markers_are_rates_of_their_velocities(dimension: str) 
         probe.evaluate(probe.z + dt * slope, probe.v + dt * acc)
         ends.append(probe.work.point[:, speeds].copy())
     slopes = (ends[0] - ends[1]) / (2 * STEP)
-    assert slopes == pytest.approx(points[0][:, found], abs=2e-8, rel=1e-8)
+    assert slopes == pytest.approx(points[:, found], abs=2e-8, rel=1e-8)
 
 
 def bending(sid: SID, seed: int) -> SID:
