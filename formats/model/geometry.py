@@ -278,7 +278,7 @@ class MatricesGeometry(Part):
     nodes : the nodes: a mesh file, or a table of lines `number x y z`
     dofs : CalculiX .dof, which names the rows; not needed where rows name themselves
     file : instead of all these, an .npz or .h5 file with the arrays stiffness, mass,
-        nodes and dofs
+        nodes and dofs, and `set.NAME` with the node numbers of a node set
     expected_mass : [kg], checked against the matrix
     """
 

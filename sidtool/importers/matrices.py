@@ -8,6 +8,7 @@ MatrixMarket, and .npz or .h5 with the arrays
   counted from 0
 - ``nodes``: (n, 4) number, x, y, z
 - ``dofs``: (ndof, 2) node number and direction 1 to 6 of every row
+- ``set.NAME``: (n,) node numbers of a node set, as many sets as there are
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ from sidtool.formats.hdf5_links import check_own_data
 from .imported import EVERYTHING, integers, number_table, numbers, read_lines
 from .matrix_market import is_matrix_market, read_matrix_market
 from .meshes import MESH_READERS, read_mesh
+
+#: What the names of arrays with node sets begin with.
+_SET = "set."
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -107,8 +111,25 @@ def read_arrays(path: str) -> ImportedMatrices:
                 source=path,
                 expected=f"({size}, {size}) or (entries, 3)",
             )
-    return ImportedMatrices(
-        matrices[0], matrices[1], nodes[:, 0].astype(np.int64), nodes[:, 1:], dofs, {}
+    labels = nodes[:, 0].astype(np.int64)
+    sets = {
+        name.removeprefix(_SET): _rows_of_set(value, labels, name, path)
+        for name, value in arrays.items()
+        if name.startswith(_SET)
+    }
+    return ImportedMatrices(matrices[0], matrices[1], labels, nodes[:, 1:], dofs, sets)
+
+
+def _rows_of_set(value: Any, labels: Indices, name: str, path: str) -> Indices:
+    """Rows of the nodes with some numbers."""
+    rows = {int(label): row for row, label in enumerate(labels)}
+    if value.ndim == 1 and value.size and np.isin(value, labels).all():
+        return np.array([rows[int(number)] for number in value], np.int64)
+    raise InputError(
+        "holds other than numbers of nodes",
+        source=path,
+        place=name,
+        expected="(n,) numbers of the array nodes",
     )
 
 
@@ -274,17 +295,20 @@ def _check_range(i: Indices, j: Indices, size: int, name: str, path: str) -> Non
         )
 
 
+def _is_known(name: str) -> bool:
+    return name in ("stiffness", "mass", "nodes", "dofs") or name.startswith(_SET)
+
+
 def _load_arrays(path: str) -> dict[str, Any]:
-    names = ("stiffness", "mass", "nodes", "dofs")
     try:
         if Path(path).suffix == ".npz":
             with np.load(path, allow_pickle=False) as data:
-                return {name: data[name] for name in names if name in data}
+                return {name: data[name] for name in data if _is_known(name)}
         import h5py
 
         with h5py.File(path, "r") as file:
             check_own_data(file)
-            return {name: np.array(file[name]) for name in names if name in file}
+            return {name: np.array(file[name]) for name in file if _is_known(name)}
     except InputError as error:
         raise error.located(path) from None
     except Exception as error:

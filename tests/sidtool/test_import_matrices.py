@@ -238,6 +238,27 @@ def test_unsound_matrices(
     assert message in str(caught.value) and "rod.npz" in str(caught.value)
 
 
+def test_node_sets_beside_matrices(tmp_path: Path) -> None:
+    """A set clamps the rod as its edge does: the frequencies of the native mesh."""
+    native = volume({"type": "hex8", "elements": [6, 2, 2]}, 5)
+    body = finite_element_model(native)
+    left = np.flatnonzero(body.positions[:, 0] < 1e-9) + 1
+    frame = {"type": "tangent", "marker": "crank_pin", "clamp": "left"}
+    expected = sid_from_model(native)
+    for write in (as_npz, as_hdf5):
+        files = write(tmp_path, body)
+        if write is as_npz:
+            np.savez(tmp_path / "rod.npz", **arrays(body), **{"set.left": left})
+        else:
+            with h5py.File(tmp_path / "rod.h5", "a") as file:
+                file["set.left"] = left
+        sid = sid_from_model(model(tmp_path, files, frame=frame))
+        assert_allclose(np.diag(sid.Ke.m0), np.diag(expected.Ke.m0), rtol=1e-7)
+    np.savez(tmp_path / "rod.npz", **arrays(body), **{"set.left": left + 9999})
+    with pytest.raises(InputError, match="set.left: holds other than numbers of nodes"):
+        sid_from_model(model(tmp_path, {"file": "rod.npz"}, frame=frame))
+
+
 def test_mass_against_the_geometry(tmp_path: Path, solid: FiniteElementModel) -> None:
     files = as_npz(tmp_path, solid)
     sid_from_model(model(tmp_path, files | {"expected_mass": 3.14}))
