@@ -233,6 +233,17 @@ class FunctionTable:
             self._breaks.setdefault(t, []).append(name)
         return (*compiled.shape, data, compiled.kind)
 
+    def watch(self, program: Callable[[float], float], name: str) -> None:
+        """Has steps look at what a law makes of time; what jumps is left to them."""
+        try:
+            curve = Curve(*interpolate(program, self._span, name, smooth=False))
+            found = curve.features(self._span)
+        except InputError:
+            return
+        self._features.setdefault(name, []).append(found)
+        for t in curve.breaks():
+            self._breaks.setdefault(t, []).append(name)
+
     def table(self) -> IntTable:
         """What kernels read: all functions, then the parts of sums."""
         rows = [*self._rows, *self._parts]

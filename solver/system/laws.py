@@ -18,6 +18,7 @@ from sidtool.formats.scene import STATE, Expression, Instruction, Pid, SceneFile
 from sidtool.formats.sid import BLOCK_SHAPES, SID, Taylor, block_shape
 
 from ..functions.callables import Derivatives
+from ..functions.law_times import of_time
 from ..functions.laws import (
     Called,
     Kept,
@@ -169,7 +170,18 @@ class LawTable:
                 sampled=parts.sample_time or 0.0,
             )
             found += self._rows(pushed, kept.change, force)
+        if not sampled:
+            self._watch(
+                [value, *(kept.change for kept in parts.states.values())], force
+            )
         return found
+
+    def _watch(self, programs: list[Parts], force: str) -> None:
+        """Tells the table of functions what a law makes of time."""
+        for parts in programs:
+            program = of_time(parts)
+            if program is not None:
+                self._functions.watch(program, force)
 
     def _rows(self, element: Element, parts: Parts, force: str) -> Iterator[Element]:
         compiled = _Program(self, parts, force)

@@ -641,3 +641,33 @@ def test_a_drive_cannot_follow_the_motion() -> None:
     }
     with pytest.raises(InputError, match="cannot follow the motion itself"):
         compile_scene(SceneFile.model_validate(made))
+
+
+PULSE = "1000*exp(-((t - 0.613)/0.002)**2) * (1 + 0*cart.x)"
+
+
+@pytest.mark.parametrize("said", ["formula", "callable", "product"])
+def test_no_step_passes_a_pulse_of_a_law_unseen(said: str) -> None:
+    """At rest until a pulse of 4 ms, whose momentum is known."""
+    function: dict[str, Any] = expression(PULSE)
+    laws = {}
+    if said == "callable":
+        function = GIVEN
+        laws["motor"] = Law(
+            lambda t, y: 1000.0 * math.exp(-(((t - 0.613) / 0.002) ** 2)), ["cart.x"]
+        )
+    if said == "product":
+        function = expression("(cart.x + 1)*" + PULSE)
+    made = scene(
+        {"cart": {"mass": 4.0, "initial": {"position": [0.0, 0.0]}}},
+        {"rail": {"type": "prismatic", "markers": ["ground", "cart"], "axis": [1, 0]}},
+        end=2.0,
+        steps=4,
+        record=["cart.vx"],
+        forces={"motor": {"type": "actuator", "joint": "rail", "function": function}},
+    )
+    momentum = 1000.0 * 0.002 * math.sqrt(math.pi)
+    tolerance = 2e-3 if said == "product" else 1e-6
+    for method in ("radau9", "dop853"):
+        found = run(made, laws, integrator=method, rtol=1e-7)
+        assert found.values[-1, 0] == pytest.approx(momentum / 4.0, rel=tolerance)
