@@ -20,6 +20,7 @@ from .advice.stopping import (
     CAUSES,
     demanded_too_much,
     explained,
+    jammed,
     lost_inertia,
     near_singular,
     too_light,
@@ -92,7 +93,10 @@ def failure_of(run: Run, code: int) -> str:
     if why := demanded_too_much(system, run.now, control.z, control.v):
         return f"{text}; {why}"
     text += (
-        lost_inertia(system, work) or too_light(system, work) or near_singular(control)
+        lost_inertia(system, work)
+        or too_light(system, work)
+        or jammed(system, run.memory)
+        or near_singular(control)
     )
     if system.redundant:
         rows = assembly.names_of_rows(system, system.redundant)

@@ -31,6 +31,7 @@ from .recording.energy_history import INTEGRATED
 from .recording.interpolation import interpolated
 from .recording.outputs import position_names, record, velocity_names
 from .recording.sampling import Samples, sample
+from .recording.stick_slip import regripped, with_grips
 from .start.assembly import assemble
 from .start.new_control import closed_below
 from .start.settings import settings_of
@@ -66,12 +67,14 @@ class Replay:
         """
         t, z, v = self.states(times)
         system, calls, work, memory = self._parts
+        regripped(system, calls, self._closed, t, z, v)
         found = record(system, calls, work, memory, t, z, v, self._closed)
         return dict(zip(found.names, found.values.T, strict=True))
 
     def samples(self, times: Array | None = None) -> Samples:
         """Frames and markers at some times, see `outputs`."""
         t, z, v = self.states(times)
+        regripped(self.system, self._parts[1], self._closed, t, z, v)
         return sample(*self._parts, t, z, v, self._closed)
 
     def states(self, times: Array | None) -> tuple[Array, Array, Array]:
@@ -85,6 +88,7 @@ class Replay:
                 expected="the output times of the result",
             )
         known = (self.t, self.z, self.v)
+        regripped(self.system, self._parts[1], self._closed, *known)
         z, v = interpolated(*self._parts, known, self._closed, times)
         return times.copy(), z, v
 
@@ -152,7 +156,7 @@ def replay(
         raise _unlike("positions")
     if np.isnan(z).any() and len(z):
         _count_turns(system, result.t, z, v)
-    return Replay(system, result.t, z, v)
+    return Replay(with_grips(system), result.t, z, v)
 
 
 def scene_of(result: Result) -> SceneFile:

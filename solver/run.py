@@ -29,8 +29,10 @@ from .kernels.pointers import kernels
 from .recorder import Recorder
 from .recording import dense, events
 from .recording.energy_history import History, is_wanted
+from .recording.stick_slip import StickSlip, with_grips
 from .recording.window import Window
 from .start import assembly
+from .start.loads import check_loads
 from .start.new_control import closed_below, new_control
 from .start.settings import Settings, settings_of
 from .start.turn_counts import keep_turns
@@ -87,6 +89,8 @@ def simulate(
     began = time.perf_counter()
     asked = tuple(questions(system))
     system, start = _assembled(system, asked)
+    check_loads(system, start)
+    system = with_grips(system)
     asked = (*asked, *rigid_directions(system, start))
     if tell is not None:
         for sentence in asked:
@@ -152,7 +156,11 @@ class Run:
         history = None
         if is_wanted(system.scene):
             history = History(system, self.kernels, self.closed, points)
-        self.inside = self.watch is not None or history is not None
+        self.stick = None
+        if system.rubbing:
+            parts = system, self.kernels, self.closed, points
+            self.stick = StickSlip(*parts, settings.rtol)
+        self.inside = not (self.watch is self.stick is history is None)
         most = len(self.times) + 1
         self.recorder = Recorder(
             system, self.kernels, self.closed, expected, history, sink, most
@@ -171,6 +179,7 @@ class Run:
         self.window.fill(self.control)
         self.breaks: list[events.Moment] = []
         self.taken = [0, 0]
+        self.enters = False
         self.advance = self._prepare()
 
     def _prepare(self) -> Advance:
@@ -181,22 +190,21 @@ class Run:
     def go(self, progress: Progress | None) -> str:
         """Integrates over all smooth intervals; the reason if one is not finished."""
         for stop in self.system.breaks:
-            reason = self._enter(stop)
-            if reason:
-                return reason
+            failure = self._enter(stop)
             code = stepping.CHUNK
-            while code == stepping.CHUNK:
+            while code == stepping.CHUNK and not failure:
                 code = self._steps()
                 if self.watch is not None and self.watch.ended:
                     return ""
                 if self._is_hard(code):
                     self._switch()
-                    reason = self._enter(stop)
-                    if reason:
-                        return reason
-                    code = stepping.CHUNK
+                    self.enters = True
+                if self.enters:
+                    failure, code = self._enter(stop), stepping.CHUNK
                 if progress is not None:
                     progress(self.now)
+            if failure:
+                return failure
             if code != stepping.REACHED:
                 return failure_of(self, code)
             self._note_breaks(stop)
@@ -207,11 +215,12 @@ class Run:
         left = self.limit
         while True:
             before = int(self.memory.counters[newton.STEPS])
-            code = self.advance(self.control, left)
+            most = left if self.stick is None else min(left, self.stick.stride)
+            code = self.advance(self.control, most)
             go_on(self.system)
             left -= int(self.memory.counters[newton.STEPS]) - before
             self._look_inside()
-            if self.watch is not None and self.watch.ended:
+            if self.enters or (self.watch is not None and self.watch.ended):
                 return code
             full = code == stepping.FULL
             if full or self.recorder.is_waiting:
@@ -280,6 +289,9 @@ class Run:
             self.recorder.visit(dense.taken_ends(self.control))
             return
         steps = dense.taken(self.control)
+        if self.stick is not None:
+            steps = self.stick.until_change(self.control, steps)
+            self.enters = bool(self.stick.turning)
         self.recorder.visit(self.points.ends(steps))
         if self.recorder.history is not None:
             self.recorder.history.add(steps)
@@ -287,7 +299,12 @@ class Run:
             self.watch.look(steps)
 
     def _enter(self, end: float) -> str:
-        """Starts a smooth interval, with no memory of steps before; why it cannot."""
+        """Starts a smooth interval, with no memory of steps before; why it cannot, or
+        nothing."""
+        self.enters = False
+        failure = self._grip()
+        if failure:
+            return failure
         control, real, begin = self.control, self.control.real, self.now
         real[stepping.STOP] = end
         real[stepping.OLD_STEP] = 0.0
@@ -302,6 +319,9 @@ class Run:
             real[stepping.STEP] = (end - begin) / count
         status = self._begin()
         if status == 0 and self.samplers.take(self.work, begin, control.v):
+            failure = self._grip()
+            if failure:
+                return failure
             status = self._begin()
         said = lapse(self.system, self.work, since=begin)
         if said and begin == self.system.scene.time.start:
@@ -313,6 +333,14 @@ class Run:
         keep_turns(self.system, self.work, control.z)
         control.measured[:, :2] = self.work.measure
         return ""
+
+    def _grip(self) -> str:
+        """Chooses what sticks from now on; why there is no choice, or nothing."""
+        if self.stick is None:
+            return ""
+        why, moments = self.stick.enter(self.now, self.control.z, self.control.v)
+        self.breaks += moments
+        return f"stopped at t = {self.now:.9g} s: {why}" if why else ""
 
     def _begin(self) -> int:
         """Evaluates the state in hand; 0, or the code of a singular system."""

@@ -36,13 +36,20 @@ SPATIAL: list[Group] = [
     ("kernels.equations:evaluate_in_space",),
     ("kernels.equations:complete_in_space",),
 ]
-MASS: Group = ("kernels.newton:solve_accelerations", "kernels.newton:project_once")
+MASS: Group = (
+    "kernels.accelerations:solve_accelerations",
+    "kernels.accelerations:project_once",
+)
 COORDINATES: Group = (
     "kernels.coordinates:rate",
     "kernels.coordinates:retract",
     "kernels.newton:remember",
 )
-RECORDING: Group = ("integrators.recording:sample", "integrators.recording:begin")
+RECORDING: Group = (
+    "integrators.recording:sample",
+    "integrators.recording:begin",
+    "integrators.recording:rub",
+)
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
 #: New objects between two searches for garbage in a process that only compiles.

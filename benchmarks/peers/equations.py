@@ -14,8 +14,8 @@ import numpy as np
 from sidtool.formats.result import Result
 from sidtool.formats.scene import output_times
 from sidtool.formats.sid import Array
+from sidtool.solver.kernels.accelerations import solve_accelerations
 from sidtool.solver.kernels.coordinates import rate
-from sidtool.solver.kernels.newton import solve_accelerations
 from sidtool.solver.kernels.pointers import kernels
 from sidtool.solver.recording import outputs
 from sidtool.solver.start import assembly

@@ -37,6 +37,7 @@ from .functions import (
     Sum,
     coefficients,
 )
+from .joint_friction import JointFriction
 from .joints import (
     Coincident,
     Coupling,
@@ -57,6 +58,7 @@ from .joints import (
 )
 from .laws import Expression, ForceFunction, Pid
 from .outputs import (
+    FRICTION_QUANTITIES,
     IN_BODY,
     MOMENTA,
     ORIENTATIONS,
@@ -95,6 +97,7 @@ __all__ = [
     "ElasticInitial",
     "Event",
     "Expression",
+    "FRICTION_QUANTITIES",
     "Fixed",
     "Force",
     "ForceFunction",
@@ -111,6 +114,7 @@ __all__ = [
     "Initial",
     "Instruction",
     "Joint",
+    "JointFriction",
     "Marker",
     "ModalDamping",
     "OutputName",

@@ -14,6 +14,7 @@ from .joint_checks import check_drives, check_joint
 from .laws import states_of
 from .outputs import (
     ELASTIC,
+    FRICTION_QUANTITIES,
     JOINT_QUANTITIES,
     NAME,
     RESERVED,
@@ -114,6 +115,12 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
     coordinate = "" if name.marker else coordinate_of(name.quantity)
     if coordinate and (name.owner in scene.joints or name.quantity != "angle"):
         _check_coordinate(name.owner, coordinate, place, scene)
+        return
+    if not name.marker and name.quantity in FRICTION_QUANTITIES:
+        joint = scene.joints.get(name.owner)
+        if joint is None or getattr(joint, "friction", None) is None:
+            found = f"{name.owner} is no joint with friction"
+            fail(place, found, "a joint with [joints.NAME.friction]")
         return
     if not name.marker and is_of_joint(name.quantity):
         told = name.quantity in JOINT_QUANTITIES and name.owner in scene.forces

@@ -135,8 +135,8 @@ class Friction(_Force):
 
     Below `speed` a held joint creeps instead of sticking. The limit is given and does
     not follow the load: friction coefficient times normal force (times radius in a
-    bearing) has to be put in as a number. The load that a run finds, the outputs fx to
-    mz of the joint, tells whether that number was right.
+    bearing) has to be put in as a number. Friction from the load, with stick, is a part
+    of the joint itself, [joints.NAME.friction].
     """
 
     type: Literal["friction"]

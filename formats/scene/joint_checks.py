@@ -10,6 +10,7 @@ from .base import as_3d
 from .drives import MARKER_COORDINATES, Drive, driven_coordinate
 from .failures import fail, known_names
 from .function_checks import check_function
+from .joint_friction import JointFriction
 from .joints import Coupling, Gear, Joint, Universal, marker_names
 from .laws import Expression, Pid
 from .references import check_reference, check_two_bodies
@@ -33,6 +34,9 @@ def check_joint(joint: Joint, place: str, scene: SceneFile) -> None:
         axis = getattr(joint, key, None)
         if axis is not None:
             _check_axis(axis, joint, f"{place}.{key}", scene.dimension)
+    friction = getattr(joint, "friction", None)
+    if friction is not None:
+        _check_friction(friction, joint.type, f"{place}.friction", scene.dimension)
     if isinstance(joint, Universal):
         first = as_3d(joint.axis or (1.0, 0.0, 0.0))
         second = as_3d(joint.second_axis or (0.0, 1.0, 0.0))
@@ -40,6 +44,25 @@ def check_joint(joint: Joint, place: str, scene: SceneFile) -> None:
         if abs(first @ second) > 1e-9 * lengths:
             expected = f"a direction at right angles to the axis {joint.axis}"
             fail(f"{place}.second_axis", f"found {joint.second_axis}", expected)
+
+
+def _check_friction(
+    friction: JointFriction, kind: str, place: str, dimension: str
+) -> None:
+    if (friction.radius is not None) != (kind == "revolute"):
+        found = "is missing" if friction.radius is None else "is for revolute joints"
+        expected = "the radius of the pin" if friction.radius is None else "no radius"
+        fail(f"{place}.radius", found, expected)
+    if friction.static is not None and friction.static < friction.coefficient:
+        found = f"is {friction.static:g}, below the coefficient of sliding"
+        fail(f"{place}.static", found, f"{friction.coefficient:g} or more")
+    if friction.stribeck_velocity is not None and friction.static is None:
+        found = "has no coefficient at rest to begin with"
+        fail(f"{place}.stribeck_velocity", found, "`static` beside it")
+    without = ("point_on_line", "revolute")[: 2 if dimension == "planar" else 1]
+    if friction.length is not None and kind in without:
+        found = "has no moment to share between two ends"
+        fail(f"{place}.length", found, "no length")
 
 
 def _check_axis(
@@ -127,6 +150,10 @@ def _check_joint_drive(drive: Drive, place: str, scene: SceneFile) -> None:
     elif drive.coordinate not in (None, *joint.coordinates):
         expected = " or ".join(joint.coordinates)
         fail(f"{place}.coordinate", f"found {drive.coordinate!r}", expected)
+    elif getattr(joint, "friction", None) is not None:
+        found = f"{drive.joint} has friction, but its motion is prescribed"
+        expected = "a joint without friction, or an actuator in the place of the drive"
+        fail(f"{place}.joint", found, expected)
     if drive.reference != "ground":
         fail(f"{place}.reference", "stands beside joint", "a reference for a marker")
 

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal, get_args
 from pydantic import Field
 
 from .base import Table, Vector
+from .joint_friction import JointFriction
 
 _MARKERS = "two markers, as BODY.MARKER or ground or ground.MARKER"
 
@@ -33,6 +34,12 @@ class _AxialJoint(_Pair):
     )
 
 
+class _RubbingJoint(_AxialJoint):
+    friction: JointFriction | None = Field(
+        default=None, description="dry friction from the load of the joint"
+    )
+
+
 class Fixed(_Pair):
     """No relative motion of the two markers; of a point mass, which has no orientation,
     its place is held."""
@@ -40,7 +47,7 @@ class Fixed(_Pair):
     type: Literal["fixed"]
 
 
-class Revolute(_AxialJoint):
+class Revolute(_RubbingJoint):
     """Rotation about `axis`, default z. The coordinate is the angle [rad]."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("angle",)
@@ -49,7 +56,7 @@ class Revolute(_AxialJoint):
     type: Literal["revolute"]
 
 
-class Prismatic(_AxialJoint):
+class Prismatic(_RubbingJoint):
     """Translation along `axis`, default x, no rotation; displacement [m]."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("displacement",)
@@ -99,7 +106,7 @@ class PlanarJoint(_AxialJoint):
     type: Literal["planar"]
 
 
-class PointOnLine(_AxialJoint):
+class PointOnLine(_RubbingJoint):
     """The second marker's origin stays on the first one's `axis`, default x."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("displacement",)

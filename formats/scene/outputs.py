@@ -21,8 +21,9 @@ it has them, and their rates angle_rate, ...; angles go on over many turns. Quan
 of a joint or a drive: fx fy fz and mx my mz, the force and torque on its
 second marker in inertial axes; fK is its K-th multiplier and f* all of them. fx to mz
 of a force are what it puts on its marker, or on the second one; its `value` is what
-scales it, a function of time or a law, whose states are FORCE.state.NAME. Of the whole
-scene:
+scales it, a function of time or a law, whose states are FORCE.state.NAME. A joint with
+friction has friction, the force or torque along its coordinate, normal_force, the load
+that makes it, and sticking, 1 or 0; fx to mz are with friction. Of the whole scene:
 energy.kinetic, .elastic, .potential, .dissipated, .supplied and .balance (the first
 four less the fifth), and constraint.position and .velocity, the largest residual of
 the constraints.
@@ -64,6 +65,9 @@ BODY_QUANTITIES = (
     | frozenset(name + IN_BODY for name in VELOCITIES)
 )
 JOINT_QUANTITIES = frozenset(["fx", "fy", "fz", "mx", "my", "mz"])
+#: What a joint with friction has: friction along its coordinate, the load that makes
+#: it, and 1 while it sticks.
+FRICTION_QUANTITIES = frozenset(["friction", "normal_force", "sticking"])
 #: Quantities of the whole scene, by what stands in the place of a body.
 SCENE_QUANTITIES = {
     "energy": ("kinetic", "elastic", "potential", "dissipated", "supplied", "balance"),
@@ -147,7 +151,7 @@ def is_quantity(text: str, *, of_marker: bool = False) -> bool:
     if of_marker:
         return text in MARKER_QUANTITIES
     pattern = ELASTIC.fullmatch(text) or MULTIPLIER.fullmatch(text)
-    words = BODY_QUANTITIES | JOINT_QUANTITIES
+    words = BODY_QUANTITIES | JOINT_QUANTITIES | FRICTION_QUANTITIES
     return text in words or pattern is not None
 
 

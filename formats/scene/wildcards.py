@@ -20,6 +20,7 @@ from .joints import marker_names
 from .laws import states_of
 from .outputs import (
     ELASTIC,
+    FRICTION_QUANTITIES,
     MULTIPLIER,
     PEAK_STRESS,
     RATE,
@@ -111,6 +112,8 @@ def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:
             yield from _named(name, (coordinate, coordinate + RATE))
         if marker_names(joint):
             yield from _named(name, _WRENCH[dimension])
+        if getattr(joint, "friction", None) is not None:
+            yield from _named(name, sorted(FRICTION_QUANTITIES))
     for name, drive in scene.drives.items():
         if drive.joint is None or marker_names(scene.joints[drive.joint]):
             yield from _named(name, _WRENCH[dimension])

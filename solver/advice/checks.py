@@ -10,6 +10,7 @@ from sidtool.formats.dead_nodes import check_alive, dead_nodes
 from sidtool.formats.errors import InputError
 from sidtool.formats.orientation import fault
 from sidtool.formats.scene import (
+    FRICTION_QUANTITIES,
     SCENE_QUANTITIES,
     STATE,
     VALUE,
@@ -66,7 +67,7 @@ def check_outputs(system: System) -> None:
             continue
         if name.marker or name.owner in SCENE_QUANTITIES:
             continue
-        if coordinate_of(name.quantity):
+        if coordinate_of(name.quantity) or name.quantity in FRICTION_QUANTITIES:
             continue
         if name.quantity in COMPONENTS:
             if is_constraint(system, name.owner):

@@ -12,10 +12,13 @@ from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, coupled_mass_matrix
 
 from ..integrators import stepping
 from ..kernels import layout as at
+from ..kernels.newton import Memory
 from ..start.conflicts import conflict_soon
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 
+#: Determinant of the equations of friction near a state without a solution.
+NEARLY_JAMMED = 1e-3
 CAUSES = {
     stepping.TOO_SMALL: "the step size fell below what the time resolves: the motion "
     "is not smooth here, or a body is blocked",
@@ -134,6 +137,25 @@ def too_light(system: System, work: at.Work) -> str:
         f"; the inertia of {lightest} is {ratio:.1g} of that of {heaviest}, which "
         "rounding hides: give it more, or put a joint in its place (a massless rod is "
         "one of type distance)"
+    )
+
+
+def jammed(system: System, memory: Memory) -> str:
+    """What to know where friction has hardly a solution, as evaluated last.
+
+    The determinant of its equations, 1 without friction, passes zero there, and loads
+    grow without bound (theory, section 14).
+    """
+    if not system.rubbing or system.arrays.grip[:, at.SHARED].any():
+        return ""
+    swaps = np.sum(memory.rub_pivots != np.arange(len(memory.rub_pivots)))
+    factors = memory.rub_A.diagonal()
+    if (-1.0) ** swaps * np.prod(factors) > NEARLY_JAMMED:
+        return ""
+    names = ", ".join(rub.joint for rub in system.rubbing)
+    return (
+        f"; friction ({names}) has no solution here, or several: the load that it "
+        "makes feeds it, and grows without bound"
     )
 
 

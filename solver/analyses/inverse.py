@@ -23,7 +23,13 @@ from ..system.bodies import symmetric
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .held import is_state
-from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
+from .mechanics import (
+    Mechanics,
+    least_squares,
+    null_space,
+    refuse_friction,
+    refuse_prescribed,
+)
 from .recorded import Found, recorded
 
 #: Constraints are met when they are open by less, relative to their sizes.
@@ -56,6 +62,7 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
         its `result` holds what comes before.
     """
     refuse_prescribed(system)
+    refuse_friction(system)
     _refuse_states(system)
     system, start = assemble(system)
     t = system.scene.time.start

@@ -31,7 +31,13 @@ from ..start.assembly import assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .held import state_entries, unsampled
-from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
+from .mechanics import (
+    Mechanics,
+    least_squares,
+    null_space,
+    refuse_friction,
+    refuse_prescribed,
+)
 from .static import static_equilibrium
 
 #: Perturbation, relative to the size of the mechanism.
@@ -88,6 +94,7 @@ def linearise(
         configuration, or its inertia is not positive.
     """
     refuse_prescribed(system)
+    refuse_friction(system)
     system, told = unsampled(system)
     if about not in STATES:
         raise InputError(f"found {about!r}", expected=f"one of {', '.join(STATES)}")

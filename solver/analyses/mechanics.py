@@ -246,3 +246,19 @@ def refuse_prescribed(system: System) -> None:
             "was compiled without the constraints of its prescribed joints",
             expected="compile_scene(..., keep_joints=True)",
         )
+
+
+def refuse_friction(system: System) -> None:
+    """Between stick and slip there is no derivative.
+
+    Raises
+    ------
+    InputError : a joint has friction.
+    """
+    if system.rubbing:
+        name = system.rubbing[0].joint
+        raise InputError(
+            "dry friction has no linearisation, and no one force at rest",
+            place=f"joints.{name}.friction",
+            expected="the scene without it, or `simulate`",
+        )

@@ -107,6 +107,7 @@ def static_equilibrium(system: System) -> Equilibrium:
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
             notes = (*_checked(mechanics), *_unstable(mechanics, z, motion, left))
             notes += (*_far(mechanics, z), *questions(system), *told)
+            notes += _without_friction(system)
             v = np.zeros(system.n_velocities)
             v[velocities] = z[places]
             return Equilibrium(z, v, left, residual, iteration, system, notes)
@@ -160,6 +161,17 @@ def _checked(mechanics: Mechanics) -> tuple[str, ...]:
     if not cause:
         return ()
     return (f"simulate cannot start in this equilibrium: {cause.removeprefix('; ')}",)
+
+
+def _without_friction(system: System) -> tuple[str, ...]:
+    """What joints with friction leave open."""
+    names = ", ".join(rub.joint for rub in system.rubbing)
+    if not names:
+        return ()
+    return (
+        f"the equilibrium is that without friction; with the friction of {names} the "
+        "scene rests in states around it, too",
+    )
 
 
 def _unstable(

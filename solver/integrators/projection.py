@@ -5,6 +5,7 @@ from __future__ import annotations
 from numba import float64, int64, types
 
 from ..kernels.compiling import inner
+from ..kernels.friction import sticks
 from ..kernels.layout import (
     C_RATE,
     C_VALUE,
@@ -71,6 +72,11 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
         for i in range(m):
             placed = placed and abs(work.row[i, C_VALUE]) <= loose * closed[i, 0]
             still = still and abs(work.row[i, C_RATE]) <= loose * closed[i, 1]
+        for j in range(len(system.friction)):
+            if sticks(system, j):
+                row = work.sliding.row[j]
+                placed = placed and abs(row[C_VALUE]) <= loose * closed[m + j, 0]
+                still = still and abs(row[C_RATE]) <= loose * closed[m + j, 1]
         if placed and still:
             return kernels.solve_accelerations(system, work, memory)
         memory.counters[PROJECTIONS] += 1

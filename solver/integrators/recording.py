@@ -7,7 +7,19 @@ import math
 from numba import boolean, float64, int64, types
 
 from ..kernels.compiling import entry, inner
-from ..kernels.layout import F1, F2, F3, N_TURNS, SYSTEM, TURNED, WORK
+from ..kernels.friction import along
+from ..kernels.layout import (
+    C_GAMMA,
+    C_RATE,
+    C_VALUE,
+    F1,
+    F2,
+    F3,
+    N_TURNS,
+    SYSTEM,
+    TURNED,
+    WORK,
+)
 from ..kernels.newton import KERNELS, MEMORY
 from .passing import keep_ways
 from .projection import accelerate, project
@@ -92,9 +104,40 @@ def begin(kernels, system, work, memory, t, z, v):
     return accelerate(kernels, system, work, memory, t, z, v)
 
 
+# Columns of what is told of a joint with friction
+RUB_FORCE, RUB_LOAD, RUB_RATE, RUB_PUSH, RUB_PLACE = range(5)
+N_RUB = 5
+
+
+@inner(types.void(SYSTEM, WORK, MEMORY, F2))
+def tell_friction(system, work, memory, told):
+    """Force, load, rate, acceleration and value of the coordinates with friction."""
+    for j in range(len(told)):
+        row = work.sliding.row[j]
+        told[j, RUB_FORCE], told[j, RUB_LOAD] = work.rub[j], work.load[j]
+        told[j, RUB_RATE], told[j, RUB_PLACE] = row[C_RATE], row[C_VALUE]
+        push = along(system, work, j, memory.acceleration)
+        told[j, RUB_PUSH] = push - row[C_GAMMA]
+
+
+@entry(types.void(KERNELS, SYSTEM, WORK, MEMORY, F1, F2, F2, F3))
+def rub(kernels, system, work, memory, times, z, v, told):
+    """What joints with friction do in some states of one smooth interval, as they are.
+
+    NaN where eq. (3) is singular.
+    """
+    for k in range(len(times)):
+        status = accelerate(kernels, system, work, memory, times[k], z[k], v[k])
+        tell_friction(system, work, memory, told[k])
+        if status != 0:
+            for j in range(told.shape[1]):
+                told[k, j, RUB_FORCE] = told[k, j, RUB_PUSH] = math.nan
+
+
 @entry(
     types.void(
-        KERNELS, SYSTEM, WORK, MEMORY, *[F2, F1, F1, F2, F2, F2, F2, F3, F3, F2, F2, F2]
+        *[KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3],
+        *[F2, F2, F2, F3],
     )
 )
 def sample(
@@ -114,6 +157,7 @@ def sample(
     acc,
     lam,
     factors,
+    told,
 ):
     """Projects recorded states onto the constraints and solves eq. (3) there.
 
@@ -152,6 +196,7 @@ def sample(
         copy(memory.acceleration, acc[k])
         copy(memory.multiplier, lam[k])
         copy(work.factor, factors[k])
+        tell_friction(system, work, memory, told[k])
         if status != 0:
             for n in range(acc.shape[1]):
                 acc[k, n] = math.nan

@@ -212,6 +212,7 @@ def keep_free_part(kernels, system, work, memory, control, h, z1, v1, error, dz,
     for i in range(system.dims[N_ROWS]):
         work.row[i, C_VALUE] = 0.0
     rates_of_rows(system, work, error, C_RATE)
+    rates_of_rows(system.sliding, work.sliding, error, C_RATE)
     if kernels.project_once(system, work, memory, REGULARISATION, dz, dv) == 0:
         for i in range(len(error)):
             error[i] += dv[i]

@@ -14,6 +14,7 @@ from .forces.all import evaluate_forces, linearise_forces
 from .forces.programs import law_value
 from .forces.turns import keep_turns
 from .frames import free_frame, prescribed_frame
+from .friction import hold_rows, linearise_friction
 from .layout import COMPLETE, EVALUATE, FREE, LINEARISE, STIFFENED, SYSTEM, WORK
 from .marker_rows import marker_acceleration
 from .markers import evaluate_marker
@@ -64,6 +65,7 @@ def evaluate_in_plane(system, work, t, z, v):
     """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
     _evaluate(in_plane(system), in_plane(work), t, z, v)
     drop_rows(system, work)
+    hold_rows(system, work)
 
 
 @entry(EVALUATE)
@@ -71,6 +73,7 @@ def evaluate_in_space(system, work, t, z, v):
     """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
     _evaluate(in_space(system), in_space(work), t, z, v)
     drop_rows(system, work)
+    hold_rows(system, work)
 
 
 @entry(float64(SYSTEM, WORK, int64, float64))
@@ -94,6 +97,7 @@ def linearise_in_plane(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
     _linearise(in_plane(system), in_plane(work), t, z, v, acc, lam)
     drop_derivatives(system, work)
+    linearise_friction(system, work)
 
 
 @entry(LINEARISE)
@@ -101,6 +105,7 @@ def linearise_in_space(system, work, t, z, v, acc, lam):
     """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
     _linearise(in_space(system), in_space(work), t, z, v, acc, lam)
     drop_derivatives(system, work)
+    linearise_friction(system, work)
 
 
 @inner()

@@ -62,6 +62,7 @@ def index3_factor(system, work, memory, inertia, damping, stiffness):
         memory.real_S,
         memory.real_pivots,
         memory.real_row_pivots,
+        work.rubbing,
     )
 
 

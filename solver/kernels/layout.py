@@ -149,6 +149,31 @@ T_DATA = 3  # pool: directions of TWIST and LEAN
 T_ENTRY = 4  # first entry of Work.turn: TILT has three, others one; the counted first
 N_TURN = 5
 
+# --- columns of System.friction: joints with friction, see `friction` ------
+R_LAW = 0  # pool, see below
+R_LOAD = 1  # pool: for each place of contact two rows of weights, one per load row
+R_PLACES = 2
+R_COUNT = 3  # constraint rows that make the load
+R_ROWS = 4  # those rows
+R_NEWTON = 9  # its row in Newton matrices, then those of its load
+MOST_LOADS = 5
+N_FRICTION = R_NEWTON + 1 + MOST_LOADS
+
+# --- numbers of a friction law in the pool
+L_SLIDING = 0  # coefficients of sliding and of rest
+L_STATIC = 1
+L_SPEED = 2  # of the surfaces, over which one becomes the other; 0: at once
+L_VISCOUS = 3
+L_ARM = 4  # radius of the pin, 1 for what slides
+L_PERIOD = 5  # the coordinate is known up to multiples of it, 0 for exactly
+N_LAW = 6
+
+# --- columns of System.grip: what a run changes
+SENSE = 0  # 1 or -1: slides with a growing or a falling coordinate; 0: sticks
+HELD = 1  # the coordinate where it sticks
+SHARED = 2  # 1: others stick that hold the same motion, and share what that takes
+N_GRIP = 3
+
 # --- entries of System.dims -----------------------------------------------
 PLANAR = 0
 N_POS = 1
@@ -156,9 +181,10 @@ N_VEL = 2
 N_ROWS = 3
 BANDWIDTH = 4  # of the Schur complement
 N_PHI = 5  # entries of Work.phi
-N_ENTRIES = 6  # entries of Work.C that belong to constraints; force rows follow
+N_ENTRIES = 6  # entries of Work.C that belong to constraints; friction rows follow
 N_TURNS = 7  # entries of Work.turn that are counted, the last ones of z_I
-N_DIMS = 8
+N_SLIDING = 8  # entries of Work.C before those of force rows
+N_DIMS = 9
 
 # --- columns of Work.row: one constraint row ------------------------------
 C_VALUE = 0  # c(z_I, t)
@@ -181,6 +207,8 @@ N_TURNED = 5
 
 #: Fields of a system that Newton matrices have of their own.
 ROWS_OF_NEWTON = ("body", "segment", "dims", "slack")
+ROWS_OF_SLIDING = ("constraint", "segment", "dims", "slack", "dropped")
+_PARTS = ("newton", "sliding")
 
 
 class System(Table):
@@ -198,6 +226,11 @@ class System(Table):
         `sidtool.solver.start.overconstraint`
     newton : the same for Newton matrices, whose rows are constraints and forces, see
         `newton`: other body, segment, dims and slack
+    friction : integer table, columns as above
+    grip : (frictions, N_GRIP) how joints with friction move; a run changes a copy of
+        its own
+    sliding : the same with the coordinates of joints with friction as constraints, each
+        a row: other constraint, segment and dims
     """
 
     body: IntTable
@@ -213,12 +246,18 @@ class System(Table):
     turn: IntTable
     dropped: IntTable
     newton: System
+    friction: IntTable
+    grip: Array
+    sliding: System
 
     def replaced(self, **changes: Any) -> System:
-        """The same scene with other values of some fields, also in its `newton`."""
-        shared = {k: v for k, v in changes.items() if k not in ROWS_OF_NEWTON}
-        if shared and self.newton is not None and "newton" not in changes:
-            changes["newton"] = self.newton.replaced(**shared)
+        """The same scene with other values of some fields, also in `newton` and
+        `sliding`."""
+        for part, own in (("newton", ROWS_OF_NEWTON), ("sliding", ROWS_OF_SLIDING)):
+            shared = {k: v for k, v in changes.items() if k not in (*own, *_PARTS)}
+            inner = changes.get(part, getattr(self, part))
+            if shared and inner is not None and part not in changes:
+                changes[part] = inner.replaced(**shared)
         return super().replaced(**changes)
 
 
@@ -243,6 +282,11 @@ class Work(Table):
         yields by it and by its rate
     stack, lapse : of laws, see `forces.programs`
     clock : (1,) a time inside the smooth interval that is being integrated
+    rub, load : (frictions,) force or torque along the coordinates of joints with
+        friction, and the loads that make it
+    rubbing : (frictions, MOST_LOADS) derivatives of the limit of friction by the
+        multipliers that make the load
+    sliding : the same with the rows of `System.sliding`: other row
     scratch, modal, stiffened, turning : intermediate results of one body
     """
 
@@ -268,6 +312,10 @@ class Work(Table):
     modal: Array
     stiffened: Array
     turning: Array
+    rub: Array
+    load: Array
+    rubbing: Array
+    sliding: Work
 
 
 F1 = types.Array(float64, 1, "C")
@@ -279,8 +327,14 @@ C3 = types.Array(types.complex128, 3, "C")
 I1 = types.Array(int64, 1, "C")
 I2 = types.Array(int64, 2, "C")
 
-SYSTEM = TableType(System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None])
-WORK = TableType(Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2, F1, F1] + [F1] * 5)
+SYSTEM = TableType(
+    System,
+    [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None, I2, F2, None],
+)
+WORK = TableType(
+    Work,
+    [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2, F1, F1] + [F1] * 5 + [F1, F1, F2, None],
+)
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)

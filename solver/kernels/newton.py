@@ -1,4 +1,4 @@
-"""Steps that every integrator is built from: accelerations, projection, Newton.
+"""Newton's matrix of the index-1 equations, and what a run keeps of factors.
 
 A force between two bodies would couple their blocks of the Newton matrix. It gets a row
 among the constraints instead, with its change phi as unknown beside the multipliers:
@@ -24,15 +24,13 @@ from sidtool.formats.sid import Array
 
 from .compiling import entry, inner
 from .coordinates import RATE, RETRACT, add_row_response, lift, resolve, respond
+from .friction import sticks
 from .lapack import LAPACK, Lapack
 from .layout import (
     BLOCK,
     C1,
     C2,
     C3,
-    C_GAMMA,
-    C_RATE,
-    C_VALUE,
     COMPLETE,
     EVALUATE,
     F1,
@@ -41,8 +39,8 @@ from .layout import (
     I2,
     LINEARISE,
     N_ENTRIES,
-    N_ROWS,
     NV,
+    R_NEWTON,
     S_BODY,
     S_OFFSET,
     S_ROW,
@@ -50,14 +48,8 @@ from .layout import (
     VEL,
     WORK,
 )
-from .mass import mass_factor, mass_solve
-from .saddle import REGULARISATION, saddle_factor, saddle_solve
+from .saddle import saddle_factor, saddle_solve
 from .tables import Table, TableType
-
-#: Most corrections of accelerations for the regularisation of the constraints.
-REFINEMENTS = 8
-#: They stop below this relative defect, or when they no longer halve it.
-DEFECT = 1e-12
 
 
 class Memory(Table):
@@ -73,6 +65,7 @@ class Memory(Table):
     dx, dmu : scratch of one entry per velocity and per constraint row
     counters : see `N_COUNTERS`
     real_lapack, complex_lapack : for large blocks
+    rub_* : scratch for friction of joints, see `friction`
     """
 
     real_A: Array
@@ -101,6 +94,12 @@ class Memory(Table):
     counters: np.ndarray
     real_lapack: Lapack
     complex_lapack: Lapack
+    rub_X: Array
+    rub_L: Array
+    rub_P: Array
+    rub_A: Array
+    rub_t: Array
+    rub_pivots: np.ndarray
 
 
 MEMORY = TableType(
@@ -108,7 +107,9 @@ MEMORY = TableType(
     [F1, F1, F1, F2, I1, I1]
     + [C2, C2, C2, C3, I2, I2]
     + [F1, F1, F2]
-    + [F1, F1, F2, F1, F1, F1, F1, F1, I1, LAPACK, LAPACK],
+    + [F1, F1, F2, F1, F1, F1, F1, F1, I1, LAPACK, LAPACK]
+    + [F2] * 4
+    + [F1, I1],
 )
 
 SOLVE_ACCELERATIONS = int64(SYSTEM, WORK, MEMORY)
@@ -164,99 +165,6 @@ STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS
 N_COUNTERS = 7
 
 
-@inner(types.void(SYSTEM, MEMORY, F1, F1))
-def _solve_mass(system, memory, x, mu):
-    mass_solve(system, memory.mass_A, memory.mass_W, memory.mass_S, x, mu)
-
-
-@inner(int64(SYSTEM, WORK, MEMORY, float64, float64))
-def _factor_mass(system, work, memory, weight, regularisation):
-    """Factors the saddle-point system of M + weight tau^2 K."""
-    return mass_factor(
-        system,
-        work.M,
-        memory.metric,
-        weight,
-        regularisation,
-        work.C,
-        memory.mass_A,
-        memory.mass_W,
-        memory.mass_S,
-    )
-
-
-@inner(float64(SYSTEM, WORK, MEMORY))
-def _constraint_defect(system, work, memory):
-    """What gamma - C z_II' leaves, into dmu; its size relative to the terms."""
-    m = system.dims[N_ROWS]
-    size = 0.0
-    for i in range(m):
-        memory.dmu[i] = work.row[i, C_GAMMA]
-    for k in range(len(system.segment)):
-        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
-        b = system.segment[k, S_BODY]
-        first = system.body[b, VEL]
-        for i in range(system.body[b, NV]):
-            term = work.C[at + i] * memory.acceleration[first + i]
-            memory.dmu[row] -= term
-            size = max(size, abs(term))
-    worst = 0.0
-    for i in range(m):
-        worst = max(worst, abs(memory.dmu[i]))
-    return worst / max(size, 1e-300)
-
-
-@entry(SOLVE_ACCELERATIONS)
-def solve_accelerations(system, work, memory):
-    """Accelerations and multipliers of the state in `work`, into `memory`."""
-    status = _factor_mass(system, work, memory, 0.0, REGULARISATION)
-    if status != 0:
-        return status
-    for i in range(len(work.f)):
-        memory.acceleration[i] = work.f[i]
-    for i in range(system.dims[N_ROWS]):
-        memory.multiplier[i] = work.row[i, C_GAMMA]
-    _solve_mass(system, memory, memory.acceleration, memory.multiplier)
-    defect = _constraint_defect(system, work, memory)
-    for _ in range(REFINEMENTS):
-        if defect < DEFECT:
-            break
-        for i in range(len(memory.dx)):
-            memory.dx[i] = 0.0
-        _solve_mass(system, memory, memory.dx, memory.dmu)
-        for i in range(len(memory.dx)):
-            memory.acceleration[i] += memory.dx[i]
-        for i in range(len(memory.dmu)):
-            memory.multiplier[i] += memory.dmu[i]
-        before = defect
-        defect = _constraint_defect(system, work, memory)
-        if defect > 0.5 * before:
-            break
-    return 0
-
-
-@entry(PROJECT_ONCE, from_python=False)
-def project_once(system, work, memory, regularisation, dz, dv):
-    """Smallest corrections of positions and velocities onto the linearised constraints.
-
-    Smallest in the metric M + tau^2 K: position errors go into the rigid motion and
-    not into stiff elastic coordinates. Of what is met by constraints that are less
-    independent than the regularisation, relative to the Schur complement, little is
-    corrected.
-    """
-    m = system.dims[N_ROWS]
-    status = _factor_mass(system, work, memory, 1.0, regularisation)
-    if status != 0:
-        return status
-    for x, column in ((dz, C_VALUE), (dv, C_RATE)):
-        for i in range(len(x)):
-            x[i] = 0.0
-        for i in range(m):
-            memory.multiplier[i] = -work.row[i, column]
-        _solve_mass(system, memory, x, memory.multiplier)
-    return 0
-
-
 @entry(REMEMBER, from_python=False)
 def remember(system, work, memory):
     """Keeps M, C and the frames of the state that was just linearised."""
@@ -280,7 +188,7 @@ def newton_matrix(system, work, memory, mu, A, G):
 
     With dz_I = (mu - E)^-1 (r_I + dz_II) inserted, what is left for dz_II is
     A = mu M + Rv + Rp (mu - E)^-1 and G = mu C + Gv + Gp (mu - E)^-1, without mu C
-    in the rows of forces.
+    in the rows of forces and of friction.
     """
     for i in range(len(A)):
         A[i] = mu * memory.M[i] + work.Rv[i]
@@ -288,6 +196,12 @@ def newton_matrix(system, work, memory, mu, A, G):
         G[i] = work.Gv[i]
     for i in range(system.dims[N_ENTRIES]):
         G[i] += mu * memory.C[i]
+    stuck = system.sliding.segment
+    for k in range(len(stuck)):
+        if sticks(system, stuck[k, S_ROW]):
+            at = stuck[k, S_OFFSET]
+            for i in range(at, at + system.body[stuck[k, S_BODY], NV]):
+                G[i] += mu * memory.C[i]
     for b in range(len(system.body)):
         n, o = system.body[b, NV], system.body[b, BLOCK]
         for k in range(n):
@@ -304,7 +218,10 @@ def newton_factor(system, work, memory, lapack, mu, A, G, Y, S, pivots, row_pivo
     extended = system.newton
     newton_matrix(extended, work, memory, mu, A, G)
     memory.counters[FACTORISATIONS] += 1
-    return saddle_factor(extended, lapack, A, memory.C, G, Y, S, pivots, row_pivots)
+    rubbing = work.rubbing
+    return saddle_factor(
+        extended, lapack, A, memory.C, G, Y, S, pivots, row_pivots, rubbing
+    )
 
 
 @entry(*[SOLVE_REAL, SOLVE_COMPLEX], from_python=False)
@@ -327,6 +244,13 @@ def newton_solve(
         for i in range(system.body[b, NV]):
             g[row] -= work.Gp[at + i] * x[first + i]
             if at < system.dims[N_ENTRIES]:
+                g[row] += memory.C[at + i] * s[first + i]
+    stuck = system.sliding.segment
+    for k in range(len(stuck)):
+        j, at, b = stuck[k, S_ROW], stuck[k, S_OFFSET], stuck[k, S_BODY]
+        if sticks(system, j):
+            row, first = system.friction[j, R_NEWTON], system.body[b, VEL]
+            for i in range(system.body[b, NV]):
                 g[row] += memory.C[at + i] * s[first + i]
     for b in range(len(system.body)):
         n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]

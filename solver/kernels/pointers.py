@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from . import equations, newton
+from . import accelerations, equations, newton
 from .compiling import Entry
 from .coordinates import rate, retract
 from .tables import Pointer
@@ -23,8 +23,8 @@ def entries(planar: bool) -> tuple[Entry, ...]:
     return (
         equations.evaluate_in_plane if planar else equations.evaluate_in_space,
         equations.linearise_in_plane if planar else equations.linearise_in_space,
-        newton.solve_accelerations,
-        newton.project_once,
+        accelerations.solve_accelerations,
+        accelerations.project_once,
         newton.remember,
         newton.newton_factor,
         newton.newton_factor,

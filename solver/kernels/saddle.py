@@ -26,10 +26,14 @@ from .layout import (
     I1,
     N_ROWS,
     NV,
+    R_COUNT,
+    R_NEWTON,
     S_OFFSET,
     S_ROW,
     SEG0,
     SEG1,
+    SENSE,
+    SHARED,
     SYSTEM,
     VEL,
 )
@@ -38,6 +42,8 @@ from .layout import (
 #: become dependent (a singular position) it stands in for what they leave open;
 #: elsewhere refinement removes its effect.
 REGULARISATION = 1e-13
+#: The same for joints that stick and hold one motion together.
+SHARED_SLACK = 1e-7
 
 
 @inner(*[int64(LAPACK, A, int64, int64, I1, int64) for A in (F1, C1)])
@@ -137,12 +143,14 @@ def band_solve(S, m, width, pivots, x):
 
 @inner(
     *[
-        int64(SYSTEM, LAPACK, F1, F1, F1, F1, F2, I1, I1),
-        int64(SYSTEM, LAPACK, C1, F1, C1, C1, C2, I1, I1),
+        int64(SYSTEM, LAPACK, F1, F1, F1, F1, F2, I1, I1, F2),
+        int64(SYSTEM, LAPACK, C1, F1, C1, C1, C2, I1, I1, F2),
     ]
 )
-def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots):
+def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots, rubbing):
     """Factors the system in place: A becomes its LU, Y = A^-1 C^T, S its band LU.
+
+    rubbing : (frictions, .) how friction of sliding joints follows from multipliers
 
     Returns 0, or 1 when a block is singular, or 2 when the constraints are dependent.
     """
@@ -153,6 +161,12 @@ def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots):
         for j in range(max(0, i - width), min(m, i + 2 * width + 1)):
             S[i, j] = 0.0
         S[i, i] += system.slack[i]
+    for j in range(len(system.friction)):
+        if system.grip[j, SENSE] != 0.0:
+            row = system.friction[j, R_NEWTON]
+            S[row, row] += 1.0
+            for r in range(system.friction[j, R_COUNT]):
+                S[row, system.friction[j, R_NEWTON + 1 + r]] += rubbing[j, r]
     for b in range(len(system.body)):
         n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
         if n == 0:
@@ -173,6 +187,9 @@ def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots):
                 S[segment[r, S_ROW], column] += total
     for i in range(m):
         S[i, i] *= 1.0 + REGULARISATION
+    for j in range(len(system.friction)):
+        row = system.friction[j, R_NEWTON]
+        S[row, row] *= 1.0 + SHARED_SLACK * system.grip[j, SHARED]
     if m > 0 and band_factor(S, m, width, row_pivots) != 0:
         return 2
     return 0

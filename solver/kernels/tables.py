@@ -57,7 +57,8 @@ class TableType(types.Type):
 
     def seen(self, name: str, **members: Any) -> TableType:
         """The same table with other types of some fields."""
-        return TableType(self.owner, [*(self.members | members).values()], name)
+        kinds = {field: None if k is self else k for field, k in self.members.items()}
+        return TableType(self.owner, [*(kinds | members).values()], name)
 
     def __reduce__(self) -> Any:
         return _kind_of, (self.owner, self.seen_as)

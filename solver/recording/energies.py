@@ -13,6 +13,7 @@ import numpy as np
 from sidtool.formats.sid import SID, Array, symmetric_3x3
 from sidtool.formats.sid_mass import skew
 
+from ..integrators.recording import RUB_FORCE, RUB_RATE
 from ..kernels import layout as at
 from ..system.blocks import cr1, ct1, has_second_order, oe1
 from ..system.bodies import BodyData, shapes_of_stiffened, symmetric
@@ -155,7 +156,8 @@ def dissipation(system: System, samples: Samples) -> Array:
             law, rate = element.law, measured(system, samples, element).rate
             total += law.damping.value(rate) * rate
             total += law.friction * np.tanh(rate / law.speed) * rate
-    return total
+    rub = samples.friction
+    return total - np.sum(rub[:, :, RUB_FORCE] * rub[:, :, RUB_RATE], axis=1)
 
 
 def supply(system: System, samples: Samples, drift: Array) -> Array:

@@ -12,6 +12,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import marker_names, marker_reference
 from sidtool.formats.sid import Array
 
+from ..integrators.recording import RUB_FORCE, RUB_LOAD
 from ..kernels import layout as at
 from ..system.scene import System
 from .motion import Motion, marker_motion
@@ -56,7 +57,35 @@ def wrench(system: System, samples: Samples, owner: str) -> Array:
     for con in system.arrays.constraint:
         if con[at.ROW] in first_rows:
             total += _constraint_wrench(system, samples, con, second)
+    for j, rub in enumerate(system.rubbing):
+        if rub.joint == owner:
+            total += _friction_wrench(system, samples, j)
     return total
+
+
+def friction_column(system: System, samples: Samples, owner: str, what: str) -> Array:
+    """Friction along the coordinate of a joint, its load, or 1 while it sticks."""
+    j = [rub.joint for rub in system.rubbing].index(owner)
+    if what == "sticking":
+        return samples.sticking[:, j].astype(float)
+    column = RUB_FORCE if what == "friction" else RUB_LOAD
+    return samples.friction[:, j, column]
+
+
+def _friction_wrench(system: System, samples: Samples, j: int) -> Array:
+    """Of the friction of a joint, on its second marker."""
+    con, rub = system.arrays.sliding.constraint[j], system.rubbing[j]
+    A = marker_motion(system, samples, int(con[at.MARKER_A]))
+    size = samples.friction[:, j, [RUB_FORCE]]
+    data, nothing = rub.primitive.data, np.zeros((len(size), 3))
+    turns = con[at.KIND] == at.COUPLED_ANGLE
+    if system.planar:
+        local = np.array([np.cos(data[0]), np.sin(data[0]), 0.0])
+        local = np.array([0.0, 0.0, 1.0]) if turns else local
+    else:
+        local = np.cross(data[:3], data[3:6]) if turns else np.array(data[:3])
+    part = size * (A.R @ local)
+    return np.column_stack([nothing, part] if turns else [part, nothing])
 
 
 def _constraint_wrench(

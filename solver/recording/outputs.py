@@ -8,6 +8,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
+    FRICTION_QUANTITIES,
     IN_BODY,
     MOMENTA,
     ORIENTATIONS,
@@ -34,7 +35,7 @@ from ..system.scene import System
 from .energy_history import History
 from .force_measures import measured
 from .force_wrenches import force_wrench
-from .joint_forces import COMPONENTS, is_constraint, wrench
+from .joint_forces import COMPONENTS, friction_column, is_constraint, wrench
 from .momenta import momentum_column
 from .motion import Motion, frame_motion, marker_motion, place
 from .orientation import orientation_column
@@ -122,6 +123,9 @@ def _columns(
     if coordinate is not None:
         measure = measured(system, samples, coordinate)
         return [(text, measure.rate if is_rate(name.quantity) else measure.g)]
+    if name.quantity in FRICTION_QUANTITIES:
+        column = friction_column(system, samples, name.owner, name.quantity)
+        return [(text, column)]
     if name.quantity in COMPONENTS:
         if is_constraint(system, name.owner):
             wrenches = wrench(system, samples, name.owner)

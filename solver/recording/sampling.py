@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sidtool.formats.sid import Array
 
 from ..integrators import recording
+from ..kernels import layout as at
+from ..kernels.friction import load_of
 from ..kernels.layout import Work
 from ..kernels.newton import Kernels, Memory
 from ..start.minimum_norm import minimum_norm
 from ..start.turn_counts import keep_turns
 from ..system import kernel_calls
+from ..system.grips import Grips
 from ..system.scene import System
 
 
@@ -28,6 +31,8 @@ class Samples:
     multipliers : (nt, rows), of redundant constraints the smallest, see `minimum_norm`
     factors : (nt, forces) functions of time and laws that scale forces
     undetermined : rows of multipliers that the motion does not determine
+    friction : (nt, frictions, .) of joints with friction, see `recording.N_RUB`
+    sticking : (nt, frictions) whether they stick
     """
 
     z: Array
@@ -38,6 +43,8 @@ class Samples:
     multipliers: Array
     factors: Array
     undetermined: tuple[int, ...] = ()
+    friction: Array = field(default_factory=lambda: np.zeros((0, 0, recording.N_RUB)))
+    sticking: Array = field(default_factory=lambda: np.zeros((0, 0), bool))
 
 
 def sample(
@@ -60,30 +67,38 @@ def sample(
     accelerations = np.zeros((nt, system.n_velocities))
     multipliers = np.zeros((nt, system.n_rows))
     factors = np.zeros((nt, len(system.forces)))
+    friction = np.zeros((nt, len(system.rubbing), recording.N_RUB))
+    sticking = np.zeros((nt, len(system.rubbing)), bool)
     edges = np.array([system.scene.time.start, *system.breaks])
-    recording.sample(
-        kernels,
-        system.arrays,
-        work,
-        memory,
-        closed,
-        times,
-        edges,
-        z,
-        v,
-        np.zeros((1, system.n_positions)),
-        np.zeros((3, system.n_velocities)),
-        frames,
-        points,
-        accelerations,
-        multipliers,
-        factors,
-    )
+    grips = system.grips or Grips(system.arrays.grip)
+    with grips.parts(times) as parts:
+        for part in parts:
+            sticking[part] = grips.now[:, at.SENSE] == 0.0
+            recording.sample(
+                kernels,
+                system.arrays,
+                work,
+                memory,
+                closed,
+                times[part],
+                edges,
+                z[part],
+                v[part],
+                np.zeros((1, system.n_positions)),
+                np.zeros((3, system.n_velocities)),
+                frames[part],
+                points[part],
+                accelerations[part],
+                multipliers[part],
+                factors[part],
+                friction[part],
+            )
     kernel_calls.go_on(system)
     rows: tuple[int, ...] = ()
     if system.redundant:
         multipliers, rows = minimum_norm(system, work, times, z, v, multipliers)
-    return Samples(z, v, frames, points, accelerations, multipliers, factors, rows)
+    found = (z, v, frames, points, accelerations, multipliers, factors, rows)
+    return Samples(*found, friction, sticking)
 
 
 def sample_known(
@@ -95,7 +110,7 @@ def sample_known(
     accelerations: Array,
     multipliers: Array,
 ) -> Samples:
-    """Recorded states whose accelerations and multipliers are known."""
+    """Recorded states, without friction, of known accelerations and multipliers."""
     frames = np.zeros((len(times), *work.frame.shape))
     points = np.zeros((len(times), *work.point.shape))
     factors = np.zeros((len(times), len(system.forces)))
@@ -106,4 +121,10 @@ def sample_known(
         keep_turns(system, work, z[k])
         frames[k], points[k], factors[k] = work.frame, work.point, work.factor
     smallest, rows = minimum_norm(system, work, times, z, v, multipliers)
-    return Samples(z, v, frames, points, accelerations, smallest, factors, rows)
+    friction = np.zeros((len(times), len(system.rubbing), recording.N_RUB))
+    for j in range(len(system.rubbing)):
+        loads = [load_of.py_func(system.arrays, j, forces) for forces in smallest]
+        friction[:, j, recording.RUB_LOAD] = loads
+    rest = np.ones(friction.shape[:2], bool)
+    found = (z, v, frames, points, accelerations, smallest, factors, rows)
+    return Samples(*found, friction, rest)

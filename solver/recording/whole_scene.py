@@ -8,6 +8,7 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
+from ..integrators.recording import RUB_FORCE
 from ..kernels import layout as at
 from ..kernels import planar_columns as planar
 from ..kernels import spatial_columns as spatial
@@ -49,7 +50,8 @@ def whole_motion(
     for i, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
         work.clock[0] = clock
         kernel_calls.evaluate(whole, work, t, z[i], v[i])
-        multipliers[i] = solver.complete(work, acc[i], multipliers[i])
+        forces = samples.friction[i, :, RUB_FORCE]
+        multipliers[i] = solver.complete(work, acc[i], multipliers[i], forces)
     rows: tuple[int, ...] = ()
     if whole.redundant:
         multipliers, rows = minimum_norm(whole, work, times, z, v, multipliers)
@@ -113,10 +115,18 @@ class _JointForces:
         ]
         self.columns = np.concatenate(columns)
 
-    def complete(self, work: Work, acceleration: Array, multipliers: Array) -> Array:
-        """All multipliers, of M z_II' = f + C^T lambda as evaluated in `work`."""
+    def complete(
+        self, work: Work, acceleration: Array, multipliers: Array, friction: Array
+    ) -> Array:
+        """All multipliers, of M z_II' = f + C^T lambda as evaluated in `work`.
+
+        friction : (frictions,) forces of friction, which are a part of f
+        """
         C = dense_jacobian(self.whole, work.C)
         left = -work.f - C.T @ multipliers
+        for j, b, o in self.whole.arrays.sliding.segment:
+            n, u = self.whole.arrays.body[b, [at.NV, at.VEL]]
+            left[u : u + n] -= friction[j] * work.C[o : o + n]
         for row in self.whole.arrays.body:
             n, o, u = row[at.NV], row[at.BLOCK], row[at.VEL]
             block = work.M[o : o + n * n].reshape(n, n)

@@ -12,7 +12,7 @@ from ..kernels import layout as at
 from ..kernels.layout import IntTable
 from ..system.bodies import amplitudes, frequencies
 from ..system.scene import System
-from ..system.sizes import extents, row_sizes
+from ..system.sizes import extents, row_sizes, sliding_sizes
 from .assembly import Start
 from .settings import Settings
 
@@ -25,11 +25,12 @@ STEP_TOLERANCE = 0.3
 
 
 def closed_below(system: System, settings: Settings) -> Array:
-    """(rows, 2) |c| and |dc/dt| below which constraints are met."""
+    """(rows, 2) |c| and |dc/dt| below which constraints are met, then joints stick."""
     scene = system.scene
     near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
     still = CLOSED[0] / (scene.time.end - scene.time.start)
-    return np.outer(row_sizes(system), [near, still])
+    sizes = [row_sizes(system), sliding_sizes(system)]
+    return np.outer(np.concatenate(sizes), [near, still])
 
 
 def new_control(

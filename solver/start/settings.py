@@ -49,6 +49,12 @@ def settings_of(
             place="accuracy.integrator",
             expected=f"one of {', '.join((AUTO, *INTEGRATORS))}",
         )
+    if system.rubbing and name == "generalised_alpha":
+        raise InputError(
+            f"generalised_alpha knows no friction ({system.rubbing[0].joint})",
+            place="accuracy.integrator",
+            expected="auto, radau5, radau9, radau13, trapezoidal or dop853",
+        )
     rtol = accuracy.rtol if rtol is None else rtol
     step = accuracy.step if step is None else step
     if not 1e-13 <= rtol <= 0.1:

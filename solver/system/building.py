@@ -39,6 +39,7 @@ from .constraint_tables import ConstraintTables, constraint_tables
 from .constraints import Constraint, constraints_of
 from .eliminated import asks_for_joints, eliminated_frames, eliminated_joints
 from .forces import Element, compile_forces, force_table, joint_coordinate
+from .friction import friction_tables, place_in_newton, rubbing_joints
 from .held_frames import with_held_frames
 from .ingredients import Ingredients, Reference, driven_coordinates
 from .laws import LawTable, laws_of, state_bodies
@@ -127,7 +128,12 @@ def _system(
     dims = _dims(parts, body, tables, phi, turns)
     force = force_table(elements, markers, parts.order, parts.pool)
     turn = turn_table(turns, markers, parts.pool)
-    rows_of_newton = newton_rows(body, marker, tables.segment, dims, force)
+    rubbing = rubbing_joints(parts, constraints, tables.constraint)
+    friction, sliding, pieces = friction_tables(
+        rubbing, markers, body, marker, dims, parts.pool
+    )
+    rows_of_newton = newton_rows(body, marker, tables.segment, pieces, dims, force)
+    place_in_newton(friction, tables.segment, pieces, rows_of_newton.segment)
     arrays = at.System(
         body,
         marker,
@@ -142,6 +148,14 @@ def _system(
         turn,
         np.zeros((0, at.N_DROPPED), np.int64),
         None,
+        friction,
+        np.zeros((len(rubbing), at.N_GRIP)),
+        None,
+    )
+    rows = dims.copy()
+    rows[at.N_ROWS] = len(rubbing)
+    arrays = arrays.replaced(
+        sliding=arrays.replaced(constraint=sliding, segment=pieces, dims=rows)
     )
     newton = arrays.replaced(**rows_of_newton._asdict())
     return System(
@@ -157,6 +171,7 @@ def _system(
         forces=elements,
         coordinates=coordinates,
         turns=turns,
+        rubbing=rubbing,
         from_start=tables.from_start,
         features=functions.features(),
         seen=functions.seen,
@@ -202,6 +217,7 @@ def _dims(
     dims[at.BANDWIDTH] = tables.bandwidth
     dims[at.N_PHI] = phi
     dims[at.N_ENTRIES] = body[tables.segment[:, at.S_BODY], at.NV].sum()
+    dims[at.N_SLIDING] = dims[at.N_ENTRIES]
     return dims
 
 

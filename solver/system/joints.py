@@ -159,7 +159,12 @@ def _on_line(axis: Array) -> list[Primitive]:
 
 
 def _revolute(joint: Joint, axis: Array) -> Parts:
-    return Parts([_POINT, *_rotation_about(axis)], {"angle": _angle(*normals(axis))})
+    """With friction, its point is held along axes of the first marker, which tell the
+    load across its own axis."""
+    held = [_POINT]
+    if joint.friction is not None:  # type: ignore[union-attr]
+        held = [_along(direction) for direction in (*normals(axis), axis)]
+    return Parts([*held, *_rotation_about(axis)], {"angle": _angle(*normals(axis))})
 
 
 def _prismatic(joint: Joint, axis: Array) -> Parts:

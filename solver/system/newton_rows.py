@@ -27,13 +27,23 @@ class NewtonRows(NamedTuple):
 
 
 def newton_rows(
-    body: IntTable, marker: IntTable, segment: IntTable, dims: IntTable, force: IntTable
+    body: IntTable,
+    marker: IntTable,
+    segment: IntTable,
+    sliding: IntTable,
+    dims: IntTable,
+    force: IntTable,
 ) -> NewtonRows:
-    """Rows of constraints and forces; fills the segments of the force table."""
+    """Rows of constraints, forces and friction; fills the segments of the force table.
+
+    sliding : segments of joints with friction
+    """
     pieces = _force_pieces(body, marker, dims, force)
     count = int(dims[at.N_ROWS])
     found = [(int(r), int(b), int(o)) for r, b, o in segment]
     found += [(count + k, b, offset) for k, b, offset in pieces]
+    last = count + len(force)
+    found += [(last + int(j), int(b), int(o)) for j, b, o in sliding]
     owners: dict[int, set[int]] = {}
     for row, b, _ in found:
         owners.setdefault(row, set()).add(b)
@@ -52,7 +62,7 @@ def newton_rows(
     new_body[:, at.SEG1] = np.searchsorted(owner, bodies, side="right")
     new_dims[at.N_ROWS], new_dims[at.BANDWIDTH] = len(rows), bandwidth
     slack = np.zeros(len(rows))
-    slack[[place[row] for row in rows if row >= count]] = 1.0
+    slack[[place[row] for row in rows if count <= row < last]] = 1.0
     return NewtonRows(new_body, table, new_dims, slack)
 
 
@@ -64,7 +74,7 @@ def _force_pieces(
     What a law reads belongs to the row of its force.
     """
     pieces = []
-    offset = int(dims[at.N_ENTRIES])
+    offset = int(dims[at.N_SLIDING])
     for k, row in enumerate(force):
         owner = k if row[at.F_OWNER] < 0 else int(row[at.F_OWNER])
         if force[owner, at.F_SAMPLED]:

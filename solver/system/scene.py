@@ -16,6 +16,8 @@ from ..functions.native import Native
 from ..kernels import layout as at
 from .bodies import BodyData
 from .forces import Element
+from .friction import Rubbing
+from .grips import Grips
 from .turns import Coordinate, Turn
 
 GROUND_NAME = "ground"
@@ -48,6 +50,8 @@ class System:
     forces : rows of the force table
     coordinates : of joints, what measures those that outputs and events look at
     turns : rows of the table of rotations in space
+    rubbing : joints with friction, rows of the friction table
+    grips : how they moved so far in a run
     from_start : (entry of the pool, constraint row) of constants that the assembled
         start decides
     redundant : constraint rows that follow from the others
@@ -81,6 +85,8 @@ class System:
     forces: tuple[Element, ...] = field(default=())
     coordinates: Mapping[Coordinate, Element] = field(default_factory=dict)
     turns: tuple[Turn, ...] = field(default=())
+    rubbing: tuple[Rubbing, ...] = field(default=())
+    grips: Grips | None = None
     from_start: tuple[tuple[int, int], ...] = field(default=())
     redundant: tuple[int, ...] = field(default=())
     features: Mapping[str, Features] = field(default_factory=dict)

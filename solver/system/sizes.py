@@ -105,3 +105,9 @@ def row_sizes(system: System) -> Array:
             continue
         sizes[row : row + (point if kind == at.COINCIDENT else 1)] = size
     return sizes
+
+
+def sliding_sizes(system: System) -> Array:
+    """Of each coordinate with friction: the size of the mechanism, or a radian."""
+    angles = [rub.primitive.kind == at.COUPLED_ANGLE for rub in system.rubbing]
+    return np.where(np.array(angles, bool), 1.0, system.length)

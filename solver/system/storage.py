@@ -41,7 +41,8 @@ def new_work(system: System) -> at.Work:
     most, space = int(body[:, at.NQ].max()), PLANE if system.planar else SPACE
     frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
     point = PLANAR_POINT if system.planar else SPATIAL_POINT
-    return at.Work(
+    rubbing = len(system.rubbing)
+    work = at.Work(
         np.zeros((len(body), frame)),
         np.zeros((len(marker), point)),
         _shape_functions(system),
@@ -64,7 +65,12 @@ def new_work(system: System) -> at.Work:
         np.zeros(MODES[space].record.size * most),
         np.zeros(STIFFENED[space].record.size * most),
         np.zeros(TURNING[space].record.size),
+        np.zeros(rubbing),
+        np.zeros(rubbing),
+        np.zeros((rubbing, at.MOST_LOADS)),
+        None,
     )
+    return work.replaced(sliding=work.replaced(row=np.zeros((rubbing, at.N_ROW))))
 
 
 def segment_entries(system: System) -> int:
@@ -93,7 +99,7 @@ def new_memory(system: System, pairs: int) -> Memory:
     entries, n, m = segment_entries(system), system.n_velocities, system.n_rows
     rows, largest = system.n_newton_rows, int(body[:, at.NV].max())
     frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
-    whole = np.int64
+    whole, rubbing = np.int64, len(system.rubbing)
     return Memory(
         np.zeros(blocks),
         np.zeros(entries),
@@ -121,6 +127,12 @@ def new_memory(system: System, pairs: int) -> Memory:
         np.zeros(N_COUNTERS, whole),
         lapack("d", largest),
         lapack("z", largest),
+        np.zeros((rubbing, n)),
+        np.zeros((rubbing, m)),
+        np.zeros((rubbing, rubbing + 2)),
+        np.zeros((rubbing, rubbing)),
+        np.zeros(rubbing),
+        np.zeros(rubbing, whole),
     )
 
 

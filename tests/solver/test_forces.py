@@ -18,13 +18,9 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import Array, Taylor
 from sidtool.formats.toml_files import validated
 from sidtool.solver import compile_scene, simulate
+from sidtool.solver.kernels.accelerations import solve_accelerations
 from sidtool.solver.kernels.coordinates import retract
-from sidtool.solver.kernels.newton import (
-    newton_factor,
-    newton_solve,
-    remember,
-    solve_accelerations,
-)
+from sidtool.solver.kernels.newton import newton_factor, newton_solve, remember
 from sidtool.solver.start.assembly import guess
 from sidtool.solver.system import kernel_calls
 from sidtool.solver.system.damping import damped

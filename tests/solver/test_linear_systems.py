@@ -9,10 +9,10 @@ import pytest
 
 from sidtool.formats.sid import Array
 from sidtool.solver.kernels import layout as at
+from sidtool.solver.kernels.accelerations import solve_accelerations as solve
 from sidtool.solver.kernels.coordinates import rate
 from sidtool.solver.kernels.lapack import LARGE
 from sidtool.solver.kernels.newton import newton_factor, newton_solve, remember
-from sidtool.solver.kernels.newton import solve_accelerations as solve
 from sidtool.solver.system.kernel_calls import linearise
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import new_memory

@@ -68,11 +68,17 @@ def _evaluate(system, work, k, t):
 
 @inner()
 def evaluate_constraints(system, work, t):
-    """C, c, dc/dt and gamma at the state of `work`."""
+    """C, c, dc/dt and gamma at the state of `work`; also of coordinates with friction,
+    as if they were held."""
     for i in range(len(work.C)):
         work.C[i] = 0.0
-    for k in range(len(system.constraint)):
-        _evaluate(system, work, k, t)
+    count = len(system.constraint)
+    for k in range(count + len(system.friction)):
+        if k < count:
+            rows, to, i = system, work, k
+        else:
+            rows, to, i = system.sliding, work.sliding, k - count
+        _evaluate(rows, to, i, t)
 
 
 @inner()
@@ -105,5 +111,10 @@ def linearise_constraints(system, work, t, v, acc, lam):
     for i in range(len(work.Gp)):
         work.Gp[i] = 0.0
         work.Gv[i] = 0.0
-    for k in range(len(system.constraint)):
-        _linearise(system, work, k, t, v, acc, lam)
+    count = len(system.constraint)
+    for k in range(count + len(system.friction)):
+        if k < count:
+            rows, to, i, forces = system, work, k, lam
+        else:
+            rows, to, i, forces = system.sliding, work.sliding, k - count, work.rub
+        _linearise(rows, to, i, t, v, acc, forces)

@@ -1,0 +1,322 @@
+"""Stick and slip: when joints with friction stop, break loose or turn round.
+
+Theory, section 14. Every step is made with the grips of its beginning, for which the
+equations are smooth.
+It is looked at in the points of `dense`: a sliding joint whose rate changes its sign
+stops there; a sticking one whose friction passes what its load can hold breaks loose.
+The run goes on from there with other grips.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sidtool.formats.sid import Array
+
+from ..integrators import recording, stepping
+from ..integrators.recording import (
+    N_RUB,
+    RUB_FORCE,
+    RUB_LOAD,
+    RUB_PLACE,
+    RUB_PUSH,
+    RUB_RATE,
+)
+from ..kernels import layout as at
+from ..kernels.newton import Kernels
+from ..system import kernel_calls
+from ..system.grips import Grips
+from ..system.scene import System
+from ..system.sizes import sliding_sizes
+from ..system.storage import new_memory, new_work
+from .dense import Points, Steps, joined
+from .events import Moment
+from .sampling import sample
+
+#: Rates below this part of the size of the mechanism during the run are rest, and
+#: friction is at its limit within this part of it.
+REST, AT_LIMIT = 1e-10, 1e-9
+#: Events without progress in time after which a run is given up.
+MOST_AT_ONCE = 100
+#: A joint that was seen to break loose does so also where its limit seems so far.
+SEEN = 1e-6
+#: A joint turns round where to stop it would take so many times what its load holds.
+CLEARLY = 2.0
+#: Joints that stick hold the same motion where so little tells them apart.
+DEPENDENT = 1e-8
+JAMMED = "friction has no solution, or several: the load that it makes feeds it"
+
+
+def with_grips(system: System) -> System:
+    """The system with grips of its own, for one run."""
+    if not system.rubbing:
+        return system
+    grips = Grips(np.zeros((len(system.rubbing), at.N_GRIP)))
+    return replace(system, arrays=system.arrays.replaced(grip=grips.now), grips=grips)
+
+
+State = tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """An instant at which a grip changes, and the state there."""
+
+    t: float
+    z: Array
+    v: Array
+
+
+class StickSlip:
+    """Decides how joints with friction move.
+
+    Attributes
+    ----------
+    turning : joints whose grips change next
+    changed : those whose grips did last
+    stride : steps to make before they are looked at
+    """
+
+    def __init__(
+        self,
+        system: System,
+        kernels: Kernels,
+        closed: Array,
+        points: Points,
+        rtol: float,
+    ) -> None:
+        assert system.grips is not None
+        self.system, self.kernels = system, kernels
+        self.closed, self.points = closed, points
+        self.grips, self.grip = system.grips, system.grips.now
+        self.work, self.memory = new_work(system), new_memory(system, 0)
+        scene = system.scene
+        self.still = REST * sliding_sizes(system) / (scene.time.end - scene.time.start)
+        self.rest = np.array([self._static(j) for j in range(len(self.grip))])
+        self.fastest, self.rtol = np.zeros(len(self.grip)), rtol
+        self.turning: list[int] = []
+        self.changed = set[int]()
+        self.begun, self.stride = False, 1
+        self._last, self._count = -np.inf, 0
+
+    def _static(self, j: int) -> float:
+        """What a unit load holds."""
+        law = self.system.arrays.friction[j, at.R_LAW]
+        pool = self.system.arrays.pool
+        return float(pool[law + at.L_STATIC] * pool[law + at.L_ARM])
+
+    def enter(self, t: float, z: Array, v: Array) -> tuple[str, list[Moment]]:
+        """Chooses how joints go on from an instant, and stops what sticks in z and v.
+
+        Returns why there is no choice, or nothing; and what changed.
+        """
+        if self.begun:
+            self._stop(t, z, v)
+        why = self.settle(t, z, v)
+        self.grips.note(t)
+        self._stop(t, z, v)
+        state = t, z.copy(), v.copy()
+        sense, joints = self.grip[:, at.SENSE], self.system.rubbing
+        kinds = [(j, "slip" if sense[j] else "stick") for j in sorted(self.changed)]
+        return why, [Moment(joints[j].joint, kind, *state) for j, kind in kinds]
+
+    def cut(self, steps: Steps, end: float) -> Steps:
+        """The parts of steps before an instant."""
+        count = self.points.count
+        whole = count * int(np.searchsorted(steps.t[count - 1 :: count], end))
+        before = Steps(steps.t[:whole], steps.z[:whole], steps.v[:whole])
+        begin = steps.t[whole]
+        if not end > begin:
+            return before
+        t = begin + self.points.shares * (end - begin)
+        t[-1] = np.nextafter(end, -np.inf)
+        z, v = zip(*(self.points.state(steps, when) for when in t), strict=True)
+        return joined([before, Steps(t, np.array(z), np.array(v))])
+
+    def told(self, t: Array, z: Array, v: Array) -> Array:
+        """What the joints do in states of one smooth interval, (nt, frictions, .)."""
+        found = np.zeros((len(t), len(self.grip), N_RUB))
+        self.work.clock[0] = self.system.clocks(t[len(t) // 2 :])[0]
+        arrays = self.system.arrays
+        recording.rub(self.kernels, arrays, self.work, self.memory, t, z, v, found)
+        kernel_calls.go_on(self.system)
+        return found
+
+    def until_change(self, control: stepping.Control, steps: Steps) -> Steps:
+        """The steps as far as no grip changes; there the control goes back."""
+        change = self.look(steps)
+        self.stride *= 2
+        if change is None:
+            return steps
+        self.stride, whole = 1, control.whole
+        control.real[stepping.TIME] = change.t
+        control.z[:], control.v[:] = change.z, change.v
+        known = control.times[: whole[stepping.OUTPUT]]
+        whole[stepping.OUTPUT] = np.searchsorted(known, change.t, "right")
+        return self.cut(steps, change.t)
+
+    def look(self, steps: Steps) -> Change | None:
+        """The first instant in a step at which a grip changes."""
+        if not len(steps.t):
+            return None
+        told = self.told(steps.t, steps.z, steps.v)
+        margins, bounds = self._margins(told), self._bounds(told)
+        first, self.turning = np.inf, []
+        for j, bound in enumerate(bounds):
+            below = np.flatnonzero(margins[:, j] < -bound)
+            if not len(below):
+                continue
+            before = np.flatnonzero(margins[: below[0], j] > 0.0)
+            when = self._zero(steps, j, before[-1] if len(before) else 0, below[0])
+            if when < first:
+                first, self.turning = when, []
+            if when <= first:
+                self.turning.append(j)
+        if not self.turning:
+            return None
+        return Change(first, *self.points.state(steps, first))
+
+    def _margins(self, told: Array) -> Array:
+        """How far joints are from another grip, (nt, frictions): negative beyond.
+
+        Of sliding ones the rate, of sticking ones what their load holds beyond what
+        they need.
+        """
+        sense = self.grip[:, at.SENSE]
+        held = self.rest * told[:, :, RUB_LOAD] - np.abs(told[:, :, RUB_FORCE])
+        return np.where(sense == 0.0, held, sense * told[:, :, RUB_RATE])
+
+    def _bounds(self, told: Array) -> Array:
+        """How far beyond is certain, (frictions,)."""
+        self.fastest = np.fmax(self.fastest, np.abs(told[:, :, RUB_RATE]).max(axis=0))
+        moving = self.still + self.rtol * self.fastest
+        load = np.abs(told[:, :, RUB_LOAD]).max(axis=0)
+        held = AT_LIMIT * self.rest * load
+        return np.where(self.grip[:, at.SENSE] == 0.0, held, moving)
+
+    def _zero(self, steps: Steps, j: int, low: int, high: int) -> float:
+        from scipy.optimize import brentq
+
+        def margin(t: float) -> float:
+            z, v = self.points.state(steps, t)
+            told = self.told(np.array([t]), z[None], v[None])
+            return float(self._margins(told)[0, j])
+
+        begin, end = float(steps.t[low]), float(steps.t[high])
+        if begin == end or margin(begin) <= 0.0:
+            return begin
+        rounding = float(np.finfo(float).eps)
+        smallest = rounding * max(abs(begin), abs(end), end - begin)
+        return float(brentq(margin, begin, end, xtol=smallest, rtol=4.0 * rounding))
+
+    def settle(self, t: float, z: Array, v: Array) -> str:
+        """Chooses the grips from an instant on.
+
+        What slides goes on. What rests sticks if it can. They stand in `grips.now`.
+        Returns why there is no choice, or nothing.
+        """
+        self._count = self._count + 1 if t <= self._last else 0
+        self._last = t
+        if self._count > MOST_AT_ONCE:
+            return f"{self._names(self.turning)} change between stick and slip at once"
+        states = np.array([t]), z[None], v[None]
+        before, turning = self.grip.copy(), self.turning
+        sense = self.grip[:, at.SENSE]
+        self.grip[:] = 0.0
+        told = self.told(*states)[0]
+        stops = any(before[j, at.SENSE] != 0.0 for j in turning)
+        noise = self.rtol * self.fastest if stops else 0.0
+        rests = np.abs(told[:, RUB_RATE]) <= self.still + noise
+        rests[turning] = True
+        sense[:] = np.where(rests, 0.0, np.sign(told[:, RUB_RATE]))
+        stuck = (before[:, at.SENSE] == 0.0) & rests & self.begun
+        self.grip[:, at.HELD] = np.where(stuck, before[:, at.HELD], told[:, RUB_PLACE])
+        for j in turning:
+            if not stuck[j] and self._passes(states, j, -before[j, at.SENSE]):
+                rests[j] = False
+        self.turning = []
+        why = self._choose(states, rests, [j for j in turning if stuck[j]])
+        self.grip[sense != 0.0, at.HELD] = 0.0
+        changed = (before[:, at.SENSE] != sense) & self.begun
+        self.changed = {*np.flatnonzero(changed).tolist(), *turning}
+        self.begun = True
+        return why
+
+    def _passes(self, states: State, j: int, sense: float) -> bool:
+        """Whether a joint that turns round does so far above what could stop it.
+
+        To stop it might take any force: where other joints move on, its coordinate may
+        have a stationary value. Its sense is the new one then.
+        """
+        self._mark_shared()
+        self.grip[j, at.SENSE] = sense
+        told = self.told(*states)[0]
+        needed = told[j, RUB_FORCE] * self.memory.rub_P[j, j] - told[j, RUB_PUSH]
+        held = self.rest[j] * told[j, RUB_LOAD] * self.memory.rub_P[j, j]
+        if sense * told[j, RUB_PUSH] > 0.0 and abs(needed) > CLEARLY * held:
+            return True
+        self.grip[j, at.SENSE] = 0.0
+        return False
+
+    def _mark_shared(self) -> None:
+        """Marks joints that stick if some of them hold the same motion."""
+        stuck = np.flatnonzero(self.grip[:, at.SENSE] == 0.0)
+        P = self.memory.rub_P[np.ix_(stuck, stuck)]
+        size = np.sqrt(np.maximum(P.diagonal(), np.finfo(float).tiny))
+        alone = np.linalg.eigvalsh(P / np.outer(size, size)).min(initial=1.0)
+        self.grip[:, at.SHARED] = 0.0
+        self.grip[stuck, at.SHARED] = float(alone < DEPENDENT)
+
+    def _choose(self, states: State, rests: Array, loose: list[int]) -> str:
+        """Lets go, one after another, what friction cannot hold.
+
+        loose : joints that were seen to break loose
+        """
+        sense, names = self.grip[:, at.SENSE], self._names(np.flatnonzero(rests))
+        for _ in range(4 * len(sense) + 1):
+            self._mark_shared()
+            told = self.told(*states)[0]
+            if not np.isfinite(told[:, RUB_FORCE]).all():
+                return f"{JAMMED} ({names})"
+            held = self.rest * told[:, RUB_LOAD]
+            excess = np.abs(told[:, RUB_FORCE]) - held
+            excess[loose] += SEEN * held[loose]
+            excess[sense != 0.0] = -np.inf
+            worst = int(np.argmax(excess - AT_LIMIT * held))
+            if excess[worst] > AT_LIMIT * held[worst]:
+                sense[worst] = -np.sign(told[worst, RUB_FORCE])
+                continue
+            least = AT_LIMIT * self.memory.rub_P.diagonal() * held
+            back = rests & (sense * told[:, RUB_PUSH] < -least)
+            if not back.any():
+                return ""
+            sense[back] = 0.0
+        return f"friction allows neither stick nor slip ({names})"
+
+    def _names(self, joints: Iterable[int]) -> str:
+        return ", ".join(self.system.rubbing[j].joint for j in joints)
+
+    def _stop(self, t: float, z: Array, v: Array) -> None:
+        """Brings a state onto all constraints, with what sticks at rest."""
+        parts = self.system, self.kernels, self.work, self.memory
+        after = np.array([np.nextafter(t, np.inf)])
+        sample(*parts, after, z[None], v[None], self.closed)
+
+
+def regripped(
+    system: System, kernels: Kernels, closed: Array, t: Array, z: Array, v: Array
+) -> None:
+    """Puts the grips of known states into a system `with_grips`, from each time on.
+
+    t, z, v : (nt,), (nt, .), (nt, .)
+    """
+    if system.grips is None:
+        return
+    chosen = StickSlip(system, kernels, closed, Points(1), 0.0)
+    system.grips.forget()
+    for when, place, velocity in zip(t, z, v, strict=True):
+        chosen.settle(float(when), place, velocity)
+        system.grips.note(float(np.nextafter(when, -np.inf)))
