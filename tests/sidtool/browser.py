@@ -47,7 +47,7 @@ def opened(path: Path) -> Iterator[Page]:
     if found is None:
         pytest.skip("no Chromium is installed here (apt-get install chromium)")
     api = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is not installed (sidtool[dev])"
+        "playwright.sync_api", reason="playwright is not installed (sidtool[pictures])"
     )
     with api.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=found, args=list(FLAGS))

@@ -48,7 +48,7 @@ def mesh(result: Result, made: tuple[sidtool.SID, Field]) -> Exported:
 
 def vtk() -> Any:
     return pytest.importorskip(
-        "vtkmodules.all", reason="VTK is not installed (pip install vtk)"
+        "vtkmodules.all", reason="VTK is not installed (sidtool[pictures])"
     )
 
 
