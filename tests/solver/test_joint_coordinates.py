@@ -250,7 +250,7 @@ def test_the_length_of_a_rod_that_grows_and_of_one_that_does_not(
         ("hinge.displacement_rate", "has no coordinate 'displacement'"),
         ("bob.angle_rate", "there is no joint 'bob'"),
         ("hinge.angle_3", "found 'hinge.angle_3'"),
-        ("bob.top.angle", "found 'bob.top.angle'"),
+        ("bob.top.angle_3", "found 'bob.top.angle_3'"),
     ],
 )
 def test_coordinates_that_do_not_exist(name: str, message: str) -> None:

@@ -84,12 +84,12 @@ def test_an_interval_that_cannot_be_entered_keeps_what_was_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Of a push that ends after 0.5 s, where the equations become singular."""
-    enter = run.Run._enter
+    begin = run.Run._begin
 
-    def fails_later(self: run.Run, end: float) -> int:
-        return 2 if self.now > 0.0 else enter(self, end)
+    def fails_later(self: run.Run) -> int:
+        return 2 if self.now > 0.0 else begin(self)
 
-    monkeypatch.setattr(run.Run, "_enter", fails_later)
+    monkeypatch.setattr(run.Run, "_begin", fails_later)
     pieces = [
         {"from": 0.0, "to": 0.5, "coefficients": [3.0]},
         {"from": 0.5, "coefficients": [0.0]},
