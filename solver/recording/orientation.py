@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sidtool.formats.sid import Array
 
@@ -14,6 +13,8 @@ def orientation_column(R: Array, quantity: str) -> Array:
     quaternion_0 is the scalar part and not negative; the rotation vector is at most
     half a turn long [rad].
     """
+    from scipy.spatial.transform import Rotation  # a quarter of a second
+
     column = np.full(len(R), np.nan)
     known = np.isfinite(R).all(axis=(1, 2))
     if known.any():
