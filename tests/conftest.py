@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,15 @@ settings.register_profile(
     "sidtool", deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("sidtool")
+
+# Where the suite itself was started with ignored signals (`nohup make test &`), the
+# commands that it starts and ends would inherit that.
+for number, usual in (
+    (signal.SIGINT, signal.default_int_handler),
+    (signal.SIGHUP, signal.SIG_DFL),
+):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, usual)
 
 
 @pytest.fixture(scope="session")
