@@ -7,6 +7,7 @@ are measured as well, so that what is advised is known to do better.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,9 +103,12 @@ def fidelity_sentence(
         text = _said(own)
         if own.worst <= _POOR:
             return text, False
-        return f"{text}; {_advice(body, frame, space, full, markers, settings)}", True
+        better = _advice(body, frame, space, full, markers, settings, own.worst)
+        return f"{text}; {better}", True
     except InputError as error:
         return f"its errors cannot be measured: {error.problem}", False
+    except np.linalg.LinAlgError:
+        return "its errors cannot be measured: rounding hides its mass matrix", False
 
 
 def held_sentence(
@@ -226,22 +230,17 @@ def _advice(
     full: _Full,
     markers: list[MarkerRows],
     settings: ReductionSettings,
+    worst: float,
 ) -> str:
-    """The best of some other methods, measured."""
-    tried = [
-        (
-            _measured(
-                body,
-                space,
-                REDUCTIONS[other.method](body, frame, other, space),
-                full,
-            ),
-            other,
-        )
-        for other in _others(settings, markers, len(full.frequencies))
-    ]
+    """The best of some other methods, measured; `worst` is what the chosen one has."""
+    tried = []
+    for other in _others(settings, markers, len(full.frequencies)):
+        basis = REDUCTIONS[other.method](body, frame, other, space)
+        with suppress(np.linalg.LinAlgError):  # shapes that rounding makes dependent
+            tried.append((_measured(body, space, basis, full), other))
+    tried = [pair for pair in tried if pair[0].worst < worst]
     if not tried:
-        return "no marker moves"
+        return "no other method does better"
     best, other = min(
         tried, key=lambda pair: (max(pair[0].worst, _ALIKE), pair[0].count)
     )

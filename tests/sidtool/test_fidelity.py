@@ -21,6 +21,8 @@ from sidtool.reduction.methods import REDUCTIONS
 from .bodies import volume_data
 from .models import rod_data
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
 PINS = ["crank_pin", "piston_pin"]
 PLANE = {"type": "q4", "elements": [24, 3], "state": "plane_stress"}
 SOLID = {"type": "hex8", "elements": [12, 2, 1]}
@@ -136,3 +138,14 @@ def test_the_command_tells_it(tmp_path: Path) -> None:
     done = CliRunner().invoke(cli, command)
     assert done.exit_code == 0, done.output
     assert "basis: its first 10 frequencies err by at most" in done.stderr
+
+
+def test_where_rounding_hides_masses_the_rest_is_told(tmp_path: Path) -> None:
+    """A slip of fifteen digits: of a beam so slender other bases are dependent."""
+    text = (EXAMPLES / "rod_in_space" / "rod_beam.toml").read_text()
+    assert "end = [1.0, 0.0, 0.0]" in text
+    (tmp_path / "rod.toml").write_text(text.replace("end = [1.0,", "end = [1e15,"))
+    told: list[str] = []
+    sid_from_model(tmp_path / "rod.toml", told.append)
+    (sentence,) = [line for line in told if "frequencies err by at most" in line]
+    assert sentence.endswith("; no other method does better")
