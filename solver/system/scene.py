@@ -100,7 +100,7 @@ class System:
     every_joint: Callable[[], System] | None = None
     unsampled: Callable[[], System] | None = None
 
-    @property
+    @cached_property
     def complete_scene(self) -> System:
         """The scene with all of its joints as constraints, to look at what they ask."""
         return self if self.every_joint is None else self.every_joint()
