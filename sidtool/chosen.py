@@ -10,7 +10,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 
 from .other_shapes import other_shapes
-from .rigid import as_rigid, told_rigid
+from .rigid import as_rigid, told_left_out, told_rigid
 from .swaps import swapped
 
 
@@ -31,4 +31,5 @@ def chosen(
     plain = as_rigid(scene, rigid)
     content, replaced = swapped(plain, sids, folder)
     told = [*other_shapes(plain, folder, replaced), *told_rigid(plain)]
+    told += told_left_out(plain)
     return content, replaced, told

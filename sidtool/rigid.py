@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import SceneFile
+from sidtool.formats.scene import SceneFile, SidBody
 
 
 def as_rigid(scene: SceneFile, names: Iterable[str]) -> SceneFile:
@@ -37,3 +37,15 @@ def told_rigid(scene: SceneFile) -> Iterator[str]:
     left = elastic_outputs(scene)
     more = f"; not recorded: {', '.join(left)}" if left else ""
     yield f"simulated as rigid: {', '.join(rigid)}{more}"
+
+
+def told_left_out(scene: SceneFile) -> Iterator[str]:
+    """A sentence about each body of which the scene leaves something out."""
+    for name in scene.flexible:
+        body = scene.bodies[name]
+        assert isinstance(body, SidBody)
+        if body.shape_functions is not None and not body.rigid:
+            numbers = ", ".join(map(str, sorted(body.shape_functions)))
+            yield f"{name} moves in shape functions {numbers} of {body.sid} alone"
+        if not (body.geometric_stiffening or body.rigid):
+            yield f"geometric stiffening of {name} is left out"

@@ -40,7 +40,8 @@ class FlexibleBody:
     expected : stiffening by what was known before the run
     found : the largest stiffening at output times and ends of steps; None before the
         run
-    labels : (nq,) names of the elastic coordinates
+    labels : (nq,) labels of the elastic coordinates
+    names : (nq,) what they are called in outputs, q1, ...
     frequencies : (nq,) of each elastic coordinate alone [Hz]
     amplitudes : (nq,) largest |q| at output times and ends of steps
     energy_shares : (nq,) part of each coordinate, q_i (Ke q)_i / 2, in the elastic
@@ -53,6 +54,7 @@ class FlexibleBody:
     expected: Stiffening
     found: Stiffening | None = None
     labels: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
     frequencies: Array = field(default_factory=lambda: np.zeros(0))
     amplitudes: Array = field(default_factory=lambda: np.zeros(0))
     energy_shares: Array = field(default_factory=lambda: np.zeros(0))

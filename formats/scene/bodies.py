@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag
+from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator
 
 from .base import AngularVelocity, Inertia, Placement, Table, Vector
 from .damping import Damping
@@ -40,7 +40,7 @@ class ElasticInitial(Initial):
     """Where a flexible body starts; elastic coordinates default to zero."""
 
     elastic: tuple[float, ...] | None = Field(
-        default=None, description="elastic coordinates"
+        default=None, description="elastic coordinates that are kept"
     )
     elastic_velocity: tuple[float, ...] | None = Field(
         default=None, description="velocities of the elastic coordinates"
@@ -91,9 +91,37 @@ class SidBody(Table):
         description="keep the term q.Me.q of the moments of inertia; a body with "
         "geometric stiffening by acceleration always has it",
     )
+    shape_functions: tuple[Annotated[int, Field(ge=1)], ...] | None = Field(
+        default=None,
+        min_length=1,
+        description="numbers of those that are kept, from 1 as in the SID, default "
+        "all; the body does not move in the others, and q1, q2, ... keep their numbers",
+    )
+    geometric_stiffening: bool = Field(
+        default=True,
+        description="false: without the terms of geometric stiffening that the SID "
+        "holds; in planar scenes",
+    )
     damping: Damping | None = Field(
         default=None, description="of the elastic coordinates, default that of the SID"
     )
+
+    @field_validator("shape_functions")
+    @classmethod
+    def _each_once(cls, numbers: tuple[int, ...] | None) -> tuple[int, ...] | None:
+        if numbers is not None and len(set(numbers)) < len(numbers):
+            raise ValueError("each number once")
+        return numbers
+
+    def numbers(self, nq: int) -> tuple[int, ...]:
+        """Numbers from 1 of the elastic coordinates, of a SID that has nq."""
+        if self.rigid:
+            return ()
+        return (
+            tuple(range(1, nq + 1))
+            if self.shape_functions is None
+            else tuple(sorted(self.shape_functions))
+        )
 
 
 def _kind_of_body(value: Any) -> str:

@@ -133,7 +133,7 @@ def _flexible(
     elastic = sid is not None and not body.rigid
     if sid is not None and elastic:
         for prefix in ("q", "vq"):
-            yield from _named(name, (f"{prefix}{k + 1}" for k in range(sid.nq)))
+            yield from _named(name, (f"{prefix}{k}" for k in body.numbers(sid.nq)))
     carriers = set(stress_nodes(sid)) if sid is not None and elastic else set()
     if carriers:
         yield f"{name}.{PEAK_STRESS}"

@@ -126,11 +126,12 @@ def ranges(columns: Mapping[str, np.ndarray]) -> str:
 def _contributions(name: str, body: FlexibleBody) -> str:
     """What each elastic coordinate of a body contributed to the motion."""
     header = [name, "Hz", "max |q|", "energy %", "label"]
+    names = body.names or [f"q{i + 1}" for i in range(len(body.labels))]
     columns = (body.frequencies, body.amplitudes, 100 * body.energy_shares)
     rows = [
-        [f"q{i}", f"{hertz:.4f}", f"{size:.4g}", f"{share:.2f}", label.strip()]
-        for i, (hertz, size, share, label) in enumerate(
-            zip(*columns, body.labels, strict=False), 1
+        [coordinate, f"{hertz:.4f}", f"{size:.4g}", f"{share:.2f}", label.strip()]
+        for coordinate, hertz, size, share, label in zip(
+            names, *columns, body.labels, strict=False
         )
     ]
     return f"{body.before}\n{table(header, rows)}"

@@ -71,6 +71,11 @@ def _body(body: Body) -> list[str]:
             terms.append("frame held")
         if body.quadratic_inertia:
             terms.append("quadratic inertia")
+        if not body.geometric_stiffening:
+            terms.append("without geometric stiffening")
+        if body.shape_functions is not None:
+            numbers = ", ".join(map(str, sorted(body.shape_functions)))
+            terms.append(f"shape functions {numbers}")
         kind = "taken as rigid" if body.rigid else "flexible"
         return [kind, ", ".join(terms), markers]
     kind = "rigid" if body.inertia is not None else "point mass"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from sidtool.formats.errors import InputError
@@ -44,7 +45,7 @@ def companions(
                 place=f"--field {body}",
                 expected="the field that was written with this SID",
             )
-        found[body] = field
+        found[body] = kept(field, scene, body)
     for body, path in _beside(scene, folders):
         if body in found or body not in sids:
             continue
@@ -53,8 +54,18 @@ def companions(
         if wrong:
             told.append(f"{path} is not the field of {body}: it {wrong}")
         else:
-            found[body] = field
+            found[body] = kept(field, scene, body)
     return found, told
+
+
+def kept(field: Field, scene: SceneFile, body: str) -> Field:
+    """The field of the shape functions that the scene keeps."""
+    described = scene.bodies[body]
+    if not isinstance(described, SidBody) or described.shape_functions is None:
+        return field
+    rows = [number - 1 for number in described.numbers(field.nq)]
+    stress = None if field.stress is None else field.stress[..., rows]
+    return replace(field, shapes=field.shapes[..., rows], stress=stress)
 
 
 def _beside(scene: SceneFile, folders: list[Path]) -> Iterator[tuple[str, Path]]:

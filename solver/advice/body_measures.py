@@ -51,7 +51,11 @@ def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
             guess = _if_it_turned(system, data.sid, rate, drive)
             expected = _worse(expected, guess)
         found[data.name] = FlexibleBody(
-            highest_frequency(data.sid), excited, expected, labels=data.sid.labels
+            highest_frequency(data.sid),
+            excited,
+            expected,
+            labels=data.sid.labels,
+            names=tuple(f"q{number}" for number in data.numbers),
         )
     return found
 

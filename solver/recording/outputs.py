@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -201,18 +202,27 @@ def elastic_range(system: System, owner: str, quantity: str) -> list[int]:
     ------
     InputError : the body has fewer elastic coordinates.
     """
-    nq = int(system.arrays.body[system.index(owner), at.NQ])
+    numbers = system.bodies[system.index(owner)].numbers
     prefix = "vq" if quantity.startswith("v") else "q"
     number = quantity[len(prefix) :]
     if number == "*":
-        return list(range(1, nq + 1))
-    if int(number) > nq:
+        return list(numbers)
+    if int(number) not in numbers:
         raise InputError(
-            f"{owner} has {nq} elastic coordinates",
+            f"{owner} has {len(numbers)} elastic coordinates",
             place=f"outputs.record, {owner}.{quantity}",
-            expected=f"{prefix}1 to {prefix}{nq}",
+            expected=listed_numbers(numbers, prefix),
         )
     return [int(number)]
+
+
+def listed_numbers(numbers: Sequence[int], prefix: str) -> str:
+    """ "q1 to q5", or "q1, q3" where some are left out."""
+    names = [f"{prefix}{k}" for k in numbers]
+    whole = list(numbers) == list(range(1, len(names) + 1))
+    if len(names) > 1 and whole:
+        return f"{names[0]} to {names[-1]}"
+    return ", ".join(names) or "another name"
 
 
 def _elastic_columns(
@@ -224,8 +234,11 @@ def _elastic_columns(
     source = samples.v if velocity else samples.z
     last = row[at.VEL] + row[at.NV] if velocity else row[at.POS] + row[at.NP]
     first = int(last - row[at.NQ])
+    numbers = system.bodies[system.index(owner)].numbers
     wanted = elastic_range(system, owner, quantity)
-    return [(f"{owner}.{prefix}{k}", source[:, first + k - 1]) for k in wanted]
+    return [
+        (f"{owner}.{prefix}{k}", source[:, first + numbers.index(k)]) for k in wanted
+    ]
 
 
 def _body_column(system: System, samples: Samples, owner: str, quantity: str) -> Array:
@@ -330,7 +343,7 @@ def _coordinate_names(
             names += [data.name + state] * nq
             continue
         parts = rigid[int(row[size]) - nq].split()
-        parts += [f"{elastic}{k + 1}" for k in range(nq)]
+        parts += [f"{elastic}{k}" for k in data.numbers]
         names += [f"{data.name}.{part}" for part in parts]
     return tuple(names)
 

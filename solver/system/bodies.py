@@ -29,6 +29,7 @@ from sidtool.formats.sid import (
     rigid_sid,
 )
 from sidtool.formats.sid_files import read_sid
+from sidtool.formats.sid_subset import kept_indices, with_shape_functions
 
 from ..kernels.blocks import HEAD, ROWS, SQUARES
 from ..kernels.layout import (
@@ -47,6 +48,7 @@ from .free_shapes import FreeShapes, free_shapes
 from .held_frames import with_frame_node
 from .mean_axes import MeanAxes, mean_axes
 from .rigid_bodies import rigid_part
+from .unstiffened import without_stiffening
 
 #: Couplings in Me below this part of its diagonal are rounding.
 ROUNDING = 1e-13
@@ -61,6 +63,7 @@ class BodyData:
     quadratic_inertia : keep the term of J that is quadratic in q; stiffened bodies
         always do
     nodes : marker name to node id
+    numbers : (nq,) of the elastic coordinates, from 1, as in the SID that was given
     of_scene : False for the ground, and for what carries a state of a law, see `laws`
     starts_at : that state at the start
     """
@@ -70,6 +73,7 @@ class BodyData:
     rotates: bool
     quadratic_inertia: bool
     nodes: Mapping[str, str]
+    numbers: tuple[int, ...] = ()
     of_scene: bool = True
     starts_at: float = 0.0
 
@@ -102,11 +106,11 @@ def body_data(name: str, body: Body, sids: Mapping[str, SID], planar: bool) -> B
     InputError : its SID lacks a node that a marker names.
     """
     if isinstance(body, SidBody):
-        return _flexible_body(name, body, sids[name])
+        return _flexible_body(name, body, sids[name], planar)
     return _rigid_body(name, body, planar)
 
 
-def _flexible_body(name: str, body: SidBody, sid: SID) -> BodyData:
+def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData:
     for marker, node in body.markers.items():
         try:
             sid.node(node)
@@ -116,14 +120,20 @@ def _flexible_body(name: str, body: SidBody, sid: SID) -> BodyData:
                 place=f"bodies.{name}.markers.{marker}",
                 expected=error.expected,
             ) from None
-    nodes = dict(body.markers)
+    nodes, place = dict(body.markers), f"bodies.{name}"
+    kept = kept_indices(body.shape_functions, sid.nq, f"{place}.shape_functions")
     if body.rigid:
-        sid = rigid_part(sid)
+        sid, kept = rigid_part(sid), ()
     else:
-        check_first_order(sid, body.sid, f"bodies.{name}.sid")
+        check_first_order(sid, body.sid, f"{place}.sid")
         sid = damped(sid, body.damping, name)
+        if not body.geometric_stiffening:
+            stiffening = f"{place}.geometric_stiffening"
+            sid = without_stiffening(sid, planar, stiffening)
+        sid = with_shape_functions(sid, kept)
     sid = with_frame_node(sid) if body.frame == "held" else sid
-    return BodyData(name, sid, True, body.quadratic_inertia, nodes)
+    numbers = tuple(k + 1 for k in kept)
+    return BodyData(name, sid, True, body.quadratic_inertia, nodes, numbers)
 
 
 def _rigid_body(name: str, body: RigidBody, planar: bool) -> BodyData:

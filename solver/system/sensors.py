@@ -78,14 +78,16 @@ def _elastic(
     name: str, owner: str, quantity: str, data: BodyData, place: str
 ) -> Reading:
     number = quantity.lstrip("vq")
-    if number == "*" or int(number) > data.sid.nq:
+    if number == "*" or int(number) not in data.numbers:
+        known = ", ".join(f"{owner}.q{k}" for k in data.numbers)
         raise InputError(
             f"a law cannot read {name!r}: {owner} has {data.sid.nq} elastic "
             "coordinates",
             place=place,
-            expected=f"{owner}.q1 to q{data.sid.nq}" if data.sid.nq else "another name",
+            expected=known or "another name",
         )
-    return Reading(coordinate(owner, int(number) - 1), int(quantity[0] == "v"))
+    index = data.numbers.index(int(number))
+    return Reading(coordinate(owner, index), int(quantity[0] == "v"))
 
 
 def coordinate(body: str, index: int) -> Element:
