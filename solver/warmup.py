@@ -30,11 +30,15 @@ PLANAR: list[Group] = [
     ("kernels.equations:linearise_in_plane",),
     ("kernels.equations:evaluate_in_plane",),
     ("kernels.equations:complete_in_plane",),
+    ("kernels.told:tell_forces_in_plane",),
+    ("kernels.told:tell_bodies_in_plane",),
 ]
 SPATIAL: list[Group] = [
     ("kernels.equations:linearise_in_space",),
     ("kernels.equations:evaluate_in_space",),
     ("kernels.equations:complete_in_space",),
+    ("kernels.told:tell_forces_in_space",),
+    ("kernels.told:tell_bodies_in_space",),
 ]
 MASS: Group = (
     "kernels.accelerations:solve_accelerations",

@@ -10,31 +10,30 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sidtool.formats.scene import marker_names, marker_reference
 from sidtool.formats.sid import SID, Array
 
 from ..kernels import layout as at
 from ..kernels import planar_columns as planar
 from ..kernels import spatial_columns as spatial
-from ..recording.force_measures import function_values
-from ..recording.force_wrenches import Wrench, between, components, given, motion_of
-from ..recording.joint_forces import wrench
+from ..kernels.drives import drive_value
 from ..recording.motion import frame_motion
 from ..recording.sampling import Samples
+from ..recording.told import Told
 from ..system.scene import System
 from .prescribed import FrameHistory
 from .stiffening import Loads
 
 
-def recorded_loads(system: System, samples: Samples, times: Array, body: str) -> Loads:
+def recorded_loads(told: Told, body: str) -> Loads:
     """Loads of a flexible body at recorded states."""
+    system, samples = told.system, told.samples
     b = system.index(body)
     frame = frame_motion(system, samples, b)
     a, alpha = _accelerations(system, samples, b)
     a = a - np.einsum("tji,j->ti", frame.R, system.arrays.gravity)
     forces: dict[str, Array] = {}
     moments: dict[str, Array] = {}
-    for marker, (force, moment) in _wrenches(system, samples, times, body):
+    for marker, force, moment in _wrenches(told, body):
         node = system.bodies[b].node(marker)
         for store, vector, m1 in (
             (forces, force, node.phi.m1),
@@ -76,8 +75,8 @@ def _foreseen_forces(
         node = system.bodies[system.index(body)].node(element.b[1])
         factor = np.ones((1, 1))
         if element.function >= 0:
-            factor = function_values(system, element.function, times)[:, None]
-        pair = components(system, element.data)
+            factor = _function_values(system, element.function, times)[:, None]
+        pair = _components(system.planar, element.data)
         if element.kind == at.FOLLOWING:
             force, moment = (factor * (node.AP.m0 @ vector) for vector in pair)
         else:
@@ -85,6 +84,20 @@ def _foreseen_forces(
                 factor * np.einsum("tji,j->ti", frame.R, vector) for vector in pair
             )
         yield node.id, force, moment
+
+
+def _components(planar: bool, data: tuple[float, ...]) -> tuple[Array, Array]:
+    """Force and moment, (3,) each, of the data of a given force."""
+    if planar:
+        return np.array([*data[:2], 0.0]), np.array([0.0, 0.0, data[2]])
+    return np.array(data[:3]), np.array(data[3:])
+
+
+def _function_values(system: System, function: int, times: Array) -> Array:
+    """Values of a row of the table of functions."""
+    evaluate, clocks = drive_value.py_func, system.clocks(times)
+    pairs = zip(clocks, times, strict=True)
+    return np.array([evaluate(system.arrays, function, *pair)[0] for pair in pairs])
 
 
 def turning_loads(rate: float, planar: bool) -> Loads:
@@ -112,50 +125,12 @@ def _accelerations(system: System, samples: Samples, b: int) -> tuple[Array, Arr
     return a, alpha
 
 
-def _wrenches(
-    system: System, samples: Samples, times: Array, body: str
-) -> Iterator[tuple[str, Wrench]]:
+def _wrenches(told: Told, body: str) -> Iterator[tuple[str, Array, Array]]:
     """Marker, force and moment in inertial axes, of all that acts on a body."""
+    system = told.system
     if not stiffened_by_forces(system.bodies[system.index(body)].sid):
         return
-    yield from _of_joints(system, samples, body)
-    for k, element in enumerate(system.forces):
-        if not element.acts:
-            continue
-        if element.kind <= at.FOLLOWING:
-            if element.b[0] == body:
-                yield element.b[1], given(system, samples, k)
-            continue
-        for marker, pair in zip(
-            (element.a, element.b), between(system, samples, k), strict=True
-        ):
-            if marker is not None and marker[0] == body:
-                yield marker[1], pair
-
-
-def _of_joints(
-    system: System, samples: Samples, body: str
-) -> Iterator[tuple[str, Wrench]]:
-    for owner in dict.fromkeys(row.name for row in system.rows):
-        ends = _ends(system, owner)
-        if body not in [name for name, _ in ends]:
-            continue
-        total = wrench(system, samples, owner)
-        force, moment = total[:, :3], total[:, 3:]
-        (first, a), (second, b) = ends
-        if second == body:
-            yield b, (force, moment)
-        if first == body:
-            A, B = (motion_of(system, samples, end) for end in ends)
-            yield a, (-force, -moment - np.cross(B.x - A.x, force))
-
-
-def _ends(system: System, owner: str) -> list[tuple[str, str]]:
-    """Both markers of a joint or a drive; none of a coupling."""
-    drive = system.scene.drives.get(owner)
-    if drive is not None and drive.marker is not None:
-        texts: tuple[str, ...] = (drive.reference, drive.marker)
-    else:
-        name = owner if drive is None else drive.joint or ""
-        texts = marker_names(system.scene.joints[name])
-    return [marker_reference(text) for text in texts]
+    for (on, marker), m in system.markers.items():
+        if on == body:
+            total = told.wrench(m)
+            yield marker, total[:, :3], total[:, 3:]

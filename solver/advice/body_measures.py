@@ -15,6 +15,7 @@ from sidtool.formats.stiffening import Stiffening
 from ..kernels import layout as at
 from ..recording.energies import elastic_state
 from ..recording.sampling import Samples
+from ..recording.told import Told
 from ..start.assembly import Start
 from ..system.bodies import frequencies, modal_squares
 from ..system.scene import System
@@ -83,10 +84,11 @@ class Reached:
 
     def add(self, samples: Samples, times: Array) -> None:
         """Some states (nt,), in any order."""
+        told = Told(self.system, samples, times)
         for name, body in self.bodies.items() if len(times) else ():
             sid = self._sid(name)
             q, _ = elastic_state(self.system, samples, self.system.index(name))
-            loads = recorded_loads(self.system, samples, times, name)
+            loads = recorded_loads(told, name)
             least = abs(body.found.ratio) if body.found else 0.0
             found = largest_stiffening(sid, loads, times, least)
             largest = np.nanmax(np.abs(q), axis=0, initial=0.0)

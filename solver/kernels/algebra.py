@@ -47,6 +47,15 @@ def store(a: Any, at: Any, x: Vector) -> None:
 
 
 @formula
+def embedded(x: Vector) -> Vector:
+    """In space: what moves in the plane lies in x and y, what turns there turns about
+    z."""
+    if len(x) == 3:
+        return x
+    return Vector(0.0, 0.0, x[0]) if len(x) == 1 else Vector(x[0], x[1], 0.0)
+
+
+@formula
 def column(x: Vector, a: Any, at: Any, stride: Any, k: Any) -> Vector:
     """Entry k of consecutive rows of length `stride`, a vector like x."""
     return type(x)(*(a[at + i * stride + k] for i in range(len(x))))

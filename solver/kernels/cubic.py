@@ -8,7 +8,7 @@ is the gradient of the energy sum_kil K1_kil q_k q_i q_l / 3.
 
 from __future__ import annotations
 
-from numba import int64, types
+from numba import float64, int64, types
 
 from .compiling import inner
 from .layout import F1
@@ -21,6 +21,18 @@ def add_cubic_force(pool, at, nq, z, q, f, row):
         for i in range(nq):
             for j in range(nq):
                 f[row + k] -= pool[at + (k * nq + i) * nq + j] * z[q + i] * z[q + j]
+
+
+@inner(float64(F1, int64, int64, F1, int64))
+def cubic_energy(pool, at, nq, z, q):
+    """Their energy."""
+    total = 0.0
+    for k in range(nq):
+        for i in range(nq):
+            for j in range(nq):
+                part = z[q + k] * z[q + i] * z[q + j]
+                total += pool[at + (k * nq + i) * nq + j] * part
+    return total / 3.0
 
 
 @inner(types.void(F1, int64, int64, F1, int64, F1, int64, int64))

@@ -28,7 +28,7 @@ def _no_turns(system, work, z):
     pass
 
 
-_keep_turns = BySpace(plane=_no_turns, space=keep_turns)
+count_turns = BySpace(plane=_no_turns, space=keep_turns)
 
 
 @inner()
@@ -56,7 +56,7 @@ def _evaluate_bodies(system, work, t, z, v):
 def _evaluate(system, work, t, z, v):
     _evaluate_bodies(system, work, t, z, v)
     evaluate_constraints(system, work, t)
-    _keep_turns(system, work, z)
+    count_turns(system, work, z)
     evaluate_forces(system, work, t, z, v)
 
 

@@ -318,6 +318,19 @@ class Work(Table):
     sliding: Work
 
 
+class Told(Table):
+    """What outputs tell of some states, one after the other; rows as in `spaces`.
+
+    wrench : of all constraints, frictions of joints and forces
+    force : of all forces
+    body : of all bodies
+    """
+
+    wrench: Array
+    force: Array
+    body: Array
+
+
 F1 = types.Array(float64, 1, "C")
 F2 = types.Array(float64, 2, "C")
 C1 = types.Array(types.complex128, 1, "C")
@@ -335,6 +348,7 @@ WORK = TableType(
     Work,
     [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2, F1, F1] + [F1] * 5 + [F1, F1, F2, None],
 )
+TOLD = TableType(Told, [F2, F2, F2])
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import operator
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core.datamodel import models
@@ -45,6 +46,17 @@ class RecordType(types.Type):
         whole = types.int64 in fields.values()
         self.number = INDEX if whole else REAL
         super().__init__(name)
+
+    @property
+    def dtype(self) -> np.dtype[np.void]:
+        """What numpy sees rows as."""
+        number = np.int64 if self.number is INDEX else np.float64
+        return np.dtype(
+            [
+                (field, number, (kind.size,) if isinstance(kind, ValueType) else ())
+                for field, kind in self.fields.items()
+            ]
+        )
 
 
 class RowsType(types.Type):

@@ -15,7 +15,7 @@ from numba.core.imputils import lower_constant
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
 from .compiling import Inner
-from .layout import SYSTEM, WORK
+from .layout import SYSTEM, TOLD, WORK
 from .records import RecordType, RowsType
 from .values import Symmetric, Turn, ValueType, Vector
 
@@ -150,6 +150,27 @@ WORKS = {
     )
     for space in (PLANE, SPACE)
 }
+#: Of a constraint or a force: inertial force on its marker B, whose reverse acts on A,
+#: and torques on both.
+WRENCH = _rows("Told wrench", force=_V3, torque_a=_V3, torque_b=_V3)
+#: Of a force: what it acts on and its rate; energy that it stores, powers that it loses
+#: and is given.
+MEASURED = _rows(
+    "Told force",
+    **dict.fromkeys(["measure", "rate", "stored", "lost", "given"], float64),
+)
+#: Of a body: energy of motion, of deformation and of gravity, power that its damping
+#: takes; inertial momentum, and that about the inertial origin.
+MOVED = _rows(
+    "Told body",
+    **dict.fromkeys(["kinetic", "elastic", "weight", "lost"], float64),
+    momentum=_V3,
+    angular=_V3,
+)
+TOLDS = {
+    space: TOLD.seen(space, wrench=WRENCH, force=MEASURED, body=MOVED)
+    for space in (PLANE, SPACE)
+}
 
 
 def in_plane(table: Any) -> Any:
@@ -166,7 +187,7 @@ for _function, _space in ((in_plane, PLANE), (in_space, SPACE)):
 
     class _Seen(AbstractTemplate):
         key = _function
-        kinds = {SYSTEM: SYSTEMS[_space], WORK: WORKS[_space]}
+        kinds = {SYSTEM: SYSTEMS[_space], WORK: WORKS[_space], TOLD: TOLDS[_space]}
 
         def generic(self, args: Any, kws: Any) -> Any:
             return signature(self.kinds[args[0]], *args)

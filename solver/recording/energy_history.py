@@ -22,6 +22,7 @@ from .dense import BATCH, Points, Steps
 from .energies import dissipation, supply
 from .interpolation import interpolated
 from .sampling import sample
+from .told import Told
 from .whole_scene import whole_motion
 
 INTEGRATED = frozenset(["dissipated", "supplied", "balance"])
@@ -84,10 +85,10 @@ class History:
                 v,
                 self._closed,
             )
-            lost = dissipation(system, samples)
-            told, motion = whole_motion(system, steps.t, samples)
-            drift = _drift(told, steps.t, motion.z)
-            powers.append((lost, supply(told, motion, drift)))
+            whole, motion = whole_motion(system, steps.t, samples)
+            drift = _drift(whole, steps.t, motion.z)
+            told = Told(whole, motion, steps.t)
+            powers.append((dissipation(told), supply(told, drift)))
             t.append(steps.t)
         return np.concatenate(t), [np.concatenate(p) for p in zip(*powers, strict=True)]
 

@@ -34,15 +34,14 @@ from ..kernels.layout import Work
 from ..kernels.newton import Kernels, Memory
 from ..system.scene import System
 from .energy_history import History
-from .force_measures import measured
-from .force_wrenches import force_wrench
-from .joint_forces import COMPONENTS, friction_column, is_constraint, wrench
+from .joint_forces import COMPONENTS, friction_column, wrench
 from .momenta import momentum_column
 from .motion import Motion, frame_motion, marker_motion, place
 from .orientation import orientation_column
 from .sampling import Samples, sample
 from .scene_outputs import SceneQuantities
 from .stress_outputs import stress_column
+from .told import Told
 from .whole_scene import whole_motion
 
 
@@ -86,27 +85,26 @@ def record(
     """
     if samples is None:
         samples = sample(system, kernels, work, memory, times, z, v, closed)
-    told, motion = whole_motion(system, times, samples)
-    whole = SceneQuantities(system, work, times, samples, history)
+    whole, motion = whole_motion(system, times, samples)
+    told = Told(whole, motion, times, work if whole is system else None)
+    quantities = SceneQuantities(system, work, times, samples, history, told)
     names: list[str] = []
     columns: list[Array] = []
     for text in system.scene.outputs.record:
         parsed = parse_output(text)
         if parsed.owner in SCENE_QUANTITIES:
             names.append(text)
-            columns.append(whole.column(parsed.owner, parsed.quantity))
+            columns.append(quantities.column(parsed.owner, parsed.quantity))
             continue
-        for name, column in _columns(told, motion, times, text):
+        for name, column in _columns(told, text):
             names.append(name)
             columns.append(column)
     values = np.column_stack(columns) if columns else np.zeros((len(times), 0))
-    return Recorded(tuple(names), values, samples, told, motion.undetermined)
+    return Recorded(tuple(names), values, samples, whole, motion.undetermined)
 
 
-def _columns(
-    system: System, samples: Samples, times: Array, text: str
-) -> list[tuple[str, Array]]:
-    name = parse_output(text)
+def _columns(told: Told, text: str) -> list[tuple[str, Array]]:
+    system, samples, name = told.system, told.samples, parse_output(text)
     if is_stress(name.quantity):
         return [(text, stress_column(system, samples, name))]
     if name.owner in system.scene.forces and name.quantity == VALUE:
@@ -115,24 +113,20 @@ def _columns(
         row = system.arrays.body[state_row(system, name)]
         return [(text, samples.v[:, row[at.VEL]])]
     if name.quantity in MOMENTA:
-        column = momentum_column(system, samples, name.owner, name.quantity)
-        return [(text, column)]
+        return [(text, momentum_column(told, name.owner, name.quantity))]
     if name.marker:
         m = system.markers[name.owner, name.marker]
         return [(text, _marker_column(system, samples, m, name.quantity))]
-    coordinate = system.coordinates.get((name.owner, coordinate_of(name.quantity)))
-    if coordinate is not None:
-        measure = measured(system, samples, coordinate)
-        return [(text, measure.rate if is_rate(name.quantity) else measure.g)]
+    coordinate = name.owner, coordinate_of(name.quantity)
+    if coordinate in system.coordinates:
+        measured = told.coordinate(*coordinate)
+        return [(text, measured["rate" if is_rate(name.quantity) else "measure"])]
     if name.quantity in FRICTION_QUANTITIES:
         column = friction_column(system, samples, name.owner, name.quantity)
         return [(text, column)]
     if name.quantity in COMPONENTS:
-        if is_constraint(system, name.owner):
-            wrenches = wrench(system, samples, name.owner)
-        else:
-            wrenches = force_wrench(system, samples, times, name.owner)
-        return [(text, wrenches[:, COMPONENTS.index(name.quantity)])]
+        column = wrench(told, name.owner)[:, COMPONENTS.index(name.quantity)]
+        return [(text, column)]
     if name.owner not in system.scene.bodies:
         return _multiplier_columns(system, samples, name.owner, name.quantity)
     if is_elastic(name.quantity):

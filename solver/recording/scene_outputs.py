@@ -16,6 +16,7 @@ from . import energies
 from .energy_history import History
 from .momenta import momentum_column
 from .sampling import Samples
+from .told import Told
 
 
 class SceneQuantities:
@@ -28,9 +29,11 @@ class SceneQuantities:
         times: Array,
         samples: Samples,
         history: History | None,
+        told: Told,
     ) -> None:
         self.system, self.work = system, work
         self.times, self.samples, self.history = times, samples, history
+        self.told = told
 
     def column(self, owner: str, quantity: str) -> Array:
         """Values (nt,) of one of `sidtool.formats.scene.outputs.SCENE_QUANTITIES`."""
@@ -38,20 +41,20 @@ class SceneQuantities:
             return self._residuals[quantity]
         if owner in ("momentum", "angular_momentum"):
             name = f"{owner}_{quantity}"
-            return momentum_column(self.system, self.samples, "", name)
+            return momentum_column(self.told, "", name)
         return getattr(self, quantity)  # type: ignore[no-any-return]
 
     @cached_property
     def kinetic(self) -> Array:
-        return energies.kinetic(self.system, self.samples)
+        return energies.kinetic(self.told)
 
     @cached_property
     def elastic(self) -> Array:
-        return energies.elastic(self.system, self.samples)
+        return energies.elastic(self.told)
 
     @cached_property
     def potential(self) -> Array:
-        return energies.potential(self.system, self.samples)
+        return energies.potential(self.told)
 
     @property
     def dissipated(self) -> Array:

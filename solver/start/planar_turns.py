@@ -35,9 +35,6 @@ def with_whole_turns(system: System) -> System:
     system = replace(system, arrays=system.arrays.replaced(pool=pool))
     pairs = _of_frames(system, pool) | _of_constraints(system, pool)
     forces = tuple(_counted(system, pairs, element) for element in system.forces)
-    for row, element in zip(system.arrays.force, forces, strict=True):
-        if element.kind == at.TWIST:
-            pool[row[at.F_DATA]] = element.data[0]
     for con in system.arrays.constraint:
         if con[at.KIND] == at.COUPLED_ANGLE:
             ends = int(con[at.MARKER_A]), int(con[at.MARKER_B])
@@ -46,6 +43,10 @@ def with_whole_turns(system: System) -> System:
         key: _counted(system, pairs, element)
         for key, element in system.coordinates.items()
     }
+    rows = np.concatenate([system.arrays.force, system.measures])
+    for row, element in zip(rows, [*forces, *known.values()], strict=True):
+        if element.kind == at.TWIST:
+            pool[row[at.F_DATA]] = element.data[0]
     return replace(system, forces=forces, coordinates=known)
 
 

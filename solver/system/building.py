@@ -127,6 +127,9 @@ def _system(
     tables = constraint_tables(parts, constraints, markers, body, marker)
     dims = _dims(parts, body, tables, phi, turns)
     force = force_table(elements, markers, parts.order, parts.pool)
+    measures = force_table(
+        tuple(coordinates.values()), markers, parts.order, parts.pool
+    )
     turn = turn_table(turns, markers, parts.pool)
     rubbing = rubbing_joints(parts, constraints, tables.constraint)
     friction, sliding, pieces = friction_tables(
@@ -170,6 +173,7 @@ def _system(
         length=mechanism_size(parts.scene, parts.data, markers),
         forces=elements,
         coordinates=coordinates,
+        measures=measures,
         turns=turns,
         rubbing=rubbing,
         from_start=tables.from_start,

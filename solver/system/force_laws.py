@@ -27,22 +27,6 @@ class Polynomials:
         piece = self._piece(x)
         return _horner(self.terms[piece], x - self.starts[piece])
 
-    def integral(self, x: Array) -> Array:
-        """Integrals from 0 to x, (nt,)."""
-        if len(self.starts) == 0:
-            return np.zeros_like(x)
-        return self._antiderivative(x) - self._antiderivative(np.zeros(1))
-
-    def _antiderivative(self, x: Array) -> Array:
-        powers = np.arange(1, self.terms.shape[1] + 1)
-        terms = np.column_stack([np.zeros(len(self.starts)), self.terms / powers])
-        terms[1:, 0] = np.cumsum(_horner(terms, self._lengths())[:-1])
-        piece = self._piece(x)
-        return _horner(terms[piece], x - self.starts[piece])
-
-    def _lengths(self) -> Array:
-        return np.diff(self.starts, append=self.starts[-1])
-
     def _piece(self, x: Array) -> Array:
         return np.maximum(np.searchsorted(self.starts, x, side="right") - 1, 0)
 

@@ -21,6 +21,7 @@ from .grips import Grips
 from .turns import Coordinate, Turn
 
 GROUND_NAME = "ground"
+NO_FORCES = np.zeros((0, at.N_FORCE), np.int64)
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class System:
     length : size of the mechanism [m]
     forces : rows of the force table
     coordinates : of joints, what measures those that outputs and events look at
+    measures : the rows of the table of forces that they would be
     turns : rows of the table of rotations in space
     rubbing : joints with friction, rows of the friction table
     grips : how they moved so far in a run
@@ -84,6 +86,7 @@ class System:
     length: float
     forces: tuple[Element, ...] = field(default=())
     coordinates: Mapping[Coordinate, Element] = field(default_factory=dict)
+    measures: at.IntTable = field(default_factory=lambda: NO_FORCES)
     turns: tuple[Turn, ...] = field(default=())
     rubbing: tuple[Rubbing, ...] = field(default=())
     grips: Grips | None = None
@@ -110,6 +113,34 @@ class System:
         """Callables in laws."""
         laws = [e.programmed for e in self.forces if e.programmed is not None]
         return tuple(native for law in laws for native in law.natives)
+
+    @cached_property
+    def telling(self) -> at.System:
+        """What outputs are told from: behind the forces the coordinates of joints."""
+        if not len(self.measures):
+            return self.arrays
+        rows = np.concatenate([self.arrays.force, self.measures])
+        return self.arrays.replaced(force=rows)
+
+    @cached_property
+    def acting(self) -> dict[int, list[tuple[int, str, bool]]]:
+        """What acts on each marker: its row, its name, whether it is its marker B.
+
+        Rows of constraints, frictions of joints and forces, one behind the other.
+        """
+        names = {row.first: row.name for row in self.rows}
+        held, rubbing = self.arrays.constraint, self.arrays.sliding.constraint
+        owners = [names[first] for first in held[:, at.ROW]]
+        owners += [rub.joint for rub in self.rubbing]
+        owners += [e.name if e.acts else "" for e in self.forces]
+        constraints = np.concatenate([held, rubbing])[:, [at.MARKER_A, at.MARKER_B]]
+        ends = [*constraints, *self.arrays.force[:, [at.F_A, at.F_B]]]
+        found: dict[int, list[tuple[int, str, bool]]] = {}
+        for k, (owner, markers) in enumerate(zip(owners, ends, strict=True)):
+            for marker, is_second in zip(markers, (False, True), strict=True):
+                if owner:
+                    found.setdefault(int(marker), []).append((k, owner, is_second))
+        return found
 
     @property
     def planar(self) -> bool:

@@ -20,7 +20,9 @@ from sidtool.solver.kernels import planar_columns as planar
 from sidtool.solver.kernels import spatial_columns as spatial
 from sidtool.solver.kernels.coordinates import rate
 from sidtool.solver.recording.sampling import Samples
+from sidtool.solver.recording.told import Told
 from sidtool.solver.start.assembly import assemble
+from sidtool.solver.start.consistent import dense_jacobian
 from sidtool.solver.system.kernel_calls import complete, linearise
 from sidtool.solver.system.scene import System
 from tests.solver.scenes import Probe, compiled, scene, soft_body
@@ -63,6 +65,7 @@ def loaded(dimension: str) -> System:
         {
             "hinge": {"type": "revolute", "markers": ["soft.1", "block"]},
             "reverse": {"type": "revolute", "markers": ["block", "soft.2"]},
+            "teeth": {"type": "gear", "joints": ["hinge", "reverse"], "ratio": -2.0},
         },
         forces=forces,
         dimension=dimension,
@@ -109,8 +112,10 @@ def test_forces_are_linearised(dimension: str) -> None:
 
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 def test_measured_forces_and_moments_are_those_that_act(dimension: str) -> None:
-    """What the stiffening ratio is told of all forces makes the generalised force."""
+    """What the stiffening ratio is told of joints, gears and forces makes the
+    generalised force."""
     system = loaded(dimension)
+    multipliers = np.random.default_rng(8).normal(size=system.n_rows)
     probe, sid = random_state(system, 3), system.bodies[system.index("soft")].sid
     samples = Samples(
         probe.z[None],
@@ -118,10 +123,10 @@ def test_measured_forces_and_moments_are_those_that_act(dimension: str) -> None:
         probe.work.frame[None].copy(),
         probe.work.point[None].copy(),
         np.zeros((1, system.n_velocities)),
-        np.zeros((1, system.n_rows)),
+        multipliers[None],
         probe.work.factor[None].copy(),
     )
-    loads = recorded_loads(system, samples, np.array([probe.t]), "soft")
+    loads = recorded_loads(Told(system, samples, np.array([probe.t])), "soft")
     found = np.zeros(sid.nq)
     for node in sid.nodes:
         phi, psi = (
@@ -134,6 +139,7 @@ def test_measured_forces_and_moments_are_those_that_act(dimension: str) -> None:
     elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
     other = Probe(silent, probe.t, probe.z, probe.v)
     acting = probe.work.f[elastic] - other.work.f[elastic]
+    acting += (multipliers @ dense_jacobian(system, probe.work.C))[elastic]
     assert found == pytest.approx(acting, rel=1e-9)
 
 

@@ -20,6 +20,7 @@ from .angle import evaluate as evaluate_angle
 from .angle import linearise as linearise_angle
 from .coincident import evaluate as evaluate_coincident
 from .coincident import linearise as linearise_coincident
+from .coincident import wrench as coincident_wrench
 from .directions import evaluate as evaluate_directions
 from .directions import linearise as linearise_directions
 from .distance import evaluate as evaluate_distance
@@ -37,23 +38,42 @@ _linearise_turned = BySpace(plane=_linearise_angle, space=linearise_directions)
 
 
 @inner()
+def _evaluate_row(system, work, con, t):
+    """Of a primitive of one row: value, rate, right-hand side and wrench."""
+    kind = con.kind
+    s, sd, sdd = 0.0, 0.0, 0.0
+    if con.drive >= 0:
+        s, sd, sdd = drive_value(system, con.drive, work.clock[0], t)
+    if kind in (ALONG, COUPLED_ALONG):
+        return evaluate_along(system, work, con, s, sd, sdd)
+    if kind == DISTANCE:
+        return evaluate_distance(system, work, con, s, sd, sdd)
+    if kind == COUPLED_ANGLE:
+        return evaluate_angle(system, work, con, s, sd, sdd)
+    return _evaluate_turned(system, work, con, s, sd, sdd)
+
+
+@inner()
+def wrench(system, work, k, t, lam):
+    """Force on marker B, whose reverse acts on A, torque on A, and torque on B."""
+    con = system.constraint[k]
+    if con.kind == COINCIDENT:
+        return coincident_wrench(system, work, con, lam)
+    _, _, _, force, torque_a, torque_b = _evaluate_row(system, work, con, t)
+    size = lam[con.row]
+    if is_coupled(con.kind):
+        size *= system.pool[term_at(force, con.data) + W_WEIGHT]
+    return size * force, size * torque_a, size * torque_b
+
+
+@inner()
 def _evaluate(system, work, k, t):
     con = system.constraint[k]
     kind = con.kind
     if kind == COINCIDENT:
         evaluate_coincident(system, work, con)
         return
-    s, sd, sdd = 0.0, 0.0, 0.0
-    if con.drive >= 0:
-        s, sd, sdd = drive_value(system, con.drive, work.clock[0], t)
-    if kind in (ALONG, COUPLED_ALONG):
-        row = evaluate_along(system, work, con, s, sd, sdd)
-    elif kind == DISTANCE:
-        row = evaluate_distance(system, work, con, s, sd, sdd)
-    elif kind == COUPLED_ANGLE:
-        row = evaluate_angle(system, work, con, s, sd, sdd)
-    else:
-        row = _evaluate_turned(system, work, con, s, sd, sdd)
+    row = _evaluate_row(system, work, con, t)
     value, rate, gamma, force, torque_a, torque_b = row
     if not is_coupled(kind):
         write_row(work, con.row, value, rate, gamma)

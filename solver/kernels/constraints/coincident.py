@@ -20,6 +20,13 @@ def evaluate(system, work, con):
 
 
 @inner()
+def wrench(system, work, con, lam):
+    """Force on marker B, whose reverse acts on A, torque on A, and torque on B."""
+    none = zero(work.point[con.a].w)
+    return load(work.point[con.a].x, lam, con.row), none, none
+
+
+@inner()
 def linearise(system, work, con, v, acc, lam):
     force = load(work.point[con.a].x, lam, con.row)
     for side in range(2):

@@ -45,25 +45,36 @@ def _push(system, work, m, force, torque):
 
 
 @inner()
+def wrench(system, work, k):
+    """Force on marker B, whose reverse acts on A, torque on A, and torque on B.
+
+    Keeps what the force measures.
+    """
+    row = system.force[k]
+    if row.kind <= FOLLOWING:
+        force, torque = evaluate_given(system, work, k, work.factor[k])
+        return force, zero(torque), torque
+    g, rate, n, torque_a, torque_b = measure(system, work, k)
+    work.measure[k, 0], work.measure[k, 1] = g, rate
+    size, _, _ = force_law(system, work, k, g, rate)
+    return size * n, size * torque_a, size * torque_b
+
+
+@inner()
 def evaluate_forces(system, work, t, z, v):
     """Adds to f; keeps what the forces measure, and what laws read before them."""
     for k in range(len(system.force)):
         row = system.force[k]
         set_factor(system, work, k, t)
-        if row.kind <= FOLLOWING:
-            force, torque = evaluate_given(system, work, k, work.factor[k])
-            _push(system, work, row.b, force, torque)
-            continue
         if row.kind == COORDINATE:
             evaluate_coordinate(system, work, k, z, v)
             continue
-        g, rate, n, torque_a, torque_b = measure(system, work, k)
-        work.measure[k, 0], work.measure[k, 1] = g, rate
+        force, torque_a, torque_b = wrench(system, work, k)
         if row.owner >= 0:
             continue
-        size, _, _ = force_law(system, work, k, g, rate)
-        _push(system, work, row.b, size * n, size * torque_b)
-        _push(system, work, row.a, -size * n, size * torque_a)
+        _push(system, work, row.b, force, torque_b)
+        if row.a >= 0:
+            _push(system, work, row.a, -force, torque_a)
 
 
 @inner()

@@ -42,6 +42,21 @@ def piecewise(pool, at, pieces, terms, x):
 
 
 @inner()
+def _antiderivative(pool, at, pieces, terms, x):
+    """Integral of a piecewise polynomial up to x, from the start of its first piece."""
+    k, total, is_last = 0, 0.0, pieces == 0
+    while not is_last:
+        is_last = k + 1 == pieces or pool[at + k + 1] > x
+        length = (x if is_last else pool[at + k + 1]) - pool[at + k]
+        first, value = at + pieces + k * terms, 0.0
+        for i in range(terms - 1, -1, -1):
+            value = value * length + pool[first + i] / (i + 1)
+        total += value * length
+        k += 1
+    return total
+
+
+@inner()
 def set_factor(system, work, k, t):
     """What scales a force: its law, its function of time, or 1."""
     value = 1.0
@@ -71,18 +86,45 @@ def force_law(system, work, k, g, rate):
     pool, law = system.pool, system.force[k].law
     if system.force[k].owner >= 0:
         return 0.0, -work.slope[k, 0], -work.slope[k, 1]
-    at = law + POLYNOMIALS
-    pieces, terms = int(pool[law + K_PIECES]), int(pool[law + K_TERMS])
+    at, pieces, terms = _spring(pool, law)
     spring, stiffness = piecewise(pool, at, pieces, terms, g - pool[law + REST])
+    damper, damping = _damper(pool, law, rate)
+    return _applied(system, work, k) - spring - damper, stiffness, damping
+
+
+@inner()
+def _spring(pool, law):
+    """Where K stands, its pieces and coefficients of each."""
+    return law + POLYNOMIALS, int(pool[law + K_PIECES]), int(pool[law + K_TERMS])
+
+
+@inner()
+def _damper(pool, law, rate):
+    """What damping and friction take, and its slope."""
+    at, pieces, terms = _spring(pool, law)
     at += pieces * (1 + terms)
     pieces, terms = int(pool[law + D_PIECES]), int(pool[law + D_TERMS])
-    damper, damping = piecewise(pool, at, pieces, terms, rate)
-    force = -spring - damper
-    if pool[law + APPLIED] != 0.0:
-        force += pool[law + APPLIED] * work.factor[k]
+    force, slope = piecewise(pool, at, pieces, terms, rate)
     if pool[law + FRICTION] != 0.0:
         saturation = math.tanh(rate / pool[law + SPEED])
-        force -= pool[law + FRICTION] * saturation
-        slope = (1.0 - saturation * saturation) / pool[law + SPEED]
-        damping += pool[law + FRICTION] * slope
-    return force, stiffness, damping
+        force += pool[law + FRICTION] * saturation
+        bend = (1.0 - saturation * saturation) / pool[law + SPEED]
+        slope += pool[law + FRICTION] * bend
+    return force, slope
+
+
+@inner()
+def _applied(system, work, k):
+    size = system.pool[system.force[k].law + APPLIED]
+    return size * work.factor[k] if size != 0.0 else 0.0
+
+
+@inner()
+def energies(system, work, k, g, rate):
+    """Energy in the spring of a force, and the powers that it loses and is given."""
+    pool, law = system.pool, system.force[k].law
+    at, pieces, terms = _spring(pool, law)
+    stored = _antiderivative(pool, at, pieces, terms, g - pool[law + REST])
+    stored -= _antiderivative(pool, at, pieces, terms, 0.0)
+    damper, _ = _damper(pool, law, rate)
+    return stored, damper * rate, _applied(system, work, k) * rate

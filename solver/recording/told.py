@@ -1,0 +1,110 @@
+"""What constraints, forces and bodies do in recorded states, from their equations."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.sid import Array
+
+from ..integrators.recording import RUB_FORCE
+from ..kernels import layout as at
+from ..kernels import told as kernels
+from ..kernels.layout import Work
+from ..kernels.records import RowsType
+from ..kernels.spaces import MEASURED, MOVED, WRENCH
+from ..system.scene import System
+from ..system.storage import new_work
+from .sampling import Samples
+
+#: Rows with names, see `kernels.spaces`.
+Rows = NDArray[np.void]
+
+
+class Told:
+    """Of a system in some states; found where it is asked for, all at once.
+
+    work : of this system, or of none yet
+    """
+
+    def __init__(
+        self,
+        system: System,
+        samples: Samples,
+        times: Array,
+        work: Work | None = None,
+    ) -> None:
+        self.system, self.samples, self.times = system, samples, times
+        self._given = work
+
+    def wrench(self, marker: int, owner: str = "") -> Array:
+        """Force and torque on a marker, inertial, (nt, 6): of a joint, a drive or a
+        force, or of all of them."""
+        total = np.zeros((len(self.times), 6))
+        for k, name, is_second in self.system.acting.get(marker, ()):
+            if owner in ("", name):
+                row = self._forces[0][:, k]
+                total[:, :3] += row["force"] if is_second else -row["force"]
+                total[:, 3:] += row["torque_b" if is_second else "torque_a"]
+        return total
+
+    @property
+    def forces(self) -> Rows:
+        """`MEASURED` of all forces, (nt, forces); nothing of what is none."""
+        return self._forces[1][:, : len(self.system.forces)]
+
+    def coordinate(self, joint: str, name: str) -> Rows:
+        """`MEASURED` of a coordinate of a joint that the system measures, (nt,)."""
+        k = list(self.system.coordinates).index((joint, name))
+        return self._forces[1][:, len(self.system.forces) + k]
+
+    @cached_property
+    def bodies(self) -> Rows:
+        """`MOVED` of all bodies, (nt, bodies); nothing of the ground."""
+        system, samples = self.system, self.samples
+        told = self._empty(0, 0, len(system.bodies))
+        planar = system.planar
+        tell = kernels.tell_bodies_in_plane if planar else kernels.tell_bodies_in_space
+        tell(system.arrays, self._work, told, samples.z, samples.v, samples.frames)
+        return self._rows(told.body, MOVED, len(system.bodies))
+
+    @cached_property
+    def _forces(self) -> tuple[Rows, Rows]:
+        """`WRENCH` of all that acts, and `MEASURED` of all forces and coordinates."""
+        system, samples = self.system, self.samples
+        forces = len(system.telling.force)
+        acting = len(system.arrays.constraint) + len(system.rubbing) + forces
+        told = self._empty(acting, forces, 0)
+        planar = system.planar
+        tell = kernels.tell_forces_in_plane if planar else kernels.tell_forces_in_space
+        tell(
+            system.telling,
+            self._work,
+            told,
+            self.times,
+            system.clocks(self.times),
+            samples.z,
+            samples.points,
+            samples.factors,
+            samples.multipliers,
+            np.ascontiguousarray(samples.friction[:, :, RUB_FORCE]),
+        )
+        wrenches = self._rows(told.wrench, WRENCH, acting)
+        return wrenches, self._rows(told.force, MEASURED, forces)
+
+    @cached_property
+    def _work(self) -> Work:
+        work = new_work(self.system) if self._given is None else self._given
+        if not len(self.system.measures):
+            return work
+        return work.replaced(measure=np.zeros((len(self.system.telling.force), 2)))
+
+    def _empty(self, wrenches: int, forces: int, bodies: int) -> at.Told:
+        nt = len(self.times)
+        sizes = ((wrenches, WRENCH), (forces, MEASURED), (bodies, MOVED))
+        return at.Told(*(np.zeros((nt * n, rows.record.size)) for n, rows in sizes))
+
+    def _rows(self, values: Array, rows: RowsType, count: int) -> Rows:
+        return values.view(rows.record.dtype).reshape(len(self.times), count)
