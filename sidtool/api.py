@@ -66,6 +66,7 @@ def simulate(
     step: float | None = None,
     spectral_radius: float | None = None,
     rigid: Iterable[str] = (),
+    accuracy: float | Mapping[str, float | str] | None = None,
     accept_defects: bool = False,
     progress: Callable[[float], None] | None = None,
     drives: Mapping[str, Any] | None = None,
@@ -81,6 +82,10 @@ def simulate(
     integrator, rtol, step, spectral_radius : replace those of the table [accuracy] of
         the scene
     rigid : bodies with a SID that are taken as rigid, as `rigid = true` in the scene
+    accuracy : error that outputs may have, as `[accuracy] wanted` of the scene: the
+        cheapest model that keeps it is found and simulated, and `result.error` tells
+        what was reached; 1e-3 of the variation of all outputs, or a mapping such as
+        {"piston.x": "1e-6 m", "pin.fx": "0.1 %"} of those that count
     accept_defects : simulate bodies whose mass matrix is impossible, and joints and
         forces on nodes that no shape function moves
     drives : functions of time f(t), or tuples of f and its first or first two
@@ -90,12 +95,15 @@ def simulate(
 
     Raises
     ------
-    InputError : the scene or one of its SIDs cannot be simulated.
+    InputError : the scene or one of its SIDs cannot be simulated, or not as exactly as
+        is asked for.
     sidtool.SimulationError : the run stopped; its `result` holds what there is.
     """
     from sidtool.solver import compile_scene
     from sidtool.solver import simulate as run
     from sidtool.solver.errors import SimulationError
+
+    from .accuracy import plan_for
 
     if isinstance(scene, SceneFile):
         content, folder = scene, Path(base_folder or ".")
@@ -105,19 +113,27 @@ def simulate(
             Path(base_folder or Path(scene).parent),
         )
     content, replaced, told = chosen(content, folder, sids or {}, rigid)
+    settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "step": step}
+    settings["spectral_radius"] = spectral_radius
     try:
+        plan = plan_for(
+            content,
+            folder,
+            replaced,
+            accuracy,
+            settings,
+            accept_defects=accept_defects,
+            drives=drives,
+            forces=forces,
+        )
+        if plan is not None:
+            content, told = plan.scene, [*told, *plan.told]
         system = compile_scene(
             content, folder, replaced, accept_defects, drives, forces=forces
         )
-        result = run(
-            system,
-            integrator=integrator,
-            rtol=rtol,
-            step=step,
-            spectral_radius=spectral_radius,
-            progress=progress,
-            told=told,
-        )
+        result = run(system, progress=progress, told=told, **settings)
+        if plan is not None:
+            result = plan.certified(result)
         return answering(result, drives, forces)
     except SimulationError as error:
         if error.result is not None:

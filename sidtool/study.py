@@ -230,12 +230,12 @@ def make_reference(
     others = np.column_stack([check[name] for name in names])[:count]
     scale = np.ptp(values, axis=0)
     differences = np.abs(values - others).max(axis=0)
-    moves = _moves(names, values, scale, tight.multipliers)
-    good = moves & (differences <= TRUSTED * scale)
+    moving = moves(names, values, scale, tight.multipliers)
+    good = moving & (differences <= TRUSTED * scale)
     unpredictable = {
         str(name): float(difference / size)
         for name, difference, size in zip(
-            *(np.array(x)[moves & ~good] for x in (names, differences, scale)),
+            *(np.array(x)[moving & ~good] for x in (names, differences, scale)),
             strict=True,
         )
     }
@@ -246,13 +246,13 @@ def make_reference(
         values=values[:, good],
         scale=scale[good],
         uncertainty=float((differences[good] / scale[good]).max()),
-        left_out=tuple(n for n, m in zip(names, moves, strict=True) if not m),
+        left_out=tuple(n for n, m in zip(names, moving, strict=True) if not m),
         unpredictable=unpredictable,
         seconds=float(tight.counters["seconds"]),
     )
 
 
-def _moves(
+def moves(
     names: Sequence[str], values: np.ndarray, scale: np.ndarray, forces: np.ndarray
 ) -> np.ndarray:
     """Which outputs vary by more than rounding, (n,); forces, of joints and drives,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from .accuracy import AccuracyReport, BudgetLine, Decision, OutputError
 from .bodies import Excitation, FlexibleBody
 from .data import Result
 from .events import Event
@@ -10,10 +11,14 @@ from .rows import InMemory, Sink
 from .table import TableFile, write_csv
 
 __all__ = [
+    "AccuracyReport",
+    "BudgetLine",
+    "Decision",
     "Event",
     "Excitation",
     "FlexibleBody",
     "InMemory",
+    "OutputError",
     "Result",
     "ResultFile",
     "Sink",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..sid import SID
+from .accuracy import AccuracyReport
 from .bodies import FlexibleBody
 from .events import Event
 
@@ -43,6 +44,7 @@ class Result:
     sids : the SIDs of the bodies that have one, by body
     more : evaluates outputs that were not recorded, see `sidtool.outputs`; it takes
         this result and a name, perhaps with wildcards
+    accuracy : how exact the numbers are, of a run that was asked for an accuracy
     versions : of this program and of the libraries under it
     notes : what a reader has to know of the numbers, one sentence each
     completed : False when the run stopped early, for the reason in `message`; True
@@ -75,6 +77,7 @@ class Result:
     completed: bool = True
     message: str = ""
     more: More | None = None
+    accuracy: AccuracyReport | None = None
 
     def __post_init__(self) -> None:
         for table, names in TABLES.items():
@@ -85,6 +88,12 @@ class Result:
                     place=table,
                     expected=f"{len(self.t)} times and {count} names",
                 )
+
+    @property
+    def error(self) -> dict[str, float]:
+        """Estimated error of each output relative to its variation, by name; empty
+        where no accuracy was asked for."""
+        return {} if self.accuracy is None else self.accuracy.errors()
 
     def __getitem__(self, name: str) -> Array:
         """The course of one output, (nt,), or of all that a name with `*` stands for,

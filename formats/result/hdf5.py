@@ -5,7 +5,8 @@ list of texts. Datasets: t, values, positions, velocities, multipliers, each of 
 latter four with its columns' names in the attribute ``names``; scene (JSON text).
 Groups counters, drift, settings and versions hold their entries as attributes, and so
 does bodies/NAME for each flexible body, see `hdf5_bodies`; group events, see `events`;
-group sids: the SIDs of all bodies that have one, see `hdf5_sids`.
+group sids: the SIDs of all bodies that have one, see `hdf5_sids`. Dataset accuracy:
+an `AccuracyReport` as JSON, if there is one.
 The file is sealed, see `seal`.
 """
 
@@ -22,6 +23,7 @@ from ..errors import InputError
 from ..growing import GrowingFile
 from ..hdf5_links import check_own_data
 from ..seal import SealedFile, check_seal
+from .accuracy import AccuracyReport
 from .data import TABLES, Result
 from .events import read_events, write_events
 from .hdf5_bodies import read_bodies, write_bodies
@@ -123,6 +125,9 @@ def _tell(file: h5py.File, result: Result) -> None:
         file.create_group(group).attrs.update(_storable(getattr(result, group)))
     write_bodies(file.create_group("bodies"), result.bodies)
     write_sids(file.create_group("sids"), result.sids)
+    if result.accuracy is not None:
+        text = result.accuracy.model_dump_json()
+        file.create_dataset("accuracy", data=text, dtype=h5py.string_dtype())
     if result.events:
         write_events(file.create_group("events"), result.events)
 
@@ -180,6 +185,9 @@ def _result(file: h5py.File, path: Path) -> Result:
         parts[group] = {key: _plain(value) for key, value in entries}
     parts["bodies"] = read_bodies(file.get("bodies"))
     parts["events"] = read_events(file.get("events"))
+    if "accuracy" in file:
+        text = file["accuracy"].asstr()[()]
+        parts["accuracy"] = AccuracyReport.model_validate_json(text)
     size = path.stat().st_size
     parts["sids"] = read_sids(file.get("sids"), str(path), size)
     return Result(

@@ -79,6 +79,7 @@ from .outputs import (
 )
 from .times import OutputTimes, output_times
 from .units import unit_of
+from .wanted import Tolerance, tolerance
 from .wildcards import expanded, has_wildcard, known_outputs, matching, owners
 
 __all__ = [
@@ -148,6 +149,7 @@ __all__ = [
     "SpringDamper",
     "Sum",
     "Time",
+    "Tolerance",
     "Universal",
     "VALUE",
     "as_3d",
@@ -172,6 +174,7 @@ __all__ = [
     "position_3d",
     "read_scene",
     "rotation",
+    "tolerance",
     "unit_of",
     "watched",
 ]

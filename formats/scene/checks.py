@@ -36,6 +36,7 @@ from .values import (
     check_rigid_body,
     check_time,
 )
+from .wanted import check_wanted
 from .wildcards import has_wildcard
 
 if TYPE_CHECKING:
@@ -61,10 +62,22 @@ def check(scene: SceneFile) -> None:
         if has_wildcard(output):
             continue  # what it stands for is known with the SIDs
         _check_output(output, f"outputs.record[{index}]", scene)
+    _check_wanted(scene)
     for name, event in scene.events.items():
         place = f"events.{name}.quantity"
         _check_output(event.quantity, place, scene)
         check_quantity(event.quantity, place)
+
+
+def _check_wanted(scene: SceneFile) -> None:
+    wanted = scene.accuracy.wanted
+    if wanted is not None and scene.accuracy.step is not None:
+        found = "stands beside accuracy.step, a step without error control"
+        fail("accuracy.wanted", found, "one of the two")
+    for name in wanted if isinstance(wanted, dict) else ():
+        if not has_wildcard(name):
+            _check_output(name, "accuracy.wanted", scene)
+    check_wanted(wanted)
 
 
 def _check_names(scene: SceneFile) -> None:

@@ -15,6 +15,7 @@ from .drives import Drive
 from .events import Event
 from .forces import Force
 from .joints import Joint
+from .wanted import Wanted
 
 
 class Time(Table):
@@ -27,8 +28,19 @@ class Time(Table):
 
 
 class Accuracy(Table):
-    """How the motion is integrated; a fixed `step` replaces the error control."""
+    """How the motion is integrated; a fixed `step` replaces the error control.
 
+    With `wanted` the model and how it is integrated are chosen by measurement, and
+    `rtol` and `integrator` do not count.
+    """
+
+    wanted: Wanted | None = Field(
+        default=None,
+        description="error that outputs may have: a part of the variation of all that "
+        'are recorded, such as 1e-3, or a table such as {"piston.x" = "1e-6 m", '
+        '"pin.fx" = "0.1 %", "rod.q*" = 1e-3} of those that count. The cheapest model '
+        "that keeps it is found: shape functions, rigid bodies, terms, integrator",
+    )
     rtol: float = Field(
         default=1e-6,
         ge=1e-13,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .outputs import (
     ELASTIC,
+    FRICTION_QUANTITIES,
     IN_BODY,
     JOINT_QUANTITIES,
     MULTIPLIER,
@@ -17,12 +18,20 @@ from .outputs import (
 
 _KINDS = {"u": "m", "v": "m/s", "a": "m/s\N{SUPERSCRIPT TWO}", "w": "rad/s"}
 
+_MOMENTA = {
+    "momentum": "kg m/s",
+    "angular_momentum": "kg m\N{SUPERSCRIPT TWO}/s",
+}
+#: Of what has an axis or a number behind it.
+_WORDS = {**_MOMENTA, "quaternion": "", "rotation": "rad"}
+
 
 def unit_of(name: str) -> str:
     """The unit of an output; empty where it has none that is known.
 
     Elastic coordinates are measured in what their SID says, multipliers in what their
-    constraint needs, laws and their states in what their formula makes of it.
+    constraint needs, friction in N or N m as its joint moves, laws and their states in
+    what their formula makes of it.
 
     Raises
     ------
@@ -33,6 +42,12 @@ def unit_of(name: str) -> str:
     if parsed.owner == "energy" and not parsed.marker:
         return "J"
     if parsed.owner == "constraint" and not parsed.marker:
+        return ""
+    if parsed.owner in _MOMENTA and not parsed.marker:
+        return _MOMENTA[parsed.owner]
+    if "_" in quantity and quantity.rpartition("_")[0] in _WORDS:
+        return _WORDS[quantity.rpartition("_")[0]]
+    if quantity in FRICTION_QUANTITIES:
         return ""
     if is_stress(quantity):
         return "Pa"

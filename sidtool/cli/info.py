@@ -13,7 +13,13 @@ from .inputs import piped
 
 @click.command()
 @click.argument("file", metavar="FILE", type=piped)
-def info(file: Path) -> None:
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="Of a result: cost, drift, notes, and the error budget, as JSON.",
+)
+def info(file: Path, as_json: bool) -> None:
     """Tell what is in a SID, model, scene or result.
 
     \b
@@ -25,7 +31,8 @@ def info(file: Path) -> None:
     For a scene: bodies, joints, drives, what the simulation keeps or drops, and of
     flexible bodies frequencies, excitation and expected stiffening.
     For a result: outputs with their range, cost, drift of the constraints, and what
-    each shape function contributed.
+    each shape function contributed; of a run that was asked for an accuracy the error
+    of each output, the error budget beside its cost, and what was left out and why.
 
     \b
     Examples:
@@ -34,6 +41,12 @@ def info(file: Path) -> None:
     """
     from ..kinds import expect_kind, read
 
+    if as_json:
+        from ..report.accuracy import result_as_json
+
+        expect_kind(file, "result")
+        click.echo(result_as_json(read(file)))
+        return
     kind = expect_kind(file, *DESCRIBERS)
     click.echo(DESCRIBERS[kind](read(file), file))
 

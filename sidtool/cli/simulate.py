@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,14 @@ from .common import (
     help="radau9 (default), auto, ...; see `sidtool schema scene`.",
 )
 @click.option("--rtol", type=float, help="Relative tolerance, for example 1e-6.")
+@click.option(
+    "--accuracy",
+    "accuracy",
+    metavar="ERROR",
+    multiple=True,
+    help="Find the cheapest model whose outputs err by at most this part of their "
+    "variation, such as 1e-3; or OUTPUT=ERROR for those that count, several times.",
+)
 @click.option("--step", type=float, help="Fixed step in seconds, no error control.")
 @click.option(
     "--spectral-radius",
@@ -69,6 +79,7 @@ def simulate(
     spectral_radius: float | None,
     swaps: tuple[str, ...],
     rigid: tuple[str, ...],
+    accuracy: tuple[str, ...],
     force: bool,
     accept_defects: bool,
 ) -> None:
@@ -80,6 +91,12 @@ def simulate(
     its frequencies with the excitation; whether geometric stiffening matters is
     estimated there, and told of the largest loads of the run after it.
 
+    With --accuracy, or `wanted` in the table [accuracy] of the scene, the model is
+    chosen by measurement: shape functions, rigid bodies, terms, integrator and
+    tolerance are left out or loosened as far as the error allows, each with its reason,
+    and the result holds the error of every output beside its cost. What was found is
+    kept: the second time nothing is searched.
+
     Tables [events.NAME] of the scene ask when a quantity passes a value; each crossing
     is told with its time, and `action = "stop"` ends the run there.
 
@@ -89,6 +106,8 @@ def simulate(
       sidtool simulate slider_crank.toml --sid rod=rod_iga.SID_FEM --csv iga.csv
       sidtool simulate slider_crank.toml --rigid rod --csv rigid.csv
       sidtool simulate slider_crank.toml --integrator radau13 --rtol 1e-8
+      sidtool simulate slider_crank.toml --accuracy 1e-3 -o result.h5
+      sidtool simulate slider_crank.toml --accuracy "piston.x=1e-6 m"
 
     Exit status: 0 done, or ended by an event; 1 the run stopped early (the files hold
     what there is); 2 the input is wrong, and nothing is written.
@@ -101,12 +120,14 @@ def simulate(
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     _check_numbers(rtol, step, spectral_radius)
+    from ..accuracy import from_texts
     from .outputs import Outputs
 
     with Outputs(output, csv) as files:
         try:
             with progress_bar("simulating") as bar:
-                result = _run(scene, swaps, rigid, accept_defects, settings, bar, files)
+                model = Model(swaps, rigid, from_texts(accuracy), accept_defects)
+                result = _run(scene, model, settings, bar, files)
         except SimulationError as error:
             click.echo(f"sidtool: {scene}: {error}", err=True)
             for note in error.result.notes if error.result is not None else ():
@@ -142,11 +163,19 @@ def _check_numbers(
         raise InputError(f"found {radius}", place=place, expected="0 to 1")
 
 
+@dataclass(frozen=True)
+class Model:
+    """What the command says of the model."""
+
+    swaps: tuple[str, ...]
+    rigid: tuple[str, ...]
+    accuracy: Any
+    accept_defects: bool
+
+
 def _run(
     path: Path,
-    swaps: tuple[str, ...],
-    rigid: tuple[str, ...],
-    accept_defects: bool,
+    model: Model,
     settings: dict[str, Any],
     bar: Callable[[float], None] | None,
     files: Any,
@@ -160,16 +189,27 @@ def _run(
     from sidtool.solver import compile_scene
     from sidtool.solver import simulate as run
 
+    from ..accuracy import Certified, plan_for
     from ..chosen import chosen
 
-    swapped = _swaps(swaps, scene)
-    scene, sids, told = chosen(scene, path.parent, swapped, rigid)
+    folder, defects = path.parent, model.accept_defects
+    swapped = _swaps(model.swaps, scene)
+    scene, sids, told = chosen(scene, folder, swapped, model.rigid)
     try:
-        system = compile_scene(
-            scene, path.parent, sids=sids, accept_defects=accept_defects
+        plan = plan_for(
+            scene,
+            folder,
+            sids,
+            model.accuracy,
+            settings,
+            accept_defects=defects,
+            say=_say,
         )
+        if plan is not None:
+            scene, told, files = plan.scene, [*told, *plan.told], Certified(files, plan)
+        system = compile_scene(scene, folder, sids=sids, accept_defects=defects)
         progress = _share(bar, scene.time)
-        return run(
+        result = run(
             system,
             progress=progress,
             foresee=_foresee,
@@ -178,8 +218,15 @@ def _run(
             into=files,
             **settings,
         )
+        return result if plan is None else plan.certified(result)
     except InputError as error:
         raise error.located(path) from None
+
+
+def _say(text: str) -> None:
+    """What is being measured, where somebody waits."""
+    if sys.stderr.isatty():
+        click.echo(f"choosing: {text}", err=True)
 
 
 def _foresee(bodies: Any) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from sidtool.formats.result import Event, FlexibleBody, Result
 
+from .accuracy import describe_accuracy
 from .tables import named, plural, table
 
 #: counters in the order of a summary, with the words for them
@@ -51,7 +52,9 @@ def summary(result: Result, span: tuple[float, float, int] | None = None) -> str
         entries.append(("advice", ADVICE))
     entries += _events(result.events)
     entries += _chosen(result.bodies, lambda body: body.after)
-    return named(entries)
+    if result.accuracy is None:
+        return named(entries)
+    return f"{named(entries)}\n\n{describe_accuracy(result.accuracy)}"
 
 
 def _is_stiff(result: Result) -> bool:

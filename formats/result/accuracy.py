@@ -1,0 +1,71 @@
+"""How exact the numbers of a result are, what they cost, and what was left out."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from ..scene.base import Table
+
+
+class OutputError(Table):
+    """The error of one output: the largest difference over time to the finest model."""
+
+    name: str
+    unit: str = ""
+    error: float = Field(description="estimate, in the unit of the output")
+    variation: float = Field(description="greatest less least value in the run")
+    allowed: float = Field(description="error that was asked for, in that unit")
+
+    @property
+    def relative(self) -> float:
+        """Of the variation."""
+        return self.error / self.variation if self.variation else 0.0
+
+
+class BudgetLine(Table):
+    """One kind of choice: what it adds to the errors, and what it saves."""
+
+    part: str
+    choice: str = Field(description="what was chosen, in words")
+    errors: dict[str, float] = Field(description="by output, in its unit")
+    seconds: float = Field(description="of the run as it was chosen")
+    finest: float | None = Field(
+        default=None, description="seconds of the run with this choice at its finest"
+    )
+
+
+class Decision(Table):
+    """One thing that could be left out, and what became of it."""
+
+    body: str
+    what: Literal[
+        "shape function", "flexibility", "geometric stiffening", "quadratic inertia"
+    ]
+    number: int | None = Field(default=None, description="of the shape function")
+    output: str = Field(description="in which leaving it out is seen most")
+    effect: float = Field(description="on that output, in its unit")
+    allowed: float = Field(description="error of it that was asked for")
+    unit: str = ""
+    kept: bool
+    sentence: str
+
+
+class AccuracyReport(Table):
+    """What `[accuracy] wanted` came to."""
+
+    wanted: dict[str, str]
+    outputs: tuple[OutputError, ...]
+    budget: tuple[BudgetLine, ...]
+    decisions: tuple[Decision, ...]
+    sentences: tuple[str, ...] = Field(description="decisions and all else, in words")
+    runs: int = Field(description="that were made to choose")
+    seconds: float = Field(description="that choosing took")
+    searched: bool = Field(
+        default=True, description="false: what was found before was kept and used"
+    )
+
+    def errors(self) -> dict[str, float]:
+        """By output, relative to its variation."""
+        return {output.name: output.relative for output in self.outputs}

@@ -1,0 +1,114 @@
+"""How exact the numbers of a run have to be: the key `wanted` of [accuracy]."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Annotated, NamedTuple
+
+from pydantic import Field, StringConstraints
+
+from ..errors import InputError
+from .units import unit_of
+from .wildcards import has_wildcard
+
+#: Relative errors that can be asked for; what is feasible is measured.
+LEAST, MOST = 1e-10, 0.5
+Relative = Annotated[float, Field(ge=LEAST, le=MOST)]
+Amount = Annotated[str, StringConstraints(min_length=1)]
+Wanted = Relative | Annotated[dict[str, Relative | Amount], Field(min_length=1)]
+
+_AMOUNT = re.compile(r"\s*([-+0-9.eE]+)\s*(\S.*?)?\s*")
+_PREFIXES = {
+    "n": 1e-9,
+    "u": 1e-6,
+    "\N{MICRO SIGN}": 1e-6,
+    "m": 1e-3,
+    "": 1.0,
+    "k": 1e3,
+    "M": 1e6,
+    "G": 1e9,
+}
+_PREFIXED = {"m", "m/s", "m/s\N{SUPERSCRIPT TWO}", "N", "N m", "Pa", "J", "rad"}
+_DEGREE = math.pi / 180.0
+
+
+class Tolerance(NamedTuple):
+    """An error that is allowed: in the unit of the output, or of its variation."""
+
+    value: float
+    absolute: bool
+
+
+def tolerance(name: str, wanted: float | str) -> Tolerance:
+    """What is wanted of one output: 1e-3 and "0.1 %" of its variation, or "1e-6 m".
+
+    Raises
+    ------
+    InputError : no such text, a unit that the output does not have, or no positive
+        number.
+    """
+    if not isinstance(wanted, str):
+        return Tolerance(wanted, False)
+    found = _AMOUNT.fullmatch(wanted)
+    value = _number(found[1]) if found else math.nan
+    unit = (found[2] or "") if found else ""
+    if not 0.0 < value < math.inf:
+        raise _refused(name, wanted)
+    if unit == "%":
+        if not LEAST <= value / 100.0 <= MOST:
+            raise _refused(name, wanted)
+        return Tolerance(value / 100.0, False)
+    factor = _factors(unit_of(name)).get(_plain(unit))
+    if factor is None:
+        raise _refused(name, wanted)
+    return Tolerance(value * factor, True)
+
+
+def told(wanted: float | Mapping[str, float | str]) -> dict[str, str]:
+    """What is wanted, as texts by output; `*` for all that are recorded."""
+    if not isinstance(wanted, Mapping):
+        return {"*": f"{wanted:g}"}
+    return {n: w if isinstance(w, str) else f"{w:g}" for n, w in wanted.items()}
+
+
+def check_wanted(wanted: float | Mapping[str, float | str] | None) -> None:
+    """Those of outputs without wildcards, whose units are known.
+
+    Raises
+    ------
+    InputError : see `tolerance`.
+    """
+    for name, amount in wanted.items() if isinstance(wanted, Mapping) else ():
+        if not has_wildcard(name):
+            tolerance(name, amount)
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
+
+
+def _plain(unit: str) -> str:
+    return unit.replace("^2", "2").replace("s2", "s\N{SUPERSCRIPT TWO}")
+
+
+def _factors(unit: str) -> dict[str, float]:
+    """What a number in each unit that can be written is multiplied by."""
+    if unit not in _PREFIXED:
+        return {unit: 1.0}
+    found = {prefix + unit: factor for prefix, factor in _PREFIXES.items()}
+    return found | ({"deg": _DEGREE} if unit == "rad" else {})
+
+
+def _refused(name: str, wanted: str) -> InputError:
+    unit = unit_of(name)
+    amount = f'"1e-6 {unit}"' if unit else '"1e-6"'
+    return InputError(
+        f"found {wanted!r}",
+        place=f"accuracy.wanted, {name}",
+        expected=f'an error such as 1e-3 or "0.1 %" of its variation, or {amount}',
+    )

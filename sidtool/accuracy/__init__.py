@@ -1,0 +1,23 @@
+"""Only what a scene needs: the cheapest model that keeps a wanted accuracy.
+
+wanted        outputs, and the error that each may have
+candidates    what can be left out; models as scenes
+runs          models, each compiled and run once, and how much two differ
+reference     every choice at its finest, integrated tightly
+outside       where the theory of a SID ends
+integration   integrator and tolerance of a model
+choose        the search
+budget        what each kind of choice adds and saves
+sentences     why
+cached        what was chosen before
+asked         where an accuracy is asked for
+plan          all of it, from a scene to the scene that is simulated
+"""
+
+from __future__ import annotations
+
+from .asked import from_texts, plan_for
+from .outside import OutsideTheory
+from .plan import Certified, Plan, planned
+
+__all__ = ["Certified", "OutsideTheory", "Plan", "from_texts", "plan_for", "planned"]

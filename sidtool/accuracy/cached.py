@@ -1,0 +1,101 @@
+"""What was chosen before: kept in the user's cache, by content."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from sidtool.formats.atomic import atomic_path
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import AccuracyReport
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.scene.base import Table
+from sidtool.formats.sid import SID, Array, Taylor
+
+#: How choices are made; a choice of another one is not used.
+METHOD = 1
+
+
+class Kept(Table):
+    """The chosen scene, with its integrator and tolerance, and what it came to."""
+
+    scene: SceneFile
+    report: AccuracyReport
+
+
+def folder() -> Path | None:
+    """Where choices are kept; None where the user has no home."""
+    try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        cache = cache if cache.is_absolute() else Path.home() / ".cache"
+    except RuntimeError:
+        return None
+    return cache / "sidtool" / "accuracy"
+
+
+def key_of(scene: SceneFile, sids: Mapping[str, SID], wanted: object) -> str:
+    """A digest of all that a choice depends on; paths do not count."""
+    from .. import __version__
+
+    digest = hashlib.sha256(f"{METHOD} {__version__} {wanted!r}".encode())
+    bodies = {
+        n: b.model_copy(update={"sid": "x"}) if n in sids else b
+        for n, b in scene.bodies.items()
+    }
+    plain = scene.model_copy(update={"bodies": bodies, "title": ""})
+    digest.update(plain.model_dump_json(exclude={"accuracy"}).encode())
+    for name in sorted(sids):
+        digest.update(name.encode())
+        _add(digest, sids[name])
+    return digest.hexdigest()[:32]
+
+
+def read(key: str) -> Kept | None:
+    """What is kept under a key, if it is whole."""
+    path = _path(key)
+    try:
+        return Kept.model_validate_json(path.read_text()) if path else None
+    except (OSError, ValueError, ValidationError, InputError):
+        return None
+
+
+def write(key: str, kept: Kept) -> None:
+    """Keep a choice where that is possible; elsewhere the search is made again."""
+    path = _path(key)
+    if path is None:
+        return
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(path) as temporary:
+            temporary.write_text(kept.model_dump_json(by_alias=True))
+    except (OSError, InputError):
+        return
+
+
+def _path(key: str) -> Path | None:
+    there = folder()
+    return None if there is None else there / f"{key}.json"
+
+
+def _add(digest: hashlib._Hash, sid: SID) -> None:
+    digest.update(f"{sid.mass!r} {sid.nq}".encode())
+    for name, block in sid.blocks.items():
+        _add_block(digest, name, block)
+    for node in sid.nodes:
+        digest.update(node.id.encode())
+        for name in ("origin", "phi", "psi", "AP", "sigma"):
+            entry = getattr(node, name)
+            if entry is not None:
+                _add_block(digest, name, entry)
+
+
+def _add_block(digest: hashlib._Hash, name: str, block: Taylor) -> None:
+    digest.update(name.encode())
+    parts: list[Array] = [p for p in (block.m0, block.m1, block.mn) if p is not None]
+    for part in parts:
+        digest.update(f"{part.shape}".encode())
+        digest.update(part.tobytes())

@@ -1,0 +1,153 @@
+"""What of a model can be left out, and models as scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sidtool.formats.scene import SceneFile, SidBody, is_elastic, is_stress
+from sidtool.formats.scene import parse_output as parsed
+from sidtool.formats.sid import SID
+from sidtool.formats.stiffening import has_stiffening
+from sidtool.solver.system.unstiffened import can_be_unstiffened
+
+Numbers = tuple[int, ...]
+
+FLEXIBILITY = "flexibility"
+SHAPE = "shape function"
+STIFFENING = "geometric stiffening"
+QUADRATIC = "quadratic inertia"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One thing that can be left out; number is that of a shape function."""
+
+    body: str
+    what: str
+    number: int | None = None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A model: what of each flexible body is kept.
+
+    kept : shape functions by number; none for a rigid body
+    quadratic : bodies with quadratic inertia
+    unstiffened : bodies whose geometric stiffening is left out
+    """
+
+    kept: tuple[tuple[str, Numbers], ...]
+    quadratic: frozenset[str]
+    unstiffened: frozenset[str] = frozenset()
+
+    def without(self, *candidates: Candidate) -> Choice:
+        """The model without these."""
+        kept, bare, quadratic = dict(self.kept), self.unstiffened, self.quadratic
+        for c in candidates:
+            if c.what == FLEXIBILITY:
+                kept[c.body] = ()
+            elif c.what == SHAPE:
+                kept[c.body] = tuple(k for k in kept[c.body] if k != c.number)
+            elif c.what == STIFFENING:
+                bare = bare | {c.body}
+            else:
+                quadratic = quadratic - {c.body}
+        return Choice(tuple(kept.items()), quadratic, bare)
+
+    def elastic(self, name: str) -> bool:
+        return bool(dict(self.kept).get(name))
+
+    def knows(self, output: str) -> bool:
+        """Whether the model has this output, which is nothing otherwise."""
+        name, kept = parsed(output), dict(self.kept)
+        if name.owner not in kept:
+            return True
+        if is_stress(name.quantity):
+            return bool(kept[name.owner])
+        if name.marker or not is_elastic(name.quantity):
+            return True
+        if output.endswith("*"):
+            return bool(kept[name.owner])
+        return int(name.quantity.lstrip("vq")) in kept[name.owner]
+
+
+def finest(scene: SceneFile, sids: Mapping[str, SID]) -> Choice:
+    """All shape functions and all terms that the scene and its SIDs have."""
+    kept, quadratic = {}, set()
+    for name, body in _flexible(scene):
+        sid = sids[name]
+        kept[name] = body.numbers(sid.nq)
+        if kept[name] and sid.Oe.first_order(sid.nq).any():
+            quadratic.add(name)
+    return Choice(tuple(kept.items()), frozenset(quadratic))
+
+
+def stiffened(scene: SceneFile, sids: Mapping[str, SID]) -> dict[str, bool]:
+    """Bodies that have geometric stiffening, and whether they can do without."""
+    planar = scene.dimension == "planar"
+    return {
+        name: can_be_unstiffened(sids[name], planar)
+        for name, body in _flexible(scene)
+        if body.geometric_stiffening and not body.rigid and has_stiffening(sids[name])
+    }
+
+
+def as_scene(scene: SceneFile, choice: Choice, sids: Mapping[str, SID]) -> SceneFile:
+    """The scene that says what is kept; it asks for no accuracy."""
+    bodies: dict[str, Any] = dict(scene.bodies)
+    for name, numbers in choice.kept:
+        bodies[name] = _body(bodies[name], name, numbers, choice, sids[name].nq)
+    accuracy = scene.accuracy.model_copy(update={"wanted": None})
+    return scene.model_copy(update={"bodies": bodies, "accuracy": accuracy})
+
+
+def recording(scene: SceneFile, names: tuple[str, ...]) -> SceneFile:
+    """The scene with these outputs recorded."""
+    outputs = scene.outputs.model_copy(update={"record": names})
+    return scene.model_copy(update={"outputs": outputs})
+
+
+def _body(body: SidBody, name: str, numbers: Numbers, choice: Choice, nq: int) -> Any:
+    if not numbers:
+        return body.model_copy(update={"rigid": True})
+    before = body.numbers(nq)
+    initial = {}
+    for key in ("elastic", "elastic_velocity"):
+        values = getattr(body.initial, key)
+        if values is not None and len(values) == len(before):
+            pairs = zip(before, values, strict=True)
+            initial[key] = tuple(value for k, value in pairs if k in numbers)
+    whole = len(numbers) == nq
+    return body.model_copy(
+        update={
+            "shape_functions": None if whole else numbers,
+            "geometric_stiffening": body.geometric_stiffening
+            and name not in choice.unstiffened,
+            "quadratic_inertia": name in choice.quadratic,
+            "initial": body.initial.model_copy(update=initial),
+        }
+    )
+
+
+def _flexible(scene: SceneFile) -> Iterator[tuple[str, SidBody]]:
+    for name in scene.flexible:
+        body = scene.bodies[name]
+        assert isinstance(body, SidBody)
+        yield name, body
+
+
+def shape_functions(choice: Choice) -> list[Candidate]:
+    """One candidate for each shape function."""
+    return [Candidate(n, SHAPE, k) for n, numbers in choice.kept for k in numbers]
+
+
+def with_all_shapes(choice: Choice, all_: Choice) -> Choice:
+    """The model with the shape functions of another."""
+    return replace(choice, kept=all_.kept)
+
+
+def with_all_terms(choice: Choice, all_: Choice) -> Choice:
+    """The model with the terms of another."""
+    return Choice(choice.kept, all_.quadratic, all_.unstiffened)

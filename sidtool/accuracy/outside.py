@@ -1,0 +1,93 @@
+"""Where the theory of a SID ends, and what would do instead."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.sid import SID
+from sidtool.formats.stiffening import REMEDY
+
+#: Elastic displacement over the length of a body, and elastic rotation [rad].
+DEFLECTION, ROTATION = 0.1, 0.15
+#: A SID without geometric stiffening must not see more change of stiffness than this.
+UNSTIFFENED = 0.25
+
+
+class OutsideTheory(InputError):
+    """No error can be told: a body leaves what its SID describes."""
+
+
+def check_inside(result: Result) -> None:
+    """Looks at the finest run, at its output times and ends of steps.
+
+    Raises
+    ------
+    OutsideTheory : a body bends by more than a tenth of its length, turns elastically
+        by more than 0.15 rad, or lacks a geometric stiffening that matters much.
+    """
+    for name, body in result.bodies.items():
+        place = f"bodies.{name}"
+        if body.deflection > DEFLECTION:
+            raise _too_far(
+                place,
+                f"{name} deforms by {body.deflection:.2g} of its length, where small "
+                f"deformations end at {DEFLECTION:g}",
+                body.deflection / DEFLECTION,
+            )
+        turned = elastic_rotation(name, result)
+        if turned > ROTATION:
+            raise _too_far(
+                place,
+                f"{name} turns elastically by {turned:.2g} rad, where small rotations "
+                f"end at {ROTATION:g}",
+                turned / ROTATION,
+            )
+        found = body.found or body.expected
+        lacking = not found.carried and not found.axial
+        if lacking and (found.diverges or abs(found.ratio) > UNSTIFFENED):
+            raise OutsideTheory(
+                f"outside of what the SID of {name} describes: {found.sentence()}",
+                place=place,
+                expected=f"a SID with geometric stiffening ({REMEDY})",
+            )
+
+
+def elastic_rotation(name: str, result: Result) -> float:
+    """The largest elastic rotation of a node at output times [rad]."""
+    sid, q = result.sids[name], elastic_coordinates(name, result)
+    _, psi = sid.shapes
+    if not psi.any() or not q.size:
+        return 0.0
+    bounds = (np.linalg.norm(psi, axis=1) @ np.abs(q).T).max(axis=1)
+    if bounds.max() <= ROTATION:
+        return float(bounds.max())
+    turns = [
+        np.linalg.norm(q @ rows.T, axis=1).max() for rows in psi[bounds > ROTATION]
+    ]
+    return float(max(turns))
+
+
+def elastic_coordinates(name: str, result: Result) -> np.ndarray:
+    """(nt, nq) of a result, in the order of its SID; zero for those left out."""
+    sid: SID = result.sids[name]
+    q = np.zeros((len(result.t), sid.nq))
+    for k in range(sid.nq):
+        column = f"{name}.q{k + 1}"
+        if column in result.position_names:
+            q[:, k] = result.positions[:, result.position_names.index(column)]
+    return q
+
+
+def _too_far(place: str, what: str, times: float) -> OutsideTheory:
+    parts = math.ceil(times)
+    return OutsideTheory(
+        f"outside of the theory of small deformations: {what}",
+        place=place,
+        expected=f"the body cut into {parts} or more, each a SID of its own, tied by "
+        "joints of type fixed, so that none deforms that far; or no `wanted`, and "
+        "numbers whose error is not known",
+    )

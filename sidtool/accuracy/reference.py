@@ -1,0 +1,119 @@
+"""The motion that errors are measured against: every choice at its finest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.sid import Array
+
+from ..study import moves
+from .candidates import Choice
+from .runs import Runs, Setting
+from .wanted import Request
+
+#: The uncertainty of the reference is at most this part of what is allowed.
+PART = 0.05
+#: Of the request, the tolerance at which models are compared; at most and at least.
+SHARPER, LOOSEST, TIGHTEST = 1e-2, 1e-4, 1e-11
+#: From one tolerance to the next, if it was not tight enough.
+NEXT = 1.0 / 30.0
+#: Two methods tell how far each is right; the second one is asked for this more.
+MEASURING, CHECKING, MORE = "radau9", "radau13", 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The finest model, and what may differ from it.
+
+    Attributes
+    ----------
+    choice : the finest model
+    result : its run by `CHECKING`
+    setting : how models are integrated to be compared with each other
+    variation : (n,) greatest less least value of each output
+    allowed : (n,) errors that are asked for, infinite where only rounding is seen
+    uncertainty : (n,) difference of the run by `MEASURING` to the tighter reference
+    left_out : outputs that hold rounding only
+    """
+
+    choice: Choice
+    result: Result
+    setting: Setting
+    variation: Array
+    allowed: Array
+    uncertainty: Array
+    left_out: tuple[str, ...]
+
+    def use(self, errors: Array) -> float:
+        """The largest share of what is allowed, 1 for all of it."""
+        counts = np.isfinite(self.allowed)
+        return float((errors[counts] / self.allowed[counts]).max())
+
+
+def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
+    """The finest model, integrated as tightly as the request asks for.
+
+    Its uncertainty is the difference of two methods of different order, of which the
+    tighter one is the reference.
+
+    Raises
+    ------
+    InputError : an output cannot be predicted as exactly as is asked for, or none
+        moves.
+    SimulationError : the run stopped early.
+    """
+    rtol = _first(request)
+    while True:
+        setting = Setting(MEASURING, rtol)
+        tighter = Setting(CHECKING, max(MORE * rtol, 0.1 * TIGHTEST))
+        coarse, fine = runs.tight(choice, setting), runs.tight(choice, tighter)
+        values = runs.columns(choice, fine)
+        variation = np.ptp(values, axis=0)
+        moving = moves(request.names, values, variation, fine.multipliers)
+        absolute = np.array([t.absolute for t in request.tolerances.values()])
+        judged = moving | absolute
+        if not judged.any():
+            raise InputError(
+                "no output can be told from rounding",
+                place="accuracy.wanted",
+                expected="outputs that move",
+            )
+        allowed = np.where(judged, request.allowed(variation), np.inf)
+        uncertainty = runs.between((choice, coarse), (choice, fine))
+        found = Reference(
+            choice=choice,
+            result=fine,
+            setting=setting,
+            variation=variation,
+            allowed=allowed,
+            uncertainty=uncertainty,
+            left_out=tuple(np.array(request.names)[~judged]),
+        )
+        if found.use(uncertainty) <= PART:
+            return found
+        if rtol <= TIGHTEST:
+            raise _unpredictable(request, found)
+        rtol = max(TIGHTEST, rtol * NEXT)
+
+
+def _first(request: Request) -> float:
+    """The first tolerance to try: absolute requests show what they need."""
+    relative = [t.value for t in request.tolerances.values() if not t.absolute]
+    wanted = min(relative, default=1.0)
+    return float(np.clip(SHARPER * wanted, TIGHTEST, LOOSEST))
+
+
+def _unpredictable(request: Request, found: Reference) -> InputError:
+    worst = int((found.uncertainty / found.allowed).argmax())
+    name, off = request.names[worst], found.uncertainty[worst]
+    return InputError(
+        f"{name} cannot be predicted as exactly as is asked for: two references at "
+        f"{TIGHTEST:.0e} differ by {off:.1e} where {found.allowed[worst]:.1e} may be "
+        "wrong",
+        place="accuracy.wanted",
+        expected="a larger error, a shorter time span, or other outputs",
+    )

@@ -1,0 +1,114 @@
+"""What was left out and why, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from sidtool.formats.result import Decision
+from sidtool.formats.scene import unit_of
+from sidtool.formats.sid import SID
+
+from .candidates import FLEXIBILITY, SHAPE, STIFFENING, Candidate, Choice
+from .choose import Chosen, Measured
+from .reference import Reference
+from .wanted import Request
+
+#: A change of stiffness below this is not told of.
+NOTED = 1e-3
+
+
+def decisions(
+    request: Request, reference: Reference, chosen: Chosen
+) -> tuple[Decision, ...]:
+    """One for everything that could have been left out."""
+    return tuple(
+        _decision(request, reference, chosen.choice, one) for one in chosen.measured
+    )
+
+
+def _decision(
+    request: Request, reference: Reference, choice: Choice, one: Measured
+) -> Decision:
+    counts = np.isfinite(reference.allowed)
+    shares = np.where(counts, one.errors / reference.allowed, 0.0)
+    row = int(shares.argmax())
+    name = request.names[row]
+    runs = bool(np.isfinite(one.errors[row]))
+    effect = float(max(one.errors[row], reference.uncertainty[row])) if runs else 0.0
+    allowed, kept = float(reference.allowed[row]), is_kept(choice, one.candidate)
+    unit = unit_of(name)
+    seen = f"{effect:.1e} {unit}".rstrip() + f" in {name}"
+    if runs and one.errors[row] <= reference.uncertainty[row]:
+        seen = f"less than {seen}"
+    if not runs:
+        seen = "the scene does not run without it"
+    return Decision(
+        body=one.candidate.body,
+        what=one.candidate.what,  # type: ignore[arg-type]
+        number=one.candidate.number,
+        output=name,
+        effect=effect,
+        allowed=allowed,
+        unit=unit,
+        kept=kept,
+        sentence=f"{_subject(one.candidate)}: {seen}, {_verdict(one.candidate, kept)}",
+    )
+
+
+def is_kept(choice: Choice, candidate: Candidate) -> bool:
+    """Whether the chosen model has what could have been left out."""
+    numbers = dict(choice.kept)[candidate.body]
+    if candidate.what == FLEXIBILITY:
+        return bool(numbers)
+    if candidate.what == SHAPE:
+        return candidate.number in numbers
+    if candidate.what == STIFFENING:
+        return bool(numbers) and candidate.body not in choice.unstiffened
+    return bool(numbers) and candidate.body in choice.quadratic
+
+
+def _subject(candidate: Candidate) -> str:
+    if candidate.what == SHAPE:
+        return f"mode {candidate.number} of {candidate.body}"
+    return f"{candidate.what} of {candidate.body}"
+
+
+def _verdict(candidate: Candidate, kept: bool) -> str:
+    if candidate.what == FLEXIBILITY:
+        return "kept flexible" if kept else "rigid"
+    return "kept" if kept else "dropped"
+
+
+def remarks(
+    request: Request,
+    reference: Reference,
+    sids: Mapping[str, SID],
+    stiffened: dict[str, bool],
+) -> Iterator[str]:
+    """What cannot be judged, and what does not count."""
+    for name, removable in stiffened.items():
+        if not removable:
+            yield (
+                f"geometric stiffening of {name}: kept, as the blocks of a SID in "
+                "space do not tell what it would be without"
+            )
+    for name, body in reference.result.bodies.items():
+        found = body.found or body.expected
+        if name not in stiffened and not found.axial and abs(found.ratio) > NOTED:
+            yield (
+                f"geometric stiffening of {name}: not in its SID, and not in these "
+                f"errors, while {found.sentence()}"
+            )
+    flexible = [name for name, kept in reference.choice.kept if kept]
+    if flexible:
+        yield (
+            "mesh: not judged, as a SID does not tell its own "
+            f"({', '.join(flexible)}); shape functions beyond those of the SID neither"
+        )
+    if reference.left_out:
+        listed = ", ".join(reference.left_out)
+        yield f"not judged, as they hold rounding only: {listed}"
+    if request.ignored:
+        yield f"not judged, as no quantities: {', '.join(request.ignored)}"

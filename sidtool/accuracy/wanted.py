@@ -1,0 +1,91 @@
+"""What is asked for: outputs, and the error that each may have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
+    SceneFile,
+    Tolerance,
+    expanded,
+    is_elastic,
+    parse_output,
+    tolerance,
+)
+from sidtool.formats.sid import SID, Array
+
+Wanted = float | Mapping[str, float | str]
+
+#: Outputs that measure the run itself, or jump between two values.
+_NO_QUANTITIES = ("constraint.position", "constraint.velocity", "energy.balance")
+
+
+@dataclass(frozen=True)
+class Request:
+    """Outputs that count and the error that each may have.
+
+    ignored : outputs that are recorded and are no quantities with an error
+    """
+
+    tolerances: Mapping[str, Tolerance]
+    ignored: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self.tolerances)
+
+    def allowed(self, variation: Array) -> Array:
+        """Errors (n,) in the units of the outputs, whose variation is (n,)."""
+        pairs = zip(self.tolerances.values(), variation, strict=True)
+        return np.array([t.value if t.absolute else t.value * v for t, v in pairs])
+
+
+def requested(scene: SceneFile, sids: Mapping[str, SID], wanted: Wanted) -> Request:
+    """The outputs that a request speaks of, wildcards expanded.
+
+    Raises
+    ------
+    InputError : nothing is recorded, or a name or an amount cannot be.
+    """
+    if isinstance(wanted, Mapping):
+        found = {}
+        for text, amount in wanted.items():
+            for name in _each(scene, sids, (text,), "accuracy.wanted"):
+                found[name] = tolerance(name, amount)
+        return Request(found)
+    names = _each(scene, sids, scene.outputs.record, "outputs.record")
+    ignored = tuple(n for n in names if n in _NO_QUANTITIES or n.endswith(".sticking"))
+    found = {n: Tolerance(wanted, False) for n in names if n not in ignored}
+    if not found:
+        raise InputError(
+            "the scene records no quantity that could have an error",
+            place="outputs.record",
+            expected='names such as ["piston.x"]',
+        )
+    return Request(found, ignored)
+
+
+def _each(
+    scene: SceneFile, sids: Mapping[str, SID], texts: tuple[str, ...], place: str
+) -> list[str]:
+    """Single outputs, also of q*, vq* and f*."""
+    found: list[str] = []
+    for name in expanded(texts, scene, sids, place):
+        parsed = parse_output(name)
+        if not name.endswith("*"):
+            found.append(name)
+        elif is_elastic(parsed.quantity):
+            sid = sids[parsed.owner]
+            numbers = scene.bodies[parsed.owner].numbers(sid.nq)  # type: ignore[union-attr]
+            found += [f"{name[:-1]}{k}" for k in numbers]
+        else:
+            raise InputError(
+                f"found {name!r}",
+                place=place,
+                expected="single multipliers, such as f1, where an accuracy is wanted",
+            )
+    return found

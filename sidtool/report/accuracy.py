@@ -1,0 +1,95 @@
+"""The error budget of a run that was asked for an accuracy."""
+
+from __future__ import annotations
+
+import json
+
+from sidtool.formats.result import AccuracyReport, BudgetLine, OutputError, Result
+
+from .tables import named, plural, table
+
+
+def accuracy_summary(report: AccuracyReport) -> str:
+    """A few lines: what was asked for, the worst output, and the sentences."""
+    entries = [("wanted", _wanted(report)), ("reached", _reached(report))]
+    entries += [("choice", text) for text in report.sentences]
+    searched = f"{plural(report.runs, 'run')} in {report.seconds:.2f} s"
+    how = f"by {searched}" if report.searched else f"before, by {searched}"
+    return named([*entries, ("found", how)])
+
+
+def describe_accuracy(report: AccuracyReport) -> str:
+    """The error of each output, the budget, and why."""
+    parts = [accuracy_summary(report), error_table(report), budget_table(report)]
+    return "\n\n".join(parts)
+
+
+def error_table(report: AccuracyReport) -> str:
+    """Outputs with their error, in their unit and of their variation."""
+    rows = [
+        [o.name, f"{o.error:.1e}", f"{o.allowed:.1e}", o.unit, _relative(o)]
+        for o in report.outputs
+    ]
+    return table(["output", "error", "allowed", "unit", "of its variation"], rows)
+
+
+def budget_table(report: AccuracyReport) -> str:
+    """Each kind of choice with what it adds to the worst output, and its cost."""
+    rows = [_row(line, report) for line in report.budget]
+    header = ["part", "choice", "error", "in", "of what is allowed"]
+    return table([*header, "seconds", "at its finest"], rows)
+
+
+def result_as_json(result: Result) -> str:
+    """What `info` tells of a result but for its tables; errors are relative."""
+    report = result.accuracy
+    content = {
+        "title": result.title,
+        "completed": result.completed,
+        "message": result.message,
+        "outputs": list(result.names),
+        "settings": dict(result.settings),
+        "counters": dict(result.counters),
+        "drift": dict(result.drift),
+        "notes": list(result.notes),
+        "error": result.error,
+        "accuracy": None if report is None else report.model_dump(mode="json"),
+    }
+    return json.dumps(content, indent=2)
+
+
+def _row(line: BudgetLine, report: AccuracyReport) -> list[str]:
+    worst = max(report.outputs, key=lambda o: line.errors[o.name] / o.allowed)
+    error = line.errors[worst.name]
+    return [
+        line.part,
+        line.choice,
+        f"{error:.1e}",
+        worst.name,
+        f"{100 * error / worst.allowed:.2g} %",
+        f"{line.seconds:.4f}",
+        "" if line.finest is None else f"{line.finest:.4f}",
+    ]
+
+
+def _relative(output: OutputError) -> str:
+    return f"{output.relative:.1e}" if output.variation else ""
+
+
+def _wanted(report: AccuracyReport) -> str:
+    parts = [
+        amount if name == "*" else f"{name} to {amount}"
+        for name, amount in report.wanted.items()
+    ]
+    everything = "*" in report.wanted
+    return ", ".join(parts) + (" of all outputs" if everything else "")
+
+
+def _reached(report: AccuracyReport) -> str:
+    worst = max(report.outputs, key=lambda o: o.error / o.allowed)
+    unit = f" {worst.unit}" if worst.unit else ""
+    return (
+        f"{worst.name} errs most, by {worst.error:.1e}{unit} "
+        f"({_relative(worst) or 'absolute'}) of {worst.allowed:.1e} allowed: measured "
+        "at the output times against the finest model, an estimate"
+    )

@@ -1,0 +1,300 @@
+"""`[accuracy] wanted`: errors against motions that the search has never seen."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.accuracy import OutsideTheory, cached
+from sidtool.cli import run
+from sidtool.formats.result import read_result, write_result
+from sidtool.formats.scene import SceneFile, tolerance
+from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.sid_files import write_sid
+from tests.bodies import particle_body
+
+from .arms import cantilever, spun, swinging
+
+TIGHT = {"integrator": "dop853", "rtol": 1e-12}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Choices are kept here."""
+    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    return tmp_path / "kept"
+
+
+def finest(scene: SceneFile) -> SceneFile:
+    """With every term that its bodies have."""
+    bodies = {
+        n: b.model_copy(update={"quadratic_inertia": True})
+        for n, b in scene.bodies.items()
+    }
+    return scene.model_copy(update={"bodies": bodies})
+
+
+def simulated(scene: SceneFile, sid: SID, **more: Any) -> sidtool.Result:
+    return sidtool.simulate(scene, sids={"arm": sid}, **more)
+
+
+def particles(spatial: bool) -> tuple[SceneFile, SID]:
+    """A cloud of particles, soft and stiff shape functions, thrown about a pin."""
+    sid = particle_body(4, 9, planar=not spatial, seed=5)
+    Ke = np.diag([4e3, 9e3, 6e5, 5e6])
+    sid = replace(sid, Ke=Taylor(Ke), De=Taylor(2e-4 * Ke))
+    spin = [0.5, 1.0, 3.0] if spatial else 3.0
+    scene = swinging(
+        0.4,
+        dimension="spatial" if spatial else "planar",
+        gravity=[0.0, -9.81, 0.0] if spatial else [0.0, -9.81],
+        bodies={
+            "arm": {
+                "sid": "arm",
+                "markers": {"root": 1, "tip": 2},
+                "initial": {"angular_velocity": spin},
+            }
+        },
+        joints={
+            "pin": {
+                "type": "spherical" if spatial else "revolute",
+                "markers": ["ground", "arm.root"],
+            }
+        },
+    )
+    return scene, sid
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+@pytest.mark.parametrize("wanted", [1e-2, 1e-5])
+def test_errors_are_within_the_estimates_and_these_within_the_request(
+    spatial: bool, wanted: float
+) -> None:
+    scene, sid = particles(spatial)
+    found = simulated(scene, sid, accuracy=wanted)
+    expected = simulated(finest(scene), sid, **TIGHT)
+    assert set(found.error) == set(scene.outputs.record)
+    for name in scene.outputs.record:
+        error = np.abs(found[name] - expected[name]).max() / np.ptp(expected[name])
+        assert error <= found.error[name] <= wanted
+        assert found.error[name] <= 1.5 * error + 0.1 * wanted
+
+
+def test_a_loose_request_leaves_more_out_than_a_sharp_one() -> None:
+    scene, sid = particles(False)
+    kept, steps = [], []
+    for wanted in (1e-2, 1e-4, 1e-6):
+        found = simulated(scene, sid, accuracy={"arm.tip.y": wanted})
+        made = [d for d in found.accuracy.decisions if d.what == "shape function"]
+        kept.append(sum(d.kept for d in made))
+        steps.append(found.counters["evaluations"])
+    assert kept[0] < kept[1] < kept[2] == 4
+    assert steps[0] < steps[1] < steps[2]
+
+
+def test_each_effect_is_that_of_this_choice_alone() -> None:
+    scene, sid = particles(True)
+    found = simulated(scene, sid, accuracy={"arm.tip.x": 1e-4})
+    whole = simulated(finest(scene), sid, **TIGHT)["arm.tip.x"]
+
+    def without(**changes: Any) -> float:
+        arm = finest(scene).bodies["arm"].model_copy(update=changes)
+        less = scene.model_copy(update={"bodies": {"arm": arm}})
+        return float(np.abs(simulated(less, sid, **TIGHT)["arm.tip.x"] - whole).max())
+
+    told = {(d.what, d.number): d for d in found.accuracy.decisions}
+    flexible, second = told["flexibility", None], told["shape function", 2]
+    assert flexible.effect == pytest.approx(without(rigid=True), rel=1e-3)
+    assert second.effect == pytest.approx(without(shape_functions=(1, 3, 4)), rel=1e-3)
+    assert flexible.sentence.endswith("m in arm.tip.x, kept flexible")
+    assert second.sentence.startswith("mode 2 of arm: ")
+
+
+def test_a_stiff_link_is_rigid() -> None:
+    scene, sid = particles(False)
+    Ke = np.diag([4e9, 9e9, 2e10, 5e10])
+    stiff = replace(sid, Ke=Taylor(Ke), De=Taylor(1e-4 * Ke))
+    found = simulated(scene, stiff, accuracy={"arm.tip.x": 1e-4})
+    flexibility = found.accuracy.decisions[0]
+    assert flexibility.sentence.endswith(", rigid")
+    assert json.loads(found.scene)["bodies"]["arm"]["rigid"] is True
+    assert any(note.startswith("simulated as rigid: arm") for note in found.notes)
+
+
+@pytest.mark.parametrize(("speed", "kept"), [(2.0, True), (0.05, False)])
+def test_fast_spin_needs_stiffening_and_slow_spin_does_not(
+    speed: float, kept: bool
+) -> None:
+    scene = spun(speed, 20.0)
+    found = simulated(
+        scene, cantilever(2, stiffened=True), accuracy={"arm.tip.uy": 1e-2}
+    )
+    told = next(d for d in found.accuracy.decisions if d.what == "geometric stiffening")
+    assert told.kept is kept
+    assert told.sentence.endswith("kept" if kept else "dropped")
+    assert found.error["arm.tip.uy"] <= 1e-2
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        (swinging(gravity=[0.0, -3.0]), "of its length.*joints of type fixed"),
+        (spun(2.5, 20.0), "stiffening matters and the SID lacks it.*convert"),
+    ],
+)
+def test_what_leaves_the_theory_is_refused_with_what_would_do(
+    scene: SceneFile, message: str
+) -> None:
+    with pytest.raises(OutsideTheory, match=message):
+        simulated(scene, cantilever(2), accuracy=1e-2)
+
+
+def test_elastic_rotations_count_as_well() -> None:
+    """Shape functions that turn much and move little."""
+    scene, sid = particles(False)
+    turned = tuple(
+        replace(node, psi=Taylor(np.outer([0.0, 0.0, 1.0], [30.0, 0.0, 0.0, 0.0])))
+        for node in sid.nodes
+    )
+    with pytest.raises(OutsideTheory, match="turns elastically by .* rad"):
+        simulated(scene, replace(sid, nodes=turned), accuracy=1e-2)
+
+
+def test_the_second_time_nothing_is_searched(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, sid = particles(False)
+    first = simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
+    assert first.accuracy.searched
+    with monkeypatch.context() as patch:
+        patch.setattr("sidtool.accuracy.plan.choose", None)
+        again = simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
+    assert not again.accuracy.searched
+    assert again.error == first.error
+    assert np.array_equal(again.values, first.values)
+    other = replace(sid, Ke=Taylor(1.5 * sid.Ke.m0))
+    assert simulated(scene, other, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
+    assert simulated(scene, sid, accuracy={"arm.tip.y": 2e-2}).accuracy.searched
+    for path in folder.iterdir():
+        path.write_text(path.read_text()[:200])
+    assert simulated(scene, sid, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
+
+
+def test_what_a_scene_asks_for_can_be_asked_by_the_call() -> None:
+    scene, sid = particles(False)
+    wanted = {"arm.tip.x": "2 mm", "pin.fx": "0.5 %"}
+    asking = scene.accuracy.model_copy(update={"wanted": wanted})
+    by_scene = simulated(scene.model_copy(update={"accuracy": asking}), sid)
+    by_call = simulated(scene, sid, accuracy=wanted)
+    assert by_scene.error == by_call.error
+    assert set(by_call.error) == {"arm.tip.x", "pin.fx"}
+    allowed = {o.name: o.allowed for o in by_call.accuracy.outputs}
+    assert allowed["arm.tip.x"] == pytest.approx(2e-3)
+    plain = simulated(scene.model_copy(update={"accuracy": asking}), sid, rtol=1e-6)
+    assert plain.accuracy is None and plain.error == {}
+    with pytest.raises(sidtool.InputError, match="given together with rtol"):
+        simulated(scene, sid, accuracy=1e-3, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "amount", "value", "absolute"),
+    [
+        ("piston.x", 1e-3, 1e-3, False),
+        ("piston.x", "0.1 %", 1e-3, False),
+        ("piston.x", "2e-6 m", 2e-6, True),
+        ("piston.x", "3 um", 3e-6, True),
+        ("pin.fx", "2 kN", 2e3, True),
+        ("hub.angle", "1 deg", np.pi / 180, True),
+        ("rod.tip.von_mises", "1 MPa", 1e6, True),
+        ("rod.q1", "1e-4", 1e-4, True),
+    ],
+)
+def test_amounts(name: str, amount: Any, value: float, absolute: bool) -> None:
+    found = tolerance(name, amount)
+    assert found.value == pytest.approx(value) and found.absolute is absolute
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        0.0,
+        0.9,
+        "0.1 %",
+        {"arm.tip.x": "1e-6 N"},
+        {"arm.tip.x": "much"},
+        {"arm.tip.x": "-1 mm"},
+        {"arm.tip.nothing": 1e-3},
+        {"leg.x": 1e-3},
+        {},
+    ],
+)
+def test_what_cannot_be_asked_is_refused(wanted: Any) -> None:
+    scene, sid = particles(False)
+    with pytest.raises((sidtool.InputError, ValueError)):
+        simulated(scene, sid, accuracy=wanted)
+
+
+def test_an_error_that_no_reference_can_tell_is_refused() -> None:
+    """Three loose bodies on a chain: the end forgets how it began."""
+    body = {"mass": 1.0, "inertia": 0.01, "markers": {"a": {}, "b": {}}}
+    body["markers"] = {
+        "a": {"position": [0.0, 0.0]},
+        "b": {"position": [1.0, 0.0]},
+    }
+    names = ["one", "two", "three"]
+    ends = ["ground", "one.b", "two.b"]
+    scene = SceneFile.model_validate(
+        {
+            "format": "sidtool scene",
+            "version": 1,
+            "dimension": "planar",
+            "gravity": [0.0, -9.81],
+            "time": {"end": 25.0, "output_step": 0.5},
+            "bodies": {
+                name: {**body, "initial": {"position": [float(i), 0.0]}}
+                for i, name in enumerate(names)
+            },
+            "joints": {
+                f"pin{i}": {"type": "revolute", "markers": [end, f"{name}.a"]}
+                for i, (name, end) in enumerate(zip(names, ends, strict=True))
+            },
+            "outputs": {"record": ["three.x"]},
+        }
+    )
+    with pytest.raises(sidtool.InputError, match="cannot be predicted as exactly"):
+        sidtool.simulate(scene, accuracy=1e-6)
+
+
+def test_the_command_the_file_and_its_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, sid = particles(False)
+    write_sid(tmp_path / "arm.h5", sid)
+    content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+    content["bodies"]["arm"]["sid"] = "arm.h5"
+    (tmp_path / "scene.json").write_text(json.dumps(content))
+    result = tmp_path / "result.h5"
+    command = ["simulate", str(tmp_path / "scene.json"), "-o", str(result)]
+    assert run([*command, "--accuracy", "arm.tip.y=0.1 %"]) == 0
+    told = capsys.readouterr().out
+    assert "arm.tip.y to 0.1 %" in told and "all together" in told
+    found = read_result(result)
+    assert found.accuracy is not None and 0 < found.error["arm.tip.y"] <= 1e-3
+    write_result(tmp_path / "copy.h5", found)
+    assert read_result(tmp_path / "copy.h5").accuracy == found.accuracy
+    assert run(["info", str(result)]) == 0
+    table = capsys.readouterr().out
+    for part in ("shape functions", "terms", "integration", "reference"):
+        assert part in table
+    assert run(["info", str(result), "--json"]) == 0
+    told_json = json.loads(capsys.readouterr().out)
+    assert told_json["error"] == found.error
+    assert len(told_json["accuracy"]["decisions"]) == len(found.accuracy.decisions)
+    assert run([*command[:2], "--accuracy", "1e-3", "--rtol", "1e-6"]) == 2
+    assert run([*command[:2], "--accuracy", "tiny"]) == 2
