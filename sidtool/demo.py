@@ -22,6 +22,7 @@ from sidtool.formats.sid_files import write_sid
 from .convert import field_from_model
 from .report.sid import modes_of
 from .report.tables import table
+from .starting import example_folder
 
 Say = Callable[[str], None]
 
@@ -52,7 +53,7 @@ def run_demo(folder: Path, say: Say) -> None:
     ------
     InputError : the example's files are not there, or `folder` cannot be written.
     """
-    examples = example_folder()
+    examples = example_folder("slider_crank")
     begin = time.perf_counter()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -85,23 +86,6 @@ def _prepare_kernels(say: Say) -> None:
     from sidtool.solver.warmup import ensure
 
     ensure(True, [INTEGRATORS[name].step_loop for name in SETTINGS], say)
-
-
-def example_folder() -> Path:
-    """Where the example's files are: beside the packages of a clone.
-
-    Raises
-    ------
-    InputError : sidtool was installed without its examples.
-    """
-    folder = Path(__file__).resolve().parents[1] / "examples" / "slider_crank"
-    if not (folder / "slider_crank.toml").is_file():
-        raise InputError(
-            "the files of the example are not here",
-            source=folder,
-            expected="sidtool run from a clone of its repository (make demo)",
-        )
-    return folder
 
 
 def _converted(examples: Path, folder: Path) -> tuple[dict[str, SID], dict[str, Field]]:

@@ -21,6 +21,7 @@ from .convert import convert
 from .demo import demo
 from .export import export
 from .info import info
+from .new import new
 from .plot import plot
 from .recorded import outputs
 from .schema import schema
@@ -46,6 +47,7 @@ def cli() -> None:
 
     \b
       sidtool demo
+      sidtool new my_first --from beam
       sidtool convert rod_q4.toml -o rod.SID_FEM
       sidtool validate rod.SID_FEM
       sidtool simulate slider_crank.toml --csv motion.csv
@@ -55,6 +57,7 @@ def cli() -> None:
 
 
 for command in (
+    new,
     convert,
     simulate,
     analyse,

@@ -24,6 +24,9 @@ _PREFIXES: tuple[tuple[str, float], ...] = (
     ("n", 1e-9),
 )
 
+#: Deformations below this part of the mechanism are none.
+_ROUNDING = 1e-12
+
 
 @dataclass(frozen=True)
 class Range:
@@ -83,9 +86,9 @@ def _unit(size: float, unit: str) -> tuple[str, float]:
 
 def fitting_scale(motion: Played, bodies: Sequence[Drawn]) -> float:
     """A round magnification by which deformations are seen: the largest becomes about
-    a thirtieth of the mechanism."""
+    a thirtieth of the mechanism. What rounding leaves is not magnified."""
     moved = max((_most(motion, body, False) for body in bodies), default=0.0)
-    if not moved:
+    if moved <= _ROUNDING * motion.size:
         return 1.0
     wanted = motion.size / 30 / moved
     if wanted < 2:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sidtool.formats.scene import PointForce, marker_names, marker_reference
-from sidtool.formats.sid import Array
+from sidtool.formats.sid import SID, Array, Node
 
 from ..kernels import layout as at
 from ..kernels import planar_columns as planar
@@ -111,17 +111,47 @@ def _check(
     """Enters a force f or a moment m at a marker that does not deform its body."""
     sid = state.system.bodies[state.system.index(where[0])].sid
     node = state.system.bodies[state.system.index(where[0])].node(where[1])
-    if not node.phi.m0.any() and not node.psi.m0.any():
-        return
     turning = bool(np.any(m))
-    vector = m if turning else f
-    rows = [(n.psi if turning else n.phi).m0 for n in sid.nodes]
-    largest = max(float(np.abs(r).max(initial=0.0)) for r in rows)
+    largest = _largest(sid)
+    sits = not node.position.any() and not turning
+    if _still(node.phi.m0, largest) and (sits or not node.psi.m0.any()):
+        return  # the body frame rests there
+    vector = m if turning else _along_chord(sid, node, f, largest)
+    if turning:
+        largest = max(float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes)
     moved = vector @ (node.psi if turning else node.phi).m0
     size = float(np.linalg.norm(vector))
-    if size > 0.0 and float(np.abs(moved).max()) <= MOVED * size * (largest or 1.0):
+    if size > 0.0 and _still(moved, size * (largest or 1.0)):
         words = f"{'about' if turning else 'along'} {_direction(vector / size)}"
         found.setdefault(where, {}).setdefault(words, owner)
+
+
+def _largest(sid: SID) -> float:
+    """The size of what shape functions move, also if they turn the nodes only."""
+    size = max(float(np.abs(n.position).max(initial=0.0)) for n in sid.nodes)
+    moved = [float(np.abs(n.phi.m0).max(initial=0.0)) for n in sid.nodes]
+    turned = [float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes]
+    return max(*moved, *(size * turn for turn in turned))
+
+
+def _still(shapes: Array, largest: float) -> bool:
+    return float(np.abs(shapes).max(initial=0.0)) <= MOVED * largest
+
+
+def _along_chord(sid: SID, node: Node, force: Array, largest: float) -> Array:
+    """The part of a force that meets the shape functions in a chord frame.
+
+    Across the line from its origin no node at the end of the chord moves, however soft
+    the body is: the frame turns with it.
+    """
+    length = float(np.linalg.norm(node.position))
+    origins = [n for n in sid.nodes if not n.position.any() and n.psi.m0.any()]
+    if not length or not any(_still(n.phi.m0, largest) for n in origins):
+        return force
+    along = node.position / length
+    if not _still(node.phi.m0 - np.outer(along, along @ node.phi.m0), largest):
+        return force
+    return np.asarray(along * (along @ force))
 
 
 def _direction(unit: Array) -> str:

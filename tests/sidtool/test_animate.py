@@ -8,6 +8,7 @@ import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.field import Field, write_field
 from sidtool.formats.result import Result, write_result
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.view import library
+from sidtool.view import library, ranges
 from sidtool.view import page as page_module
 from sidtool.view.animating import animate, shown
 from sidtool.view.drawn_bodies import of_field, of_sid
@@ -349,3 +350,12 @@ def test_without_three_js_the_page_says_how_to_get_it(
     with pytest.raises(InputError, match=r"sidtool\[view\]"):
         animate(result, tmp_path / "m.html")
     assert not (tmp_path / "m.html").exists()
+
+
+@pytest.mark.parametrize(("largest", "scale"), [(1e-16, 1.0), (1e-5, 2000.0)])
+def test_what_rounding_leaves_is_not_magnified(
+    largest: float, scale: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ranges, "_most", lambda *_: largest)
+    mechanism = SimpleNamespace(size=1.0)
+    assert ranges.fitting_scale(mechanism, [None]) == scale

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sidtool import demo
+from sidtool import starting
 from sidtool.cli import run
 
 
@@ -37,7 +37,7 @@ def test_without_the_examples_the_demo_says_so(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(demo, "__file__", str(tmp_path / "sidtool" / "demo.py"))
+    monkeypatch.setattr(starting, "_EXAMPLES", tmp_path / "examples")
     assert run(["demo", "-o", str(tmp_path / "demo")]) == 2
     assert "files of the example are not here" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -89,3 +89,29 @@ def test_joints_on_what_no_shape_function_moves(
         notes = simulate(compiled(described, body=part)).notes
         assert any(words in note for note in notes) == wanted, notes
         assert sum("is rigid" in note for note in notes) == int(wanted)
+
+
+@pytest.mark.parametrize("reduction", [MODAL, ATTACHED])
+def test_where_a_chord_frame_sits_it_hides_nothing(reduction: Any) -> None:
+    """No shape function moves the ends of a pinned bar across it: the frame turns with
+    them. That a basis without axial shape cannot stretch is still told."""
+    frame = {"type": "chord", "markers": ["root", "tip"]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sid = sid_from_model(
+            validated(bar_data(reduction=reduction, frame=frame), ModelFile)
+        )
+    body = {"sid": "-", "markers": {"a": 1, "b": 2}}
+    body["initial"] = {"angle": 0.4}
+    far = [0.9210609940028851, 0.3894183423086505]
+    joints = {
+        "left": {"type": "revolute", "markers": ["ground", "bar.a"]},
+        "right": {"type": "coincident", "markers": ["bar.b", "load"]},
+    }
+    load = {"mass": 1.0, "initial": {"position": far}}
+    described = scene({"bar": body, "load": load}, joints, end=1e-5, steps=1)
+    notes = simulate(compiled(described, bar=sid)).notes
+    told = [note for note in notes if "is rigid" in note]
+    assert [note.partition(",")[0] for note in told] == (
+        ["bar is rigid along x at b"] if reduction is MODAL else []
+    )

@@ -1,0 +1,77 @@
+"""Folders to start from: the examples of the repository; a wheel holds them, too."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+from sidtool.formats.errors import InputError
+
+#: What `sidtool new` offers, by the name of the folder of the example.
+STARTS = {
+    "slider_crank": "the founding example: a crank, a flexible rod, a piston",
+    "robot_arm": "a spatial arm of two links from solids, with motors and payload",
+    "con_rod": "a connecting rod from its outline, with bores, ties and stress",
+    "beam": "one bar on a wall, the smallest start",
+    "imported_matrices": "a lattice mast from mass and stiffness matrices",
+    "spinning_blade": "a beam that its rotation stiffens",
+    "satellite": "a free body with two panels and a reaction wheel",
+    "four_bar": "a linkage with a flexible coupler, and events",
+    "controlled_arm": "an arm that a PID controller lifts",
+}
+#: The files that make an example; commands write the others.
+_OWN = ("*.toml", "*.py", "*.md", "rod_*.SID_FEM")
+_EXAMPLES = Path(__file__).resolve().parent / "examples"
+
+
+def example_folder(name: str) -> Path:
+    """Where the files of an example are.
+
+    Raises
+    ------
+    InputError : sidtool was installed without its examples.
+    """
+    folder = _EXAMPLES / name
+    if not (folder / "README.md").is_file():
+        raise InputError(
+            "the files of the example are not here",
+            source=folder,
+            expected="sidtool from its repository or its wheel",
+        )
+    return folder
+
+
+def begin(folder: Path, start: str) -> list[str]:
+    """Copy the files of an example into a new folder, all or nothing.
+
+    Returns
+    -------
+    their names
+
+    Raises
+    ------
+    InputError : the folder exists, or cannot be made.
+    """
+    source = example_folder(start)
+    if folder.is_symlink() or folder.exists():
+        raise InputError(
+            "exists already", source=folder, expected="the name of a new folder"
+        )
+    names = sorted(path.name for own in _OWN for path in source.glob(own))
+    try:
+        parent = folder.absolute().parent
+        with tempfile.TemporaryDirectory(dir=parent, prefix=".sidtool-") as temporary:
+            made = Path(temporary) / "new"
+            made.mkdir()
+            for name in names:
+                shutil.copyfile(source / name, made / name)
+            os.rename(made, folder)
+    except OSError as error:
+        raise InputError(
+            f"cannot be made ({error.strerror})",
+            source=folder,
+            expected="a name in a folder that can be written",
+        ) from None
+    return names

@@ -1,0 +1,56 @@
+"""`sidtool new` makes folders to start from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sidtool import starting
+from sidtool.cli import run
+from sidtool.kinds import kind_of
+from sidtool.starting import STARTS
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_every_start_is_its_example(
+    start: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "mine"
+    assert run(["new", str(folder), "--from", start]) == 0
+    names = {path.name for path in folder.iterdir()}
+    assert "README.md" in names
+    for name in names:
+        assert (folder / name).read_bytes() == (EXAMPLES / start / name).read_bytes()
+        assert str(folder / name) in capsys.readouterr().out or len(names) > 1
+    kinds = {kind_of(path) for path in folder.glob("*.toml")}
+    assert {"model", "scene"} <= kinds
+
+
+def test_what_is_there_is_not_touched(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "scene.toml").write_text("mine")
+    assert run(["new", str(folder)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (folder / "scene.toml").read_text() == "mine"
+    assert run(["new", str(tmp_path / "no" / "folder")]) == 2
+    assert "cannot be made" in capsys.readouterr().err
+    assert run(["new", str(tmp_path / "x"), "--from", "toaster"]) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+def test_a_failed_copy_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(starting.shutil, "copyfile", full)
+    assert run(["new", str(tmp_path / "mine")]) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
