@@ -11,7 +11,7 @@ from .drives import MARKER_COORDINATES, Drive, driven_coordinate
 from .failures import fail, known_names
 from .function_checks import check_function
 from .joint_friction import JointFriction
-from .joints import Coupling, Gear, Joint, Universal, marker_names
+from .joints import Coupling, Gear, Joint, Screw, Universal, marker_names
 from .laws import Expression, Pid
 from .references import check_reference, check_two_bodies
 from .values import check_length
@@ -37,6 +37,8 @@ def check_joint(joint: Joint, place: str, scene: SceneFile) -> None:
     friction = getattr(joint, "friction", None)
     if friction is not None:
         _check_friction(friction, joint.type, f"{place}.friction", scene.dimension)
+    if isinstance(joint, Screw) and joint.pitch == 0.0:
+        fail(f"{place}.pitch", "is zero", "a thread, or a revolute joint")
     if isinstance(joint, Universal):
         first = as_3d(joint.axis or (1.0, 0.0, 0.0))
         second = as_3d(joint.second_axis or (0.0, 1.0, 0.0))

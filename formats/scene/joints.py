@@ -72,6 +72,24 @@ class Cylindrical(_AxialJoint):
     type: Literal["cylindrical"]
 
 
+class Screw(_AxialJoint):
+    """Rotation about `axis`, default z, that moves along it by `pitch` in a turn: a nut
+    on a spindle. A drive prescribes one of both coordinates."""
+
+    coordinates: ClassVar[tuple[str, ...]] = ("angle", "displacement")
+    default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
+    dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
+    type: Literal["screw"]
+    pitch: float = Field(
+        description="displacement in one turn [m], negative for a left-hand thread"
+    )
+    offset: float | None = Field(
+        default=None,
+        description="displacement at the angle zero [m], up to whole pitches, default "
+        "that of the start",
+    )
+
+
 class Spherical(_Pair):
     """The two origins coincide; all rotations are free."""
 
@@ -179,6 +197,7 @@ Joint = Annotated[
     | Revolute
     | Prismatic
     | Cylindrical
+    | Screw
     | Spherical
     | Universal
     | PlanarJoint

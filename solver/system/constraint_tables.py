@@ -84,7 +84,7 @@ def _groups(constraints: list[Constraint]) -> list[list[int]]:
     """Constraints that share their rows."""
     groups: list[list[int]] = []
     for i, constraint in enumerate(constraints):
-        if constraint.continues:
+        if constraint.primitive.continues:
             groups[-1].append(i)
         else:
             groups.append([i])
@@ -123,7 +123,7 @@ def _rows(
     return tuple(
         Row(c.owner, first[i], counts[i])
         for i, c in enumerate(constraints)
-        if not c.continues
+        if not c.primitive.continues
     )
 
 

@@ -31,7 +31,6 @@ class Constraint:
     """A primitive constraint of a joint or drive.
 
     drive : row of the function of time that it follows, -1 for none
-    continues : another term of the row before
     """
 
     owner: str
@@ -39,7 +38,6 @@ class Constraint:
     a: Reference
     b: Reference
     drive: int = -1
-    continues: bool = False
 
 
 def constraints_of(parts: Ingredients) -> list[Constraint]:
@@ -91,7 +89,7 @@ def _coupling(
     for other, part in coupling_terms(name, joint, joints, parts.planar):
         a, b = (marker_reference(text) for text in marker_names(joints[other]))
         first, second = (b, a) if part.swapped else (a, b)
-        found.append(Constraint(name, part, first, second, continues=bool(found)))
+        found.append(Constraint(name, part, first, second))
     return found
 
 

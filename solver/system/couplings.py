@@ -9,15 +9,8 @@ from fractions import Fraction
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import Coupling, Gear, Joint, coupled_coordinates
 
-from ..kernels.layout import (
-    ANGLE,
-    COUPLED_ALONG,
-    COUPLED_ANGLE,
-    TERM_PLANAR,
-    TERM_SPATIAL,
-    W_CONSTANT,
-)
-from .joints import Primitive, joint_parts
+from ..kernels.layout import ANGLE
+from .joints import Primitive, joint_parts, weighted
 
 #: Largest whole numbers of a ratio of angles in spatial scenes.
 TEETH = 10_000
@@ -44,17 +37,8 @@ def coupling_terms(
         found.append((other, parts.coordinates[coordinate], weight))
     weights = [weight for _, part, weight in found if part.kind == ANGLE]
     period = 0.0 if planar else 2.0 * math.pi * _unit(weights, name)
-    terms = []
-    for k, (other, part, weight) in enumerate(found):
-        start = TERM_PLANAR if planar else TERM_SPATIAL
-        data = (*part.data, weight, 0.0, period, 0.0)
-        from_start = -1
-        if k == 0:
-            data = (*part.data, weight, joint.offset or 0.0, period, 1.0)
-            from_start = start + W_CONSTANT if joint.offset is None else -1
-        kind = COUPLED_ANGLE if part.kind == ANGLE else COUPLED_ALONG
-        terms.append((other, Primitive(kind, data, part.swapped, from_start)))
-    return terms
+    terms = weighted([term[1:] for term in found], joint.offset, period)
+    return list(zip((name for name, _, _ in found), terms, strict=True))
 
 
 def _unit(weights: list[float], name: str) -> float:

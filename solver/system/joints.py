@@ -16,7 +16,16 @@ import numpy as np
 from sidtool.formats.scene import Joint, as_3d, marker_names, marker_reference
 from sidtool.formats.sid import Array
 
-from ..kernels.layout import ALONG, ANGLE, COINCIDENT, DISTANCE, PERPENDICULAR
+from ..kernels.layout import (
+    ALONG,
+    ANGLE,
+    COINCIDENT,
+    COUPLED_ALONG,
+    COUPLED_ANGLE,
+    DISTANCE,
+    PERPENDICULAR,
+    W_CONSTANT,
+)
 from .bodies import BodyData
 
 
@@ -28,12 +37,14 @@ class Primitive:
     data : its numbers
     swapped : from the second marker to the first
     from_start : entry of `data` that the assembled start decides, -1 for none
+    continues : another term of the row before
     """
 
     kind: int
     data: tuple[float, ...] = ()
     swapped: bool = False
     from_start: int = -1
+    continues: bool = False
 
 
 @dataclass(frozen=True)
@@ -176,6 +187,32 @@ def _cylindrical(joint: Joint, axis: Array) -> Parts:
     return Parts([*_on_line(axis), *_rotation_about(axis)], coordinates)
 
 
+def weighted(
+    terms: list[tuple[Primitive, float]], offset: float | None, period: float
+) -> list[Primitive]:
+    """One row: the sum of coordinates times weights is an offset, None for that of the
+    start; it is known up to multiples of a period, 0 for exactly."""
+    found = []
+    for k, (part, weight) in enumerate(terms):
+        is_first, from_start = float(k == 0), -1
+        if k == 0 and offset is None:
+            from_start = len(part.data) + W_CONSTANT
+        constant = (offset or 0.0) * is_first
+        data = (*part.data, weight, constant, period, is_first)
+        kind = COUPLED_ANGLE if part.kind == ANGLE else COUPLED_ALONG
+        found.append(Primitive(kind, data, part.swapped, from_start, k > 0))
+    return found
+
+
+def _screw(joint: Joint, axis: Array) -> Parts:
+    """displacement - pitch angle / 2 pi, where the angle is known up to whole turns."""
+    pitch, slides = joint.pitch, _cylindrical(joint, axis)  # type: ignore[union-attr]
+    angle, along = (slides.coordinates[n] for n in ("angle", "displacement"))
+    terms = [(along, 1.0), (angle, -pitch / (2.0 * math.pi))]
+    thread = weighted(terms, joint.offset, abs(pitch))  # type: ignore[union-attr]
+    return Parts([*slides.constraints, *thread], slides.coordinates)
+
+
 def _universal(joint: Joint, axis: Array) -> Parts:
     """The cross turns by angle_1 about `axis`, the second body by angle_2 on it."""
     second = as_3d(joint.second_axis or (0.0, 1.0, 0.0))  # type: ignore[union-attr]
@@ -202,6 +239,7 @@ SPATIAL: dict[str, Callable[[Joint, Array], Parts]] = {
     "revolute": _revolute,
     "prismatic": _prismatic,
     "cylindrical": _cylindrical,
+    "screw": _screw,
     "spherical": lambda joint, axis: Parts([_POINT]),
     "universal": _universal,
     "planar": _planar_joint,

@@ -19,6 +19,16 @@ from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import new_work
 from tests.bodies import particle_body
 
+PITCH = 3.0
+#: What joints need beside their type.
+NUMBERS = {"screw": {"pitch": PITCH, "offset": 0.0}}
+
+
+def turned(angle: float) -> Array:
+    """The rotation by an angle about z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
 
 def scene(dimension: str, end: float = 1.0, **tables: Any) -> SceneFile:
     """A scene from its tables, with no gravity unless told."""
@@ -69,7 +79,8 @@ def pair(dimension: str, joint: dict[str, Any], flexible: bool) -> tuple[Any, An
             "markers": {"end": {"position": place, **turn}},
             "initial": initial,
         }
-    joints = {"joint": {"markers": ["left.end", "right.end"], **joint}}
+    more = NUMBERS.get(joint["type"], {})
+    joints = {"joint": {"markers": ["left.end", "right.end"], **more, **joint}}
     return scene(dimension, bodies=bodies, joints=joints), sids
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, get_args
 
@@ -16,7 +17,7 @@ from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.system.joints import PLANAR, SPATIAL
 
-from .joint_scenes import evaluated, marker, pair, scene
+from .joint_scenes import PITCH, evaluated, marker, pair, scene, turned
 
 TIMES = np.linspace(-0.1, 1.1, 13)
 VALUES = np.sin(5.0 * TIMES) + TIMES
@@ -127,10 +128,6 @@ def test_a_driven_body_follows_its_function(name: str, dimension: str) -> None:
         assert np.abs(result.values[:, 3] - 2.0 * wanted[2]).max() < 1e-8 * scale
 
 
-def _turned(angle: float) -> Array:
-    return Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
-
-
 def _cardan(first: float, second: float) -> Array:
     return Rotation.from_euler("XY", [first, second]).as_matrix()
 
@@ -139,14 +136,22 @@ def _cardan(first: float, second: float) -> Array:
 # orientation Q in the frame of the first.
 Meaning = Callable[[Array, Array, float, float], Any]
 COORDINATES: dict[tuple[str, str], Meaning] = {
-    ("revolute", "angle"): lambda d, Q, s, r: Q - _turned(s),
+    ("revolute", "angle"): lambda d, Q, s, r: Q - turned(s),
     ("prismatic", "displacement"): lambda d, Q, s, r: d[0] - s,
     ("cylindrical", "angle displacement"): lambda d, Q, s, r: [
         d[2] - r,
-        *(Q - _turned(s)).ravel(),
+        *(Q - turned(s)).ravel(),
+    ],
+    ("screw", "angle"): lambda d, Q, s, r: [
+        math.remainder(d[2] - PITCH * s / (2.0 * np.pi), PITCH),
+        *(Q - turned(s)).ravel(),
+    ],
+    ("screw", "displacement"): lambda d, Q, s, r: [
+        d[2] - s,
+        *(Q - turned(2.0 * np.pi * s / PITCH)).ravel(),
     ],
     ("universal", "angle_1 angle_2"): lambda d, Q, s, r: Q - _cardan(s, r),
-    ("planar", "angle"): lambda d, Q, s, r: Q - _turned(s),
+    ("planar", "angle"): lambda d, Q, s, r: Q - turned(s),
     ("point_on_line", "displacement"): lambda d, Q, s, r: d[0] - s,
     ("distance", "length"): lambda d, Q, s, r: np.linalg.norm(d) - s,
 }

@@ -14,16 +14,18 @@ from sidtool.solver import compile_scene, simulate
 from sidtool.solver.start.assembly import dense_jacobian
 from sidtool.solver.system.joints import PLANAR, SPATIAL
 
-from .joint_scenes import conserved, evaluated, marker, pair, scene
+from .joint_scenes import PITCH, conserved, evaluated, marker, pair, scene, turned
 
 # What a joint holds at zero, from the position d of the second marker and its
 # orientation Q seen from the first, with the default axes; and how many rows it takes.
 Held = Callable[[Array, Array], Any]
+LEAD = PITCH / (2.0 * np.pi)
 HELD_SPATIAL: dict[str, tuple[int, Held]] = {
     "fixed": (6, lambda d, Q: [*d, *(Q - np.eye(3)).ravel()]),
     "revolute": (5, lambda d, Q: [*d, Q[2, 2] - 1]),
     "prismatic": (5, lambda d, Q: [d[1], d[2], *(Q - np.eye(3)).ravel()]),
     "cylindrical": (4, lambda d, Q: [d[0], d[1], Q[2, 2] - 1]),
+    "screw": (5, lambda d, Q: [d[0], d[1], *(Q - turned(d[2] / LEAD)).ravel()]),
     "spherical": (3, lambda d, Q: d),
     "universal": (4, lambda d, Q: [*d, Q[0, 1]]),
     "planar": (3, lambda d, Q: [d[2], Q[2, 2] - 1]),
@@ -70,6 +72,51 @@ def test_a_joint_holds_its_freedoms_and_does_no_work(
     assert kept[0][0] > 0.1
     moved = np.abs(after[0] - before[0]).max()
     assert moved > 0.1
+
+
+@pytest.mark.parametrize(
+    ("pitch", "inertia", "axis"),
+    [(0.05, 2e-4, [0.0, 0.0, 1.0]), (-0.3, 5e-3, [1.0, -2.0, 2.0])],
+    ids=["right hand", "left hand"],
+)
+def test_a_nut_on_a_screw_falls_slower_by_what_it_has_to_turn(
+    pitch: float, inertia: float, axis: list[float]
+) -> None:
+    """a = g cos / (1 + J (2 pi / p)^2 / m); the bolt bears the rest, m (g cos - a), and
+    turns the nut by J a 2 pi / p about itself."""
+    mass, n = 1.3, np.array(axis) / np.linalg.norm(axis)
+    nut: dict[str, Any] = {"mass": mass, "inertia": 3 * [inertia]}
+    bolt = {"type": "screw", "markers": ["ground", "nut"], "axis": axis}
+    names = ("displacement", "angle", *(f"{c}{e}" for c in "fm" for e in "xyz"))
+    content = scene(
+        "spatial",
+        2.0,
+        gravity=[0.0, 0.0, -9.81],
+        bodies={"nut": nut},
+        joints={"bolt": {**bolt, "pitch": pitch}},
+        outputs={"record": (*(f"bolt.{name}" for name in names), "energy.balance")},
+    )
+    system = compile_scene(content)
+    assert system.n_rows == 5
+    result = simulate(system, rtol=1e-10)
+    along, per_metre = -9.81 * n[2], 2.0 * np.pi / pitch
+    a = along / (1.0 + inertia * per_metre**2 / mass)
+    fall = 0.5 * a * result.t**2
+    assert result.values[:, 0] == pytest.approx(fall, abs=1e-8 * abs(fall[-1]))
+    assert result.values[:, 1] == pytest.approx(
+        per_metre * fall, abs=1e-8 * abs(per_metre * fall[-1])
+    )
+    assert abs(per_metre * fall[-1]) > 4.0 * np.pi
+    forces, moments = result.values[:, 2:5] @ n, result.values[:, 5:8] @ n
+    assert forces == pytest.approx(mass * (a - along), rel=1e-8)
+    assert moments == pytest.approx(inertia * per_metre * a, rel=1e-8)
+    assert np.ptp(result.values[:, 8]) < 1e-9 * mass * abs(along * fall[-1])
+
+
+def test_a_screw_without_pitch_is_refused() -> None:
+    with pytest.raises(InputError, match="joints.joint.pitch"):
+        content, sids = pair("spatial", {"type": "screw", "pitch": 0.0}, False)
+        compile_scene(content, sids=sids)
 
 
 def test_every_joint_has_its_physics_stated() -> None:
