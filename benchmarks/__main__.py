@@ -26,6 +26,7 @@ BENCHMARKS = (
     "error_control",
     "revolutions",
     "metamorphic",
+    "accuracy",
     "latency",
     "faults",
 )

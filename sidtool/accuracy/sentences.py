@@ -32,7 +32,7 @@ def _decision(
     request: Request, reference: Reference, choice: Choice, one: Measured
 ) -> Decision:
     counts = np.isfinite(reference.allowed)
-    shares = np.where(counts, one.errors / reference.allowed, 0.0)
+    shares = np.where(counts, one.errors / reference.allowed, -1.0)
     row = int(shares.argmax())
     name = request.names[row]
     runs = bool(np.isfinite(one.errors[row]))

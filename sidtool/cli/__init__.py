@@ -27,6 +27,7 @@ from .recorded import outputs
 from .schema import schema
 from .simulate import simulate
 from .study import study
+from .trim import trim
 from .validate import validate
 from .warmup import warmup
 
@@ -68,6 +69,7 @@ for command in (
     animate,
     export,
     study,
+    trim,
     demo,
     schema,
     warmup,

@@ -298,3 +298,22 @@ def test_the_command_the_file_and_its_json(
     assert len(told_json["accuracy"]["decisions"]) == len(found.accuracy.decisions)
     assert run([*command[:2], "--accuracy", "1e-3", "--rtol", "1e-6"]) == 2
     assert run([*command[:2], "--accuracy", "tiny"]) == 2
+
+
+def test_what_does_not_move_is_not_told_of() -> None:
+    """An output of rounding alone, before one that nothing changes."""
+    scene, sid = particles(False)
+    bodies = scene.bodies | {
+        "block": {"mass": 1.0, "initial": {"velocity": [1.0, 0.0]}}
+    }
+    content = scene.model_dump(by_alias=True, exclude_none=True)
+    content |= {
+        "gravity": None,
+        "bodies": {**content["bodies"], "block": bodies["block"]},
+        "outputs": {"record": ["block.y", "block.x"]},
+    }
+    content["bodies"]["arm"]["initial"]["angular_velocity"] = 1e-3
+    found = simulated(SceneFile.model_validate(content), sid, accuracy=1e-3)
+    assert set(found.error) == {"block.x"}
+    assert any("rounding only: block.y" in s for s in found.accuracy.sentences)
+    assert all(d.output == "block.x" and not d.kept for d in found.accuracy.decisions)

@@ -1,0 +1,181 @@
+"""Random scenes that are asked for an accuracy: are the errors what is said of them?
+
+The generator is that of `tests/metamorphic`. Each seed draws a request, from 1e-1 to
+1e-5, of all outputs or of three of them. What the search promises is compared with a
+run that it has never seen: every term and shape function, radau13 at 1e-12.
+`python -m benchmarks.accuracy FIRST LAST` judges the scenes of these seeds alone and
+prints a line for each.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from sidtool.accuracy import OutsideTheory, planned
+from sidtool.accuracy.candidates import as_scene, finest
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene, simulate
+from tests.metamorphic.case import Case, scene_of
+from tests.metamorphic.scenes import random_scene
+
+from .machine import describe_machine
+from .report import Report, Table
+
+SCENES = 60
+#: Exponents of requests, and outputs of those that name some.
+SHARPEST, LOOSEST, NAMED = -5.0, -1.0, 3
+TIGHT = {"integrator": "radau13", "rtol": 1e-12}
+#: Errors below this part of the variation are those of the comparison itself.
+ROUNDING = 1e-10
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Of one scene: the request, and estimate and error of each output, relative.
+
+    refused : why there is no number, if there is none
+    kept : shape functions that were chosen, and how many there are
+    seconds : of the search, of the chosen run and of the finest one
+    """
+
+    seed: int
+    wanted: float
+    refused: str = ""
+    estimates: list[float] = field(default_factory=list)
+    errors: list[float] = field(default_factory=list)
+    kept: tuple[int, int] = (0, 0)
+    runs: int = 0
+    seconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def ratios(self) -> list[float]:
+        """Estimate over error, of errors that can be told."""
+        pairs = zip(self.estimates, self.errors, strict=True)
+        return [e / max(error, ROUNDING) for e, error in pairs if e > ROUNDING]
+
+    @property
+    def use(self) -> float:
+        """The largest error over the request."""
+        return max(self.errors, default=0.0) / self.wanted
+
+
+def judged(seed: int) -> Verdict:
+    """Estimates and errors of the scene of a seed."""
+    rng = np.random.default_rng([19, seed])
+    wanted = float(10.0 ** rng.uniform(SHARPEST, LOOSEST))
+    case = random_scene(seed)
+    scene = scene_of(case)
+    if rng.random() < 0.5:
+        names = tuple(dict.fromkeys(rng.choice(scene.outputs.record, NAMED).tolist()))
+        outputs = scene.outputs.model_copy(update={"record": names})
+        scene = scene.model_copy(update={"outputs": outputs})
+    return compared(case, scene, wanted, seed)
+
+
+def compared(case: Case, scene: SceneFile, wanted: float, seed: int = 0) -> Verdict:
+    """The promise of the search beside what a run that it never saw says."""
+
+    def compiled(content: SceneFile) -> object:
+        return compile_scene(
+            content, sids=case.sids, drives=case.drives, forces=case.forces
+        )
+
+    began = time.perf_counter()
+    try:
+        plan = planned(scene, case.sids, wanted, compiled, keep=False)  # type: ignore[arg-type]
+    except OutsideTheory as outside:
+        return Verdict(seed, wanted, f"outside: {outside.problem}")
+    except Exception as stop:
+        return Verdict(seed, wanted, f"{type(stop).__name__}: {stop}")
+    took = time.perf_counter() - began
+    found = simulate(compiled(plan.scene))  # type: ignore[arg-type]
+    whole = as_scene(scene, finest(scene, case.sids), case.sids)
+    exact = simulate(compiled(whole), **TIGHT)  # type: ignore[arg-type]
+    kept = [d.kept for d in plan.report.decisions if d.what == "shape function"]
+    estimates, errors = [], []
+    for output in plan.report.outputs:
+        estimates.append(output.relative)
+        errors.append(_error(output.name, found, exact) / output.variation)
+    return Verdict(
+        seed,
+        wanted,
+        "",
+        estimates,
+        errors,
+        (sum(kept), len(kept)),
+        plan.report.runs,
+        (took, float(found.counters["seconds"]), float(exact.counters["seconds"])),
+    )
+
+
+def _error(name: str, found: Result, exact: Result) -> float:
+    """Largest difference at the times that both have; what was left out is zero."""
+    count = min(len(found.t), len(exact.t))
+    same = np.abs(found.t[:count] - exact.t[:count]) <= 1e-9 * np.ptp(exact.t)
+    values = found[name] if name in found.names else np.zeros(len(found.t))
+    return float(np.abs(values[:count] - exact[name][:count])[same].max())
+
+
+def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
+    """All seeds, told one by one."""
+    verdicts = []
+    for seed in range(SCENES):
+        verdicts.append(judged(seed))
+        say(told(verdicts[-1]))
+    return report(verdicts)
+
+
+def told(verdict: Verdict) -> str:
+    """A line about one scene."""
+    head = f"seed {verdict.seed}: {verdict.wanted:.1e}"
+    if verdict.refused:
+        return f"{head}, {verdict.refused[:140]}"
+    ratios = verdict.ratios or [1.0]
+    return (
+        f"{head}, {len(verdict.errors)} outputs, error {verdict.use:.2g} of it, "
+        f"estimate / error {min(ratios):.3g} to {max(ratios):.3g}, "
+        f"{verdict.kept[0]} of {verdict.kept[1]} shape functions, "
+        f"{verdict.runs} runs in {verdict.seconds[0]:.1f} s, "
+        f"{verdict.seconds[1]:.3f} s for {verdict.seconds[2]:.3f} s"
+    )
+
+
+def report(verdicts: list[Verdict]) -> Report:
+    """How often estimates hold, and how sharp they are."""
+    numbers = [v for v in verdicts if not v.refused]
+    ratios = np.array([r for v in numbers for r in v.ratios])
+    outside = sum(v.refused.startswith("outside") for v in verdicts)
+    within = sum(v.use <= 1.0 for v in numbers)
+    below = [(v.seed, min(v.ratios)) for v in numbers if v.ratios and min(v.ratios) < 1]
+    rows = [
+        ["scenes with numbers", str(len(numbers))],
+        ["outside of the theory, refused", str(outside)],
+        ["refused otherwise", str(len(verdicts) - outside - len(numbers))],
+        ["outputs", str(len(ratios))],
+        ["errors above their estimate", str(int((ratios < 1.0).sum()))],
+        ["scenes within the request", str(within)],
+        ["estimate / error, median", f"{np.median(ratios):.2f}"],
+        ["estimate / error, 95 % quantile", f"{np.quantile(ratios, 0.95):.2f}"],
+        ["estimate / error, largest", f"{ratios.max():.3g}"],
+        ["error / request, median", f"{np.median([v.use for v in numbers]):.2f}"],
+    ]
+    found = ", ".join(f"{seed} ({ratio:.3f})" for seed, ratio in below) or "none"
+    remark = f"Seeds with an error above its estimate: {found}."
+    return Report(
+        title=f"{len(verdicts)} random scenes that are asked for an accuracy",
+        tables=[Table("requests from 1e-1 to 1e-5", ["what", "number"], rows)],
+        remarks=[remark],
+        machine=describe_machine(),
+    )
+
+
+if __name__ == "__main__":
+    for one in range(int(sys.argv[1]), int(sys.argv[2])):
+        print(told(judged(one)), flush=True)

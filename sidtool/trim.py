@@ -1,0 +1,164 @@
+"""A SID with what a scene needs of it, and no more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import AccuracyReport
+from sidtool.formats.scene import PEAK_STRESS, SceneFile, SidBody
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.sid_subset import with_shape_functions
+
+from .accuracy import plan_for
+
+#: The accuracy where neither the scene nor the command asks for one.
+DEFAULT = 1e-3
+
+
+@dataclass(frozen=True)
+class Trimmed:
+    """What is left of a SID, and what that costs the scene.
+
+    bodies : that have this SID
+    numbers : of the shape functions that are kept, as in the whole SID
+    sizes : shape functions and nodes of the whole SID
+    """
+
+    sid: SID
+    bodies: tuple[str, ...]
+    numbers: tuple[int, ...]
+    sizes: tuple[int, int]
+    report: AccuracyReport
+
+    @property
+    def sentences(self) -> list[str]:
+        """What was taken out, how coordinates are called now, and the cost."""
+        modes, nodes = self.sizes
+        names = ", ".join(self.bodies)
+        found = [
+            f"{self.sid.nq} of {modes} shape functions and {len(self.sid.nodes)} of "
+            f"{nodes} nodes are kept for {names}"
+        ]
+        moved = [f"q{i} was q{k}" for i, k in enumerate(self.numbers, 1) if i != k]
+        found += [f"in the new SID {', '.join(moved)}"] if moved else []
+        if not self.numbers:
+            found.append("what is left is rigid")
+        line = next(x for x in self.report.budget if x.part == "shape functions")
+        found += [
+            f"{o.name}: {line.errors[o.name]:.1e} {o.unit}".rstrip()
+            + f" by the shape functions that are out, of {o.allowed:.1e} allowed"
+            for o in self.report.outputs
+        ]
+        return found
+
+
+def trimmed(
+    path: Path,
+    scene: SceneFile,
+    folder: Path,
+    accuracy: Any = None,
+    say: Callable[[str], None] | None = None,
+) -> Trimmed:
+    """The SID of a file with the shape functions and nodes that a scene needs.
+
+    Parameters
+    ----------
+    folder : relative paths of the scene begin here
+    accuracy : of the scene; default what it asks for, else 1e-3
+
+    Raises
+    ------
+    InputError : no body of the scene has this SID, or see `planned`.
+    """
+    bodies = tuple(_with_file(scene, path, folder))
+    if not bodies:
+        raise InputError(
+            f"no body of the scene has the SID {path}",
+            place="bodies",
+            expected=", ".join(_files(scene)) or "a scene with flexible bodies",
+        )
+    if accuracy is None and scene.accuracy.wanted is None:
+        accuracy = DEFAULT
+    sid = read_sid(path)
+    plan = plan_for(scene, folder, {}, accuracy, {}, say=say)
+    assert plan is not None
+    kept: set[int] = set()
+    for name in bodies:
+        body = plan.scene.bodies[name]
+        assert isinstance(body, SidBody)
+        kept |= set(body.numbers(sid.nq))
+    numbers = tuple(sorted(kept))
+    small = with_shape_functions(sid, [k - 1 for k in numbers])
+    used = used_nodes(scene, bodies, sid)
+    small = replace(small, nodes=tuple(n for n in small.nodes if n.id in used))
+    sizes = sid.nq, len(sid.nodes)
+    return Trimmed(small, bodies, numbers, sizes, plan.report)
+
+
+def used_nodes(scene: SceneFile, bodies: Iterable[str], sid: SID) -> set[str]:
+    """Ids of the nodes that the scene names; all where a stress is looked for.
+
+    Named are markers, also those that nothing else speaks of, and ids in joints,
+    forces, drives and outputs.
+    """
+    content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+    texts = set(_texts(content))
+    found: set[str] = set()
+    for name in bodies:
+        body = scene.bodies[name]
+        assert isinstance(body, SidBody)
+        if any(_wide(text, name) for text in texts):
+            return {node.id for node in sid.nodes}
+        found |= set(body.markers.values())
+        found |= {
+            node.id
+            for node in sid.nodes
+            if any(_names(text, name, node.id) for text in texts)
+        }
+    return found
+
+
+def _names(text: str, body: str, node: str) -> bool:
+    start = f"{body}.{node}"
+    return text == start or text.startswith(f"{start}.")
+
+
+def _wide(text: str, body: str) -> bool:
+    """An output of all nodes of a body, or a pattern that may mean some of them."""
+    owner, _, rest = text.partition(".")
+    return text == f"{body}.{PEAK_STRESS}" or (
+        "*" in owner + rest.partition(".")[0] and "." in rest
+    )
+
+
+def _texts(value: Any) -> Iterable[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for key, part in value.items():
+            yield str(key)
+            yield from _texts(part)
+    elif isinstance(value, list | tuple):
+        for part in value:
+            yield from _texts(part)
+
+
+def _files(scene: SceneFile) -> list[str]:
+    bodies = [scene.bodies[name] for name in scene.flexible]
+    return list(dict.fromkeys(b.sid for b in bodies if isinstance(b, SidBody)))
+
+
+def _with_file(scene: SceneFile, path: Path, folder: Path) -> Iterable[str]:
+    for name in scene.flexible:
+        body = scene.bodies[name]
+        assert isinstance(body, SidBody)
+        try:
+            if (folder / body.sid).samefile(path):
+                yield name
+        except OSError:
+            continue
