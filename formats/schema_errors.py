@@ -77,7 +77,7 @@ def _described(
         return place, "is missing", _field_meaning(model, location)
     if kind == "extra_forbidden":
         known = _known_keys(model, location[:-1])
-        return place, "is not a known key", _nearest_key(str(location[-1]), known)
+        return place, "is not a known key", nearest(str(location[-1]), known)
     if kind.startswith("union_tag"):
         return _wrong_tag(error, place)
     return place, f"found {shortened(error['input'])}", _expectation(error)
@@ -149,11 +149,11 @@ def _field_meaning(model: type[BaseModel], location: Location) -> str | None:
     for candidate in _models_at(model, location[:-1]):
         for name, info in candidate.model_fields.items():
             if location[-1] in (name, info.alias):
-                return info.description or _type_in_words(info)
+                return info.description or type_in_words(info)
     return None
 
 
-def _type_in_words(info: FieldInfo) -> str | None:
+def type_in_words(info: FieldInfo) -> str | None:
     if get_origin(info.annotation) is Literal:
         return " or ".join(repr(value) for value in get_args(info.annotation))
     words = {float: "a number", int: "a whole number", str: "a text in quotes"}
@@ -166,7 +166,7 @@ def _known_keys(model: type[BaseModel], location: Location) -> list[str]:
     return [info.alias or name for m in models for name, info in m.model_fields.items()]
 
 
-def _nearest_key(key: str, known: list[str]) -> str | None:
+def nearest(key: str, known: list[str]) -> str | None:
     near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
     return near[0] if near else f"one of {', '.join(dict.fromkeys(known))}"
 
@@ -175,16 +175,16 @@ def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseMode
     candidates: list[Any] = [model]
     for part in location:
         candidates = [c for a in candidates for c in _step(a, part)]
-    flat = [alternative for a in candidates for alternative in _alternatives(a)]
+    flat = [alternative for a in candidates for alternative in alternatives(a)]
     return [c for c in flat if isinstance(c, type) and issubclass(c, BaseModel)]
 
 
-def _alternatives(annotation: Any) -> list[Any]:
+def alternatives(annotation: Any) -> list[Any]:
     """The members of a union, without Annotated wrappings."""
     if hasattr(annotation, "__metadata__"):
-        return _alternatives(annotation.__origin__)
+        return alternatives(annotation.__origin__)
     if type(annotation).__name__ in ("Union", "UnionType", "_UnionGenericAlias"):
-        return [a for member in get_args(annotation) for a in _alternatives(member)]
+        return [a for member in get_args(annotation) for a in alternatives(member)]
     return [annotation]
 
 
@@ -192,7 +192,7 @@ def _step(annotation: Any, part: str | int) -> list[Any]:
     """What the schema says one step deeper; a tag keeps the members it may mean."""
     deeper: list[Any] = []
     same: list[Any] = []
-    for candidate in _alternatives(annotation):
+    for candidate in alternatives(annotation):
         if isinstance(candidate, type) and issubclass(candidate, BaseModel):
             fields = candidate.model_fields
             field = fields.get(str(part))

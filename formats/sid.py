@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError
+from .html import html_table
 
 Array = NDArray[np.float64]
 
@@ -174,7 +175,7 @@ class Dialect:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SID:
     """Standard Input Data of one body; blocks carry Wallrapp's names.
 
@@ -223,6 +224,19 @@ class SID:
         if len(set(ids)) != len(ids):
             twice = Counter(ids).most_common(1)[0][0]
             raise InputError(f"node {twice} appears twice", expected="one node per id")
+
+    def __repr__(self) -> str:
+        size = f"{len(self.nodes)} nodes, {self.nq} modes"
+        return f"<SID {self.title!r}: {size}, mass {self.mass:g}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: modes and nodes."""
+        title = f"{self.title or 'SID'}, mass {self.mass:.6g}"
+        modes = html_table(enumerate(self.labels, 1), ("q", "mode"), title)
+        shown = self.nodes[:12]
+        places = [(node.id, *(f"{x:.6g}" for x in node.position)) for node in shown]
+        more = f"{len(shown)} of {len(self.nodes)} nodes"
+        return modes + html_table(places, ("node", "x", "y", "z"), more)
 
     @property
     def nq(self) -> int:

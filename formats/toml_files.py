@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from .errors import InputError
+from .evaluation import Formulas, evaluated
 from .schema_errors import dotted, input_error
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -33,7 +34,7 @@ _ENDLESS_KEY = re.compile(
 def load(path: str | Path, model: type[Model]) -> Model:
     """Read a TOML file, or a JSON file if its name ends in ``.json``, into `model`.
 
-    Values are not converted: a number in quotes is a text, not a number.
+    Values are not converted, but for formulas where numbers are expected.
 
     Raises
     ------
@@ -51,12 +52,26 @@ def validated(
     ------
     InputError : the data do not fit the model; `source` is named.
     """
+    return with_formulas(data, model, source)[0]
+
+
+def with_formulas(
+    data: Mapping[str, Any], model: type[Model], source: str | Path | None
+) -> tuple[Model, Formulas]:
+    """The same, and the formulas in the data by their places."""
+    formulas: Formulas = {}
     try:
-        return model.model_validate_json(json.dumps(data, default=str), strict=True)
+        data, formulas = evaluated(data, model)
+        text = json.dumps(data, default=str)
+        return model.model_validate_json(text, strict=True), formulas
     except ValidationError as error:
-        raise input_error(error, data, model).located(source or "input") from None
+        found = input_error(error, data, model)
     except InputError as error:
-        raise error.located(source or "input") from None
+        found = error
+    for place, text in formulas.items():
+        if dotted(place) == found.place:
+            found.problem += f", which is {text!r}"
+    raise found.located(source or "input") from None
 
 
 def read_data(path: str | Path) -> dict[str, Any]:

@@ -3,8 +3,20 @@
     import sidtool
     sid = sidtool.convert("rod_q4.toml")
     sidtool.write("rod.SID_FEM", sid)
-    result = sidtool.simulate("slider_crank.toml", sids={"rod": sid})
+    scene = sidtool.Scene.load("slider_crank.toml").with_({"time.end": 1.0})
+    result = scene.simulate(sids={"rod": sid})
     result["piston.x"]
+
+A scene in Python is made of the tables that its file has, `Model` likewise:
+
+    sidtool.Scene(
+        dimension="planar",
+        gravity=[0.0, -9.81],
+        time=sidtool.Time(end=2.0, output_step=0.01),
+        bodies={"bob": sidtool.RigidBody(mass=1.0, initial={"position": [1.0, 0.0]})},
+        joints={"string": sidtool.Distance(markers=["ground", "bob"])},
+        outputs=sidtool.Outputs(record=["bob.*"]),
+    ).save("pendulum.toml")
 
 Bad input raises `sidtool.InputError`. Everything is imported on first use.
 """
@@ -18,8 +30,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sidtool.formats.errors import InputError as InputError
-    from sidtool.formats.result import Result as Result
     from sidtool.formats.sid import SID as SID
+    from sidtool.solver.errors import SimulationError as SimulationError
     from sidtool.solver.functions.callables import Timed as Timed
     from sidtool.solver.functions.laws import Law as Law
 
@@ -34,13 +46,36 @@ if TYPE_CHECKING:
     from .api import validate as validate
     from .api import write as write
     from .kinds import read as read
+    from .results import Result as Result
+    from .scenes import Model as Model
+    from .scenes import Scene as Scene
     from .view.animating import animate as animate
     from .view.peaks import peak_stresses as peak_stresses
+    from .vocabulary import *  # noqa: F403
 
+#: Tables of scenes and models; see `vocabulary`.
+_TABLES = """
+    Accuracy Actuator AttachmentReduction BeamDiscretisation BeamGeometry
+    BuckensFrame Bushing Characteristic ChordFrame Coincident Constant Coupling
+    CraigBamptonReduction Cylindrical Distance Drive ElasticInitial Event
+    Expression Fixed FrequencyDamping Friction Gear GeneralSection Given Ground
+    Harmonic HertingReduction IgaDiscretisation Initial JointFriction
+    KrylovReduction LumpedMass Marker Material MatricesDiscretisation
+    MatricesGeometry MeshDiscretisation MeshGeometry ModalDamping ModalReduction
+    NodeMarker NurbsGeometry Outputs PatchesGeometry Pid Piece PlanarJoint
+    PointForce PointOnLine PointOnPlane Polynomial Prestress Prismatic
+    Q4Discretisation RayleighDamping RectangularSection Revolute RigidBody
+    Screw SidBody SidDamping SineRamp SmoothStep SolidDiscretisation Spherical Spline
+    SpringDamper Start State Stiffening StressRecovery Sum TangentFrame Tie Time
+    Universal UserReduction VolumeGeometry
+""".split()  # noqa: SIM905
 _HOME = {
+    **dict.fromkeys(_TABLES, "sidtool.vocabulary"),
     "InputError": "sidtool.formats.errors",
-    "Result": "sidtool.formats.result",
+    "Model": "sidtool.scenes",
+    "Result": "sidtool.results",
     "SID": "sidtool.formats.sid",
+    "Scene": "sidtool.scenes",
     "SimulationError": "sidtool.solver.errors",
     "Law": "sidtool.solver.functions.laws",
     "Timed": "sidtool.solver.functions.callables",
@@ -68,6 +103,10 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
 
 
 class _Face(ModuleType):

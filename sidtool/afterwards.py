@@ -76,18 +76,6 @@ def with_outputs(result: Result, found: Mapping[str, Array]) -> Result:
     return replace(result, names=(*result.names, *new), values=values)
 
 
-def answering(
-    result: Result, drives: Programs | None = None, forces: Programs | None = None
-) -> Result:
-    """The result whose `result["..."]` knows all outputs of its scene."""
-
-    def more(asked: Result, name: str) -> Array:
-        found = outputs(asked, name, drives=drives, forces=forces)
-        return np.column_stack(list(found.values())) if "*" in name else found[name]
-
-    return replace(result, more=more)
-
-
 def _listed(names: str | Iterable[str]) -> list[str]:
     texts = names.split(",") if isinstance(names, str) else names
     return [text.strip() for text in texts if text.strip()]
@@ -95,9 +83,8 @@ def _listed(names: str | Iterable[str]) -> list[str]:
 
 def _of_analysis(result: Result, listed: list[str]) -> dict[str, Array]:
     """What an analysis recorded: its states alone do not tell accelerations."""
-    plain = replace(result, more=None)
     found: dict[str, Array] = {}
     for name in listed:
         names = matching(name, result.names) if has_wildcard(name) else [name]
-        found |= {one: plain[one] for one in names or [name]}
+        found |= {one: Result.__getitem__(result, one) for one in names or [name]}
     return found

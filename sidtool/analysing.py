@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.result import Result
+from sidtool.formats.files import located
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 
 from .kinds import expect_kind
+from .results import Result, answering
 from .swaps import swapped
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def static_equilibrium(
     from sidtool.solver.analyses.static import static_equilibrium as analyse
 
     programs = drives, forces
-    with _Compiled(scene, sids, base_folder, accept_defects, programs) as system:
+    with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
         return analyse(system)
 
 
@@ -73,7 +74,7 @@ def linearise(
     from sidtool.solver.analyses.linear import linearise as analyse
 
     programs = drives, forces
-    with _Compiled(scene, sids, base_folder, accept_defects, programs) as system:
+    with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
         return analyse(system, about)
 
 
@@ -101,56 +102,33 @@ def inverse_dynamics(
     from sidtool.solver.analyses.inverse import inverse_dynamics as analyse
 
     programs = drives, forces
-    with _Compiled(scene, sids, base_folder, accept_defects, programs) as system:
-        return analyse(system, quasi_static=quasi_static)
+    with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
+        return answering(analyse(system, quasi_static=quasi_static), *programs)
 
 
-class _Compiled:
-    """Compiles a scene with all its joints; input errors name its file."""
+@contextmanager
+def _compiled(
+    scene: SceneFile | Path_,
+    sids: Sids | None,
+    base_folder: Path_ | None,
+    accept_defects: bool,
+    programs: tuple[Programs | None, Programs | None],
+) -> Iterator[System]:
+    """A scene with all its joints; input errors name its file."""
+    from sidtool.solver import compile_scene
 
-    def __init__(
-        self,
-        scene: SceneFile | Path_,
-        sids: Sids | None,
-        base_folder: Path_ | None,
-        accept_defects: bool,
-        programs: tuple[Programs | None, Programs | None],
-    ) -> None:
-        self.path = None if isinstance(scene, SceneFile) else Path(scene)
-        self.scene = scene
-        self.sids = sids or {}
-        self.folder = base_folder
-        self.accept_defects = accept_defects
-        self.drives, self.forces = programs
-
-    def __enter__(self) -> System:
-        from sidtool.solver import compile_scene
-
-        if isinstance(self.scene, SceneFile):
-            content, folder = self.scene, Path(self.folder or ".")
-        else:
-            path = Path(self.scene)
-            expect_kind(path, "scene")
-            content, folder = read_scene(path), Path(self.folder or path.parent)
-        content, replaced = swapped(content, self.sids, folder)
-        try:
-            return compile_scene(
-                content,
-                folder,
-                replaced,
-                accept_defects=self.accept_defects,
-                drives=self.drives,
-                keep_joints=True,
-                forces=self.forces,
-            )
-        except InputError as error:
-            raise self._located(error) from None
-
-    def __exit__(
-        self, kind: object, error: BaseException | None, trace: object
-    ) -> None:
-        if isinstance(error, InputError):
-            raise self._located(error) from None
-
-    def _located(self, error: InputError) -> InputError:
-        return error if self.path is None else error.located(self.path)
+    if not isinstance(scene, SceneFile):
+        expect_kind(scene, "scene")
+        scene = read_scene(Path(scene))
+    folder = Path(base_folder or scene.folder)
+    with located(scene):
+        content, replaced = swapped(scene, sids or {}, folder)
+        yield compile_scene(
+            content,
+            folder,
+            replaced,
+            accept_defects=accept_defects,
+            drives=programs[0],
+            keep_joints=True,
+            forces=programs[1],
+        )

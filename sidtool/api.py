@@ -7,16 +7,17 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.files import located
 from sidtool.formats.model import ModelFile
-from sidtool.formats.result import Result, write_csv, write_result
+from sidtool.formats.result import Result as Stored
+from sidtool.formats.result import write_csv, write_result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid, write_sid
 
-from .afterwards import answering
 from .chosen import chosen
 from .kinds import read
+from .results import Result, answering
 from .validate import check, compare, repair
 
 __all__ = ["compare", "convert", "read", "repair", "simulate", "validate", "write"]
@@ -24,7 +25,7 @@ __all__ = ["compare", "convert", "read", "repair", "simulate", "validate", "writ
 Path_ = str | os.PathLike[str]
 
 
-def write(path: Path_, content: SID | Result, *, dialect: str = "fembs") -> None:
+def write(path: Path_, content: SID | Stored, *, dialect: str = "fembs") -> None:
     """Write a SID (``.h5`` or ASCII) or a result (``.h5`` or ``.csv``).
 
     Raises
@@ -78,7 +79,8 @@ def simulate(
     ----------
     scene : a scene file, or its content
     sids : SIDs, or files with one, that replace those of the scene, by body
-    base_folder : where the scene's relative paths begin; its file's folder by default
+    base_folder : where the scene's relative paths begin; by default the folder of
+        its file, of a scene made in Python the working folder
     integrator, rtol, step, spectral_radius : replace those of the table [accuracy] of
         the scene
     rigid : bodies with a SID that are taken as rigid, as `rigid = true` in the scene
@@ -105,39 +107,33 @@ def simulate(
 
     from .accuracy import plan_for
 
-    if isinstance(scene, SceneFile):
-        content, folder = scene, Path(base_folder or ".")
-    else:
-        content, folder = (
-            read_scene(Path(scene)),
-            Path(base_folder or Path(scene).parent),
-        )
-    content, replaced, told = chosen(content, folder, sids or {}, rigid)
+    content = scene if isinstance(scene, SceneFile) else read_scene(Path(scene))
+    folder = Path(base_folder or content.folder)
     settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     try:
-        plan = plan_for(
-            content,
-            folder,
-            replaced,
-            accuracy,
-            settings,
-            accept_defects=accept_defects,
-            drives=drives,
-            forces=forces,
-        )
-        if plan is not None:
-            content, told = plan.scene, [*told, *plan.told]
-        system = compile_scene(
-            content, folder, replaced, accept_defects, drives, forces=forces
-        )
-        result = run(system, progress=progress, told=told, **settings)
-        if plan is not None:
-            result = plan.certified(result)
+        with located(content):
+            content, replaced, told = chosen(content, folder, sids or {}, rigid)
+            plan = plan_for(
+                content,
+                folder,
+                replaced,
+                accuracy,
+                settings,
+                accept_defects=accept_defects,
+                drives=drives,
+                forces=forces,
+            )
+            if plan is not None:
+                content, told = plan.scene, [*told, *plan.told]
+            system = compile_scene(
+                content, folder, replaced, accept_defects, drives, forces=forces
+            )
+            result = run(system, progress=progress, told=told, **settings)
+            if plan is not None:
+                result = plan.certified(result)
         return answering(result, drives, forces)
     except SimulationError as error:
         if error.result is not None:
             error.result = answering(error.result, drives, forces)
         raise
-    except InputError as error:
-        raise error if isinstance(scene, SceneFile) else error.located(scene) from None

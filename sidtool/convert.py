@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.errors import InputError
 from sidtool.formats.field import Field
+from sidtool.formats.files import located
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.plausible import body_questions, material_questions
 from sidtool.formats.sid import SID, Node, Taylor
@@ -88,12 +88,9 @@ def _made(
 ) -> tuple[SID, Field | None]:
     tell = progress or _notes_only
     with running(engine, progress):
-        if isinstance(model, ModelFile):
-            return _convert(model, tell, with_field)
-        try:
-            return _convert(read_model(model), tell, with_field)
-        except InputError as error:
-            raise error.located(model) from None
+        content = model if isinstance(model, ModelFile) else read_model(model)
+        with located(content):
+            return _convert(content, tell, with_field)
 
 
 def _convert(

@@ -18,7 +18,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.reduction import Tie
 
 from .frontends.finite_element_model import (
@@ -127,7 +127,7 @@ def _held(body: FiniteElementModel, tie: Tie, place: str) -> _Held:
     return _Held(nodes, surface, mass, np.pad(centre, (0, 3 - body.dimension)))
 
 
-def _place(body: FiniteElementModel, settings: Marker, held: _Held) -> _Place:
+def _place(body: FiniteElementModel, settings: NodeMarker, held: _Held) -> _Place:
     d = body.dimension
     if settings.position is not None:
         check_length(settings.position, d, "position")

@@ -39,7 +39,7 @@ def kind_of(path: Path_) -> str:
 
 
 def read(path: Path_) -> Any:
-    """The content of a file: SID, ModelFile, SceneFile, StudyFile, Result or Field.
+    """The content of a file: SID, Model, Scene, StudyFile, Result or Field.
 
     Raises
     ------
@@ -105,21 +105,21 @@ def _read_sid(path: Path_) -> Any:
 
 
 def _read_model(path: Path_) -> Any:
-    from sidtool.formats.model import read_model
+    from .scenes import Model
 
-    return read_model(Path(path))
+    return Model.load(path)
 
 
 def _read_scene(path: Path_) -> Any:
-    from sidtool.formats.scene import read_scene
+    from .scenes import Scene
 
-    return read_scene(Path(path))
+    return Scene.load(path)
 
 
 def _read_result(path: Path_) -> Any:
     from sidtool.formats.result import read_result
 
-    from .afterwards import answering
+    from .results import answering
 
     return answering(read_result(Path(path)))
 

@@ -67,8 +67,8 @@ HELPER = (
 
 
 def say_compiling(text: str) -> None:
-    """Tells a person who waits why; nobody waits where there is no terminal."""
-    if sys.stderr.isatty():
+    """Tells a person who waits why, at a terminal, a prompt or in a notebook."""
+    if sys.stderr.isatty() or hasattr(sys, "ps1") or "ipykernel" in sys.modules:
         print(f"sidtool: {text}", file=sys.stderr, flush=True)
 
 

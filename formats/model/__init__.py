@@ -5,14 +5,18 @@ SI units, angles in radians. See ``examples/slider_crank/rod_q4.toml``.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..toml_files import load
-from .base import Fraction, NonNegative, Part, Positive
+from ..evaluation import PARAMETERS, PARAMETERS_MEAN
+from ..files import File, relocate
+from ..scene.damping import RayleighDamping
+from ..tables import Table
+from .base import Fraction, Positive
 from .checks import check_name, check_node_numbers
 from .discretisation import (
     FITTING,
@@ -38,7 +42,7 @@ __all__ = [
     "BuckensFrame",
     "ChordFrame",
     "IgaDiscretisation",
-    "Marker",
+    "NodeMarker",
     "Material",
     "ModalReduction",
     "ModelFile",
@@ -54,7 +58,7 @@ __all__ = [
 ]
 
 
-class Material(Part):
+class Material(Table):
     """Linear elastic and isotropic."""
 
     youngs_modulus: Positive = Field(description="Young's modulus in Pa")
@@ -62,7 +66,7 @@ class Material(Part):
     density: Positive = Field(description="the density in kg/m^3")
 
 
-class Marker(Part):
+class NodeMarker(Table):
     """A named point that joints and forces can use.
 
     Exactly one of `edge` (with `at`, the fraction of its parameter range, of a face
@@ -83,29 +87,42 @@ class Marker(Part):
     tie: Tie | None = None
 
 
-class RayleighDamping(Part):
-    """De = alpha Me + beta Ke."""
-
-    type: Literal["rayleigh"]
-    alpha: NonNegative = Field(0.0, description="in 1/s")
-    beta: NonNegative = Field(0.0, description="in s")
-
-
-class ModelFile(Part):
+class ModelFile(File):
     """A model file: geometry, material, discretisation, frame, markers, reduction."""
 
-    format: Literal["sidtool model"]
-    version: Literal[1]
+    named: ClassVar[tuple[str, ...]] = ("markers", PARAMETERS)
+    paths: ClassVar[tuple[tuple[str, ...], ...]] = (
+        *(("geometry", key) for key in ("file", "stiffness", "mass", "nodes", "dofs")),
+        ("reduction", "file"),
+    )
+
+    format: Literal["sidtool model"] = "sidtool model"
+    version: Literal[1] = 1
     title: str = ""
+    parameters: dict[str, float] = Field(
+        default_factory=dict, description=PARAMETERS_MEAN
+    )
     material: Material | None = None
     geometry: Geometry
     discretisation: Discretisation
     frame: FrameSettings
-    markers: dict[str, Marker] = Field(min_length=1)
+    markers: dict[str, NodeMarker] = Field(min_length=1)
     reduction: ReductionSettings
     damping: RayleighDamping | None = None
     stiffening: Stiffening | None = None
     stress: StressRecovery | None = None
+
+    @classmethod
+    def _read(cls, data: dict[str, Any], path: Path) -> Self:
+        """The files that it names are found from the working folder."""
+        for place in cls.paths:
+            relocate(data, place, path.parent, Path("."))
+        return super()._read(data, path)
+
+    @property
+    def folder(self) -> Path:
+        """The working folder, where the files that it names are looked for."""
+        return Path(".")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
@@ -168,36 +185,18 @@ class ModelFile(Part):
         return self
 
 
-def read_model(path: str | Path) -> ModelFile:
-    """Read a model file (TOML, or JSON by its ending).
+def read_model(path: str | Path, changes: Mapping[str, Any] | None = None) -> ModelFile:
+    """Read a model file (TOML, or JSON by its ending), with `changes` as in
+    `ModelFile.with_`.
 
     Raises
     ------
     InputError : names the file, the key, what was found and what was expected.
     """
-    return _with_paths(load(path, ModelFile), Path(path).parent)
+    return ModelFile.load(path, changes)
 
 
-def _with_paths(model: ModelFile, folder: Path) -> ModelFile:
-    """The model with the files it names relative to the current folder."""
-    names = ("file", "stiffness", "mass", "nodes", "dofs")
-    given = {name: getattr(model.geometry, name, None) for name in names}
-    located = {
-        name: str(folder / value)
-        for name, value in given.items()
-        if isinstance(value, str)
-    }
-    shapes = getattr(model.reduction, "file", None)
-    if isinstance(shapes, str):
-        reduction = model.reduction.model_copy(update={"file": str(folder / shapes)})
-        model = model.model_copy(update={"reduction": reduction})
-    if not located:
-        return model
-    geometry = model.geometry.model_copy(update=located)
-    return model.model_copy(update={"geometry": geometry})
-
-
-def _check_place(marker: Marker, place: str) -> None:
+def _check_place(marker: NodeMarker, place: str) -> None:
     ways = ("edge", "parameters", "position", "mesh_node")
     given = [way for way in ways if getattr(marker, way) is not None]
     if marker.at == "axis":

@@ -7,13 +7,14 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from .base import Count, Part
+from ..tables import Table
+from .base import Count
 
 Formulation = Literal["full_integration", "incompatible_modes"]
 Counts = tuple[Count, Count] | tuple[Count, Count, Count]
 
 
-class Q4Discretisation(Part):
+class Q4Discretisation(Table):
     """Bilinear quadrilaterals that sample the geometry at equal parameter steps.
 
     `incompatible_modes` adds the four internal modes of QM6 (Taylor, Beresford &
@@ -21,13 +22,13 @@ class Q4Discretisation(Part):
     `full_integration` does without them.
     """
 
-    type: Literal["q4"]
+    type: Literal["q4"] = "q4"
     elements: tuple[Count, Count]
     state: Literal["plane_stress", "plane_strain"] = "plane_stress"
     formulation: Formulation = "incompatible_modes"
 
 
-class IgaDiscretisation(Part):
+class IgaDiscretisation(Table):
     """The patches themselves as the basis, refined without changing the geometry.
 
     Exactly one of these says how far each is refined; `degrees` are those of the
@@ -38,7 +39,7 @@ class IgaDiscretisation(Part):
     knots : the knot vectors themselves
     """
 
-    type: Literal["iga"]
+    type: Literal["iga"] = "iga"
     degrees: Counts
     functions: Counts | None = None
     elements: Counts | None = None
@@ -65,7 +66,7 @@ class IgaDiscretisation(Part):
         return self
 
 
-class SolidDiscretisation(Part):
+class SolidDiscretisation(Table):
     """Solid elements that sample a volume at equal parameter steps.
 
     `elements` counts boxes per direction; tetrahedra are six to a box. Incompatible
@@ -77,7 +78,7 @@ class SolidDiscretisation(Part):
     formulation: Formulation = "incompatible_modes"
 
 
-class BeamDiscretisation(Part):
+class BeamDiscretisation(Table):
     """Straight two-node beam elements with cubic bending shapes.
 
     `mass` is consistent (that of the displacement field and the turning
@@ -85,16 +86,16 @@ class BeamDiscretisation(Part):
     nodes carries, with its own centre and inertia).
     """
 
-    type: Literal["beam"]
+    type: Literal["beam"] = "beam"
     elements: Annotated[int, Field(ge=1, le=100_000)]
     theory: Literal["euler_bernoulli", "timoshenko"] = "euler_bernoulli"
     mass: Literal["consistent", "lumped"] = "consistent"
 
 
-class MeshDiscretisation(Part):
+class MeshDiscretisation(Table):
     """The elements of a mesh as they are."""
 
-    type: Literal["mesh"]
+    type: Literal["mesh"] = "mesh"
     state: Literal["plane_stress", "plane_strain"] | None = Field(
         None, description="of plane elements that do not say it themselves"
     )
@@ -105,10 +106,10 @@ class MeshDiscretisation(Part):
     )
 
 
-class MatricesDiscretisation(Part):
+class MatricesDiscretisation(Table):
     """The matrices of a file as they are."""
 
-    type: Literal["matrices"]
+    type: Literal["matrices"] = "matrices"
 
 
 Discretisation = Annotated[

@@ -12,7 +12,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from .base import Count, Part, Positive
+from ..tables import Table
+from .base import Count, Positive
 from .checks import check_grid, check_knots
 
 Point2 = tuple[float, float]
@@ -41,7 +42,7 @@ class NamesOfFile(Mapping[str, Any]):
         return 0
 
 
-class NurbsGeometry(Part):
+class NurbsGeometry(Table):
     """A plane NURBS patch of constant thickness.
 
     The patch maps (u, v) to (x, y). Its sides are called left (u = 0), right (u = 1),
@@ -58,7 +59,7 @@ class NurbsGeometry(Part):
     edges : further name -> side
     """
 
-    type: Literal["nurbs"]
+    type: Literal["nurbs"] = "nurbs"
     degrees: tuple[Count, Count]
     knots: tuple[Knots, Knots]
     control_points: tuple[tuple[Point2, ...], ...] = Field(min_length=2)
@@ -96,7 +97,7 @@ class NurbsGeometry(Part):
         return SIDES | {name: SIDES[side] for name, side in self.edges.items()}
 
 
-class VolumeGeometry(Part):
+class VolumeGeometry(Table):
     """A NURBS volume that maps (u, v, w) to (x, y, z).
 
     Its faces are called left (u = 0), right (u = 1), bottom (v = 0), top (v = 1),
@@ -109,7 +110,7 @@ class VolumeGeometry(Part):
     weights : [i][j][k], all 1 by default
     """
 
-    type: Literal["nurbs_volume"]
+    type: Literal["nurbs_volume"] = "nurbs_volume"
     degrees: tuple[Count, Count, Count]
     knots: tuple[Knots, Knots, Knots]
     control_points: tuple[tuple[tuple[Point3, ...], ...], ...] = Field(min_length=2)
@@ -136,7 +137,7 @@ class VolumeGeometry(Part):
         return FACES | {name: FACES[face] for name, face in self.edges.items()}
 
 
-class PatchesGeometry(Part):
+class PatchesGeometry(Table):
     """Several NURBS patches of one file, joined along matching sides.
 
     Sides match if they have the same control points, weights, degrees and knots. A side
@@ -154,7 +155,7 @@ class PatchesGeometry(Part):
         the part, are the same; the gap is closed in its middle
     """
 
-    type: Literal["patches"]
+    type: Literal["patches"] = "patches"
     file: str
     thickness: Positive | None = None
     edges: dict[str, tuple[str, ...]] = {}
@@ -166,7 +167,7 @@ class PatchesGeometry(Part):
         return NamesOfFile()
 
 
-class RectangularSection(Part):
+class RectangularSection(Table):
     """A rectangular cross-section that may vary along a beam.
 
     One number holds everywhere; several, at equal steps from start to end, are
@@ -178,12 +179,12 @@ class RectangularSection(Part):
     width : along the local z axis [m]
     """
 
-    shape: Literal["rectangle"]
+    shape: Literal["rectangle"] = "rectangle"
     height: Positive | tuple[Positive, ...]
     width: Positive | tuple[Positive, ...]
 
 
-class GeneralSection(Part):
+class GeneralSection(Table):
     """A constant cross-section given by its properties.
 
     Attributes
@@ -193,7 +194,7 @@ class GeneralSection(Part):
     shear_y, shear_z : shear areas divided by the area
     """
 
-    shape: Literal["general"]
+    shape: Literal["general"] = "general"
     area: Positive
     iy: Positive
     iz: Positive
@@ -202,7 +203,7 @@ class GeneralSection(Part):
     shear_z: Positive = 5 / 6
 
 
-class LumpedMass(Part):
+class LumpedMass(Table):
     """A rigid particle fixed to a beam.
 
     Attributes
@@ -217,7 +218,7 @@ class LumpedMass(Part):
     inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-class BeamGeometry(Part):
+class BeamGeometry(Table):
     """A straight beam. Its ends are called start and end.
 
     Attributes
@@ -226,7 +227,7 @@ class BeamGeometry(Part):
     y_axis : direction of the local y axis, made perpendicular to the beam
     """
 
-    type: Literal["beam"]
+    type: Literal["beam"] = "beam"
     start: Point3
     end: Point3
     y_axis: Point3 = (0.0, 1.0, 0.0)
@@ -241,7 +242,7 @@ class BeamGeometry(Part):
         return {"start": (0, 0), "end": (0, 1)}
 
 
-class MeshGeometry(Part):
+class MeshGeometry(Table):
     """A mesh of another program: .inp, .msh, .bdf or .cdb, told by its ending.
 
     Attributes
@@ -256,7 +257,7 @@ class MeshGeometry(Part):
         with all elements that it knows, such as shells, beams and composites
     """
 
-    type: Literal["mesh"]
+    type: Literal["mesh"] = "mesh"
     file: str
     unit: Positive | str = 1.0
     thickness: Positive | None = None
@@ -269,7 +270,7 @@ class MeshGeometry(Part):
         return NamesOfFile()
 
 
-class MatricesGeometry(Part):
+class MatricesGeometry(Table):
     """Mass and stiffness matrices of another program with a table of nodes.
 
     Attributes
@@ -282,7 +283,7 @@ class MatricesGeometry(Part):
     expected_mass : [kg], checked against the matrix
     """
 
-    type: Literal["matrices"]
+    type: Literal["matrices"] = "matrices"
     stiffness: str | None = None
     mass: str | None = None
     nodes: str | None = None

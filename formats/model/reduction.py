@@ -7,13 +7,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .base import Count, Names, NonNegative, Part, several
+from ..tables import Table
+from .base import Count, Names, NonNegative, several
 from .checks import check_name
 
 Modes = Annotated[int, Field(ge=0, description="the number of modes, 0 or more")]
 
 
-class TangentFrame(Part):
+class TangentFrame(Table):
     """A frame that moves and turns with a marker; its axes are the global ones.
 
     Attributes
@@ -23,7 +24,7 @@ class TangentFrame(Part):
         them the marker's own displacement and rotation define the frame.
     """
 
-    type: Literal["tangent"]
+    type: Literal["tangent"] = "tangent"
     marker: str
     clamp: Names = ()
 
@@ -38,13 +39,13 @@ class TangentFrame(Part):
         return (self.marker,)
 
 
-class ChordFrame(Part):
+class ChordFrame(Table):
     """A frame on the first marker whose direction to the second one stays fixed.
 
     In space it does not turn about that direction relative to the first marker.
     """
 
-    type: Literal["chord"]
+    type: Literal["chord"] = "chord"
     markers: tuple[str, str]
 
     @property
@@ -58,7 +59,7 @@ class ChordFrame(Part):
         return self.markers
 
 
-class BuckensFrame(Part):
+class BuckensFrame(Table):
     """Mean axes (Buckens, Tisserand): deforming carries no momentum relative to them.
 
     Attributes
@@ -67,7 +68,7 @@ class BuckensFrame(Part):
         centre of mass by default
     """
 
-    type: Literal["buckens"]
+    type: Literal["buckens"] = "buckens"
     marker: str | None = None
 
     @property
@@ -86,7 +87,7 @@ FrameSettings = Annotated[
 ]
 
 
-class ReductionPart(Part):
+class ReductionPart(Table):
     """What all reduction methods have in common.
 
     Attributes
@@ -111,7 +112,7 @@ class ReductionPart(Part):
 class ModalReduction(ReductionPart):
     """The lowest modes of the body as its frame (and `fix`) hold it, or free."""
 
-    method: Literal["modal"]
+    method: Literal["modal"] = "modal"
     modes: Count = Field(description="the number of modes to keep")
 
 
@@ -138,7 +139,7 @@ class InterfaceReduction(ReductionPart):
 class CraigBamptonReduction(InterfaceReduction):
     """Constraint modes of the interfaces and modes with fixed interfaces."""
 
-    method: Literal["craig_bampton"]
+    method: Literal["craig_bampton"] = "craig_bampton"
 
 
 class AttachmentReduction(InterfaceReduction):
@@ -150,14 +151,14 @@ class AttachmentReduction(InterfaceReduction):
         only a body that is held somewhere has
     """
 
-    method: Literal["attachment"]
+    method: Literal["attachment"] = "attachment"
     inertia_relief: bool = True
 
 
 class HertingReduction(InterfaceReduction):
     """Constraint modes, inertia-relief modes and modes with free interfaces."""
 
-    method: Literal["herting"]
+    method: Literal["herting"] = "herting"
 
 
 class KrylovReduction(ReductionPart):
@@ -171,7 +172,7 @@ class KrylovReduction(ReductionPart):
     rotations : whether moments at the markers are loads too
     """
 
-    method: Literal["krylov"]
+    method: Literal["krylov"] = "krylov"
     interfaces: tuple[str, ...] = Field(min_length=1)
     frequencies: tuple[NonNegative, ...] = Field(min_length=1)
     moments: Count = 1
@@ -192,7 +193,7 @@ class UserReduction(ReductionPart):
     name : of the array in an .npz or HDF5 file with several
     """
 
-    method: Literal["user"]
+    method: Literal["user"] = "user"
     file: str
     name: str | None = None
 
@@ -208,7 +209,7 @@ ReductionSettings = Annotated[
 ]
 
 
-class Tie(Part):
+class Tie(Table):
     """A marker that follows many nodes instead of the material at one point.
 
     The nodes weigh by the area (in the plane, and of nodes along a line, the length)
@@ -234,7 +235,7 @@ class Tie(Part):
 Vector = tuple[float, ...]
 
 
-class Prestress(Part):
+class Prestress(Table):
     """A stress state of the undeformed body.
 
     The body rests undeformed when a scene applies the loads of its prestress: forces
@@ -265,7 +266,7 @@ class Prestress(Part):
         return (*self.forces, *self.moments, *held)
 
 
-class Stiffening(Part):
+class Stiffening(Table):
     """Geometric stiffening: which loads change the stiffness of the body.
 
     Attributes
@@ -290,7 +291,7 @@ class Stiffening(Part):
         return (*(self.markers or ()), *loaded)
 
 
-class StressRecovery(Part):
+class StressRecovery(Table):
     """Where a simulation can tell the stress.
 
     Attributes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +16,6 @@ from .events import Event
 
 Array = NDArray[np.float64]
 Scalar = bool | int | float | str
-More = Callable[["Result", str], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +41,6 @@ class Result:
     events : crossings that the scene asks for, and breaks, in the order of time
     scene : the scene as JSON
     sids : the SIDs of the bodies that have one, by body
-    more : evaluates outputs that were not recorded, see `sidtool.outputs`; it takes
-        this result and a name, perhaps with wildcards
     accuracy : how exact the numbers are, of a run that was asked for an accuracy
     versions : of this program and of the libraries under it
     notes : what a reader has to know of the numbers, one sentence each
@@ -76,7 +73,6 @@ class Result:
     notes: tuple[str, ...] = ()
     completed: bool = True
     message: str = ""
-    more: More | None = None
     accuracy: AccuracyReport | None = None
 
     def __post_init__(self) -> None:
@@ -96,15 +92,12 @@ class Result:
         return {} if self.accuracy is None else self.accuracy.errors()
 
     def __getitem__(self, name: str) -> Array:
-        """The course of one output, (nt,), or of all that a name with `*` stands for,
-        (nt, n); also of outputs that were not recorded, if the result knows its scene.
+        """The course of one output, (nt,).
 
         Raises
         ------
         InputError : no output has this name.
         """
-        if name not in self.names and self.more is not None:
-            return self.more(self, name)
         if name not in self.names:
             expected = f"one of {', '.join(self.names) or 'no outputs'}"
             raise InputError(f"there is no output {name!r}", expected=expected)

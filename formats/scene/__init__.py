@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..expressions import Instruction, Postfix, parse_expression
 from .base import Placement, as_3d, position_3d, rotation
 from .bodies import Body, ElasticInitial, Ground, Initial, Marker, RigidBody, SidBody
 from .damping import (
@@ -13,7 +14,6 @@ from .damping import (
 )
 from .drives import Drive, driven_coordinate
 from .events import Event, watched
-from .expressions import Instruction, Postfix, parse_expression
 from .file import Accuracy, Outputs, SceneFile, Time, read_scene
 from .forces import (
     Actuator,

@@ -6,20 +6,14 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, Field
+
+from ..tables import Table
 
 Vector = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
 Vector3 = tuple[float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 Quaternion = tuple[float, float, float, float]
-
-
-class Table(BaseModel):
-    """A frozen table of a file: unknown keys and infinite numbers are errors."""
-
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True
-    )
 
 
 def _number_or_vector(value: Any) -> Any:

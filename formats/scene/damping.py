@@ -14,13 +14,13 @@ Values = tuple[Annotated[float, Field(ge=0)], ...]
 class SidDamping(Table):
     """The matrix De of the SID."""
 
-    type: Literal["sid"]
+    type: Literal["sid"] = "sid"
 
 
 class RayleighDamping(Table):
     """alpha Me + beta Ke."""
 
-    type: Literal["rayleigh"]
+    type: Literal["rayleigh"] = "rayleigh"
     alpha: float = Field(default=0.0, ge=0, description="of the mass [1/s]")
     beta: float = Field(default=0.0, ge=0, description="of the stiffness [s]")
 
@@ -38,7 +38,7 @@ class ModalDamping(Table):
     One value holds for all modes; several are for the modes by growing frequency.
     """
 
-    type: Literal["modal"]
+    type: Literal["modal"] = "modal"
     ratio: Annotated[
         Values,
         BeforeValidator(_numbers, json_schema_input_type=float | Values),
@@ -52,7 +52,7 @@ class FrequencyDamping(Table):
     1 % of the critical damping up to 100 Hz, 10 % up to 1000 Hz, critical beyond.
     """
 
-    type: Literal["frequency"]
+    type: Literal["frequency"] = "frequency"
 
 
 Damping = Annotated[

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ..toml_files import load
+from ..evaluation import PARAMETERS, PARAMETERS_MEAN
+from ..files import File
 from .base import Table, Vector
 from .bodies import Body, Ground, SidBody
 from .checks import check
@@ -15,6 +17,7 @@ from .drives import Drive
 from .events import Event
 from .forces import Force
 from .joints import Joint
+from .laws import Expression
 from .wanted import Wanted
 
 
@@ -90,7 +93,7 @@ class Start(Table):
     )
 
 
-class SceneFile(Table):
+class SceneFile(File):
     """A scene. Lengths, masses and times in SI units, angles in radians.
 
     Raises
@@ -98,9 +101,22 @@ class SceneFile(Table):
     InputError : names that do not exist, wrong numbers of components, and so on.
     """
 
-    format: Literal["sidtool scene"]
-    version: Literal[1]
+    named: ClassVar[tuple[str, ...]] = (
+        "bodies",
+        "joints",
+        "drives",
+        "forces",
+        "events",
+        PARAMETERS,
+    )
+    paths: ClassVar[tuple[tuple[str, ...], ...]] = (("bodies", "*", "sid"),)
+
+    format: Literal["sidtool scene"] = "sidtool scene"
+    version: Literal[1] = 1
     title: str = ""
+    parameters: dict[str, float] = Field(
+        default_factory=dict, description=PARAMETERS_MEAN
+    )
     dimension: Literal["planar", "spatial"]
     gravity: Vector | None = Field(default=None, description="[m/s2], default none")
     time: Time = Field(description="the table [time] with start, end, output_step")
@@ -121,15 +137,19 @@ class SceneFile(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> SceneFile:
+        for force in self.forces.values():
+            function = getattr(force, "function", None)
+            if isinstance(function, Expression):
+                function.share(self.parameters)
         check(self)
         return self
 
 
-def read_scene(path: str | Path) -> SceneFile:
-    """Read a scene from TOML or JSON.
+def read_scene(path: str | Path, changes: Mapping[str, Any] | None = None) -> SceneFile:
+    """Read a scene from TOML or JSON, with `changes` as in `SceneFile.with_`.
 
     Raises
     ------
     InputError : the file cannot be read or is not a valid scene.
     """
-    return load(path, SceneFile)
+    return SceneFile.load(path, changes)

@@ -54,7 +54,7 @@ class PointForce(_Force):
     marker, which the force then follows.
     """
 
-    type: Literal["force"]
+    type: Literal["force"] = "force"
     marker: str = Field(description="where it acts, as BODY.MARKER")
     force: Vector | None = Field(default=None, description="components [N]")
     torque: AngularVelocity | None = Field(
@@ -82,7 +82,7 @@ class SpringDamper(_Pair):
     spatial scene is the angle nearest to `rest`, or to that of a drive of the joint.
     """
 
-    type: Literal["spring_damper"]
+    type: Literal["spring_damper"] = "spring_damper"
     rest: float = Field(
         default=0.0, description="length [m], or coordinate, without force"
     )
@@ -105,7 +105,7 @@ class Actuator(_Pair):
     coordinate grows.
     """
 
-    type: Literal["actuator"]
+    type: Literal["actuator"] = "actuator"
     function: ForceFunction
 
 
@@ -119,7 +119,7 @@ class Bushing(_Force):
     the angle about it counts, and of the tilts about the other two axes their sines.
     """
 
-    type: Literal["bushing"]
+    type: Literal["bushing"] = "bushing"
     markers: tuple[str, str] = Field(description=_MARKERS)
     stiffness: Values = Field(description="3 (planar) or 6 values [N/m], [N m/rad]")
     damping: Values | None = Field(
@@ -139,7 +139,7 @@ class Friction(_Force):
     of the joint itself, [joints.NAME.friction].
     """
 
-    type: Literal["friction"]
+    type: Literal["friction"] = "friction"
     joint: str = Field(description="a joint with a coordinate")
     coordinate: str | None = Field(default=None, description=_COORDINATE)
     force: float = Field(gt=0, description="constant limit [N] or [N m]")

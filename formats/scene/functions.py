@@ -16,7 +16,7 @@ Values = tuple[float, ...]
 class Constant(Table):
     """The same value at all times."""
 
-    type: Literal["constant"]
+    type: Literal["constant"] = "constant"
     value: float
 
 
@@ -37,14 +37,14 @@ class Piece(Table):
 class Polynomial(Table):
     """A function of time in pieces of polynomials without gaps."""
 
-    type: Literal["polynomial"]
+    type: Literal["polynomial"] = "polynomial"
     pieces: tuple[Piece, ...] = Field(min_length=1)
 
 
 class Harmonic(Table):
     """offset + amplitude sin(2 pi frequency t + phase)."""
 
-    type: Literal["harmonic"]
+    type: Literal["harmonic"] = "harmonic"
     offset: float = 0.0
     amplitude: float
     frequency: float | None = Field(default=None, description="[Hz]")
@@ -59,7 +59,7 @@ class SmoothStep(Table):
     3 of degree 7. The value is `start` before and `end` after.
     """
 
-    type: Literal["smooth_step"]
+    type: Literal["smooth_step"] = "smooth_step"
     from_: float = Field(alias="from", description="begin of the step [s]")
     to: float = Field(description="end of the step [s]")
     start: float = 0.0
@@ -76,7 +76,7 @@ class SineRamp(Table):
     value at `from`.
     """
 
-    type: Literal["sine_ramp"]
+    type: Literal["sine_ramp"] = "sine_ramp"
     from_: float = Field(alias="from", description="begin of the ramp [s]")
     to: float = Field(description="end of the ramp [s]")
     start: float = Field(default=0.0, description="before")
@@ -92,7 +92,7 @@ class Spline(Table):
     polynomial), `clamped` (no slope) or `natural` (no curvature).
     """
 
-    type: Literal["table"]
+    type: Literal["table"] = "table"
     times: Values = Field(min_length=2, description="[s], growing")
     values: Values = Field(min_length=2, description="as many as there are times")
     ends: Literal["not-a-knot", "clamped", "natural"] = "not-a-knot"
@@ -104,7 +104,7 @@ class Given(Table):
     than 1/4096 of the run may be missed, unless `Timed(f, times=[...])` says where it
     is, or `shortest` how short."""
 
-    type: Literal["callable"]
+    type: Literal["callable"] = "callable"
 
 
 Single = Annotated[
@@ -116,7 +116,7 @@ Single = Annotated[
 class Sum(Table):
     """The sum of other functions, such as two harmonics or a ramp and a harmonic."""
 
-    type: Literal["sum"]
+    type: Literal["sum"] = "sum"
     parts: tuple[Single, ...] = Field(min_length=1, description="functions of time")
 
 

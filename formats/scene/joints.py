@@ -44,7 +44,7 @@ class Fixed(_Pair):
     """No relative motion of the two markers; of a point mass, which has no orientation,
     its place is held."""
 
-    type: Literal["fixed"]
+    type: Literal["fixed"] = "fixed"
 
 
 class Revolute(_RubbingJoint):
@@ -53,14 +53,14 @@ class Revolute(_RubbingJoint):
     coordinates: ClassVar[tuple[str, ...]] = ("angle",)
     default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
     axis_is_normal: ClassVar[bool] = True
-    type: Literal["revolute"]
+    type: Literal["revolute"] = "revolute"
 
 
 class Prismatic(_RubbingJoint):
     """Translation along `axis`, default x, no rotation; displacement [m]."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("displacement",)
-    type: Literal["prismatic"]
+    type: Literal["prismatic"] = "prismatic"
 
 
 class Cylindrical(_AxialJoint):
@@ -69,7 +69,7 @@ class Cylindrical(_AxialJoint):
     coordinates: ClassVar[tuple[str, ...]] = ("angle", "displacement")
     default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
     dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
-    type: Literal["cylindrical"]
+    type: Literal["cylindrical"] = "cylindrical"
 
 
 class Screw(_AxialJoint):
@@ -79,7 +79,7 @@ class Screw(_AxialJoint):
     coordinates: ClassVar[tuple[str, ...]] = ("angle", "displacement")
     default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
     dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
-    type: Literal["screw"]
+    type: Literal["screw"] = "screw"
     pitch: float = Field(
         description="displacement in one turn [m], negative for a left-hand thread"
     )
@@ -94,7 +94,7 @@ class Spherical(_Pair):
     """The two origins coincide; all rotations are free."""
 
     dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
-    type: Literal["spherical"]
+    type: Literal["spherical"] = "spherical"
 
 
 class Universal(_AxialJoint):
@@ -107,7 +107,7 @@ class Universal(_AxialJoint):
 
     coordinates: ClassVar[tuple[str, ...]] = ("angle_1", "angle_2")
     dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
-    type: Literal["universal"]
+    type: Literal["universal"] = "universal"
     second_axis: Vector | None = Field(
         default=None,
         description="direction in the second marker's frame, at right angles to `axis`",
@@ -121,14 +121,14 @@ class PlanarJoint(_AxialJoint):
     coordinates: ClassVar[tuple[str, ...]] = ("angle",)
     default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
     dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
-    type: Literal["planar"]
+    type: Literal["planar"] = "planar"
 
 
 class PointOnLine(_RubbingJoint):
     """The second marker's origin stays on the first one's `axis`, default x."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("displacement",)
-    type: Literal["point_on_line"]
+    type: Literal["point_on_line"] = "point_on_line"
 
 
 class PointOnPlane(_AxialJoint):
@@ -137,13 +137,13 @@ class PointOnPlane(_AxialJoint):
 
     default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
     dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
-    type: Literal["point_on_plane"]
+    type: Literal["point_on_plane"] = "point_on_plane"
 
 
 class Coincident(_Pair):
     """The two origins coincide; all rotations are free."""
 
-    type: Literal["coincident"]
+    type: Literal["coincident"] = "coincident"
 
 
 class Distance(_Pair):
@@ -153,7 +153,7 @@ class Distance(_Pair):
     """
 
     coordinates: ClassVar[tuple[str, ...]] = ("length",)
-    type: Literal["distance"]
+    type: Literal["distance"] = "distance"
     length: float | None = Field(default=None, gt=0, description="[m]")
 
 
@@ -175,7 +175,7 @@ class Gear(_Coupled):
     Angles in spatial scenes need a ratio of whole numbers, such as of teeth.
     """
 
-    type: Literal["gear"]
+    type: Literal["gear"] = "gear"
     joints: tuple[str, str] = Field(description="names of two joints")
     ratio: float = Field(
         description="of the second coordinate to the first, negative for wheels that "
@@ -187,7 +187,7 @@ class Coupling(_Coupled):
     """The sum of the coordinates of `joints`, times `weights`, is `offset`: a
     differential, a planetary gear, a rack, a screw."""
 
-    type: Literal["coupling"]
+    type: Literal["coupling"] = "coupling"
     joints: tuple[str, ...] = Field(min_length=2, description="names of joints")
     weights: tuple[float, ...] = Field(description="one for each joint")
 

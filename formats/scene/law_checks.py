@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import InputError
-from .expressions import FUNCTIONS, parse_expression
+from ..expressions import FUNCTIONS, parse_expression
 from .failures import fail
 from .laws import Expression, Pid
 
@@ -50,6 +50,6 @@ def _check_limits(limits: tuple[float, float] | None, place: str) -> None:
 
 def _check_formula(text: str, law: Expression, place: str) -> None:
     try:
-        parse_expression(text, law.parameters)
+        parse_expression(text, law.known)
     except InputError as error:
         fail(place, error.problem, error.expected)

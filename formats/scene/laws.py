@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from .base import Table
 from .functions import (
@@ -49,16 +49,28 @@ class Expression(Table):
     clip(x, lower, upper).
     """
 
-    type: Literal["expression"]
+    type: Literal["expression"] = "expression"
     value: str = Field(description="the formula [N] or [N m]")
     parameters: dict[str, float] = Field(
-        default_factory=dict, description="numbers by name"
+        default_factory=dict,
+        description="numbers by name, beside those of the scene",
     )
     states: dict[str, State] = Field(
         default_factory=dict, description="numbers that the law keeps, by name"
     )
     limits: tuple[float, float] | None = Field(default=None, description=_LIMITS)
     sample_time: float | None = Field(default=None, gt=0, description=_SAMPLE)
+    _shared: dict[str, float] = PrivateAttr(default_factory=dict)
+
+    @property
+    def known(self) -> dict[str, float]:
+        """Its parameters and those of its scene, which its own names hide."""
+        shared = {k: v for k, v in self._shared.items() if k not in self.states}
+        return shared | self.parameters
+
+    def share(self, parameters: dict[str, float]) -> None:
+        """Makes the parameters of its scene known."""
+        self._shared = parameters
 
 
 class Pid(Table):
@@ -68,7 +80,7 @@ class Pid(Table):
     it does not wind up; T is `anti_windup`. With `filter` e' passes a first-order lag.
     """
 
-    type: Literal["pid"]
+    type: Literal["pid"] = "pid"
     measured: str = Field(description="an output that is a position or a velocity")
     reference: float | str | Function = Field(
         default=0.0, description="a number, an output, or a function of time"

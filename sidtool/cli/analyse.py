@@ -10,10 +10,12 @@ import click
 
 from .common import (
     Target,
+    changes,
     check_targets,
     existing,
     files_of,
     force,
+    read_changed,
     result_target,
     target,
 )
@@ -45,9 +47,16 @@ def analyse() -> None:
 @analyse.command()
 @click.argument("scene", metavar="SCENE", type=existing)
 @click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
+@changes
 @force
 @_ACCEPT
-def static(scene: Path, output: Path | None, force: bool, accept_defects: bool) -> None:
+def static(
+    scene: Path,
+    output: Path | None,
+    changes: tuple[str, ...],
+    force: bool,
+    accept_defects: bool,
+) -> None:
     """Find the static equilibrium of a SCENE, downhill from its start.
 
     Drives and forces keep the values that they have at the start; nothing moves.
@@ -64,7 +73,7 @@ def static(scene: Path, output: Path | None, force: bool, accept_defects: bool) 
     from ..report.analysis import describe_equilibrium
 
     check_targets([result_target(output)], files_of(scene), force)
-    found = _attempt(static_equilibrium, scene, accept_defects=accept_defects)
+    found = _attempt(static_equilibrium, scene, changes, accept_defects=accept_defects)
     _write_result(output, found.result())
     click.echo(describe_equilibrium(found))
 
@@ -79,10 +88,16 @@ def static(scene: Path, output: Path | None, force: bool, accept_defects: bool) 
     help="The state: static equilibrium, or the start with its velocities.",
 )
 @click.option("-o", "--output", type=target, help="Modes with their shapes (JSON).")
+@changes
 @force
 @_ACCEPT
 def modes(
-    scene: Path, about: str, output: Path | None, force: bool, accept_defects: bool
+    scene: Path,
+    about: str,
+    output: Path | None,
+    changes: tuple[str, ...],
+    force: bool,
+    accept_defects: bool,
 ) -> None:
     """Find the natural modes of the assembled SCENE.
 
@@ -101,7 +116,9 @@ def modes(
     from ..report.analysis import describe_modes, modes_as_data
 
     check_targets([Target("-o", output, "modes")], files_of(scene), force)
-    found = _attempt(linearise, scene, about=about, accept_defects=accept_defects)
+    found = _attempt(
+        linearise, scene, changes, about=about, accept_defects=accept_defects
+    )
     if output is not None:
         from sidtool.formats.atomic import atomic_path
 
@@ -120,12 +137,14 @@ def modes(
     "equilibrium with the inertia, gravity and joint forces of the motion.",
 )
 @click.option("-o", "--output", type=target, help="Result to write (.h5 or .csv).")
+@changes
 @force
 @_ACCEPT
 def inverse(
     scene: Path,
     quasi_static: bool,
     output: Path | None,
+    changes: tuple[str, ...],
     force: bool,
     accept_defects: bool,
 ) -> None:
@@ -154,6 +173,7 @@ def inverse(
     result = _attempt(
         inverse_dynamics,
         scene,
+        changes,
         output,
         quasi_static=quasi_static,
         accept_defects=accept_defects,
@@ -163,7 +183,11 @@ def inverse(
 
 
 def _attempt(
-    analysis: Any, scene: Path, output: Path | None = None, **settings: Any
+    analysis: Any,
+    scene: Path,
+    changes: tuple[str, ...],
+    output: Path | None = None,
+    **settings: Any,
 ) -> Any:
     """Runs an analysis; one line and status 1 when physics does not allow it.
 
@@ -172,7 +196,7 @@ def _attempt(
     from sidtool.solver.errors import SimulationError
 
     try:
-        return analysis(scene, **settings)
+        return analysis(read_changed(scene, changes), **settings)
     except SimulationError as error:
         click.echo(f"sidtool: {scene}: {error}", err=True)
         if error.result is not None:

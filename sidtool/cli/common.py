@@ -9,11 +9,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from sidtool.formats.errors import InputError
+
+if TYPE_CHECKING:
+    from ..scenes import Scene
 
 #: Runs shorter than this show no progress bar [s].
 PATIENCE = 1.0
@@ -49,6 +52,15 @@ force = click.option(
     help="Replace an output file even if it is not one that sidtool writes there.",
 )
 
+changes = click.option(
+    "--set",
+    "changes",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Another value for a key of the file, such as time.end=2, crank.mass=0.4 or "
+    "parameters.n=8; may be given several times.",
+)
+
 
 @dataclass(frozen=True)
 class Target:
@@ -63,6 +75,22 @@ def result_target(path: Path | None) -> Target:
     """Of an option -o that takes a result or, by its ending, a table."""
     table = path is not None and path.suffix.lower() == ".csv"
     return Target("-o", path, "table" if table else "result")
+
+
+def read_changed(path: Path, changes: Sequence[str]) -> Scene:
+    """A scene with the values of `--set`.
+
+    Raises
+    ------
+    InputError : it is no scene, or a value or key does not fit.
+    """
+    from sidtool.formats.files import settings
+
+    from ..kinds import expect_kind
+    from ..scenes import Scene
+
+    expect_kind(path, "scene")
+    return Scene.load(path, settings(changes))
 
 
 def files_of(path: Path) -> list[Path]:

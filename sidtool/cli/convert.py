@@ -15,6 +15,7 @@ import click
 from .common import (
     PATIENCE,
     Target,
+    changes,
     check_targets,
     files_of,
     force,
@@ -79,6 +80,7 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
     help="Make De anew from Me and Ke: none, rayleigh:ALPHA,BETA, modal:RATIO[,...] "
     "or frequency.",
 )
+@changes
 @force
 def convert(
     source: Path,
@@ -91,6 +93,7 @@ def convert(
     sigma: str | None,
     frame: str | None,
     damping: str | None,
+    changes: tuple[str, ...],
     force: bool,
 ) -> None:
     """Convert a model file to a SID, or a SID to another SID file.
@@ -106,6 +109,7 @@ def convert(
     Examples:
       sidtool convert rod_q4.toml -o rod.SID_FEM
       sidtool convert rod_q4.toml -o rod.SID_FEM --field rod.field.h5
+      sidtool convert rod_q4.toml -o thick.SID_FEM --set geometry.thickness=0.02
       sidtool convert rod.SID_FEM -o rod.h5
       sidtool convert beam.SID_FEM -o better.SID_FEM --repair
       sidtool convert beam.SID_FEM -o beam_si.SID_FEM --units mm-t-s:SI
@@ -116,9 +120,12 @@ def convert(
     """
     with _processes(engine) as processes:
         targets = [Target("-o", output, "sid"), Target("--field", field, "field")]
-        check_targets(targets, files_of(source), force)
+        named = [text.partition("=")[2] for text in changes]
+        check_targets(targets, [*files_of(source), *named], force)
         _check_field(field, source, units, frame)
-        sid, whole = _sid(source, engine, processes.rank == 0, field is not None)
+        sid, whole = _sid(
+            source, changes, engine, processes.rank == 0, field is not None
+        )
         processes.go_on()
         if processes.rank > 0:
             return
@@ -219,12 +226,24 @@ def _refuse_mpirun() -> None:
 
 
 def _sid(
-    source: Path, engine: str | None, leading: bool, with_field: bool
+    source: Path,
+    changes: tuple[str, ...],
+    engine: str | None,
+    leading: bool,
+    with_field: bool,
 ) -> tuple[Any, Any]:
     """The SID and, if it is wanted, the full field."""
+    from sidtool.formats.errors import InputError
+    from sidtool.formats.files import settings
+    from sidtool.formats.model import read_model
+
     from ..kinds import expect_kind, read
 
     if expect_kind(source, "model", "sid") == "sid":
+        if changes:
+            raise InputError(
+                "is a SID", source=source, place="--set", expected="it with a model"
+            )
         return read(source), None
     from ..convert import field_from_model, sid_from_model
     from ..reduction.factors import engine_name
@@ -232,10 +251,11 @@ def _sid(
 
     with running(engine):
         engine_name()
+    model = read_model(source, settings(changes))
     with _stages(leading) as tell:
         if with_field:
-            return field_from_model(source, tell, engine)
-        return sid_from_model(source, tell, engine), None
+            return field_from_model(model, tell, engine)
+        return sid_from_model(model, tell, engine), None
 
 
 def _rereferenced(sid: Any, frame: str) -> Any:

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,13 +14,18 @@ from sidtool.formats.errors import InputError
 
 from .common import (
     Target,
+    changes,
     check_targets,
     existing,
     files_of,
     force,
     progress_bar,
+    read_changed,
     target,
 )
+
+if TYPE_CHECKING:
+    from sidtool.formats.scene import SceneFile
 
 
 @click.command()
@@ -62,6 +67,7 @@ from .common import (
     multiple=True,
     help="Take a body with a SID as rigid; may be given several times.",
 )
+@changes
 @force
 @click.option(
     "--accept-defects",
@@ -80,6 +86,7 @@ def simulate(
     swaps: tuple[str, ...],
     rigid: tuple[str, ...],
     accuracy: tuple[str, ...],
+    changes: tuple[str, ...],
     force: bool,
     accept_defects: bool,
 ) -> None:
@@ -108,6 +115,7 @@ def simulate(
       sidtool simulate slider_crank.toml --integrator radau13 --rtol 1e-8
       sidtool simulate slider_crank.toml --accuracy 1e-3 -o result.h5
       sidtool simulate slider_crank.toml --accuracy "piston.x=1e-6 m"
+      sidtool simulate slider_crank.toml --set piston.mass=6 --set time.end=1
 
     Exit status: 0 done, or ended by an event; 1 the run stopped early (the files hold
     what there is); 2 the input is wrong, and nothing is written.
@@ -115,8 +123,8 @@ def simulate(
     from sidtool.solver.errors import SimulationError
 
     targets = [Target("-o", output, "result"), Target("--csv", csv, "table")]
-    swapped = [swap.partition("=")[2] for swap in swaps]
-    check_targets(targets, [*files_of(scene), *swapped], force)
+    named = [text.partition("=")[2] for text in (*swaps, *changes)]
+    check_targets(targets, [*files_of(scene), *named], force)
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     _check_numbers(rtol, step, spectral_radius)
@@ -127,7 +135,8 @@ def simulate(
         try:
             with progress_bar("simulating") as bar:
                 model = Model(swaps, rigid, from_texts(accuracy), accept_defects)
-                result = _run(scene, model, settings, bar, files)
+                content = read_changed(scene, changes)
+                result = _run(content, model, settings, bar, files)
         except SimulationError as error:
             click.echo(f"sidtool: {scene}: {error}", err=True)
             for note in error.result.notes if error.result is not None else ():
@@ -174,28 +183,23 @@ class Model:
 
 
 def _run(
-    path: Path,
+    scene: SceneFile,
     model: Model,
     settings: dict[str, Any],
     bar: Callable[[float], None] | None,
     files: Any,
 ) -> Any:
-    from sidtool.formats.scene import read_scene
-
-    from ..kinds import expect_kind
-
-    expect_kind(path, "scene")
-    scene = read_scene(path)
+    from sidtool.formats.files import located
     from sidtool.solver import compile_scene
     from sidtool.solver import simulate as run
 
     from ..accuracy import Certified, plan_for
     from ..chosen import chosen
 
-    folder, defects = path.parent, model.accept_defects
+    folder, defects = scene.folder, model.accept_defects
     swapped = _swaps(model.swaps, scene)
-    scene, sids, told = chosen(scene, folder, swapped, model.rigid)
-    try:
+    with located(scene):
+        scene, sids, told = chosen(scene, folder, swapped, model.rigid)
         plan = plan_for(
             scene,
             folder,
@@ -219,8 +223,6 @@ def _run(
             **settings,
         )
         return result if plan is None else plan.certified(result)
-    except InputError as error:
-        raise error.located(path) from None
 
 
 def _say(text: str) -> None:

@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import existing, target
+from .common import changes, existing, read_changed, target
 
 if TYPE_CHECKING:
-    from sidtool.solver.system.scene import System
-
     from ..study import Study
 
 
@@ -50,6 +48,7 @@ if TYPE_CHECKING:
     multiple=True,
     help="Output that counts, such as piston.x. Default all that the scene records.",
 )
+@changes
 def study(
     scene: Path,
     output: Path | None,
@@ -58,6 +57,7 @@ def study(
     tolerances: tuple[float, ...],
     steps: tuple[float, ...],
     outputs: tuple[str, ...],
+    changes: tuple[str, ...],
 ) -> None:
     """Measure error against time for a SCENE and recommend a setting.
 
@@ -72,7 +72,8 @@ def study(
       sidtool study slider_crank.toml -o study --of rod.q1
       sidtool study slider_crank.toml --integrator radau5 --integrator radau9
     """
-    from sidtool.formats.errors import InputError
+    from sidtool.formats.files import located
+    from sidtool.solver import compile_scene
     from sidtool.solver.errors import SimulationError
 
     from ..study import default_settings
@@ -85,9 +86,11 @@ def study(
     if output is not None:
         _check_folder(output)
     try:
-        result = run(_compiled(scene), settings, outputs, _say)
-    except InputError as error:
-        raise error.located(scene) from None
+        content = read_changed(scene, changes)
+        with located(content):
+            result = run(
+                compile_scene(content, content.folder), settings, outputs, _say
+            )
     except SimulationError as error:
         click.echo(f"sidtool: {scene}: the reference {error}", err=True)
         raise click.exceptions.Exit(1) from None
@@ -109,16 +112,6 @@ def _check(option: str, numbers: tuple[float, ...], least: float, most: float) -
             raise InputError(
                 f"found {number:g}", place=option, expected=f"{least:g} to {most:g}"
             )
-
-
-def _compiled(path: Path) -> System:
-    from sidtool.formats.scene import read_scene
-    from sidtool.solver import compile_scene
-
-    from ..kinds import expect_kind
-
-    expect_kind(path, "scene")
-    return compile_scene(read_scene(path), path.parent)
 
 
 def _check_folder(folder: Path) -> None:

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.discretisation import BeamDiscretisation
 from sidtool.formats.model.geometry import (
     BeamGeometry,
@@ -470,7 +470,7 @@ def _pruned(rows: sp.csr_matrix) -> sp.csr_matrix:
     return rows
 
 
-def _fraction(marker: Marker, line: Line) -> float:
+def _fraction(marker: NodeMarker, line: Line) -> float:
     if marker.edge is not None:
         return 0.0 if marker.edge == "start" else 1.0
     if marker.parameters is not None:

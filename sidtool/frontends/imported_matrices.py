@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.geometry import MatricesGeometry
 
 from ..importers.matrices import ImportedMatrices, read_arrays, read_matrices
@@ -185,7 +185,7 @@ def _check_mass(found: float, expected: float | None) -> None:
         )
 
 
-def _node(marker: Marker, labels: Indices, positions: NDArray[np.float64]) -> int:
+def _node(marker: NodeMarker, labels: Indices, positions: NDArray[np.float64]) -> int:
     if marker.mesh_node is not None:
         found = np.flatnonzero(labels == marker.mesh_node)
         if not found.size:

@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Marker
+from sidtool.formats.model import NodeMarker
 
 from .continuum import Continuum, half_curl
 from .elements import internal_amplitudes
@@ -34,7 +34,7 @@ _BESIDE = 48
 _Holder = tuple[int, int, Array]
 
 
-def position_of(mesh: Mesh, marker: Marker) -> Array:
+def position_of(mesh: Mesh, marker: NodeMarker) -> Array:
     """Where a marker of an imported mesh is.
 
     Raises

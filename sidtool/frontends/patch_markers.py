@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
 from ..geometry.locate import locate
@@ -63,7 +63,7 @@ def marker_rows(
     return tuple(rows)
 
 
-def placed(markers: Mapping[str, Marker]) -> Iterator[tuple[str, Marker]]:
+def placed(markers: Mapping[str, NodeMarker]) -> Iterator[tuple[str, NodeMarker]]:
     """The markers that are places of the body; a tie places the others."""
     for name, marker in markers.items():
         own = (marker.edge, marker.parameters, marker.mesh_node)
@@ -84,7 +84,7 @@ def at_marker(name: str) -> Iterator[None]:
 
 
 def marker_parameters(
-    marker: Marker, edges: Mapping[str, tuple[int, int]], exact: NurbsPatch
+    marker: NodeMarker, edges: Mapping[str, tuple[int, int]], exact: NurbsPatch
 ) -> Array:
     """The parameters (k,) of a marker on a patch.
 

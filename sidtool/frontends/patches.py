@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Marker, ModelFile
+from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.geometry import FACES, PatchesGeometry
 
 from ..geometry.contact import check_one_part, check_overlaps, weak_ties
@@ -182,7 +182,7 @@ def _markers(
     return tuple(rows)
 
 
-def _place(marker: Marker, exact: Mapping[str, NurbsPatch]) -> tuple[str, Array]:
+def _place(marker: NodeMarker, exact: Mapping[str, NurbsPatch]) -> tuple[str, Array]:
     if marker.edge is not None:
         patch, _, side = marker.edge.rpartition(".")
         if patch not in exact or side not in FACES:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from sidtool.solver.afterwards import Replay, replay, scene_of
 from ..afterwards import outputs, outputs_at
 from .courses import Curve, draw, grouped, label_of
 from .figure import new_page, saved, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -53,12 +56,22 @@ def plot_result(
     ------
     InputError : the result holds too few times, or there is no such output.
     """
+    with styled():
+        page, told = drawn(result, kind, names)
+        saved(page, path)
+    return told
+
+
+def drawn(
+    result: Result, kind: str = "outputs", names: str | Iterable[str] | None = None
+) -> tuple[Figure, list[str]]:
+    """The figure, and sentences on what was left out, or is uncertain."""
     if len(result.t) < 2:
         raise InputError(
             f"holds {len(result.t)} output times", expected="at least two for a curve"
         )
     if kind == "energy":
-        return _energy(path, result)
+        return _energy(result)
     told: list[str] = []
     wanted = list(RESIDUALS) if kind == "drift" else _wanted(result, names)
     groups = grouped(wanted)
@@ -67,7 +80,8 @@ def plot_result(
         groups = groups[:_MOST]
     wanted = [name for group in groups for name in group]
     if kind == "spectrum":
-        return told + _spectrum(path, result, wanted)
+        page, more = _spectrum(result, wanted)
+        return page, told + more
     t, columns, uncertain = _dense(result, wanted)
     with styled():
         page, axes = new_page(len(groups), 1, (7.5, 1.7 * len(groups) + 0.6))
@@ -77,8 +91,8 @@ def plot_result(
             draw(place, t, curves, label_of(group))
             if kind == "drift":
                 place.set_yscale("log")
-        _finish(page, rows, result, path, "t [s]")
-    return told + uncertain
+        _finish(page, rows, result, "t [s]")
+    return page, told + uncertain
 
 
 def _wanted(result: Result, names: str | Iterable[str] | None) -> list[str]:
@@ -126,7 +140,7 @@ def _uncertain(again: Replay) -> list[str]:
     ]
 
 
-def _energy(path: Path, result: Result) -> list[str]:
+def _energy(result: Result) -> tuple[Figure, list[str]]:
     """Kinetic, elastic and potential energy and their sum; what is recorded besides."""
     more = [n for n in result.names if n.startswith("energy.") and n not in ENERGIES]
     t, columns, told = _dense(result, [*ENERGIES, *more])
@@ -140,11 +154,11 @@ def _energy(path: Path, result: Result) -> list[str]:
         shown = [Curve("change of the sum", total - total[0])]
         shown += [Curve(n.removeprefix("energy."), columns[n]) for n in more]
         draw(axes[1], t, shown, "energy [J]" if more else "change of the sum [J]")
-        _finish(page, axes, result, path, "t [s]")
-    return told
+        _finish(page, axes, result, "t [s]")
+    return page, told
 
 
-def _spectrum(path: Path, result: Result, names: list[str]) -> list[str]:
+def _spectrum(result: Result, names: list[str]) -> tuple[Figure, list[str]]:
     """Amplitudes of a Hann window over the whole run, up to half the rate of output
     times."""
     count = max(8, len(result.t))
@@ -165,8 +179,8 @@ def _spectrum(path: Path, result: Result, names: list[str]) -> list[str]:
                 loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0
             )
             place.set_xlim(0.0, frequencies[-1])
-        _finish(page, rows, result, path, "frequency [Hz]")
-    return [f"up to {frequencies[-1]:.4g} Hz, half the rate of the output times"]
+        _finish(page, rows, result, "frequency [Hz]")
+    return page, [f"up to {frequencies[-1]:.4g} Hz, half the rate of the output times"]
 
 
 def amplitudes(values: Array) -> Array:
@@ -177,8 +191,7 @@ def amplitudes(values: Array) -> Array:
     return np.asarray(2.0 * np.abs(spectrum) / window.sum())
 
 
-def _finish(page: Any, rows: Any, result: Result, path: Path, label: str) -> None:
+def _finish(page: Any, rows: Any, result: Result, label: str) -> None:
     rows[-1].set_xlabel(label)
     if result.title:
         page.suptitle(result.title, fontsize="medium")
-    saved(page, path)

@@ -26,7 +26,7 @@ NOISE = 1e-12
 def describe_equilibrium(found: Equilibrium) -> str:
     """Iterations, residual, notes, outputs and multipliers."""
     result = found.result()
-    parts = [
+    parts: list[str] = [
         named(
             [
                 ("equilibrium", f"after {found.iterations} steps"),
@@ -63,7 +63,7 @@ def describe_modes(modes: Linearisation) -> str:
         )
     if not rows:
         return "no natural modes: nothing can move"
-    text = table(["mode", "Hz", "damping ratio", "moved most by"], rows)
+    text: str = table(["mode", "Hz", "damping ratio", "moved most by"], rows)
     growing = np.flatnonzero(modes.damping_ratios < -GROWS) + 1
     if len(growing):
         which = ", ".join(map(str, growing))

@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
-from sidtool.formats.model import Marker, Material, ModelFile
+from sidtool.formats.model import Material, ModelFile, NodeMarker
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
 from ..frontends.finite_element_model import FiniteElementModel
-from .tables import named, plural, table
+from .tables import Block, named, plural, table
 
 
 def describe_model(model: ModelFile, body: FiniteElementModel | None = None) -> str:
     """Lines and a table of markers; with the body also where they are."""
+    parts: list[str] = [*model_parts(model, body)]
+    parts += ["\n".join(f"note: {note}" for note in body.notes)] if body else []
+    return "\n\n".join(part for part in parts if part)
+
+
+def model_parts(
+    model: ModelFile, body: FiniteElementModel | None = None
+) -> list[Block]:
+    """The same, one by one."""
     entries = [
         ("title", model.title or "(none)"),
         ("geometry", _geometry(model)),
@@ -32,9 +41,7 @@ def describe_model(model: ModelFile, body: FiniteElementModel | None = None) -> 
         heads.append("at [m]")
         for row in rows:
             row.append(_listed(tuple(body.marker(row[0]).position + 0.0)))
-    lines = [named(entries), "", table(heads, rows)]
-    notes = [] if body is None else [f"note: {note}" for note in body.notes]
-    return "\n".join([*lines, *([""] if notes else []), *notes])
+    return [named(entries), table(heads, rows)]
 
 
 def _thickness(model: ModelFile) -> str:
@@ -102,7 +109,7 @@ def _damping(model: ModelFile) -> str:
     return f"{damping.type}, alpha = {damping.alpha:g} 1/s, beta = {damping.beta:g} s"
 
 
-def _place(marker: Marker) -> str:
+def _place(marker: NodeMarker) -> str:
     if marker.at == "axis":
         return "on the axis of what it is tied to"
     if marker.edge is not None:

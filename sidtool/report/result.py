@@ -9,7 +9,7 @@ import numpy as np
 from sidtool.formats.result import Event, FlexibleBody, Result
 
 from .accuracy import describe_accuracy
-from .tables import named, plural, table
+from .tables import Block, named, plural, table
 
 #: counters in the order of a summary, with the words for them
 COUNTERS = {
@@ -39,6 +39,14 @@ def summary(result: Result, span: tuple[float, float, int] | None = None) -> str
     span : first and last output time [s] and how many there are; default those of the
         result
     """
+    known = course(result, span)
+    if result.accuracy is None:
+        return known
+    return f"{known}\n\n{describe_accuracy(result.accuracy)}"
+
+
+def course(result: Result, span: tuple[float, float, int] | None = None) -> Block:
+    """The same without the accuracy that was asked for."""
     entries = [
         ("motion", _span(*(span or _span_of(result)))),
         ("method", _settings(result)),
@@ -52,9 +60,7 @@ def summary(result: Result, span: tuple[float, float, int] | None = None) -> str
         entries.append(("advice", ADVICE))
     entries += _events(result.events)
     entries += _chosen(result.bodies, lambda body: body.after)
-    if result.accuracy is None:
-        return named(entries)
-    return f"{named(entries)}\n\n{describe_accuracy(result.accuracy)}"
+    return named(entries)
 
 
 def _is_stiff(result: Result) -> bool:

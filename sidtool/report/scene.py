@@ -16,11 +16,16 @@ from sidtool.formats.scene import (
     marker_names,
 )
 
-from .tables import named, plural, table
+from .tables import Block, named, plural, table
 
 
 def describe_scene(scene: SceneFile) -> str:
     """Lines and tables of bodies, joints and drives."""
+    return "\n\n".join(scene_parts(scene))
+
+
+def scene_parts(scene: SceneFile) -> list[Block]:
+    """The same, one by one."""
     count = len(OutputTimes(scene))
     accuracy = scene.accuracy
     entries = [
@@ -43,6 +48,9 @@ def describe_scene(scene: SceneFile) -> str:
         ),
         ("outputs", ", ".join(scene.outputs.record) or "none"),
     ]
+    if scene.parameters:
+        known = (f"{name} = {value:g}" for name, value in scene.parameters.items())
+        entries.insert(1, ("parameters", ", ".join(known)))
     parts = [named(entries)]
     bodies = [[name, *_body(body)] for name, body in scene.bodies.items()]
     parts.append(table(["body", "kind", "", "markers"], bodies))
@@ -58,7 +66,7 @@ def describe_scene(scene: SceneFile) -> str:
     if scene.events:
         events = [[name, *_event(event)] for name, event in scene.events.items()]
         parts.append(table(["event", "when", "then"], events))
-    return "\n\n".join(parts)
+    return parts
 
 
 def _body(body: Body) -> list[str]:

@@ -3,25 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Self
 
 from sidtool.formats.errors import printable
+from sidtool.formats.html import html_table
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+class Block(str):
+    """A table as text, which knows itself as HTML, too."""
+
+    html: str
+
+    def __new__(cls, text: str, html: str) -> Self:
+        made = super().__new__(cls, text)
+        made.html = html
+        return made
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> Block:
     """Aligned columns under a header and a line; numbers to the right, texts left."""
     body = [[printable(cell) for cell in row] for row in rows]
     columns = list(zip(header, *body, strict=True))
     widths = [max(map(len, column)) for column in columns]
     right = [all(_numeric(cell) for cell in column[1:]) for column in columns]
     lines = [list(header), ["-" * width for width in widths], *body]
-    return "\n".join(_line(cells, widths, right) for cells in lines)
+    text = "\n".join(_line(cells, widths, right) for cells in lines)
+    return Block(text, html_table(body, header))
 
 
-def named(entries: Iterable[tuple[str, str]]) -> str:
+def named(entries: Iterable[tuple[str, str]]) -> Block:
     """Names and what they stand for, one per line, aligned."""
     pairs = [(name, printable(text)) for name, text in entries]
     width = max((len(name) for name, _ in pairs), default=0)
-    return "\n".join(f"{name:<{width}}  {text}" for name, text in pairs)
+    lines = "\n".join(f"{name:<{width}}  {text}" for name, text in pairs)
+    return Block(lines, html_table(pairs))
 
 
 def plural(count: int, word: str) -> str:

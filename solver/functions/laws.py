@@ -159,7 +159,7 @@ def _limited(value: Parts, limits: tuple[float, float] | None) -> Parts:
 def _of_expression(law: Expression) -> LawParts:
     def parsed(text: str | None) -> Postfix:
         assert text is not None
-        return parse_expression(text, law.parameters)
+        return parse_expression(text, law.known)
 
     key = "rate" if law.sample_time is None else "next"
     states = {

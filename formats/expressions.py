@@ -1,4 +1,4 @@
-"""Formulas of a scene file: a small grammar of numbers, names and functions.
+"""Formulas of scene and model files: a small grammar of numbers, names and functions.
 
     sum      = product {("+" | "-") product}
     product  = sign {("*" | "/") sign}
@@ -15,11 +15,12 @@ stack, operands before their operators; clip becomes max and min.
 from __future__ import annotations
 
 import math
+import operator
 import re
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
-from ..errors import InputError
+from .errors import InputError
 
 #: Functions with the number of their arguments; `min` and `max` take two or more.
 FUNCTIONS: Mapping[str, int] = {
@@ -73,6 +74,56 @@ def parse_expression(text: str, parameters: Mapping[str, float]) -> Postfix:
 def names_of(postfix: Postfix) -> tuple[str, ...]:
     """Outputs that a formula reads, each once."""
     return tuple(dict.fromkeys(str(i.value) for i in postfix if i.kind == "name"))
+
+
+def number_of(text: str, parameters: Mapping[str, float]) -> float:
+    """The value of a formula of numbers and parameters alone.
+
+    Raises
+    ------
+    InputError : it reads something else, or has no finite value.
+    """
+    stack: list[float] = []
+    for kind, value in parse_expression(text, parameters):
+        if kind in ("name", "time"):
+            known = ", ".join(parameters) or "none"
+            raise InputError(
+                f"the formula {text!r} reads {value or 't'!r}",
+                expected=f"numbers, pi and parameters (here {known})",
+            )
+        if kind == "number":
+            stack.append(float(value))
+            continue
+        operation = _OPERATIONS.get(kind) or getattr(math, kind)
+        count = 2 if kind in _OF_TWO else 1
+        operands = [stack.pop() for _ in range(count)][::-1]
+        stack.append(_applied(operation, operands, text))
+    return stack[0]
+
+
+def _applied(operation: Callable[..., Any], operands: list[float], text: str) -> float:
+    try:
+        found = float(operation(*operands))
+    except (ArithmeticError, ValueError, TypeError):  # a complex power: TypeError
+        found = math.nan
+    if not math.isfinite(found):
+        raise InputError(f"the formula {text!r} has no finite value")
+    return found
+
+
+_OPERATIONS: Mapping[str, Callable[..., Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "**": operator.pow,
+    "negative": operator.neg,
+    "abs": abs,
+    "sign": lambda x: (x > 0) - (x < 0),
+    "min": min,
+    "max": max,
+}
+_OF_TWO = ("+", "-", "*", "/", "**", "min", "max", "atan2")
 
 
 class _Parser:

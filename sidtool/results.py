@@ -1,0 +1,189 @@
+"""What a simulation found, for scripts and notebooks."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sidtool.formats import result as stored
+from sidtool.formats.errors import InputError
+from sidtool.formats.html import html_table
+from sidtool.formats.scene import unit_of
+from sidtool.formats.sid import Array
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+    from .scenes import Scene
+
+Names = str | Iterable[str]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result(stored.Result):
+    __doc__ = f"""{stored.Result.__doc__}
+    `result["rod.tip.vx"]` is an output over the times `t`, recorded or not; `*` stands
+    for any letters: `result["rod.q*"]`, (nt, n).
+
+    drives, forces : callables that the run was made with
+    """
+
+    drives: Mapping[str, Any] = field(default_factory=dict)
+    forces: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> Array:
+        """The course of an output of the scene, (nt,), or of all that a name with `*`
+        stands for, (nt, n), recorded or not.
+
+        Raises
+        ------
+        InputError : no output has this name.
+        """
+        if name in self.names:
+            return super().__getitem__(name)
+        found = self.outputs(name)
+        return np.column_stack(list(found.values())) if "*" in name else found[name]
+
+    def outputs(self, names: Names | None = None) -> dict[str, Array]:
+        """Outputs by name, see `sidtool.outputs`; default those that were recorded."""
+        from .afterwards import outputs
+
+        wanted = self.names if names is None else names
+        return outputs(self, wanted, drives=self.drives, forces=self.forces)
+
+    def unit(self, name: str) -> str:
+        """The unit of an output, "" where it has none or its SID decides."""
+        return unit_of(name)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The units of the outputs that were recorded."""
+        return {name: unit_of(name) for name in self.names}
+
+    def said(self) -> Scene:
+        """The scene that was simulated.
+
+        Raises
+        ------
+        InputError : the result does not hold it.
+        """
+        import json
+
+        from .scenes import Scene
+
+        if not self.scene:
+            raise InputError("holds no scene", place="result")
+        return Scene.checked(json.loads(self.scene), "scene of the result")
+
+    def to_dataframe(self, names: Names | None = None) -> pandas.DataFrame:
+        """A pandas table: index t [s], a column per output; units in `attrs`.
+
+        Raises
+        ------
+        InputError : pandas is not installed, or there is no such output.
+        """
+        pandas = _installed("pandas")
+        found = self.outputs(names)
+        table = pandas.DataFrame(found, index=pandas.Index(self.t, name="t"))
+        table.attrs["units"] = {name: unit_of(name) for name in found} | {"t": "s"}
+        return table
+
+    def to_xarray(self, names: Names | None = None) -> xarray.Dataset:
+        """An xarray data set over t [s], a variable with its unit per output.
+
+        Raises
+        ------
+        InputError : xarray is not installed, or there is no such output.
+        """
+        xarray = _installed("xarray")
+        found = self.outputs(names)
+        variables = {n: ("t", v, {"units": unit_of(n)}) for n, v in found.items()}
+        times = {"t": ("t", self.t, {"units": "s"})}
+        return xarray.Dataset(variables, times, {"title": self.title})
+
+    def plot(
+        self,
+        names: Names | None = None,
+        *,
+        kind: str = "outputs",
+        path: str | Path | None = None,
+    ) -> Any:
+        """A matplotlib figure of outputs over time, default those that were recorded.
+
+        kind : "outputs", "spectrum", "energy" or "drift", as of `sidtool plot`
+        path : writes a picture as well (.png, .svg, .pdf)
+
+        Raises
+        ------
+        InputError : there is no such output, or too few times.
+        """
+        from .plot.figure import saved, styled
+        from .plot.results import drawn
+
+        with styled():
+            page, told = drawn(self, kind, names)
+            if path is not None:
+                saved(page, Path(path))
+        for sentence in told:
+            warnings.warn(sentence, stacklevel=2)
+        return page
+
+    def animate(self, path: str | Path, **settings: Any) -> list[str]:
+        """Write a page (.html) or film (.gif, .mp4), see `sidtool.animate`."""
+        from .view.animating import animate
+
+        return animate(self, path, **settings)
+
+    def save(self, path: str | Path) -> None:
+        """Write it (.h5), or its outputs as a table (.csv).
+
+        Raises
+        ------
+        InputError, OSError : the file cannot be written.
+        """
+        from .api import write
+
+        write(path, self)
+
+    def __repr__(self) -> str:
+        span = f"{len(self.t)} times to {self.t[-1]:g} s" if len(self.t) else "no times"
+        ended = "" if self.completed else f", unfinished: {self.message}"
+        return f"<Result {self.title!r}: {len(self.names)} outputs, {span}{ended}>"
+
+    def _repr_html_(self) -> str:
+        from .report.result import course
+
+        rows = [
+            (name, f"{column.min():.6g}", f"{column.max():.6g}", unit_of(name))
+            for name, column in zip(self.names, self.values.T, strict=True)
+            if len(column)
+        ]
+        header = ("output", "least", "most", "unit")
+        return course(self).html + html_table(rows, header, self.title)
+
+
+def answering(
+    result: stored.Result,
+    drives: Mapping[str, Any] | None = None,
+    forces: Mapping[str, Any] | None = None,
+) -> Result:
+    """The result as users have it, which knows the callables of its run."""
+    known = {f.name: getattr(result, f.name) for f in fields(stored.Result)}
+    return Result(**known, drives=dict(drives or {}), forces=dict(forces or {}))
+
+
+def _installed(name: str) -> Any:
+    from importlib import import_module
+
+    try:
+        return import_module(name)
+    except ImportError:
+        raise InputError(
+            f"{name} is not installed", expected=f"pip install {name}"
+        ) from None

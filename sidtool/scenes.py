@@ -1,0 +1,135 @@
+"""Scenes and models for scripts and notebooks: what a file holds, and what to do."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+
+if TYPE_CHECKING:
+    from sidtool.solver.analyses.linear import Linearisation
+    from sidtool.solver.analyses.static import Equilibrium
+
+    from .results import Result
+
+Sids = Mapping[str, SID | str | os.PathLike[str]]
+Programs = Mapping[str, Any]
+
+
+class Model(ModelFile):
+    """A flexible body from its geometry to its shape functions; a model file.
+
+        model = sidtool.Model.load("rod_q4.toml")
+        sid = model.with_({"geometry.thickness": 0.02}).convert()
+
+    Raises
+    ------
+    InputError : names the argument, what was found and what was expected.
+    """
+
+    def convert(self) -> SID:
+        """The SID of the body.
+
+        Raises
+        ------
+        InputError : the body cannot be made or reduced.
+        """
+        from .api import convert
+
+        return convert(self)
+
+    def __repr__(self) -> str:
+        parts = f"{self.geometry.type}, {self.discretisation.type}"
+        return f"<Model {self.title!r}: {parts}, {self.reduction.method}>"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        from .report.model import model_parts
+
+        return "".join(part.html for part in model_parts(self))
+
+
+class Scene(SceneFile):
+    """What moves, how it is joined and driven, and what is recorded; a scene file.
+
+        scene = sidtool.Scene.load("slider_crank.toml")
+        result = scene.with_({"time.end": 1.0}).simulate(rtol=1e-8)
+
+    Lengths, masses and times in SI units, angles in radians. Relative paths begin in
+    the folder of the file, or in the working folder.
+
+    Raises
+    ------
+    InputError : names the argument, what was found and what was expected.
+    """
+
+    def simulate(
+        self,
+        *,
+        sids: Sids | None = None,
+        integrator: str | None = None,
+        rtol: float | None = None,
+        step: float | None = None,
+        spectral_radius: float | None = None,
+        rigid: Iterable[str] = (),
+        accuracy: float | Mapping[str, float | str] | None = None,
+        accept_defects: bool = False,
+        progress: Callable[[float], None] | None = None,
+        drives: Programs | None = None,
+        forces: Programs | None = None,
+    ) -> Result:
+        """The motion; arguments and errors as of `sidtool.simulate`."""
+        from .api import simulate
+
+        return simulate(
+            self,
+            sids=sids,
+            integrator=integrator,
+            rtol=rtol,
+            step=step,
+            spectral_radius=spectral_radius,
+            rigid=rigid,
+            accuracy=accuracy,
+            accept_defects=accept_defects,
+            progress=progress,
+            drives=drives,
+            forces=forces,
+        )
+
+    def static_equilibrium(self, **settings: Any) -> Equilibrium:
+        """Where it comes to rest, see `sidtool.static_equilibrium`."""
+        from .analysing import static_equilibrium
+
+        return static_equilibrium(self, **settings)
+
+    def linearise(self, **settings: Any) -> Linearisation:
+        """Its natural modes, see `sidtool.linearise`."""
+        from .analysing import linearise
+
+        return linearise(self, **settings)
+
+    def inverse_dynamics(self, **settings: Any) -> Result:
+        """The forces of a prescribed motion, see `sidtool.inverse_dynamics`."""
+        from .analysing import inverse_dynamics
+
+        return inverse_dynamics(self, **settings)
+
+    def __repr__(self) -> str:
+        from .report.tables import plural
+
+        flexible = f", {len(self.flexible)} flexible" if self.flexible else ""
+        parts = plural(len(self.bodies), "body") + flexible
+        parts += f", {plural(len(self.joints), 'joint')}"
+        return f"<Scene {self.title!r}: {parts}, to {self.time.end:g} s>"
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        from .report.scene import scene_parts
+
+        return "".join(part.html for part in scene_parts(self))
