@@ -143,8 +143,8 @@ def _forces(system: System) -> Iterator[str]:
     """Springs and dampers that push, and those that can do nothing."""
     for name, force in system.scene.forces.items():
         for key, word in (("stiffness", "spring"), ("damping", "damper")):
-            values = getattr(force, key, None)
-            if values is not None and values[0] < 0.0:
+            values = np.ravel(getattr(force, key, None) or 0.0)
+            if values[0] < 0.0:
                 yield (
                     f"{name} has a negative {key}, {values[0]:g}: a {word} that drives "
                     "what it should hold; is its sign meant?"

@@ -6,7 +6,8 @@ M. E. Hosea, L. F. Shampine, "Analysis and implementation of TR-BDF2", Applied
 Numerical Mathematics 20 (1996): simplified Newton iteration, local error h^3 y''' / 12
 from divided differences of slopes, filtered so that stiff components do not spoil it.
 Here with the Jacobian kept in saddle-point form and with a projection of positions and
-velocities after every accepted step.
+velocities after every accepted step. What begins, solves and ends a step serves any
+method of one stage.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def new_slopes(n_positions: int, n_velocities: int, n_rows: int) -> Slopes:
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES))
-def _begin_step(kernels, system, work, memory, control, slopes):
+def begin_step(kernels, system, work, memory, control, slopes):
     """Shifts the slopes by one step."""
     copy(slopes.rate0, slopes.old_rate)
     copy(slopes.acc0, slopes.old_acc)
@@ -72,7 +73,7 @@ def _begin_step(kernels, system, work, memory, control, slopes):
 
 
 @inner(types.void(KERNELS, SYSTEM, CONTROL, SLOPES, float64))
-def _predict(kernels, system, control, slopes, h):
+def predict(kernels, system, control, slopes, h):
     """First guess of the end of the step: slopes go on as they changed so far."""
     old = control.real[OLD_STEP]
     bend = 0.5 * h * h / old if old > 0.0 else 0.0
@@ -89,7 +90,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
     """Solves y1 = y0 + h (y0' + y1') / 2; iterations used, or 0 without convergence."""
     real = control.real
     mu = 2.0 / h
-    _predict(kernels, system, control, slopes, h)
+    predict(kernels, system, control, slopes, h)
     fade_contraction(control)
     blunt = min(BLUNT, real[NOISE])
     old_norm = 0.0
@@ -103,7 +104,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
         for i in range(len(v1)):
             slope = memory.acceleration[i] + slopes.acc0[i]
             slopes.rv[i] = slope - mu * (v1[i] - control.v[i])
-        _solve(kernels, system, work, memory, slopes, mu)
+        solve(kernels, system, work, memory, slopes, mu)
         memory.counters[ITERATIONS] += 1
         norm = scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
         verdict = judge(control, NEWTON_GOAL, iteration, norm, old_norm)
@@ -120,7 +121,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, SLOPES, float64))
-def _solve(kernels, system, work, memory, slopes, mu):
+def solve(kernels, system, work, memory, slopes, mu):
     """Solves (mu - J) x = (rz, rv) in place."""
     solve_real(
         kernels,
@@ -156,14 +157,14 @@ def _error(kernels, system, work, memory, control, slopes, h):
         change = 2.0 * ((slopes.v1[i] - control.v[i]) / h - slopes.acc0[i])
         change -= before * (slopes.acc0[i] - slopes.old_acc[i])
         slopes.rv[i] = mu * weight * change
-    _solve(kernels, system, work, memory, slopes, mu)
+    solve(kernels, system, work, memory, slopes, mu)
     z1, v1, rv, x, p = slopes.z1, slopes.v1, slopes.rv, slopes.x, slopes.p
     keep_free_part(kernels, system, work, memory, control, h, z1, v1, rv, x, p)
     return scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
-def _accept(kernels, system, work, memory, control, slopes, h):
+def accept(kernels, system, work, memory, control, slopes, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
     z1, v1, x, p = slopes.z1, slopes.v1, slopes.x, slopes.p
     status = close_step(kernels, system, work, memory, control, h, z1, v1, x, p)
@@ -189,12 +190,12 @@ def _order(slopes):
 advance = step_loop(
     "trapezoidal",
     SLOPES,
-    _begin_step,
+    begin_step,
     _factor,
     _newton,
     _error,
-    _accept,
+    accept,
     _order,
-    _predict,
+    predict,
     JACOBIAN_SERVES,
 )

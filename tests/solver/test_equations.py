@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ import pytest
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.solver.kernels import layout as at
 from sidtool.solver.kernels.coordinates import rate
-from sidtool.solver.system.joints import PLANAR, SPATIAL
+from sidtool.solver.system.joints import PLANAR, SPATIAL, Parts, Primitive
 from sidtool.solver.system.kernel_calls import linearise
 from sidtool.solver.system.scene import System
 from tests.solver.scenes import (
@@ -37,6 +38,8 @@ FORCES_OF_ONE_BODY = {
 NOT_TURNING = ("coincident", "spherical", "distance")
 #: Without the screw: coupled angles have a derivative only where their axis is held.
 JOINTS = {"planar": sorted(PLANAR), "spatial": sorted({*SPATIAL} - {"screw"})}
+#: Primitives that no joint is made of, with their numbers.
+ALONE: dict[str, Primitive] = {}
 STEP = 1e-5
 #: Elastic coordinates at which the markers of `not_turning` stand still.
 STILL = np.array([0.3, -0.2, 0.25])
@@ -74,7 +77,7 @@ def network(
         ["block.n", "point"],
         ["ground.m", "soft.2"],
     ]
-    shape: dict[str, Any] = {"type": kind}
+    shape: dict[str, Any] = {"type": "coincident" if kind in ALONE else kind}
     if kind in ("prismatic", "point_on_line"):
         shape["axis"] = [0.6, -0.8, 0.3][space]
     joints = {f"joint{i}": {**shape, "markers": m} for i, m in enumerate(ends)}
@@ -98,7 +101,11 @@ def network(
     soft = with_cubic_energy(soft, seed=6)
     if linear and not planar and kind not in NOT_TURNING:
         soft = not_turning(soft)
-    return compiled(described, soft=soft)
+    table, own = PLANAR if planar else SPATIAL, {}
+    if kind in ALONE:
+        own["coincident"] = lambda joint, axis: Parts([ALONE[kind]])
+    with patch.dict(table, own):
+        return compiled(described, soft=soft)
 
 
 def not_turning(sid: SID) -> SID:
@@ -124,6 +131,7 @@ def random_state(system: System, seed: int) -> Probe:
 
 
 CASES = [(d, kind, False) for d, kinds in JOINTS.items() for kind in kinds]
+CASES += [(d, kind, False) for d in JOINTS for kind in ALONE]
 CASES += [(d, kind, True) for d in JOINTS for kind in ("revolute", "prismatic")]
 
 
