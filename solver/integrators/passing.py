@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from numba import boolean, float64, int64, types
 
 from ..kernels.compiling import inner
@@ -111,6 +113,9 @@ def check_ways(work, control, h):
             furthest = x + 0.5 * h * rate * rate / (rate - then)
         status = _look(control, 2 * k + 1, x, furthest, y, then, h)
         bow = (y - x) / h - 0.5 * (rate + then)
+        if measured[k, 4] > 0.0:
+            turn = measured[k, 4] / h
+            bow -= turn * math.floor(bow / turn + 0.5)
         size = max(1.0, control.real[LENGTH], abs(x), abs(y))
         if abs(bow) * h < RESOLVED_WAY * size:
             bow = 0.0

@@ -114,8 +114,8 @@ class Control(Table):
         time begin, then those of each force over its measure and over its rate, and
         where the last end
     starts, reaches : pieces that steps may not pass unseen, see `features`
-    measured : (forces, 4) measures of the forces and their rates at the beginning of a
-        step, then at its end
+    measured : (forces, 5) measures of the forces and their rates at the beginning of a
+        step, then at its end, and the whole turn of those that tell no turns, else 0
     passed : (2 forces, 2) how often fixed steps passed a feature of a force over its
         measure and over its rate, and when first [s]
     crossed : steps that may have passed a singular configuration, see `bifurcations`

@@ -86,7 +86,7 @@ def new_control(
         np.zeros((count, n)),
         np.zeros((count, m)),
         *_features(system, settings),
-        np.zeros((len(system.forces), 4)),
+        _measured(system),
         np.zeros((2 * len(system.forces), 2)),
         np.zeros((bifurcations.MOST, bifurcations.STATES + 2 * (n + m))),
     )
@@ -103,6 +103,15 @@ def _features(system: System, settings: Settings) -> tuple[IntTable, Array, Arra
         [part.lengths for part in parts]
     )
     return ends.astype(np.int64), starts, reaches
+
+
+def _measured(system: System) -> Array:
+    """`Control.measured`, which knows no measures yet."""
+    table = np.zeros((len(system.forces), 5))
+    for row, force in zip(table, system.forces, strict=True):
+        if force.kind == at.TWIST and force.turn >= system.n_turns:
+            row[-1] = 2.0 * np.pi
+    return table
 
 
 def share_followed(settings: Settings) -> float:

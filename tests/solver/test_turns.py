@@ -110,6 +110,21 @@ def test_friction_and_dampers_turn_as_fast_as_they_like() -> None:
     assert result.positions.shape[1] == 7
 
 
+@pytest.mark.parametrize("integrator", ["radau9", "dop853"])
+def test_friction_turns_on_where_nobody_counts(integrator: str) -> None:
+    """J w' = -M tanh(w / s): sinh(w / s) decays with exp(-M t / (J s)).
+
+    The angle that two orientations tell jumps at half a turn; the way between the ends
+    of a step does not.
+    """
+    friction = {"type": "friction", "joint": "axle", "force": 0.4, "speed": 0.5}
+    content = rotor("spatial", 4.0, forces={"f": friction})
+    result = simulate(compile_scene(content), integrator=integrator, rtol=1e-8)
+    exact = 0.5 * np.arcsinh(np.sinh(8.0) * np.exp(-0.8 * result.t))
+    assert result["rotor.wz"] == pytest.approx(exact, abs=1e-6)
+    assert result.positions.shape[1] == 7
+
+
 def test_a_bushing_tumbles_beyond_half_a_turn() -> None:
     """About an axis across: the rotation is 5 sin t, no component of it alone."""
     result = simulate(compile_scene(mount([3.0, 0.0, 4.0])), rtol=1e-8)
