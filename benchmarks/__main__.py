@@ -32,8 +32,9 @@ BENCHMARKS = (
 )
 #: Also on the page: `python -m benchmarks.decks FOLDER -o benchmarks/results`.
 ON_PAGE = (*BENCHMARKS, "decks")
-#: Those whose summary stands in the README.
+#: Those whose summary stands on the page of the documents, and in the README.
 SHORT = ("slider_crank", "chain", "latency")
+FIRST = ("slider_crank",)
 ROOT = Path(__file__).parents[1]
 
 
@@ -46,7 +47,7 @@ ROOT = Path(__file__).parents[1]
     default=ROOT / "benchmarks" / "results",
     help="Folder of the results, default benchmarks/results.",
 )
-@click.option("--readme", is_flag=True, help="Write the section of README.md, too.")
+@click.option("--readme", is_flag=True, help="Write docs/speed.md and README.md, too.")
 @click.option("--keep", is_flag=True, help="Measure nothing: write the last results.")
 def main(names: tuple[str, ...], output: Path, readme: bool, keep: bool) -> None:
     """Measure speed against error beside other programs, one thread.
@@ -56,7 +57,7 @@ def main(names: tuple[str, ...], output: Path, readme: bool, keep: bool) -> None
     """
     use_one_thread()
     output.mkdir(parents=True, exist_ok=True)
-    from .report import load, save, write_page, write_readme
+    from .report import load, save, write_page, write_section
 
     for name in () if keep else names or BENCHMARKS:
         click.echo(f"{name}:")
@@ -67,9 +68,10 @@ def main(names: tuple[str, ...], output: Path, readme: bool, keep: bool) -> None
     write_page(output / "results.md", load(output, ON_PAGE))
     click.echo(f"{output / 'results.md'} written")
     if readme:
-        reports = load(output, SHORT)
-        write_readme(ROOT / "README.md", reports, "benchmarks/results/results.md")
-        click.echo("README.md updated")
+        page = ROOT / "docs" / "speed.md"
+        write_section(page, load(output, SHORT), note=True)
+        write_section(ROOT / "README.md", load(output, FIRST))
+        click.echo("docs/speed.md and README.md updated")
 
 
 if __name__ == "__main__":

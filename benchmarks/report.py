@@ -24,7 +24,7 @@ START, END = "<!-- bench:begin -->", "<!-- bench:end -->"
 
 @dataclass(frozen=True)
 class Table:
-    """One table; `summary` ones go to the README."""
+    """One table; `summary` ones go to docs/speed.md."""
 
     caption: str
     header: Sequence[str]
@@ -64,7 +64,7 @@ class Report:
         return "\n\n".join(parts)
 
     def summary(self) -> str:
-        """The part for the README; empty when no table asks for it."""
+        """The part for docs/speed.md; empty when no table asks for it."""
         chosen = [t.markdown() for t in self.tables if t.summary]
         if not chosen:
             return ""
@@ -97,8 +97,10 @@ def write_page(path: Path, reports: Mapping[str, Report]) -> None:
         temporary.write_text("\n\n".join(pages) + "\n")
 
 
-def write_readme(path: Path, reports: Mapping[str, Report], page: str) -> None:
-    """Replaces what stands between the markers of a README.
+def write_section(
+    path: Path, reports: Mapping[str, Report], note: bool = False
+) -> None:
+    """Replaces what stands between the markers of a page.
 
     Raises
     ------
@@ -110,8 +112,7 @@ def write_readme(path: Path, reports: Mapping[str, Report], page: str) -> None:
     before, rest = text.split(START)
     after = rest.split(END)[1]
     parts = [report.summary() for report in reports.values()]
-    parts.append(NOTE)
-    parts.append(f"All tables and plots: [{page}]({page}).")
+    parts.append(NOTE if note else "")
     body = "\n\n".join(part for part in parts if part)
     with atomic_path(path) as temporary:
         temporary.write_text(f"{before}{START}\n{body}\n{END}{after}")

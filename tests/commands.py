@@ -5,17 +5,24 @@ from __future__ import annotations
 import re
 import runpy
 import shlex
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from sidtool.cli import run
+from sidtool.kinds import read
 
 #: The exit status that a page promises for the commands that follow it.
 _STATUS = re.compile(r"exit\s+status\s+(\d)")
 _BLOCK = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
+_FILE = re.compile(r"# (in )?(\S+\.toml)\n")
+#: Commands that install, or need what a test does not have: their grammar is looked at.
+_NOT_RUN = ("pip", "mpirun", "export", "eval", "git")
+_SLOW = ("warmup", "demo")
 
 
 def blocks(text: str) -> Iterator[tuple[str, str, str]]:
@@ -28,21 +35,60 @@ def blocks(text: str) -> Iterator[tuple[str, str, str]]:
         end = match.end()
 
 
-def run_commands(page: Path, folder: Path) -> None:
-    """The `sh` blocks of a page, in a folder: `sidtool` and `python SCRIPT`."""
+def run_page(page: Path, folder: Path) -> int:
+    """Every block of a page, one after the other, in a folder.
+
+    `sh`: commands; `python`: one program all over the page; `toml`: a file, which its
+    first line names, or with "in" an addition to one, that can be read afterwards.
+
+    Returns
+    -------
+    how many blocks there were
+    """
+    names: dict[str, Any] = {"__name__": "__main__"}
+    found = list(blocks(page.read_text(encoding="utf-8")))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for language, code, before in blocks(page.read_text(encoding="utf-8")):
-            promised = _STATUS.search(before)
-            for line in code.splitlines() if language == "sh" else ():
-                status = run_line(line)
-                assert status == (int(promised[1]) if promised else 0), line
+        for language, code, before in found:
+            if language == "sh":
+                _run_lines(code, before, patch)
+            elif language == "python":
+                exec(compile(code, str(page), "exec"), names)
+            elif language == "toml":
+                _write(code)
+            else:
+                assert language in ("", "text"), f"{page.name}: not run: {language}"
+    return len(found)
+
+
+def _run_lines(code: str, before: str, patch: pytest.MonkeyPatch) -> None:
+    promised = _STATUS.search(before)
+    for line in code.splitlines():
+        words = shlex.split(line, comments=True)
+        if words[:1] == ["cd"]:
+            patch.chdir(words[1])
+        elif words:
+            assert run_line(line) == (int(promised[1]) if promised else 0), line
+
+
+def _write(code: str) -> None:
+    name = _FILE.match(code)
+    assert name, f"no file is named by the first line of {code[:60]!r}"
+    path = Path(name[2])
+    path.write_text((path.read_text() + "\n" if name[1] else "") + code)
+    if re.search(r'^format = "sidtool', path.read_text(), re.MULTILINE):
+        read(path)
 
 
 def run_line(line: str) -> int:
     """The exit status of a command."""
     words = shlex.split(line, comments=True)
-    if words[:1] == ["sidtool"]:
+    if words[0] in _NOT_RUN or words[:2] in [["sidtool", slow] for slow in _SLOW]:
+        return subprocess.run(["bash", "-n", "-c", line], check=False).returncode
+    if words[0] == "make":
+        rules = (Path(__file__).parents[1] / "Makefile").read_text()
+        return 0 if f"\n{words[1]}:" in rules else 2
+    if words[0] == "sidtool":
         return run(words[1:])
     assert words[0] == "python" and len(words) == 2, f"not known how to run: {line}"
     with pytest.MonkeyPatch.context() as patch:

@@ -16,7 +16,7 @@ from sidtool.formats.result import Result
 from sidtool.kinds import kind_of
 from sidtool.starting import STARTS
 
-from .commands import blocks, run_commands
+from .commands import blocks, run_page
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 FOLDERS = sorted(path.name for path in EXAMPLES.iterdir() if path.is_dir())
@@ -35,7 +35,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory):
 
     @cache
     def run(name: str) -> Path:
-        run_commands(top / name / "README.md", top / name)
+        run_page(top / name / "README.md", top / name)
         return top / name
 
     return run
@@ -225,19 +225,3 @@ def test_the_founding_example_has_its_known_motion(ran) -> None:
     result = result_of(ran("slider_crank"))
     at = np.searchsorted(result.t, 1.5 - 1e-9)
     assert result["piston.x"][at] == pytest.approx(1.0847993728, abs=1e-8)
-
-
-def test_the_python_of_the_readme_runs(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    readme = (EXAMPLES.parent / "README.md").read_text()
-    (tmp_path / "examples").symlink_to(EXAMPLES)
-    monkeypatch.chdir(tmp_path)
-    for language, code, _ in blocks(readme):
-        if language == "python":
-            exec(code, {})
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("I1 ") and lines[0].endswith("passed")
-    assert lines[-1].startswith("3.0 1.1")

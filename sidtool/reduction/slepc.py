@@ -57,8 +57,8 @@ def _modules() -> tuple[Any, Any]:
             f"the engine slepc needs slepc4py, which {sys.executable} cannot import "
             f"({why})",
             place="--engine",
-            expected="slepc4py and petsc4py built for this Python and NumPy (README, "
-            '"Several processes"), or another engine',
+            expected="slepc4py and petsc4py built for this Python and NumPy "
+            "(docs/howto/large_parts.md), or another engine",
         ) from None
     if np.dtype(PETSc.ScalarType).kind != "f":
         raise InputError(

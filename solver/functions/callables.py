@@ -44,6 +44,8 @@ class Timed:
     it lies, whatever lasts at least `shortest`; what is seen at all is then followed
     to rounding. Shorter features are surely seen only at the `times` that are named.
 
+    Attributes
+    ----------
     function : f(t), or a tuple of f and its first, or first two, derivatives
     times : where features of any width begin, end or have their largest value [s]
     shortest : duration of the shortest feature [s], 1/4096 of the run by default; a

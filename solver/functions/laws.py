@@ -33,6 +33,8 @@ class Law:
     must depend on t and y alone: methods ask for trial states, and again after steps
     that fail. What a controller remembers are its `states`.
 
+    Attributes
+    ----------
     function : f(t, y) [N] or [N m]; y holds what is read, then the states, in order
     reads : names of outputs, such as "elbow.angle": positions and velocities
     derivatives : of f by y, (len(y),); default by differences. Newton's iteration

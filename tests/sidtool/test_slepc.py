@@ -165,7 +165,7 @@ def test_without_slepc4py_its_absence_is_said(
     arguments = ["convert", str(path), "-o", str(tmp_path / "x.h5"), "--engine=slepc"]
     assert run(arguments) == 2
     error = capsys.readouterr().err
-    assert "the engine slepc needs slepc4py" in error and "README" in error
+    assert "the engine slepc needs slepc4py" in error and "large_parts" in error
 
 
 def test_mpirun_is_noticed(

@@ -1,0 +1,31 @@
+"""Sphinx: `make docs`. Pages that follow from the source are written first."""
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+import generate  # noqa: E402
+
+import sidtool  # noqa: E402
+
+generate.write(HERE / "generated")
+
+project = "sidtool"
+author = "the sidtool authors"
+version = release = sidtool.__version__
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+]
+myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_heading_anchors = 3
+suppress_warnings = ["myst.xref_missing"]  # links to files of the repository
+exclude_patterns = ["formats", "_build"]
+html_theme = "furo"
+html_title = f"sidtool {release}"
+autodoc_typehints = "description"
+napoleon_numpy_docstring = True
