@@ -96,9 +96,12 @@ def compile_scene(
     if scene.initial.state != "static":
         return checked(scene, keep_joints)
     from .analyses.resting import resting
+    from .analyses.spinning import spinning
 
     rested, states, told = resting(checked(scene, True))
-    return replace(checked(rested, keep_joints).with_states(states), told=told)
+    spun, more = spinning(checked(rested, True))
+    made = checked(spun, keep_joints).with_states(states)
+    return replace(made, told=(*told, *more))
 
 
 _ELSEWHERE = {

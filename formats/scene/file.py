@@ -88,8 +88,8 @@ class Start(Table):
         default="stated",
         description="static: in the equilibrium nearest downhill from what is stated, "
         "under gravity and the loads at the start, drives held; stated velocities "
-        "stay. Where drives prescribe all motion and move at the start (steady spin), "
-        "bodies carry the loads of that motion as well",
+        "stay, and bodies carry the loads of that motion, without vibration (steady "
+        "spin); so they do where drives prescribe all motion and move at the start",
     )
 
 

@@ -63,12 +63,12 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     """
     refuse_prescribed(system)
     refuse_friction(system)
-    _refuse_states(system)
+    refuse_states(system)
     system, start = assemble(system)
     t = system.scene.time.start
     mechanics = Mechanics(system, t, t)
     mechanics.scale = coordinate_sizes(system)
-    motion = _Motion(mechanics, quasi_static)
+    motion = Motion(mechanics, quasi_static)
     motion.refuse_freedom(start)
     times = output_times(system.scene)
     kind = "inverse dynamics" + (", quasi-static deformation" if quasi_static else "")
@@ -86,7 +86,7 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     return recorded(system, kind, times, states)
 
 
-def _refuse_states(system: System) -> None:
+def refuse_states(system: System) -> None:
     """Raises laws whose states no prescribed motion decides."""
     for b, data in enumerate(system.bodies):
         if is_state(system, b):
@@ -112,9 +112,9 @@ def relative_equilibrium(system: System) -> Array | None:
     t = system.scene.time.start
     mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
     mechanics.scale = coordinate_sizes(system)
-    motion = _Motion(mechanics, quasi_static=True)
+    motion = Motion(mechanics, quasi_static=True)
     try:
-        _refuse_states(system)
+        refuse_states(system)
         motion.refuse_freedom(start)
     except InputError:
         return None
@@ -124,7 +124,7 @@ def relative_equilibrium(system: System) -> Array | None:
     return None if found is None else found.z
 
 
-class _Motion:
+class Motion:
     """States that the drives demand.
 
     driven : (n,) True for the velocity coordinates that the drives decide
@@ -262,7 +262,7 @@ class _Motion:
         return size
 
 
-def _follow(motion: _Motion, state: Start, when: float) -> Start:
+def _follow(motion: Motion, state: Start, when: float) -> Start:
     """The state at a later time, over smaller steps where one does not arrive."""
     mechanics = motion.mechanics
     target, halvings = when, 0
@@ -283,7 +283,7 @@ def _follow(motion: _Motion, state: Start, when: float) -> Start:
         target = when
 
 
-def _reach(motion: _Motion, state: Start, when: float) -> Start | None:
+def _reach(motion: Motion, state: Start, when: float) -> Start | None:
     """The state at `when`, from a prediction; None if that is too far away."""
     mechanics = motion.mechanics
     before, h = mechanics.t, when - mechanics.t

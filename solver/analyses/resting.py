@@ -25,8 +25,9 @@ def resting(
     by name, and what is told of it.
 
     Gravity and loads are those at the start, drives hold their values there. Stated
-    velocities stay as they are. Where drives prescribe all motion and move at once, as
-    in steady spin, bodies are in equilibrium with the loads of that motion, too.
+    velocities stay as they are; see `spinning` for what they do. Where drives
+    prescribe all motion and move at once, as in steady spin, bodies are in equilibrium
+    with the loads of that motion, too.
 
     system : with all of its joints
 
@@ -37,7 +38,7 @@ def resting(
     try:
         z = relative_equilibrium(system)
         if z is not None:
-            return _scene_at(system, z), {}, ()
+            return scene_at(system, z), {}, ()
         found = static_equilibrium(system)
     except SimulationError as error:
         raise InputError(
@@ -49,10 +50,10 @@ def resting(
         for b, data in enumerate(system.bodies)
         if is_state(system, b)
     }
-    return _scene_at(system, found.z), states, found.notes
+    return scene_at(system, found.z), states, found.notes
 
 
-def _scene_at(system: System, z: Array) -> SceneFile:
+def scene_at(system: System, z: Array) -> SceneFile:
     """The scene with its bodies at some positions."""
     bodies = dict(system.scene.bodies)
     for b, data in enumerate(system.bodies):

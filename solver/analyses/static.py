@@ -4,7 +4,8 @@ On the null space N of the constraint Jacobian the applied forces vanish, N^T f 
 and the constraint forces balance the rest. Newton's method with the exact stiffness of
 f + C^T lambda by central differences; where that stiffness is not positive, its
 absolute value (Y. Dauphin et al., NIPS 2014: saddle-free Newton), so that stable
-equilibria attract and unstable ones do not.
+equilibria attract and unstable ones do not. With laws, such as those of controllers, it
+is not symmetric: it is shifted until x' = force decays in its neighbourhood.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from ..start.consistent import widest_open
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .held import held, places_for_states, state_entries, unsampled
+from .limits import at_limits
 from .mechanics import Mechanics, null_space, refuse_prescribed
 from .recorded import Found, recorded
 
@@ -105,7 +107,8 @@ def static_equilibrium(system: System) -> Equilibrium:
         largest = max(largest, size)
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
-            notes = (*_checked(mechanics), *_unstable(mechanics, z, motion, left))
+            notes = (*_checked(mechanics), *at_limits(system, mechanics.work))
+            notes += _unstable(mechanics, z, motion, left)
             notes += (*_far(mechanics, z), *questions(system), *told)
             notes += _without_friction(system)
             v = np.zeros(system.n_velocities)
@@ -114,11 +117,13 @@ def static_equilibrium(system: System) -> Equilibrium:
         step = motion @ _newton_step(mechanics, z, motion, force, left)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
+    cause = "; ".join(at_limits(system, mechanics.work)) or (
+        "a body may be free to fall or to fly away"
+    )
     raise SimulationError(
         f"no static equilibrium found in {ITERATIONS} steps: the unbalanced part of "
-        f"the forces is {best:.1e}, largest at {_pushed(system, motion @ force)}; a "
-        "body may be free to fall or to fly away"
-        + "".join(f"; {text}" for text in questions(system))
+        f"the forces is {best:.1e}, largest at {_pushed(system, motion @ force)}; "
+        f"{cause}" + "".join(f"; {text}" for text in questions(system))
     )
 
 
@@ -202,10 +207,13 @@ def _newton_step(
     mechanics: Mechanics, z: Array, motion: Array, force: Array, multipliers: Array
 ) -> Array:
     stiffness = tangent_stiffness(mechanics, z, motion, multipliers)
+    softest = SOFTEST * max(np.abs(stiffness).max(), float(np.linalg.norm(force)))
     if any(element.code for element in mechanics.system.forces):
-        return np.asarray(np.linalg.lstsq(stiffness, force)[0], np.float64)
+        least = float(np.linalg.eigvals(stiffness).real.min())
+        shift = max(0.0, softest - 2.0 * least) if least < softest else 0.0
+        shifted = stiffness + shift * np.eye(len(force))
+        return np.asarray(np.linalg.solve(shifted, force), np.float64)
     values, vectors = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
-    softest = SOFTEST * max(np.max(np.abs(values)), float(np.linalg.norm(force)))
     if values[0] > softest:
         return np.asarray(np.linalg.solve(stiffness, force), np.float64)
     positive = np.maximum(np.abs(values), softest)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.sid import SID
 from sidtool.formats.toml_files import validated
 from sidtool.solver import simulate
+from sidtool.solver.system.scene import System
 from tests.sidtool.wrong_models import bar_data
 from tests.solver.scenes import compiled, polynomial, scene
 
@@ -20,6 +22,7 @@ WAVE = np.sqrt(2.1e11 / 7850.0)
 FAR = "starts far from equilibrium"
 
 
+@cache
 def stout_bar(modes: int = 16) -> SID:
     data = bar_data(reduction={"method": "modal", "modes": modes})
     data["geometry"]["section"] |= {"height": 0.4, "width": 0.5}
@@ -87,3 +90,56 @@ def test_a_clamped_bar_under_gravity(state: str) -> None:
         for note in told:
             away = float(note.split("bar by ")[1].split(" of")[0])
             assert away == pytest.approx(sag, rel=0.1)
+
+
+def thrown(sid: SID, rate: float, speed: float, **tables: Any) -> System:
+    """The bar with an initial angular velocity, and velocity along y, in space."""
+    initial = {"angular_velocity": [0.0, 0.0, rate], "velocity": [0.0, speed, 0.0]}
+    bodies = {"bar": {"sid": "-", "markers": {"a": 1, "b": 2}, "initial": initial}}
+    described = scene(
+        bodies | tables.pop("bodies", {}),
+        tables.pop("joints", {}),
+        dimension="spatial",
+        end=0.003,
+        record=["bar.b.ux", "bar.b.uy"],
+        initial={"state": "static"},
+        accuracy={"rtol": 1e-8},
+        **tables,
+    )
+    return compiled(described, bar=sid)
+
+
+@pytest.mark.parametrize("rate", [-250.0])
+def test_a_bar_that_is_thrown_spinning_starts_stretched(rate: float) -> None:
+    """On a hinge as one that is driven; free, each half stretches from the middle."""
+    sid, k = stout_bar(), abs(rate) / WAVE
+    halves = 2.0 * np.tan(k / 2.0) / k - 1.0
+    for joints, speed, stretch, close in (
+        ({"joints": HINGE}, 0.0, np.tan(k) / k - 1.0, 1e-3),
+        ({}, -rate * sid.mdCM.m0[0, 0] / sid.mass, halves, 1e-2),
+    ):
+        steady = simulate(thrown(sid, rate, speed, **joints))
+        assert steady["bar.b.ux"] == pytest.approx(stretch, rel=close)
+        assert np.ptp(steady["bar.b.ux"]) < 1e-6 * stretch
+
+
+def test_a_satellite_with_panel_starts_in_steady_spin() -> None:
+    """About the axis of the greatest inertia of the whole, which is free."""
+    sid, rate = stout_bar(), 60.0
+    hub = {"mass": 2.0e3, "inertia": [90.0, 90.0, 400.0]}
+    speed = -rate * sid.mdCM.m0[0, 0] / (sid.mass + 2.0e3)
+    spin = {"angular_velocity": [0, 0, rate], "velocity": [0, speed, 0]}
+    seat = {"seat": {"type": "fixed", "markers": ["hub", "bar.a"]}}
+    bodies = {"hub": hub | {"initial": spin}}
+    steady = simulate(thrown(sid, rate, speed, bodies=bodies, joints=seat))
+    assert steady["bar.b.ux"][0] > 1e-6
+    assert np.ptp(steady["bar.b.ux"]) < 1e-5 * steady["bar.b.ux"][0]
+    assert np.abs(steady["bar.b.uy"]).max() < 1e-5 * steady["bar.b.ux"][0]
+
+
+def test_a_spin_too_fast_for_a_soft_bar_says_that_it_starts_as_at_rest() -> None:
+    system = thrown(stout_bar(), 2.0 * WAVE, 0.0, joints=HINGE)
+    assert any("start deformed as at rest" in note for note in system.told)
+
+
+HINGE = {"hub": {"type": "revolute", "markers": ["ground", "bar.a"]}}

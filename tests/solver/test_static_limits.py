@@ -1,0 +1,81 @@
+"""Static equilibria of weak controllers: at their limits they hold nothing more."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.solver.analyses.static import Equilibrium, static_equilibrium
+from sidtool.solver.errors import SimulationError
+from tests.solver.scenes import compiled, scene
+
+G, MASS, ARM = 9.81, 3.0, 0.4
+PLACE = -0.52
+SAID = "motor is at its limit of "
+
+
+def rested(turning: bool, limit: float, i: float, **forces: Any) -> Equilibrium:
+    """A box that slides along y, or an arm that turns, both falling, with a motor that
+    holds it at zero as far as it can."""
+    body: dict[str, Any] = {"mass": MASS, "inertia": 0.1}
+    guide: dict[str, Any] = {"type": "prismatic", "axis": [0.0, 1.0]}
+    name = "guide.displacement"
+    if turning:
+        body |= {"centre_of_mass": [ARM, 0.0]}
+        guide, name = {"type": "revolute"}, "guide.angle"
+    pid = {"type": "pid", "measured": name, "p": 900.0, "d": 20.0, "i": i}
+    motor = {"type": "actuator", "joint": "guide"}
+    motor["function"] = pid | {"limits": [-limit, limit]}
+    for force in forces.values():
+        force["joint"] = "guide"
+    described = scene(
+        {"body": body},
+        {"guide": guide | {"markers": ["ground", "body"]}},
+        forces={"motor": motor, **forces},
+        gravity=[0.0, -G],
+        record=["body.y"],
+    )
+    return static_equilibrium(compiled(described))
+
+
+def stop(load: float) -> dict[str, Any]:
+    """A buffer from -0.5 downwards, which bears a load at `PLACE`."""
+    deflection, force = [-1.5, PLACE, -0.5, 1.0], [-100.0 * load, -load, 0.0, 0.0]
+    table = {"deflection": deflection, "force": force}
+    return {"type": "spring_damper", "table": table}
+
+
+@pytest.mark.parametrize("i", [0.0, 300.0])
+@pytest.mark.parametrize("limit", [8.0, 20.0])
+def test_a_weak_lift_comes_to_rest_on_its_buffer(limit: float, i: float) -> None:
+    found = rested(False, limit, i, stop=stop(MASS * G - limit))
+    assert found.z[1] == pytest.approx(PLACE, rel=1e-8)
+    assert f"{SAID}{limit:g}" in found.notes
+
+
+@pytest.mark.parametrize("i", [0.0, 300.0])
+def test_a_weak_motor_lets_an_arm_hang_askew(i: float) -> None:
+    """m g r cos(angle) is what it can bear; with a buffer, what both can."""
+    found = rested(True, 5.0, i)
+    assert np.cos(found.z[2]) == pytest.approx(5.0 / (MASS * G * ARM), rel=1e-8)
+    left = MASS * G * ARM * np.cos(PLACE) - 5.0
+    found = rested(True, 5.0, i, stop=stop(left))
+    assert found.z[2] == pytest.approx(PLACE, rel=1e-8)
+
+
+@pytest.mark.parametrize("i", [0.0, 300.0])
+def test_a_strong_motor_holds_and_says_nothing_of_limits(i: float) -> None:
+    found = rested(False, 50.0, i)
+    place = 0.0 if i else -MASS * G / 900.0
+    assert found.z[1] == pytest.approx(place, abs=1e-9)
+    assert not any(SAID in note for note in found.notes)
+
+
+@pytest.mark.parametrize("i", [0.0, 300.0])
+def test_what_no_motor_can_hold_is_named(i: float) -> None:
+    with pytest.raises(SimulationError) as failure:
+        rested(False, 20.0, i)
+    assert f"largest at body; {SAID}20" in str(failure.value)
+    assert "free to fall" not in str(failure.value)
