@@ -273,14 +273,16 @@ def symmetric(matrix: Array) -> Array:
 
 
 def amplitudes(sid: SID, axes: int) -> Array:
-    """Largest displacement at a node per unit of each elastic coordinate, (nq,)."""
+    """Largest displacement that is known per unit of each elastic coordinate, (nq,).
+
+    At a node, but no less than the mean over the mass of the body: nodes may lie where
+    a shape function hardly moves.
+    """
     if sid.nq == 0 or sid.mass == 0.0:
         return np.ones(sid.nq)
-    fallback = np.sqrt(np.maximum(np.diag(sid.Me.m0), 1e-300) / sid.mass)
-    if not sid.nodes:
-        return fallback
-    size = np.max([np.linalg.norm(n.phi.m0[:axes], axis=0) for n in sid.nodes], axis=0)
-    return np.where(size > 1e-6 * fallback, size, fallback)
+    mean = np.sqrt(np.maximum(np.diag(sid.Me.m0), 1e-300) / sid.mass)
+    sizes = [np.linalg.norm(node.phi.m0[:axes], axis=0) for node in sid.nodes]
+    return np.max([mean, *sizes], axis=0)
 
 
 def frequencies(sid: SID) -> Array:

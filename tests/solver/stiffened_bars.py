@@ -1,0 +1,137 @@
+"""A steel bar with geometric stiffening on a hinge and on a hub, in any body frame."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.toml_files import validated
+from sidtool.rereference import rereferenced
+from sidtool.solver import compile_scene, simulate
+
+TANGENT, CHORD, MEAN = FRAMES = ("tangent:1", "chord:1,2", "buckens")
+WIDTH, HEIGHT, LENGTH = 0.03, 0.02, 1.0
+
+
+@cache
+def clamped_bar(modes: int, stiffened: bool) -> SID:
+    """A steel bar by the modes of one held end, without damping."""
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "title": "Bar",
+        "material": {
+            "youngs_modulus": 2.1e11,
+            "poissons_ratio": 0.3,
+            "density": 7850.0,
+        },
+        "geometry": {
+            "type": "beam",
+            "start": [0, 0, 0],
+            "end": [LENGTH, 0, 0],
+            "section": {"shape": "rectangle", "width": WIDTH, "height": HEIGHT},
+        },
+        "discretisation": {"type": "beam", "elements": 24},
+        "frame": {"type": "tangent", "marker": "a", "clamp": "start"},
+        "markers": {
+            "a": {"node": 1, "parameters": [0]},
+            "b": {"node": 2, "parameters": [1]},
+        },
+        "reduction": {"method": "modal", "modes": modes},
+    }
+    if stiffened:
+        data["stiffening"] = {}
+    sid = sid_from_model(validated(data, ModelFile))
+    return replace(sid, De=Taylor(np.zeros((modes, modes))))
+
+
+@cache
+def bar(modes: int, frame: str, stiffened: bool = True) -> SID:
+    return rereferenced(clamped_bar(modes, stiffened), frame)
+
+
+def run(sid: SID, dimension: str, end: float, rtol: float, **tables: Any) -> Result:
+    scene = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": dimension,
+        "time": {"end": end, "output_step": end / 50},
+        "outputs": {"record": ["bar.b.x", "bar.b.y", "bar.b.z"]},
+        "accuracy": {"rtol": rtol, "integrator": "radau9"},
+        **tables,
+    }
+    if dimension == "planar":
+        scene["outputs"] = {"record": ["bar.b.x", "bar.b.y"]}
+    system = compile_scene(validated(scene, SceneFile), ".", {"bar": sid})
+    result = simulate(system)
+    assert result.completed
+    return result
+
+
+def ways(result: Result) -> Array:
+    """Of the end of the bar, (2 or 3, nt)."""
+    return np.array([result[n] for n in result.names if n.startswith("bar.b.")])
+
+
+def hinged(modes: int, frame: str, load: float) -> tuple[Array, float]:
+    """Way of the end of a bar on a hinge about z, pushed across, (3, nt), and how far
+    it bends."""
+    sid = bar(modes, frame)
+    marker = {"a": 1, "b": 2}
+    start = {"position": [-sid.node("1").position[0], 0.0, 0.0]}
+    push = {"type": "force", "marker": "bar.b"}
+    result = run(
+        sid,
+        "spatial",
+        0.02,
+        1e-9,
+        bodies={"bar": {"sid": "-", "markers": marker, "initial": start}},
+        joints={"hinge": {"type": "revolute", "markers": ["ground", "bar.a"]}},
+        forces={"push": push | {"force": [0.0, 2.0 * load, load]}},
+    )
+    return ways(result), result.bodies["bar"].deflection
+
+
+def on_a_hub(
+    frame: str, torque: float, planar_scene: bool, modes: int = 6
+) -> tuple[Array, float]:
+    """Way of the end of a bar on a hub that a torque turns, and how far it bends.
+
+    In the plane the hub has a bearing, in space it floats with the bar as its panel.
+    """
+    sid = bar(modes, frame)
+    place = [0.1 - sid.node("1").position[0], 0.0, 0.0]
+    hub: dict[str, Any] = {"mass": 20.0, "inertia": [0.5, 0.7, 0.6]}
+    hub["markers"] = {"centre": {"position": [0.0, 0.0]}, "rim": {"position": [0.1, 0]}}
+    moment: Any = [0.1 * torque, 0.6 * torque, torque]
+    joints: dict[str, Any] = {
+        "seat": {"type": "fixed", "markers": ["hub.rim", "bar.a"]}
+    }
+    if planar_scene:
+        hub["inertia"], place, moment = 0.6, place[:2], torque
+        markers = ["ground", "hub.centre"]
+        joints["bearing"] = {"type": "revolute", "markers": markers}
+    else:
+        for name in hub["markers"]:
+            hub["markers"][name] = {
+                "position": [*hub["markers"][name]["position"], 0.0][:3]
+            }
+    part = {"sid": "-", "markers": {"a": 1, "b": 2}, "initial": {"position": place}}
+    result = run(
+        sid,
+        "planar" if planar_scene else "spatial",
+        0.06,
+        1e-9,
+        bodies={"hub": hub, "bar": part},
+        joints=joints,
+        forces={"turn": {"type": "force", "marker": "hub.centre", "torque": moment}},
+    )
+    return ways(result), result.bodies["bar"].deflection
