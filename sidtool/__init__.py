@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from .api import simulate as simulate
     from .api import validate as validate
     from .api import write as write
+    from .building import sid_from_blocks as sid_from_blocks
+    from .building import sid_from_shapes as sid_from_shapes
     from .kinds import read as read
     from .results import Result as Result
     from .scenes import Model as Model
@@ -88,6 +90,8 @@ _HOME = {
     "peak_stresses": "sidtool.view.peaks",
     "read": "sidtool.kinds",
     "repair": "sidtool.api",
+    "sid_from_blocks": "sidtool.building",
+    "sid_from_shapes": "sidtool.building",
     "simulate": "sidtool.api",
     "static_equilibrium": "sidtool.analysing",
     "validate": "sidtool.api",

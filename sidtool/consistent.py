@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.sid import SID, Array, axis_major, by_mode, symmetric_3x3
+from sidtool.formats.sid import SID, Array, Taylor, axis_major, by_mode, symmetric_3x3
 
 #: Blocks agree that differ by no more than this share of the largest entry.
 _SAME = 1e-10
@@ -25,8 +25,8 @@ def kept_consistent(new: SID, old: SID) -> SID:
     changed: dict[str, Any] = {}
     if _agree(_static(old), old.Ct.m0):
         changed["mdCM"] = replace(new.mdCM, m1=_first(new.mdCM.m1, new.Ct.m0))
-    if _agree(old.Oe.m0, _centrifugal(old)):
-        changed["Oe"] = replace(new.Oe, m0=_centrifugal(new))
+    if _agree(old.Oe.m0, centrifugal(old.J, old.nq)):
+        changed["Oe"] = replace(new.Oe, m0=centrifugal(new.J, new.nq))
     if _agree(*_gyroscopic(old)):
         Gr = by_mode(new.Gr.m0, new.nq)
         rate = symmetric_3x3(new.J.first_order(new.nq)[:, :, 0])
@@ -50,9 +50,9 @@ def _first(m1: Array | None, coupling: Array) -> Array | None:
     return None if m1 is None and not coupling.any() else coupling[:, :, None]
 
 
-def _centrifugal(sid: SID) -> Array:
+def centrifugal(J: Taylor, nq: int) -> Array:
     """Oe m0 = -(J1xx/2, J1yy/2, J1zz/2, J1xy, J1yz, J1xz)."""
-    six = sid.J.first_order(sid.nq)[:, :, 0]
+    six = J.first_order(nq)[:, :, 0]
     return -six[:, [0, 1, 2, 3, 5, 4]] * [0.5, 0.5, 0.5, 1.0, 1.0, 1.0]
 
 

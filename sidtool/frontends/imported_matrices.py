@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -60,16 +62,22 @@ def imported_matrices_model(model: ModelFile) -> FiniteElementModel:
             geometry.stiffness, geometry.mass, geometry.nodes, geometry.dofs
         )
     try:
-        return _checked_body(model, geometry, data)
+        return matrices_body(data, model.markers, geometry.expected_mass)
     except InputError as error:
         if error.place and error.place.startswith("markers"):
             raise
         raise error.located(source) from None
 
 
-def _checked_body(
-    model: ModelFile, geometry: MatricesGeometry, data: ImportedMatrices
+def matrices_body(
+    data: ImportedMatrices, named: Mapping[str, NodeMarker], expected_mass: float | None
 ) -> FiniteElementModel:
+    """A body with markers, whose matrices are checked.
+
+    Raises
+    ------
+    InputError : they are not those of a free body, or a marker is at no node.
+    """
     table, rows = _table(data)
     k = symmetric(data.stiffness, "stiffness")
     m = symmetric(data.mass, "mass")
@@ -97,9 +105,9 @@ def _checked_body(
     rounding = printed_rounding(k, rigid)
     k = balanced(k, table)
     check_digits(k, rounding, *softest_deformation(k, m, positions, table))
-    _check_mass(float(rigid[:, 0] @ (m @ rigid[:, 0])), geometry.expected_mass)
+    _check_mass(float(rigid[:, 0] @ (m @ rigid[:, 0])), expected_mass)
     markers = []
-    for name, marker in placed(model.markers):
+    for name, marker in placed(named):
         with at_marker(name):
             if marker.tie is None:
                 node = _node(marker, data.labels[rows], positions)
