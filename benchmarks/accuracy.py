@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,7 +21,9 @@ from sidtool.accuracy import OutsideTheory, planned
 from sidtool.accuracy.candidates import as_scene, finest
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
 from sidtool.solver import compile_scene, simulate
+from sidtool.solver.system.scene import System
 from tests.metamorphic.case import Case, scene_of
 from tests.metamorphic.scenes import random_scene
 
@@ -31,7 +33,7 @@ from .report import Report, Table
 SCENES = 60
 #: Exponents of requests, and outputs of those that name some.
 SHARPEST, LOOSEST, NAMED = -5.0, -1.0, 3
-TIGHT = {"integrator": "radau13", "rtol": 1e-12}
+METHOD, TIGHT = "radau13", 1e-12
 #: Errors below this part of the variation are those of the comparison itself.
 ROUNDING = 1e-10
 
@@ -82,22 +84,20 @@ def judged(seed: int) -> Verdict:
 def compared(case: Case, scene: SceneFile, wanted: float, seed: int = 0) -> Verdict:
     """The promise of the search beside what a run that it never saw says."""
 
-    def compiled(content: SceneFile) -> object:
-        return compile_scene(
-            content, sids=case.sids, drives=case.drives, forces=case.forces
-        )
+    def compiled(content: SceneFile, sids: Mapping[str, SID]) -> System:
+        return compile_scene(content, ".", sids, drives=case.drives, forces=case.forces)
 
     began = time.perf_counter()
     try:
-        plan = planned(scene, case.sids, wanted, compiled, keep=False)  # type: ignore[arg-type]
+        plan = planned(scene, case.sids, wanted, compiled, keep=False)
     except OutsideTheory as outside:
         return Verdict(seed, wanted, f"outside: {outside.problem}")
     except Exception as stop:
         return Verdict(seed, wanted, f"{type(stop).__name__}: {stop}")
     took = time.perf_counter() - began
-    found = simulate(compiled(plan.scene))  # type: ignore[arg-type]
+    found = simulate(compiled(plan.scene, case.sids))
     whole = as_scene(scene, finest(scene, case.sids), case.sids)
-    exact = simulate(compiled(whole), **TIGHT)  # type: ignore[arg-type]
+    exact = simulate(compiled(whole, case.sids), integrator=METHOD, rtol=TIGHT)
     kept = [d.kept for d in plan.report.decisions if d.what == "shape function"]
     estimates, errors = [], []
     for output in plan.report.outputs:

@@ -126,6 +126,7 @@ def simulate(
             )
             if plan is not None:
                 content, told = plan.scene, [*told, *plan.told]
+                replaced = dict(plan.sids)
             system = compile_scene(
                 content, folder, replaced, accept_defects, drives, forces=forces
             )

@@ -9,6 +9,7 @@ from pathlib import Path
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 
+from .made import converted
 from .other_shapes import other_shapes
 from .rigid import as_rigid, told_left_out, told_rigid
 from .swaps import swapped
@@ -30,6 +31,8 @@ def chosen(
     """
     plain = as_rigid(scene, rigid)
     content, replaced = swapped(plain, sids, folder)
-    told = [*other_shapes(plain, folder, replaced), *told_rigid(plain)]
+    content, made, notes = converted(content, folder)
+    told = [*other_shapes(plain, folder, replaced), *told_rigid(plain), *notes]
+    replaced |= made
     told += told_left_out(plain)
     return content, replaced, told

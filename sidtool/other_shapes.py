@@ -28,7 +28,7 @@ def other_shapes(
     """
     for name, sid in sids.items():
         body = scene.bodies.get(name)
-        if not isinstance(body, SidBody):
+        if not isinstance(body, SidBody) or not body.sid:
             continue
         try:
             former = kinds_of(read_sid(folder / body.sid))

@@ -34,5 +34,5 @@ def swapped(
         text = (
             FROM_PROGRAM if isinstance(given, SID) else os.path.relpath(given, folder)
         )
-        bodies[name] = bodies[name].model_copy(update={"sid": text})
+        bodies[name] = bodies[name].model_copy(update={"sid": text, "model": None})
     return scene.model_copy(update={"bodies": bodies}), found

@@ -15,6 +15,7 @@ from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_subset import with_shape_functions
 
 from .accuracy import plan_for
+from .made import converted
 
 #: The accuracy where neither the scene nor the command asks for one.
 DEFAULT = 1e-3
@@ -85,7 +86,8 @@ def trimmed(
     if accuracy is None and scene.accuracy.wanted is None:
         accuracy = DEFAULT
     sid = read_sid(path)
-    plan = plan_for(scene, folder, {}, accuracy, {}, say=say)
+    scene, made, _ = converted(scene, folder)
+    plan = plan_for(scene, folder, made, accuracy, {}, say=say)
     assert plan is not None
     kept: set[int] = set()
     for name in bodies:

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 from .base import AngularVelocity, Inertia, Placement, Table, Vector
 from .damping import Damping
@@ -71,7 +78,17 @@ class SidBody(Table):
     has an energy. First-order terms of Me, De and ksigma are refused.
     """
 
-    sid: str = Field(min_length=1, description="SID file, relative to the scene file")
+    sid: str = Field(
+        default="", min_length=1, description="SID file, relative to the scene file"
+    )
+    model: str | None = Field(
+        default=None,
+        min_length=1,
+        description="model file that the body is made of, in place of `sid`: "
+        "`simulate` and `trim` convert it and keep the SID in a folder .sidtool beside "
+        "the scene; with [accuracy] wanted mesh and shape functions are refined as far "
+        "as needed",
+    )
     markers: dict[str, NodeId] = Field(
         default_factory=dict, description="names for nodes of the SID"
     )
@@ -106,6 +123,12 @@ class SidBody(Table):
         default=None, description="of the elastic coordinates, default that of the SID"
     )
 
+    @model_validator(mode="after")
+    def _made_of_something(self) -> SidBody:
+        if not self.sid and self.model is None:
+            raise ValueError("the name of a SID file, or of a model file as `model`")
+        return self
+
     @field_validator("shape_functions")
     @classmethod
     def _each_once(cls, numbers: tuple[int, ...] | None) -> tuple[int, ...] | None:
@@ -127,7 +150,7 @@ class SidBody(Table):
 def _kind_of_body(value: Any) -> str:
     if isinstance(value, RigidBody | SidBody):
         return "flexible body" if isinstance(value, SidBody) else "rigid body"
-    flexible = isinstance(value, dict) and "sid" in value
+    flexible = isinstance(value, dict) and ("sid" in value or "model" in value)
     return "flexible body" if flexible else "rigid body"
 
 

@@ -11,6 +11,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene.wanted import LEAST, MOST
 from sidtool.formats.sid import SID
 
+from ..made import sources
 from .plan import Plan, Say, planned
 from .wanted import Wanted
 
@@ -58,13 +59,14 @@ def plan_for(
 
     known = read_sids(scene, folder, sids)
 
-    def compiled(content: SceneFile) -> Any:
+    def compiled(content: SceneFile, found: Mapping[str, SID]) -> Any:
         return compile_scene(
-            content, folder, known, accept_defects, drives, forces=forces
+            content, folder, found, accept_defects, drives, forces=forces
         )
 
     keep = not (drives or forces)
-    return planned(scene, known, wanted, compiled, keep=keep, say=say)
+    models = sources(scene, folder)
+    return planned(scene, known, wanted, compiled, models=models, keep=keep, say=say)
 
 
 def with_wanted(scene: SceneFile, wanted: Wanted) -> SceneFile:

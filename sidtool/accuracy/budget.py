@@ -30,7 +30,9 @@ def budget(runs: Runs, reference: Reference, chosen: Chosen) -> tuple[BudgetLine
     )
     tight = runs.seconds(whole, reference.setting)
     method = f"{setting.integrator}, rtol {setting.rtol:.2g}"
+    meshes = (lines.line("mesh", "of models", reference.meshes, None),)
     return (
+        *(meshes if reference.meshes.any() else ()),
         lines.switched("shape functions", _shapes_told(whole, reference), shapes),
         lines.switched("terms", _terms_told(whole, reference), terms),
         lines.line("integration", method, loose + reference.uncertainty, tight),

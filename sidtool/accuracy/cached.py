@@ -21,10 +21,14 @@ METHOD = 1
 
 
 class Kept(Table):
-    """The chosen scene, with its integrator and tolerance, and what it came to."""
+    """The chosen scene, with its integrator and tolerance, and what it came to.
+
+    models : level of the mesh and modes, by bodies that are made of models
+    """
 
     scene: SceneFile
     report: AccuracyReport
+    models: dict[str, tuple[int, int | None]] = {}
 
 
 def folder() -> Path | None:
@@ -37,15 +41,23 @@ def folder() -> Path | None:
     return cache / "sidtool" / "accuracy"
 
 
-def key_of(scene: SceneFile, sids: Mapping[str, SID], wanted: object) -> str:
-    """A digest of all that a choice depends on; paths do not count."""
+def key_of(
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    wanted: object,
+    models: Mapping[str, object],
+) -> str:
+    """A digest of all that a choice depends on; paths do not count.
+
+    models : bodies that are made of models, by the SIDs that these make as they are
+    """
     from .. import __version__
 
     digest = hashlib.sha256(f"{METHOD} {__version__} {wanted!r}".encode())
-    bodies = {
-        n: b.model_copy(update={"sid": "x"}) if n in sids else b
-        for n, b in scene.bodies.items()
-    }
+    bodies = dict(scene.bodies)
+    for name in sids:
+        model = "x" if name in models else None
+        bodies[name] = bodies[name].model_copy(update={"sid": "x", "model": model})
     plain = scene.model_copy(update={"bodies": bodies, "title": ""})
     digest.update(plain.model_dump_json(exclude={"accuracy"}).encode())
     for name in sorted(sids):

@@ -21,6 +21,8 @@ from .runs import Runs
 #: Shares of what is allowed: for rigid bodies, with shape functions, with terms, with
 #: integration.
 RIGID, SHAPES, MODEL, ALL = 0.2, 0.4, 0.5, 0.95
+#: Of differences that are told as errors.
+SAFETY = 1.01
 #: A term is left out where that alone costs at most this share.
 TERM = 0.1
 #: Shape functions that are tried one by one after the first that has to stay.
@@ -72,7 +74,7 @@ def choose(runs: Runs, reference: Reference, stiffened: dict[str, bool]) -> Chos
             place="accuracy.wanted",
             expected="a larger error",
         )
-    errors = found.errors + reference.uncertainty
+    errors = SAFETY * found.errors + reference.doubt
     return Chosen(choice, found, tuple(search.measured), errors)
 
 

@@ -62,7 +62,7 @@ def loosest(
     The error is taken to grow like the tolerance for the next guess; between one that
     does and one that does not, the geometric mean is tried.
     """
-    target = share - reference.use(reference.uncertainty)
+    target = share - reference.use(reference.doubt)
     fits, fails = 0.0, np.inf
     rtol = float(np.clip(_smallest(reference), TIGHT, LOOSE))
     for _ in range(TRIES):

@@ -12,11 +12,13 @@ from sidtool.formats.scene import SceneFile, expanded, unit_of
 from sidtool.formats.scene.wanted import told
 from sidtool.formats.sid import SID
 
+from ..made import Fineness, Source
 from ..rigid import told_left_out, told_rigid
 from . import cached
 from .budget import budget
 from .candidates import as_scene, finest, recording, stiffened
 from .choose import Chosen, choose
+from .meshes import Meshes, as_made, refined_meshes
 from .outside import check_inside
 from .reference import Reference, make_reference
 from .runs import Compile, Runs
@@ -28,10 +30,14 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Plan:
-    """What is simulated: the scene with its integrator, and what it came to."""
+    """What is simulated: the scene with its integrator, and what it came to.
+
+    sids : of all bodies that have one
+    """
 
     scene: SceneFile
     report: AccuracyReport
+    sids: Mapping[str, SID]
 
     @property
     def told(self) -> list[str]:
@@ -65,6 +71,7 @@ def planned(
     wanted: Wanted,
     compile_: Compile,
     *,
+    models: Mapping[str, Source] | None = None,
     keep: bool = True,
     say: Say | None = None,
 ) -> Plan:
@@ -77,7 +84,8 @@ def planned(
     scene : with whatever it leaves out itself; its rtol and integrator do not count
     sids : of all bodies that have one
     wanted : see `[accuracy] wanted`
-    compile_ : makes a system of a scene
+    compile_ : makes a system of a scene and SIDs
+    models : of bodies that are made of them, whose meshes are refined as needed
     keep : False where the scene is not all that is simulated, as with callables
     say : told what is being run
 
@@ -88,35 +96,59 @@ def planned(
         be simulated.
     SimulationError : the finest model cannot be run to its end.
     """
-    key = cached.key_of(scene, sids, wanted) if keep else ""
+    models, say = models or {}, say or _silent
+    key = cached.key_of(scene, sids, wanted, models) if keep else ""
     kept = cached.read(key) if keep else None
     if kept is not None:
+        found = {n: Fineness(*kept.models[n]) for n in models}
+        meshes = as_made(models, found)
         report = kept.report.model_copy(update={"searched": False})
-        return Plan(_with_sids_of(kept.scene, scene), report)
+        return Plan(_named(kept.scene, meshes.scene(scene)), report, meshes.sids(sids))
     began = time.perf_counter()
     request = requested(scene, sids, wanted)
-    runs = Runs(scene, sids, compile_, request.names, say or _silent)
+    meshes = refined_meshes(scene, sids, models, request, compile_, say)
+    scene, sids = meshes.scene(scene), meshes.sids(sids)
+    plan = _chosen(scene, sids, request, meshes, compile_, say)
+    seconds = time.perf_counter() - began
+    report = plan.report.model_copy(update={"wanted": told(wanted), "seconds": seconds})
+    if keep:
+        levels = {n: (f.level, f.modes) for n, f in meshes.finenesses.items()}
+        cached.write(key, cached.Kept(scene=plan.scene, report=report, models=levels))
+    return Plan(plan.scene, report, sids)
+
+
+def _chosen(
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    request: Request,
+    meshes: Meshes,
+    compile_: Compile,
+    say: Say,
+) -> Plan:
+    """The search among what the SIDs have."""
+    runs = Runs(scene, sids, compile_, request.names, say)
     reference = make_reference(runs, finest(scene, sids), request)
     check_inside(reference.result)
+    reference = reference.with_meshes(meshes.errors)
     terms = stiffened(scene, sids)
     chosen = choose(runs, reference, terms)
+    made = decisions(request, reference, chosen)
+    sentences = (
+        *meshes.sentences,
+        *(decision.sentence for decision in made),
+        *remarks(request, reference, sids, terms, meshes.made),
+        *_not_recorded(scene, sids, chosen),
+    )
     report = AccuracyReport(
-        wanted=told(wanted),
+        wanted={},
         outputs=_outputs(request, reference, chosen),
         budget=budget(runs, reference, chosen),
-        decisions=(made := decisions(request, reference, chosen)),
-        sentences=(
-            *(decision.sentence for decision in made),
-            *remarks(request, reference, sids, terms),
-            *_not_recorded(scene, sids, chosen),
-        ),
+        decisions=made,
+        sentences=sentences,
         runs=runs.count,
-        seconds=time.perf_counter() - began,
+        seconds=0.0,
     )
-    plan = Plan(chosen_scene(scene, sids, chosen), report)
-    if keep:
-        cached.write(key, cached.Kept(scene=plan.scene, report=report))
-    return plan
+    return Plan(chosen_scene(scene, sids, chosen), report, sids)
 
 
 def chosen_scene(
@@ -145,7 +177,7 @@ def _recorded(scene: SceneFile, sids: Mapping[str, SID]) -> tuple[str, ...]:
     return expanded(scene.outputs.record, scene, sids, "outputs.record")
 
 
-def _with_sids_of(kept: SceneFile, scene: SceneFile) -> SceneFile:
+def _named(kept: SceneFile, scene: SceneFile) -> SceneFile:
     """The kept scene with title and files of this one, which have the same content."""
     bodies = {
         name: body.model_copy(update={"sid": scene.bodies[name].sid})  # type: ignore[union-attr]

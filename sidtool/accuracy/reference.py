@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
+from sidtool.formats.scene import unit_of
 from sidtool.formats.sid import Array
 
 from ..study import moves
@@ -19,6 +20,8 @@ from .wanted import Request
 PART = 0.05
 #: Of the request, the tolerance at which models are compared; at most and at least.
 SHARPER, LOOSEST, TIGHTEST = 1e-2, 1e-4, 1e-11
+#: The reference may be as far off as the looser run.
+SAFETY = 2.0
 #: From one tolerance to the next, if it was not tight enough.
 NEXT = 1.0 / 30.0
 #: Two methods tell how far each is right; the second one is asked for this more.
@@ -36,8 +39,10 @@ class Reference:
     setting : how models are integrated to be compared with each other
     variation : (n,) greatest less least value of each output
     allowed : (n,) errors that are asked for, infinite where only rounding is seen
-    uncertainty : (n,) difference of the run by `MEASURING` to the tighter reference
+    uncertainty : (n,) twice the difference of the run by `MEASURING` to the reference
     left_out : outputs that hold rounding only
+    units : (n,)
+    meshes : (n,) what meshes of bodies and modes that they lack add
     """
 
     choice: Choice
@@ -47,6 +52,22 @@ class Reference:
     allowed: Array
     uncertainty: Array
     left_out: tuple[str, ...]
+    units: tuple[str, ...]
+    meshes: Array
+
+    def worst(self, errors: Array) -> int:
+        """The output of which errors use most."""
+        shares = errors / self.allowed
+        return int(np.where(np.isfinite(self.allowed), shares, -1.0).argmax())
+
+    def with_meshes(self, errors: Array) -> Reference:
+        """With what the meshes of bodies and modes that they lack add, (n,)."""
+        return replace(self, meshes=errors)
+
+    @property
+    def doubt(self) -> Array:
+        """What a difference to the reference does not show, (n,)."""
+        return self.uncertainty + self.meshes
 
     def use(self, errors: Array) -> float:
         """The largest share of what is allowed, 1 for all of it."""
@@ -57,8 +78,8 @@ class Reference:
 def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
     """The finest model, integrated as tightly as the request asks for.
 
-    Its uncertainty is the difference of two methods of different order, of which the
-    tighter one is the reference.
+    Its uncertainty is twice the difference of two methods of different order, of which
+    the tighter one is the reference.
 
     Raises
     ------
@@ -83,7 +104,7 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
                 expected="outputs that move",
             )
         allowed = np.where(judged, request.allowed(variation), np.inf)
-        uncertainty = runs.between((choice, coarse), (choice, fine))
+        uncertainty = SAFETY * runs.between((choice, coarse), (choice, fine))
         found = Reference(
             choice=choice,
             result=fine,
@@ -91,7 +112,9 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
             variation=variation,
             allowed=allowed,
             uncertainty=uncertainty,
-            left_out=tuple(np.array(request.names)[~judged]),
+            left_out=tuple(np.array(request.names)[~judged].tolist()),
+            units=tuple(map(unit_of, request.names)),
+            meshes=np.zeros(len(request.names)),
         )
         if found.use(uncertainty) <= PART:
             return found

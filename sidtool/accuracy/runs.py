@@ -18,7 +18,7 @@ from .candidates import Choice, as_scene, recording
 if TYPE_CHECKING:
     from sidtool.solver.system.scene import System
 
-Compile = Callable[[SceneFile], "System"]
+Compile = Callable[[SceneFile, Mapping[str, SID]], "System"]
 #: Times of two runs are the same within this part of the time span.
 SAME_TIME = 1e-9
 #: Runs that last less than this [s] are timed this often.
@@ -37,7 +37,7 @@ class Setting:
 class Runs:
     """Models of one scene, compiled and run at most once each.
 
-    compile : makes a system of a scene
+    compile : makes a system of a scene and its SIDs
     names : outputs that are recorded
     count : runs so far
     """
@@ -134,5 +134,5 @@ class Runs:
         if choice not in self._systems:
             names = tuple(filter(choice.knows, self.names))
             content = recording(as_scene(self.scene, choice, self.sids), names)
-            self._systems[choice] = self.compile(content)
+            self._systems[choice] = self.compile(content, self.sids)
         return self._systems[choice]

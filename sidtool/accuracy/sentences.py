@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import numpy as np
 
 from sidtool.formats.result import Decision
-from sidtool.formats.scene import unit_of
 from sidtool.formats.sid import SID
 
 from .candidates import FLEXIBILITY, SHAPE, STIFFENING, Candidate, Choice
@@ -31,14 +30,12 @@ def decisions(
 def _decision(
     request: Request, reference: Reference, choice: Choice, one: Measured
 ) -> Decision:
-    counts = np.isfinite(reference.allowed)
-    shares = np.where(counts, one.errors / reference.allowed, -1.0)
-    row = int(shares.argmax())
+    row = reference.worst(one.errors)
     name = request.names[row]
     runs = bool(np.isfinite(one.errors[row]))
     effect = float(max(one.errors[row], reference.uncertainty[row])) if runs else 0.0
     allowed, kept = float(reference.allowed[row]), is_kept(choice, one.candidate)
-    unit = unit_of(name)
+    unit = reference.units[row]
     seen = f"{effect:.1e} {unit}".rstrip() + f" in {name}"
     if runs and one.errors[row] <= reference.uncertainty[row]:
         seen = f"less than {seen}"
@@ -86,8 +83,12 @@ def remarks(
     reference: Reference,
     sids: Mapping[str, SID],
     stiffened: dict[str, bool],
+    models: Collection[str],
 ) -> Iterator[str]:
-    """What cannot be judged, and what does not count."""
+    """What cannot be judged, and what does not count.
+
+    models : bodies whose mesh is judged
+    """
     for name, removable in stiffened.items():
         if not removable:
             yield (
@@ -101,7 +102,7 @@ def remarks(
                 f"geometric stiffening of {name}: not in its SID, and not in these "
                 f"errors, while {found.sentence()}"
             )
-    flexible = [name for name, kept in reference.choice.kept if kept]
+    flexible = [n for n, kept in reference.choice.kept if kept and n not in models]
     if flexible:
         yield (
             "mesh: not judged, as a SID does not tell its own "

@@ -211,6 +211,7 @@ def _run(
         )
         if plan is not None:
             scene, told, files = plan.scene, [*told, *plan.told], Certified(files, plan)
+            sids = dict(plan.sids)
         system = compile_scene(scene, folder, sids=sids, accept_defects=defects)
         progress = _share(bar, scene.time)
         result = run(

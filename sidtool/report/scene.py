@@ -72,7 +72,7 @@ def scene_parts(scene: SceneFile) -> list[Block]:
 def _body(body: Body) -> list[str]:
     markers = ", ".join(body.markers)
     if isinstance(body, SidBody):
-        terms = [body.sid]
+        terms = [body.sid or f"made of {body.model}"]
         if body.damping is not None:
             terms.append(f"damping {body.damping.type}")
         if body.frame == "held":

@@ -91,11 +91,18 @@ def read_sids(
     ------
     InputError : a SID cannot be read.
     """
-    return {
-        name: sids[name] if name in sids else read_sid(folder / body.sid)
-        for name, body in scene.bodies.items()
-        if isinstance(body, SidBody)
-    }
+    found = {}
+    for name, body in scene.bodies.items():
+        if not isinstance(body, SidBody):
+            continue
+        if name not in sids and not body.sid:
+            raise InputError(
+                f"{body.model} is a model that has to be converted first",
+                place=f"bodies.{name}.model",
+                expected="`sidtool simulate` or `trim`, or a SID made by `convert`",
+            )
+        found[name] = sids[name] if name in sids else read_sid(folder / body.sid)
+    return found
 
 
 def body_data(name: str, body: Body, sids: Mapping[str, SID], planar: bool) -> BodyData:

@@ -93,9 +93,9 @@ def test_a_loose_request_leaves_more_out_than_a_sharp_one() -> None:
         found = simulated(scene, sid, accuracy={"arm.tip.y": wanted})
         made = [d for d in found.accuracy.decisions if d.what == "shape function"]
         kept.append(sum(d.kept for d in made))
-        steps.append(found.counters["evaluations"])
+        steps.append(found.counters["steps"])
     assert kept[0] < kept[1] < kept[2] == 4
-    assert steps[0] < steps[1] < steps[2]
+    assert steps[0] <= steps[1] < steps[2]
 
 
 def test_each_effect_is_that_of_this_choice_alone() -> None:

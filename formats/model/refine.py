@@ -1,0 +1,67 @@
+"""A model on a finer mesh, and with more shape functions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from . import ModelFile
+from .discretisation import (
+    BeamDiscretisation,
+    IgaDiscretisation,
+    Q4Discretisation,
+    SolidDiscretisation,
+)
+
+
+def refined(model: ModelFile, level: int) -> ModelFile | None:
+    """The model with elements of 1/2^level of the size in each direction.
+
+    None for a mesh or matrices, which stay as they are.
+    """
+    if level == 0:
+        return model
+    found, times = model.discretisation, 2**level
+    if isinstance(found, Q4Discretisation | SolidDiscretisation):
+        changes: dict[str, Any] = {"elements": tuple(n * times for n in found.elements)}
+    elif isinstance(found, BeamDiscretisation):
+        changes = {"elements": found.elements * times}
+    elif isinstance(found, IgaDiscretisation):
+        changes = _of_patches(found, times)
+    else:
+        return None
+    finer = found.model_copy(update=changes)
+    return model.model_copy(update={"discretisation": finer})
+
+
+def with_modes(model: ModelFile, count: int) -> ModelFile | None:
+    """The model with so many normal modes; None where the method counts none."""
+    if not hasattr(model.reduction, "modes"):
+        return None
+    reduction = model.reduction.model_copy(update={"modes": count})
+    return model.model_copy(update={"reduction": reduction})
+
+
+def modes_of(model: ModelFile) -> int | None:
+    """How many normal modes a model asks for; None where the method counts none."""
+    found = getattr(model.reduction, "modes", None)
+    return found if isinstance(found, int) else None
+
+
+def _of_patches(found: IgaDiscretisation, times: int) -> dict[str, Any]:
+    """Each knot span cut into so many equal ones."""
+    if found.elements is not None:
+        return {"elements": tuple(n * times for n in found.elements)}
+    if found.functions is not None:
+        pairs = zip(found.functions, found.degrees, strict=True)
+        return {"functions": tuple((n - p) * times + p for n, p in pairs)}
+    assert found.knots is not None
+    return {"knots": tuple(_cut(knots, times) for knots in found.knots)}
+
+
+def _cut(knots: tuple[float, ...], times: int) -> tuple[float, ...]:
+    finer: list[float] = []
+    for a, b in zip(knots, knots[1:], strict=False):
+        finer.append(a)
+        if b > a:
+            finer += [a + (b - a) * k / times for k in range(1, times)]
+    return (*finer, knots[-1])

@@ -1,0 +1,158 @@
+"""SIDs of bodies that a scene describes by their models: made once and kept."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.model.refine import modes_of, refined, with_modes
+from sidtool.formats.scene import SceneFile, SidBody
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid, write_sid
+
+#: Beside the scene.
+FOLDER = ".sidtool"
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How far a model is refined, see `refine`; modes None for what it says itself."""
+
+    level: int = 0
+    modes: int | None = None
+
+
+@dataclass(frozen=True)
+class Made:
+    """A SID, the file that holds it relative to the scene, and what was told of it.
+
+    file : empty where it could not be kept
+    """
+
+    sid: SID
+    file: str
+    notes: tuple[str, ...]
+
+
+class Source:
+    """The model of one body and the SIDs that are made of it.
+
+    Raises
+    ------
+    InputError : the model cannot be read.
+    """
+
+    def __init__(self, path: Path, folder: Path) -> None:
+        self.path, self.folder = path, folder
+        self.model = read_model(path)
+
+    @property
+    def modes(self) -> int | None:
+        """Normal modes that the model asks for, if its reduction counts them."""
+        return modes_of(self.model)
+
+    def can_refine(self) -> bool:
+        """False for meshes and matrices, which are as they are."""
+        return refined(self.model, 1) is not None
+
+    def sid(self, fineness: Fineness) -> Made:
+        """Converted, or read where it was made before.
+
+        Raises
+        ------
+        InputError : the model cannot be converted.
+        """
+        from .convert import BASIS, NOTE, sid_from_model
+
+        model = refined(self.model, fineness.level)
+        if model is not None and fineness.modes is not None:
+            model = with_modes(model, fineness.modes)
+        assert model is not None
+        name = f"{self.path.stem}-{_key(model)}.h5"
+        file = self.folder / FOLDER / name
+        with suppress(InputError):
+            return Made(read_sid(file), f"{FOLDER}/{name}", ())
+        lines: list[str] = []
+        try:
+            sid = sid_from_model(model, lines.append)
+        except InputError as error:
+            raise error.located(self.path) from None
+        told = [line for line in lines if line.startswith((BASIS, NOTE))]
+        notes = tuple(f"{self.path.name}: {line.removeprefix(NOTE)}" for line in told)
+        try:
+            file.parent.mkdir(exist_ok=True)
+            write_sid(file, sid)
+        except (OSError, InputError):
+            return Made(sid, "", notes)
+        return Made(sid, f"{FOLDER}/{name}", notes)
+
+
+def sources(scene: SceneFile, folder: Path) -> dict[str, Source]:
+    """The bodies that are described by models.
+
+    Raises
+    ------
+    InputError : a model cannot be read.
+    """
+    return {n: Source(folder / b.model, folder) for n, b in _bodies(scene) if b.model}
+
+
+def converted(
+    scene: SceneFile, folder: Path
+) -> tuple[SceneFile, dict[str, SID], list[str]]:
+    """The scene with the SIDs that its models make, these, and sentences.
+
+    Models beside a SID are not converted.
+
+    Raises
+    ------
+    InputError : a model cannot be read or converted.
+    """
+    bodies: dict[str, Any] = dict(scene.bodies)
+    found, told = {}, []
+    for name, source in sources(scene, folder).items():
+        if bodies[name].sid:
+            continue
+        made = source.sid(Fineness())
+        text = made.file or f"(made of {source.path.name})"
+        bodies[name] = bodies[name].model_copy(update={"sid": text})
+        found[name] = made.sid
+        told += [f"{name} is made of {bodies[name].model}", *made.notes]
+    if not found:
+        return scene, {}, []
+    return scene.model_copy(update={"bodies": bodies}), found, told
+
+
+def _bodies(scene: SceneFile) -> Iterator[tuple[str, SidBody]]:
+    for name in scene.flexible:
+        body = scene.bodies[name]
+        assert isinstance(body, SidBody)
+        yield name, body
+
+
+def _key(model: ModelFile) -> str:
+    """A digest of a model and of the files that it names."""
+    from . import __version__
+
+    digest = hashlib.sha256(f"{__version__} {model.model_dump_json()}".encode())
+    for path in sorted(set(_files(model))):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _files(value: Any) -> Iterator[Path]:
+    """Texts of a model that are names of files."""
+    if isinstance(value, BaseModel):
+        for name in type(value).model_fields:
+            yield from _files(getattr(value, name))
+    elif isinstance(value, str) and os.path.isfile(value):
+        yield Path(value)

@@ -1,0 +1,135 @@
+"""Bodies of a scene that are given by their models."""
+
+from __future__ import annotations
+
+import json
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.accuracy import cached
+from sidtool.formats.model.refine import refined, with_modes
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.solver import compile_scene
+
+from .arms import cantilever, spun
+from .beams import beam, beam_data
+
+LINEAR = {"type": "iga", "degrees": [1, 1]}
+COARSE = {"type": "q4", "elements": [4, 1]}
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Choices are kept here."""
+    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    return tmp_path
+
+
+def written(folder: Path, scene: SceneFile, mesh: Any, modes: int) -> Path:
+    """A scene file whose arm is made of the model beside it."""
+    data = beam_data(mesh, reduction={"method": "modal", "modes": modes})
+    (folder / "arm.json").write_text(json.dumps(data))
+    content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+    content["bodies"]["arm"] |= {"model": "arm.json"}
+    del content["bodies"]["arm"]["sid"]
+    path = folder / "scene.json"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def forbid(monkeypatch: pytest.MonkeyPatch) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("converted again")
+
+    monkeypatch.setattr(import_module("sidtool.convert"), "sid_from_model", never)
+
+
+def test_a_model_is_converted_once(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = spun(0.3, 2.0)
+    mesh = {"type": "iga", "degrees": [3, 2], "elements": [10, 1]}
+    path = written(folder, scene, mesh, 3)
+    first = sidtool.simulate(path)
+    expected = sidtool.simulate(scene, sids={"arm": cantilever(3)})
+    assert first["arm.tip.uy"] == pytest.approx(expected["arm.tip.uy"], abs=1e-9)
+    assert any("arm is made of arm.json" in note for note in first.notes)
+    (kept,) = (folder / ".sidtool").iterdir()
+    with monkeypatch.context() as patch:
+        forbid(patch)
+        again = sidtool.simulate(path)
+    assert np.array_equal(again.values, first.values)
+    kept.write_bytes(kept.read_bytes()[:100])
+    assert sidtool.simulate(path)["arm.tip.x"] == pytest.approx(first["arm.tip.x"])
+    data = json.loads((folder / "arm.json").read_text())
+    data["material"]["density"] *= 2.0
+    (folder / "arm.json").write_text(json.dumps(data))
+    heavier = sidtool.simulate(path)
+    assert np.abs(heavier["arm.tip.uy"]).max() > 1.5 * np.abs(first["arm.tip.uy"]).max()
+
+
+def test_mesh_and_modes_are_refined_as_far_as_needed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against another discretisation, finer than any that the search makes."""
+    scene = spun(0.3, 20.0)
+    path = written(folder, scene, COARSE, 1)
+    wanted = {"arm.tip.uy": 5e-3}
+    found = sidtool.simulate(path, accuracy=wanted)
+    arm = scene.bodies["arm"].model_copy(update={"quadratic_inertia": True})
+    fine = scene.model_copy(update={"bodies": {"arm": arm}})
+    exact = sidtool.simulate(fine, sids={"arm": cantilever(8)}, rtol=1e-9)
+    true = exact["arm.tip.uy"]
+    error = np.abs(found["arm.tip.uy"] - true).max() / np.ptp(true)
+    assert error <= found.error["arm.tip.uy"] <= 5e-3
+    coarse = sidtool.simulate(path)["arm.tip.uy"]
+    assert np.abs(coarse - true).max() / np.ptp(true) > 5e-3
+    assert found.accuracy.budget[0].part == "mesh"
+    told = " ".join(found.accuracy.sentences)
+    assert "mesh of arm: halved" in told and "modes of arm: the last change" in told
+    with monkeypatch.context() as patch:
+        forbid(patch)
+        again = sidtool.simulate(path, accuracy=wanted)
+    assert not again.accuracy.searched
+    assert np.array_equal(again.values, found.values)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "key", "expected"),
+    [
+        (COARSE, "elements", (8, 2)),
+        ({"type": "iga", "degrees": [3, 2], "elements": [5, 1]}, "elements", (10, 2)),
+        ({"type": "iga", "degrees": [3, 2], "functions": [8, 3]}, "functions", (13, 4)),
+        (
+            {
+                "type": "iga",
+                "degrees": [1, 1],
+                "knots": [[0, 0, 1, 1], [0, 0, 0.5, 1, 1]],
+            },
+            "knots",
+            ((0, 0, 0.5, 1, 1), (0, 0, 0.25, 0.5, 0.75, 1, 1)),
+        ),
+    ],
+)
+def test_each_element_is_halved(mesh: Any, key: str, expected: Any) -> None:
+    finer = refined(beam(mesh), 1)
+    assert finer is not None
+    assert getattr(finer.discretisation, key) == expected
+    more = with_modes(finer, 7)
+    assert more is not None and more.reduction.modes == 7
+
+
+def test_what_cannot_convert_says_so(folder: Path) -> None:
+    path = written(folder, spun(0.3, 2.0), COARSE, 1)
+    with pytest.raises(sidtool.InputError, match="has to be converted first"):
+        compile_scene(read_scene(path), folder)
+    content = json.loads(path.read_text())
+    content["bodies"]["arm"]["model"] = "leg.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(sidtool.InputError, match="leg.json"):
+        sidtool.simulate(path)
