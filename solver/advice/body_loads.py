@@ -13,12 +13,10 @@ import numpy as np
 from sidtool.formats.sid import SID, Array
 
 from ..kernels import layout as at
-from ..kernels import planar_columns as planar
-from ..kernels import spatial_columns as spatial
 from ..kernels.drives import drive_value
 from ..recording.motion import frame_motion
-from ..recording.sampling import Samples
 from ..recording.told import Told
+from ..system.embedded import embedded
 from ..system.scene import System
 from .prescribed import FrameHistory
 from .stiffening import Loads
@@ -29,7 +27,8 @@ def recorded_loads(told: Told, body: str) -> Loads:
     system, samples = told.system, told.samples
     b = system.index(body)
     frame = frame_motion(system, samples, b)
-    a, alpha = _accelerations(system, samples, b)
+    of = system.frames(samples.frames[:, b])
+    a, alpha = embedded(of["a"]), embedded(of["al"])
     a = a - np.einsum("tji,j->ti", frame.R, system.arrays.gravity)
     forces: dict[str, Array] = {}
     moments: dict[str, Array] = {}
@@ -110,19 +109,6 @@ def stiffened_by_forces(sid: SID) -> bool:
     """Does a node carry stiffening by a force or a moment?"""
     terms = [term.m1 for node in sid.nodes for term in (node.phi, node.psi)]
     return any(m1 is not None and m1.any() for m1 in terms)
-
-
-def _accelerations(system: System, samples: Samples, b: int) -> tuple[Array, Array]:
-    """Of a frame, (nt, 3) each in body axes: of its origin, and angular."""
-    frame = samples.frames[:, b]
-    if not system.planar:
-        return (
-            frame[:, spatial.A : spatial.A + 3],
-            frame[:, spatial.ALPHA : spatial.ALPHA + 3],
-        )
-    a, alpha = np.zeros((2, len(frame), 3))
-    a[:, :2], alpha[:, 2] = frame[:, [planar.AX, planar.AY]], frame[:, planar.AL]
-    return a, alpha
 
 
 def _wrenches(told: Told, body: str) -> Iterator[tuple[str, Array, Array]]:

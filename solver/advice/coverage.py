@@ -14,11 +14,10 @@ from sidtool.formats.scene import PointForce, marker_names, marker_reference
 from sidtool.formats.sid import SID, Array, Node
 
 from ..kernels import layout as at
-from ..kernels import planar_columns as planar
-from ..kernels import spatial_columns as spatial
 from ..start.assembly import Start
 from ..start.conflicts import LARGEST, make_rigid, undeformed
 from ..start.consistent import State
+from ..system.embedded import matrices
 from ..system.scene import Row, System
 
 #: Shape functions move a marker when they do so by more than this part of what they
@@ -163,11 +162,7 @@ def _direction(unit: Array) -> str:
 
 def _orientation(state: State, b: int) -> Array:
     """Body axes to inertial ones."""
-    frame = state.work.frame[b]
-    if not state.system.planar:
-        return np.asarray(frame[spatial.R : spatial.R + 9].reshape(3, 3))
-    c, s = frame[planar.COS], frame[planar.SIN]
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return matrices(state.system.frames(state.work.frame[b])["R"])
 
 
 def _padded(values: tuple[float, ...] | None) -> Array:

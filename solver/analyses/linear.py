@@ -24,8 +24,6 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels import planar_columns as planar
-from ..kernels import spatial_columns as spatial
 from ..recording.outputs import velocity_names
 from ..start.assembly import assemble
 from ..system.scene import System
@@ -238,16 +236,17 @@ def _frame_motion(mechanics: Mechanics) -> Array:
     """
     system, n = mechanics.system, mechanics.system.n_velocities
     E = np.zeros((n, n))
-    for row, frame in zip(system.arrays.body, mechanics.work.frame, strict=True):
+    frames = system.frames(mechanics.work.frame)
+    for row, frame in zip(system.arrays.body, frames, strict=True):
         u, rd = int(row[at.VEL]), int(row[at.RD])
         if rd == 3 and system.planar:
-            E[u, u + 2], E[u + 1, u + 2] = -frame[planar.VY], frame[planar.VX]
-            E[u, u + 1], E[u + 1, u] = frame[planar.W], -frame[planar.W]
+            (vx, vy), (w,) = frame["v"], frame["w"]
+            E[u, u + 2], E[u + 1, u + 2] = -vy, vx
+            E[u, u + 1], E[u + 1, u] = w, -w
         elif rd == 6:
-            V = frame[spatial.V : spatial.V + 3]
-            W = frame[spatial.OMEGA : spatial.OMEGA + 3]
-            E[u : u + 3, u + 3 : u + 6] = -_skew(V)
-            E[u : u + 3, u : u + 3] = E[u + 3 : u + 6, u + 3 : u + 6] = -_skew(W)
+            V, W = _skew(frame["v"]), _skew(frame["w"])
+            E[u : u + 3, u + 3 : u + 6] = -V
+            E[u : u + 3, u : u + 3] = E[u + 3 : u + 6, u + 3 : u + 6] = -W
     return E * mechanics.scale / mechanics.scale[:, None]
 
 

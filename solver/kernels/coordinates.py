@@ -19,7 +19,6 @@ import math
 
 from numba import complex128, float64, int64, types
 
-from . import planar_columns as planar
 from .compiling import entry, inner
 from .layout import (
     C1,
@@ -36,9 +35,13 @@ from .layout import (
     VEL,
 )
 from .quaternions import frame_rate, turn
-from .spatial_columns import OMEGA, P, R, V
+from .spaces import FRAMES, PLANE, SPACE
 
-COS, SIN, VX, VY, W = planar.COS, planar.SIN, planar.VX, planar.VY, planar.W
+# Columns of frames in the plane, and in space.
+_PLANE, _SPACE = (FRAMES[space].record.places for space in (PLANE, SPACE))
+COS, SIN = _PLANE["R"], _PLANE["R"] + 1
+VX, VY = _PLANE["v"], _PLANE["v"] + 1
+R, V, OMEGA, P = (_SPACE[field] for field in ("R", "v", "w", "p"))
 
 
 RATE = types.void(SYSTEM, F1, F1, F1)

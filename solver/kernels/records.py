@@ -7,6 +7,7 @@ A kernel sees a table in plane or in space (`RowsType`): `work.point[m].x` loads
 from __future__ import annotations
 
 import operator
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from numba.core.typing.templates import (
     infer_global,
     signature,
 )
+from numpy.typing import NDArray
 
 from .values import INDEX, REAL, ValueType
 
@@ -47,7 +49,7 @@ class RecordType(types.Type):
         self.number = INDEX if whole else REAL
         super().__init__(name)
 
-    @property
+    @cached_property
     def dtype(self) -> np.dtype[np.void]:
         """What numpy sees rows as."""
         number = np.int64 if self.number is INDEX else np.float64
@@ -57,6 +59,10 @@ class RecordType(types.Type):
                 for field, kind in self.fields.items()
             ]
         )
+
+    def named(self, values: NDArray[Any]) -> NDArray[np.void]:
+        """Numbers (..., size) seen as rows with names, (...)."""
+        return values.view(self.dtype)[..., 0]
 
 
 class RowsType(types.Type):

@@ -50,11 +50,10 @@ _V2, _V1, _V3 = ValueType(Vector, 2), ValueType(Vector, 1), ValueType(Vector, 3)
 _COSINE_SINE, _MATRIX = ValueType(Turn, 2), ValueType(Turn, 9)
 #: Rotation from one marker to another, and the inertial torque that works on it.
 TURNED = _rows("Turned", value=float64, rate=float64, axis=_V3)
-#: State of body frames, in the order of `planar_columns` and `spatial_columns`:
-#: position, orientation, velocity, angular velocity and the accelerations at zero
-#: z_II', resolved in the frame; and of markers: position, velocity, acceleration,
-#: orientation, angular velocity and acceleration, inertial; body-resolved position and
-#: relative velocity.
+#: State of body frames: position, orientation, velocity, angular velocity and the
+#: accelerations at zero z_II', resolved in the frame; and of markers: position,
+#: velocity, acceleration, orientation, angular velocity and acceleration, inertial;
+#: body-resolved position and relative velocity.
 FRAMES = {
     PLANE: _rows(
         "Planar frame",

@@ -28,10 +28,9 @@ from sidtool.formats.sid import Array
 
 from ..integrators import stepping
 from ..kernels import layout as at
-from ..kernels import planar_columns as planar
-from ..kernels import spatial_columns as spatial
 from ..kernels.layout import Work
 from ..kernels.newton import Kernels, Memory
+from ..system.embedded import embedded, matrices
 from ..system.scene import System
 from .energy_history import History
 from .joint_forces import COMPONENTS, friction_column, wrench
@@ -236,7 +235,7 @@ def _elastic_columns(
 
 
 def _body_column(system: System, samples: Samples, owner: str, quantity: str) -> Array:
-    frame = samples.frames[:, system.index(owner)]
+    frame = system.frames(samples.frames[:, system.index(owner)])
     if quantity in ORIENTATIONS:
         R = frame_motion(system, samples, system.index(owner)).R
         return orientation_column(R, quantity)
@@ -244,50 +243,29 @@ def _body_column(system: System, samples: Samples, owner: str, quantity: str) ->
         motion = frame_motion(system, samples, system.index(owner))
         V = {"v": motion.V, "w": motion.W}[quantity[0]]
         return V[:, "xyz".index(quantity[1])]
-    if system.planar:
-        return _planar_body(frame, quantity)
-    return _spatial_body(frame, quantity)
-
-
-def _planar_body(frame: Array, quantity: str) -> Array:
-    c, s = frame[:, planar.COS], frame[:, planar.SIN]
-    plain = {"x": planar.X, "y": planar.Y, "angle": planar.ANGLE, "wz": planar.W}
-    if quantity in plain:
-        return frame[:, plain[quantity]]
-    pairs = {"v": (planar.VX, planar.VY), "a": (planar.AX, planar.AY)}
-    if quantity[-1] == "z" or quantity[0] not in pairs:
-        return np.zeros(len(frame))
-    x, y = (frame[:, i] for i in pairs[quantity[0]])
-    return c * x - s * y if quantity[-1] == "x" else s * x + c * y
-
-
-def _spatial_body(frame: Array, quantity: str) -> Array:
-    R = frame[:, spatial.R : spatial.R + 9].reshape(-1, 3, 3)
     if quantity == "angle":
-        return 2.0 * np.arctan2(
-            np.linalg.norm(frame[:, spatial.P + 1 : spatial.P + 4], axis=1),
-            frame[:, spatial.P],
-        )
-    axis = "xyz".index(quantity[-1])
+        return np.asarray(frame["angle"] if system.planar else _whole_angle(frame["p"]))
+    axis, what = "xyz".index(quantity[-1]), quantity[0]
     if len(quantity) == 1:
-        return frame[:, spatial.X + axis]
-    start = {"v": spatial.V, "w": spatial.OMEGA, "a": spatial.A}[quantity[0]]
-    return np.einsum("tj,tj->t", R[:, axis], frame[:, start : start + 3])
+        return np.asarray(embedded(frame["x"])[:, axis])
+    along = matrices(frame["R"])[:, axis]
+    return np.asarray(np.einsum("tj,tj->t", along, embedded(frame[what])))
+
+
+def _whole_angle(p: Array) -> Array:
+    """Of the rotation of quaternions (nt, 4)."""
+    return np.asarray(2.0 * np.arctan2(np.linalg.norm(p[:, 1:], axis=1), p[:, 0]))
 
 
 def _marker_column(system: System, samples: Samples, m: int, quantity: str) -> Array:
-    point = samples.points[:, m]
+    point = system.points(samples.points[:, m])
     if quantity in (*ORIENTATIONS, *TURNING):
         return _turning(marker_motion(system, samples, m), quantity)
     axis = "xyz".index(quantity[-1])
     if quantity[0] == "u":
         return _displacement(system, samples, m)[:, axis]
-    order = {1: 0, 2: 1 if quantity[0] == "v" else 2}[len(quantity)]
-    if system.planar:
-        starts = (planar.PX, planar.PVX, planar.PAX)
-        return np.zeros(len(point)) if axis == 2 else point[:, starts[order] + axis]
-    starts = (spatial.PX, spatial.PV, spatial.PA)
-    return point[:, starts[order] + axis]
+    what = "x" if len(quantity) == 1 else quantity[0]
+    return np.asarray(embedded(point[what])[:, axis])
 
 
 def _turning(motion: Motion, quantity: str) -> Array:

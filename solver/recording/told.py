@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.sid import Array
 
@@ -15,12 +14,9 @@ from ..kernels import told as kernels
 from ..kernels.layout import Work
 from ..kernels.records import RowsType
 from ..kernels.spaces import MEASURED, MOVED, WRENCH
-from ..system.scene import System
+from ..system.scene import Rows, System
 from ..system.storage import new_work
 from .sampling import Samples
-
-#: Rows with names, see `kernels.spaces`.
-Rows = NDArray[np.void]
 
 
 class Told:
@@ -107,4 +103,4 @@ class Told:
         return at.Told(*(np.zeros((nt * n, rows.record.size)) for n, rows in sizes))
 
     def _rows(self, values: Array, rows: RowsType, count: int) -> Rows:
-        return values.view(rows.record.dtype).reshape(len(self.times), count)
+        return rows.record.named(values).reshape(len(self.times), count)

@@ -10,14 +10,13 @@ from sidtool.formats.sid import Array
 
 from ..integrators.recording import RUB_FORCE
 from ..kernels import layout as at
-from ..kernels import planar_columns as planar
-from ..kernels import spatial_columns as spatial
 from ..kernels.layout import Work
 from ..start.carried import keep_frame
 from ..start.consistent import dense_jacobian
 from ..start.minimum_norm import minimum_norm
 from ..start.overconstraint import complete
 from ..system import kernel_calls
+from ..system.embedded import embedded
 from ..system.scene import Row, System
 from ..system.storage import new_work
 from .sampling import Samples
@@ -81,18 +80,14 @@ def _expand(
     u, rigid = int(row[at.VEL]), int(row[at.RD])
     for i, frame in enumerate(samples.frames[:, b]):
         keep_frame(whole, b, frame, z[i], v[i])
-        acc[i, u : u + rigid] = _rates(whole.planar, frame)[:rigid]
+        acc[i, u : u + rigid] = _rates(whole, frame)[:rigid]
 
 
-def _rates(is_planar: bool, frame: Array) -> Array:
+def _rates(system: System, frame: Array) -> Array:
     """Derivatives of the body-resolved velocities: a = dv/dt + w x v."""
-    if is_planar:
-        vx, vy, w = frame[[planar.VX, planar.VY, planar.W]]
-        ax, ay, alpha = frame[[planar.AX, planar.AY, planar.AL]]
-        return np.array([ax + w * vy, ay - w * vx, alpha])
-    velocity, spin = frame[spatial.V : spatial.V + 3], frame[spatial.OMEGA :][:3]
-    linear = frame[spatial.A : spatial.A + 3] - np.cross(spin, velocity)
-    return np.concatenate([linear, frame[spatial.ALPHA : spatial.ALPHA + 3]])
+    of = system.frames(frame)
+    carried = np.cross(embedded(of["w"]), embedded(of["v"]))
+    return np.append(of["a"] - carried[: len(of["a"])], of["al"])
 
 
 class _JointForces:

@@ -27,8 +27,8 @@ from sidtool.formats.sid import Array
 from ..kernels import layout as at
 from ..kernels.drives import drive_value
 from ..kernels.layout import Work
-from ..kernels.spatial_columns import PR, R
 from ..system.bodies import quaternion, rotation_part
+from ..system.embedded import matrices
 from ..system.joints import is_of_point, joint_parts
 from ..system.scene import System
 
@@ -74,7 +74,7 @@ def align(system: System, work: Work, z: Array) -> None:
     if system.planar:
         return
     frames = {
-        body.name: work.frame[b, R : R + 9].reshape(3, 3)
+        body.name: matrices(system.frames(work.frame[b])["R"])
         for b, body in enumerate(system.bodies)
     }
     known = {system.bodies[0].name, *system.eliminated.values(), *_held(system.scene)}
@@ -104,7 +104,7 @@ def check_alignment(system: System, work: Work) -> None:
         if wish.a not in system.markers or wish.b not in system.markers:
             continue
         A, B = (
-            work.point[system.markers[m], PR : PR + 9].reshape(3, 3)
+            matrices(system.points(work.point[system.markers[m]])["R"])
             for m in (wish.a, wish.b)
         )
         off = float(np.linalg.norm(_rotation_vector(wish.correction(A.T @ B))))

@@ -9,11 +9,10 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels import planar_columns as planar
-from ..kernels import spatial_columns as spatial
 from ..kernels.layout import IntTable
 from ..system import kernel_calls
 from ..system.bodies import quaternion
+from ..system.embedded import matrices
 from ..system.scene import System
 from ..system.storage import new_work
 
@@ -50,12 +49,9 @@ def keep_frame(system: System, b: int, frame: Array, z: Array, v: Array) -> None
     """Writes a frame into the coordinates of its body."""
     row = system.arrays.body[b]
     p, u, rigid = row[at.POS], row[at.VEL], row[at.RD]
-    if system.planar:
-        position = frame[[planar.X, planar.Y, planar.ANGLE]]
-        velocity = frame[[planar.VX, planar.VY, planar.W]]
-    else:
-        R = frame[spatial.R : spatial.R + 9].reshape(3, 3)
-        position = np.concatenate([frame[spatial.X : spatial.X + 3], quaternion(R)])
-        velocity = frame[spatial.V : spatial.V + 6]
+    of = system.frames(frame)
+    turn = of["angle"] if system.planar else quaternion(matrices(of["R"]))
+    position = np.append(of["x"], turn)
+    velocity = np.append(of["v"], of["w"])
     count = row[at.NP] - row[at.NQ]
     z[p : p + count], v[u : u + rigid] = position[:count], velocity[:rigid]

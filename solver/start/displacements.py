@@ -10,11 +10,10 @@ from sidtool.formats.scene import as_3d, rotation
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels import planar_columns as planar
-from ..kernels import spatial_columns as spatial
 from ..kernels.layout import Work
 from ..system import kernel_calls
 from ..system.bodies import quaternion
+from ..system.embedded import embedded, matrices
 from ..system.scene import System
 from ..system.storage import new_work
 from .consistent import Start
@@ -30,16 +29,14 @@ def displacements(system: System, work: Work) -> dict[str, tuple[float, float]]:
     for b, data in enumerate(system.bodies):
         if not data.of_scene:
             continue
-        initial, frame = system.scene.bodies[data.name].initial, work.frame[b]
+        initial = system.scene.bodies[data.name].initial
+        frame = system.frames(work.frame[b])
         if system.planar:
-            place = as_3d(tuple(frame[[planar.X, planar.Y]]))
-            angle = abs(frame[planar.ANGLE] - (initial.angle or 0.0))
+            angle = abs(frame["angle"] - (initial.angle or 0.0))
         else:
-            place = frame[spatial.X : spatial.X + 3]
-            R = frame[spatial.R : spatial.R + 9].reshape(3, 3)
-            q = quaternion(rotation(initial).T @ R)
+            q = quaternion(rotation(initial).T @ matrices(frame["R"]))
             angle = 2.0 * np.arctan2(np.linalg.norm(q[1:]), q[0])
-        way = np.linalg.norm(place - as_3d(initial.position))
+        way = np.linalg.norm(embedded(frame["x"]) - as_3d(initial.position))
         found[data.name] = float(way), float(angle)
     return found
 
@@ -143,13 +140,9 @@ def _replaced_velocities(
 
 def _velocities(system: System, frame: Array) -> tuple[Array, Array]:
     """Of the origin of a frame and angular, in inertial axes, (3,) each."""
-    if system.planar:
-        c, s = frame[planar.COS], frame[planar.SIN]
-        vx, vy = frame[planar.VX], frame[planar.VY]
-        turn = np.array([0.0, 0.0, frame[planar.W]])
-        return np.array([c * vx - s * vy, s * vx + c * vy, 0.0]), turn
-    R = frame[spatial.R : spatial.R + 9].reshape(3, 3)
-    return R @ frame[spatial.V : spatial.V + 3], R @ frame[spatial.OMEGA :][:3]
+    of = system.frames(frame)
+    R = matrices(of["R"])
+    return R @ embedded(of["v"]), R @ embedded(of["w"])
 
 
 def _change(given: object, now: Array) -> tuple[Array, float]:

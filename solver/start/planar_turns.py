@@ -14,7 +14,6 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels import planar_columns as planar
 from ..system import kernel_calls
 from ..system.forces import Element
 from ..system.scene import System
@@ -63,7 +62,7 @@ def _of_frames(system: System, pool: Array) -> Pairs:
         )
         stated = system.scene.bodies[system.bodies[b].name].initial.angle or 0.0
         entry = body[b, at.FRAME] + 1
-        pool[entry] += _whole(stated - work.frame[b, planar.ANGLE])
+        pool[entry] += _whole(stated - float(system.frames(work.frame[b])["angle"]))
         pairs[int(body[b, at.BASE]), int(body[b, at.TIP])] = float(pool[entry])
     return pairs
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
@@ -14,12 +15,15 @@ from sidtool.formats.sid import SID, Array
 from ..functions.features import Features
 from ..functions.native import Native
 from ..kernels import layout as at
+from ..kernels.spaces import FRAMES, PLANE, POINTS, SPACE
 from .bodies import BodyData
 from .forces import Element
 from .friction import Rubbing
 from .grips import Grips
 from .turns import Coordinate, Turn
 
+#: Rows with names.
+Rows = NDArray[np.void]
 GROUND_NAME = "ground"
 NO_FORCES = np.zeros((0, at.N_FORCE), np.int64)
 
@@ -145,6 +149,18 @@ class System:
     @property
     def planar(self) -> bool:
         return self.scene.dimension == "planar"
+
+    @property
+    def space(self) -> str:
+        return PLANE if self.planar else SPACE
+
+    def frames(self, values: Array) -> Rows:
+        """Rows of Work.frame with names, see `kernels.spaces.FRAMES`."""
+        return FRAMES[self.space].record.named(values)
+
+    def points(self, values: Array) -> Rows:
+        """Rows of Work.point with names, see `kernels.spaces.POINTS`."""
+        return POINTS[self.space].record.named(values)
 
     @property
     def n_positions(self) -> int:

@@ -12,11 +12,7 @@ from ..kernels import layout as at
 from ..kernels.forces import programs
 from ..kernels.lapack import lapack
 from ..kernels.newton import N_COUNTERS, Memory
-from ..kernels.planar_columns import N_FRAME as PLANAR_FRAME
-from ..kernels.planar_columns import N_POINT as PLANAR_POINT
-from ..kernels.spaces import MODES, PLANE, SPACE, STIFFENED, TURNING
-from ..kernels.spatial_columns import N_FRAME as SPATIAL_FRAME
-from ..kernels.spatial_columns import N_POINT as SPATIAL_POINT
+from ..kernels.spaces import FRAMES, MODES, POINTS, STIFFENED, TURNING
 from .bodies import elastic_mass, modal_squares, shape_functions, symmetric
 from .forces import most_read
 from .scene import System
@@ -38,9 +34,8 @@ def new_work(system: System) -> at.Work:
     largest = max(1, int(body[:, at.NV].max()))
     turns = sum(len(turn.angles) for turn in system.turns)
     read = most_read(system.forces)
-    most, space = int(body[:, at.NQ].max()), PLANE if system.planar else SPACE
-    frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
-    point = PLANAR_POINT if system.planar else SPATIAL_POINT
+    most, space = int(body[:, at.NQ].max()), system.space
+    frame, point = FRAMES[space].record.size, POINTS[space].record.size
     rubbing = len(system.rubbing)
     work = at.Work(
         np.zeros((len(body), frame)),
@@ -98,7 +93,7 @@ def new_memory(system: System, pairs: int) -> Memory:
     blocks = int((body[:, at.NV] ** 2).sum())
     entries, n, m = segment_entries(system), system.n_velocities, system.n_rows
     rows, largest = system.n_newton_rows, int(body[:, at.NV].max())
-    frame = PLANAR_FRAME if system.planar else SPATIAL_FRAME
+    frame = FRAMES[system.space].record.size
     whole, rubbing = np.int64, len(system.rubbing)
     return Memory(
         np.zeros(blocks),

@@ -11,10 +11,9 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.toml_files import validated
 from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels import planar_columns as planar
-from sidtool.solver.kernels import spatial_columns as spatial
 from sidtool.solver.kernels.layout import Work
 from sidtool.solver.system import kernel_calls
+from sidtool.solver.system.embedded import embedded, matrices
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import new_work
 from tests.bodies import particle_body
@@ -122,20 +121,12 @@ def momenta(system: System, work: Work, b: int, v: Array) -> Array:
 
 def frame(system: System, work: Work, b: int) -> tuple[Array, Array]:
     """Position and orientation of a body."""
-    f = work.frame[b]
-    if not system.planar:
-        return f[spatial.X : spatial.X + 3], f[spatial.R : spatial.R + 9].reshape(3, 3)
-    c, s = f[planar.COS], f[planar.SIN]
-    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return np.array([f[planar.X], f[planar.Y], 0.0]), R
+    f = system.frames(work.frame[b])
+    return embedded(f["x"]), matrices(f["R"])
 
 
 def marker(system: System, work: Work, name: tuple[str, str]) -> tuple[Array, Array]:
     """Position and orientation of a marker."""
-    p = work.point[system.markers[name]]
-    if not system.planar:
-        x, R = p[spatial.PX : spatial.PX + 3], p[spatial.PR : spatial.PR + 9]
-        return x, R.reshape(3, 3)
-    c, s = np.cos(p[planar.TH]), np.sin(p[planar.TH])
-    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return np.array([p[planar.PX], p[planar.PY], 0.0]), R
+    p = system.points(work.point[system.markers[name]])
+    R = turned(float(p["angle"])) if system.planar else matrices(p["R"])
+    return embedded(p["x"]), R

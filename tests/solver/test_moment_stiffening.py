@@ -16,8 +16,6 @@ from sidtool.formats.sid import SID, Taylor
 from sidtool.solver import simulate
 from sidtool.solver.advice.body_loads import recorded_loads
 from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels import planar_columns as planar
-from sidtool.solver.kernels import spatial_columns as spatial
 from sidtool.solver.kernels.coordinates import rate
 from sidtool.solver.recording.sampling import Samples
 from sidtool.solver.recording.told import Told
@@ -247,23 +245,17 @@ def test_accelerations_of_markers_are_rates_of_their_velocities(dimension: str) 
     probe = random_state(system, 9)
     acc = np.random.default_rng(1).normal(size=system.n_velocities)
     complete(system, probe.work, acc)
-    points = probe.work.point.copy()
-    speeds, found = (
-        ([planar.PVX, planar.PVY, planar.TW], [planar.PAX, planar.PAY, planar.TA])
-        if system.planar
-        else (
-            [*range(spatial.PV, spatial.PV + 3), *range(spatial.PW, spatial.PW + 3)],
-            [*range(spatial.PA, spatial.PA + 3), *range(spatial.PAL, spatial.PAL + 3)],
-        )
-    )
+    points = system.points(probe.work.point.copy())
+    found = np.hstack([points["a"], points["al"]])
     ends = []
     for dt in (STEP, -STEP):
         slope = np.zeros(system.n_positions)
         rate(system.arrays, probe.z, probe.v, slope)
         probe.evaluate(probe.z + dt * slope, probe.v + dt * acc)
-        ends.append(probe.work.point[:, speeds].copy())
+        points = system.points(probe.work.point)
+        ends.append(np.hstack([points["v"], points["w"]]))
     slopes = (ends[0] - ends[1]) / (2 * STEP)
-    assert slopes == pytest.approx(points[:, found], abs=2e-8, rel=1e-8)
+    assert slopes == pytest.approx(found, abs=2e-8, rel=1e-8)
 
 
 def bending(sid: SID, seed: int) -> SID:
