@@ -27,6 +27,7 @@ DRIVEN = {
 #: How often drives are halved before a scene is given up, and the request of the runs
 #: that tell; a loop is blocked where its constraints are hardly independent.
 HALVINGS, RTOL, BLOCKED = 6, 1e-7, 1e-3
+FORCED = "joints and drives deform"
 
 
 def random_scene(seed: int) -> Case:
@@ -50,7 +51,7 @@ def random_scene(seed: int) -> Case:
     add_forces(sketch)
     add_more(sketch, seed)
     for body in sketch.table["bodies"].values():
-        _push(rng, body["initial"], sketch.planar)
+        push(rng, body["initial"], sketch.planar)
     case = sketch.case()
     if deformed(sketch, seed):
         case = placed(case)
@@ -67,11 +68,11 @@ def driven_scene(seed: int) -> Case:
         sketch.drive(key)
     add_forces(sketch)
     for body in sketch.table["bodies"].values():
-        _push(rng, body["initial"], sketch.planar)
+        push(rng, body["initial"], sketch.planar)
     return with_measures(settled(sketch.case()), forces=True)
 
 
-def _push(rng: Random, initial: Table, planar: bool) -> None:
+def push(rng: Random, initial: Table, planar: bool) -> None:
     velocity, spin = 0.5 * rng.normal(size=3), rng.normal(size=3)
     initial["velocity"] = velocity[: 2 if planar else 3].tolist()
     initial["angular_velocity"] = float(spin[2]) if planar else spin.tolist()
@@ -84,7 +85,11 @@ def placed(case: Case) -> Case:
 
 
 def within_reach(case: Case) -> Case:
-    """The case with drives that its loops can follow: halved until none is blocked.
+    """The case with drives that its loops can follow without bending: halved until none
+    is blocked or forced.
+
+    What is forced is thrown about, and magnifies what disturbs it: a thousand times in
+    scene 454 as drawn, once in the halved one.
 
     Raises
     ------
@@ -92,12 +97,13 @@ def within_reach(case: Case) -> Case:
     """
     for _ in range(HALVINGS):
         try:
-            simulate(compiled(case, keep_joints=True), rtol=RTOL)
+            result = simulate(compiled(case, keep_joints=True), rtol=RTOL)
         except SimulationError as stop:
             if least(constraints(case, stop.result)) > BLOCKED:
                 raise
         else:
-            return case
+            if not any(FORCED in note for note in result.notes):
+                return case
         table = copied(case)
         for drive in table["drives"].values():
             drive["function"] = functions.about_start(drive["function"], 0.5)

@@ -221,7 +221,9 @@ def two_drives_move_one_mechanism() -> str:
     return slider_crank(change)
 
 
-@mistake("joints and drives deform rod", "motor", "second", "contradict each other")
+@mistake(
+    "joints and drives deform rod", "motor", "second", "contradict each other", "rtol"
+)
 def two_drives_bend_the_rod() -> str:
     def change(d: Any) -> None:
         second = {"joint": "crank_pin", "function": polynomial(0.0, -3.0)}
