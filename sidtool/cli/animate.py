@@ -9,6 +9,7 @@ import click
 from sidtool.formats.errors import InputError
 
 from .common import Target, check_targets, existing, force, target
+from .full_fields import field_files, full_fields
 
 
 @click.command()
@@ -20,14 +21,7 @@ from .common import Target, check_targets, existing, force, target
     type=target,
     help="Page (.html) or film (.gif, or .mp4 where ffmpeg is installed) to write.",
 )
-@click.option(
-    "--field",
-    "fields",
-    metavar="BODY=FILE",
-    multiple=True,
-    help="Full field of a flexible body, from `convert --field`; may be given several "
-    "times. NAME.field.h5 beside the SID of a scene is found by itself.",
-)
+@full_fields
 @click.option(
     "--outputs",
     "outputs",
@@ -101,20 +95,3 @@ def animate(
     for sentence in told:
         click.echo(f"note: {sentence}")
     click.echo(f"{output} written: {output.stat().st_size / 1e6:.2f} MB")
-
-
-def field_files(texts: tuple[str, ...]) -> dict[str, str]:
-    """BODY=FILE, several times.
-
-    Raises
-    ------
-    InputError : one has another form.
-    """
-    found = {}
-    for text in texts:
-        body, _, file = text.partition("=")
-        if not body or not file:
-            expected = "BODY=FILE, as in rod=rod.field.h5"
-            raise InputError(f"found {text!r}", place="--field", expected=expected)
-        found[body] = file
-    return found

@@ -10,8 +10,8 @@ import click
 
 from sidtool.formats.errors import InputError
 
-from .animate import field_files
 from .common import Target, check_targets, existing, force, target
+from .full_fields import field_files, full_fields
 
 if TYPE_CHECKING:
     from ..view.peaks import Peak
@@ -25,14 +25,7 @@ if TYPE_CHECKING:
     type=target,
     help="File to write: .vtkhdf, or .pvd with a folder of .vtu beside it.",
 )
-@click.option(
-    "--field",
-    "fields",
-    metavar="BODY=FILE",
-    multiple=True,
-    help="Full field of a flexible body, from `convert --field`; may be given several "
-    "times. NAME.field.h5 beside the SID of a scene is found by itself.",
-)
+@full_fields
 @click.option("--peak", is_flag=True, help="Tell the peak stress of flexible bodies.")
 @click.option("--json", "as_json", is_flag=True, help="Print the peaks as JSON.")
 @force

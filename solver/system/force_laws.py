@@ -24,19 +24,11 @@ class Polynomials:
         """Values at x, (nt,)."""
         if len(self.starts) == 0:
             return np.zeros_like(x)
-        piece = self._piece(x)
-        return _horner(self.terms[piece], x - self.starts[piece])
-
-    def _piece(self, x: Array) -> Array:
-        return np.maximum(np.searchsorted(self.starts, x, side="right") - 1, 0)
-
-
-def _horner(terms: Array, x: Array) -> Array:
-    """Polynomials with coefficients (n, terms), lowest first, at x (n,)."""
-    total = np.zeros(np.broadcast_shapes(terms.shape[:1], x.shape))
-    for column in terms.T[::-1]:
-        total = total * x + column
-    return total
+        piece = np.maximum(np.searchsorted(self.starts, x, side="right") - 1, 0)
+        total, local = np.zeros(x.shape), x - self.starts[piece]
+        for column in self.terms.T[::-1]:
+            total = total * local + column[piece]
+        return total
 
 
 NOTHING = Polynomials(np.zeros(0), np.zeros((0, 0)))
