@@ -16,7 +16,7 @@ MATTERS = 0.01
 #: What the SID lacks is made by this.
 REMEDY = "convert the body with a table [stiffening]"
 #: A SID without stiffening terms tells the centrifugal softening only.
-_PARTLY = " (of rotation alone: the SID lacks geometric stiffening by other loads)"
+_PARTLY = "what other loads do is not known: the SID lacks geometric stiffening"
 
 
 def has_stiffening(sid: SID) -> bool:
@@ -226,9 +226,11 @@ class Stiffening:
         if self.diverges:
             return f"buckles, {share}: these loads are more than the body can bear"
         if abs(self.ratio) < MATTERS:
+            if not self.carried:
+                amount = f"small, at most {share}" if self.load else "none"
+                return f"softening by rotation {amount}; {_PARTLY}"
             amount = f"at most {share}" if self.load else "none by these loads"
-            partly = "" if self.carried else _PARTLY
-            return f"stiffening small, {amount}{partly}"
+            return f"stiffening small, {amount}"
         if self.axial:
             return f"softened by centrifugal forces, {share} about its long axis"
         if self.carried:
