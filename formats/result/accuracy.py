@@ -41,9 +41,16 @@ class Decision(Table):
 
     body: str
     what: Literal[
-        "shape function", "flexibility", "geometric stiffening", "quadratic inertia"
+        "shape function",
+        "shape functions",
+        "flexibility",
+        "geometric stiffening",
+        "quadratic inertia",
     ]
     number: int | None = Field(default=None, description="of the shape function")
+    numbers: tuple[int, ...] = Field(
+        default=(), description="of shape functions that were left out together"
+    )
     output: str = Field(description="in which leaving it out is seen most")
     effect: float = Field(description="on that output, in its unit")
     allowed: float = Field(description="error of it that was asked for")

@@ -16,17 +16,23 @@ Numbers = tuple[int, ...]
 
 FLEXIBILITY = "flexibility"
 SHAPE = "shape function"
+SHAPES = "shape functions"
 STIFFENING = "geometric stiffening"
 QUADRATIC = "quadratic inertia"
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One thing that can be left out; number is that of a shape function."""
+    """One thing that can be left out.
+
+    number : of a shape function
+    numbers : of shape functions that are left out together
+    """
 
     body: str
     what: str
     number: int | None = None
+    numbers: Numbers = ()
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,8 @@ class Choice:
                 kept[c.body] = ()
             elif c.what == SHAPE:
                 kept[c.body] = tuple(k for k in kept[c.body] if k != c.number)
+            elif c.what == SHAPES:
+                kept[c.body] = tuple(k for k in kept[c.body] if k not in c.numbers)
             elif c.what == STIFFENING:
                 bare = bare | {c.body}
             else:

@@ -12,15 +12,18 @@ from itertools import accumulate
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
-from .candidates import FLEXIBILITY, QUADRATIC, STIFFENING, Candidate, Choice
+from .candidates import FLEXIBILITY, QUADRATIC, SHAPES, STIFFENING, Candidate, Choice
 from .candidates import shape_functions as shapes_of
 from .integration import Found, cheapest
 from .reference import Reference
 from .runs import Runs
 
-#: Shares of what is allowed: for rigid bodies, with shape functions, with terms, with
-#: integration.
-RIGID, SHAPES, MODEL, ALL = 0.2, 0.4, 0.5, 0.95
+#: Shares of what is allowed: for rigid bodies, with groups of shape functions, with
+#: single ones, with terms, with integration.
+RIGID, GROUPS, SHARE, MODEL, ALL = 0.2, 0.25, 0.4, 0.5, 0.95
+#: Shape functions of one body that are looked at one by one; of more, those of least
+#: elastic energy are left out in groups first.
+SINGLE = 10
 #: Of differences that are told as errors.
 SAFETY = 1.01
 #: A term is left out where that alone costs at most this share.
@@ -90,11 +93,14 @@ class _Search:
         finest, setting = self.reference.choice, self.reference.setting
         return self.reference.use(self.runs.difference(finest, choice, setting))
 
-    def alone(self, candidate: Candidate) -> float:
-        """The share that leaving out this alone costs; kept in `measured`."""
-        finest, setting = self.reference.choice, self.reference.setting
-        less = finest.without(candidate)
-        errors = self.runs.difference(finest, less, setting)
+    def alone(self, candidate: Candidate, of: Choice | None = None) -> float:
+        """The share that leaving out this alone costs; kept in `measured`.
+
+        of : the model that it is left out of, default the finest one
+        """
+        whole, setting = of or self.reference.choice, self.reference.setting
+        less = whole.without(candidate)
+        errors = self.runs.difference(whole, less, setting)
         self.measured.append(Measured(candidate, errors))
         return self.reference.use(errors)
 
@@ -105,16 +111,41 @@ class _Search:
 
     def fewer_shapes(self, choice: Choice) -> Choice:
         """The shape functions of the other bodies, those first that cost least."""
-        costs = {c: self.alone(c) for c in shapes_of(choice)}
-        order = sorted((c for c in costs if costs[c] <= SHAPES), key=costs.__getitem__)
+        whole, choice = choice, self._without_groups(choice)
+        base = None if choice == whole else choice
+        costs = {c: self.alone(c, base) for c in shapes_of(choice)}
+        order = sorted((c for c in costs if costs[c] <= SHARE), key=costs.__getitem__)
         sums = accumulate((costs[c] for c in order), initial=self.use(choice))
-        guess = sum(total <= SHAPES for total in sums) - 1
+        guess = sum(total <= SHARE for total in sums) - 1
         count = self._longest(choice, order, max(guess, 0))
         choice = choice.without(*order[:count])
         for candidate in order[count + 1 : count + 1 + LATER]:
             less = choice.without(candidate)
-            choice = less if self.use(less) <= SHAPES else choice
+            choice = less if self.use(less) <= SHARE else choice
         return choice
+
+    def _without_groups(self, choice: Choice) -> Choice:
+        """Bodies of many shape functions without those that hardly deform them."""
+        for name, kept in choice.kept:
+            waiting = self._by_energy(name, kept)
+            count = len(waiting) // 2
+            while len(waiting) > SINGLE and count > 1:
+                numbers = tuple(sorted(waiting[:count]))
+                group = Candidate(name, SHAPES, numbers=numbers)
+                less = choice.without(group)
+                if self.use(less) > GROUPS:
+                    count //= 2
+                    continue
+                self.alone(group, choice)
+                choice, waiting = less, waiting[count:]
+                count = len(waiting) // 2
+        return choice
+
+    def _by_energy(self, name: str, kept: tuple[int, ...]) -> list[int]:
+        """Shape functions by their share in the elastic energy, least first."""
+        shares = self.reference.result.bodies[name].energy_shares if kept else ()
+        order = sorted(zip(shares, kept, strict=True)) if len(kept) > SINGLE else []
+        return [number for _, number in order]
 
     def _longest(self, choice: Choice, order: list[Candidate], guess: int) -> int:
         """How many of the first can be left out together, from a guess on."""
@@ -123,7 +154,7 @@ class _Search:
         while fails - fits > 1:
             if not 0 < count < fails:
                 count = (fits + fails) // 2
-            if self.use(choice.without(*order[:count])) <= SHAPES:
+            if self.use(choice.without(*order[:count])) <= SHARE:
                 fits, count = count, count + 1
             else:
                 fails, count = count, count - 1

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from sidtool.formats.result import Decision
 from sidtool.formats.sid import SID
 
-from .candidates import FLEXIBILITY, SHAPE, STIFFENING, Candidate, Choice
+from .candidates import FLEXIBILITY, SHAPE, SHAPES, STIFFENING, Candidate, Choice
 from .choose import Chosen, Measured
 from .reference import Reference
 from .wanted import Request
@@ -45,6 +45,7 @@ def _decision(
         body=one.candidate.body,
         what=one.candidate.what,  # type: ignore[arg-type]
         number=one.candidate.number,
+        numbers=one.candidate.numbers,
         output=name,
         effect=effect,
         allowed=allowed,
@@ -61,6 +62,8 @@ def is_kept(choice: Choice, candidate: Candidate) -> bool:
         return bool(numbers)
     if candidate.what == SHAPE:
         return candidate.number in numbers
+    if candidate.what == SHAPES:
+        return any(number in numbers for number in candidate.numbers)
     if candidate.what == STIFFENING:
         return bool(numbers) and candidate.body not in choice.unstiffened
     return bool(numbers) and candidate.body in choice.quadratic
@@ -69,7 +72,24 @@ def is_kept(choice: Choice, candidate: Candidate) -> bool:
 def _subject(candidate: Candidate) -> str:
     if candidate.what == SHAPE:
         return f"mode {candidate.number} of {candidate.body}"
+    if candidate.what == SHAPES:
+        return f"modes {listed(candidate.numbers)} of {candidate.body} together"
     return f"{candidate.what} of {candidate.body}"
+
+
+def listed(numbers: Sequence[int]) -> str:
+    """ "1, 3 to 5, 8" of growing numbers."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    parts = [
+        f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run))
+        for run in runs
+    ]
+    return ", ".join(parts)
 
 
 def _verdict(candidate: Candidate, kept: bool) -> str:

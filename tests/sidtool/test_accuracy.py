@@ -317,3 +317,21 @@ def test_what_does_not_move_is_not_told_of() -> None:
     assert set(found.error) == {"block.x"}
     assert any("rounding only: block.y" in s for s in found.accuracy.sentences)
     assert all(d.output == "block.x" and not d.kept for d in found.accuracy.decisions)
+
+
+def test_shape_functions_of_little_energy_are_left_out_in_groups(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("sidtool.accuracy.choose.SINGLE", 2)
+    scene, sid = particles(False)
+    found = simulated(scene, sid, accuracy={"arm.tip.y": 2e-4})
+    expected = simulated(finest(scene), sid, **TIGHT)["arm.tip.y"]
+    error = np.abs(found["arm.tip.y"] - expected).max() / np.ptp(expected)
+    assert error <= found.error["arm.tip.y"] <= 2e-4
+    group = next(d for d in found.accuracy.decisions if d.numbers)
+    assert group.numbers == (3, 4) and not group.kept
+    assert group.sentence.startswith("modes 3, 4 of arm together: ")
+    less = scene.bodies["arm"].model_copy(update={"shape_functions": (1, 2)})
+    content = finest(scene.model_copy(update={"bodies": {"arm": less}}))
+    without = simulated(content, sid, **TIGHT)["arm.tip.y"]
+    assert group.effect == pytest.approx(np.abs(without - expected).max(), rel=1e-3)
