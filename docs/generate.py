@@ -150,12 +150,25 @@ def _rows(table: type[BaseModel], found: Mapping[Key, Any]) -> str:
     lines = ["| key | type | default | meaning | example |", "|---|---|---|---|---|"]
     for name, info in table.model_fields.items():
         key = info.alias or name
-        meaning = info.description or described.get(name, "")
+        meaning = info.description or described.get(name, "") or _meaning(key, info)
+        meaning = re.sub(r"(`[^`]*`)|\*", lambda m: m[1] or "\\*", meaning)
         value = found.get((table, name), PydanticUndefined)
         example = "" if value is PydanticUndefined else f"`{_shown(key, value)}`"
         cells = [f"`{key}`", _type(info.annotation), _default(info), meaning, example]
         lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _meaning(key: str, info: FieldInfo) -> str:
+    """What can be said of a key without a description of its own."""
+    if key in ("type", "method", "shape"):
+        return "says which table this is"
+    parts = list(_models(info.annotation))
+    if len(parts) == 1:
+        return _prose(parts[0]).split("\n\n")[0].replace("\n", " ").strip()
+    if len(parts) > 1:
+        return "one of: " + ", ".join(dict.fromkeys(map(_words, parts)))
+    return {"title": "a text for reports"}.get(key, "")
 
 
 def _attributes(table: type[BaseModel]) -> dict[str, str]:
