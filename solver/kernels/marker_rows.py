@@ -89,8 +89,8 @@ def marker_acceleration(system, work, m, acc):
 
 
 @inner()
-def vary_acceleration(system, work, o, m, e, v, acc):
-    """Adds to Gp and Gv the derivatives of a marker's acceleration along e."""
+def vary_acceleration(system, work, o, m, e, a, v, acc):
+    """Adds to Gp and Gv the derivatives of a marker's acceleration a along e."""
     marker, point = system.marker[m], work.point[m]
     row, frame = system.body[marker.body], work.frame[marker.body]
     nq, rd, first, phi, phi1 = row.nq, row.rd, row.vel, marker.phi, marker.phi1
@@ -100,7 +100,6 @@ def vary_acceleration(system, work, o, m, e, v, acc):
         add_row(work.Gv, o, hw)
     if rd > n:
         al = al + load(al, acc, first + n)
-        a, _ = marker_acceleration(system, work, m, acc)
         d = point.d
         add_row(work.Gp, o + n, back(frame.R, cross(a, e)))
         g = cross(frame.v, h) + cross(cross(w, d), h) + cross(d, hw)
@@ -178,12 +177,13 @@ def _vary_turning(system, work, o, m, by_rate, by_acceleration, v, acc):
 
 
 @inner()
-def vary_translation(system, work, o, m, e, by_v, by_x, v, acc):
+def vary_translation(system, work, o, m, e, by_v, by_x, a, v, acc):
     """Adds to Gp and Gv what the motion of a marker changes in an acceleration.
 
     e, by_v, by_x : its derivatives by the marker's acceleration, velocity and position
+    a : the acceleration of the marker
     """
-    vary_acceleration(system, work, o, m, e, v, acc)
+    vary_acceleration(system, work, o, m, e, a, v, acc)
     vary_velocity(system, work, o, m, by_v, v)
     segment(system, work, work.Gp, o, m, by_x, zero(work.point[m].w))
 

@@ -54,9 +54,9 @@ def linearise(system, work, con, weight, v, acc, lam):
         first = con.seg_a if side == 0 else con.seg_b
         if first < 0:
             continue
-        m, part = (con.a, -weight) if side == 0 else (con.b, weight)
-        o = system.segment[first].offset
-        vary_translation(system, work, o, m, part * n, part * by_v, part * by_x, v, acc)
+        m, part, a = (con.a, -weight, a_a) if side == 0 else (con.b, weight, a_b)
+        o, e = system.segment[first].offset, part * n
+        vary_translation(system, work, o, m, e, part * by_v, part * by_x, a, v, acc)
     if con.seg_a >= 0:
         o = system.segment[con.seg_a].offset
         turn = cross(n, a_b - a_a) + cross(by_v, vel) + cross(by_x, x)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..algebra import dot, load, size, unit, zero
 from ..compiling import inner
-from ..marker_rows import vary_acceleration
+from ..marker_rows import marker_acceleration, vary_acceleration
 from ..marker_stiffness import force_stiffness
 from ..rows import add_jacobian, write_row
 
@@ -34,8 +34,9 @@ def linearise(system, work, con, v, acc, lam):
         if first < 0:
             continue
         m, sign = (con.a, -1.0) if side == 0 else (con.b, 1.0)
+        a, _ = marker_acceleration(system, work, m, acc)
         for i in range(size(force)):
             o = system.segment[first + i].offset
             e = sign * unit(force, i)
-            vary_acceleration(system, work, o, m, e, v, acc)
+            vary_acceleration(system, work, o, m, e, a, v, acc)
         force_stiffness(system, work, m, sign * force)

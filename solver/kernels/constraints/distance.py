@@ -39,8 +39,8 @@ def linearise(system, work, con, v, acc, lam):
         first = con.seg_a if side == 0 else con.seg_b
         if first < 0:
             continue
-        m, sign = (con.a, -1.0) if side == 0 else (con.b, 1.0)
-        o = system.segment[first].offset
-        vary_translation(system, work, o, m, sign * n, sign * by_v, sign * by_x, v, acc)
+        m, sign, own = (con.a, -1.0, a_a) if side == 0 else (con.b, 1.0, a_b)
+        o, e = system.segment[first].offset, sign * n
+        vary_translation(system, work, o, m, e, sign * by_v, sign * by_x, own, v, acc)
         force_stiffness(system, work, m, sign * force * n)
         swing_stiffness(system, work, m, n, -force / length)
