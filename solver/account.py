@@ -53,7 +53,7 @@ COUNTERS = {
 def result_of(run: Run, seconds: dict[str, float], failure: str) -> Result:
     """All but the tables, which are empty."""
     system, recorder, real = run.system, run.recorder, run.control.real
-    bodies, columns = recorder.bodies(), recorder.columns
+    bodies, columns = recorder.bodies, recorder.columns
     tables: dict[str, Any] = {
         table: np.zeros((0, len(names))) for table, names in columns.items()
     }
@@ -120,11 +120,11 @@ def _settings(run: Run) -> dict[str, str | float]:
 
 def _notes(run: Run) -> Iterator[str]:
     """What a reader has to know of the numbers."""
-    system, rtol = run.system, run.settings.rtol
+    system, recorder, rtol = run.system, run.recorder, run.settings.rtol
     steps = int(run.memory.counters[newton.STEPS])
     yield from run.told
     yield from crossings(system, run.kernels, run.control, rtol)
-    yield from told_displacements(system, run.start, rtol)
+    yield from told_displacements(system, recorder.work, run.start, rtol)
     if run.now >= system.scene.time.end and not _event_at_the_end(run):
         yield from notes.of_output_times(system.scene, float(run.times[-1:][0]))
     yield from notes.of_programs(system)
@@ -132,14 +132,14 @@ def _notes(run: Run) -> Iterator[str]:
     yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)
     yield from _forced(run)
-    bodies = run.recorder.bodies()
+    bodies = recorder.bodies
     if bodies and run.now > system.scene.time.start:
         yield from far_starts(system, _first(run), bodies)
 
 
 def _forced(run: Run) -> Iterator[str]:
     """What joints and drives deform instead of loads."""
-    bent = [n for n, body in run.recorder.bodies().items() if body.deflection > LARGE]
+    bent = [n for n, body in run.recorder.bodies.items() if body.deflection > LARGE]
     if bent and run.now >= run.system.scene.time.end:
         why = demanded_too_much(run.system, run.now, run.control.z, run.control.v)
         if why:

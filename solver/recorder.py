@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -57,9 +58,8 @@ class Recorder:
         self.events: list[Event] = []
         self.seconds, self._waiting = 0.0, list[Steps]()
         self._last = -np.inf
-        nothing = (np.zeros((0, n)) for n in (system.n_positions, system.n_velocities))
         self.columns = {
-            "values": self._record(np.zeros(0), *nothing).names,
+            "values": outputs.column_names(system),
             "positions": outputs.position_names(system),
             "velocities": outputs.velocity_names(system),
             "multipliers": outputs.multiplier_names(system),
@@ -87,8 +87,7 @@ class Recorder:
             self._add(self._record(*rows), *rows)
         self._go_on(t, z, v)
         if moments:
-            parts = self.system, self.kernels, self.closed, self.history
-            self.events += events_of(moments, *parts)
+            self.events += events_of(moments, self._record)
         if self.history is not None:
             self.history.forget()
         self.seconds += time.perf_counter() - began
@@ -133,8 +132,10 @@ class Recorder:
             rows = order[first : first + BLOCK]
             self.reached.go_on(times[rows], states[rows])
 
+    @cached_property
     def bodies(self) -> dict[str, FlexibleBody]:
-        """What flexible bodies met, at output times and at the ends of steps."""
+        """What flexible bodies met in the run, which has ended, at output times and at
+        the ends of steps."""
         if self.visited is not None and np.isfinite(self._last):
             ends = self.visited.until(self._last)
             parts = self.system, self.kernels, self.work, self.memory

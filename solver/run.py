@@ -15,9 +15,7 @@ from sidtool.formats.scene import OutputTimes
 
 from . import warmup
 from .account import failure_of, result_of
-from .advice.body_measures import expected_bodies
-from .advice.coverage import rigid_directions
-from .advice.questions import questions
+from .advice.prepared import Prepared, prepare
 from .advice.stopping import singular
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Advance, newton_steps, recording, stepping
@@ -31,8 +29,6 @@ from .recording import dense, events
 from .recording.energy_history import History, is_wanted
 from .recording.stick_slip import StickSlip, with_grips
 from .recording.window import Window
-from .start import assembly
-from .start.loads import check_loads
 from .start.new_control import closed_below, new_control
 from .start.settings import Settings, settings_of
 from .start.turn_counts import keep_turns
@@ -87,20 +83,15 @@ def simulate(
     loops = [INTEGRATORS[name].step_loop for name in settings.possible]
     warmup.ensure(system.planar, loops)
     began = time.perf_counter()
-    asked = tuple(questions(system))
-    system, start = _assembled(system, asked)
-    check_loads(system, start)
-    system = with_grips(system)
-    asked = (*asked, *rigid_directions(system, start))
+    ready = system.once(prepare)
     if tell is not None:
-        for sentence in asked:
+        for sentence in ready.asked:
             tell(sentence)
-    expected = expected_bodies(system, start)
     if foresee is not None:
-        foresee(expected)
+        foresee(ready.expected)
     kept = InMemory()
-    told = tuple(dict.fromkeys((*system.told, *told, *asked)))
-    run = Run(system, settings, start, expected, told, into or kept)
+    told = tuple(dict.fromkeys((*system.told, *told, *ready.asked)))
+    run = Run(ready, settings, told, into or kept)
     assembled = time.perf_counter()
     failure = run.go(progress)
     solved = time.perf_counter() - assembled - run.recorder.seconds
@@ -116,30 +107,18 @@ def simulate(
     return result
 
 
-def _assembled(system: System, asked: tuple[str, ...]) -> tuple[System, assembly.Start]:
-    """An error that numbers in other units may explain ends with the questions."""
-    try:
-        return assembly.assemble(system)
-    except InputError as error:
-        if not asked:
-            raise
-        problem = "; ".join((error.problem, *asked))
-        raise InputError(problem, place=error.place, expected=error.expected) from None
-
-
 class Run:
     """Storage and step function of one run."""
 
     def __init__(
         self,
-        system: System,
+        ready: Prepared,
         settings: Settings,
-        start: assembly.Start,
-        expected: Mapping[str, FlexibleBody],
         told: tuple[str, ...],
         sink: Sink,
     ) -> None:
-        self.system, self.settings, self.start = system, settings, start
+        system, expected = with_grips(ready.system), ready.expected
+        self.system, self.settings, self.start = system, settings, ready.start
         self.told = told
         methods = [INTEGRATORS[name] for name in settings.possible]
         self.method, self.switched = methods[0], math.nan
@@ -174,7 +153,7 @@ class Run:
         self.points = points
         self.window = Window(self.times, system.n_positions + system.n_velocities)
         self.control = new_control(
-            system, settings, start, self.window.size, shares, self.closed
+            system, settings, ready.start, self.window.size, shares, self.closed
         )
         self.window.fill(self.control)
         self.breaks: list[events.Moment] = []

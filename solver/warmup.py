@@ -54,6 +54,8 @@ RECORDING: Group = (
     "integrators.recording:begin",
     "integrators.recording:rub",
 )
+#: Entry kernels that were found on disk, or compiled, once.
+_seen: set[str] = set()
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
 #: New objects between two searches for garbage in a process that only compiles.
@@ -200,8 +202,12 @@ def _feed(queue: Queue[Group], process: subprocess.Popen[str]) -> None:
 
 
 def _is_cached(name: str) -> bool:
-    kernel = _find(name)
-    return all(kernel.is_cached(signature) for signature in kernel.signatures)
+    if name not in _seen:
+        kernel = _find(name)
+        if not all(kernel.is_cached(signature) for signature in kernel.signatures):
+            return False
+        _seen.add(name)
+    return True
 
 
 def _find(name: str):  # type: ignore[no-untyped-def]

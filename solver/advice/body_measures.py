@@ -37,7 +37,7 @@ def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
     flexible = [data for data in system.bodies if data.of_scene and data.sid.nq]
     if not flexible:
         return {}
-    history = drive_history(system)
+    history = system.once(drive_history)
     excited = excitation(system, history)
     frames = prescribed_frames(system, history)
     rate, drive = fastest_rotation(system, history)

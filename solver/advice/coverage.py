@@ -10,7 +10,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sidtool.formats.scene import PointForce, marker_names, marker_reference
+from sidtool.formats.scene import (
+    PointForce,
+    SceneFile,
+    marker_names,
+    marker_reference,
+)
 from sidtool.formats.sid import SID, Array, Node
 
 from ..kernels import layout as at
@@ -34,8 +39,9 @@ def rigid_directions(system: System, start: Start) -> Iterator[str]:
 
     start : the assembled start of the system
     """
-    flexible = any(body.of_scene and body.sid.nq for body in system.bodies)
-    if not flexible or system.complete_scene.n_rows > LARGEST:
+    if not any(_may_be_rigid(system, *end) for end in _loaded(system.scene)):
+        return
+    if system.complete_scene.n_rows > LARGEST:
         return
     state = undeformed(system, system.scene.time.start, start.z, start.v)
     make_rigid(state)
@@ -50,6 +56,36 @@ def rigid_directions(system: System, start: Start) -> Iterator[str]:
             "function moves that; attachment modes or Craig-Bampton with this marker "
             "among the interfaces have one"
         )
+
+
+def _loaded(scene: SceneFile) -> set[tuple[str, str]]:
+    """Bodies and markers that joints and forces load."""
+    texts = [t for joint in scene.joints.values() for t in marker_names(joint)]
+    forces = [f for f in scene.forces.values() if isinstance(f, PointForce)]
+    return {marker_reference(t) for t in (*texts, *(f.marker for f in forces))}
+
+
+def _may_be_rigid(system: System, body: str, marker: str) -> bool:
+    """Whether a force or a moment in some direction could leave a marker in its place.
+
+    False if the shape functions move and turn it in all directions.
+    """
+    data = system.bodies[system.index(body)]
+    if not data.of_scene or not data.sid.nq:
+        return False
+    node = data.node(marker)
+    if not node.phi.m0.any() and not node.psi.m0.any():
+        return False
+    move, turn = (slice(2), slice(2, 3)) if system.planar else (slice(3), slice(3))
+    least = MOVED * data.sid.nq**0.5
+    return any(
+        len(shapes) > data.sid.nq
+        or np.linalg.svd(shapes, compute_uv=False)[-1] <= least * largest
+        for shapes, largest in (
+            (node.phi.m0[move], _largest(data.sid)),
+            (node.psi.m0[turn], _largest_turn(data.sid)),
+        )
+    )
 
 
 def _of_joints(state: State, found: Found) -> None:
@@ -117,10 +153,10 @@ def _check(
         return  # the body frame rests there
     vector = m if turning else _along_chord(sid, node, f, largest)
     if turning:
-        largest = max(float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes)
+        largest = _largest_turn(sid)
     moved = vector @ (node.psi if turning else node.phi).m0
     size = float(np.linalg.norm(vector))
-    if size > 0.0 and _still(moved, size * (largest or 1.0)):
+    if size > 0.0 and _still(moved, size * largest):
         words = f"{'about' if turning else 'along'} {_direction(vector / size)}"
         found.setdefault(where, {}).setdefault(words, owner)
 
@@ -130,7 +166,11 @@ def _largest(sid: SID) -> float:
     size = max(float(np.abs(n.position).max(initial=0.0)) for n in sid.nodes)
     moved = [float(np.abs(n.phi.m0).max(initial=0.0)) for n in sid.nodes]
     turned = [float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes]
-    return max(*moved, *(size * turn for turn in turned))
+    return max(*moved, *(size * turn for turn in turned)) or 1.0
+
+
+def _largest_turn(sid: SID) -> float:
+    return max(float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes) or 1.0
 
 
 def _still(shapes: Array, largest: float) -> bool:

@@ -11,6 +11,7 @@ from ..start.assembly import assemble, names_of_rows
 from ..start.displacements import told_displacements
 from ..system.bodies import BodyData
 from ..system.scene import System
+from ..system.storage import new_work
 from .body_measures import expected_bodies
 from .checks import check_attachments
 from .notes import of_programs
@@ -50,7 +51,7 @@ def describe(system: System) -> list[str]:
         lines.append(f"body {name}: {body.before}")
     lines += _defects(system)
     least = system.scene.accuracy.rtol
-    lines += told_displacements(system, start, least)
+    lines += told_displacements(system, new_work(system), start, least)
     for name, owner in system.eliminated.items():
         lines.append(
             f"{name}: dropped from the constraints, the frame of {owner} is prescribed"

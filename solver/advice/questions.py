@@ -55,7 +55,7 @@ def questions(system: System) -> Iterator[str]:
     yield from _inertias(system)
     yield from _forces(system)
     yield from _span(system)
-    rate, drive = fastest_rotation(system, drive_history(system))
+    rate, drive = fastest_rotation(system, system.once(drive_history))
     if rate * system.length > _SPEED:
         yield (
             f"{drive} turns at {rate:.3g} rad/s, at which {system.length:.3g} m move "

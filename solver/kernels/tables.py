@@ -9,6 +9,7 @@ shape, for a kernel or another table its address.
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from typing import Any, ClassVar, NoReturn, Self
 
 import numpy as np
@@ -46,14 +47,33 @@ class TableType(types.Type):
             for field, kind in zip(self.fields, members, strict=True)
         }
         self.offsets: dict[str, int] = {}
+        #: what the fields hold that are arrays: numbers of a kind, along so many axes
+        self.arrays: dict[str, tuple[np.dtype[Any], int]] = {}
         words = 0
         for field, kind in self.members.items():
             self.offsets[field] = words
-            words += 1 + (kind.ndim if isinstance(kind, types.Array | RowsType) else 0)
+            words += 1
+            words += kind.ndim if isinstance(kind, types.Array | RowsType) else 0
+            if isinstance(kind, types.Array):
+                self.arrays[field] = np.dtype(str(kind.dtype)), kind.ndim
+        self.words = words
         self.owner, self.seen_as = owner, name
         if not name:
             owner.kind, owner.kinds = self, {}
         owner.kinds[name] = self
+
+    def write(self, memory: list[int], field: str, value: Any) -> None:
+        """Puts a value where kernels find it, into the words of a table."""
+        kind, start = self.members[field], self.offsets[field]
+        if field not in self.arrays:
+            memory[start] = _address(kind, value)
+            return
+        shape = value.shape
+        fits = (value.dtype, len(shape)) == self.arrays[field]
+        if not (fits and value.flags.c_contiguous):
+            raise TypeError(f"not an array of {kind}: {value.dtype}, {shape}")
+        memory[start] = value.__array_interface__["data"][0]
+        memory[start + 1 : start + 1 + len(shape)] = shape
 
     def seen(self, name: str, **members: Any) -> TableType:
         """The same table with other types of some fields."""
@@ -68,6 +88,15 @@ def _kind_of(owner: type[Table], name: str) -> TableType:
     return owner.kinds[name]
 
 
+def _address(kind: Any, value: Any) -> int:
+    """Of a table or a kernel."""
+    if value is None:
+        return 0
+    if isinstance(kind, TableType):
+        return int(value.address)
+    return int(value.__wrapper_address__())
+
+
 class Table:
     """A record of arrays, kernels and tables; the fields are its annotations.
 
@@ -77,18 +106,23 @@ class Table:
     kind: ClassVar[TableType]
     kinds: ClassVar[dict[str, TableType]]
     address: int
+    _memory: np.ndarray
 
     def __init__(self, *values: Any, **named: Any) -> None:
         rest = (named.pop(field) for field in self.kind.fields[len(values) :])
         values = (*values, *rest)
         if named:
             raise TypeError(f"no fields of a table: {', '.join(named)}")
-        words: list[int] = []
-        for (field, kind), value in zip(self.kind.members.items(), values, strict=True):
-            self.__dict__[field] = value
-            words += _words(kind, value)
+        self._set(
+            dict(zip(self.kind.fields, values, strict=True)), [0] * self.kind.words
+        )
+
+    def _set(self, fields: Mapping[str, Any], words: list[int]) -> None:
+        """Takes the values of some fields; words of the others are known."""
+        for field, value in fields.items():
+            self.kind.write(words, field, value)
         memory = np.array(words, np.int64)
-        self.__dict__.update(_memory=memory, address=int(memory.ctypes.data))
+        self.__dict__.update(fields, _memory=memory, address=memory.ctypes.data)
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise AttributeError(f"a table does not change: {name}; see `replaced`")
@@ -99,23 +133,10 @@ class Table:
 
     def replaced(self, **changes: Any) -> Self:
         """The same table with other values of some fields."""
-        return type(self)(
-            *(changes.get(field, getattr(self, field)) for field in self.kind.fields)
-        )
-
-
-def _words(kind: Any, value: Any) -> list[int]:
-    """How a value stands in memory."""
-    if value is None:
-        return [0]
-    if isinstance(kind, TableType):
-        return [value.address]
-    if isinstance(kind, types.FunctionType):
-        return [value.__wrapper_address__()]
-    fits = value.ndim == kind.ndim and value.dtype == np.dtype(str(kind.dtype))
-    if not (fits and value.flags.c_contiguous):
-        raise TypeError(f"not an array of {kind}: {value.dtype}, {value.shape}")
-    return [value.ctypes.data, *value.shape]
+        twin = type(self).__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        twin._set(changes, self._memory.tolist())
+        return twin
 
 
 class Pointer(types.WrapperAddressProtocol):

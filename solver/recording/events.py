@@ -7,7 +7,7 @@ two points are missed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,6 @@ from ..system.scene import System
 from ..system.storage import new_memory, new_work
 from . import outputs
 from .dense import Points, Steps
-from .energy_history import History
 
 #: A quantity closer to the value than this part of its size is on it.
 ON_VALUE = 1e-13
@@ -154,21 +153,12 @@ class Watch:
 
 
 def events_of(
-    moments: Sequence[Moment],
-    system: System,
-    kernels: Kernels,
-    closed: Array,
-    history: History | None,
+    moments: Sequence[Moment], record: Callable[[Array, Array, Array], outputs.Recorded]
 ) -> tuple[Event, ...]:
-    """Moments with the outputs of the scene."""
-    if not moments:
-        return ()
+    """Moments with the outputs of the scene, which `record` makes."""
     t = np.array([m.t for m in moments])
     z, v = np.array([m.z for m in moments]), np.array([m.v for m in moments])
-    work, memory = new_work(system), new_memory(system, 0)
-    found = outputs.record(
-        system, kernels, work, memory, t, z, v, closed, history
-    ).values
+    found = record(t, z, v).values
     return tuple(
         Event(m.name, m.kind, m.t, *states)
         for m, *states in zip(moments, found, z, v, strict=True)

@@ -102,6 +102,21 @@ def record(
     return Recorded(tuple(names), values, samples, whole, motion.undetermined)
 
 
+def column_names(system: System) -> tuple[str, ...]:
+    """Names of the columns that `record` makes."""
+    names: list[str] = []
+    for text in system.scene.outputs.record:
+        name = parse_output(text)
+        if name.quantity == "f*":
+            names += multiplier_rows(system, name.owner, name.quantity)
+        elif name.quantity in ("q*", "vq*"):
+            numbers = elastic_range(system, name.owner, name.quantity)
+            names += [f"{text.removesuffix('*')}{k}" for k in numbers]
+        else:
+            names.append(text)
+    return tuple(names)
+
+
 def _columns(told: Told, text: str) -> list[tuple[str, Array]]:
     system, samples, name = told.system, told.samples, parse_output(text)
     if is_stress(name.quantity):

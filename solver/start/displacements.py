@@ -15,7 +15,6 @@ from ..system import kernel_calls
 from ..system.bodies import quaternion
 from ..system.embedded import embedded, matrices
 from ..system.scene import System
-from ..system.storage import new_work
 from .consistent import Start
 
 #: Bodies that are told of, those that moved most.
@@ -41,13 +40,14 @@ def displacements(system: System, work: Work) -> dict[str, tuple[float, float]]:
     return found
 
 
-def told_displacements(system: System, start: Start, least: float) -> Iterator[str]:
+def told_displacements(
+    system: System, work: Work, start: Start, least: float
+) -> Iterator[str]:
     """Sentences on bodies that the assembly moved, deformed or gave other velocities.
 
     least : what counts, relative to the size of the mechanism, and of angles [rad]; of
         velocities what they amount to over the run, and relative to themselves
     """
-    work = new_work(system)
     work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
     kernel_calls.evaluate(system, work, system.scene.time.start, start.z, start.v)
     ways = displacements(system, work)

@@ -14,7 +14,7 @@ FIRST_ORDER = 1e-9
 
 def cr1(sid: SID) -> Array:
     """First-order term of Cr as (axis, k, l)."""
-    return np.moveaxis(sid.Cr.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+    return sid.Cr.first_order(sid.nq).transpose(2, 1, 0)
 
 
 def ge(sid: SID) -> Array:
@@ -25,7 +25,7 @@ def ge(sid: SID) -> Array:
 
 def oe1(sid: SID) -> Array:
     """First-order term of Oe as (column, k, l), symmetric in k and l (I11)."""
-    term = np.moveaxis(sid.Oe.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+    term = sid.Oe.first_order(sid.nq).transpose(2, 1, 0)
     return 0.5 * (term + term.transpose(0, 2, 1))
 
 
@@ -34,7 +34,7 @@ def ct1(sid: SID) -> Array:
 
     Symmetric in k and l, as Ct(q) is the derivative of mdCM(q).
     """
-    term = np.moveaxis(sid.Ct.first_order(sid.nq), (0, 1, 2), (2, 1, 0))
+    term = sid.Ct.first_order(sid.nq).transpose(2, 1, 0)
     return 0.5 * (term + term.transpose(0, 2, 1))
 
 
@@ -43,6 +43,8 @@ def has_second_order(sid: SID) -> bool:
 
     Those are Ct m1 and the part of Cr m1 that is symmetric in the coordinates.
     """
+    if sid.nq == 0:
+        return False
     turning = cr1(sid)
     bent = np.abs(turning + turning.transpose(0, 2, 1)).max(initial=0.0)
     shifts = ct1(sid).any()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ from .turns import Coordinate, Turn
 Rows = NDArray[np.void]
 GROUND_NAME = "ground"
 NO_FORCES = np.zeros((0, at.N_FORCE), np.int64)
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,13 @@ class System:
     sids: Mapping[str, SID] = field(default_factory=dict)
     every_joint: Callable[[], System] | None = None
     unsampled: Callable[[], System] | None = None
+
+    def once(self, find: Callable[[System], T]) -> T:
+        """What a function finds of this system, which is looked for once."""
+        known: dict[Callable[[System], T], T] = self.__dict__.setdefault("_known", {})
+        if find not in known:
+            known[find] = find(self)
+        return known[find]
 
     @cached_property
     def complete_scene(self) -> System:

@@ -37,18 +37,18 @@ def new_work(system: System) -> at.Work:
     most, space = int(body[:, at.NQ].max()), system.space
     frame, point = FRAMES[space].record.size, POINTS[space].record.size
     rubbing = len(system.rubbing)
-    work = at.Work(
+    sliding = at.Work(
         np.zeros((len(body), frame)),
         np.zeros((len(marker), point)),
-        _shape_functions(system),
-        _elastic_blocks(system, blocks, elastic_mass),
+        system.once(_shape_functions).copy(),
+        system.once(_elastic_masses).copy(),
         np.zeros(blocks),
         np.zeros(blocks),
         np.zeros(system.n_velocities),
         np.zeros(entries),
         np.zeros(entries),
         np.zeros(entries),
-        np.zeros((system.n_rows, at.N_ROW)),
+        np.zeros((rubbing, at.N_ROW)),
         np.zeros((turns, at.N_TURNED)),
         np.zeros((len(system.forces), 2)),
         np.ones(len(system.forces)),
@@ -65,7 +65,7 @@ def new_work(system: System) -> at.Work:
         np.zeros((rubbing, at.MOST_LOADS)),
         None,
     )
-    return work.replaced(sliding=work.replaced(row=np.zeros((rubbing, at.N_ROW))))
+    return sliding.replaced(row=np.zeros((system.n_rows, at.N_ROW)), sliding=sliding)
 
 
 def segment_entries(system: System) -> int:
@@ -114,7 +114,7 @@ def new_memory(system: System, pairs: int) -> Memory:
         np.zeros(blocks),
         np.zeros(entries),
         np.zeros((len(body), frame)),
-        _elastic_blocks(system, blocks, _metric(system)),
+        system.once(_metric).copy(),
         np.zeros(n),
         np.zeros(m),
         np.zeros(n),
@@ -131,8 +131,13 @@ def new_memory(system: System, pairs: int) -> Memory:
     )
 
 
-def _metric(system: System) -> Callable[[SID], Array]:
-    """tau^2 Ke of a body, so large that deforming it costs more than moving others.
+def _elastic_masses(system: System) -> Array:
+    """Blocks of M that do not depend on the state."""
+    return _elastic_blocks(system, elastic_mass)
+
+
+def _metric(system: System) -> Array:
+    """tau^2 Ke of all bodies, so large that deforming it costs more than moving others.
 
     It depends neither on units nor on the basis of the shape functions, nor on the
     density of the body.
@@ -149,14 +154,12 @@ def _metric(system: System) -> Callable[[SID], Array]:
         weight: Array = STIFFER**2 * share / squares.min() * K
         return weight
 
-    return metric
+    return _elastic_blocks(system, metric)
 
 
-def _elastic_blocks(
-    system: System, blocks: int, matrix: Callable[[SID], Array]
-) -> Array:
+def _elastic_blocks(system: System, matrix: Callable[[SID], Array]) -> Array:
     """A matrix of each SID in the elastic part of the block of its body."""
-    values = np.zeros(blocks)
+    values = np.zeros(int((system.arrays.body[:, at.NV] ** 2).sum()))
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         nv, rd, start = row[at.NV], row[at.RD], row[at.BLOCK]
         if data.sid.nq == 0 or nv == 0:

@@ -54,6 +54,18 @@ def test_values_change_and_fields_do_not() -> None:
     assert last_entries(table.replaced(numbers=np.ones(4)), 10) == 42.0
 
 
+def test_a_table_with_other_values_keeps_the_rest_and_the_original() -> None:
+    table = pair()
+    changed = table.replaced(grid=np.full((2, 2), 3.0))
+    assert changed.numbers is table.numbers and changed.other is table.other
+    assert last_entries(changed, 10) == (50.0 + 3.0) + (20.0 + 5.0)
+    assert last_entries(table, 10) == (50.0 + 7.0) + (20.0 + 5.0)
+    with pytest.raises(KeyError, match="weight"):
+        table.replaced(weight=np.zeros(3))
+    with pytest.raises(TypeError, match="not an array"):
+        table.replaced(numbers=np.zeros(3, int))
+
+
 def test_copies_outlive_the_original() -> None:
     table = pair()
     twin = copy.deepcopy(table)

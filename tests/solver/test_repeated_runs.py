@@ -1,0 +1,77 @@
+"""Runs of one system: what depends on the system alone is found once."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.formats.result import Result
+from sidtool.formats.sid import Taylor
+from sidtool.solver import simulate
+from sidtool.solver.advice import prepared
+from sidtool.solver.system.scene import System
+
+from .scenes import compiled, scene
+from .test_body_measures import cantilever
+
+#: What differs between runs: how long they take.
+CLOCKS = ("seconds", "seconds_assembly")
+
+
+def beam() -> System:
+    """A cantilever under gravity with a point mass pinned to its tip; the assembly has
+    to move the mass, and the run has something to tell."""
+    sid = replace(cantilever(), De=Taylor(np.zeros((3, 3))))
+    return compiled(
+        scene(
+            {
+                "beam": {"sid": "b", "markers": {"root": 1, "tip": 2}},
+                "tool": {"mass": 2e-3, "initial": {"position": [0.9, 0.1]}},
+            },
+            {
+                "hub": {"type": "fixed", "markers": ["ground", "beam.root"]},
+                "pin": {"type": "coincident", "markers": ["beam.tip", "tool"]},
+            },
+            gravity=[0.0, -2.0],
+            end=0.1,
+            record=["beam.q*", "tool.y", "pin.f*"],
+        ),
+        beam=sid,
+    )
+
+
+def told(result: Result) -> dict[str, Any]:
+    """All but what the clock says."""
+    content = asdict(result)
+    for name in CLOCKS:
+        content["counters"].pop(name)
+    return content
+
+
+def assert_same(one: Any, other: Any) -> None:
+    np.testing.assert_equal(told(one), told(other))
+
+
+def test_runs_of_one_system_are_those_of_new_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Bit for bit, with all sentences; nothing of a run is left in the system."""
+    system, count, find = beam(), [0], prepared.assembly.assemble
+
+    def assemble(wanted: System) -> Any:
+        count[0] += 1
+        return find(wanted)
+
+    monkeypatch.setattr(prepared.assembly, "assemble", assemble)
+    first = simulate(system, rtol=1e-5)
+    rough = simulate(system, rtol=1e-3)
+    again = simulate(system, rtol=1e-5)
+    assert count == [1]
+    assert first.notes and len(rough.notes) and rough.counters != first.counters
+    assert_same(again, first)
+    assert_same(simulate(beam(), rtol=1e-5), first)
+    assert_same(simulate(beam(), rtol=1e-3), rough)
+    assert count == [3]
