@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from ..system.storage import new_memory, new_work
 from .carried import place_carried
+from .large_scenes import MANY, IndependentRows, jacobian_entries, sparse_jacobian
 from .turn_counts import starting_turns
 
 ITERATIONS = 60
@@ -155,8 +157,14 @@ class State:
 
         independent : constraints count as dependent below this relative size
         """
+        if len(self.ignored) >= MANY and not self.ignored.any():
+            found = self._smallest_of_many(right, independent)
+            if found is not None:
+                return found
         C = self.jacobian()
-        N = self.root() * self.free[:, None]
+        N = np.zeros((len(self.free), len(self.free)))
+        for part, block in self.roots():
+            N[part, part] = block * self.free[part, None]
         Q, R = np.linalg.qr((C @ N).T)
         lengths = np.linalg.norm(R, axis=0)
         scale = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, 1e-300), 0.0)
@@ -165,14 +173,44 @@ class State:
         x = N @ (Q @ y)
         return x, C @ x - right
 
-    def root(self) -> Array:
-        """N with N N^T = W^-1: with x = N y, the metric x^T W x is y^T y.
+    def _smallest_of_many(
+        self, right: Array, independent: float
+    ) -> tuple[Array, Array] | None:
+        """The same with sparse matrices; None unless rows are clearly independent."""
+        from scipy.sparse import block_diag
 
-        C N has the digits that C N N^T C^T loses where bodies are stiff.
+        C = sparse_jacobian(self.system, self.work.C)
+        roots = [block * self.free[part, None] for part, block in self.roots()]
+        N = block_diag(roots, "csr")
+        rows = IndependentRows(C @ N)
+        if rows.least <= independent:
+            return None
+        x = N @ rows.smallest(right)
+        return x, C @ x - right
+
+    def scaled_jacobian(self) -> Array:
+        """C for relative changes of the coordinates, its rows of length 1 or 0."""
+        C = self.jacobian() * coordinate_sizes(self.system)
+        norms = np.linalg.norm(C, axis=1)
+        return C / np.where(norms > 0.0, norms, 1.0)[:, None]
+
+    def is_clear(self, independent: float) -> bool:
+        """Whether the rows of a large scene are known to be independent: the singular
+        values of the scaled Jacobian are larger. False where that is not clear."""
+        if len(self.ignored) < MANY or self.ignored.any():
+            return False
+        C = sparse_jacobian(self.system, self.work.C)
+        sizes = coordinate_sizes(self.system)
+        return IndependentRows(C.multiply(sizes[None, :]).tocsr()).least > independent
+
+    def roots(self) -> Iterator[tuple[slice, Array]]:
+        """The blocks of N with N N^T = W^-1 of all bodies, and their coordinates.
+
+        With x = N y, the metric x^T W x is y^T y. C N has the digits that C N N^T C^T
+        loses where bodies are stiff.
         """
         blocks = self.work.M + self.stiffness * self.memory.metric
         sizes = coordinate_sizes(self.system)
-        N = np.zeros((len(sizes), len(sizes)))
         bodies = []
         for row in self.system.arrays.body:
             n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
@@ -185,8 +223,7 @@ class State:
             W = W * np.outer(scale, scale) + np.diag(least[part] * scale**2)
             squares, directions = np.linalg.eigh(W)
             roots = np.sqrt(np.maximum(squares, NO_INERTIA))
-            N[part, part] = scale[:, None] * directions / roots
-        return N
+            yield part, scale[:, None] * directions / roots
 
 
 def close(state: State, independent: float = RANK_TOLERANCE) -> float:
@@ -227,11 +264,9 @@ def _free_coordinates(system: System) -> Array:
 
 def dense_jacobian(system: System, C: Array) -> Array:
     """The constraint Jacobian as a dense (rows, velocities) matrix."""
-    arrays = system.arrays
     dense = np.zeros((system.n_rows, system.n_velocities))
-    for row, b, offset in arrays.segment:
-        n, first = arrays.body[b, at.NV], arrays.body[b, at.VEL]
-        dense[row, first : first + n] += C[offset : offset + n]
+    rows, columns, values = jacobian_entries(system, C)
+    np.add.at(dense, (rows, columns), values)
     return dense
 
 

@@ -67,6 +67,8 @@ def relax(state: State, guessed: Array) -> bool:
 
     guessed : positions before they were moved onto the constraints
     """
+    if state.opening <= MET and state.is_clear(ROUNDED):
+        return False
     _, sizes, _ = _decomposed(state)
     small = (sizes > EXACT) & (sizes < ROUNDED)
     if state.opening <= MET and not small.any():

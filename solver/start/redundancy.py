@@ -60,16 +60,11 @@ def mark_redundant(state: State) -> System:
     return replace(system, redundant=redundant, arrays=with_slack(system.arrays, slack))
 
 
-def _scaled_jacobian(state: State) -> Array:
-    """C for relative changes of the coordinates, its rows of length 1."""
-    C = state.jacobian() * coordinate_sizes(state.system)
-    norms = np.linalg.norm(C, axis=1)
-    return C / np.where(norms > 0.0, norms, 1.0)[:, None]
-
-
 def _dependent_rows(state: State) -> tuple[int, ...]:
     """Rows that follow from the others: those that pivoting leaves for the last."""
-    matrix = _scaled_jacobian(state)
+    if state.is_clear(RANK_TOLERANCE):
+        return ()
+    matrix = state.scaled_jacobian()
     rows, columns = matrix.shape
     sizes = np.linalg.svd(matrix, compute_uv=False)
     bound = RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))
@@ -112,7 +107,7 @@ def _at_rest(state: State) -> bool:
 
 def _free_direction(state: State) -> Array:
     """A mixture of all small motions that the constraints allow."""
-    matrix = _scaled_jacobian(state)
+    matrix = state.scaled_jacobian()
     _, sizes, right = np.linalg.svd(matrix)
     rank = int(np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))))
     free = right[rank:]
@@ -129,9 +124,11 @@ def _slack(state: State) -> Array:
     to remove its effect, and large against what stages of a step leave open.
     """
     C = state.jacobian()
-    diagonal = np.sum((C @ state.root()) ** 2, axis=1)
+    for part, root in state.roots():
+        C[:, part] = C[:, part] @ root
+    diagonal = np.sum(C**2, axis=1)
     typical = float(np.median(diagonal[diagonal > 0.0])) if diagonal.any() else 1.0
-    left, sizes, _ = np.linalg.svd(_scaled_jacobian(state))
+    left, sizes, _ = np.linalg.svd(state.scaled_jacobian())
     rank = int(np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))))
     involved = np.linalg.norm(left[:, rank:], axis=1) > INVOLVED
     slack = np.where(diagonal > 0.0, SLACK * diagonal, typical)

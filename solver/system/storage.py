@@ -87,30 +87,46 @@ def _shape_functions(system: System) -> Array:
     return phi
 
 
+def band(rows: int, width: int) -> tuple[int, int]:
+    """Shape of an array that holds a band matrix of so many rows.
+
+    width : columns of the band beside the diagonal, on both sides together
+
+    Kernels find entry [i, j] as in a full matrix, i times the length of a row and j
+    after the first one. With rows as short as the band is wide, entry [i, j] stands
+    where a later row has begun, but no two entries of the band share a place.
+    """
+    length = min(max(width, 1), rows)
+    entries = (rows - 1) * length + rows
+    return (-(-entries // length) if rows else 0), length
+
+
 def new_memory(system: System, pairs: int) -> Memory:
     """Factors for a method with `pairs` complex eigenvalues."""
     body = system.arrays.body
     blocks = int((body[:, at.NV] ** 2).sum())
     entries, n, m = segment_entries(system), system.n_velocities, system.n_rows
-    rows, largest = system.n_newton_rows, int(body[:, at.NV].max())
+    largest = int(body[:, at.NV].max())
+    width, rows = int(system.arrays.newton.dims[at.BANDWIDTH]), system.n_newton_rows
+    schur = band(rows, 3 * width)
     frame = FRAMES[system.space].record.size
     whole, rubbing = np.int64, len(system.rubbing)
     return Memory(
         np.zeros(blocks),
         np.zeros(entries),
         np.zeros(entries),
-        np.zeros((rows, rows)),
+        np.zeros(schur),
         np.zeros(n, whole),
         np.zeros(rows, whole),
         np.zeros((pairs, blocks), complex),
         np.zeros((pairs, entries), complex),
         np.zeros((pairs, entries), complex),
-        np.zeros((pairs, rows, rows), complex),
+        np.zeros((pairs, *schur), complex),
         np.zeros((pairs, n), whole),
         np.zeros((pairs, rows), whole),
         np.zeros(blocks),
         np.zeros(entries),
-        np.zeros((m, m)),
+        np.zeros(band(m, int(system.arrays.dims[at.BANDWIDTH]))),
         np.zeros(blocks),
         np.zeros(entries),
         np.zeros((len(body), frame)),

@@ -1,0 +1,118 @@
+"""Scenes of many constraints: sparse matrices find what dense ones find."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array, random_array
+
+from sidtool.solver.start import assembly, consistent
+from sidtool.solver.start.large_scenes import CLEAR, MANY, IndependentRows
+from sidtool.solver.system.scene import System
+from sidtool.solver.system.storage import band
+from tests.solver.scenes import compiled, scene
+
+ENDS = {"a": {"position": [0.0, 0.0]}, "b": {"position": [0.7, 0.1]}}
+
+
+def chain(links: int, apart: float = 0.0, doubled: bool = False) -> System:
+    """Rigid links that hang on each other, placed up to `apart` from where they meet;
+    the last pin of two, if doubled."""
+    shifts = apart * np.random.default_rng(links).standard_normal((links, 2))
+    bodies = {
+        f"l{i}": {
+            "mass": 1.0 + 0.1 * (i % 3),
+            "inertia": 0.05,
+            "centre_of_mass": [0.35, 0.0],
+            "markers": ENDS,
+            "initial": {"position": [0.7 * i + x, 0.1 * i + y]},
+        }
+        for i, (x, y) in enumerate(shifts.tolist())
+    }
+    names = ["ground", *(f"l{i}.b" for i in range(links))]
+    joints: dict[str, Any] = {
+        f"pin{i}": {"type": "revolute", "markers": [names[i], f"l{i}.a"]}
+        for i in range(links)
+    }
+    if doubled:
+        joints["again"] = joints[f"pin{links - 1}"]
+    return compiled(scene(bodies, joints))
+
+
+def dense(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No scene counts as large."""
+    monkeypatch.setattr(consistent, "MANY", 10**9)
+
+
+def forbid_dense(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("a dense matrix of all constraints")
+
+    monkeypatch.setattr(consistent, "dense_jacobian", refuse)
+
+
+def test_a_large_scene_is_assembled_without_dense_matrices(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The same place as with them: the nearest one in the metric."""
+    system = chain(MANY // 2 + 7, apart=0.02)
+    with monkeypatch.context() as only_sparse:
+        forbid_dense(only_sparse)
+        found, start = assembly.assemble(system)
+    dense(monkeypatch)
+    _, expected = assembly.assemble(system)
+    assert found.redundant == () and found.dropped == ()
+    assert start.z == pytest.approx(expected.z, abs=1e-8)
+    assert start.v == pytest.approx(expected.v, abs=1e-8)
+
+
+def test_a_dependent_constraint_of_a_large_scene_is_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    system = chain(MANY // 2 + 3, doubled=True)
+    found, _ = assembly.assemble(system)
+    dense(monkeypatch)
+    expected, _ = assembly.assemble(system)
+    assert len(found.redundant) == 2
+    assert found.redundant == expected.redundant
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_smallest_solutions_and_singular_values(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    B = random_array((40, 90), density=0.1, rng=rng, format="csr")
+    B = csr_array(B + np.eye(40, 90))
+    unit = B.toarray() / np.linalg.norm(B.toarray(), axis=1)[:, None]
+    sizes = np.linalg.svd(unit, compute_uv=False)
+    rows = IndependentRows(B)
+    assert 0.1 * sizes[-1] < rows.least * max(1.0, sizes[0]) < sizes[-1]
+    right = rng.standard_normal(40)
+    expected = np.linalg.lstsq(B.toarray(), right)[0]
+    assert rows.smallest(right) == pytest.approx(expected, rel=1e-9, abs=1e-10)
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-12, 0.1 * CLEAR])
+def test_rows_that_hardly_differ_are_not_clear(share: float) -> None:
+    rng = np.random.default_rng(5)
+    B = rng.standard_normal((6, 9))
+    B[3] = B[1] - 2.0 * B[4] + share * rng.standard_normal(9)
+    assert IndependentRows(csr_array(B)).least == 0.0
+
+
+@pytest.mark.parametrize("rows, width", [(1, 3), (4, 1), (9, 3), (9, 30), (50, 7)])
+def test_entries_of_a_band_have_places_of_their_own(rows: int, width: int) -> None:
+    """A third of the band stands left of the diagonal, as in factors with pivoting."""
+    shape = band(rows, width)
+    places = [
+        i * shape[1] + j
+        for i in range(rows)
+        for j in range(max(0, i - width // 3), min(rows, i + width - width // 3 + 1))
+    ]
+    assert len(set(places)) == len(places)
+    assert max(places) < shape[0] * shape[1] <= max(rows * rows, rows * (width + 2) + 1)
+
+
+def test_no_band_of_nothing() -> None:
+    assert band(0, 0) == (0, 0)
