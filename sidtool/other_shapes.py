@@ -10,8 +10,6 @@ from sidtool.formats.scene import SceneFile, SidBody
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid
 
-from .report.modes import kinds_of
-
 #: Elastic coordinates that are told of.
 MOST = 3
 
@@ -30,6 +28,8 @@ def other_shapes(
         body = scene.bodies.get(name)
         if not isinstance(body, SidBody) or not body.sid:
             continue
+        from .report.modes import kinds_of  # a third of a second, with SciPy
+
         try:
             former = kinds_of(read_sid(folder / body.sid))
         except InputError:
