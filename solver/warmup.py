@@ -48,6 +48,7 @@ COORDINATES: Group = (
     "kernels.coordinates:rate",
     "kernels.coordinates:retract",
     "kernels.newton:remember",
+    "kernels.drives:drive_values",
 )
 RECORDING: Group = (
     "integrators.recording:sample",

@@ -13,10 +13,10 @@ import numpy as np
 from sidtool.formats.sid import SID, Array
 
 from ..kernels import layout as at
-from ..kernels.drives import drive_value
 from ..recording.motion import frame_motion
 from ..recording.told import Told
 from ..system.embedded import embedded
+from ..system.kernel_calls import function_history
 from ..system.scene import System
 from .prescribed import FrameHistory
 from .stiffening import Loads
@@ -93,10 +93,8 @@ def _components(planar: bool, data: tuple[float, ...]) -> tuple[Array, Array]:
 
 
 def _function_values(system: System, function: int, times: Array) -> Array:
-    """Values of a row of the table of functions."""
-    evaluate, clocks = drive_value.py_func, system.clocks(times)
-    pairs = zip(clocks, times, strict=True)
-    return np.array([evaluate(system.arrays, function, *pair)[0] for pair in pairs])
+    """Values (nt,) of a row of the table of functions."""
+    return function_history(system, function, system.clocks(times), times)[:, 0]
 
 
 def turning_loads(rate: float, planar: bool) -> Loads:

@@ -13,7 +13,7 @@ from sidtool.formats.scene import driven_coordinate
 from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
-from ..kernels.drives import drive_value
+from ..system.kernel_calls import function_history
 from ..system.scene import System
 
 #: Times at which a drive is looked at in each of its smooth intervals, and in all.
@@ -72,10 +72,8 @@ def _of_function(system: System, row: int, name: str) -> Excitation:
         omega, amplitude = _harmonic_of(system, row)
         return Excitation(omega / (2.0 * math.pi), name) if amplitude else Excitation()
     t, clocks = _instants(system, row)
-    evaluate = drive_value.py_func
-    pairs = zip(clocks.flat, t.flat, strict=True)
-    found = np.array([evaluate(system.arrays, row, c, x)[:2] for c, x in pairs])
-    f, slope = found.T.reshape(2, *t.shape)
+    found = function_history(system, row, clocks.ravel(), t.ravel())
+    f, slope = found[:, :2].T.reshape(2, *t.shape)
     amplitude = 0.5 * np.ptp(f)
     if amplitude <= NOTHING * np.abs(f).max():
         return Excitation()
@@ -149,14 +147,8 @@ def drive_history(system: System) -> DriveHistory:
     shares = np.concatenate([[0.0], inner, [1.0]])
     times = (starts[:, None] + shares * lengths[:, None]).ravel()
     clocks = np.repeat(starts + 0.5 * lengths, count)
-    evaluate = drive_value.py_func
     values = {
-        name: np.array(
-            [
-                evaluate(system.arrays, row, clock, t)
-                for clock, t in zip(clocks, times, strict=True)
-            ]
-        ).T
+        name: function_history(system, row, clocks, times).T
         for row, name in enumerate(system.scene.drives)
     }
     return DriveHistory(times, values)

@@ -6,12 +6,14 @@ import math
 
 from numba import float64, int64, types
 
-from .compiling import inner
+from .compiling import entry, inner
 from .layout import (
     D_DATA,
     D_KIND,
     D_PIECES,
     D_TERMS,
+    F1,
+    F2,
     HARMONIC,
     POLYNOMIAL,
     RAMP,
@@ -88,3 +90,11 @@ def drive_value(system, drive, clock, t):
         whole_rate += scale * rate
         whole_curvature += scale * scale * curvature
     return whole, whole_rate, whole_curvature
+
+
+@entry(types.void(SYSTEM, int64, F1, F1, F2))
+def drive_values(system, drive, clocks, times, found):
+    """`drive_value` at many times, into the rows of `found`."""
+    for k in range(len(times)):
+        value, rate, curvature = drive_value(system, drive, clocks[k], times[k])
+        found[k, 0], found[k, 1], found[k, 2] = value, rate, curvature

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sidtool.formats.sid import Array
 
 from ..kernels import equations
+from ..kernels.drives import drive_values
 from ..kernels.layout import Work
 from .scene import System
 
@@ -37,3 +40,15 @@ def complete(system: System, work: Work, acc: Array) -> None:
     at = equations
     kernel = at.complete_in_plane if system.planar else at.complete_in_space
     kernel(system.arrays, work, acc)
+
+
+def function_history(system: System, row: int, clocks: Array, times: Array) -> Array:
+    """Values and two derivatives (nt, 3) of a row of the table of functions.
+
+    clocks : (nt,) times inside the smooth intervals that the times count to, see
+        `System.clocks`
+    """
+    found = np.zeros((len(times), 3))
+    clocks, times = np.ascontiguousarray(clocks), np.ascontiguousarray(times)
+    drive_values(system.arrays, row, clocks, times, found)
+    return found

@@ -15,7 +15,9 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import Joint
 from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
+from sidtool.solver.kernels.drives import drive_value
 from sidtool.solver.system.joints import PLANAR, SPATIAL
+from sidtool.solver.system.kernel_calls import function_history
 
 from .joint_scenes import PITCH, evaluated, marker, pair, scene, turned
 
@@ -429,3 +431,18 @@ def test_a_rotation_needs_an_axis(change: dict[str, Any], message: str) -> None:
     data["drives"]["turn"] |= change
     with pytest.raises(InputError, match=message):
         type(turned_top([1.0, 0.0, 0.0], 0.0)).model_validate(data)
+
+
+def test_a_function_at_many_times_is_that_at_each() -> None:
+    """Compiled, with times in any order, against the formula read by Python."""
+    pieces = _pieces([0.1, 0.0, 0.4], [0.2, 0.4, -0.3])
+    system = compile_scene(cart("planar", pieces))
+    times = np.array([0.9, 0.1, 0.35, 0.5])[::-1]
+    clocks = system.clocks(times)
+    found = function_history(system, 0, clocks, times)
+    expected = [
+        drive_value.py_func(system.arrays, 0, clock, t)
+        for clock, t in zip(clocks, times, strict=True)
+    ]
+    assert found == pytest.approx(np.array(expected), rel=1e-14)
+    assert np.ptp(found[:, 2]) > 0.0
