@@ -59,7 +59,7 @@ def wrench(told: Told, owner: str) -> Array:
     joint = getattr(system.scene.forces[owner], "joint", None)
     if joint is not None:
         second = marker_reference(marker_names(system.scene.joints[joint])[1])
-    return told.wrench(system.markers[second], owner)
+    return told.wrench(system.markers[second], f"forces.{owner}")
 
 
 def friction_column(system: System, samples: Samples, owner: str, what: str) -> Array:

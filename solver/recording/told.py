@@ -36,8 +36,8 @@ class Told:
         self._given = work
 
     def wrench(self, marker: int, owner: str = "") -> Array:
-        """Force and torque on a marker, inertial, (nt, 6): of a joint, a drive or a
-        force, or of all of them."""
+        """Force and torque on a marker, inertial, (nt, 6): of a joint or a drive, of a
+        force by the name forces.NAME, or of all of them."""
         total = np.zeros((len(self.times), 6))
         for k, name, is_second in self.system.acting.get(marker, ()):
             if owner in ("", name):

@@ -140,13 +140,14 @@ class System:
     def acting(self) -> dict[int, list[tuple[int, str, bool]]]:
         """What acts on each marker: its row, its name, whether it is its marker B.
 
-        Rows of constraints, frictions of joints and forces, one behind the other.
+        Rows of constraints, frictions of joints and forces, one behind the other; the
+        names of forces begin with `forces.`, as joints may have the same.
         """
         names = {row.first: row.name for row in self.rows}
         held, rubbing = self.arrays.constraint, self.arrays.sliding.constraint
         owners = [names[first] for first in held[:, at.ROW]]
         owners += [rub.joint for rub in self.rubbing]
-        owners += [e.name if e.acts else "" for e in self.forces]
+        owners += [f"forces.{e.name}" if e.acts else "" for e in self.forces]
         constraints = np.concatenate([held, rubbing])[:, [at.MARKER_A, at.MARKER_B]]
         ends = [*constraints, *self.arrays.force[:, [at.F_A, at.F_B]]]
         found: dict[int, list[tuple[int, str, bool]]] = {}

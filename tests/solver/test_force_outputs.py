@@ -18,6 +18,22 @@ def block(**more: Any) -> dict[str, Any]:
     return {"mass": 2.0, "inertia": [1.0, 1.0, 1.0], **more}
 
 
+def test_a_force_of_the_same_name_is_no_part_of_the_joint() -> None:
+    """A rail bears the weight m g alone; what pushes along it is not its own."""
+    content = scene(
+        "spatial",
+        gravity=[0.0, -9.81, 0.0],
+        bodies={"block": block()},
+        joints={"rail": {"type": "prismatic", "markers": ["ground", "block"]}},
+        forces={"rail": {"type": "force", "marker": "block", "force": [3.0, 0.0, 0.0]}},
+        outputs={"record": ["rail.fx", "rail.fy", "block.ax"]},
+    )
+    result = simulate(compile_scene(content))
+    assert result.values == pytest.approx(
+        np.tile([0.0, 2.0 * 9.81, 1.5], (len(result.t), 1)), abs=1e-9
+    )
+
+
 def test_the_force_of_a_spring_accelerates_its_body() -> None:
     """An oscillator of 3 rad/s along a diagonal, with a spring, whose force and that
     of the damper are those of both parts of its law."""
