@@ -2,8 +2,10 @@
 
 The generator and the ways are those of `tests/metamorphic`, which takes 40 scenes and a
 quarter of the ways. `python -m benchmarks.metamorphic FIRST LAST` judges the scenes of
-these seeds alone. What was judged is kept in a file beside the result, by seed, and is
-not judged again as long as no source has changed.
+these seeds alone; with `rubbing` behind them those of `tests/metamorphic/rubbing.py`,
+trees with friction in their joints and laws of outputs. What was judged is kept in a
+file beside the result, by seed, and is not judged again as long as no source has
+changed.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from tests.metamorphic.case import run as run_case
+from tests.metamorphic.differences import promised, variation
 from tests.metamorphic.invariants import violations
+from tests.metamorphic.rubbing import rubbing_scene
 from tests.metamorphic.scenes import random_scene
 from tests.metamorphic.transformations import TRANSFORMATIONS, compared
 
@@ -62,20 +66,23 @@ class Verdict:
         return self.ratio < 1.0
 
 
-def judged(seed: int) -> list[Verdict]:
+def judged(seed: int, rubs: bool = False) -> list[Verdict]:
     """The verdicts about all ways in which a scene can be said.
+
+    rubs : whether it is one with friction in joints
 
     Whatever stops a run, foreseen or not, is a verdict: the others go on.
     """
+    sizes = promised if rubs else variation
     try:
-        case = random_scene(seed)
+        case = rubbing_scene(seed) if rubs else random_scene(seed)
         exact = run_case(case, rtol=RTOL)
     except Exception as stop:
         return [_stopped(seed, ORIGINAL, stop)]
     found = [Verdict(seed, ORIGINAL, 0.0, 1.0, halved=case.halved)]
     for way in TRANSFORMATIONS:
         try:
-            told = compared(way, case, exact, seed, RTOL)
+            told = compared(way, case, exact, seed, RTOL, sizes)
         except Exception as stop:
             found.append(_stopped(seed, way, stop))
             continue
@@ -93,7 +100,10 @@ def _stopped(seed: int, way: str, stop: Exception) -> Verdict:
 
 
 def judge_all(
-    seeds: Iterable[int], kept: Path, say: Callable[[str], object]
+    seeds: Iterable[int],
+    kept: Path,
+    say: Callable[[str], object],
+    rubs: bool = False,
 ) -> list[Verdict]:
     """All verdicts; those that are not equal are told at once.
 
@@ -106,7 +116,7 @@ def judge_all(
         say(f"  {len(seeds) - len(waiting)} of {len(seeds)} scenes were judged before")
     context = get_context("spawn")
     with ProcessPoolExecutor(WORKERS, context, use_one_thread) as pool:
-        running = [pool.submit(judged, seed) for seed in waiting]
+        running = [pool.submit(judged, seed, rubs) for seed in waiting]
         for count, done in enumerate(as_completed(running), start=1):
             verdicts = done.result()
             known[verdicts[0].seed] = verdicts
@@ -190,10 +200,12 @@ def run(folder: Path, name: str, say: Callable[[str], object]) -> Report:
 if __name__ == "__main__":
     use_one_thread()
     first, last = map(int, sys.argv[1:3])
+    rubs = sys.argv[3:] == ["rubbing"]
     kept = ROOT / "benchmarks" / "results" / "metamorphic.judged"
+    kept = kept.with_stem("rubbing") if rubs else kept
 
     def tell(text: str) -> None:
         print(text, flush=True)
 
-    verdicts = judge_all(range(first, last), kept, tell)
+    verdicts = judge_all(range(first, last), kept, tell, rubs)
     tell(f"{tabled(verdicts).text()}\n\n{ends(verdicts).text()}")

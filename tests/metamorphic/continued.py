@@ -22,6 +22,9 @@ def continued(case: Case, rng: Random) -> Said | None:
     Scenes in space cannot say whole turns of joints: there angles start anew within
     half a turn, and nothing that depends on them may have left that.
     """
+    forces = case.table["forces"].values()
+    if any(force.get("function", {}).get("type") == "pid" for force in forces):
+        return None  # a scene cannot say the state of a controller
     seen = with_corners(case)
     half = copied(seen)
     half["time"]["end"] = half["time"]["start"] + ROW * half["time"]["output_step"]
@@ -30,7 +33,7 @@ def continued(case: Case, rng: Random) -> Said | None:
     turns = {} if case.planar else _turns(case, found)
     if any((owner(m), kind(m)) in used_coordinates(case.table) for m in turns):
         return None
-    if any(_has_turned(seen, force, found) for force in case.table["forces"].values()):
+    if any(_has_turned(seen, force, found) for force in forces):
         return None
     table = started_at(case, seen, found, -1)
     table["time"]["start"] = half["time"]["end"]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from . import functions
+from . import functions, laws
 from .case import Case, Table, Values
 from .ingredients import Random, coordinates_of
 from .said import Said, copied, kind, owner, with_table, without
@@ -60,6 +60,8 @@ def renamed(case: Case, rng: Random) -> Said:
         if key in ("markers", "joints") and isinstance(value, list):
             return [other(text) for text in value]
         if isinstance(value, dict):
+            if laws.is_law(value if "type" in value else None):
+                return laws.renamed(value, other)
             return {k: walk(v, k) for k, v in value.items()}
         return value
 
@@ -144,7 +146,7 @@ def callables(case: Case, rng: Random) -> Said | None:
         return None
     given = {}
     for part in ("drives", "forces"):
-        entries = {n: e for n, e in table[part].items() if "function" in e}
+        entries = {n: e for n, e in table[part].items() if e in _functions(table)}
         given[part] = {n: functions.value(e["function"]) for n, e in entries.items()}
         for entry in entries.values():
             entry["function"] = {"type": "callable"}
@@ -162,17 +164,23 @@ def polynomials(case: Case, rng: Random) -> Said | None:
 def _functions(table: Table) -> list[Table]:
     """Drives and forces by functions of time."""
     parts = (*table["drives"].values(), *table["forces"].values())
-    return [part for part in parts if "function" in part]
+    found = [part for part in parts if "function" in part]
+    return [part for part in found if not laws.is_law(part["function"])]
 
 
 def used_coordinates(table: Table) -> set[tuple[str, str]]:
-    """(joint, coordinate) that drives, forces and gears act on."""
+    """(joint, coordinate) that drives, forces and gears act on, or that laws read."""
     users = (*table["drives"].values(), *table["forces"].values())
     used = {(u["joint"], u["coordinate"]) for u in users if "joint" in u}
+    used |= {laws.measured(u["function"]) for u in users if _obeys_law(u)}
     for joint in table["joints"].values():
         if "joints" in joint:
             used |= set(zip(joint["joints"], joint["coordinate"], strict=True))
     return used
+
+
+def _obeys_law(part: Table) -> bool:
+    return laws.is_law(part.get("function"))
 
 
 def other_joints(case: Case, rng: Random) -> Said | None:
@@ -181,6 +189,8 @@ def other_joints(case: Case, rng: Random) -> Said | None:
     used = {name for name, _ in used_coordinates(table)}
     changed = set()
     for name, joint in case.table["joints"].items():
+        if "friction" in joint:
+            continue  # which other joints do not have
         new = (
             _planar_joint(joint, name in used) if case.planar else _spatial_joint(joint)
         )

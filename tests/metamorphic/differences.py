@@ -15,6 +15,8 @@ Sizes = Callable[[Values], dict[str, float]]
 WITHIN = 10.0
 #: Rates and forces of them may differ by so many times more.
 LOOSER = {"v": 10.0, "w": 10.0, "vq": 10.0, "f": 100.0, "m": 100.0}
+#: Kinds of positions and of rotations.
+LENGTHS, ANGLES = ("x", "displacement", "length"), ("angle", "angle_1", "angle_2")
 
 
 def kind(measure: str) -> str:
@@ -29,6 +31,20 @@ def variation(exact: Values, least: float = 1e-6) -> dict[str, float]:
         name: max(least, traces[kind(name)], size) * LOOSER.get(kind(name), 1.0)
         for name, size in own.items()
     }
+
+
+def promised(exact: Values) -> dict[str, float]:
+    """What `rtol` is relative to: of positions the largest motion of all.
+
+    A joint that comes to rest slides little, and how far depends on where it stops.
+    """
+    own = {name: float(np.ptp(v, axis=0).max()) for name, v in exact.items()}
+    sizes = variation(exact)
+    for kinds in (LENGTHS, ANGLES):
+        group = [name for name in exact if kind(name) in kinds]
+        largest = max((own[name] for name in group), default=0.0)
+        sizes |= dict.fromkeys(group, max(1e-6, largest))
+    return sizes
 
 
 def magnitude(exact: Values, share: float) -> dict[str, float]:

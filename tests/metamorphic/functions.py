@@ -9,6 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import BPoly, CubicSpline, KroghInterpolator, PPoly
 
+from . import laws
 from .case import Table
 
 
@@ -105,7 +106,9 @@ def as_polynomial(function: Table) -> Table:
 
 
 def scaled(function: Table, factor: float) -> Table:
-    """A function of time times a number."""
+    """A function of time, or a law, times a number."""
+    if laws.is_law(function):
+        return laws.scaled(function, factor)
     new = dict(function)
     for key in ("value", "offset", "amplitude"):
         if key in new:

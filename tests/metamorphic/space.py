@@ -115,7 +115,8 @@ def _joints(table: Table) -> dict[str, Table] | None:
         first, second = (root(text.split(".")[0]) for text in joint["markers"])
         closes = first == second or joint["type"] == "distance"
         loose = closes or joint["type"] == "point_on_line"
-        if loose and name in used and joint["type"] != "distance":
+        needed = name in used or "friction" in joint
+        if loose and needed and joint["type"] != "distance":
             return None  # the joint in space lacks the coordinate
         found |= _closing(name, joint) if closes else _hanging(name, joint)
         if not closes:

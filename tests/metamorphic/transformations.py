@@ -17,7 +17,7 @@ from . import (
     worlds,
 )
 from .case import Case, Values, run
-from .differences import WITHIN, difference
+from .differences import WITHIN, Sizes, difference, variation
 from .ingredients import Random
 from .said import Said
 
@@ -63,11 +63,18 @@ def said(name: str, case: Case, seed: int) -> Said | None:
 
 
 def compared(
-    name: str, case: Case, exact: Values, seed: int, rtol: float
+    name: str,
+    case: Case,
+    exact: Values,
+    seed: int,
+    rtol: float,
+    sizes: Sizes = variation,
 ) -> tuple[float, float, str] | None:
     """Difference of a run that is said differently, what is allowed, and in what.
 
     None if the scene has nothing that could be said so.
+
+    sizes : what differences are relative to, where the way has no sizes of its own
     """
     other = said(name, case, seed)
     if other is None:
@@ -75,5 +82,6 @@ def compared(
     if other.base is not None:
         exact = run(other.base, rtol=rtol)
     found = other.back(run(other.case, rtol=rtol, **other.settings))
-    error, where = difference(found, exact, other.sizes, other.first)
+    sizes = sizes if other.sizes is variation else other.sizes
+    error, where = difference(found, exact, sizes, other.first)
     return error, WITHIN * rtol + other.slack(exact), where

@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.solver.transformed import Units, sid_in
 
-from . import damping, functions
+from . import damping, functions, laws
 from .case import Case, Table, Values
 from .ingredients import Random
 from .said import Said, copied, kind, with_table
@@ -43,6 +43,12 @@ def in_units(case: Case, rng: Random) -> Said:
     lengths = ("displacement", "length", "x", "y", "z")
     for joint in table["joints"].values():
         _scale(joint, "length", length)
+        rubbing = joint.get("friction", {})
+        for key in ("radius", "length"):
+            _scale(rubbing, key, length)
+        _scale(rubbing, "stribeck_velocity", length / time)
+        turns = joint["type"] == "revolute"
+        _scale(rubbing, "viscous", time * (torque if turns else force / length))
         if joint["type"] == "gear":
             first, second = (
                 length if c in lengths else 1.0 for c in joint["coordinate"]
@@ -80,7 +86,12 @@ def in_units(case: Case, rng: Random) -> Said:
 
 
 def _scale_force(entry: Table, force: float, way: float, units: Units) -> None:
-    time = units.time
+    time, law = units.time, entry.get("function")
+    if laws.is_law(law):
+        turns = laws.measured(law)[1].startswith("angle")
+        read = 1.0 if turns else units.length
+        entry["function"] = laws.in_units(law, force, read, time)
+        return
     if "function" in entry:
         entry["function"] = functions.in_time_unit(entry["function"], time)
     if entry["type"] == "actuator":

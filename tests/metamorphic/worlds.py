@@ -9,7 +9,7 @@ import numpy as np
 from sidtool.formats.scene import as_3d
 from sidtool.formats.sid import Array
 
-from . import functions
+from . import functions, laws
 from .case import Case, Table, Values, times
 from .ingredients import Random, unit
 from .poses import Pose, replaced, turned
@@ -143,10 +143,14 @@ def with_signs(table: Table, signs: dict[tuple[str, str], float]) -> None:
         key = (drive.get("joint"), drive["coordinate"])
         drive["function"] = functions.scaled(drive["function"], signs.get(key, 1.0))
     for force in table["forces"].values():
-        if (
-            "joint" in force
-            and signs.get((force["joint"], force["coordinate"])) == -1.0
-        ):
+        if "joint" not in force:
+            continue
+        own = signs.get((force["joint"], force["coordinate"]), 1.0)
+        law = force.get("function")
+        if laws.is_law(law):
+            read = signs.get(laws.measured(law), 1.0)
+            force["function"] = laws.in_signs(law, own, read)
+        elif own == -1.0:
             _negated(force)
     for joint in table["joints"].values():
         if joint["type"] == "gear":
