@@ -27,6 +27,7 @@ BENCHMARKS = (
     "revolutions",
     "metamorphic",
     "accuracy",
+    "requests",
     "latency",
     "faults",
 )

@@ -1,0 +1,86 @@
+"""Single outputs, asked for from 1e-1 to 1e-6: what is chosen, and what it costs.
+
+The founding slider-crank. Errors are those against a run that the search has never
+seen: everything that the SIDs have, radau13 at 1e-12.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from sidtool.accuracy import planned
+from sidtool.accuracy.candidates import as_scene, finest, recording
+from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.sid import SID
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.system.bodies import read_sids
+from sidtool.solver.system.scene import System
+
+from .machine import describe_machine
+from .report import Report, Table
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+#: Outputs of the founding scene: a position, an elastic coordinate, a bearing force.
+CRANK = ("piston.x", "rod.q1", "piston_pin.fx")
+REQUESTS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+METHOD, TIGHT = "radau13", 1e-12
+HEADER = ["wanted", "estimate", "error", "kept", "integrator", "rtol", "steps", "s"]
+
+
+def compiled(folder: Path, scene: SceneFile, sids: Mapping[str, SID]) -> System:
+    return compile_scene(scene, folder, sids)
+
+
+def table_of(
+    folder: Path,
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    output: str,
+    say: Callable[[str], object],
+) -> Table:
+    """All requests of one output."""
+    compile_ = partial(compiled, folder)
+    scene = recording(scene, (output,))
+    whole = as_scene(scene, finest(scene, sids), sids)
+    exact = simulate(compile_(whole, sids), integrator=METHOD, rtol=TIGHT)
+    rows = []
+    for wanted in REQUESTS:
+        plan = planned(scene, sids, wanted, compile_, keep=False)
+        found = simulate(compile_(plan.scene, sids))
+        line = plan.report.budget[-1]
+        rows.append(
+            [
+                f"{wanted:.0e}",
+                f"{plan.report.outputs[0].relative:.1e}",
+                f"{_error(output, found, exact):.1e}",
+                next(b.choice for b in plan.report.budget if "shape" in b.part),
+                plan.scene.accuracy.integrator,
+                f"{plan.scene.accuracy.rtol:.1e}",
+                str(found.counters["steps"]),
+                f"{line.seconds:.4f}",
+            ]
+        )
+        say(f"  {output} {' '.join(rows[-1])}")
+    return Table(f"{scene.title}, {output}", HEADER, rows)
+
+
+def _error(output: str, found: Result, exact: Result) -> float:
+    difference = np.abs(found[output] - exact[output]).max()
+    return float(difference / np.ptp(exact[output]))
+
+
+def run(folder: Path, name: str, say: Callable[[str], object]) -> Report:
+    place = EXAMPLES / "slider_crank"
+    crank = read_scene(place / "slider_crank.toml")
+    rods = read_sids(crank, place, {})
+    tables = [table_of(place, crank, rods, output, say) for output in CRANK]
+    return Report(
+        title="What an accuracy needs, from 1e-1 to 1e-6",
+        tables=tables,
+        machine=describe_machine(),
+    )
