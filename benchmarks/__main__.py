@@ -24,6 +24,7 @@ BENCHMARKS = (
     "elements",
     "frontends",
     "error_control",
+    "body_frames",
     "revolutions",
     "metamorphic",
     "accuracy",
