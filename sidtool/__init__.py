@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .api import write as write
     from .building import sid_from_blocks as sid_from_blocks
     from .building import sid_from_shapes as sid_from_shapes
+    from .interrupting import Interrupted as Interrupted
     from .kinds import read as read
     from .results import Result as Result
     from .scenes import Model as Model
@@ -74,6 +75,7 @@ _TABLES = """
 _HOME = {
     **dict.fromkeys(_TABLES, "sidtool.vocabulary"),
     "InputError": "sidtool.formats.errors",
+    "Interrupted": "sidtool.interrupting",
     "Model": "sidtool.scenes",
     "Result": "sidtool.results",
     "SID": "sidtool.formats.sid",

@@ -16,6 +16,7 @@ from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid, write_sid
 
 from .chosen import chosen
+from .interrupting import Ending, Interrupted, ending
 from .kinds import read
 from .results import Result, answering
 from .validate import check, compare, repair
@@ -72,6 +73,7 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     drives: Mapping[str, Any] | None = None,
     forces: Mapping[str, Any] | None = None,
+    unfinished: Stored | None = None,
 ) -> Result:
     """Compile a scene and integrate its motion.
 
@@ -94,9 +96,12 @@ def simulate(
         derivatives, that replace those of the scene's drives, by name
     forces : the same for functions that scale forces, or are actuators; a `Law` sees
         outputs of the motion as well
+    unfinished : the result of a run with the same scene and settings that was ended, as
+        by Ctrl-C; this one goes on from its last state and gives the whole
 
     Raises
     ------
+    sidtool.Interrupted : Ctrl-C; its `result` holds what there is.
     InputError : the scene or one of its SIDs cannot be simulated, or not as exactly as
         is asked for.
     sidtool.SimulationError : the run stopped; its `result` holds what there is.
@@ -111,8 +116,9 @@ def simulate(
     folder = Path(base_folder or content.folder)
     settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
+    asked = Ending()
     try:
-        with located(content):
+        with located(content), ending("SIGINT") as asked:
             content, replaced, told = chosen(content, folder, sids or {}, rigid)
             plan = plan_for(
                 content,
@@ -130,11 +136,14 @@ def simulate(
             system = compile_scene(
                 content, folder, replaced, accept_defects, drives, forces=forces
             )
-            result = run(system, progress=progress, told=told, **settings)
+            ends: dict[str, Any] = {"stop": asked, "unfinished": unfinished}
+            result = run(system, progress=progress, told=told, **settings, **ends)
             if plan is not None:
                 result = plan.certified(result)
         return answering(result, drives, forces)
     except SimulationError as error:
         if error.result is not None:
             error.result = answering(error.result, drives, forces)
+        if asked.number:
+            raise Interrupted(str(error), error.result) from None
         raise

@@ -11,6 +11,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 
 if TYPE_CHECKING:
+    from sidtool.formats import result as stored
     from sidtool.solver.analyses.linear import Linearisation
     from sidtool.solver.analyses.static import Equilibrium
 
@@ -82,6 +83,7 @@ class Scene(SceneFile):
         progress: Callable[[float], None] | None = None,
         drives: Programs | None = None,
         forces: Programs | None = None,
+        unfinished: stored.Result | None = None,
     ) -> Result:
         """The motion; arguments and errors as of `sidtool.simulate`."""
         from .api import simulate
@@ -99,6 +101,7 @@ class Scene(SceneFile):
             progress=progress,
             drives=drives,
             forces=forces,
+            unfinished=unfinished,
         )
 
     def static_equilibrium(self, **settings: Any) -> Equilibrium:

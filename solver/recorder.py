@@ -66,6 +66,15 @@ class Recorder:
         }
         sink.begin(self.columns, most)
 
+    def recall(self, rows: Rows) -> None:
+        """Rows that a run before this one recorded."""
+        self.sink.add(rows)
+        z, v = (rows.tables[name].copy() for name in ("positions", "velocities"))
+        if len(rows.t) and not self.system.rubbing:
+            found = self._record(rows.t.copy(), z, v)
+            self.reached.add(found.samples, rows.t)
+        self._last = float(rows.t[-1]) if len(rows.t) else self._last
+
     def visit(self, ends: Steps) -> None:
         """Ends of some steps."""
         if self.visited is not None and len(ends.t):

@@ -27,6 +27,7 @@ from .kernels.pointers import kernels
 from .recorder import Recorder
 from .recording import dense, events
 from .recording.energy_history import History, is_wanted
+from .recording.resuming import Past, past_of, rows_before
 from .recording.stick_slip import StickSlip, with_grips
 from .recording.window import Window
 from .start.new_control import closed_below, new_control
@@ -57,6 +58,8 @@ def simulate(
     tell: Callable[[str], None] | None = None,
     told: Iterable[str] = (),
     into: Sink | None = None,
+    stop: Callable[[], str] | None = None,
+    unfinished: Result | None = None,
 ) -> Result:
     """Integrates a compiled scene over its time span.
 
@@ -73,6 +76,9 @@ def simulate(
     told : sentences for the notes of the result
     into : takes the rows of the result while the run goes on, and the result at its
         end, whose tables are then empty; default they are kept in memory
+    stop : asked from time to time why the run is to end before its time, if at all
+    unfinished : a run of this scene and these settings that stopped; this one goes on
+        from its last state, and its result is that of both
 
     Raises
     ------
@@ -91,13 +97,16 @@ def simulate(
         foresee(ready.expected)
     kept = InMemory()
     told = tuple(dict.fromkeys((*system.told, *told, *ready.asked)))
-    run = Run(ready, settings, told, into or kept)
+    past = None if unfinished is None else past_of(ready.system, settings, unfinished)
+    run = Run(ready, settings, told, into or kept, past)
     assembled = time.perf_counter()
-    failure = run.go(progress)
+    failure = run.go(progress, stop)
     solved = time.perf_counter() - assembled - run.recorder.seconds
     run.end(bool(failure))
     seconds = {"seconds_assembly": assembled - began, "seconds": solved}
     result = result_of(run, seconds, failure)
+    if past is not None:
+        result = past.joined(result)
     if into is None:
         result = replace(result, **kept.arrays())
     else:
@@ -116,6 +125,7 @@ class Run:
         settings: Settings,
         told: tuple[str, ...],
         sink: Sink,
+        past: Past | None,
     ) -> None:
         system, expected = with_grips(ready.system), ready.expected
         self.system, self.settings, self.start = system, settings, ready.start
@@ -134,7 +144,8 @@ class Run:
             self.watch = events.Watch(system, self.kernels, self.closed, points)
         history = None
         if is_wanted(system.scene):
-            history = History(system, self.kernels, self.closed, points)
+            sums = None if past is None else past.sums
+            history = History(system, self.kernels, self.closed, points, sums)
         self.stick = None
         if system.rubbing:
             parts = system, self.kernels, self.closed, points
@@ -152,9 +163,12 @@ class Run:
             self.limit = dense.END_CHUNK
         self.points = points
         self.window = Window(self.times, system.n_positions + system.n_velocities)
+        begin = ready.start if past is None else past.start
         self.control = new_control(
-            system, settings, ready.start, self.window.size, shares, self.closed
+            system, settings, begin, self.window.size, shares, self.closed
         )
+        if past is not None:
+            self._go_on_from(past)
         self.window.fill(self.control)
         self.breaks: list[events.Moment] = []
         self.taken = [0, 0]
@@ -166,9 +180,28 @@ class Run:
             self.system, self.kernels, self.work, self.memory, self.control
         )
 
-    def go(self, progress: Progress | None) -> str:
-        """Integrates over all smooth intervals; the reason if one is not finished."""
+    def _go_on_from(self, past: Past) -> None:
+        """The rows, times and events of an unfinished run are behind this one."""
+        self.control.real[stepping.TIME] = self.control.real[stepping.BEGIN] = past.t
+        rows = rows_before(past)
+        self.window.skip(sum(len(part.t) for part in rows))
+        for part in rows:
+            self.recorder.recall(part)
+        if self.watch is not None:
+            for event in past.done.events:
+                if event.name in self.watch.counts:
+                    self.watch.counts[event.name] += 1
+
+    def go(
+        self, progress: Progress | None, asked: Callable[[], str] | None = None
+    ) -> str:
+        """Integrates over all smooth intervals; the reason if one is not finished.
+
+        asked : why to end before, if at all
+        """
         for stop in self.system.breaks:
+            if stop <= self.now:
+                continue
             failure = self._enter(stop)
             code = stepping.CHUNK
             while code == stepping.CHUNK and not failure:
@@ -182,6 +215,9 @@ class Run:
                     failure, code = self._enter(stop), stepping.CHUNK
                 if progress is not None:
                     progress(self.now)
+                why = asked() if asked is not None and code == stepping.CHUNK else ""
+                if why and not failure:
+                    return f"{why} at t = {self.now:.9g} s"
             if failure:
                 return failure
             if code != stepping.REACHED:

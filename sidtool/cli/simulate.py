@@ -12,6 +12,7 @@ import click
 
 from sidtool.formats.errors import InputError
 
+from ..interrupting import NAMES, ending
 from .common import (
     Target,
     changes,
@@ -25,6 +26,7 @@ from .common import (
 )
 
 if TYPE_CHECKING:
+    from sidtool.formats.result import Result
     from sidtool.formats.scene import SceneFile
 
 
@@ -67,6 +69,13 @@ if TYPE_CHECKING:
     multiple=True,
     help="Take a body with a SID as rigid; may be given several times.",
 )
+@click.option(
+    "--continue",
+    "goes_on",
+    is_flag=True,
+    help="Go on where the unfinished run in the file of -o ended, with the same scene "
+    "and options; from the start if there is no such file.",
+)
 @changes
 @force
 @click.option(
@@ -86,6 +95,7 @@ def simulate(
     swaps: tuple[str, ...],
     rigid: tuple[str, ...],
     accuracy: tuple[str, ...],
+    goes_on: bool,
     changes: tuple[str, ...],
     force: bool,
     accept_defects: bool,
@@ -116,9 +126,15 @@ def simulate(
       sidtool simulate slider_crank.toml --accuracy 1e-3 -o result.h5
       sidtool simulate slider_crank.toml --accuracy "piston.x=1e-6 m"
       sidtool simulate slider_crank.toml --set piston.mass=6 --set time.end=1
+      sidtool simulate slider_crank.toml -o result.h5 --continue
+
+    Ctrl-C, SIGTERM and SIGHUP end a run at its next step; its files hold what there is,
+    marked as unfinished, and `--continue` goes on from there. A second signal ends the
+    program at once.
 
     Exit status: 0 done, or ended by an event; 1 the run stopped early (the files hold
-    what there is); 2 the input is wrong, and nothing is written.
+    what there is); 130 or 143 a signal ended it (likewise); 2 the input is wrong, and
+    nothing is written.
     """
     from sidtool.solver.errors import SimulationError
 
@@ -131,18 +147,24 @@ def simulate(
     from ..accuracy import from_texts
     from .outputs import Outputs
 
-    with Outputs(output, csv) as files:
+    unfinished = _unfinished(output) if goes_on else None
+    if unfinished is not None and unfinished.completed:
+        click.echo(f"{output}: is complete to t = {unfinished.t[-1]:.9g} s")
+        return
+    with Outputs(output, csv) as files, ending(*NAMES) as asked:
         try:
+            ends = {"stop": asked, "unfinished": unfinished}
             with progress_bar("simulating") as bar:
                 model = Model(swaps, rigid, from_texts(accuracy), accept_defects)
                 content = read_changed(scene, changes)
-                result = _run(content, model, settings, bar, files)
+                result = _run(content, model, settings, bar, files, ends)
         except SimulationError as error:
             click.echo(f"sidtool: {scene}: {error}", err=True)
             for note in error.result.notes if error.result is not None else ():
                 click.echo(f"note: {note}", err=True)
             files.tell(err=True)
-            raise click.exceptions.Exit(1) from None
+            status = 128 + asked.number if asked.number else 1
+            raise click.exceptions.Exit(status) from None
         except OSError:
             files.tell(err=True)
             if not files.failed:
@@ -156,6 +178,17 @@ def simulate(
     click.echo(summary(result, files.span))
     if output is None and csv is None:
         click.echo("nothing written: -o FILE keeps the result, --csv FILE its outputs")
+
+
+def _unfinished(output: Path | None) -> Result | None:
+    """The run to go on with; none if there is no file yet."""
+    from sidtool.formats.result import read_result
+
+    if output is None or output.suffix.lower() == ".csv":
+        raise InputError(
+            "needs the file of the run", place="--continue", expected="-o RESULT.h5"
+        )
+    return read_result(output) if output.exists() else None
 
 
 def _check_numbers(
@@ -188,6 +221,7 @@ def _run(
     settings: dict[str, Any],
     bar: Callable[[float], None] | None,
     files: Any,
+    ends: dict[str, Any],
 ) -> Any:
     from sidtool.formats.files import located
     from sidtool.solver import compile_scene
@@ -222,6 +256,7 @@ def _run(
             told=told,
             into=files,
             **settings,
+            **ends,
         )
         return result if plan is None else plan.certified(result)
 

@@ -32,13 +32,19 @@ class History:
     """Energies dissipated and supplied since the start; of the last steps in detail."""
 
     def __init__(
-        self, system: System, kernels: Kernels, closed: Array, points: Points
+        self,
+        system: System,
+        kernels: Kernels,
+        closed: Array,
+        points: Points,
+        before: Array | None = None,
     ) -> None:
+        """before : both energies at the start, zero by default [J]"""
         self.points = points
         self._system, self._kernels, self._closed = system, kernels, closed
         self._work, self._memory = new_work(system), new_memory(system, 0)
         self._steps: list[Steps] = []
-        self._before = np.zeros(2)
+        self._before = np.zeros(2) if before is None else before
 
     def add(self, steps: Steps) -> None:
         if len(steps.t):

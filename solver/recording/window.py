@@ -25,6 +25,10 @@ class Window:
         rows = max(LEAST, min(BLOCK, NUMBERS // max(state, 1)))
         self.size = min(rows, len(times)) + 1
 
+    def skip(self, count: int) -> None:
+        """The first output times are behind the start."""
+        self._first = count
+
     def fill(self, control: Control) -> None:
         """Has the next times in the control, from its first row on."""
         control.whole[stepping.OUTPUT] = 0

@@ -1,0 +1,69 @@
+"""Ctrl-C and SIGTERM during a run: it ends at its next step and keeps what there is."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+#: Signals that end a run, and what they are called.
+NAMES = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "the end of its terminal"}
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during `sidtool.simulate`.
+
+    Attributes
+    ----------
+    result : everything that was computed until then, unfinished
+    """
+
+    def __init__(self, message: str, result: Any) -> None:
+        super().__init__(message)
+        self.result = result
+
+
+class Ending:
+    """Whether a signal has asked a run to end; `number` is that of the signal."""
+
+    def __init__(self) -> None:
+        self.number = 0
+        self.before: dict[int, Any] = {}
+
+    def __call__(self) -> str:
+        """Why the run is to end; empty while it is not."""
+        if not self.number:
+            return ""
+        name = signal.Signals(self.number).name
+        return f"ended by {NAMES.get(name, name)}"
+
+    def take(self, number: int, frame: FrameType | None) -> None:
+        """The first signal asks; the second one does what it did before."""
+        self.number = number
+        signal.signal(number, self.before[number])
+        if sys.stderr.isatty():
+            os.write(2, b"sidtool: ends at the next step; again: at once\n")
+
+
+@contextmanager
+def ending(*names: str) -> Iterator[Ending]:
+    """Signals inside ask instead of ending the program; ignored ones stay so."""
+    asked = Ending()
+    present = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        present = []
+    for number in present:
+        before = signal.getsignal(number)
+        if callable(before) or before is signal.SIG_DFL:
+            asked.before[number] = before
+            signal.signal(number, asked.take)
+    try:
+        yield asked
+    finally:
+        for number, handler in asked.before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,141 @@
+"""Going on where an unfinished run ended: its last state, its rows, and its sums."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.result import Result
+from sidtool.formats.result.data import TABLES
+from sidtool.formats.result.rows import Rows, rows_of
+from sidtool.formats.scene import OutputTimes
+from sidtool.formats.sid import SID, Array
+
+from ..start.assembly import Start
+from ..start.settings import Settings, made_with
+from ..system.scene import System
+from .energy_history import INTEGRATED, is_wanted
+from .outputs import position_names, velocity_names
+
+#: Output times differ by more than this part of the time span.
+APART = 1e-12
+_SUMS = ("energy.dissipated", "energy.supplied")
+
+
+@dataclass(frozen=True, eq=False)
+class Past:
+    """What a run goes on from.
+
+    Attributes
+    ----------
+    t, start : the last state of the unfinished run
+    done : its result at the output times until then
+    sums : energies dissipated and supplied until t [J]
+    """
+
+    t: float
+    start: Start
+    done: Result
+    sums: Array
+
+    def joined(self, rest: Result) -> Result:
+        """The result of the whole run; its tables are those of the rest."""
+        counters = {
+            name: value + self.done.counters.get(name, 0)
+            for name, value in rest.counters.items()
+        }
+        drift = {
+            name: max(value, self.done.drift.get(name, 0.0))
+            for name, value in rest.drift.items()
+        }
+        told = f"the run went on at t = {self.t:.9g} s, where it had been ended"
+        return replace(
+            rest,
+            counters=counters,
+            drift=drift,
+            events=(*self.done.events, *rest.events),
+            notes=tuple(dict.fromkeys((*self.done.notes, *rest.notes, told))),
+        )
+
+
+def past_of(system: System, settings: Settings, result: Result) -> Past:
+    """What an unfinished result leaves to do.
+
+    Raises
+    ------
+    InputError : it is complete, of another scene, SID or setting, or its last state
+        does not tell all that the rest of the run needs.
+    """
+    if result.completed:
+        raise InputError("is complete", place="completed", expected="an unfinished run")
+    if not len(result.t):
+        raise InputError("holds no state", expected="a run that began")
+    _check_same(system, settings, result)
+    for table, names in (
+        ("position", position_names(system)),
+        ("velocity", velocity_names(system)),
+    ):
+        if getattr(result, f"{table}_names") != tuple(names):
+            raise InputError(
+                f"its {table} columns are not those of the scene",
+                expected="a result of this version of sidtool",
+            )
+    if any(element.sampled for element in system.forces):
+        raise InputError(
+            "laws of the scene hold values between samples, which are not kept",
+            expected="laws without sample_time, or a run from the start",
+        )
+    times = OutputTimes(system.scene)[:]
+    near = APART * (system.scene.time.end - system.scene.time.start)
+    kept = np.array([np.abs(times - t).min() <= near for t in result.t], bool)
+    tables = {name: getattr(result, name)[kept] for name in TABLES}
+    done = replace(result, t=result.t[kept], **tables)
+    start = Start(result.positions[-1].copy(), result.velocities[-1].copy())
+    return Past(float(result.t[-1]), start, done, _sums(system, result))
+
+
+def rows_before(past: Past) -> list[Rows]:
+    """The rows of the unfinished run, block by block."""
+    return list(rows_of(past.done))
+
+
+def _check_same(system: System, settings: Settings, result: Result) -> None:
+    if result.scene != made_with(system.scene, settings):
+        raise InputError(
+            "is of another scene, or of other options",
+            place="scene",
+            expected="the scene and the options that the run was begun with",
+        )
+    for name, sid in system.sids.items():
+        if not _same_sid(sid, result.sids, name):
+            raise InputError(
+                f"was begun with another SID of {name}",
+                place=f"sids.{name}",
+                expected="the same SIDs",
+            )
+
+
+def _same_sid(sid: SID, others: Mapping[str, SID], name: str) -> bool:
+    other = others.get(name)
+    return other is not None and all(
+        np.array_equal(block.m0, other.blocks[key].m0)
+        for key, block in sid.blocks.items()
+    )
+
+
+def _sums(system: System, result: Result) -> Array:
+    """Energies until the last state; zero where no output needs them."""
+    if not is_wanted(system.scene):
+        return np.zeros(2)
+    balance = "energy.balance" in result.names
+    missing = [n for n in _SUMS if balance and n not in result.names]
+    if missing:
+        raise InputError(
+            f"does not tell {' and '.join(missing)}, which energy.balance needs",
+            place="outputs.record",
+            expected="all of " + ", ".join(f"energy.{n}" for n in sorted(INTEGRATED)),
+        )
+    return np.array([result[n][-1] if n in result.names else 0.0 for n in _SUMS])

@@ -1,0 +1,161 @@
+"""Runs that a signal ends keep what they computed, and go on as if nothing had been."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.cli import run
+from sidtool.interrupting import ending
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+#: The command line, whose run gets a signal when it has passed a time.
+AT = """
+import os, sys
+import sidtool.solver.run as run
+from sidtool.cli import main
+
+run.CHUNK = run.dense.CHUNK = run.dense.END_CHUNK = 1
+before = run.Run._steps
+
+def steps(self):
+    code = before(self)
+    if self.now > {t} and not hasattr(self, "signalled"):
+        self.signalled = True
+        os.kill(os.getpid(), {number})
+    return code
+
+run.Run._steps = steps
+sys.argv[1:] = {arguments!r}
+main()
+"""
+
+
+def ended(
+    folder: Path, t: float, number: int, *arguments: str
+) -> subprocess.CompletedProcess[str]:
+    code = AT.format(t=t, number=int(number), arguments=["simulate", *arguments])
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("slider_crank.toml", "rod_q4.SID_FEM"):
+        shutil.copy(EXAMPLE / name, tmp_path / name)
+    return tmp_path
+
+
+def test_the_founding_run_goes_on_after_two_signals(folder: Path) -> None:
+    """The motion differs by the error of the run from that without a break."""
+    command = ["slider_crank.toml", "-o", "result.h5", "--continue", "--set"]
+    command += ["time.end=0.6", "--csv", "table.csv"]
+    for t, number in ((0.2, signal.SIGTERM), (0.41, signal.SIGINT)):
+        done = ended(folder, t, number, *command)
+        assert done.returncode == 128 + number, done.stderr
+        assert "ended by" in done.stderr and "Traceback" not in done.stderr
+        part = sidtool.read(folder / "result.h5")
+        assert not part.completed and "ended by" in part.message
+        assert t < part.t[-1] < t + 0.1
+    os.chdir(folder)
+    assert run(["simulate", *command]) == 0
+    whole = sidtool.read(folder / "result.h5")
+    scene = sidtool.Scene.load("slider_crank.toml", {"time.end": 0.6})
+    plain, exact = scene.simulate(), scene.simulate(rtol=1e-11)
+    assert whole.completed and whole.message == ""
+    np.testing.assert_array_equal(whole.t, plain.t)
+    for name in ("piston.x", "rod.q1"):
+        scale = np.ptp(exact[name])
+        assert np.abs(whole[name] - exact[name]).max() < 1e-5 * scale
+    assert len(np.loadtxt("table.csv", delimiter=",", skiprows=1)) == len(plain.t)
+    assert run(["simulate", *command]) == 0
+
+
+def swing(**more: Any) -> sidtool.Scene:
+    """A pendulum with a damper, whose energies and turns are summed along the run."""
+    pin = sidtool.Revolute(markers=["ground", "bar.pin"])
+    damper = sidtool.SpringDamper(joint="pin", damping=0.05)
+    given: dict[str, Any] = {
+        "dimension": "planar",
+        "gravity": [0.0, -9.81],
+        "time": sidtool.Time(end=3.0, output_step=0.1),
+        "bodies": {
+            "bar": sidtool.RigidBody(
+                mass=1.0,
+                inertia=0.1,
+                markers={"pin": sidtool.Marker(position=[-0.5, 0.0])},
+                initial={"position": [0.5, 0.0], "angular_velocity": 9.0},
+            )
+        },
+        "joints": {"pin": pin},
+        "forces": {"damper": damper},
+        "events": {"low": sidtool.Event(quantity="bar.vx", count=4)},
+        "outputs": sidtool.Outputs(record=["pin.angle", "energy.*", "bar.vx"]),
+    }
+    return sidtool.Scene(**given | more)
+
+
+def interrupted(scene: sidtool.Scene, after: float) -> sidtool.Result:
+    """What Ctrl-C leaves that comes once some time has passed."""
+
+    def told(t: float) -> None:
+        if t > after:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(sidtool.Interrupted) as caught:
+        scene.simulate(progress=told)
+    result: sidtool.Result = caught.value.result
+    return result
+
+
+def test_sums_turns_and_events_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sidtool.solver.recording.dense.CHUNK", 2)
+    scene = swing()
+    part = interrupted(scene, 1.13)
+    assert not part.completed and 1.1 < part.t[-1] < 1.6
+    whole, exact = scene.simulate(unfinished=part), scene.simulate(rtol=1e-11)
+    np.testing.assert_array_equal(whole.t, exact.t)
+    for name in exact.names:
+        scale = max(np.ptp(exact[name]), 1.0)
+        np.testing.assert_allclose(whole[name], exact[name], atol=2e-5 * scale)
+    assert np.abs(whole["energy.balance"] - whole["energy.balance"][0]).max() < 2e-5
+    times = [[e.t for e in result.events] for result in (whole, exact)]
+    assert len(times[0]) == 4 and len(part.events) in (1, 2, 3)
+    np.testing.assert_allclose(*times, atol=1e-5)
+
+
+def test_what_cannot_go_on_says_why() -> None:
+    scene = swing()
+    part = interrupted(scene, 0.0)
+    for other, message in (
+        (scene.with_({"bar.mass": 1.1}), "another scene"),
+        (scene.with_({"accuracy.rtol": 1e-7}), "another scene, or of other options"),
+    ):
+        with pytest.raises(sidtool.InputError, match=message):
+            other.simulate(unfinished=part)
+    with pytest.raises(sidtool.InputError, match="is complete"):
+        scene.simulate(unfinished=scene.simulate())
+    assert run(["simulate", "x.toml", "--continue"]) == 2
+
+
+def test_a_second_signal_is_answered_as_before() -> None:
+    with pytest.raises(KeyboardInterrupt), ending("SIGINT") as asked:
+        assert asked() == ""
+        os.kill(os.getpid(), signal.SIGINT)
+        assert asked() == "ended by Ctrl-C"
+        os.kill(os.getpid(), signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
