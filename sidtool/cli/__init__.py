@@ -24,6 +24,7 @@ from .info import info
 from .new import new
 from .plot import plot
 from .recorded import outputs
+from .report import report
 from .schema import schema
 from .simulate import simulate
 from .study import study
@@ -68,6 +69,7 @@ for command in (
     plot,
     animate,
     export,
+    report,
     study,
     trim,
     demo,

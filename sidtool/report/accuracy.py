@@ -6,10 +6,10 @@ import json
 
 from sidtool.formats.result import AccuracyReport, BudgetLine, OutputError, Result
 
-from .tables import named, plural, table
+from .tables import Block, named, plural, table
 
 
-def accuracy_summary(report: AccuracyReport) -> str:
+def accuracy_summary(report: AccuracyReport) -> Block:
     """A few lines: what was asked for, the worst output, and the sentences."""
     entries = [("wanted", _wanted(report)), ("reached", _reached(report))]
     entries += [("choice", text) for text in report.sentences]
@@ -24,7 +24,7 @@ def describe_accuracy(report: AccuracyReport) -> str:
     return "\n\n".join(parts)
 
 
-def error_table(report: AccuracyReport) -> str:
+def error_table(report: AccuracyReport) -> Block:
     """Outputs with their error, in their unit and of their variation."""
     rows = [
         [o.name, f"{o.error:.1e}", f"{o.allowed:.1e}", o.unit, _relative(o)]
@@ -33,7 +33,7 @@ def error_table(report: AccuracyReport) -> str:
     return table(["output", "error", "allowed", "unit", "of its variation"], rows)
 
 
-def budget_table(report: AccuracyReport) -> str:
+def budget_table(report: AccuracyReport) -> Block:
     """Each kind of choice with what it adds to the worst output, and its cost."""
     rows = [_row(line, report) for line in report.budget]
     header = ["part", "choice", "error", "in", "of what is allowed"]

@@ -133,6 +133,11 @@ def ranges(columns: Mapping[str, np.ndarray]) -> str:
 
 
 def _contributions(name: str, body: FlexibleBody) -> str:
+    """What was expected of a body, and what each elastic coordinate contributed."""
+    return f"{body.before}\n{contributions(name, body)}"
+
+
+def contributions(name: str, body: FlexibleBody) -> Block:
     """What each elastic coordinate of a body contributed to the motion."""
     header = [name, "Hz", "max |q|", "energy %", "label"]
     names = body.names or [f"q{i + 1}" for i in range(len(body.labels))]
@@ -143,7 +148,7 @@ def _contributions(name: str, body: FlexibleBody) -> str:
             names, *columns, body.labels, strict=False
         )
     ]
-    return f"{body.before}\n{table(header, rows)}"
+    return table(header, rows)
 
 
 def _span_of(result: Result) -> tuple[float, float, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -51,10 +52,7 @@ def film(
         )
     writer = _writer(path)
     total = sum(len(body.triangles) for body in bodies)
-    parts = [
-        thinned(b.positions, b.triangles, 12 + _TRIANGLES * len(b.triangles) // total)
-        for b in bodies
-    ]
+    parts = _parts(bodies)
     rows = np.linspace(0, len(motion.t) - 1, min(_PICTURES, len(motion.t)))
     with styled(), tempfile.TemporaryDirectory() as folder:
         stage = Stage(motion, bodies, parts, ranges.get(colour), colour, scale)
@@ -71,6 +69,30 @@ def film(
     if len(rows) < len(motion.t):
         told.append(f"{len(rows)} pictures of {len(motion.t)}")
     return told
+
+
+def stills(
+    motion: Played, bodies: Sequence[Drawn], rows: Sequence[int], scale: float
+) -> list[bytes]:
+    """Pictures (PNG) of some rows of a motion, bodies in their colours."""
+    found = []
+    with styled():
+        stage = Stage(motion, bodies, _parts(bodies), None, "", scale)
+        for row in rows:
+            stage.show(row)
+            stream = io.BytesIO()
+            stage.page.savefig(stream, dpi=_DPI, format="png")
+            found.append(stream.getvalue())
+    return found
+
+
+def _parts(bodies: Sequence[Drawn]) -> list[Any]:
+    """Triangles of each body, not more than a picture shows."""
+    total = sum(len(body.triangles) for body in bodies)
+    return [
+        thinned(b.positions, b.triangles, 12 + _TRIANGLES * len(b.triangles) // total)
+        for b in bodies
+    ]
 
 
 def _writer(path: Path) -> Any:

@@ -1,0 +1,56 @@
+"""``sidtool report``: a run as a page to file or to print."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sidtool.formats.errors import InputError
+
+from .animate import field_files
+from .common import Target, check_targets, existing, force, target
+
+
+@click.command()
+@click.argument("result", metavar="RESULT", type=existing)
+@click.option(
+    "-o", "--output", required=True, type=target, help="Page to write (.html)."
+)
+@click.option(
+    "--field",
+    "fields",
+    metavar="BODY=FILE",
+    multiple=True,
+    help="Full field of a flexible body for the pictures, as of `sidtool animate`.",
+)
+@force
+def report(result: Path, output: Path, fields: tuple[str, ...], force: bool) -> None:
+    """Write what an engineer files of a RESULT, as one page (HTML).
+
+    Scene and bodies, what was modelled and what was left out, accuracy and cost,
+    events, outputs as tables and curves, pictures of the mechanism, versions. The page
+    needs nothing beside it and prints on A4 or to PDF.
+
+    \b
+    Examples:
+      sidtool report result.h5 -o report.html
+      chromium --headless --print-to-pdf=report.pdf report.html
+    """
+    from ..filing.page import write_report
+    from ..kinds import expect_kind, read
+
+    expect_kind(result, "result")
+    given = field_files(fields)
+    check_targets(
+        [Target("-o", output, "page")], [result, *map(str, given.values())], force
+    )
+    if output.suffix.lower() != ".html":
+        raise InputError("is no page", source=output, expected="an ending .html")
+    try:
+        told = write_report(output, read(result), given, result.parent)
+    except InputError as error:
+        raise error.located(result) from None
+    for sentence in told:
+        click.echo(f"note: {sentence}")
+    click.echo(f"{output} written")

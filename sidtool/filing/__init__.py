@@ -1,0 +1,1 @@
+"""Runs as pages that engineers file."""

@@ -1,0 +1,130 @@
+"""`sidtool report`: all that a run is filed with, on a page that stands alone."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.cli import run
+
+from .browser import NAMES
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+VOID = {"meta", "img", "br", "path", "use"}
+
+
+class Reader(HTMLParser):
+    """Text by heading, cells of tables, pictures; and whether tags are closed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.cells: list[str] = []
+        self.headings: list[str] = []
+        self.images = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.images += tag in ("img", "svg")
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] == ["td"]:
+            self.cells.append(data)
+        elif self.open[-1:] in (["h1"], ["h2"]):
+            self.headings.append(data)
+
+
+@pytest.fixture(scope="module")
+def filed(tmp_path_factory: pytest.TempPathFactory) -> tuple[sidtool.Result, Path]:
+    """A short founding run with a damped and a stopped end, and its page."""
+    folder = tmp_path_factory.mktemp("filed")
+    scene = sidtool.Scene.load(EXAMPLE / "slider_crank.toml")
+    stop = sidtool.Event(quantity="piston.x", value=1.09, action="stop")
+    short = scene.with_(
+        {
+            "title": "Crank <1> & rod",
+            "time.end": 0.9,
+            "events": {"near": stop},
+            "outputs.record": ["piston.x", "rod.q1", "crank_pin.fx"],
+        }
+    )
+    result = short.simulate()
+    result.save(folder / "r.h5")
+    assert run(["report", str(folder / "r.h5"), "-o", str(folder / "r.html")]) == 0
+    return result, folder / "r.html"
+
+
+def test_the_page_holds_scene_model_accuracy_outputs_and_versions(
+    filed: tuple[sidtool.Result, Path],
+) -> None:
+    result, path = filed
+    text = path.read_text()
+    reader = Reader()
+    reader.feed(text)
+    assert reader.open == []
+    assert reader.headings == [
+        "Crank <1> & rod",
+        "Mechanism",
+        "Scene",
+        "What was modelled, and what was left out",
+        "Method, accuracy and cost",
+        "Events",
+        "Outputs",
+        "Versions",
+    ]
+    assert "event near ended the run" in text
+    for name in ("crank", "rod", "piston", "crank_pin", "crank_angle"):
+        assert name in reader.cells
+    row = reader.cells.index("crank_pin.fx")
+    course = result["crank_pin.fx"]
+    told = [float(cell) for cell in reader.cells[row + 2 : row + 7]]
+    found = [course[0], course.min(), course.max(), course[-1]]
+    found.append(result.t[np.abs(course).argmax()])
+    np.testing.assert_allclose(told, found, rtol=1e-5, atol=1e-12)
+    assert reader.cells[row + 1] == "N"
+    left_out = reader.cells[reader.cells.index("flexible", 40) + 2]
+    assert "geometric stiffening" in left_out and "stresses" in left_out
+    assert {"numpy", result.versions["numpy"]} <= set(reader.cells)
+
+
+def test_the_page_needs_nothing_beside_it(filed: tuple[sidtool.Result, Path]) -> None:
+    text = filed[1].read_text()
+    sources = re.findall(r"(?:src|href)=['\"]([^'\"]*)", text)
+    assert all(source.startswith(("data:", "#")) for source in sources)
+    assert "@import" not in text and "<script" not in text
+    assert len(text) < 500_000
+
+
+def test_a_browser_prints_it(filed: tuple[sidtool.Result, Path]) -> None:
+    program = next((shutil.which(name) for name in NAMES if shutil.which(name)), None)
+    if program is None:
+        pytest.skip("no browser is installed")
+    page = filed[1]
+    target = page.with_suffix(".pdf")
+    command = [program, "--headless", "--no-sandbox", "--disable-gpu"]
+    command += [f"--print-to-pdf={target}", str(page)]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    data = target.read_bytes()
+    pages = re.findall(rb"/Type ?/Page\b", data)
+    assert data.startswith(b"%PDF") and 2 <= len(pages) <= 4
+
+
+@pytest.mark.parametrize("name", ["r.pdf", "r.png", "r.toml"])
+def test_other_endings_are_refused(
+    name: str, filed: tuple[sidtool.Result, Path], tmp_path: Path
+) -> None:
+    result = filed[1].with_suffix(".h5")
+    assert run(["report", str(result), "-o", str(tmp_path / name)]) == 2
+    assert not (tmp_path / name).exists()
