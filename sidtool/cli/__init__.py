@@ -17,6 +17,7 @@ from sidtool.formats.errors import InputError
 from .. import __version__
 from .analyse import analyse
 from .animate import animate
+from .common import JSON, QUIET
 from .convert import convert
 from .demo import demo
 from .export import export
@@ -77,6 +78,14 @@ for command in (
     warmup,
 ):
     cli.add_command(command)
+
+#: Commands whose numbers `tell` gives; validate, outputs and export have their own.
+for command in (convert, simulate, info, study, *analyse.commands.values()):
+    command.params.append(JSON)
+for command in (convert, simulate, study, validate, outputs, plot, animate, export):
+    command.params.append(QUIET)
+for command in (report, trim, *analyse.commands.values()):
+    command.params.append(QUIET)
 
 
 class Ended(BaseException):

@@ -18,6 +18,7 @@ from .common import (
     read_changed,
     result_target,
     target,
+    tell,
 )
 
 _ACCEPT = click.option(
@@ -71,11 +72,12 @@ def static(
     """
     from ..analysing import static_equilibrium
     from ..report.analysis import describe_equilibrium
+    from ..report.data import equilibrium_data
 
     check_targets([result_target(output)], files_of(scene), force)
     found = _attempt(static_equilibrium, scene, changes, accept_defects=accept_defects)
     _write_result(output, found.result())
-    click.echo(describe_equilibrium(found))
+    tell(describe_equilibrium(found), lambda: equilibrium_data(found))
 
 
 @analyse.command()
@@ -125,7 +127,7 @@ def modes(
         with atomic_path(output) as path:
             Path(path).write_text(json.dumps(modes_as_data(found), indent=1) + "\n")
         click.echo(f"{output} written")
-    click.echo(describe_modes(found))
+    tell(describe_modes(found), lambda: modes_as_data(found))
 
 
 @analyse.command()
@@ -168,6 +170,7 @@ def inverse(
     """
     from ..analysing import inverse_dynamics
     from ..report.analysis import describe_inverse
+    from ..report.data import result_data
 
     check_targets([result_target(output)], files_of(scene), force)
     result = _attempt(
@@ -179,7 +182,7 @@ def inverse(
         accept_defects=accept_defects,
     )
     _write_result(output, result)
-    click.echo(describe_inverse(result))
+    tell(describe_inverse(result), lambda: result_data(result))
 
 
 def _attempt(

@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -234,10 +234,60 @@ def _is_of_kind(path: Path, kind: str) -> bool:
     return found == kind
 
 
+def hush(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+    """Of --quiet: what a command says on its standard output goes nowhere."""
+    if value:
+        ctx.meta[_QUIET] = True
+        nowhere = ctx.with_resource(Path(os.devnull).open("w"))  # noqa: SIM115
+        ctx.with_resource(redirect_stdout(nowhere))
+
+
+def as_data(ctx: click.Context, _: click.Parameter, value: bool) -> None:
+    """Of --json: `tell` alone writes to the standard output."""
+    if value:
+        ctx.meta[_JSON] = sys.stdout
+        ctx.with_resource(redirect_stdout(sys.stderr))
+
+
+QUIET = click.Option(
+    ["--quiet"],
+    is_flag=True,
+    expose_value=False,
+    callback=hush,
+    help="Say nothing but notes and errors.",
+)
+JSON = click.Option(
+    ["--json"],
+    is_flag=True,
+    expose_value=False,
+    callback=as_data,
+    help="Print the numbers as JSON; all else goes to the standard error.",
+)
+_QUIET, _JSON = "sidtool.quiet", "sidtool.json"
+
+
+def is_quiet() -> bool:
+    """Whether --quiet was given."""
+    ctx = click.get_current_context(silent=True)
+    return ctx is not None and _QUIET in ctx.meta
+
+
+def tell(text: str, data: Callable[[], Any]) -> None:
+    """What a command found: the text, or with --json the data."""
+    ctx = click.get_current_context(silent=True)
+    stream = None if ctx is None else ctx.meta.get(_JSON)
+    if stream is None:
+        click.echo(text)
+    elif not is_quiet():
+        from ..report.data import as_json
+
+        click.echo(as_json(data()), file=stream)
+
+
 @contextmanager
 def progress_bar(text: str) -> Iterator[Callable[[float], None] | None]:
     """Yield a function that takes the share done, 0 to 1; None without a terminal."""
-    if not sys.stderr.isatty():
+    if is_quiet() or not sys.stderr.isatty():
         yield None
         return
     bar = _LateBar(text)

@@ -19,7 +19,9 @@ from .common import (
     check_targets,
     files_of,
     force,
+    is_quiet,
     target,
+    tell,
 )
 from .inputs import piped
 
@@ -178,8 +180,10 @@ def _write_field(path: Path, field: Any) -> None:
 def _written(output: Path, sid: Any, dialect: str) -> None:
     from sidtool.formats.sid_files import write_sid
 
+    from ..report.data import sid_data
+
     write_sid(output, sid, dialect)
-    click.echo(f"{output}: {_summary(sid)}")
+    tell(f"{output}: {_summary(sid)}", lambda: sid_data(sid))
 
 
 class _Alone:
@@ -343,6 +347,8 @@ class _Stages:
     def __call__(self, text: str) -> None:
         if text.startswith(("note: ", "basis: ")):
             click.echo(text, err=True)
+            return
+        if is_quiet():
             return
         seconds = time.monotonic() - self._begin
         self._waiting.append(f"{seconds:6.1f} s  {text}")

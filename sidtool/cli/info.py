@@ -8,18 +8,13 @@ from typing import Any
 
 import click
 
+from .common import tell
 from .inputs import piped
 
 
 @click.command()
 @click.argument("file", metavar="FILE", type=piped)
-@click.option(
-    "--json",
-    "as_json",
-    is_flag=True,
-    help="Of a result: cost, drift, notes, and the error budget, as JSON.",
-)
-def info(file: Path, as_json: bool) -> None:
+def info(file: Path) -> None:
     """Tell what is in a SID, model, scene or result.
 
     \b
@@ -40,15 +35,11 @@ def info(file: Path, as_json: bool) -> None:
       sidtool info slider_crank.toml
     """
     from ..kinds import expect_kind, read
+    from ..report.data import data_of
 
-    if as_json:
-        from ..report.accuracy import result_as_json
-
-        expect_kind(file, "result")
-        click.echo(result_as_json(read(file)))
-        return
     kind = expect_kind(file, *DESCRIBERS)
-    click.echo(DESCRIBERS[kind](read(file), file))
+    content = read(file)
+    tell(DESCRIBERS[kind](content, file), lambda: data_of(content))
 
 
 def _sid(content: Any, _: Path) -> str:

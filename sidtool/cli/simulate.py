@@ -23,6 +23,7 @@ from .common import (
     progress_bar,
     read_changed,
     target,
+    tell,
 )
 
 if TYPE_CHECKING:
@@ -173,9 +174,10 @@ def simulate(
     files.tell(err=False)
     if files.failed:
         raise click.exceptions.Exit(1)
+    from ..report.data import result_data
     from ..report.result import summary
 
-    click.echo(summary(result, files.span))
+    tell(summary(result, files.span), lambda: result_data(result, files.span))
     if output is None and csv is None:
         click.echo("nothing written: -o FILE keeps the result, --csv FILE its outputs")
 

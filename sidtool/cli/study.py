@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from .common import changes, existing, read_changed, target
+from .common import changes, existing, read_changed, target, tell
 
 if TYPE_CHECKING:
     from ..study import Study
@@ -76,7 +76,7 @@ def study(
     from sidtool.solver import compile_scene
     from sidtool.solver.errors import SimulationError
 
-    from ..study import default_settings
+    from ..study import default_settings, study_file
     from ..study import study as run
 
     for option, numbers in (("--wanted", wanted), ("--rtol", tolerances)):
@@ -95,7 +95,7 @@ def study(
         click.echo(f"sidtool: {scene}: the reference {error}", err=True)
         raise click.exceptions.Exit(1) from None
     text = _report(result, wanted or (1e-3, 1e-6, 1e-9))
-    click.echo(text)
+    tell(text, lambda: study_file(result, scene.stem).model_dump(mode="json"))
     if output is not None:
         _write(output, result, text, scene.stem)
 

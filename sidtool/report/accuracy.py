@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-
-from sidtool.formats.result import AccuracyReport, BudgetLine, OutputError, Result
+from sidtool.formats.result import AccuracyReport, BudgetLine, OutputError
 
 from .tables import Block, named, plural, table
 
@@ -38,24 +36,6 @@ def budget_table(report: AccuracyReport) -> Block:
     rows = [_row(line, report) for line in report.budget]
     header = ["part", "choice", "error", "in", "of what is allowed"]
     return table([*header, "seconds", "at its finest"], rows)
-
-
-def result_as_json(result: Result) -> str:
-    """What `info` tells of a result but for its tables; errors are relative."""
-    report = result.accuracy
-    content = {
-        "title": result.title,
-        "completed": result.completed,
-        "message": result.message,
-        "outputs": list(result.names),
-        "settings": dict(result.settings),
-        "counters": dict(result.counters),
-        "drift": dict(result.drift),
-        "notes": list(result.notes),
-        "error": result.error,
-        "accuracy": None if report is None else report.model_dump(mode="json"),
-    }
-    return json.dumps(content, indent=2)
 
 
 def _row(line: BudgetLine, report: AccuracyReport) -> list[str]:

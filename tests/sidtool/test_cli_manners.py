@@ -1,0 +1,98 @@
+"""--quiet and --json on every command that prints numbers; completion of the shell."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+import sidtool
+from sidtool.cli import cli, run
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+SCENE, SID = EXAMPLE / "slider_crank.toml", EXAMPLE / "rod_q4.SID_FEM"
+#: Commands that print no numbers.
+SILENT = {"demo", "schema", "warmup", "new"}
+SHORT = ["--set", "time.end=0.1"]
+
+
+def commands(group: click.Group, before: tuple[str, ...] = ()) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, command in group.commands.items():
+        path = (*before, name)
+        if isinstance(command, click.Group):
+            found |= commands(command, path)
+        else:
+            found[" ".join(path)] = command
+    return found
+
+
+@pytest.mark.parametrize("name", sorted(set(commands(cli)) - SILENT))
+def test_every_command_that_prints_numbers_has_the_options(name: str) -> None:
+    options = {o for p in commands(cli)[name].params for o in p.opts}
+    writes_only = {"plot", "animate", "report", "trim"}
+    assert "--json" in options or name in writes_only, options
+    assert "--quiet" in options or name == "info", options
+
+
+def said(capsys: pytest.CaptureFixture[str], *arguments: Any) -> tuple[Any, str]:
+    assert run([*map(str, arguments), "--json"]) == 0
+    out, err = capsys.readouterr()
+    return json.loads(out), err
+
+
+def test_numbers_as_data(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "r.h5"
+    told, err = said(capsys, "simulate", SCENE, *SHORT, "-o", target)
+    assert told["completed"] and told["times"]["count"] == 11
+    assert f"{target} written" in err and "frequencies" in err
+    known, _ = said(capsys, "info", target)
+    result = sidtool.read(target)
+    assert known["outputs"]["piston.x"]["last"] == result["piston.x"][-1]
+    assert known["outputs"]["piston.x"]["unit"] == "m"
+    assert known["counters"] == told["counters"]
+    sid, _ = said(capsys, "info", SID)
+    assert sid["modes"][0]["frequency"] == pytest.approx(31.7011, abs=1e-4)
+    other, _ = said(capsys, "convert", SID, "-o", tmp_path / "rod.h5")
+    assert other["mass"] == sid["mass"] and set(sid["nodes"]) == {"1", "2"}
+    scene, _ = said(capsys, "info", SCENE)
+    assert scene == sidtool.Scene.load(SCENE).said()
+    modes, _ = said(capsys, "analyse", "modes", SCENE, "--about", "start")
+    assert len(modes["modes"]) == 5
+    forces, _ = said(capsys, "analyse", "inverse", SCENE, *SHORT, "--quasi-static")
+    assert forces["outputs"]["piston.x"]["first"] == pytest.approx(1.1)
+    rest, _ = said(capsys, "analyse", "static", SCENE)
+    assert rest["outputs"]["piston.x"] == pytest.approx(1.1)
+
+
+def test_quiet_commands_say_nothing_but_errors(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    target = tmp_path / "r.h5"
+    assert run(["simulate", str(SCENE), *SHORT, "-o", str(target), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "") and target.is_file()
+    assert run(["validate", str(SID), "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert run(["simulate", str(SCENE), "--set", "time.end=-1", "--quiet"]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and "time.end" in err
+    print("spoken again")
+    assert capsys.readouterr().out == "spoken again\n"
+
+
+def test_the_shell_completes_commands() -> None:
+    words = {"COMP_WORDS": "sidtool si", "COMP_CWORD": "1"}
+    done = subprocess.run(
+        [sys.executable, "-m", "sidtool"],
+        env=os.environ | words | {"_SIDTOOL_COMPLETE": "bash_complete"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout == "plain,simulate\n"
