@@ -6,6 +6,7 @@ with the Q4 rod of 150 x 10 elements, five modes, J of first order.
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,12 @@ def compiled(end: float = 3.0, **sids: object) -> System:
     described = scene.model_dump(by_alias=True, exclude_none=True)
     described["time"]["end"] = end
     return compile_scene(SceneFile.model_validate(described), EXAMPLE, sids)
+
+
+@cache
+def ran(integrator: str, rtol: float) -> Result:
+    """One run for all tests that look at it."""
+    return simulate(compiled(), integrator=integrator, rtol=rtol)
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +65,7 @@ def test_the_largest_deformation(accurate: Result) -> None:
 @pytest.mark.parametrize("integrator", sorted(INTEGRATORS))
 @pytest.mark.parametrize("rtol", [1e-2, 1e-4, 1e-6])
 def test_constraints_do_not_drift(integrator: str, rtol: float) -> None:
-    result = simulate(compiled(), integrator=integrator, rtol=rtol)
+    result = ran(integrator, rtol)
     assert result.drift["position"] < 1e-12
     assert result.drift["velocity"] < 1e-12
     last = result.positions[-1]
@@ -69,8 +76,7 @@ def test_constraints_do_not_drift(integrator: str, rtol: float) -> None:
 def test_the_error_follows_the_tolerance(integrator: str, accurate: Result) -> None:
     """What is asked for is what comes out, within a factor of 10."""
     for rtol in (1e-4, 1e-6):
-        result = simulate(compiled(), integrator=integrator, rtol=rtol)
-        assert error(result, accurate, "rod.q1") < 10.0 * rtol
+        assert error(ran(integrator, rtol), accurate, "rod.q1") < 10.0 * rtol
 
 
 @pytest.mark.parametrize(
