@@ -306,7 +306,7 @@ class Run:
         steps = dense.taken(self.control)
         if self.stick is not None:
             steps = self.stick.until_change(self.control, steps)
-            self.enters = bool(self.stick.turning)
+            self.enters = self.stick.waits
         self.recorder.visit(self.points.ends(steps))
         if self.recorder.history is not None:
             self.recorder.history.add(steps)

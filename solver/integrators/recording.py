@@ -7,7 +7,7 @@ import math
 from numba import boolean, float64, int64, types
 
 from ..kernels.compiling import entry, inner
-from ..kernels.friction import along
+from ..kernels.friction import along, pressure
 from ..kernels.layout import (
     C_GAMMA,
     C_RATE,
@@ -15,7 +15,9 @@ from ..kernels.layout import (
     F1,
     F2,
     F3,
+    MOST_PLACES,
     N_TURNS,
+    R_PLACES,
     SYSTEM,
     TURNED,
     WORK,
@@ -105,19 +107,25 @@ def begin(kernels, system, work, memory, t, z, v):
 
 
 # Columns of what is told of a joint with friction
-RUB_FORCE, RUB_LOAD, RUB_RATE, RUB_PUSH, RUB_PLACE = range(5)
-N_RUB = 5
+RUB_FORCE, RUB_LOAD, RUB_RATE, RUB_PUSH, RUB_PLACE, RUB_PRESS = range(6)
+N_RUB = RUB_PRESS + MOST_PLACES
 
 
 @inner(types.void(SYSTEM, WORK, MEMORY, F2))
 def tell_friction(system, work, memory, told):
-    """Force, load, rate, acceleration and value of the coordinates with friction."""
+    """Force, load, rate, acceleration and value of the coordinates with friction.
+
+    Then what presses their places of contact in the first direction.
+    """
     for j in range(len(told)):
         row = work.sliding.row[j]
         told[j, RUB_FORCE], told[j, RUB_LOAD] = work.rub[j], work.load[j]
         told[j, RUB_RATE], told[j, RUB_PLACE] = row[C_RATE], row[C_VALUE]
         push = along(system, work, j, memory.acceleration)
         told[j, RUB_PUSH] = push - row[C_GAMMA]
+        for place in range(system.friction[j, R_PLACES]):
+            press, _ = pressure(system, j, place, memory.multiplier)
+            told[j, RUB_PRESS + place] = press
 
 
 @entry(types.void(KERNELS, SYSTEM, WORK, MEMORY, F1, F2, F2, F3))

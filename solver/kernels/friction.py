@@ -40,6 +40,7 @@ from .layout import (
     S_ROW,
     SENSE,
     SHARED,
+    SIDE,
     SYSTEM,
     VEL,
     WORK,
@@ -76,19 +77,31 @@ def limit(system, j, rate):
     return size, -2.0 * arm * arm * more * x / width
 
 
+@inner(types.UniTuple(float64, 2)(SYSTEM, int64, int64, F1))
+def pressure(system, j, place, multiplier):
+    """The force at a place of contact of a joint, in two directions across its axis."""
+    row, pool = system.friction[j], system.pool
+    count = row[R_COUNT]
+    first, a, b = row[R_LOAD] + 2 * place * count, 0.0, 0.0
+    for r in range(count):
+        force = multiplier[row[R_ROWS + r]]
+        a += pool[first + r] * force
+        b += pool[first + count + r] * force
+    return a, b
+
+
 @inner(float64(SYSTEM, int64, F1))
 def load_of(system, j, multiplier):
-    """The load of a joint: the sizes of the forces at its places of contact."""
-    row, pool, total = system.friction[j], system.pool, 0.0
-    count = row[R_COUNT]
-    for place in range(row[R_PLACES]):
-        first = row[R_LOAD] + 2 * place * count
-        a, b = 0.0, 0.0
-        for r in range(count):
-            force = multiplier[row[R_ROWS + r]]
-            a += pool[first + r] * force
-            b += pool[first + count + r] * force
-        total += math.sqrt(a * a + b * b)
+    """The load of a joint: the sizes of the forces at its places of contact.
+
+    A force that has a single direction counts with the sign of the side on which the
+    place is pressed, so that the load is smooth where it turns round.
+    """
+    total = 0.0
+    for place in range(system.friction[j, R_PLACES]):
+        a, b = pressure(system, j, place, multiplier)
+        side = system.grip[j, SIDE + place]
+        total += math.sqrt(a * a + b * b) if side == 0.0 else side * a
     return total
 
 
@@ -99,13 +112,11 @@ def load_by(system, j, multiplier, r):
     count = row[R_COUNT]
     for place in range(row[R_PLACES]):
         first = row[R_LOAD] + 2 * place * count
-        a, b = 0.0, 0.0
-        for i in range(count):
-            force = multiplier[row[R_ROWS + i]]
-            a += pool[first + i] * force
-            b += pool[first + count + i] * force
-        size = math.sqrt(a * a + b * b)
-        if size > 0.0:
+        a, b = pressure(system, j, place, multiplier)
+        side, size = system.grip[j, SIDE + place], math.sqrt(a * a + b * b)
+        if side != 0.0:
+            total += side * pool[first + r]
+        elif size > 0.0:
             total += (a * pool[first + r] + b * pool[first + count + r]) / size
     return total
 

@@ -10,7 +10,6 @@ from sidtool.formats.sid import Array
 
 from ..integrators import recording
 from ..kernels import layout as at
-from ..kernels.friction import load_of
 from ..kernels.layout import Work
 from ..kernels.newton import Kernels, Memory
 from ..start.minimum_norm import minimum_norm
@@ -122,8 +121,9 @@ def sample_known(
         frames[k], points[k], factors[k] = work.frame, work.point, work.factor
     smallest, rows = minimum_norm(system, work, times, z, v, multipliers)
     friction = np.zeros((len(times), len(system.rubbing), recording.N_RUB))
-    for j in range(len(system.rubbing)):
-        loads = [load_of.py_func(system.arrays, j, forces) for forces in smallest]
+    for j, rub in enumerate(system.rubbing):
+        across = np.einsum("pkr,tr->tpk", rub.weights, smallest[:, list(rub.rows)])
+        loads = np.linalg.norm(across, axis=2).sum(axis=1)
         friction[:, j, recording.RUB_LOAD] = loads
     rest = np.ones(friction.shape[:2], bool)
     found = (z, v, frames, points, accelerations, smallest, factors, rows)

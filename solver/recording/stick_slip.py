@@ -3,7 +3,8 @@
 Theory, section 14. Every step is made with the grips of its beginning, for which the
 equations are smooth.
 It is looked at in the points of `dense`: a sliding joint whose rate changes its sign
-stops there; a sticking one whose friction passes what its load can hold breaks loose.
+stops there; a sticking one whose friction passes what its load can hold breaks loose;
+one that is pressed along one direction alone has no load where that changes its sign.
 The run goes on from there with other grips.
 """
 
@@ -22,6 +23,7 @@ from ..integrators.recording import (
     RUB_FORCE,
     RUB_LOAD,
     RUB_PLACE,
+    RUB_PRESS,
     RUB_PUSH,
     RUB_RATE,
 )
@@ -76,6 +78,7 @@ class StickSlip:
     Attributes
     ----------
     turning : joints whose grips change next
+    reversing : places of contact, in one row, whose force changes its side next
     changed : those whose grips did last
     stride : steps to make before they are looked at
     """
@@ -97,7 +100,10 @@ class StickSlip:
         self.still = REST * sliding_sizes(system) / (scene.time.end - scene.time.start)
         self.rest = np.array([self._static(j) for j in range(len(self.grip))])
         self.fastest, self.rtol = np.zeros(len(self.grip)), rtol
+        self.flat = np.array([self._flat(j) for j in range(len(self.grip))])
+        self.pressed = np.zeros(self.flat.shape)
         self.turning: list[int] = []
+        self.reversing: list[int] = []
         self.changed = set[int]()
         self.begun, self.stride = False, 1
         self._last, self._count = -np.inf, 0
@@ -107,6 +113,16 @@ class StickSlip:
         law = self.system.arrays.friction[j, at.R_LAW]
         pool = self.system.arrays.pool
         return float(pool[law + at.L_STATIC] * pool[law + at.L_ARM])
+
+    def _flat(self, j: int) -> list[bool]:
+        """Whether what presses each place of a joint has a single direction."""
+        across = [bool(place[1].any()) for place in self.system.rubbing[j].weights]
+        return [k < len(across) and not across[k] for k in range(at.MOST_PLACES)]
+
+    @property
+    def waits(self) -> bool:
+        """Whether grips have to be chosen anew before the run goes on."""
+        return bool(self.turning or self.reversing)
 
     def enter(self, t: float, z: Array, v: Array) -> tuple[str, list[Moment]]:
         """Chooses how joints go on from an instant, and stops what sticks in z and v.
@@ -164,7 +180,7 @@ class StickSlip:
             return None
         told = self.told(steps.t, steps.z, steps.v)
         margins, bounds = self._margins(told), self._bounds(told)
-        first, self.turning = np.inf, []
+        first, changing = np.inf, list[int]()
         for j, bound in enumerate(bounds):
             below = np.flatnonzero(margins[:, j] < -bound)
             if not len(below):
@@ -172,30 +188,48 @@ class StickSlip:
             before = np.flatnonzero(margins[: below[0], j] > 0.0)
             when = self._zero(steps, j, before[-1] if len(before) else 0, below[0])
             if when < first:
-                first, self.turning = when, []
+                first, changing = when, []
             if when <= first:
-                self.turning.append(j)
-        if not self.turning:
+                changing.append(j)
+        count = len(self.grip)
+        self.turning = [j for j in changing if j < count]
+        self.reversing = [j - count for j in changing if j >= count]
+        if not changing:
             return None
         return Change(first, *self.points.state(steps, first))
 
     def _margins(self, told: Array) -> Array:
-        """How far joints are from another grip, (nt, frictions): negative beyond.
+        """How far joints are from another grip, negative beyond: (nt, frictions).
 
         Of sliding ones the rate, of sticking ones what their load holds beyond what
-        they need.
+        they need. Behind them the forces that press their places of contact.
         """
         sense = self.grip[:, at.SENSE]
         held = self.rest * told[:, :, RUB_LOAD] - np.abs(told[:, :, RUB_FORCE])
-        return np.where(sense == 0.0, held, sense * told[:, :, RUB_RATE])
+        own = np.where(sense == 0.0, held, sense * told[:, :, RUB_RATE])
+        side = self.grip[:, at.SIDE :]
+        press = np.where(side == 0.0, np.inf, side * told[:, :, RUB_PRESS:])
+        return np.hstack([own, press.reshape(len(told), -1)])
 
     def _bounds(self, told: Array) -> Array:
-        """How far beyond is certain, (frictions,)."""
+        """How far beyond is certain, of each of `_margins`."""
         self.fastest = np.fmax(self.fastest, np.abs(told[:, :, RUB_RATE]).max(axis=0))
         moving = self.still + self.rtol * self.fastest
         load = np.abs(told[:, :, RUB_LOAD]).max(axis=0)
         held = AT_LIMIT * self.rest * load
-        return np.where(self.grip[:, at.SENSE] == 0.0, held, moving)
+        own = np.where(self.grip[:, at.SENSE] == 0.0, held, moving)
+        return np.concatenate([own, self._certain(told).ravel()])
+
+    def _certain(self, told: Array) -> Array:
+        """From which force on the side is certain that presses places, (frictions, .).
+
+        Relative to the largest one so far, and to what has moved the joint.
+        """
+        least = np.maximum(self.memory.rub_P.diagonal(), np.finfo(float).tiny)
+        moving = np.abs(told[:, :, RUB_PUSH]).max(axis=0) / least
+        press = np.abs(told[:, :, RUB_PRESS:]).max(axis=0)
+        self.pressed = np.fmax(self.pressed, np.fmax(press, moving[:, None]))
+        return max(AT_LIMIT, self.rtol) * self.pressed
 
     def _zero(self, steps: Steps, j: int, low: int, high: int) -> float:
         from scipy.optimize import brentq
@@ -221,7 +255,9 @@ class StickSlip:
         self._count = self._count + 1 if t <= self._last else 0
         self._last = t
         if self._count > MOST_AT_ONCE:
-            return f"{self._names(self.turning)} change between stick and slip at once"
+            count = self.flat.shape[1]
+            joints = self.turning or [k // count for k in self.reversing]
+            return f"{self._names(joints)} change between stick and slip at once"
         states = np.array([t]), z[None], v[None]
         before, turning = self.grip.copy(), self.turning
         sense = self.grip[:, at.SENSE]
@@ -240,10 +276,22 @@ class StickSlip:
         self.turning = []
         why = self._choose(states, rests, [j for j in turning if stuck[j]])
         self.grip[sense != 0.0, at.HELD] = 0.0
+        self._take_sides(states, before[:, at.SIDE :])
         changed = (before[:, at.SENSE] != sense) & self.begun
         self.changed = {*np.flatnonzero(changed).tolist(), *turning}
         self.begun = True
         return why
+
+    def _take_sides(self, states: State, before: Array) -> None:
+        """Keeps the sides on which sliding joints are pressed, until they change."""
+        told = self.told(*states)
+        press, certain = told[0, :, RUB_PRESS:], self._certain(told)
+        sides = np.where(before == 0.0, 1.0, before)
+        sides.ravel()[self.reversing] *= -1.0
+        sides = np.where(np.abs(press) > certain, np.sign(press), sides)
+        slides = self.grip[:, at.SENSE, None] != 0.0
+        self.grip[:, at.SIDE :] = np.where(self.flat & slides, sides, 0.0)
+        self.reversing = []
 
     def _passes(self, states: State, j: int, sense: float) -> bool:
         """Whether a joint that turns round does so far above what could stop it.

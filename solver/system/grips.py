@@ -9,11 +9,15 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
+from ..kernels import layout as at
+
 
 class Grips:
     """The grips of a run, one after another.
 
-    now : (frictions, 2) `kernels.layout.System.grip`, which kernels read
+    now : (frictions, N_GRIP) `kernels.layout.System.grip`, which kernels read
+
+    What is kept tells no side of a load: a state by itself is as smooth without.
     """
 
     def __init__(self, now: Array) -> None:
@@ -24,7 +28,9 @@ class Grips:
     def note(self, t: float) -> None:
         """Keeps what holds from now on."""
         self._since.append(t)
-        self._kept.append(self.now.copy())
+        kept = self.now.copy()
+        kept[:, at.SIDE :] = 0.0
+        self._kept.append(kept)
 
     def forget(self) -> None:
         """Nothing is kept any more."""

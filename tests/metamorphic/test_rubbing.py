@@ -16,7 +16,7 @@ from .invariants import violations
 from .rubbing import rubbing_scene
 from .transformations import TRANSFORMATIONS, compared
 
-SEEDS = (1, 3)
+SEEDS = (0, 1, 3)
 RTOL = 1e-7
 #: Share of the ways in which each scene is said.
 TURNS = 8
