@@ -123,7 +123,7 @@ def _notes(run: Run) -> Iterator[str]:
     system, recorder, rtol = run.system, run.recorder, run.settings.rtol
     steps = int(run.memory.counters[newton.STEPS])
     yield from run.told
-    yield from crossings(system, run.kernels, run.control, rtol)
+    yield from crossings(system, run.kernels, run.control, rtol, run.start.z)
     yield from told_displacements(system, recorder.work, run.start, rtol)
     if run.now >= system.scene.time.end and not _event_at_the_end(run):
         yield from notes.of_output_times(system.scene, float(run.times[-1:][0]))

@@ -3,13 +3,17 @@
 There some constraints depend on others and motions cross (a bifurcation). Steps go
 straight on; a mechanism that misses such a configuration by less than the tolerance,
 or than its dimensions are rounded, could as well turn aside. One that misses it by d of
-its size passes with an independence of about the root of d.
+its size passes with an independence of about the root of d. Constraints of long chains
+keep little independence wherever they are, about the inverse of the links: only what
+falls beside that is a passage.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +23,9 @@ from ..integrators import recording, stepping
 from ..integrators.bifurcations import BEGAN, LASTED, MOST, STATES
 from ..kernels import layout as at
 from ..kernels.coordinates import rate
+from ..kernels.layout import Work
 from ..kernels.newton import Kernels
+from ..start import large_scenes
 from ..start.consistent import dense_jacobian, names_of_rows
 from ..system import kernel_calls
 from ..system.scene import System
@@ -32,10 +38,16 @@ TOLD = 3
 #: tolerated error, and at most the last: with it a mechanism misses the configuration
 #: by ten times the tolerated error.
 CLOSE, TIMES_ROOT, AT_MOST = 3e-3, 20.0**0.5, 0.05
+#: Parts of the independence at other times that are not near.
+USUAL = 0.5
 #: Constraints have a part in a dependency when their share of it is larger.
 INVOLVED = 0.05
-#: Points of a step that are compared, and halvings around the best one.
-POINTS, HALVINGS = 33, 40
+#: Points of a step at which its course is seen, by which its way is longer at most.
+SEEN, LONGER = 3, 2.0
+#: Points of a step that are compared, and halvings around the best one, which end when
+#: independence changes by less than this part, or as little is left. With less, large
+#: scenes do not tell its rows from redundant ones.
+POINTS, HALVINGS, SETTLED, NONE_LEFT = 33, 40, 1e-6, 1e-6
 #: Of a rate, for its derivative by differences.
 STEP = 1e-6
 
@@ -55,18 +67,26 @@ class Passing:
 
 
 def crossings(
-    system: System, kernels: Kernels, control: stepping.Control, rtol: float
+    system: System,
+    kernels: Kernels,
+    control: stepping.Control,
+    rtol: float,
+    begin: Array,
 ) -> Iterator[str]:
     """Sentences on the passages of a run that are too near to be sure of what follows.
 
     rtol : tolerated error
+    begin : z_I at the beginning
     """
-    limit = min(AT_MOST, max(CLOSE, TIMES_ROOT * rtol**0.5))
     steps = int(control.whole[stepping.CROSSED])
+    if not steps:
+        return
+    limit = min(AT_MOST, max(CLOSE, TIMES_ROOT * rtol**0.5))
+    usual = _independence_at(system, begin)
     found: list[Passing] = []
     for row in control.crossed[: min(MOST, steps)]:
-        nearest = _Path(system, kernels, row).nearest()
-        if nearest.independence > limit:
+        nearest = _Path(system, kernels, row).nearest(limit, usual)
+        if nearest is None:
             continue
         if found and nearest.t - found[-1].t < 2.0 * row[LASTED]:
             found[-1] = min(found[-1], nearest, key=lambda p: p.independence)
@@ -101,23 +121,48 @@ class _Path:
             self._slopes(self.begin + self.h, last[:n], last[n:]),
         ]
 
-    def nearest(self) -> Passing:
-        """Where the constraints are least independent."""
-        shares = np.linspace(0.0, 1.0, POINTS)
-        heights = [self._independence(x) for x in shares]
-        best, reach = float(shares[int(np.argmin(heights))]), 1.0 / (POINTS - 1)
-        for _ in range(HALVINGS):
-            sides = [max(0.0, best - reach), best, min(1.0, best + reach)]
-            best = min(sides, key=self._independence)
-            reach *= 0.5
-        least = self._independence(best)
+    def nearest(self, limit: float, usual: float) -> Passing | None:
+        """Where the constraints are least independent, if that is near.
+
+        limit : independence that is not near
+        usual : independence at another time
+        """
+        seen = [self._rows(x) for x in np.linspace(0.0, 1.0, SEEN)]
+        values = [_least(self.system, B)[1] for B in seen]
+        limit = min(limit, USUAL * max(usual, *values))
+        ways = [LONGER * _distance(A, B) for A, B in pairwise(seen)]
+        sums = [a + b for a, b in pairwise(values)]
+        if all(s - way > 2.0 * limit for s, way in zip(sums, ways, strict=True)):
+            return None
+        best, least = self._minimum()
+        B = self._rows(best)
         sizes = row_sizes(self.system)
         opening = np.abs(self.work.row[:, at.C_VALUE]) / sizes
-        left, _ = self._decomposed()
+        near = max(least, float(np.sqrt(2.0 * opening.max())))
+        if near > limit:
+            return None
+        left, _ = _least(self.system, B)
         rows = np.flatnonzero(np.abs(left) > INVOLVED)
         names = dict.fromkeys(names_of_rows(self.system, tuple(map(int, rows))))
-        near = max(least, float(np.sqrt(2.0 * opening.max())))
         return Passing(self.begin + best * self.h, near, tuple(sorted(names)))
+
+    def _minimum(self) -> tuple[float, float]:
+        """The share of the step with the least independence, and that."""
+        shares = np.linspace(0.0, 1.0, POINTS)
+        heights = [self._independence(x) for x in shares]
+        k, reach = int(np.argmin(heights)), 1.0 / (POINTS - 1)
+        best, least = float(shares[k]), heights[k]
+        for _ in range(HALVINGS):
+            if least <= NONE_LEFT:
+                break
+            sides = [max(0.0, best - reach), min(1.0, best + reach)]
+            beside = [self._independence(x) for x in sides]
+            if np.ptp([least, *beside]) <= SETTLED * least:
+                break
+            if min(beside) < least:
+                best, least = sides[int(np.argmin(beside))], min(beside)
+            reach *= 0.5
+        return best, least
 
     def _slopes(self, t: float, z: Array, v: Array) -> tuple[Array, Array, Array]:
         """z and its first two derivatives."""
@@ -132,6 +177,10 @@ class _Path:
         return z, first, (ahead - first) / small
 
     def _independence(self, share: float) -> float:
+        return _least(self.system, self._rows(share))[1]
+
+    def _rows(self, share: float) -> Any:
+        """Constraints evaluated at a share of the step."""
         z0, d0, c0 = self.ends[0]
         z1, d1, c1 = self.ends[1]
         h, x = self.h, share
@@ -143,18 +192,39 @@ class _Path:
             + (-4.0 + 7.0 * x - 3.0 * x * x) * slope
             + 0.5 * (1.0 - 2.0 * x + x * x) * bend
         )
-        system, rest = self.system, np.zeros(self.system.n_velocities)
-        kernel_calls.evaluate(system, self.work, self.begin + x * h, z, rest)
-        return self._decomposed()[1]
+        return _rows_at(self.system, self.work, self.begin + x * h, z)
 
-    def _decomposed(self) -> tuple[Array, float]:
-        """Rows (rows,) that depend on each other most, and how little they do not."""
-        system = self.system
-        C = dense_jacobian(system, self.work.C) * coordinate_sizes(system)
-        norms = np.linalg.norm(C, axis=1)
-        C /= np.where(norms > 0.0, norms, 1.0)[:, None]
-        left, sizes, _ = np.linalg.svd(C, full_matrices=False)
-        last = system.n_rows - len(system.redundant) - 1
-        if not 0 <= last < len(sizes):
-            return np.zeros(system.n_rows), 1.0
-        return left[:, last], float(sizes[last])
+
+def _independence_at(system: System, begin: Array) -> float:
+    """Independence at the beginning of a run."""
+    work, t = new_work(system), system.scene.time.start
+    work.clock[0] = 0.5 * (t + system.breaks[0])
+    return _least(system, _rows_at(system, work, t, begin))[1]
+
+
+def _rows_at(system: System, work: Work, t: float, z: Array) -> Any:
+    """Constraints for relative changes, rows of length 1; sparse in large scenes."""
+    kernel_calls.evaluate(system, work, t, z, np.zeros(system.n_velocities))
+    if system.n_rows >= large_scenes.MANY:
+        return large_scenes.of_length_one(large_scenes.scaled_jacobian(system, work.C))
+    C = dense_jacobian(system, work.C) * coordinate_sizes(system)
+    norms = np.linalg.norm(C, axis=1)
+    return C / np.where(norms > 0.0, norms, 1.0)[:, None]
+
+
+def _least(system: System, B: Any) -> tuple[Array, float]:
+    """Rows (rows,) that depend on each other most, and how little they do not."""
+    last = system.n_rows - len(system.redundant) - 1
+    if not 0 <= last < min(B.shape):
+        return np.zeros(system.n_rows), 1.0
+    if system.n_rows >= large_scenes.MANY:
+        return large_scenes.least_independent(B, len(system.redundant))
+    left, sizes, _ = np.linalg.svd(B, full_matrices=False)
+    return left[:, last], float(sizes[last])
+
+
+def _distance(A: Any, B: Any) -> float:
+    """More than singular values of matrices can differ by, in the spectral norm."""
+    difference = abs(A - B)
+    ways = [float(difference.sum(axis=k).max()) for k in (0, 1)]
+    return float(np.sqrt(ways[0] * ways[1]))

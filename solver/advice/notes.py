@@ -12,8 +12,10 @@ from sidtool.formats.sid import Array
 from ..integrators import scales, stepping
 from ..integrators.passing import OVER
 from ..kernels import layout as at
+from ..kernels.layout import Work
 from ..recording.joint_forces import COMPONENTS
 from ..recording.outputs import Recorded, multiplier_names
+from ..start import large_scenes
 from ..start.consistent import dense_jacobian, names_of_rows
 from ..start.new_control import share_followed
 from ..start.overconstraint import advice, widest_left_open
@@ -153,12 +155,21 @@ def _why_at_rest(system: System, control: stepping.Control) -> str:
     work, t = new_work(system), float(control.real[stepping.TIME])
     work.clock[0] = float(system.clocks(np.array([t]))[0])
     kernel_calls.evaluate(system, work, t, control.z, control.v)
-    C = dense_jacobian(system, work.C) * coordinate_sizes(system)
-    rank = int(np.linalg.matrix_rank(C)) if C.size else 0
+    rank = _rank(system, work)
     if rank == system.n_velocities:
         return "joints and drives leave no motion"
     free = system.n_velocities - rank
     return f"no force acts along the {free} coordinates that joints and drives leave"
+
+
+def _rank(system: System, work: Work) -> int:
+    """How many coordinates the constraints take."""
+    if system.n_rows >= large_scenes.MANY:
+        sparse = large_scenes.scaled_jacobian(system, work.C)
+        if large_scenes.IndependentRows(sparse).least > 0.0:
+            return system.n_rows
+    C = dense_jacobian(system, work.C) * coordinate_sizes(system)
+    return int(np.linalg.matrix_rank(C)) if C.size else 0
 
 
 def many_turns(control: stepping.Control, settings: Settings) -> list[str]:

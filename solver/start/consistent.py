@@ -19,6 +19,7 @@ from ..system.bodies import quaternion
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from ..system.storage import new_memory, new_work
+from . import large_scenes
 from .carried import place_carried
 from .large_scenes import MANY, IndependentRows, jacobian_entries, sparse_jacobian
 from .turn_counts import starting_turns
@@ -199,9 +200,8 @@ class State:
         values of the scaled Jacobian are larger. False where that is not clear."""
         if len(self.ignored) < MANY or self.ignored.any():
             return False
-        C = sparse_jacobian(self.system, self.work.C)
-        sizes = coordinate_sizes(self.system)
-        return IndependentRows(C.multiply(sizes[None, :]).tocsr()).least > independent
+        C = large_scenes.scaled_jacobian(self.system, self.work.C)
+        return IndependentRows(C).least > independent
 
     def roots(self) -> Iterator[tuple[slice, Array]]:
         """The blocks of N with N N^T = W^-1 of all bodies, and their coordinates.

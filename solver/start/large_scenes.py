@@ -16,6 +16,7 @@ from sidtool.formats.sid import Array
 
 from ..kernels import layout as at
 from ..system.scene import System
+from ..system.sizes import coordinate_sizes
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -28,6 +29,9 @@ CLEAR = 1e-5
 #: Inverse iteration ends when the least singular value changes by less than this part,
 #: which is known then up to a factor.
 SETTLED, MOST, FACTOR = 0.01, 50, 1.5
+#: What is added to G where rows may depend on each other, and how well directions of
+#: its least values are met, relative to them.
+SHIFT, DIRECTED = 1e-7, 1e-6
 #: Corrections of a solution, until it is met up to rounding.
 REFINEMENTS, MET = 5, 1e-15
 
@@ -49,6 +53,36 @@ def sparse_jacobian(system: System, C: Array) -> csr_array:
     return csr_array(
         (values, (rows, columns)), shape=(system.n_rows, system.n_velocities)
     )
+
+
+def scaled_jacobian(system: System, C: Array) -> csr_array:
+    """The constraint Jacobian for relative changes of the coordinates."""
+    sizes = coordinate_sizes(system)
+    return sparse_jacobian(system, C).multiply(sizes[None, :]).tocsr()
+
+
+def of_length_one(B: csr_array) -> csr_array:
+    """The rows divided by their lengths, those of nothing as they are."""
+    from scipy.sparse import diags_array
+
+    lengths = np.sqrt(B.multiply(B).sum(axis=1))
+    return (diags_array(1.0 / np.where(lengths > 0.0, lengths, 1.0)) @ B).tocsr()
+
+
+def least_independent(B: csr_array, redundant: int) -> tuple[Array, float]:
+    """The combination of rows that comes nearest to nothing, and what remains of it.
+
+    A left singular vector (rows,) of B and its singular value, the least but for those
+    of so many redundant rows; by Lanczos' method with a factor of G. Values below 1e-7
+    of the largest one are those of rounding.
+    """
+    from scipy.sparse.linalg import eigsh
+
+    G = (B @ B.T).tocsc()
+    begin = np.random.default_rng(0).standard_normal(G.shape[0])
+    squares, directions = eigsh(G, redundant + 1, sigma=-SHIFT, tol=DIRECTED, v0=begin)
+    last = int(np.argmax(squares))
+    return directions[:, last], float(np.sqrt(max(0.0, squares[last])))
 
 
 class IndependentRows:

@@ -12,9 +12,11 @@ import math
 import pytest
 
 from sidtool.formats.result import Result
+from sidtool.formats.scene import SceneFile
 from sidtool.solver import simulate
 from sidtool.solver.integrators import INTEGRATORS
-from tests.solver.scenes import polynomial
+from sidtool.solver.start import large_scenes
+from tests.solver.scenes import compiled, polynomial
 from tests.solver.test_singular_positions import four_bar, slider_crank
 
 
@@ -78,3 +80,26 @@ def test_a_change_point_is_told_on_the_way_there_and_back(integrator: str) -> No
     assert len(found) == len(level) == 2
     for (when, near), before in zip(found, level, strict=True):
         assert before - 1e-3 < when < before + 0.021 and near < 1e-3
+
+
+@pytest.mark.parametrize("longer", [0.0, 1e-6, 1e-4, 0.02])
+@pytest.mark.parametrize("guides", [1, 3])
+def test_sparse_matrices_tell_what_dense_ones_tell(
+    longer: float, guides: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Further guides depend on the first one wherever the crank is."""
+    rod = 1.0 + longer
+    speeds = (1.0, -1.0 / rod)
+    system = slider_crank(0.0, rod=rod, speeds=speeds, drive=polynomial(0.0, 1.0))
+    table = system.scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+    for k in range(1, guides):
+        table["joints"][f"guide{k}"] = table["joints"]["guide"]
+    system = compiled(SceneFile.model_validate(table))
+    expected = simulate(system, rtol=1e-6)
+    monkeypatch.setattr(large_scenes, "MANY", 1)
+    found = simulate(system, rtol=1e-6)
+    assert len(passages(found)) == len(passages(expected)) == (longer < 1e-3)
+    for one, other in zip(passages(found), passages(expected), strict=True):
+        assert one == pytest.approx(other, rel=0.2, abs=1e-6)
+    names = [[n.split(" of ")[1:3] for n in r.notes] for r in (found, expected)]
+    assert names[0] == names[1]

@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array, random_array
 
+from sidtool.solver import account, simulate
+from sidtool.solver.advice import bifurcations, notes
+from sidtool.solver.integrators import stepping
 from sidtool.solver.start import assembly, consistent
-from sidtool.solver.start.large_scenes import CLEAR, MANY, IndependentRows
+from sidtool.solver.start.large_scenes import (
+    CLEAR,
+    MANY,
+    IndependentRows,
+    least_independent,
+)
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import band
 from tests.solver.scenes import compiled, scene
@@ -17,7 +25,7 @@ from tests.solver.scenes import compiled, scene
 ENDS = {"a": {"position": [0.0, 0.0]}, "b": {"position": [0.7, 0.1]}}
 
 
-def chain(links: int, apart: float = 0.0, doubled: bool = False) -> System:
+def chain(links: int, apart: float = 0.0, doubled: bool = False, **more: Any) -> System:
     """Rigid links that hang on each other, placed up to `apart` from where they meet;
     the last pin of two, if doubled."""
     shifts = apart * np.random.default_rng(links).standard_normal((links, 2))
@@ -25,7 +33,7 @@ def chain(links: int, apart: float = 0.0, doubled: bool = False) -> System:
         f"l{i}": {
             "mass": 1.0 + 0.1 * (i % 3),
             "inertia": 0.05,
-            "centre_of_mass": [0.35, 0.0],
+            "centre_of_mass": [0.35, 0.05],
             "markers": ENDS,
             "initial": {"position": [0.7 * i + x, 0.1 * i + y]},
         }
@@ -38,7 +46,7 @@ def chain(links: int, apart: float = 0.0, doubled: bool = False) -> System:
     }
     if doubled:
         joints["again"] = joints[f"pin{links - 1}"]
-    return compiled(scene(bodies, joints))
+    return compiled(scene(bodies, joints, **more))
 
 
 def dense(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,6 +59,8 @@ def forbid_dense(monkeypatch: pytest.MonkeyPatch) -> None:
         raise AssertionError("a dense matrix of all constraints")
 
     monkeypatch.setattr(consistent, "dense_jacobian", refuse)
+    monkeypatch.setattr(bifurcations, "dense_jacobian", refuse)
+    monkeypatch.setattr(notes, "dense_jacobian", refuse)
 
 
 def test_a_large_scene_is_assembled_without_dense_matrices(
@@ -66,6 +76,39 @@ def test_a_large_scene_is_assembled_without_dense_matrices(
     assert found.redundant == () and found.dropped == ()
     assert start.z == pytest.approx(expected.z, abs=1e-8)
     assert start.v == pytest.approx(expected.v, abs=1e-8)
+
+
+def test_an_open_chain_that_falls_passes_nothing_singular(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its constraints are independent wherever it is, though by less than what is near
+    for few bodies. The run is made to ask about its last state."""
+    forbid_dense(monkeypatch)
+    told = []
+
+    def crossings(system: System, kernels: Any, control: Any, *more: Any) -> list[str]:
+        control.whole[stepping.CROSSED] = 1
+        states = [control.z, control.v]
+        control.crossed[0] = np.concatenate(
+            [[control.real[stepping.TIME], 1e-4], *states, *states]
+        )
+        told.append(list(bifurcations.crossings(system, kernels, control, *more)))
+        return told[-1]
+
+    monkeypatch.setattr(account, "crossings", crossings)
+    system = chain(MANY // 2 + 100, gravity=[0.0, -9.81], end=0.01)
+    simulate(system, integrator="radau5", rtol=1e-4)
+    assert told == [[]]
+
+
+def test_a_large_chain_that_hangs_says_why_nothing_moves(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    forbid_dense(monkeypatch)
+    links = MANY // 2 + 9
+    result = simulate(chain(links, gravity=[7.0, 1.0], end=1e-3), rtol=1e-4)
+    (note,) = (n for n in result.notes if "nothing moves" in n)
+    assert f"no force acts along the {links} coordinates" in note
 
 
 def test_a_dependent_constraint_of_a_large_scene_is_found(
@@ -91,6 +134,16 @@ def test_smallest_solutions_and_singular_values(seed: int) -> None:
     right = rng.standard_normal(40)
     expected = np.linalg.lstsq(B.toarray(), right)[0]
     assert rows.smallest(right) == pytest.approx(expected, rel=1e-9, abs=1e-10)
+
+
+def test_the_least_independent_rows_but_for_redundant_ones() -> None:
+    rng = np.random.default_rng(2)
+    B = rng.standard_normal((30, 50))
+    B[:4] = 0.5 * (B[4:8] + B[8:12])
+    left, sizes, _ = np.linalg.svd(B, full_matrices=False)
+    direction, size = least_independent(csr_array(B), 4)
+    assert size == pytest.approx(sizes[25], rel=1e-5)
+    assert abs(direction @ left[:, 25]) == pytest.approx(1.0, abs=1e-5)
 
 
 @pytest.mark.parametrize("share", [0.0, 1e-12, 0.1 * CLEAR])
