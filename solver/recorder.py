@@ -24,8 +24,8 @@ from .recording.visited import Visited
 from .system.scene import System
 from .system.storage import new_memory, new_work
 
-#: Ends of steps that wait for the rows between them.
-MOST_WAITING = 4096
+#: Ends of steps that wait for the rows between them, and coordinates of their states.
+MOST_WAITING, MOST_NUMBERS = 4096, 1_000_000
 
 
 class Recorder:
@@ -85,8 +85,10 @@ class Recorder:
     def is_waiting(self) -> bool:
         """Whether `take` should be called with what there is."""
         waiting = sum(len(steps.t) for steps in self._waiting)
-        history = self.history
-        return waiting > MOST_WAITING or (history is not None and history.is_long)
+        numbers, history = waiting * self.system.n_positions, self.history
+        if waiting > MOST_WAITING or numbers > MOST_NUMBERS:
+            return True
+        return history is not None and history.is_long
 
     def take(self, t: Array, z: Array, v: Array, moments: Sequence[Moment]) -> None:
         """All rows and events until now; z and v are projected."""
@@ -146,10 +148,10 @@ class Recorder:
         """What flexible bodies met in the run, which has ended, at output times and at
         the ends of steps."""
         if self.visited is not None and np.isfinite(self._last):
-            ends = self.visited.until(self._last)
             parts = self.system, self.kernels, self.work, self.memory
-            samples = sample(*parts, ends.t, ends.z, ends.v, self.closed)
-            self.reached.add(samples, ends.t)
+            for ends in self.visited.until(self._last):
+                samples = sample(*parts, ends.t, ends.z, ends.v, self.closed)
+                self.reached.add(samples, ends.t)
         return self.reached.all()
 
 

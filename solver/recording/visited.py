@@ -5,7 +5,7 @@ Verdicts on flexible bodies look at them, too: output times may be few.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from .dense import Steps, joined
 
 #: At most twice as many states are kept; of longer runs every second, fourth, ... one.
 MOST = 500
+#: Coordinates of states that are handed on together.
+NUMBERS = 500_000
 
 
 class Visited:
@@ -41,6 +43,7 @@ class Visited:
                 self._frames.append((slice(u, u + axes), slice(u + axes, u + rd)))
         empty = np.zeros((0, system.n_positions)), np.zeros((0, system.n_velocities))
         self._parts = [Steps(np.zeros(0), *empty)]
+        #: of each signal; signals that are largest at the same time share a state
         self._peaks: dict[int, Steps] = {}
         self._named: list[Steps] = []
         self._largest = np.zeros(len(self._elastic) + 3 * len(self._frames) + 1)
@@ -68,9 +71,11 @@ class Visited:
         """Keeps the state of the largest of each signal, and those about the times."""
         signals = self._signals(ends)
         largest = signals.max(axis=0)
-        for column in map(int, np.flatnonzero(largest > self._largest)):
-            row = int(signals[:, column].argmax())
-            self._peaks[column] = _rows(ends, slice(row, row + 1))
+        columns = np.flatnonzero(largest > self._largest)
+        rows = signals[:, columns].argmax(axis=0)
+        states = {int(k): _rows(ends, slice(k, k + 1)) for k in np.unique(rows)}
+        for column, row in zip(columns.tolist(), rows.tolist(), strict=True):
+            self._peaks[column] = states[row]
         self._largest = np.maximum(largest, self._largest)
         for row in np.searchsorted(ends.t, self._times):
             if 0 < row < len(ends.t):
@@ -87,12 +92,23 @@ class Visited:
             columns += [np.linalg.norm(part, axis=1) for part in parts]
         return np.column_stack([*columns, np.abs(rates).max(axis=1, initial=0.0)])
 
-    def until(self, end: float) -> Steps:
-        """All that is kept up to a time [s], in the order of time."""
-        parts = [*self._parts, *self._peaks.values(), *self._named]
-        states = joined(parts)
-        times, rows = np.unique(states.t, return_index=True)
-        return _rows(states, rows[times <= end])
+    def until(self, end: float) -> Iterator[Steps]:
+        """All that is kept up to a time [s], in the order of time, in blocks."""
+        peaks = {id(part): part for part in self._peaks.values()}
+        parts = [*self._parts, *peaks.values(), *self._named]
+        counts = np.cumsum([len(part.t) for part in parts])
+        times, places = np.unique(
+            np.concatenate([part.t for part in parts]), return_index=True
+        )
+        places = places[times <= end]
+        block = max(1, NUMBERS // parts[0].z.shape[1])
+        for first in range(0, len(places), block):
+            states = []
+            for place in places[first : first + block]:
+                i = int(np.searchsorted(counts, place, "right"))
+                k = int(place - counts[i] + len(parts[i].t))
+                states.append(_rows(parts[i], slice(k, k + 1)))
+            yield joined(states)
 
 
 def _rows(steps: Steps, which: slice | np.ndarray) -> Steps:
