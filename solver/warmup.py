@@ -67,6 +67,8 @@ HELPER = (
     "import sys; sys.path.insert(0, sys.argv[1]); import sidtool; "
     "del sys.path[0]; from sidtool.solver.warmup import serve; serve()"
 )
+#: Settings of numba there: what it does not optimise is optimised once, as a whole.
+SETTINGS = {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"}
 
 
 def say_compiling(text: str) -> None:
@@ -128,9 +130,10 @@ def _compile(
     if many and say is not None:
         say(f"compiling {count} kernels, once (half a minute or less)")
     queue = _queue(groups)
-    processors = os.cpu_count() or 1 if many and stored.is_writable() else 1
-    with _helpers(queue, min(len(groups), processors) - 1):
-        _work(queue)
+    processors = os.cpu_count() or 1 if many and stored.is_writable() else 0
+    with _helpers(queue, min(len(groups), processors)):
+        pass
+    _work(queue)
 
 
 def _queue(groups: Iterable[Group]) -> Queue[Group]:
@@ -179,6 +182,7 @@ def _new_process() -> subprocess.Popen[str]:
     root = Path(spec.origin).parents[1]
     return subprocess.Popen(
         [sys.executable, "-P", "-c", HELPER, str(root)],
+        env=os.environ | SETTINGS,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -219,7 +223,7 @@ def _find(name: str):  # type: ignore[no-untyped-def]
 def _compile_here(name: str) -> None:
     kernel = _find(name)
     for signature in kernel.signatures:
-        kernel.compiled(signature)
+        kernel.address(signature)
 
 
 def serve() -> None:

@@ -85,7 +85,7 @@ def judge(control, goal, iteration, norm, old_norm):
     left = newton_limit(control) - 1 - iteration
     if (
         contraction >= 1.0
-        or math.pow(contraction, left) / (1.0 - contraction) * norm > goal
+        or math.pow(contraction, float(left)) / (1.0 - contraction) * norm > goal
     ):
         return -1
     return 0

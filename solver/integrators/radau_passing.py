@@ -57,8 +57,8 @@ def _bend(method, ratio, at):
     total = 0.0
     for j in range(len(method.c)):
         slope = method.weights[j] * at
-        for c in method.c:
-            start = (c - 1.0) / ratio
+        for k in range(len(method.c)):
+            start = (method.c[k] - 1.0) / ratio
             slope *= (at * method.c[j] - start) / (1.0 - start)
         total += slope
     return total

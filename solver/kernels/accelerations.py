@@ -141,7 +141,7 @@ def _add_friction(system, work, memory):
     return status
 
 
-@entry(PROJECT_ONCE, from_python=False)
+@entry(PROJECT_ONCE)
 def project_once(system, work, memory, regularisation, dz, dv):
     """Smallest corrections of positions and velocities onto the linearised constraints.
 

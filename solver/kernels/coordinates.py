@@ -35,6 +35,7 @@ from .layout import (
     VEL,
 )
 from .quaternions import frame_rate, turn
+from .quotients import quotient
 from .spaces import FRAMES, PLANE, SPACE
 
 # Columns of frames in the plane, and in space.
@@ -87,7 +88,7 @@ def resolve(system, frame, mu, z, x):
             if rd == 6:
                 a, b1, b2, b3 = g[P], g[P + 1], g[P + 2], g[P + 3]
                 r, r1, r2, r3 = z[p + 3], z[p + 4], z[p + 5], z[p + 6]
-                stretch = (a * r + b1 * r1 + b2 * r2 + b3 * r3) / mu
+                stretch = quotient(a * r + b1 * r1 + b2 * r2 + b3 * r3, mu)
                 x[u + 3] = 2.0 * (a * r1 - b1 * r + b3 * r2 - b2 * r3)
                 x[u + 4] = 2.0 * (a * r2 - b2 * r + b1 * r3 - b3 * r1)
                 x[u + 5] = 2.0 * (a * r3 - b3 * r + b2 * r1 - b1 * r2)
@@ -100,7 +101,7 @@ def resolve(system, frame, mu, z, x):
 @inner(*[types.void(SYSTEM, F2, float64, F1), types.void(SYSTEM, F2, complex128, C1)])
 def respond(system, frame, mu, x):
     """Replaces a tangent vector x by (mu - E)^-1 x."""
-    inverse = 1.0 / mu
+    inverse = quotient(1.0, mu)
     for b in range(len(system.body)):
         row = system.body[b]
         u, rd = row[VEL], row[RD]
@@ -115,7 +116,7 @@ def respond(system, frame, mu, x):
             w1, w2, w3 = 0.5 * g[OMEGA], 0.5 * g[OMEGA + 1], 0.5 * g[OMEGA + 2]
             v1, v2, v3 = g[V], g[V + 1], g[V + 2]
             t1, t2, t3 = x[u + 3], x[u + 4], x[u + 5]
-            scale = 1.0 / (mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
+            scale = quotient(1.0, mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
             a1 = (mu * t1 - w2 * t3 + w3 * t2) * scale
             a2 = (mu * t2 - w3 * t1 + w1 * t3) * scale
             a3 = (mu * t3 - w1 * t2 + w2 * t1) * scale
@@ -139,7 +140,7 @@ def add_row_response(system, frame, b, mu, source, at, out, to):
     row = system.body[b]
     nv, rd = row[NV], row[RD]
     g = frame[b]
-    inverse = 1.0 / mu
+    inverse = quotient(1.0, mu)
     for k in range(nv):
         if rd != 6 or k < 3 or k > 5:
             out[to + k] += source[at + k] * inverse
@@ -153,7 +154,7 @@ def add_row_response(system, frame, b, mu, source, at, out, to):
         t1 = source[at + 3] + (v2 * s3 - v3 * s2) * inverse
         t2 = source[at + 4] + (v3 * s1 - v1 * s3) * inverse
         t3 = source[at + 5] + (v1 * s2 - v2 * s1) * inverse
-        scale = 1.0 / (mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
+        scale = quotient(1.0, mu * mu + w1 * w1 + w2 * w2 + w3 * w3)
         out[to + 3] += (mu * t1 + w2 * t3 - w3 * t2) * scale
         out[to + 4] += (mu * t2 + w3 * t1 - w1 * t3) * scale
         out[to + 5] += (mu * t3 + w1 * t2 - w2 * t1) * scale
@@ -188,7 +189,7 @@ def lift(system, frame, mu, x, r, out):
                 t1, t2, t3 = 0.5 * x[u + 3], 0.5 * x[u + 4], 0.5 * x[u + 5]
                 along = a * r[p + 3] + b1 * r[p + 4] + b2 * r[p + 5] + b3 * r[p + 6]
                 turning = g[OMEGA] * t1 + g[OMEGA + 1] * t2 + g[OMEGA + 2] * t3
-                along = (along - 0.5 * turning) / mu
+                along = quotient(along - 0.5 * turning, mu)
                 out[p + 3] = along * a - b1 * t1 - b2 * t2 - b3 * t3
                 out[p + 4] = along * b1 + a * t1 + b2 * t3 - b3 * t2
                 out[p + 5] = along * b2 + a * t2 + b3 * t1 - b1 * t3

@@ -12,13 +12,12 @@ from typing import Any
 
 import numpy as np
 from numba import int64, types
-from numba.core.extending import intrinsic
-from numba.extending import get_cython_function_address
-from numba.np.arrayobj import make_array
+from numba.extending import get_cython_function_address, intrinsic
 from numpy.typing import NDArray
 
 from .compiling import inner
-from .tables import Pointer, Table, TableType
+from .tables import Table, TableType
+from .views import Pointer, PointerType, ViewType
 
 #: Blocks from this size on go to LAPACK: measured, real blocks.
 LARGE = 24
@@ -44,9 +43,9 @@ SOLVE = types.void(*[int64] * 9)
 LAPACK = TableType(
     Lapack,
     [
-        types.FunctionType(FACTOR),
-        types.FunctionType(SOLVE),
-        types.Array(int64, 1, "C"),
+        PointerType(FACTOR),
+        PointerType(SOLVE),
+        ViewType(int64, 1),
     ],
 )
 
@@ -72,8 +71,7 @@ def address(typing: Any, array: Any, index: Any):  # type: ignore[no-untyped-def
     """Address of one entry of a vector."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        vector = make_array(array)(context, builder, values[0])
-        place = builder.gep(vector.data, [values[1]])
+        place = builder.gep(builder.extract_value(values[0], 0), [values[1]])
         return builder.ptrtoint(place, context.get_value_type(int64))
 
     return int64(array, int64), generate

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sidtool.formats.sid import Array
 
 from .tables import Table, TableType
+from .views import ViewType
 
 IntTable = NDArray[np.int64]
 
@@ -333,14 +334,9 @@ class Told(Table):
     body: Array
 
 
-F1 = types.Array(float64, 1, "C")
-F2 = types.Array(float64, 2, "C")
-C1 = types.Array(types.complex128, 1, "C")
-C2 = types.Array(types.complex128, 2, "C")
-F3 = types.Array(float64, 3, "C")
-C3 = types.Array(types.complex128, 3, "C")
-I1 = types.Array(int64, 1, "C")
-I2 = types.Array(int64, 2, "C")
+F1, F2, F3 = (ViewType(float64, ndim) for ndim in (1, 2, 3))
+C1, C2, C3 = (ViewType(types.complex128, ndim) for ndim in (1, 2, 3))
+I1, I2 = (ViewType(int64, ndim) for ndim in (1, 2))
 
 SYSTEM = TableType(
     System,

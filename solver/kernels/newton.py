@@ -50,6 +50,7 @@ from .layout import (
 )
 from .saddle import saddle_factor, saddle_solve
 from .tables import Table, TableType
+from .views import PointerType
 
 
 class Memory(Table):
@@ -156,7 +157,7 @@ SIGNATURES = (
     RETRACT,
     COMPLETE,
 )
-KERNELS = TableType(Kernels, [types.FunctionType(sig) for sig in SIGNATURES])
+KERNELS = TableType(Kernels, [PointerType(sig) for sig in SIGNATURES])
 
 # Columns of Memory.counters
 STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS = (
@@ -165,7 +166,7 @@ STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS
 N_COUNTERS = 7
 
 
-@entry(REMEMBER, from_python=False)
+@entry(REMEMBER)
 def remember(system, work, memory):
     """Keeps M, C and the frames of the state that was just linearised."""
     for i in range(len(work.M)):
@@ -212,7 +213,7 @@ def newton_matrix(system, work, memory, mu, A, G):
         add_row_response(system, memory.frame, b, mu, work.Gp, at, G, at)
 
 
-@entry(*[FACTOR_REAL, FACTOR_COMPLEX], from_python=False)
+@entry(*[FACTOR_REAL, FACTOR_COMPLEX])
 def newton_factor(system, work, memory, lapack, mu, A, G, Y, S, pivots, row_pivots):
     """Factors mu - J; see `newton_matrix` and `saddle_factor`."""
     extended = system.newton
@@ -224,7 +225,7 @@ def newton_factor(system, work, memory, lapack, mu, A, G, Y, S, pivots, row_pivo
     )
 
 
-@entry(*[SOLVE_REAL, SOLVE_COMPLEX], from_python=False)
+@entry(*[SOLVE_REAL, SOLVE_COMPLEX])
 def newton_solve(
     system, work, memory, lapack, mu, A, G, Y, S, pivots, row_pivots, r, s, x, p, g
 ):

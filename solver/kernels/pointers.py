@@ -8,14 +8,12 @@ from typing import Any
 from . import accelerations, equations, newton
 from .compiling import Entry
 from .coordinates import rate, retract
-from .tables import Pointer
+from .views import Pointer
 
 
 def pointer(kernel: Entry, signature: Any) -> Pointer:
-    """To one compiled signature of a kernel, which stays with its module."""
-    compiled = kernel.compiled(signature)
-    name = compiled.fndesc.llvm_cfunc_wrapper_name
-    return Pointer(compiled.library.get_pointer_to_function(name), signature)
+    """To one compiled signature of a kernel."""
+    return Pointer(kernel.address(signature), signature)
 
 
 def entries(planar: bool) -> tuple[Entry, ...]:

@@ -14,12 +14,6 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core.datamodel import models
-from numba.core.extending import (
-    lower_builtin,
-    lower_getattr_generic,
-    lower_setattr_generic,
-    register_model,
-)
 from numba.core.typing.templates import (
     AbstractTemplate,
     AttributeTemplate,
@@ -27,9 +21,16 @@ from numba.core.typing.templates import (
     infer_global,
     signature,
 )
+from numba.extending import (
+    lower_builtin,
+    lower_getattr_generic,
+    lower_setattr_generic,
+    register_model,
+)
 from numpy.typing import NDArray
 
 from .values import INDEX, REAL, ValueType
+from .views import check
 
 
 class RecordType(types.Type):
@@ -134,6 +135,7 @@ class _RowOfTable(AbstractTemplate):
 def _get_row(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     record = sig.args[0].record
     index = context.cast(builder, args[1], sig.args[1], types.int64)
+    check(builder, index, constant_word(builder, args[0], 1))
     place = builder.mul(index, ir.Constant(INDEX, record.size))
     data = builder.inttoptr(
         constant_word(builder, args[0], 0), record.number.as_pointer()

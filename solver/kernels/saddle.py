@@ -37,6 +37,7 @@ from .layout import (
     SYSTEM,
     VEL,
 )
+from .quotients import quotient
 
 #: Added to the diagonal of the Schur complement, relative to it. Where constraints
 #: become dependent (a singular position) it stands in for what they leave open;
@@ -65,7 +66,7 @@ def lu_factor(lapack, A, o, n, pivots, first):
             for k in range(n):
                 a, b = o + j * n + k, o + best * n + k
                 A[a], A[b] = A[b], A[a]
-        inverse = 1.0 / A[o + j * n + j]
+        inverse = quotient(1.0, A[o + j * n + j])
         for i in range(j + 1, n):
             factor = A[o + i * n + j] * inverse
             A[o + i * n + j] = factor
@@ -94,7 +95,7 @@ def lu_solve(lapack, A, o, n, pivots, first, x, at):
         total = x[at + i]
         for k in range(i + 1, n):
             total -= A[o + i * n + k] * x[at + k]
-        x[at + i] = total / A[o + i * n + i]
+        x[at + i] = quotient(total, A[o + i * n + i])
 
 
 @inner(*[int64(A, int64, int64, I1) for A in (F2, C2)])
@@ -115,7 +116,7 @@ def band_factor(S, m, width, pivots):
         if best != j:
             for k in range(j, last_column):
                 S[j, k], S[best, k] = S[best, k], S[j, k]
-        inverse = 1.0 / S[j, j]
+        inverse = quotient(1.0, S[j, j])
         for i in range(j + 1, last_row):
             factor = S[i, j] * inverse
             S[i, j] = factor
@@ -138,7 +139,7 @@ def band_solve(S, m, width, pivots, x):
         total = x[i]
         for k in range(i + 1, min(m, i + 2 * width + 1)):
             total -= S[i, k] * x[k]
-        x[i] = total / S[i, i]
+        x[i] = quotient(total, S[i, i])
 
 
 @inner(

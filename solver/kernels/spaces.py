@@ -5,16 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from numba import float64, int64, types
-from numba.core.datamodel import models
-from numba.core.extending import (
-    lower_builtin,
-    register_model,
-    typeof_impl,
-)
-from numba.core.imputils import lower_constant
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, typeof_impl
 
-from .compiling import Inner
+from .inner import Inner, InnerType
 from .layout import SYSTEM, TOLD, WORK
 from .records import RecordType, RowsType
 from .values import Symmetric, Turn, ValueType, Vector
@@ -205,37 +199,12 @@ class BySpace:
         self.kernels = {PLANE: plane, SPACE: space}
         self.py_funcs = plane.py_func, space.py_func
 
-
-class BySpaceType(types.Callable):  # type: ignore[misc]
-    """The compiled type of kernels that differ between plane and space."""
-
-    def __init__(self, choice: BySpace) -> None:
-        self.choice = choice
-        names = (kernel.py_func.__qualname__ for kernel in choice.kernels.values())
-        super().__init__(f"by space {' '.join(names)} {id(choice)}")
-
-    def _chosen(self, args: Any) -> Any:
+    def chosen(self, args: Any) -> Inner:
+        """The kernel that is called with arguments of these types."""
         space = next(s for s, kind in WORKS.items() if kind in args)
-        return types.Dispatcher(self.choice.kernels[space].dispatcher)
-
-    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
-        return self._chosen(args).get_call_type(context, args, kws)
-
-    def get_call_signatures(self) -> Any:
-        return (), True
-
-    def get_impl_key(self, sig: Any) -> Any:
-        return self._chosen(sig.args).get_impl_key(sig)
-
-
-register_model(BySpaceType)(models.OpaqueModel)
+        return self.kernels[space]
 
 
 @typeof_impl.register(BySpace)
-def _type_of(value: BySpace, context: Any) -> BySpaceType:
-    return BySpaceType(value)
-
-
-@lower_constant(BySpaceType)
-def _nothing(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    return context.get_dummy_value()
+def _type_of(value: BySpace, context: Any) -> InnerType:
+    return InnerType(value)

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import hashlib
-import platform
 from functools import cache
 from importlib import import_module
 from types import CodeType, FunctionType
 from typing import Any
 
-import llvmlite
-import numba
 from numba import types
 
 from .tables import TableType
+from .views import PointerType
 
 #: Globals that kernels take into their code; others only share a name with a field.
 CONSTANTS = (bool, int, float, complex, str, tuple, types.Type)
 #: What decides beside the code of a kernel what becomes of it.
 MACHINERY = (
-    "compiler",
     "compiling",
+    "inner",
+    "machine",
+    "quick",
     "stamps",
     "tables",
+    "views",
     "records",
     "values",
     "algebra",
@@ -30,10 +31,10 @@ MACHINERY = (
 )
 
 
-def stamp(function: FunctionType, signatures: tuple[Any, ...], caller: str) -> str:
-    """Of a kernel with all that it calls, for one kind of callers."""
+def stamp(function: FunctionType, signatures: tuple[Any, ...]) -> str:
+    """Of a kernel with all that it calls."""
     texts = [_type_text(signature) for signature in signatures]
-    texts += [_function_text(function, {}), caller]
+    texts.append(_function_text(function, {}))
     return _digest("\n".join(texts))
 
 
@@ -45,13 +46,6 @@ def machinery() -> str:
     return hashlib.sha256(b"".join(sources)).hexdigest()
 
 
-def environment(codegen: Any) -> str:
-    """The processor, and the versions of everything else that compiles."""
-    versions = f"numba {numba.__version__} llvmlite {llvmlite.__version__}"
-    python = f"{platform.python_implementation()} {platform.python_version()}"
-    return f"{python} {versions} {codegen.magic_tuple()}"
-
-
 def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -60,7 +54,7 @@ def _type_text(kind: Any) -> str:
     """A signature with the fields of its tables."""
     if hasattr(kind, "args") and hasattr(kind, "return_type"):
         return " ".join(_type_text(t) for t in (kind.return_type, *kind.args))
-    if isinstance(kind, types.FunctionType):
+    if isinstance(kind, PointerType):
         return _type_text(kind.signature)
     if isinstance(kind, TableType):
         members = (t for t in kind.members.values() if t is not kind)

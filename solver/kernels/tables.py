@@ -8,7 +8,6 @@ shape, for a kernel or another table its address.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from typing import Any, ClassVar, NoReturn, Self
 
@@ -17,17 +16,11 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.core.datamodel import models
-from numba.core.extending import (
-    NativeValue,
-    lower_getattr_generic,
-    register_model,
-    typeof_impl,
-    unbox,
-)
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import lower_getattr_generic, register_model
 
-from .compiler import ArrayValue
 from .records import RowsType, constant_word
+from .views import PointerType, ViewType, array_words, make_view
 
 _WORD = ir.IntType(64)
 
@@ -47,15 +40,10 @@ class TableType(types.Type):
             for field, kind in zip(self.fields, members, strict=True)
         }
         self.offsets: dict[str, int] = {}
-        #: what the fields hold that are arrays: numbers of a kind, along so many axes
-        self.arrays: dict[str, tuple[np.dtype[Any], int]] = {}
         words = 0
         for field, kind in self.members.items():
             self.offsets[field] = words
-            words += 1
-            words += kind.ndim if isinstance(kind, types.Array | RowsType) else 0
-            if isinstance(kind, types.Array):
-                self.arrays[field] = np.dtype(str(kind.dtype)), kind.ndim
+            words += 1 + (kind.ndim if isinstance(kind, ViewType | RowsType) else 0)
         self.words = words
         self.owner, self.seen_as = owner, name
         if not name:
@@ -65,20 +53,24 @@ class TableType(types.Type):
     def write(self, memory: list[int], field: str, value: Any) -> None:
         """Puts a value where kernels find it, into the words of a table."""
         kind, start = self.members[field], self.offsets[field]
-        if field not in self.arrays:
+        if isinstance(kind, ViewType):
+            memory[start : start + 1 + kind.ndim] = array_words(kind, value)
+        else:
             memory[start] = _address(kind, value)
-            return
-        shape = value.shape
-        fits = (value.dtype, len(shape)) == self.arrays[field]
-        if not (fits and value.flags.c_contiguous):
-            raise TypeError(f"not an array of {kind}: {value.dtype}, {shape}")
-        memory[start] = value.__array_interface__["data"][0]
-        memory[start + 1 : start + 1 + len(shape)] = shape
 
     def seen(self, name: str, **members: Any) -> TableType:
         """The same table with other types of some fields."""
         kinds = {field: None if k is self else k for field, k in self.members.items()}
         return TableType(self.owner, [*(kinds | members).values()], name)
+
+    def checked(self, table: Any) -> Table:
+        """A table that is of this type.
+
+        Raises TypeError where it is not.
+        """
+        if type(table) is not self.owner:
+            raise TypeError(f"not a {self.owner.__name__}: {table!r}")
+        return table  # type: ignore[no-any-return]
 
     def __reduce__(self) -> Any:
         return _kind_of, (self.owner, self.seen_as)
@@ -92,9 +84,9 @@ def _address(kind: Any, value: Any) -> int:
     """Of a table or a kernel."""
     if value is None:
         return 0
-    if isinstance(kind, TableType):
-        return int(value.address)
-    return int(value.__wrapper_address__())
+    if isinstance(kind, PointerType) and value.signature != kind.signature:
+        raise TypeError(f"not a {kind}: {value.signature}")
+    return int(value.address)
 
 
 class Table:
@@ -139,37 +131,10 @@ class Table:
         return twin
 
 
-class Pointer(types.WrapperAddressProtocol):
-    """The address of a compiled function, as a field of a table."""
-
-    def __init__(self, address: int, signature: Any) -> None:
-        self._address, self._signature = address, signature
-
-    def __wrapper_address__(self) -> int:
-        return self._address
-
-    def signature(self) -> Any:
-        return self._signature
-
-
-@typeof_impl.register(Table)
-def _type_of(value: Table, context: Any) -> TableType:
-    return value.kind
-
-
 @register_model(TableType)
 class _TableModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: TableType) -> None:
         super().__init__(manager, kind, cgutils.voidptr_t)
-
-
-@unbox(TableType)
-def _unbox(kind: TableType, value: Any, c: Any) -> NativeValue:
-    number = c.pyapi.object_getattr_string(value, "address")
-    address = c.pyapi.long_as_longlong(number)
-    c.pyapi.decref(number)
-    failed = cgutils.is_not_null(c.builder, c.pyapi.err_occurred())
-    return NativeValue(c.builder.inttoptr(address, cgutils.voidptr_t), failed)
 
 
 @infer_getattr
@@ -189,20 +154,9 @@ def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: s
         return builder.gep(words, [ir.Constant(_WORD, start)])
     if isinstance(member, TableType):
         return builder.inttoptr(address, cgutils.voidptr_t)
-    if isinstance(member, types.FunctionType):
-        function = cgutils.create_struct_proxy(member)(context, builder)
-        function.c_addr = builder.inttoptr(address, cgutils.voidptr_t)
-        return function._getvalue()
-    shape = [constant_word(builder, words, start + 1 + i) for i in range(member.ndim)]
-    size = context.get_abi_sizeof(context.get_data_type(member.dtype))
-    strides = [context.get_constant(types.intp, size)]
-    for extent in shape[:0:-1]:
-        strides.insert(0, builder.mul(strides[0], extent))
-    data = builder.inttoptr(address, context.get_data_type(member.dtype).as_pointer())
-    array = ArrayValue(context, builder, member, None)
-    array.data = data
-    array.itemsize = strides[-1]
-    array.nitems = functools.reduce(builder.mul, shape)
-    array.shape = cgutils.pack_array(builder, shape)
-    array.strides = cgutils.pack_array(builder, strides)
-    return array._getvalue()
+    if isinstance(member, PointerType):
+        return address
+    kind_of_entry = context.get_data_type(member.dtype).as_pointer()
+    extents = [constant_word(builder, words, start + 1 + i) for i in range(member.ndim)]
+    data = builder.inttoptr(address, kind_of_entry)
+    return make_view(context, member, builder, [data, *extents])

@@ -17,10 +17,11 @@ from typing import Any, Self
 from llvmlite import ir
 from numba import types
 from numba.core.datamodel import models
-from numba.core.extending import lower_builtin, register_model
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import lower_builtin, register_model
 
-INDEX = ir.IntType(64)
+from .views import INDEX, ViewType
+
 REAL = ir.DoubleType()
 
 
@@ -198,9 +199,8 @@ def _from_code(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     if isinstance(kind, ValueType):
         parts = (builder.extract_value(value, i) for i in range(kind.size))
         return kind.python(*(Number(builder, part) for part in parts))
-    if isinstance(kind, types.Array):
-        place = context.data_model_manager[kind].get_field_position("data")
-        return Memory(builder, builder.extract_value(value, place))
+    if isinstance(kind, ViewType):
+        return Memory(builder, builder.extract_value(value, 0))
     if isinstance(kind, types.Integer):
         value = context.cast(builder, value, kind, types.int64)
     return Number(builder, value)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from sidtool.cli import cli, run
+from tests.solver.small_kernels import scaled
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 
@@ -379,14 +380,13 @@ def test_interruption_is_said_in_one_word(
 def test_a_warmup_that_keeps_nothing_has_failed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One kernel, already compiled, stands for all."""
+    """One kernel stands for all."""
     from sidtool.solver import warmup
     from sidtool.solver.kernels import stored
 
-    kernel = warmup._find("kernels.coordinates:rate")
-    kernel.compiled(kernel.signatures[0])
-    monkeypatch.setattr(warmup, "all_groups", lambda _: [("kernels.coordinates:rate",)])
-    monkeypatch.setattr(warmup, "_find", lambda name: kernel.for_python())
+    kernel = scaled(2.0)
+    monkeypatch.setattr(warmup, "all_groups", lambda _: [("small:scaled",)])
+    monkeypatch.setattr(warmup, "_find", lambda name: kernel)
     monkeypatch.setattr(stored, "_told", set())
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")
     with pytest.warns(stored.KernelCacheWarning, match="cannot be kept"):

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from numba import float64
-from numba.core.extending import intrinsic
+from numba.extending import intrinsic
 
 from sidtool.solver import warmup
 from sidtool.solver.integrators import all_step_loops
@@ -55,19 +55,17 @@ def test_a_kernel_on_disk_is_used() -> None:
     name = "integrators.radau:advance"
     kernel = warmup._find(name)
     for signature in kernel.signatures:
-        kernel.compiled(signature)
-        assert kernel.for_python().is_cached(signature)
+        kernel.address(signature)
+        assert kernel.found(signature) is not None
 
 
 def test_every_kernel_has_a_file_of_its_own() -> None:
     """Else two kernels would push each other out of the cache at every run."""
     names = [name for group in warmup.all_groups(all_step_loops()) for name in group]
     kernels = [warmup._find(name) for name in names]
-    kernels += [kernel.for_python() for kernel in kernels if not kernel._from_python]
     files = [
-        kernel._dispatcher._cache._place(signature, codegen)[0]
+        kernel.place(signature)[0]
         for kernel in kernels
-        for codegen in [kernel._dispatcher.targetctx.codegen()]
         for signature in kernel.signatures
     ]
     assert len(set(files)) == len(files) > len(names)
@@ -95,7 +93,7 @@ def test_processes_help_only_where_kernels_can_be_kept(
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")
     with pytest.warns(stored.KernelCacheWarning):
         warmup._compile(groups, None)
-    assert numbers == [2, 0] and here == 2 * ["a:a", "a:b", "b:a", "c:a"]
+    assert numbers == [3, 0] and here == 2 * ["a:a", "a:b", "b:a", "c:a"]
 
 
 def test_another_constant_in_a_kernel_below_is_another_kernel() -> None:
@@ -105,20 +103,9 @@ def test_another_constant_in_a_kernel_below_is_another_kernel() -> None:
     assert ones[0] == ones[2] != ones[1]
 
 
-def test_a_kernel_for_kernels_says_so_to_python() -> None:
-    @entry(float64(float64), from_python=False)
-    def kernel(x):  # type: ignore[no-untyped-def]
-        return 2.0 * x
-
-    with pytest.raises(TypeError, match="kernel: only kernels call it"):
-        kernel(1.0)
-    assert kernel.for_python()(1.0) == 2.0
-
-
 def test_a_kernel_may_use_what_was_registered_after_another_was_compiled() -> None:
-    """What the compiler is kept from asking twice must not outlive one kernel.
-
-    The number is another one in every process, so that no kernel is on disk.
+    """As functions of numba may; the number is another one in every process, so that no
+    kernel is on disk.
     """
     number = float(os.getpid())
     assert scaled(number)(2.0) == 2 * number

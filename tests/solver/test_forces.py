@@ -197,18 +197,16 @@ def newton_product(system: System, mu: float = 2e3) -> Array:
     exact = mu * np.eye(n) - jacobian(1e-4, False) - jacobian(1e-7, True) / mu
     acc = acceleration(v, v)
     kernel_calls.linearise(system, work, 0.0, z, v, acc, np.zeros(0))
-    remember.for_python()(arrays, work, memory)
+    remember(arrays, work, memory)
     parts = memory.real_A, memory.real_G, memory.real_Y, memory.real_S
     parts += memory.real_pivots, memory.real_row_pivots
     lapack = memory.real_lapack
-    assert newton_factor.for_python()(arrays, work, memory, lapack, mu, *parts) == 0
+    assert newton_factor(arrays, work, memory, lapack, mu, *parts) == 0
     columns = []
     for e in np.eye(n):
         r, s = np.zeros(system.n_positions), e.copy()
         scratch = np.zeros(n), np.zeros(n), np.zeros(system.n_newton_rows)
-        newton_solve.for_python()(
-            arrays, work, memory, lapack, mu, *parts, r, s, *scratch
-        )
+        newton_solve(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
         columns.append(s)
     product: Array = exact @ np.column_stack(columns)
     return product

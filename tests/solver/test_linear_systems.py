@@ -12,7 +12,15 @@ from sidtool.solver.kernels import layout as at
 from sidtool.solver.kernels.accelerations import solve_accelerations as solve
 from sidtool.solver.kernels.coordinates import rate
 from sidtool.solver.kernels.lapack import LARGE
-from sidtool.solver.kernels.newton import newton_factor, newton_solve, remember
+from sidtool.solver.kernels.newton import (
+    FACTOR_COMPLEX,
+    FACTOR_REAL,
+    SOLVE_COMPLEX,
+    SOLVE_REAL,
+    newton_factor,
+    newton_solve,
+    remember,
+)
 from sidtool.solver.system.kernel_calls import linearise
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import new_memory
@@ -73,11 +81,14 @@ def newton_step(
     parts = factors(system, memory, kind)
     lapack = memory.complex_lapack if kind is complex else memory.real_lapack
     arrays, work = system.arrays, probe.work
-    assert newton_factor.for_python()(arrays, work, memory, lapack, mu, *parts) == 0
+    real = kind is float
+    factor = newton_factor.called(FACTOR_REAL if real else FACTOR_COMPLEX)
+    solve = newton_solve.called(SOLVE_REAL if real else SOLVE_COMPLEX)
+    assert factor(arrays, work, memory, lapack, mu, *parts) == 0
     r, s = r.astype(kind), s.astype(kind)
     n, m = system.n_velocities, system.n_rows
     scratch = np.zeros(n, kind), np.zeros(n, kind), np.zeros(m, kind)
-    newton_solve.for_python()(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
+    solve(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
     return r, s
 
 
@@ -144,7 +155,7 @@ def test_newton_matrix_is_that_of_the_differential_equation(
     arrays, z, v = system.arrays, probe.z, probe.v
     solve(arrays, probe.work, memory)
     linearise(system, probe.work, probe.t, z, v, memory.acceleration, memory.multiplier)
-    remember.for_python()(arrays, probe.work, memory)
+    remember(arrays, probe.work, memory)
     rng = np.random.default_rng(3)
     r = rng.normal(size=system.n_positions)
     s = rng.normal(size=system.n_velocities)

@@ -7,10 +7,11 @@ import gc
 
 import numpy as np
 import pytest
-from numba import float64, int64, types
+from numba import float64, int64
 
 from sidtool.formats.sid import Array
 from sidtool.solver.kernels.compiling import entry
+from sidtool.solver.kernels.layout import F1, F2
 from sidtool.solver.kernels.tables import Table, TableType
 
 
@@ -20,9 +21,7 @@ class Pair(Table):
     other: Pair | None
 
 
-PAIR = TableType(
-    Pair, [types.Array(float64, 1, "C"), types.Array(float64, 2, "C"), None]
-)
+PAIR = TableType(Pair, [F1, F2, None])
 
 
 @entry(float64(PAIR, int64))
