@@ -199,6 +199,7 @@ class Run:
 
         asked : why to end before, if at all
         """
+        self.asked = asked
         for stop in self.system.breaks:
             if stop <= self.now:
                 continue
@@ -244,6 +245,8 @@ class Run:
                 self.control = self.window.go_on(self.control, full)
             if not full:
                 return code
+            if self.asked is not None and self.asked():
+                left = 1  # so many rows may lie in all of them that it lasts minutes
 
     def _moments(self) -> list[events.Moment]:
         """Breaks and events that were not asked for before."""
