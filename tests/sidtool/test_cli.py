@@ -388,6 +388,7 @@ def test_a_warmup_that_keeps_nothing_has_failed(
     monkeypatch.setattr(warmup, "all_groups", lambda _: [("small:scaled",)])
     monkeypatch.setattr(warmup, "_find", lambda name: kernel)
     monkeypatch.setattr(stored, "_told", set())
+    monkeypatch.setattr(warmup, "_seen", set())
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")
     with pytest.warns(stored.KernelCacheWarning, match="cannot be kept"):
         assert run(["warmup"]) == 1

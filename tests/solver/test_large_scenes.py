@@ -11,10 +11,9 @@ from scipy.sparse import csr_array, random_array
 from sidtool.solver import account, simulate
 from sidtool.solver.advice import bifurcations, notes
 from sidtool.solver.integrators import stepping
-from sidtool.solver.start import assembly, consistent
+from sidtool.solver.start import assembly, consistent, large_scenes
 from sidtool.solver.start.large_scenes import (
     CLEAR,
-    MANY,
     IndependentRows,
     least_independent,
 )
@@ -23,6 +22,8 @@ from sidtool.solver.system.storage import band
 from tests.solver.scenes import compiled, scene
 
 ENDS = {"a": {"position": [0.0, 0.0]}, "b": {"position": [0.7, 0.1]}}
+#: Constraints.
+SOME = 60
 
 
 def chain(links: int, apart: float = 0.0, doubled: bool = False, **more: Any) -> System:
@@ -49,6 +50,13 @@ def chain(links: int, apart: float = 0.0, doubled: bool = False, **more: Any) ->
     return compiled(scene(bodies, joints, **more))
 
 
+@pytest.fixture(autouse=True)
+def fewer_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenes of 60 constraints count as large: what they show does not need more."""
+    monkeypatch.setattr(consistent, "MANY", SOME)
+    monkeypatch.setattr(large_scenes, "MANY", SOME)
+
+
 def dense(monkeypatch: pytest.MonkeyPatch) -> None:
     """No scene counts as large."""
     monkeypatch.setattr(consistent, "MANY", 10**9)
@@ -67,7 +75,7 @@ def test_a_large_scene_is_assembled_without_dense_matrices(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The same place as with them: the nearest one in the metric."""
-    system = chain(MANY // 2 + 7, apart=0.02)
+    system = chain(SOME // 2 + 7, apart=0.02)
     with monkeypatch.context() as only_sparse:
         forbid_dense(only_sparse)
         found, start = assembly.assemble(system)
@@ -96,7 +104,7 @@ def test_an_open_chain_that_falls_passes_nothing_singular(
         return told[-1]
 
     monkeypatch.setattr(account, "crossings", crossings)
-    system = chain(MANY // 2 + 100, gravity=[0.0, -9.81], end=0.01)
+    system = chain(250, gravity=[0.0, -9.81], end=0.01)
     simulate(system, integrator="radau5", rtol=1e-4)
     assert told == [[]]
 
@@ -105,7 +113,7 @@ def test_a_large_chain_that_hangs_says_why_nothing_moves(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     forbid_dense(monkeypatch)
-    links = MANY // 2 + 9
+    links = SOME // 2 + 9
     result = simulate(chain(links, gravity=[7.0, 1.0], end=1e-3), rtol=1e-4)
     (note,) = (n for n in result.notes if "nothing moves" in n)
     assert f"no force acts along the {links} coordinates" in note
@@ -114,7 +122,7 @@ def test_a_large_chain_that_hangs_says_why_nothing_moves(
 def test_a_dependent_constraint_of_a_large_scene_is_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    system = chain(MANY // 2 + 3, doubled=True)
+    system = chain(SOME // 2 + 3, doubled=True)
     found, _ = assembly.assemble(system)
     dense(monkeypatch)
     expected, _ = assembly.assemble(system)
