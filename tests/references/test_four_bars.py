@@ -82,7 +82,7 @@ def test_two_loops_end_where_published(integrator: str, rtol: float) -> None:
     assert result.drift["position"] < 1e-10
 
 
-@pytest.mark.parametrize("loops", [2, 12])
+@pytest.mark.parametrize("loops", [2, 6])
 def test_all_loops_turn_as_one_pendulum(loops: int) -> None:
     result = simulate(four_bars(loops, 10.0), integrator="radau9", rtol=1e-9)
     exact = angles(loops, result.t)
