@@ -21,7 +21,7 @@ from .layout import (
     VEL,
     WORK,
 )
-from .mass import mass_factor, mass_solve
+from .mass import independence, mass_factor, mass_solve
 from .newton import MEMORY, PROJECT_ONCE, SOLVE_ACCELERATIONS
 from .saddle import REGULARISATION, SHARED_SLACK, band_factor, band_solve
 
@@ -29,6 +29,9 @@ from .saddle import REGULARISATION, SHARED_SLACK, band_factor, band_solve
 REFINEMENTS = 8
 #: They stop below this relative defect, or when they no longer halve it.
 DEFECT = 1e-12
+#: Constraints that are less independent than this, in the metric of projections, are
+#: met by deformations, too: tau^2 gets so many times smaller, down to the last one.
+RIGIDLY_DEPENDENT, SOFTER, SOFTEST = 0.03, 1e-2, 1e-5
 
 
 @inner(types.void(SYSTEM, MEMORY, F1, F1))
@@ -149,9 +152,19 @@ def project_once(system, work, memory, regularisation, dz, dv):
     not into stiff elastic coordinates. Of what is met by constraints that are less
     independent than the regularisation, relative to the Schur complement, little is
     corrected.
+
+    Where the rigid motion alone could hardly make a correction, as at the dead point of
+    a mechanism, tau is made smaller, so that deformations help: else rounding and
+    errors of dense output would become large motions.
     """
     m = system.dims[N_ROWS]
-    status = _factor_mass(system, work, memory, 1.0, regularisation)
+    weight = 1.0
+    status = _factor_mass(system, work, memory, weight, regularisation)
+    while status == 0 and weight > SOFTEST:
+        if independence(system, memory.mass_S) > RIGIDLY_DEPENDENT:
+            break
+        weight *= SOFTER
+        status = _factor_mass(system, work, memory, weight, regularisation)
     if status != 0:
         return status
     for x, column in ((dz, C_VALUE), (dv, C_RATE)):
