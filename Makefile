@@ -10,7 +10,7 @@ demo: $(READY)
 
 test: $(READY) lint
 	$(BIN)/sidtool warmup
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(READY)
 	$(BIN)/ruff check .
