@@ -15,7 +15,7 @@ from pydantic import BaseModel
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.model.refine import modes_of, refined, with_modes
-from sidtool.formats.scene import SceneFile, SidBody
+from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid, write_sid
 
@@ -103,7 +103,8 @@ def sources(scene: SceneFile, folder: Path) -> dict[str, Source]:
     ------
     InputError : a model cannot be read.
     """
-    return {n: Source(folder / b.model, folder) for n, b in _bodies(scene) if b.model}
+    bodies = scene.sid_bodies.items()
+    return {n: Source(folder / b.model, folder) for n, b in bodies if b.model}
 
 
 def converted(
@@ -130,13 +131,6 @@ def converted(
     if not found:
         return scene, {}, []
     return scene.model_copy(update={"bodies": bodies}), found, told
-
-
-def _bodies(scene: SceneFile) -> Iterator[tuple[str, SidBody]]:
-    for name in scene.flexible:
-        body = scene.bodies[name]
-        assert isinstance(body, SidBody)
-        yield name, body
 
 
 def _key(model: ModelFile) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import SceneFile, SidBody
+from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid
 
@@ -25,8 +25,8 @@ def other_shapes(
     sids : SIDs that replace the files of the bodies with these names
     """
     for name, sid in sids.items():
-        body = scene.bodies.get(name)
-        if not isinstance(body, SidBody) or not body.sid:
+        body = scene.sid_bodies.get(name)
+        if body is None or not body.sid:
             continue
         from .report.modes import kinds_of  # a third of a second, with SciPy
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import SceneFile, SidBody
+from sidtool.formats.scene import SceneFile
 
 
 def as_rigid(scene: SceneFile, names: Iterable[str]) -> SceneFile:
@@ -41,9 +41,7 @@ def told_rigid(scene: SceneFile) -> Iterator[str]:
 
 def told_left_out(scene: SceneFile) -> Iterator[str]:
     """A sentence about each body of which the scene leaves something out."""
-    for name in scene.flexible:
-        body = scene.bodies[name]
-        assert isinstance(body, SidBody)
+    for name, body in scene.sid_bodies.items():
         if body.shape_functions is not None and not body.rigid:
             numbers = ", ".join(map(str, sorted(body.shape_functions)))
             yield f"{name} moves in shape functions {numbers} of {body.sid} alone"

@@ -9,7 +9,7 @@ from typing import Any
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import AccuracyReport
-from sidtool.formats.scene import PEAK_STRESS, SceneFile, SidBody
+from sidtool.formats.scene import PEAK_STRESS, SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_subset import with_shape_functions
@@ -91,9 +91,7 @@ def trimmed(
     assert plan is not None
     kept: set[int] = set()
     for name in bodies:
-        body = plan.scene.bodies[name]
-        assert isinstance(body, SidBody)
-        kept |= set(body.numbers(sid.nq))
+        kept |= set(plan.scene.sid_bodies[name].numbers(sid.nq))
     numbers = tuple(sorted(kept))
     small = with_shape_functions(sid, [k - 1 for k in numbers])
     used = used_nodes(scene, bodies, sid)
@@ -112,11 +110,9 @@ def used_nodes(scene: SceneFile, bodies: Iterable[str], sid: SID) -> set[str]:
     texts = set(_texts(content))
     found: set[str] = set()
     for name in bodies:
-        body = scene.bodies[name]
-        assert isinstance(body, SidBody)
         if any(_wide(text, name) for text in texts):
             return {node.id for node in sid.nodes}
-        found |= set(body.markers.values())
+        found |= set(scene.sid_bodies[name].markers.values())
         found |= {
             node.id
             for node in sid.nodes
@@ -151,14 +147,11 @@ def _texts(value: Any) -> Iterable[str]:
 
 
 def _files(scene: SceneFile) -> list[str]:
-    bodies = [scene.bodies[name] for name in scene.flexible]
-    return list(dict.fromkeys(b.sid for b in bodies if isinstance(b, SidBody)))
+    return list(dict.fromkeys(body.sid for body in scene.sid_bodies.values()))
 
 
 def _with_file(scene: SceneFile, path: Path, folder: Path) -> Iterable[str]:
-    for name in scene.flexible:
-        body = scene.bodies[name]
-        assert isinstance(body, SidBody)
+    for name, body in scene.sid_bodies.items():
         try:
             if (folder / body.sid).samefile(path):
                 yield name

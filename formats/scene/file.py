@@ -131,9 +131,14 @@ class SceneFile(File):
     outputs: Outputs = Outputs()
 
     @property
+    def sid_bodies(self) -> dict[str, SidBody]:
+        """The bodies with a SID."""
+        return {n: b for n, b in self.bodies.items() if isinstance(b, SidBody)}
+
+    @property
     def flexible(self) -> list[str]:
         """Names of the bodies with a SID."""
-        return [n for n, body in self.bodies.items() if isinstance(body, SidBody)]
+        return list(self.sid_bodies)
 
     @model_validator(mode="after")
     def _consistent(self) -> SceneFile:

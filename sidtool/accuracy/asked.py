@@ -76,13 +76,9 @@ def with_wanted(scene: SceneFile, wanted: Wanted) -> SceneFile:
     ------
     InputError : it cannot be asked for.
     """
-    from sidtool.formats.toml_files import validated
-
     table = dict(wanted) if isinstance(wanted, Mapping) else float(wanted)
-    content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
-    content["accuracy"]["wanted"] = table
     try:
-        return validated(content, SceneFile)
+        return scene.with_({"accuracy.wanted": table})
     except InputError as error:
         place = "accuracy" if error.place is None else error.place
         raise InputError(error.problem, place=place, expected=error.expected) from None

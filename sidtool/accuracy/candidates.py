@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -84,7 +84,7 @@ class Choice:
 def finest(scene: SceneFile, sids: Mapping[str, SID]) -> Choice:
     """All shape functions and all terms that the scene and its SIDs have."""
     kept, quadratic = {}, set()
-    for name, body in _flexible(scene):
+    for name, body in scene.sid_bodies.items():
         sid = sids[name]
         kept[name] = body.numbers(sid.nq)
         if kept[name] and sid.Oe.first_order(sid.nq).any():
@@ -97,7 +97,7 @@ def stiffened(scene: SceneFile, sids: Mapping[str, SID]) -> dict[str, bool]:
     planar = scene.dimension == "planar"
     return {
         name: can_be_unstiffened(sids[name], planar)
-        for name, body in _flexible(scene)
+        for name, body in scene.sid_bodies.items()
         if body.geometric_stiffening and not body.rigid and has_stiffening(sids[name])
     }
 
@@ -137,13 +137,6 @@ def _body(body: SidBody, name: str, numbers: Numbers, choice: Choice, nq: int) -
             "initial": body.initial.model_copy(update=initial),
         }
     )
-
-
-def _flexible(scene: SceneFile) -> Iterator[tuple[str, SidBody]]:
-    for name in scene.flexible:
-        body = scene.bodies[name]
-        assert isinstance(body, SidBody)
-        yield name, body
 
 
 def shape_functions(choice: Choice) -> list[Candidate]:

@@ -8,8 +8,8 @@ import click
 
 from sidtool.formats.errors import InputError
 
-from .animate import field_files
 from .common import Target, check_targets, existing, force, target
+from .full_fields import field_files, full_fields
 
 
 @click.command()
@@ -17,13 +17,7 @@ from .common import Target, check_targets, existing, force, target
 @click.option(
     "-o", "--output", required=True, type=target, help="Page to write (.html)."
 )
-@click.option(
-    "--field",
-    "fields",
-    metavar="BODY=FILE",
-    multiple=True,
-    help="Full field of a flexible body for the pictures, as of `sidtool animate`.",
-)
+@full_fields
 @force
 def report(result: Path, output: Path, fields: tuple[str, ...], force: bool) -> None:
     """Write what an engineer files of a RESULT, as one page (HTML).

@@ -70,9 +70,7 @@ def kept(field: Field, scene: SceneFile, body: str) -> Field:
 
 def _beside(scene: SceneFile, folders: list[Path]) -> Iterator[tuple[str, Path]]:
     """Files NAME.field.h5 beside the SIDs of a scene."""
-    for name, body in scene.bodies.items():
-        if not isinstance(body, SidBody):
-            continue
+    for name, body in scene.sid_bodies.items():
         for folder in folders:
             path = (folder / body.sid).with_suffix(ENDING)
             if path.is_file():

@@ -26,7 +26,7 @@ from ..kernels.coordinates import rate
 from ..kernels.layout import Work
 from ..kernels.newton import Kernels
 from ..start import large_scenes
-from ..start.consistent import dense_jacobian, names_of_rows
+from ..start.consistent import dense_jacobian, names_of_rows, of_length_one
 from ..system import kernel_calls
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
@@ -207,9 +207,7 @@ def _rows_at(system: System, work: Work, t: float, z: Array) -> Any:
     kernel_calls.evaluate(system, work, t, z, np.zeros(system.n_velocities))
     if system.n_rows >= large_scenes.MANY:
         return large_scenes.of_length_one(large_scenes.scaled_jacobian(system, work.C))
-    C = dense_jacobian(system, work.C) * coordinate_sizes(system)
-    norms = np.linalg.norm(C, axis=1)
-    return C / np.where(norms > 0.0, norms, 1.0)[:, None]
+    return of_length_one(dense_jacobian(system, work.C) * coordinate_sizes(system))
 
 
 def _least(system: System, B: Any) -> tuple[Array, float]:

@@ -191,9 +191,7 @@ class State:
 
     def scaled_jacobian(self) -> Array:
         """C for relative changes of the coordinates, its rows of length 1 or 0."""
-        C = self.jacobian() * coordinate_sizes(self.system)
-        norms = np.linalg.norm(C, axis=1)
-        return C / np.where(norms > 0.0, norms, 1.0)[:, None]
+        return of_length_one(self.jacobian() * coordinate_sizes(self.system))
 
     def is_clear(self, independent: float) -> bool:
         """Whether the rows of a large scene are known to be independent: the singular
@@ -260,6 +258,12 @@ def _free_coordinates(system: System) -> Array:
         if data.of_scene and system.scene.bodies[data.name].initial.fixed:
             free[row[at.VEL] : row[at.VEL] + row[at.NV]] = False
     return free
+
+
+def of_length_one(C: Array) -> Array:
+    """The rows (n, m) divided by their lengths, those of nothing as they are."""
+    lengths = np.linalg.norm(C, axis=1)
+    return C / np.where(lengths > 0.0, lengths, 1.0)[:, None]
 
 
 def dense_jacobian(system: System, C: Array) -> Array:

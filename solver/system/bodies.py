@@ -92,9 +92,7 @@ def read_sids(
     InputError : a SID cannot be read.
     """
     found = {}
-    for name, body in scene.bodies.items():
-        if not isinstance(body, SidBody):
-            continue
+    for name, body in scene.sid_bodies.items():
         if name not in sids and not body.sid:
             raise InputError(
                 f"{body.model} is a model that has to be converted first",
