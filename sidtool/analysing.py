@@ -13,6 +13,7 @@ from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 
 from .kinds import expect_kind
+from .made import converted
 from .results import Result, answering
 from .swaps import swapped
 
@@ -123,10 +124,11 @@ def _compiled(
     folder = Path(base_folder or scene.folder)
     with located(scene):
         content, replaced = swapped(scene, sids or {}, folder)
+        content, made, _ = converted(content, folder)
         yield compile_scene(
             content,
             folder,
-            replaced,
+            replaced | made,
             accept_defects=accept_defects,
             drives=programs[0],
             keep_joints=True,

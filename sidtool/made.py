@@ -1,4 +1,4 @@
-"""SIDs of bodies that a scene describes by their models: made once and kept."""
+"""SIDs and fields of bodies that a scene describes by models: made once and kept."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.field import Field, read_field, write_field
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.model.refine import modes_of, refined, with_modes
 from sidtool.formats.scene import SceneFile
@@ -21,6 +22,8 @@ from sidtool.formats.sid_files import read_sid, write_sid
 
 #: Beside the scene.
 FOLDER = ".sidtool"
+#: Full fields are beside the SIDs that they belong to, under this ending.
+ENDING = ".field.h5"
 
 
 @dataclass(frozen=True)
@@ -73,14 +76,10 @@ class Source:
         """
         from .convert import BASIS, NOTE, sid_from_model
 
-        model = refined(self.model, fineness.level)
-        if model is not None and fineness.modes is not None:
-            model = with_modes(model, fineness.modes)
-        assert model is not None
-        name = f"{self.path.stem}-{_key(model)}.h5"
-        file = self.folder / FOLDER / name
+        model = self.refined(fineness)
+        name, file = self._kept(model)
         with suppress(InputError):
-            return Made(read_sid(file), f"{FOLDER}/{name}", ())
+            return Made(read_sid(file), name, ())
         lines: list[str] = []
         try:
             sid = sid_from_model(model, lines.append)
@@ -93,7 +92,42 @@ class Source:
             write_sid(file, sid)
         except (OSError, InputError):
             return Made(sid, "", notes)
-        return Made(sid, f"{FOLDER}/{name}", notes)
+        return Made(sid, name, notes)
+
+    def field(self) -> Field:
+        """The full field of the body as its model says it, kept beside its SID.
+
+        Raises
+        ------
+        InputError : the model cannot be converted.
+        """
+        from .convert import field_from_model
+
+        file = self._kept(self.model)[1].with_suffix(ENDING)
+        with suppress(InputError):
+            return read_field(file)
+        field = field_from_model(self.model, _silent)[1]
+        with suppress(OSError, InputError):
+            file.parent.mkdir(exist_ok=True)
+            write_field(file, field)
+        return field
+
+    def refined(self, fineness: Fineness) -> ModelFile:
+        """The model with another mesh and other modes."""
+        model = refined(self.model, fineness.level)
+        if model is not None and fineness.modes is not None:
+            model = with_modes(model, fineness.modes)
+        assert model is not None
+        return model
+
+    def _kept(self, model: ModelFile) -> tuple[str, Path]:
+        """Where the SID is kept, as the scene names it and in all."""
+        name = f"{FOLDER}/{self.path.stem}-{digest_of(model)}.h5"
+        return name, self.folder / name
+
+
+def _silent(_: str) -> None:
+    return None
 
 
 def sources(scene: SceneFile, folder: Path) -> dict[str, Source]:
@@ -133,7 +167,7 @@ def converted(
     return scene.model_copy(update={"bodies": bodies}), found, told
 
 
-def _key(model: ModelFile) -> str:
+def digest_of(model: ModelFile) -> str:
     """A digest of a model and of the files that it names."""
     from . import __version__
 

@@ -85,7 +85,7 @@ class SidBody(Table):
         default=None,
         min_length=1,
         description="model file that the body is made of, in place of `sid`: "
-        "`simulate` and `trim` convert it and keep the SID in a folder .sidtool beside "
+        "every command converts it once and keeps the SID in a folder .sidtool beside "
         "the scene; with [accuracy] wanted mesh and shape functions are refined as far "
         "as needed",
     )

@@ -69,13 +69,16 @@ def _scene(content: Any, path: Path) -> str:
     from sidtool.formats.errors import InputError
     from sidtool.solver import compile_scene, describe
 
+    from ..made import converted
     from ..report.scene import describe_scene
 
+    folder = path.parent
     try:
-        lines = describe(compile_scene(content, path.parent, accept_defects=True))
+        whole, made, told = converted(content, folder)
+        lines = describe(compile_scene(whole, folder, made, accept_defects=True))
     except InputError as error:
         raise error.located(path) from None
-    return "\n".join([describe_scene(content), "", *lines])
+    return "\n".join([describe_scene(content), "", *told, *lines])
 
 
 def _result(content: Any, _: Path) -> str:

@@ -1,10 +1,11 @@
-"""The full fields of the flexible bodies of a scene: named, or beside their SIDs."""
+"""The full fields of flexible bodies: named, beside their SIDs, or of their models."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from sidtool.formats.errors import InputError
@@ -12,7 +13,8 @@ from sidtool.formats.field import Field, mismatch, read_field
 from sidtool.formats.scene import SceneFile, SidBody
 from sidtool.formats.sid import SID
 
-ENDING = ".field.h5"
+from ..made import ENDING, Source
+
 Given = Mapping[str, Field | str | os.PathLike[str]]
 
 
@@ -46,10 +48,10 @@ def companions(
                 expected="the field that was written with this SID",
             )
         found[body] = kept(field, scene, body)
-    for body, path in _beside(scene, folders):
+    for body, path, read in _beside(scene, folders):
         if body in found or body not in sids:
             continue
-        field = read_field(path)
+        field = read()
         wrong = mismatch(field, sids[body])
         if wrong:
             told.append(f"{path} is not the field of {body}: it {wrong}")
@@ -68,11 +70,17 @@ def kept(field: Field, scene: SceneFile, body: str) -> Field:
     return replace(field, shapes=field.shapes[..., rows], stress=stress)
 
 
-def _beside(scene: SceneFile, folders: list[Path]) -> Iterator[tuple[str, Path]]:
-    """Files NAME.field.h5 beside the SIDs of a scene."""
+def _beside(
+    scene: SceneFile, folders: list[Path]
+) -> Iterator[tuple[str, Path, Callable[[], Field]]]:
+    """Files NAME.field.h5 beside the SIDs of a scene, and models of its bodies."""
     for name, body in scene.sid_bodies.items():
         for folder in folders:
             path = (folder / body.sid).with_suffix(ENDING)
             if path.is_file():
-                yield name, path
+                yield name, path, partial(read_field, path)
+                break
+            if body.model and (folder / body.model).is_file():
+                source = Source(folder / body.model, folder)
+                yield name, source.path, source.field
                 break

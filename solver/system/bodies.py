@@ -97,7 +97,7 @@ def read_sids(
             raise InputError(
                 f"{body.model} is a model that has to be converted first",
                 place=f"bodies.{name}.model",
-                expected="`sidtool simulate` or `trim`, or a SID made by `convert`",
+                expected="a command of sidtool, which converts it, or a SID",
             )
         found[name] = sids[name] if name in sids else read_sid(folder / body.sid)
     return found

@@ -12,9 +12,12 @@ import pytest
 
 import sidtool
 from sidtool.accuracy import cached
+from sidtool.cli import run
 from sidtool.formats.model.refine import refined, with_modes
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.solver import compile_scene
+from sidtool.solver.afterwards import scene_of
+from sidtool.view.companions import companions
 
 from .arms import cantilever, spun
 from .beams import beam, beam_data
@@ -133,3 +136,49 @@ def test_what_cannot_convert_says_so(folder: Path) -> None:
     path.write_text(json.dumps(content))
     with pytest.raises(sidtool.InputError, match="leg.json"):
         sidtool.simulate(path)
+
+
+def test_analyses_of_a_body_that_is_its_model(folder: Path) -> None:
+    """A driven cantilever of unit length, mass and stiffness: w / 8, 3.516 rad/s."""
+    scene = spun(0.3, 2.0).model_copy(update={"gravity": (0.0, -0.01)})
+    mesh = {"type": "iga", "degrees": [3, 2], "elements": [10, 1]}
+    path = written(folder, scene, mesh, 3)
+    rest = sidtool.static_equilibrium(path).result()
+    assert rest["arm.tip.uy"][0] == pytest.approx(-0.01 / 8.0, rel=5e-3)
+    found = sidtool.linearise(path).frequencies
+    assert found[0] * 2.0 * np.pi == pytest.approx(3.516, rel=5e-3)
+
+
+def test_commands_take_a_body_that_is_its_model(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each says of the model what it says of the SID that `convert` makes of it."""
+    mesh = {"type": "iga", "degrees": [3, 2], "elements": [10, 1]}
+    path, sid = written(folder, spun(0.3, 2.0), mesh, 3), folder / "arm.h5"
+    assert run(["convert", str(folder / "arm.json"), "-o", str(sid)]) == 0
+    capsys.readouterr()
+    assert run(["validate", str(sid)]) == 0
+    judged = capsys.readouterr().out
+    assert run(["validate", str(folder / "arm.json")]) == 0
+    assert capsys.readouterr().out == judged
+    assert run(["validate", str(path)]) == 0
+    assert capsys.readouterr().out == f"body arm\n\n{judged}"
+    assert run(["validate", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["passed"] and told["bodies"]["arm"]["passed"]
+    assert run(["info", str(path)]) == 0
+    assert "arm is made of arm.json" in capsys.readouterr().out
+
+
+def test_bodies_of_models_are_shown_whole(folder: Path) -> None:
+    """The field of the model is evaluated once: some 60 points, not the two nodes."""
+    mesh = {"type": "iga", "degrees": [3, 2], "elements": [10, 1]}
+    path = written(folder, spun(0.3, 2.0), mesh, 3)
+    result = sidtool.simulate(path)
+    for _ in range(2):
+        known, told = companions(scene_of(result), result.sids, {}, [folder])
+        assert not told and len(known["arm"].positions) > 60
+        (kept,) = (folder / ".sidtool").glob("*.field.h5")
+    other = sidtool.simulate(path, sids={"arm": cantilever(4)})
+    assert companions(scene_of(other), other.sids, {}, [folder]) == ({}, [])
+    assert kept.is_file()
