@@ -3,21 +3,24 @@
 The generator is that of `tests/metamorphic`. Each seed draws a request, from 1e-1 to
 1e-5, of all outputs or of three of them. What the search promises is compared with a
 run that it has never seen: every term and shape function, radau13 at 1e-12.
-`python -m benchmarks.accuracy FIRST LAST` judges the scenes of these seeds alone and
-prints a line for each.
+`python -m benchmarks.accuracy FIRST LAST [FILE]` judges the scenes of these seeds
+alone, prints a line for each, and keeps verdicts in FILE: what is in there is not
+judged again. The page is made of `accuracy.judged` beside it in the same way.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from sidtool.accuracy import OutsideTheory, planned
+from sidtool.accuracy.cached import METHOD as SEARCH
 from sidtool.accuracy.candidates import as_scene, finest
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
@@ -30,7 +33,8 @@ from tests.metamorphic.scenes import random_scene
 from .machine import describe_machine
 from .report import Report, Table
 
-SCENES = 60
+#: Seeds that no defect was found with.
+FIRST, SCENES = 2000, 200
 #: Exponents of requests, and outputs of those that name some.
 SHARPEST, LOOSEST, NAMED = -5.0, -1.0, 3
 METHOD, TIGHT = "radau13", 1e-12
@@ -125,11 +129,34 @@ def _error(name: str, found: Result, exact: Result) -> float:
 
 def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     """All seeds, told one by one."""
+    seeds = range(FIRST, FIRST + SCENES)
+    return report(judge_all(seeds, folder / f"{name}.judged", say))
+
+
+def judge_all(
+    seeds: Iterable[int], path: Path | None, say: Callable[[str], None]
+) -> list[Verdict]:
+    """Verdicts of all seeds; those that a file holds of this search are not repeated.
+
+    path : one verdict a line, behind the number of the search
+    """
+    known: dict[int, Verdict] = {}
+    if path is not None and path.exists():
+        for line in path.read_text().splitlines():
+            search, verdict = json.loads(line)
+            if search == SEARCH:
+                known[verdict["seed"]] = Verdict(**verdict)
     verdicts = []
-    for seed in range(SCENES):
-        verdicts.append(judged(seed))
-        say(told(verdicts[-1]))
-    return report(verdicts)
+    for seed in seeds:
+        verdict = known.get(seed)
+        if verdict is None:
+            verdict = judged(seed)
+            if path is not None:
+                with path.open("a") as file:
+                    file.write(json.dumps([SEARCH, asdict(verdict)]) + "\n")
+        say(told(verdict))
+        verdicts.append(verdict)
+    return verdicts
 
 
 def told(verdict: Verdict) -> str:
@@ -177,5 +204,6 @@ def report(verdicts: list[Verdict]) -> Report:
 
 
 if __name__ == "__main__":
-    for one in range(int(sys.argv[1]), int(sys.argv[2])):
-        print(told(judged(one)), flush=True)
+    first, last, *files = sys.argv[1:]
+    kept = Path(files[0]) if files else None
+    judge_all(range(int(first), int(last)), kept, lambda line: print(line, flush=True))
