@@ -117,7 +117,7 @@ class SidBody(Table):
     geometric_stiffening: bool = Field(
         default=True,
         description="false: without the terms of geometric stiffening that the SID "
-        "holds; in planar scenes",
+        "holds; in space for shape functions that each move along one axis alone",
     )
     damping: Damping | None = Field(
         default=None, description="of the elastic coordinates, default that of the SID"

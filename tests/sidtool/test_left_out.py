@@ -12,7 +12,7 @@ import sidtool
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Taylor
 from sidtool.validate.basis import change_basis
-from tests.bodies import particle_body
+from tests.bodies import particle_body, particle_cloud
 
 STIFF = np.array([3e3, 8e3, 2e4, 5e4])
 
@@ -100,6 +100,29 @@ def test_a_planar_body_without_stiffening_is_the_one_made_without() -> None:
     expected = run(body(stiffening=False), scene())
     found = run(body(stiffening=True), scene(geometric_stiffening=False))
     stiffened = run(body(stiffening=True), scene())
+    for name in ("arm.tip.x", "arm.q1", "arm.q3"):
+        assert found[name] == pytest.approx(expected[name], rel=1e-7, abs=1e-9)
+        assert np.abs(stiffened[name] - expected[name]).max() > 1e-6
+
+
+@pytest.mark.parametrize("axes", [(1, 2, 1, 2), (0, 1, 2, 2)])
+def test_a_spatial_body_without_stiffening_is_the_one_made_without(
+    axes: tuple[int, ...],
+) -> None:
+    """Particles of which each shape function moves all along one axis, as in a beam."""
+    cloud, _ = particle_cloud(4, 9, False, 11, stiffening=True)
+    phi = np.random.default_rng(4).normal(size=cloud.phi.shape)
+    for k, axis in enumerate(axes):
+        phi[:, [a for a in range(3) if a != axis], k] = 0.0
+    aligned = replace(cloud, phi=0.3 * phi)
+    Ke, De = np.diag(STIFF), 1e-3 * np.diag(STIFF)
+    plain = replace(aligned, phi1=None, psi1=None).sid(Ke, De, 2)
+    spin = {"angular_velocity": [2.0, -1.0, 5.0]}
+    content = scene("spatial", initial=spin)
+    expected = run(plain, content)
+    stiff = aligned.sid(Ke, De, 2)
+    found = run(stiff, scene("spatial", initial=spin, geometric_stiffening=False))
+    stiffened = run(stiff, content)
     for name in ("arm.tip.x", "arm.q1", "arm.q3"):
         assert found[name] == pytest.approx(expected[name], rel=1e-7, abs=1e-9)
         assert np.abs(stiffened[name] - expected[name]).max() > 1e-6
