@@ -39,13 +39,14 @@ class BudgetLine(Table):
 class Decision(Table):
     """One thing that could be left out, and what became of it."""
 
-    body: str
+    body: str = Field(description="empty for space, which all bodies share")
     what: Literal[
         "shape function",
         "shape functions",
         "flexibility",
         "geometric stiffening",
         "quadratic inertia",
+        "space",
     ]
     number: int | None = Field(default=None, description="of the shape function")
     numbers: tuple[int, ...] = Field(

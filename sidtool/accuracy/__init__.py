@@ -1,6 +1,7 @@
 """Only what a scene needs: the cheapest model that keeps a wanted accuracy.
 
 wanted        outputs, and the error that each may have
+flat          a spatial scene whose motion stays in a plane
 candidates    what can be left out; models as scenes
 runs          models, each compiled and run once, and how much two differ
 reference     every choice at its finest, integrated tightly

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sidtool.formats.result import BudgetLine
@@ -33,6 +35,7 @@ def budget(runs: Runs, reference: Reference, chosen: Chosen) -> tuple[BudgetLine
     meshes = (lines.line("mesh", "of models", reference.meshes, None),)
     return (
         *(meshes if reference.meshes.any() else ()),
+        *(lines.plane() if whole.flat else ()),
         lines.switched("shape functions", _shapes_told(whole, reference), shapes),
         lines.switched("terms", _terms_told(whole, reference), terms),
         lines.line("integration", method, loose + reference.uncertainty, tight),
@@ -44,6 +47,15 @@ def budget(runs: Runs, reference: Reference, chosen: Chosen) -> tuple[BudgetLine
 class _Lines:
     def __init__(self, runs: Runs, reference: Reference, chosen: Chosen) -> None:
         self.runs, self.reference, self.chosen = runs, reference, chosen
+
+    def plane(self) -> tuple[BudgetLine, ...]:
+        """The line of the plane: the finest model there and in space."""
+        space, setting = self.reference.choice, self.chosen.found.setting
+        plane = replace(space, flat=True)
+        errors = self.runs.difference(plane, space, self.reference.setting)
+        seconds = self.runs.seconds(space, setting)
+        told = "planar, for spatial"
+        return (self.line("space", told, errors + self.reference.uncertainty, seconds),)
 
     def switched(self, part: str, told: str, finer: Choice) -> BudgetLine:
         """The line of what `finer` has at its finest."""

@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile, SidBody, is_elastic, is_stress
 from sidtool.formats.scene import parse_output as parsed
 from sidtool.formats.sid import SID
 from sidtool.formats.stiffening import has_stiffening
 from sidtool.solver.system.unstiffened import can_be_unstiffened
+
+from .flat import in_plane
 
 Numbers = tuple[int, ...]
 
@@ -19,12 +22,14 @@ SHAPE = "shape function"
 SHAPES = "shape functions"
 STIFFENING = "geometric stiffening"
 QUADRATIC = "quadratic inertia"
+SPACE = "space"
 
 
 @dataclass(frozen=True)
 class Candidate:
     """One thing that can be left out.
 
+    body : empty for the third dimension, which all have
     number : of a shape function
     numbers : of shape functions that are left out together
     """
@@ -42,15 +47,18 @@ class Choice:
     kept : shape functions by number; none for a rigid body
     quadratic : bodies with quadratic inertia
     unstiffened : bodies whose geometric stiffening is left out
+    flat : a spatial scene as a planar one
     """
 
     kept: tuple[tuple[str, Numbers], ...]
     quadratic: frozenset[str]
     unstiffened: frozenset[str] = frozenset()
+    flat: bool = False
 
     def without(self, *candidates: Candidate) -> Choice:
         """The model without these."""
         kept, bare, quadratic = dict(self.kept), self.unstiffened, self.quadratic
+        flat = self.flat
         for c in candidates:
             if c.what == FLEXIBILITY:
                 kept[c.body] = ()
@@ -60,9 +68,11 @@ class Choice:
                 kept[c.body] = tuple(k for k in kept[c.body] if k not in c.numbers)
             elif c.what == STIFFENING:
                 bare = bare | {c.body}
+            elif c.what == SPACE:
+                flat = True
             else:
                 quadratic = quadratic - {c.body}
-        return Choice(tuple(kept.items()), quadratic, bare)
+        return Choice(tuple(kept.items()), quadratic, bare, flat)
 
     def elastic(self, name: str) -> bool:
         return bool(dict(self.kept).get(name))
@@ -92,9 +102,11 @@ def finest(scene: SceneFile, sids: Mapping[str, SID]) -> Choice:
     return Choice(tuple(kept.items()), frozenset(quadratic))
 
 
-def stiffened(scene: SceneFile, sids: Mapping[str, SID]) -> dict[str, bool]:
+def stiffened(
+    scene: SceneFile, sids: Mapping[str, SID], flat: bool = False
+) -> dict[str, bool]:
     """Bodies that have geometric stiffening, and whether they can do without."""
-    planar = scene.dimension == "planar"
+    planar = flat or scene.dimension == "planar"
     return {
         name: can_be_unstiffened(sids[name], planar)
         for name, body in scene.sid_bodies.items()
@@ -103,12 +115,23 @@ def stiffened(scene: SceneFile, sids: Mapping[str, SID]) -> dict[str, bool]:
 
 
 def as_scene(scene: SceneFile, choice: Choice, sids: Mapping[str, SID]) -> SceneFile:
-    """The scene that says what is kept; it asks for no accuracy."""
+    """The scene that says what is kept; it asks for no accuracy.
+
+    Raises
+    ------
+    InputError : it is to be planar, and cannot be.
+    """
     bodies: dict[str, Any] = dict(scene.bodies)
     for name, numbers in choice.kept:
         bodies[name] = _body(bodies[name], name, numbers, choice, sids[name].nq)
     accuracy = scene.accuracy.model_copy(update={"wanted": None})
-    return scene.model_copy(update={"bodies": bodies, "accuracy": accuracy})
+    found = scene.model_copy(update={"bodies": bodies, "accuracy": accuracy})
+    if not choice.flat:
+        return found
+    planar = in_plane(found)
+    if planar is None:
+        raise InputError("the scene cannot be written in the plane z = 0")
+    return planar
 
 
 def recording(scene: SceneFile, names: tuple[str, ...]) -> SceneFile:
@@ -151,4 +174,4 @@ def with_all_shapes(choice: Choice, all_: Choice) -> Choice:
 
 def with_all_terms(choice: Choice, all_: Choice) -> Choice:
     """The model with the terms of another."""
-    return Choice(choice.kept, all_.quadratic, all_.unstiffened)
+    return replace(choice, quadratic=all_.quadratic, unstiffened=all_.unstiffened)

@@ -9,18 +9,33 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import accumulate
 
+import numpy as np
+
 from sidtool.formats.errors import InputError
+from sidtool.formats.scene import expanded, unit_of
 from sidtool.formats.sid import Array
 
-from .candidates import FLEXIBILITY, QUADRATIC, SHAPES, STIFFENING, Candidate, Choice
+from .candidates import (
+    FLEXIBILITY,
+    QUADRATIC,
+    SHAPES,
+    SPACE,
+    STIFFENING,
+    Candidate,
+    Choice,
+    stiffened,
+)
 from .candidates import shape_functions as shapes_of
+from .flat import in_plane, is_across
 from .integration import Found, cheapest
 from .reference import Reference
 from .runs import Runs
 
-#: Shares of what is allowed: for rigid bodies, with groups of shape functions, with
-#: single ones, with terms, with integration.
-RIGID, GROUPS, SHARE, MODEL, ALL = 0.2, 0.25, 0.4, 0.5, 0.95
+#: Shares of what is allowed: for the plane, for rigid bodies, with groups of shape
+#: functions, with single ones, with terms, with integration.
+PLANE, RIGID, GROUPS, SHARE, MODEL, ALL = 0.05, 0.2, 0.25, 0.4, 0.5, 0.95
+#: What leaves the plane by less than this part of the size of its kind does not.
+IN_PLANE = 1e-9
 #: Shape functions of one body that are looked at one by one; of more, those of least
 #: elastic energy are left out in groups first.
 SINGLE = 10
@@ -54,19 +69,18 @@ class Chosen:
     errors: Array
 
 
-def choose(runs: Runs, reference: Reference, stiffened: dict[str, bool]) -> Chosen:
+def choose(runs: Runs, reference: Reference) -> Chosen:
     """Leave out what can be, then integrate as loosely as possible.
-
-    stiffened : bodies with geometric stiffening, and whether they can do without
 
     Raises
     ------
     InputError : no model and no integration keeps the request.
     """
     search = _Search(runs, reference)
-    choice = search.rigid_bodies(reference.choice)
+    search.plane()
+    choice = search.rigid_bodies(search.base)
     choice = search.fewer_shapes(choice)
-    choice = search.fewer_terms(choice, stiffened)
+    choice = search.fewer_terms(choice)
     found = cheapest(runs, reference, choice, ALL)
     if found is None:
         choice = reference.choice
@@ -82,11 +96,41 @@ def choose(runs: Runs, reference: Reference, stiffened: dict[str, bool]) -> Chos
 
 
 class _Search:
-    """Compares models at one tight tolerance."""
+    """Compares models at one tight tolerance.
+
+    base : everything, in the plane if that does
+    """
 
     def __init__(self, runs: Runs, reference: Reference) -> None:
         self.runs, self.reference = runs, reference
+        self.base = reference.choice
         self.measured: list[Measured] = []
+
+    def plane(self) -> None:
+        """A spatial scene of which nothing leaves the plane is planar from here on."""
+        scene, candidate = self.runs.scene, Candidate("", SPACE)
+        if scene.dimension == "planar" or in_plane(scene) is None or self._leaves():
+            return
+        if self.alone(candidate) <= PLANE:
+            self.base = self.base.without(candidate)
+
+    def _leaves(self) -> bool:
+        """Whether an output across the plane, which is zero there, may not be."""
+        result, names = self.reference.result, self.runs.names
+        scene, sids = self.runs.scene, self.runs.sids
+        recorded = expanded(scene.outputs.record, scene, sids, "outputs.record")
+        if any(map(is_across, set(recorded) - set(names))):
+            return True
+        columns = self.runs.columns(self.reference.choice, result)
+        sizes = dict(zip(names, np.abs(columns).max(axis=0), strict=True))
+        kinds: dict[str, float] = {}
+        for name, size in sizes.items():
+            kinds[unit_of(name)] = max(kinds.get(unit_of(name), 0.0), size)
+        return any(
+            size > IN_PLANE * kinds[unit_of(name)]
+            for name, size in sizes.items()
+            if is_across(name)
+        )
 
     def use(self, choice: Choice) -> float:
         """The share of what is allowed that a model costs."""
@@ -98,7 +142,7 @@ class _Search:
 
         of : the model that it is left out of, default the finest one
         """
-        whole, setting = of or self.reference.choice, self.reference.setting
+        whole, setting = of or self.base, self.reference.setting
         less = whole.without(candidate)
         errors = self.runs.difference(whole, less, setting)
         self.measured.append(Measured(candidate, errors))
@@ -162,12 +206,13 @@ class _Search:
                 count = (fits + fails) // 2
         return fits
 
-    def fewer_terms(self, choice: Choice, stiffened: dict[str, bool]) -> Choice:
+    def fewer_terms(self, choice: Choice) -> Choice:
         """Terms of the bodies that stay flexible."""
         flexible = [n for n, kept in choice.kept if kept]
-        terms = [Candidate(n, STIFFENING) for n in flexible if stiffened.get(n)]
+        terms_of = stiffened(self.runs.scene, self.runs.sids, choice.flat)
+        terms = [Candidate(n, STIFFENING) for n in flexible if terms_of.get(n)]
         choice = self._together(choice, terms, TERM, MODEL)
-        bare = [n for n in flexible if n not in stiffened or n in choice.unstiffened]
+        bare = [n for n in flexible if n not in terms_of or n in choice.unstiffened]
         squares = [Candidate(n, QUADRATIC) for n in bare if n in choice.quadratic]
         return self._together(choice, squares, TERM, MODEL)
 

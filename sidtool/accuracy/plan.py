@@ -130,8 +130,8 @@ def _chosen(
     reference = make_reference(runs, finest(scene, sids), request)
     check_inside(reference.result)
     reference = reference.with_meshes(meshes.errors)
-    terms = stiffened(scene, sids)
-    chosen = choose(runs, reference, terms)
+    chosen = choose(runs, reference)
+    terms = stiffened(scene, sids, chosen.choice.flat)
     made = decisions(request, reference, chosen)
     sentences = (
         *meshes.sentences,

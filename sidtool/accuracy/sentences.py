@@ -9,7 +9,7 @@ import numpy as np
 from sidtool.formats.result import Decision
 from sidtool.formats.sid import SID
 
-from .candidates import FLEXIBILITY, SHAPE, SHAPES, STIFFENING, Candidate, Choice
+from .candidates import FLEXIBILITY, SHAPE, SHAPES, SPACE, STIFFENING, Candidate, Choice
 from .choose import Chosen, Measured
 from .reference import Reference
 from .wanted import Request
@@ -57,6 +57,8 @@ def _decision(
 
 def is_kept(choice: Choice, candidate: Candidate) -> bool:
     """Whether the chosen model has what could have been left out."""
+    if candidate.what == SPACE:
+        return not choice.flat
     numbers = dict(choice.kept)[candidate.body]
     if candidate.what == FLEXIBILITY:
         return bool(numbers)
@@ -74,6 +76,8 @@ def _subject(candidate: Candidate) -> str:
         return f"mode {candidate.number} of {candidate.body}"
     if candidate.what == SHAPES:
         return f"modes {listed(candidate.numbers)} of {candidate.body} together"
+    if candidate.what == SPACE:
+        return "motion out of the plane z = 0"
     return f"{candidate.what} of {candidate.body}"
 
 
@@ -95,6 +99,8 @@ def listed(numbers: Sequence[int]) -> str:
 def _verdict(candidate: Candidate, kept: bool) -> str:
     if candidate.what == FLEXIBILITY:
         return "kept flexible" if kept else "rigid"
+    if candidate.what == SPACE:
+        return "solved in space" if kept else "solved in the plane"
     return "kept" if kept else "dropped"
 
 
