@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from .endings import check_ending
 from .errors import InputError
 from .hdf5_links import check_own_data
 from .seal import check_seal, write_sealed
@@ -116,6 +117,7 @@ def write_field(path: str | os.PathLike[str], content: Field) -> None:
     ------
     InputError, OSError : see `sidtool.formats.seal.write_sealed`.
     """
+    check_ending(path, "field")
     write_sealed(path, lambda file: _put(file, content))
 
 

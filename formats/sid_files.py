@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from .endings import check_ending
 from .errors import InputError
 from .sid import SID
 from .sid_ascii import read_ascii, write_ascii
@@ -82,6 +83,7 @@ def write_sid(path: str | os.PathLike[str], sid: SID, dialect: str = CANONICAL) 
     InputError : the body cannot be stored, or not at this place.
     OSError : the file cannot be written whole, as on a full disk.
     """
+    check_ending(path, "sid")
     try:
         _by_name(Path(path)).write(path, sid, dialect)
     except ValueError as error:

@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from .atomic import atomic_path
+from .endings import check_ending
 from .scene.base import Table
 from .toml_files import load
 
@@ -54,5 +55,6 @@ def write_study(path: str | Path, content: StudyFile) -> None:
     ------
     InputError, OSError : the file cannot be written.
     """
+    check_ending(path, "study")
     with atomic_path(path) as temporary:
         temporary.write_text(content.model_dump_json(indent=1) + "\n")

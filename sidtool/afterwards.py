@@ -22,7 +22,7 @@ def outputs(
     drives: Programs | None = None,
     forces: Programs | None = None,
 ) -> dict[str, Array]:
-    """Outputs of a result by name, (nt,) each, without a new run.
+    """Outputs of a result by name, (nt,) each, in the order asked for; no new run.
 
     What was recorded is taken from the result; all else is evaluated at its states.
 
@@ -47,10 +47,11 @@ def outputs(
 
     wanted = expanded(listed, scene_of(result), result.sids)
     missing = [name for name in wanted if name not in result.names]
-    known = {name: result[name] for name in wanted if name in result.names}
-    return known | (
-        replay(result, missing, drives, forces).outputs() if missing else {}
-    )
+    found = {name: result[name] for name in wanted if name in result.names}
+    if missing:
+        found |= replay(result, missing, drives, forces).outputs()
+    places = [[n] if n in found else matching(n, found) for n in wanted]  # JOINT.f*
+    return {name: found[name] for names in places for name in names}
 
 
 def outputs_at(result: Result, names: Iterable[str], times: Array) -> dict[str, Array]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from sidtool.formats.endings import kind_by_ending
 from sidtool.formats.files import located
 from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result as Stored
@@ -31,11 +32,11 @@ def write(path: Path_, content: SID | Stored, *, dialect: str = "fembs") -> None
 
     Raises
     ------
-    InputError : the file cannot be written.
+    InputError : the file cannot be written, or its ending says something else.
     """
     if isinstance(content, SID):
         write_sid(path, content, dialect)
-    elif Path(path).suffix == ".csv":
+    elif kind_by_ending(path, "result", "table") == "table":
         write_csv(Path(path), content)
     else:
         write_result(Path(path), content)

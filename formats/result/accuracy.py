@@ -77,3 +77,7 @@ class AccuracyReport(Table):
     def errors(self) -> dict[str, float]:
         """By output, relative to its variation."""
         return {output.name: output.relative for output in self.outputs}
+
+    def absolute(self) -> dict[str, float]:
+        """By output, in its unit."""
+        return {output.name: output.error for output in self.outputs}

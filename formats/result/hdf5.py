@@ -19,6 +19,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from ..endings import check_ending
 from ..errors import InputError
 from ..growing import GrowingFile
 from ..hdf5_links import check_own_data
@@ -47,6 +48,7 @@ class ResultFile:
     """
 
     def __init__(self, path: str | Path, elsewhere: bool = False) -> None:
+        check_ending(path, "result")
         self._path, self._elsewhere = path, elsewhere
         self._sealed: SealedFile | None = None
 

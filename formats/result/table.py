@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from ..endings import check_ending
 from ..growing import GrowingFile
 from .data import Result
 from .rows import Columns, Rows, pass_on
@@ -25,6 +26,7 @@ class TableFile:
     """
 
     def __init__(self, path: str | Path, elsewhere: bool = False) -> None:
+        check_ending(path, "table")
         self.file: GrowingFile | None = None
         self._path, self._elsewhere = path, elsewhere
 

@@ -6,10 +6,11 @@ from pathlib import Path
 
 import click
 
+from sidtool.formats.endings import kind_by_ending
 from sidtool.formats.errors import InputError
 
+from .body_files import files_by_body, full_fields
 from .common import Target, check_targets, existing, force, target
-from .full_fields import field_files, full_fields
 
 
 @click.command()
@@ -74,8 +75,8 @@ def animate(
     from ..view.animating import animate as animated
 
     expect_kind(result, "result")
-    kind = "film" if output.suffix.lower() in (".gif", ".mp4") else "page"
-    given = field_files(fields)
+    kind = kind_by_ending(output, "page", "film")
+    given = files_by_body("--field", fields)
     check_targets([Target("-o", output, kind)], [result, *given.values()], force)
     if scale is not None and not 0 <= scale < float("inf"):
         expected = "a number of at least 0; 1 shows deformations as they are"

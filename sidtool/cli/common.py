@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sidtool.formats.endings import WRITTEN, check_ending, kind_by_ending
 from sidtool.formats.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,20 +26,6 @@ existing = click.Path(path_type=Path)
 target = click.Path(path_type=Path)
 
 
-#: Kinds of files that are written: endings that say so, and their name.
-ENDINGS = {
-    "result": ((".h5", ".hdf5"), "a result (HDF5)"),
-    "field": ((".h5", ".hdf5"), "a full field (HDF5)"),
-    "table": ((".csv", ".txt", ".dat"), "a table (CSV)"),
-    "page": ((".html",), "a page (HTML)"),
-    "film": ((".gif", ".mp4"), "a film (GIF or MP4)"),
-    "export": ((".vtkhdf", ".pvd"), "a file for ParaView (VTKHDF or PVD)"),
-    "picture": ((".png", ".svg", ".pdf"), "a picture (PNG, SVG or PDF)"),
-    "modes": ((".json",), "modes (JSON)"),
-    "sid": ((".sid_fem", ".sid", ".fem", ".h5", ".hdf5", ".txt", ".dat"), "a SID"),
-}
-#: Endings of files that people or other programs write, and of pictures.
-_OTHERS = (".toml", ".py", ".inp", ".msh", ".bdf")
 #: What files of these kinds have near their beginning.
 _STARTS = {
     "page": (b'name="generator" content="sidtool',),
@@ -64,7 +51,7 @@ changes = click.option(
 
 @dataclass(frozen=True)
 class Target:
-    """A file that a command is to write: its option, path and kind, see `ENDINGS`."""
+    """A file that a command is to write: its option, path and kind, see `WRITTEN`."""
 
     option: str
     path: Path | None
@@ -73,8 +60,7 @@ class Target:
 
 def result_target(path: Path | None) -> Target:
     """Of an option -o that takes a result or, by its ending, a table."""
-    table = path is not None and path.suffix.lower() == ".csv"
-    return Target("-o", path, "table" if table else "result")
+    return Target("-o", path, kind_by_ending(path, "result", "table"))
 
 
 def read_changed(path: Path, changes: Sequence[str]) -> Scene:
@@ -158,7 +144,7 @@ def check_targets(
                     place=target.option,
                     expected="another name",
                 )
-        _check_ending(target, path)
+        check_ending(path, target.kind, target.option)
         if not force:
             _check_present(target, path)
 
@@ -184,26 +170,13 @@ def _check_place(path: Path) -> None:
         )
 
 
-def _check_ending(target: Target, path: Path) -> None:
-    """Endings of other kinds are refused; unknown ones are the user's choice."""
-    own, name = ENDINGS[target.kind]
-    ending = path.suffix.lower()
-    known = {e for endings, _ in ENDINGS.values() for e in endings} | set(_OTHERS)
-    if ending in known and ending not in own:
-        raise InputError(
-            f"{target.option} writes {name}, which the ending {ending} does not say",
-            source=path,
-            expected=f"an ending such as {own[0]}",
-        )
-
-
 def _check_present(target: Target, path: Path) -> None:
     """A file of another kind is not replaced without being told to."""
     if not path.is_file() or path.stat().st_size == 0:
         return
     if not _is_of_kind(path, target.kind):
         raise InputError(
-            f"is there and is not {ENDINGS[target.kind][1]} of sidtool's",
+            f"is there and is not {WRITTEN[target.kind].name} of sidtool's",
             source=path,
             place=target.option,
             expected="another name, or --force",

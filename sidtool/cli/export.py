@@ -10,8 +10,8 @@ import click
 
 from sidtool.formats.errors import InputError
 
+from .body_files import files_by_body, full_fields
 from .common import Target, check_targets, existing, force, target
-from .full_fields import field_files, full_fields
 
 if TYPE_CHECKING:
     from ..view.peaks import Peak
@@ -57,7 +57,7 @@ def export(
     from ..kinds import expect_kind, read
 
     expect_kind(result, "result")
-    given = field_files(fields)
+    given = files_by_body("--field", fields)
     check_targets([Target("-o", output, "export")], [result, *given.values()], force)
     if output is None and not (peak or as_json):
         raise InputError(
@@ -65,17 +65,13 @@ def export(
         )
     from ..view.exported import exported
     from ..view.peaks import peak_stresses
-    from ..view.vtk_files import ENDINGS, write_pvd, write_vtkhdf
+    from ..view.vtk_files import write_export
 
-    if output is not None and output.suffix.lower() not in ENDINGS:
-        expected = f"an ending out of {', '.join(ENDINGS)}"
-        raise InputError("is no file for ParaView", source=output, expected=expected)
     content, folder = read(result), result.parent
     try:
         if output is not None:
             mesh = exported(content, given, folder)
-            write = write_pvd if output.suffix.lower() == ".pvd" else write_vtkhdf
-            write(output, mesh)
+            write_export(output, mesh)
             for sentence in mesh.told:
                 click.echo(f"note: {sentence}", err=as_json)
             click.echo(

@@ -59,7 +59,8 @@ def plot(
     study   study.json of `sidtool study -o`: time over error
 
     Plane bodies are drawn from above, others in 3D. Curves are drawn from states
-    between the output times, not from straight lines.
+    between the output times, not from straight lines. Of a run that was asked for an
+    accuracy the estimated error of each output is a band around its curve.
 
     \b
     Examples:
@@ -75,12 +76,6 @@ def plot(
     check_targets(
         [Target("-o", output, "picture")], [file, *([field] if field else [])], force
     )
-    if output.suffix.lower() not in (".png", ".svg", ".pdf"):
-        raise InputError(
-            "does not say what kind of picture it is",
-            source=output,
-            expected="an ending out of .png, .svg, .pdf",
-        )
     try:
         told = _drawn(
             found, read(file), output, outputs, kind or "outputs", field, file

@@ -49,10 +49,10 @@ def outputs(
       sidtool outputs result.h5 --add "rod.*.ux" -o tip.csv
     """
     from sidtool.formats.errors import InputError
-    from sidtool.formats.result import write_csv, write_result
 
     from ..afterwards import outputs as evaluated
     from ..afterwards import with_outputs
+    from ..api import write
     from ..kinds import expect_kind, read
     from ..report.result import ranges
 
@@ -73,11 +73,7 @@ def outputs(
         click.echo(ranges(found))
     if output is None:
         return
-    more = with_outputs(content, found)
-    if output.suffix.lower() == ".csv":
-        write_csv(output, more)
-    else:
-        write_result(output, more)
+    write(output, with_outputs(content, found))
     click.echo(f"{output} written", err=as_json)
 
 

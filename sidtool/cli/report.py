@@ -8,8 +8,8 @@ import click
 
 from sidtool.formats.errors import InputError
 
+from .body_files import files_by_body, full_fields
 from .common import Target, check_targets, existing, force, target
-from .full_fields import field_files, full_fields
 
 
 @click.command()
@@ -35,12 +35,10 @@ def report(result: Path, output: Path, fields: tuple[str, ...], force: bool) -> 
     from ..kinds import expect_kind, read
 
     expect_kind(result, "result")
-    given = field_files(fields)
+    given = files_by_body("--field", fields)
     check_targets(
         [Target("-o", output, "page")], [result, *map(str, given.values())], force
     )
-    if output.suffix.lower() != ".html":
-        raise InputError("is no page", source=output, expected="an ending .html")
     try:
         told = write_report(output, read(result), given, result.parent)
     except InputError as error:

@@ -13,6 +13,7 @@ import click
 from sidtool.formats.errors import InputError
 
 from ..interrupting import NAMES, ending
+from .body_files import files_by_body
 from .common import (
     Target,
     changes,
@@ -233,7 +234,7 @@ def _run(
     from ..chosen import chosen
 
     folder, defects = scene.folder, model.accept_defects
-    swapped = _swaps(model.swaps, scene)
+    swapped = files_by_body("--sid", model.swaps, scene.flexible)
     with located(scene):
         scene, sids, told = chosen(scene, folder, swapped, model.rigid)
         plan = plan_for(
@@ -282,17 +283,3 @@ def _share(bar: Callable[[float], None] | None, time: Any) -> Any:
     if bar is None:
         return None
     return lambda t: bar((t - time.start) / (time.end - time.start))
-
-
-def _swaps(swaps: tuple[str, ...], scene: Any) -> dict[str, str]:
-    flexible, found = scene.flexible, {}
-    for swap in swaps:
-        body, _, file = swap.partition("=")
-        if body not in flexible or not file:
-            raise InputError(
-                f"found {swap!r}",
-                place="--sid",
-                expected=f"BODY=FILE with a BODY out of {', '.join(flexible)}",
-            )
-        found[body] = file
-    return found

@@ -13,6 +13,7 @@ import numpy as np
 
 from sidtool import __version__
 from sidtool.formats.atomic import atomic_path
+from sidtool.formats.endings import check_ending
 from sidtool.formats.errors import InputError
 from sidtool.formats.html import html_table
 from sidtool.formats.result import Result
@@ -62,6 +63,7 @@ def write_report(
     ------
     InputError, OSError : the result holds no scene, or the page cannot be written.
     """
+    check_ending(path, "page")
     scene, told = scene_of(result), list[str]()
     title = escape(result.title or "Simulation")
     ended = escape(result.message) or "complete"

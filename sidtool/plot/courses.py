@@ -19,14 +19,24 @@ Array = NDArray[np.float64]
 
 #: Curves in one pair of axes at most, each in a colour of its own.
 MOST_CURVES = len(COLOURS)
+#: Opacity of bands.
+_BAND = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A name for the legend and its values over common times."""
+    """A name for the legend and its values over common times.
+
+    error : estimated, in the unit of the values; 0 where none is known
+    """
 
     name: str
     values: Array
+    error: float = 0.0
+
+    @property
+    def label(self) -> str:
+        return f"{self.name} ± {self.error:.1e}" if self.error else self.name
 
 
 def grouped(names: Sequence[str]) -> list[list[str]]:
@@ -49,12 +59,20 @@ def label_of(names: Sequence[str]) -> str:
 
 
 def draw(axes: Any, t: Array, curves: Sequence[Curve], label: str) -> None:
-    """Curves over time; several have a legend above the axes."""
+    """Curves over time, with the estimated error of each as a band around it.
+
+    Several curves have a legend above the axes, and those with a band, which may be
+    narrower than the line.
+    """
     for curve in curves:
-        axes.plot(t, curve.values, label=curve.name)
+        (line,) = axes.plot(t, curve.values, label=curve.label)
+        if curve.error:
+            edges = curve.values - curve.error, curve.values + curve.error
+            colour = line.get_color()
+            axes.fill_between(t, *edges, color=colour, alpha=_BAND, linewidth=0)
     axes.set_ylabel(label)
     axes.set_xlim(t[0], t[-1] if t[-1] > t[0] else t[0] + 1.0)
-    if len(curves) > 1:
+    if len(curves) > 1 or curves[0].error:
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0)
 
 

@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.atomic import atomic_path
+from sidtool.formats.endings import check_ending
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Okabe and Ito's colours, told apart by everyone: blue, orange, green, ...
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-#: Pixels to the inch.
-PIXELS = 100
 _STYLE: dict[Any, Any] = {
     "axes.grid": True,
     "axes.spines.right": False,
@@ -47,7 +46,15 @@ def figure(
 
 
 def saved(page: Figure, path: Path) -> None:
-    """Writes a figure as what the ending of its name says."""
+    """Writes a figure as what the ending of its name says.
+
+    Raises
+    ------
+    InputError : it is not that of a picture.
+    """
+    from .page import PIXELS
+
+    check_ending(path, "picture")
     with atomic_path(path) as temporary:
         page.savefig(temporary, dpi=PIXELS, format=path.suffix[1:].lower())
 
@@ -62,12 +69,10 @@ def styled() -> Iterator[None]:
 
 
 def new_page(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
-    """A figure of its own canvas: no window, no global state of pyplot."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    """A page and the axes on it."""
+    from .page import Page
 
-    page = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(page)
+    page = Page(size)
     return page, page.subplots(rows, columns, sharex="col")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,12 +87,22 @@ def drawn(
         page, axes = new_page(len(groups), 1, (7.5, 1.7 * len(groups) + 0.6))
         rows = np.atleast_1d(axes)
         for place, group in zip(rows, groups, strict=True):
-            curves = [Curve(name, columns[name]) for name in group]
-            draw(place, t, curves, label_of(group))
+            draw(place, t, _curves(result, group, columns), label_of(group))
             if kind == "drift":
                 place.set_yscale("log")
         _finish(page, rows, result, "t [s]")
     return page, told + uncertain
+
+
+def _curves(
+    result: Result, names: Iterable[str], columns: Mapping[str, Array], prefix: str = ""
+) -> list[Curve]:
+    """Curves without a common prefix of their names, with the errors of the run."""
+    errors = {} if result.accuracy is None else result.accuracy.absolute()
+    return [
+        Curve(name.removeprefix(prefix), columns[name], errors.get(name, 0.0))
+        for name in names
+    ]
 
 
 def _wanted(result: Result, names: str | Iterable[str] | None) -> list[str]:
@@ -147,12 +157,10 @@ def _energy(result: Result) -> tuple[Figure, list[str]]:
     total = np.sum([columns[name] for name in ENERGIES], axis=0)
     with styled():
         page, axes = new_page(2, 1, (7.5, 5.0))
-        curves = [
-            Curve(name.removeprefix("energy."), columns[name]) for name in ENERGIES
-        ]
+        curves = _curves(result, ENERGIES, columns, "energy.")
         draw(axes[0], t, [*curves, Curve("sum", total)], "energy [J]")
         shown = [Curve("change of the sum", total - total[0])]
-        shown += [Curve(n.removeprefix("energy."), columns[n]) for n in more]
+        shown += _curves(result, more, columns, "energy.")
         draw(axes[1], t, shown, "energy [J]" if more else "change of the sum [J]")
         _finish(page, axes, result, "t [s]")
     return page, told

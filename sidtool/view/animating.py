@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sidtool import __version__
 from sidtool.formats.atomic import atomic_path
+from sidtool.formats.endings import check_ending, kind_by_ending
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
 from sidtool.formats.scene import expanded
@@ -24,7 +25,6 @@ from .ranges import fitting_scale
 
 #: Outputs drawn beside the motion unless they are named, and at most.
 _SOME, _MOST = 12, 40
-ENDINGS = (".html", ".gif", ".mp4")
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +90,7 @@ def animate(
     InputError : a wrong ending, output, field or colour; something is not installed.
     """
     path = Path(path)
-    if path.suffix.lower() not in ENDINGS:
-        raise InputError(
-            "is neither a page nor a film",
-            source=path,
-            expected=f"an ending out of {', '.join(ENDINGS)}",
-        )
+    check_ending(path, kind_by_ending(path, "page", "film"))
     seen = shown(result, fields, folder)
     scale = fitting_scale(seen.motion, seen.bodies) if scale is None else scale
     told = list(seen.told)

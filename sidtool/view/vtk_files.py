@@ -14,14 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.atomic import atomic_path
+from sidtool.formats.endings import check_ending
 from sidtool.formats.sid import Array
 
 from .exported import Exported
 
-ENDINGS = (".vtkhdf", ".pvd")
 #: Data at points, and their components.
 POINT_DATA = {"displacement": 3, "velocity": 3, "stress": 6, "von_mises": 1}
 _KINDS = {"f": "Float32", "i": "Int64", "u": "UInt8"}
+
+
+def write_export(path: Path, mesh: Exported) -> None:
+    """Write what the ending says, .vtkhdf or .pvd.
+
+    Raises
+    ------
+    InputError : it has another ending.
+    """
+    check_ending(path, "export")
+    write = write_pvd if path.suffix.lower() == ".pvd" else write_vtkhdf
+    write(path, mesh)
 
 
 def write_vtkhdf(path: Path, mesh: Exported) -> None:

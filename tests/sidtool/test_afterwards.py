@@ -68,6 +68,16 @@ def test_a_result_answers_by_name(files: Path) -> None:
         result["energy.balance"]
 
 
+def test_columns_stand_in_the_order_that_names_say(scene: SceneFile) -> None:
+    """Recorded ones came first: the third column of q* was not the third q."""
+    part = sidtool.simulate(recording(scene, "rod.q3", "piston.x"), base_folder=EXAMPLE)
+    whole = sidtool.simulate(recording(scene, "rod.q*"), base_folder=EXAMPLE)
+    assert list(whole.names) == [f"rod.q{k}" for k in range(1, 6)]
+    np.testing.assert_allclose(part["rod.q*"], whole.values, rtol=1e-9, atol=1e-15)
+    asked = ["crank.vx", "piston.x", "rod.q1", "rod.q3"]
+    assert list(part.outputs(asked)) == asked
+
+
 def test_results_without_their_sids_say_so(files: Path) -> None:
     bare = replace(sidtool.read(files / "r.h5"), sids={})
     with pytest.raises(InputError, match="holds no SID of rod"):

@@ -328,7 +328,7 @@ def test_the_command_says_what_is_wrong(
     write_result(path, result)
     cases = {
         ("motion.png",): "which the ending .png does not say",
-        ("motion.avi",): "is neither a page nor a film",
+        ("motion.avi",): "an ending out of .html",
         ("m.html", "--outputs", "rod.tip.x"): "rod has no marker 'tip'",
         ("m.html", "--field", "rod"): "BODY=FILE",
         ("m.html", "--field", "rod=none.h5"): "no such file",

@@ -224,7 +224,7 @@ def test_the_command_writes_and_tells(
     assert "von Mises Pa" in capsys.readouterr().out
     cases = [
         ([str(source)], "there is nothing to do"),
-        ([str(source), "-o", "m.vtk"], "is no file for ParaView"),
+        ([str(source), "-o", "m.vtk"], "which the ending .vtk does not say"),
         ([str(source), "-o", "m.png"], "which the ending .png does not say"),
         ([str(source), "--peak"], "no full field with stresses"),
         ([str(EXAMPLE / "rod_q4.SID_FEM"), "--peak"], "is a sid file"),

@@ -228,7 +228,7 @@ def test_the_command_says_what_is_wrong(
     write_result(path, wheel)
     sid = str(EXAMPLE / "rod_q4.SID_FEM")
     cases = [
-        ([str(path), "-o", "x.jpg"], "does not say what kind of picture"),
+        ([str(path), "-o", "x.jpg"], "which the ending .jpg does not say"),
         ([str(path), "-o", "x.csv"], "which the ending .csv does not say"),
         ([str(path), "-o", "x.png", "--outputs", "wheel.q1"], "wheel is rigid"),
         ([str(path), "-o", "x.png", "--field", sid], "says nothing of a result"),

@@ -186,23 +186,6 @@ def test_results_tell_units_and_say_what_they_lack(
             act()
 
 
-def test_results_as_tables() -> None:
-    pytest.importorskip("pandas")
-    result = thrown().simulate()
-    table = result.to_dataframe("stone.v*")
-    assert list(table.columns) == ["stone.vx", "stone.vy"]
-    np.testing.assert_array_equal(table.index, result.t)
-    assert table.attrs["units"]["stone.vx"] == "m/s"
-
-
-def test_results_as_data_sets() -> None:
-    pytest.importorskip("xarray")
-    result = thrown().simulate()
-    data = result.to_xarray()
-    np.testing.assert_array_equal(data["stone.y"], result["stone.y"])
-    assert data["stone.y"].attrs["units"] == "m" and data["t"].attrs["units"] == "s"
-
-
 def test_objects_show_themselves_shortly_and_in_notebooks() -> None:
     scene = thrown(title="<b>")
     shown = [

@@ -70,8 +70,14 @@ def test_inputs_are_not_replaced(
     ("options", "words"),
     [
         (["-o", "r.h5", "--csv", "./r.h5"], "is what -o writes, too"),
-        (["-o", "r.csv"], "writes a result (HDF5), which the ending .csv does not say"),
-        (["--csv", "r.h5"], "writes a table (CSV), which the ending .h5 does not say"),
+        (
+            ["-o", "r.csv"],
+            "is to hold a result (HDF5), which the ending .csv",
+        ),
+        (
+            ["--csv", "r.h5"],
+            "is to hold a table (CSV), which the ending .h5",
+        ),
         (["-o", "scene.toml"], "which the ending .toml does not say"),
         (["-o", "-"], "is no file name here"),
         (["-o", "notes.h5"], "is there and is not a result (HDF5) of sidtool's"),
