@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, lobpcg
 
+from .frontends.equations import Equations
 from .frontends.finite_element_model import FiniteElementModel
 from .frontends.internal_modes import RELIEVED_KINDS
 from .frontends.solid_mesh import SolidMesh, raised, with_internal_modes
@@ -50,11 +51,14 @@ def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
     kinds = " and ".join(body.solids.plain_kinds)
     better = _better(body.solids)
     size = better.mesh.mesh.positions.size
-    if size > _LARGEST:
+    refined = size > body.positions.size
+    if size > _LARGEST or (refined and body.equations is not None):
+        untied = "has nodes that no equation of the file ties"
+        why = f"has {size} degrees of freedom" if size > _LARGEST else untied
         return (
             f"{kinds} elements without incompatible modes bend too stiffly where few "
             "of them span a thickness; what that costs here is not measured, as the "
-            f"same mesh with {better.words} has {size} degrees of freedom",
+            f"same mesh with {better.words} {why}",
         )
     tell(f"comparing {kinds} elements with {better.words}")
     own, other = _frequencies(body, better)
@@ -88,11 +92,12 @@ def _frequencies(body: FiniteElementModel, better: _Better) -> tuple[Array, Arra
 
     The latter by a few steps from the modes of the body, which are bounds from above.
     """
-    own = _free_space(body.stiffness, body.field_mass, body.positions)
+    tied, positions = body.equations, body.positions
+    own = _free_space(body.stiffness, body.field_mass, positions, tied)
     values, modes = own.modes(_MODES)
     mass, stiffness = better.mesh.matrices()
-    other = _free_space(stiffness, mass, better.mesh.mesh.positions)
-    if len(other.rigid) <= _SMALL:
+    other = _free_space(stiffness, mass, better.mesh.mesh.positions, tied)
+    if tied is not None or len(other.rigid) <= _SMALL:
         return hertz(values), hertz(other.modes(_MODES)[0])
     between = sp.csr_matrix(sp.kron(better.between, sp.eye_array(body.dimension)))
     with warnings.catch_warnings():
@@ -111,10 +116,15 @@ def _frequencies(body: FiniteElementModel, better: _Better) -> tuple[Array, Arra
 
 
 def _free_space(
-    stiffness: sp.csr_matrix, mass: sp.csr_matrix, positions: Array
+    stiffness: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    positions: Array,
+    tied: Equations | None = None,
 ) -> Space:
     """All displacements of a mesh."""
-    model = FiniteElementModel(positions, None, stiffness, {}, (), full_mass=mass)
+    model = FiniteElementModel(
+        positions, None, stiffness, {}, (), full_mass=mass, equations=tied
+    )
     nothing = np.zeros(stiffness.shape[0], bool)
     return admissible(model, Frame(np.zeros(3), nothing))
 

@@ -23,6 +23,7 @@ from .reference_elements import all_edges, faces, reference_element
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+_NONE = np.zeros(0, np.int64)
 #: How far samples of a face lie inside its element, of the way to the centre.
 _INWARD = 0.05
 #: How far samples lie from the centre of a face towards its corners.
@@ -48,8 +49,12 @@ class _Faces:
     local: Indices
 
 
-def check_contact(mesh: Mesh, place: str) -> None:
+def check_contact(mesh: Mesh, place: str, held: Indices = _NONE) -> None:
     """Whether elements touch each other only in whole faces, edges and nodes.
+
+    Parameters
+    ----------
+    held : nodes that equations hold, which may lie on elements
 
     Raises
     ------
@@ -59,7 +64,7 @@ def check_contact(mesh: Mesh, place: str) -> None:
     outer = list(_free_faces(mesh, place))
     finder = ElementFinder(mesh)
     _check_overlap(mesh, outer, finder, place)
-    _check_hanging(mesh, outer, finder, place)
+    _check_hanging(mesh, outer, finder, place, held)
 
 
 def _element_faces(mesh: Mesh) -> Iterator[_Faces]:
@@ -182,12 +187,17 @@ def _samples(mesh: Mesh, part: _Faces) -> tuple[Array, Indices]:
 
 
 def _check_hanging(
-    mesh: Mesh, outer: list[_Faces], finder: ElementFinder, place: str
+    mesh: Mesh,
+    outer: list[_Faces],
+    finder: ElementFinder,
+    place: str,
+    held: Indices,
 ) -> None:
     """No node of a free face lies on another element without being its node."""
     nodes = np.unique(
         np.concatenate([_all_nodes(mesh, part).ravel() for part in outer])
     )
+    nodes = np.setdiff1d(nodes, held)
     for number, block in enumerate(mesh.blocks):
         rows = np.unique(np.concatenate([p.rows for p in outer if p.block == number]))
         apart = partial(_apart, mesh, block, nodes, finder.radii[number])

@@ -16,6 +16,7 @@ from sidtool.formats.sid_mass import skew
 from .beam_material import BeamMaterial
 from .continuum import Continuum
 from .couplings import Coupling, PointMass
+from .equations import Equations
 from .inertia_points import InertiaPoints
 from .surface import Surface
 
@@ -115,6 +116,7 @@ class FiniteElementModel:
     rigid_sets : name of a marker or a piece -> nodes that move as one rigid piece
     pieces : rigid pieces that are no markers of the model file
     couplings, point_masses : what the file of the body says beside its elements
+    equations : that all displacements meet
     continua : the material of solid elements, for stresses
     beam_material : the material of beam elements, for stress resultants
     surface : what named edges, faces or node sets span together; None if their nodes
@@ -141,6 +143,7 @@ class FiniteElementModel:
     pieces: tuple[MarkerRows, ...] = ()
     couplings: tuple[Coupling, ...] = ()
     point_masses: tuple[PointMass, ...] = ()
+    equations: Equations | None = None
     continua: tuple[Continuum, ...] = ()
     beam_material: BeamMaterial | None = None
     surface: Callable[[tuple[str, ...]], Surface | None] = _apart

@@ -19,6 +19,7 @@ from .contact import check_contact
 from .finite_element_model import FiniteElementModel, still
 from .geometry_mass import GeometryMass
 from .imported_couplings import body_couplings, body_masses
+from .imported_equations import body_equations, held_nodes, nodes_of
 from .mesh import Mesh, check_mesh, without_free_nodes
 from .mesh_moments import mesh_moments
 from .mesh_points import MeshPoints, position_of
@@ -56,9 +57,11 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         mesh = without_free_nodes(whole)
         couplings = body_couplings(imported, whole, mesh, model)
         masses = body_masses(imported, couplings, mesh, units)
-        check_mesh(mesh, "mesh", [c.nodes for c in couplings if c.rigid])
+        equations, told = body_equations(imported, whole, mesh, units.length)
+        joined = [c.nodes for c in couplings if c.rigid]
+        check_mesh(mesh, "mesh", [*joined, *nodes_of(equations, mesh.dimension)])
         check_conforming(mesh, "mesh")
-        check_contact(mesh, "mesh")
+        check_contact(mesh, "mesh", held_nodes(equations, mesh.dimension))
         own = _own_materials(imported, geometry, units)
         materials = _materials(model, mesh, own)
         plane = mesh.dimension == 2
@@ -91,7 +94,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         solids=SolidMesh(mesh, materials, state, incompatible_modes=True),
         couplings=couplings,
         point_masses=masses,
-        notes=(*imported.notes, *_notes(model, imported, own)),
+        equations=equations,
+        notes=(*imported.notes, *told, *_notes(model, imported, own)),
         geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
     )
 

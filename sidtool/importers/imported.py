@@ -16,6 +16,7 @@ from sidtool.formats.model import Material
 
 from ..frontends.mesh import ElementBlock, Mesh
 from ..frontends.reference_elements import reference_element
+from .imported_ties import RawEquation, RawTie
 
 #: Labels are held in 64 bits.
 _LARGEST = 2**63 - 1
@@ -82,6 +83,7 @@ class ImportedMesh:
     state : "plane_stress" or "plane_strain" if the element types say it
     notes : sentences on what was read, replaced and left out
     couplings, masses : what holds nodes together beside elements, and point masses
+    equations, ties : between displacements, and of surfaces
     """
 
     mesh: Mesh
@@ -90,6 +92,8 @@ class ImportedMesh:
     notes: tuple[str, ...] = ()
     couplings: tuple[RawCoupling, ...] = ()
     masses: tuple[RawMass, ...] = ()
+    equations: tuple[RawEquation, ...] = ()
+    ties: tuple[RawTie, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """Abaqus and CalculiX input files (.inp): nodes, elements, sets, materials.
 
 Read are *NODE, *ELEMENT, *NSET, *ELSET, *MATERIAL with *ELASTIC and *DENSITY,
-*SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS, *INCLUDE and one *PART with its
-*INSTANCE. What else a deck may hold,
-and what of it is refused, stands in `inp_keywords`.
+*SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS, *TIE, *EQUATION, *MPC, *INCLUDE
+and one *PART with its *INSTANCE. What else a deck may hold, and what of it is refused,
+stands in `inp_keywords`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ from .inp_blocks import Block, read_blocks
 from .inp_couplings import read_hold, read_kind, read_mass
 from .inp_deck import Deck, Element, Scope, Section, twice
 from .inp_elements import ElementType, element_type, supported
+from .inp_equations import read_equation
 from .inp_keywords import BY_CALCULIX, kind_of, readable
 from .inp_sets import extend, read_elset, read_nset
 from .inp_surfaces import read_surface
+from .inp_ties import read_tie
 
 
 def read_inp(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
@@ -221,6 +223,8 @@ _READERS = {
     "KINEMATIC": read_kind,
     "DISTRIBUTING": read_kind,
     "MASS": read_mass,
+    "TIE": read_tie,
+    **dict.fromkeys(("EQUATION", "MPC", "TRANSFORM"), read_equation),
     **dict.fromkeys(("COUPLING", "RIGID BODY", "KINEMATIC COUPLING"), read_hold),
 }
 

@@ -129,16 +129,22 @@ def _check_directions(name: str, rows: list[tuple[list[str], str]], place: str) 
         )
 
 
+def labels_named(
+    deck: Deck, hold: Hold, body: Scope, instance: str, word: str
+) -> list[int]:
+    """The numbers here of a node or a set of a coupling, those of the assembly too."""
+    own = reference_labels(deck, body)
+    if hold.scope is body or not own:
+        return nodes_named(deck, hold.scope, instance, word)
+    group = hold.scope.nsets.get(deck.name(word), [])
+    if word.isdecimal():
+        group = [("", int(word))]
+    return [own[n] if o == "" else n for o, n in group if o or n in own]
+
+
 def _label(deck: Deck, hold: Hold, body: Scope, instance: str, word: str) -> int:
     """The number here of a reference node."""
-    own = reference_labels(deck, body)
-    if hold.scope is not body and own:
-        group = hold.scope.nsets.get(deck.name(word), [])
-        if word.isdecimal():
-            group = [("", int(word))]
-        found = [own[n] if o == "" else n for o, n in group if o or n in own]
-    else:
-        found = nodes_named(deck, hold.scope, instance, word)
+    found = labels_named(deck, hold, body, instance, word)
     if len(found) != 1:
         raise InputError(
             f"the reference node {word!r} is {len(found)} nodes",

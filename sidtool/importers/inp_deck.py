@@ -77,6 +77,7 @@ class Deck:
     placement : translation of the instance, and two points and an angle of rotation
     materials : name -> keyword -> rows of numbers
     holds, masses : what holds nodes together, and point masses
+    equations, ties : equations between displacements with their axes, tied surfaces
     said : keywords without effect
     remarks : sentences on what has another name here
     """
@@ -88,6 +89,8 @@ class Deck:
     materials: dict[str, dict[str, list[list[float]]]] = field(default_factory=dict)
     holds: list[Hold] = field(default_factory=list)
     masses: list[Hold] = field(default_factory=list)
+    equations: list[Hold] = field(default_factory=list)
+    ties: list[Hold] = field(default_factory=list)
     said: dict[str, None] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     scope: Scope = field(default_factory=Scope)

@@ -34,6 +34,13 @@ READ: dict[str, tuple[str, ...]] = {
     "KINEMATIC COUPLING": ("REF NODE",),
     "RIGID BODY": ("NSET", "ELSET", "REF NODE", "ROT NODE", "POSITION"),
     "MASS": ("ELSET",),
+    "EQUATION": (),
+    "MPC": (),
+    "TRANSFORM": ("NSET", "TYPE"),
+    "TIE": (
+        *("NAME", "POSITION TOLERANCE", "ADJUST", "TYPE", "NO ROTATION"),
+        "CYCLIC SYMMETRY",
+    ),
     "PART": ("NAME",),
     "END PART": (),
     "ASSEMBLY": ("NAME",),
@@ -62,7 +69,7 @@ _DEFINITIONS = """
     HEADING; PREPRINT; PHYSICAL CONSTANTS; SURFACE INTERACTION;
     SURFACE BEHAVIOR; FRICTION; CONTACT CONTROLS; CONTACT DAMPING; GAP CONDUCTANCE;
     SURFACE PROPERTY ASSIGNMENT; CONTACT FORMULATION; CLEARANCE; ORIENTATION;
-    TRANSFORM; DISTRIBUTION; DISTRIBUTION TABLE; SECTION CONTROLS;
+    DISTRIBUTION; DISTRIBUTION TABLE; SECTION CONTROLS;
     HOURGLASS STIFFNESS; DESIGN VARIABLES; TIME POINTS; BASELINE CORRECTION
 """
 #: What is computed and written; a deck may say it outside its steps.
@@ -94,9 +101,6 @@ BY_CALCULIX = 'geometry.engine = "calculix", which lets CalculiX discretise the 
 _INSTEAD = {
     _squeezed(keyword): advice
     for keyword, advice in {
-        "TIE": "one mesh whose nodes are merged",
-        "EQUATION": "a mesh without constraints between its nodes",
-        "MPC": "a mesh without constraints between its nodes",
         "CYCLIC SYMMETRY MODEL": "a mesh of the whole body",
         "DISTRIBUTING COUPLING": "a marker with a distributing tie",
         "NONSTRUCTURAL MASS": "densities that hold all mass",

@@ -16,7 +16,9 @@ from .imported import ImportedMesh, RawElement, assembled_mesh
 from .inp_couplings import couplings_of, masses_of, reference_labels
 from .inp_deck import Deck, Element, Member, Scope, Section
 from .inp_elements import supported
+from .inp_equations import equations_of
 from .inp_surfaces import surface_nodes
+from .inp_ties import ties_of
 
 
 def mesh_of(deck: Deck) -> ImportedMesh:
@@ -31,11 +33,12 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     sections = _sections(deck, body)
     elements, apart = _solids(body, sections)
     raw = [_raw(element, sections.get(element.label)) for element in elements]
-    couplings = couplings_of(deck, body, instance)
+    nodes = _with_references(deck, body)
+    equations, beams = equations_of(deck, body, instance, nodes)
+    couplings = [*couplings_of(deck, body, instance), *beams]
     masses = tuple(masses_of(deck, body, instance))
-    mesh = assembled_mesh(
-        _with_references(deck, body), raw, _sets(deck, body, instance)
-    )
+    ties = tuple(ties_of(deck, body, instance))
+    mesh = assembled_mesh(nodes, raw, _sets(deck, body, instance))
     states = {element.type.state for element in elements}
     if len(states) > 1:
         raise InputError("mixes plane stress and plane strain", expected="one of them")
@@ -47,6 +50,8 @@ def mesh_of(deck: Deck) -> ImportedMesh:
         tuple(_notes(deck, body, elements, apart)),
         tuple(couplings),
         masses,
+        tuple(equations),
+        ties,
     )
 
 

@@ -43,20 +43,34 @@ def surface_nodes(
     deck: Deck, scope: Scope, body: Scope, instance: str, name: str
 ) -> list[int] | None:
     """The nodes of the body on a surface; None if it is no surface of solids."""
-    nodes: dict[int, None] = {}
+    found = surface_faces(deck, scope, body, instance, name)
+    if found is None:
+        return None
+    nodes = dict.fromkeys([*(n for face in found[0] for n in face), *found[1]])
+    return [n for n in nodes if n in body.nodes]
+
+
+def surface_faces(
+    deck: Deck, scope: Scope, body: Scope, instance: str, name: str
+) -> tuple[list[list[int]], list[int]] | None:
+    """Faces of solids by their nodes, and single nodes; None for other surfaces.
+
+    The corners of a face come first, then the middles of its edges.
+    """
+    on_faces: list[list[int]] = []
+    nodes: list[int] = []
     for part in scope.surfaces[name]:
         if part.kind == "NODE":
             if part.word.isdecimal() or deck.name(part.word) in scope.nsets:
-                found = nodes_named(deck, scope, instance, part.word)
-                nodes.update(dict.fromkeys(found))
+                nodes += nodes_named(deck, scope, instance, part.word)
                 continue
             return None
         for element in _elements(deck, scope, body, instance, part.word):
             on_face = _face(element, part.face)
             if on_face is None:
                 return None
-            nodes.update(dict.fromkeys(on_face))
-    return [n for n in nodes if n in body.nodes]
+            on_faces.append(on_face)
+    return on_faces, nodes
 
 
 def nodes_named(deck: Deck, scope: Scope, instance: str, word: str) -> list[int]:
@@ -104,12 +118,10 @@ def _face(element: Element, face: str) -> list[int] | None:
         )
     corners = _FACES[shape][int(number) - 1]
     count = max(int(c) for c in "".join(_FACES[shape]))
-    middles = [
-        count + i
-        for i, edge in enumerate(_EDGES[shape])
-        if count + i < len(element.nodes) and set(edge) <= set(corners)
-    ]
+    middle = {frozenset(edge): count + i for i, edge in enumerate(_EDGES[shape])}
+    around = zip(corners, corners[1:] + corners[:1], strict=True)
+    ends = dict.fromkeys(frozenset(pair) for pair in around)
     return [
         *(element.nodes[int(c) - 1] for c in corners),
-        *(element.nodes[i] for i in middles),
+        *(element.nodes[middle[e]] for e in ends if middle[e] < len(element.nodes)),
     ]

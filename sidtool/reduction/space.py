@@ -13,6 +13,7 @@ from scipy.sparse.linalg import splu
 
 from sidtool.formats.errors import InputError
 
+from ..frontends.elimination import eliminated
 from ..frontends.finite_element_model import FiniteElementModel
 from .eigen import free_body_shift, lowest_eigenpairs, symmetric_factors
 from .factors import Factors
@@ -237,7 +238,10 @@ def admissible(
 
 
 def _transform(model: FiniteElementModel, held: NDArray[np.bool_]) -> sp.csr_matrix:
-    """Free degrees of freedom one to one, rigid pieces by their rigid motions."""
+    """Free degrees of freedom one to one, rigid pieces by their rigid motions.
+
+    Less those that the equations of the body give.
+    """
     free = ~held
     columns = []
     for name, nodes in model.rigid_sets.items():
@@ -258,7 +262,14 @@ def _transform(model: FiniteElementModel, held: NDArray[np.bool_]) -> sp.csr_mat
     numbers = np.flatnonzero(free)
     entries = (np.ones(numbers.size), (numbers, np.arange(numbers.size)))
     plain = sp.csr_matrix(entries, shape=(model.ndof, numbers.size))
-    return sp.csr_matrix(sp.hstack([plain, *columns]))
+    transform = sp.csr_matrix(sp.hstack([plain, *columns]))
+    if model.equations is None:
+        return transform
+    number = np.full(model.ndof, -1)
+    number[numbers] = np.arange(numbers.size)
+    matrix = sp.csr_matrix(model.equations.matrix @ transform)
+    rest = eliminated(matrix, number[model.equations.dependent])
+    return sp.csr_matrix(transform @ rest)
 
 
 def _places(model: FiniteElementModel, transform: sp.csr_matrix) -> Array:
