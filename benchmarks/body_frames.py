@@ -26,7 +26,8 @@ from sidtool.solver.errors import SimulationError
 from tests.sidtool.bores import pinned
 from tests.sidtool.drawn_parts import drawn
 from tests.sidtool.models import rod
-from tests.solver.stiffened_bars import FRAMES, hinged, on_a_hub
+from tests.solver.stiffened_bars import hinged, on_a_hub
+from tests.steel_bars import FRAMES
 
 from .machine import describe_machine
 from .report import Report, Table

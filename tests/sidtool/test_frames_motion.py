@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +9,8 @@ import pytest
 
 import sidtool
 from sidtool.convert import sid_from_model
-from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Taylor
-from sidtool.formats.sid_mass import coupled_mass_matrix
+from sidtool.formats.sid import SID
 from sidtool.formats.toml_files import read_data, validated
 from sidtool.rereference import rereferenced
 
@@ -94,64 +91,3 @@ def test_other_deformations_differ_less_the_more_there_are() -> None:
         differences.append(np.abs(runs[0] - runs[1]).max())
     assert differences[0] > 20 * differences[1]
     assert differences[1] < 2e-9
-
-
-def thrown_bar(frame: str) -> dict[str, np.ndarray]:
-    """A free steel bar struck at one end, by the clamped modes of the other."""
-    data = {
-        "format": "sidtool model",
-        "version": 1,
-        "title": "Bar",
-        "material": {
-            "youngs_modulus": 2.1e11,
-            "poissons_ratio": 0.3,
-            "density": 7850.0,
-        },
-        "geometry": {
-            "type": "beam",
-            "start": [0, 0, 0],
-            "end": [1.0, 0, 0],
-            "section": {"shape": "rectangle", "width": 0.03, "height": 0.02},
-        },
-        "discretisation": {"type": "beam", "elements": 12},
-        "frame": {"type": "tangent", "marker": "a", "clamp": "start"},
-        "markers": {
-            "a": {"node": 1, "parameters": [0]},
-            "b": {"node": 2, "parameters": [1]},
-        },
-        "reduction": {"method": "modal", "modes": 6},
-        "stiffening": {},
-    }
-    sid = sid_from_model(validated(data, ModelFile))
-    sid = replace(rereferenced(sid, frame), De=Taylor(np.zeros((6, 6))))
-    place = [-sid.node("1").position[0], 0.0, 0.0]
-    motion = coupled_mass_matrix(sid)
-    node, push = sid.node("2"), np.array([0.05, 0.3, 0.2])
-    blow = [*push, *np.cross(node.position, push), *(node.phi.m0.T @ push)]
-    v = np.linalg.solve(motion, blow).tolist()
-    initial = {"position": place, "velocity": v[:3]}
-    initial |= {"angular_velocity": v[3:6], "elastic_velocity": v[6:]}
-    names = [f"bar.b.{axis}" for axis in "xyz"] + ["energy.kinetic", "energy.elastic"]
-    scene = {
-        "format": "sidtool scene",
-        "version": 1,
-        "dimension": "spatial",
-        "time": {"end": 0.05, "output_step": 0.001},
-        "bodies": {"bar": {"sid": "-", "markers": {"b": 2}, "initial": initial}},
-        "outputs": {"record": names},
-        "accuracy": {"rtol": 1e-8, "integrator": "radau9"},
-    }
-    result = sidtool.simulate(validated(scene, SceneFile), sids={"bar": sid})
-    return {name: result[name] for name in names}
-
-
-@pytest.mark.parametrize("frame", ["chord:1,2", "buckens"])
-def test_a_struck_bar_moves_the_same_in_all_frames(frame: str) -> None:
-    """In space, without damping. With the terms in the mass matrix alone the tangent
-    frame stopped and the chord frame gained energy."""
-    runs = [thrown_bar("tangent:1"), thrown_bar(frame)]
-    for name in ("bar.b.x", "bar.b.y", "bar.b.z"):
-        assert np.abs(runs[0][name] - runs[1][name]).max() < 2e-7
-    for run in runs:
-        energy = run["energy.kinetic"] + run["energy.elastic"]
-        assert np.abs(energy / energy[0] - 1.0).max() < 1e-8

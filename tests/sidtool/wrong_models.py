@@ -6,9 +6,7 @@
 
 from __future__ import annotations
 
-import copy
 import functools
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -19,6 +17,7 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.sid import SID
 from sidtool.formats.toml_files import validated
 from tests.solver.scenes import polynomial, scene, slender_rod
+from tests.steel_bars import bar_data, steel_bar
 
 Attempt = Callable[[], str]
 MISTAKES: dict[str, tuple[Attempt, tuple[str, ...]]] = {}
@@ -62,34 +61,6 @@ def converted(data: Any) -> str:
 # Parts ---------------------------------------------------------------------------
 
 
-def bar_data(**changes: Any) -> Any:
-    """A clamped steel bar of 1 m, 20 mm x 20 mm."""
-    section = {"shape": "rectangle", "height": 0.02, "width": 0.02}
-    data = {
-        "format": "sidtool model",
-        "version": 1,
-        "material": {
-            "youngs_modulus": 2.1e11,
-            "poissons_ratio": 0.3,
-            "density": 7850.0,
-        },
-        "geometry": {
-            "type": "beam",
-            "start": [0, 0, 0],
-            "end": [1, 0, 0],
-            "section": section,
-        },
-        "discretisation": {"type": "beam", "elements": 10},
-        "frame": {"type": "tangent", "marker": "root", "clamp": "start"},
-        "markers": {
-            "root": {"node": 1, "parameters": [0]},
-            "tip": {"node": 2, "parameters": [1]},
-        },
-        "reduction": {"method": "modal", "modes": 3},
-    }
-    return copy.deepcopy(data | changes)
-
-
 def plate_data(**changes: Any) -> Any:
     """A clamped strip of 1 m x 0.1 m, 10 mm thick."""
     data = bar_data()
@@ -110,21 +81,12 @@ def plate_data(**changes: Any) -> Any:
 
 
 @functools.cache
-def bar(**changes: Any) -> SID:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return sid_from_model(validated(bar_data(**changes), ModelFile))
+def bar() -> SID:
+    return steel_bar()
 
 
 def material(**changes: float) -> Any:
     return {"material": bar_data()["material"] | changes}
-
-
-def steel(**changes: float) -> SID:
-    """The bar of another material, by Young's modulus or density."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return sid_from_model(validated(bar_data(**material(**changes)), ModelFile))
 
 
 FLEXIBLE = {"sid": "bar", "markers": {"a": 1, "b": 2}}
@@ -423,11 +385,7 @@ def static_start_of_what_falls() -> str:
 
 @mistake("buckles", "force of 1e\\+03 N", "more than the body can bear")
 def column_is_loaded_beyond_euler() -> str:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        data = bar_data(stiffening={})
-        data["geometry"]["section"] |= {"height": 0.005, "width": 0.01}
-        sid = sid_from_model(validated(data, ModelFile))
+    sid = steel_bar(width=0.01, height=0.005, stiffening={})
     push = {"type": "force", "marker": "bar.b", "force": [-1000.0, 0.1]}
     return clamped(sid, forces={"push": push}, end=0.02)
 
@@ -495,19 +453,22 @@ def density_is_in_tonnes_per_cubic_millimetre() -> str:
 
 @mistake("bar: with a first frequency of 0.000528 Hz", "under gravity", "other units")
 def scene_has_a_bar_of_210_pascal() -> str:
-    return clamped(steel(youngs_modulus=210.0), gravity=[0.0, -9.81], end=0.1)
+    return clamped(
+        steel_bar(**material(youngs_modulus=210.0)), gravity=[0.0, -9.81], end=0.1
+    )
 
 
 @mistake("bar: the first frequency of 1.67e\\+07 Hz", "faster than sound")
 def scene_has_a_bar_without_weight() -> str:
-    return clamped(steel(density=7.85e-9), gravity=[0.0, -9.81], end=1e-6)
+    return clamped(
+        steel_bar(**material(density=7.85e-9)), gravity=[0.0, -9.81], end=1e-6
+    )
 
 
 @mistake("1e\\+03 m long", "in mm")
 def body_is_drawn_in_millimetres() -> str:
-    data = bar_data()
+    data = bar_data(width=20.0, height=20.0)
     data["geometry"]["end"] = [1000, 0, 0]
-    data["geometry"]["section"] |= {"height": 20.0, "width": 20.0}
     return converted(data)
 
 

@@ -2,60 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid_mass import coupled_mass_matrix
 from sidtool.formats.toml_files import validated
-from sidtool.rereference import rereferenced
 from sidtool.solver import compile_scene, simulate
+from tests.steel_bars import slender_bar
 
-TANGENT, CHORD, MEAN = FRAMES = ("tangent:1", "chord:1,2", "buckens")
-WIDTH, HEIGHT, LENGTH = 0.03, 0.02, 1.0
-
-
-@cache
-def clamped_bar(modes: int, stiffened: bool) -> SID:
-    """A steel bar by the modes of one held end, without damping."""
-    data = {
-        "format": "sidtool model",
-        "version": 1,
-        "title": "Bar",
-        "material": {
-            "youngs_modulus": 2.1e11,
-            "poissons_ratio": 0.3,
-            "density": 7850.0,
-        },
-        "geometry": {
-            "type": "beam",
-            "start": [0, 0, 0],
-            "end": [LENGTH, 0, 0],
-            "section": {"shape": "rectangle", "width": WIDTH, "height": HEIGHT},
-        },
-        "discretisation": {"type": "beam", "elements": 24},
-        "frame": {"type": "tangent", "marker": "a", "clamp": "start"},
-        "markers": {
-            "a": {"node": 1, "parameters": [0]},
-            "b": {"node": 2, "parameters": [1]},
-        },
-        "reduction": {"method": "modal", "modes": modes},
-    }
-    if stiffened:
-        data["stiffening"] = {}
-    sid = sid_from_model(validated(data, ModelFile))
-    return replace(sid, De=Taylor(np.zeros((modes, modes))))
-
-
-@cache
-def bar(modes: int, frame: str, stiffened: bool = True) -> SID:
-    return rereferenced(clamped_bar(modes, stiffened), frame)
+LENGTH = 1.0
 
 
 def run(sid: SID, dimension: str, end: float, rtol: float, **tables: Any) -> Result:
@@ -81,10 +40,24 @@ def ways(result: Result) -> Array:
     return np.array([result[n] for n in result.names if n.startswith("bar.b.")])
 
 
+def struck(sid: SID, blow: list[float], spin: list[float]) -> dict[str, Any]:
+    """Initial motion of the bar at x = 0 in space that an impulse at its end makes,
+    and a rotation before."""
+    node = sid.node("2")
+    push = [*blow, *np.cross(node.position, blow), *(node.phi.m0.T @ np.array(blow))]
+    v = np.linalg.solve(coupled_mass_matrix(sid), push)
+    return {
+        "position": [-sid.node("1").position[0], 0.0, 0.0],
+        "velocity": v[:3].tolist(),
+        "angular_velocity": (v[3:6] + spin).tolist(),
+        "elastic_velocity": v[6:].tolist(),
+    }
+
+
 def hinged(modes: int, frame: str, load: float) -> tuple[Array, float]:
     """Way of the end of a bar on a hinge about z, pushed across, (3, nt), and how far
     it bends."""
-    sid = bar(modes, frame)
+    sid = slender_bar(modes, frame)
     marker = {"a": 1, "b": 2}
     start = {"position": [-sid.node("1").position[0], 0.0, 0.0]}
     push = {"type": "force", "marker": "bar.b"}
@@ -107,7 +80,7 @@ def on_a_hub(
 
     In the plane the hub has a bearing, in space it floats with the bar as its panel.
     """
-    sid = bar(modes, frame)
+    sid = slender_bar(modes, frame)
     place = [0.1 - sid.node("1").position[0], 0.0, 0.0]
     hub: dict[str, Any] = {"mass": 20.0, "inertia": [0.5, 0.7, 0.6]}
     hub["markers"] = {"centre": {"position": [0.0, 0.0]}, "rim": {"position": [0.1, 0]}}

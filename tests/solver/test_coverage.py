@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.model import ModelFile
 from sidtool.formats.sid import SID, Taylor
-from sidtool.formats.toml_files import validated
 from sidtool.solver import simulate
 from tests.bodies import particle_body
-from tests.sidtool.wrong_models import bar_data
 from tests.solver.scenes import compiled, scene
+from tests.steel_bars import steel_bar
 
 ATTACHED = {"method": "attachment", "interfaces": ["tip"], "modes": 2}
 MODAL = {"method": "modal", "modes": 2}
-
-
-def steel_bar(reduction: Any) -> SID:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return sid_from_model(validated(bar_data(reduction=reduction), ModelFile))
 
 
 def pulled(sid: SID, force: float) -> Any:
@@ -43,7 +33,7 @@ def pulled(sid: SID, force: float) -> Any:
 def test_a_basis_without_axial_shape_is_told_and_does_not_stretch(force: float) -> None:
     """F L / (E A) with an attachment mode; nothing, and a note, without."""
     told = "bar is rigid along x at b, where pull loads it"
-    modal, attached = (pulled(steel_bar(r), force) for r in (MODAL, ATTACHED))
+    modal, attached = (pulled(steel_bar(reduction=r), force) for r in (MODAL, ATTACHED))
     assert any(note.startswith(told) for note in modal.notes)
     assert not any("is rigid" in note for note in attached.notes)
     assert abs(modal["bar.b.ux"][-1]) < 1e-15
@@ -96,11 +86,7 @@ def test_where_a_chord_frame_sits_it_hides_nothing(reduction: Any) -> None:
     """No shape function moves the ends of a pinned bar across it: the frame turns with
     them. That a basis without axial shape cannot stretch is still told."""
     frame = {"type": "chord", "markers": ["root", "tip"]}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        sid = sid_from_model(
-            validated(bar_data(reduction=reduction, frame=frame), ModelFile)
-        )
+    sid = steel_bar(reduction=reduction, frame=frame)
     body = {"sid": "-", "markers": {"a": 1, "b": 2}}
     body["initial"] = {"angle": 0.4}
     far = [0.9210609940028851, 0.3894183423086505]

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sidtool.convert import sid_from_model
-from sidtool.formats.model import ModelFile
 from sidtool.formats.sid import SID
-from sidtool.formats.toml_files import validated
 from sidtool.solver import simulate
 from sidtool.solver.system.scene import System
-from tests.sidtool.wrong_models import bar_data
 from tests.solver.scenes import compiled, polynomial, scene
+from tests.steel_bars import steel_bar
 
 WAVE = np.sqrt(2.1e11 / 7850.0)
 FAR = "starts far from equilibrium"
@@ -24,12 +20,7 @@ FAR = "starts far from equilibrium"
 
 @cache
 def stout_bar(modes: int = 16) -> SID:
-    data = bar_data(reduction={"method": "modal", "modes": modes})
-    data["geometry"]["section"] |= {"height": 0.4, "width": 0.5}
-    data["discretisation"]["elements"] = 60
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return sid_from_model(validated(data, ModelFile))
+    return steel_bar(width=0.5, height=0.4, elements=60, modes=modes)
 
 
 def spun(sid: SID, rate: float, state: str, **more: Any) -> Any:
