@@ -193,6 +193,8 @@ class Stiffening:
     condition : a drive; the body has these loads only if it turns like that
     axial : the load is a rotation about the long axis of the body, which geometric
         stiffening does not answer
+    inertia : the largest share of its kinetic energy by which second-order
+        displacements change that of a deformation; 0 before a run
     """
 
     ratio: float = 0.0
@@ -202,6 +204,7 @@ class Stiffening:
     time: float = 0.0
     condition: str = ""
     axial: bool = False
+    inertia: float = 0.0
 
     def sentence(self, when: str = "") -> str:
         """How much loads change the stiffness, and whether the SID carries it all.
@@ -230,7 +233,12 @@ class Stiffening:
                 amount = f"small, at most {share}" if self.load else "none"
                 return f"softening by rotation {amount}; {_PARTLY}"
             amount = f"at most {share}" if self.load else "none by these loads"
-            return f"stiffening small, {amount}"
+            if not self.inertia:
+                return f"stiffening small, {amount}"
+            inertia = f"at most {100 * self.inertia:.2g} % of the elastic inertia"
+            if self.inertia < MATTERS:
+                return f"stiffening small, {amount}, {inertia}"
+            return f"stiffening may matter and is in the SID, {amount}, but {inertia}"
         if self.axial:
             return f"softened by centrifugal forces, {share} about its long axis"
         if self.carried:

@@ -22,6 +22,7 @@ from ..system.scene import System
 from .body_loads import foreseen_loads, recorded_loads, turning_loads
 from .energy_shares import EnergyShares
 from .excitation import drive_history, excitation, fastest_rotation
+from .inertia import changes_of_inertia, is_stiffened, new_maxima
 from .prescribed import prescribed_frames, start_frame
 from .stiffening import largest_stiffening
 
@@ -85,6 +86,7 @@ class Reached:
     def add(self, samples: Samples, times: Array) -> None:
         """Some states (nt,), in any order."""
         told = Told(self.system, samples, times)
+        inertia = self._inertia(samples, times)
         for name, body in self.bodies.items() if len(times) else ():
             sid = self._sid(name)
             q, _ = elastic_state(self.system, samples, self.system.index(name))
@@ -94,12 +96,23 @@ class Reached:
             largest = np.nanmax(np.abs(q), axis=0, initial=0.0)
             self.bodies[name] = replace(
                 body,
-                found=_worse(body.found, found) if body.found else found,
+                found=_joined(body.found, replace(found, inertia=inertia[name])),
                 amplitudes=np.maximum(body.amplitudes, largest)
                 if body.found
                 else largest,
                 deflection=deflection(sid, q, body.deflection),
             )
+
+    def _inertia(self, samples: Samples, times: Array) -> dict[str, float]:
+        """Changes of the inertia of all bodies where they deform as never before."""
+        rows: dict[str, Array] = dict.fromkeys(self.bodies, np.zeros(0, int))
+        for name, body in self.bodies.items() if len(times) else ():
+            b = self.system.index(name)
+            if is_stiffened(self.system, b):
+                q, _ = elastic_state(self.system, samples, b)
+                before = body.amplitudes if body.found else np.zeros(q.shape[1])
+                rows[name] = new_maxima(q, before)
+        return changes_of_inertia(self.system, rows, samples, times)
 
     def go_on(self, times: Array, z: Array) -> None:
         """The states after those of the last call, in the order of time."""
@@ -129,6 +142,14 @@ def highest_frequency(sid: SID) -> float:
 
 def _worse(one: Stiffening, other: Stiffening) -> Stiffening:
     return max(one, other, key=lambda s: (s.diverges, abs(s.ratio)))
+
+
+def _joined(before: Stiffening | None, found: Stiffening) -> Stiffening:
+    """The worse one, with the largest change of inertia of both."""
+    if before is None:
+        return found
+    largest = max(before.inertia, found.inertia)
+    return replace(_worse(before, found), inertia=largest)
 
 
 def deflection(sid: SID, q: Array, least: float) -> float:

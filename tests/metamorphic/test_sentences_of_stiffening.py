@@ -1,0 +1,91 @@
+"""What runs say of geometric stiffening is true, from runs with and without it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from sidtool.formats.result import Result
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_mass import coupled_mass_matrix
+from sidtool.formats.stiffening import MATTERS, Stiffening
+from sidtool.solver import simulate
+from tests.solver.scenes import compiled, scene, soft_body
+
+NQ, END = 3, 2.0
+KINDS = ("free", "revolute", "fixed", "held")
+SMALL, MAY = "stiffening small", "stiffening may matter"
+DOES = ("stiffening matters", "buckles")
+
+
+def moved(sid: SID, seed: int, stiffened: bool) -> Result:
+    """Particles that are thrown, hinged or clamped and pushed, more or less, or that
+    vibrate in a frame at rest without any load."""
+    random = np.random.default_rng([24, seed])
+    size = float(10.0 ** random.uniform(-3.5, -0.7))
+    x, y, turn = np.sqrt(size) * random.normal(size=3)
+    kind = KINDS[seed % 4]
+    loads, joints = {}, {}
+    initial = {"elastic_velocity": (size * random.normal(size=NQ)).tolist()}
+    if kind == "free":
+        initial |= {"velocity": [x, y], "angular_velocity": turn}
+    if kind in ("revolute", "fixed"):
+        joints = {"joint": {"type": kind, "markers": ["ground.place", "soft.a"]}}
+    if kind != "held":
+        push = {"type": "force", "marker": "soft.b", "force": [size * x, size * y]}
+        gravity = (size * random.normal(size=2)).tolist()
+        loads = {"forces": {"push": push}, "gravity": gravity}
+    place = sid.node("1").position[:2].tolist()
+    described = scene(
+        {
+            "soft": {
+                "sid": "-",
+                "markers": {"a": 1, "b": 2},
+                "initial": initial,
+                "frame": "held" if kind == "held" else "free",
+                "geometric_stiffening": stiffened,
+                "quadratic_inertia": True,
+            }
+        },
+        joints,
+        end=END,
+        steps=100,
+        ground={"markers": {"place": {"position": place}}},
+        record=["soft.q*"],
+        accuracy={"rtol": 1e-8},
+        **loads,
+    )
+    return simulate(compiled(described, soft=sid))
+
+
+def judged(seed: int) -> tuple[Stiffening, float, float]:
+    """What is said, how far the deformations are from those without stiffening, as a
+    part of them by the root of their energy, and radians of the fastest vibration."""
+    sid = soft_body(NQ, seed, stiffening=True, damped=False)
+    runs = [moved(sid, seed, stiffened) for stiffened in (True, False)]
+    found = runs[0].bodies["soft"].found
+    assert found is not None
+    far, size = (
+        np.sqrt(np.einsum("tk,kl,tl->t", q, sid.Ke.m0, q).max())
+        for q in (runs[1].values - runs[0].values, runs[0].values)
+    )
+    K = np.pad(sid.Ke.m0, ((6, 0), (6, 0)))
+    rows = [0, 1, 5, *range(6, 6 + NQ)]
+    M = coupled_mass_matrix(sid)[np.ix_(rows, rows)]
+    fastest = np.sqrt(eigh(K[np.ix_(rows, rows)], M)[0][-1])
+    return found, far / size, fastest * END
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_stiffening_that_is_called_small_changes_the_motion_by_no_more(
+    seed: int,
+) -> None:
+    """Deformations by its shares of stiffness and inertia, and by half of that of each
+    radian by which vibrations then drift out of step."""
+    found, far, radians = judged(seed)
+    share = abs(found.ratio) + found.inertia
+    assert far < share * (1.0 + 0.5 * radians)
+    verdict = found.sentence()
+    expected = SMALL if found.inertia < MATTERS else MAY
+    assert verdict.startswith(expected if abs(found.ratio) < MATTERS else DOES)
