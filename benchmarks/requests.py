@@ -18,7 +18,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.system.bodies import read_sids
+from sidtool.solver.system.bodies.data import read_sids
 from sidtool.solver.system.scene import System
 
 from .machine import describe_machine

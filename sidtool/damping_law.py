@@ -12,7 +12,7 @@ from sidtool.formats.scene import (
     RayleighDamping,
 )
 from sidtool.formats.sid import SID
-from sidtool.solver.system.damping import damped
+from sidtool.solver.system.bodies.damping import damped
 
 _EXPECTED = (
     "none, rayleigh:ALPHA,BETA, modal:RATIO (or one for each mode) or frequency, "

@@ -29,7 +29,7 @@ def as_rigid(scene: SceneFile, names: Iterable[str]) -> SceneFile:
 
 def told_rigid(scene: SceneFile) -> Iterator[str]:
     """A sentence about the bodies that are rigid, and what is not recorded of them."""
-    from sidtool.solver.system.rigid_bodies import elastic_outputs, is_rigid
+    from sidtool.solver.system.bodies.rigid_bodies import elastic_outputs, is_rigid
 
     rigid = [name for name in scene.bodies if is_rigid(scene, name)]
     if not rigid:

@@ -2,9 +2,11 @@
 
 Rooms, from the lowest to the highest; each imports from those above it in this list:
 
-    kernels/      the equations, compiled: motion of frames and markers, eq. (4) to (7);
-                  M and f of every body, eq. (10) and (11); constraints, eq. (14); the
-                  linear systems, eq. (17); and how kernels are compiled and stored
+    compiler/     from a function in Python to a kernel: values, records, machine code
+    space/        plane and space: their algebra, coordinates, the arrays of kernels
+    linear/       the linear systems, eq. (17): accelerations, projections, Newton
+    equations/    motion of frames and markers, eq. (4) to (7); M and f of every body,
+                  eq. (10) and (11); constraints, eq. (14); forces, eq. (16)
     functions/    functions of time: drives, tables, callables
     system/       from a scene and its SIDs to the tables that kernels read
     integrators/  eq. (3) in time, eq. (18) to (22)
@@ -80,7 +82,7 @@ def compile_scene(
         check_outputs,
         check_replaced,
     )
-    from .system.bodies import read_sids
+    from .system.bodies.data import read_sids
     from .system.building import build_system
 
     def checked(scene: SceneFile, keep_joints: bool) -> System:

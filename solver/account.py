@@ -26,14 +26,14 @@ from .advice.stopping import (
     too_light,
 )
 from .integrators import stepping
-from .kernels import newton
+from .linear import newton
 from .recording import outputs
 from .recording.sampling import Samples, sample
 from .start import assembly
 from .start.displacements import told_displacements
 from .start.settings import made_with
 from .start.turn_counts import lost_turn
-from .system.lapses import lapse
+from .system.forces.lapses import lapse
 from .versions import versions
 
 if TYPE_CHECKING:

@@ -21,17 +21,17 @@ from sidtool.formats.sid import Array
 from sidtool.formats.toml_files import validated
 
 from . import compile_scene, warmup
+from .equations.pointers import kernels
 from .functions.callables import Derivatives
 from .functions.laws import Law
-from .kernels import layout as at
-from .kernels.layout import Work
-from .kernels.newton import Kernels, Memory
-from .kernels.pointers import kernels
+from .linear.newton import Kernels, Memory
 from .recording.energy_history import INTEGRATED
 from .recording.interpolation import interpolated
 from .recording.outputs import position_names, record, velocity_names
 from .recording.sampling import Samples, sample
 from .recording.stick_slip import regripped, with_grips
+from .space import layout as at
+from .space.layout import Work
 from .start.assembly import assemble
 from .start.new_control import closed_below
 from .start.settings import settings_of

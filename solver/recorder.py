@@ -14,7 +14,7 @@ from sidtool.formats.sid import Array
 
 from .advice.body_measures import Reached
 from .advice.notes import Remarks
-from .kernels.newton import Kernels
+from .linear.newton import Kernels
 from .recording import outputs
 from .recording.dense import Steps, joined
 from .recording.energy_history import History

@@ -17,25 +17,25 @@ from . import warmup
 from .account import failure_of, result_of
 from .advice.prepared import Prepared, prepare
 from .advice.stopping import singular
+from .equations.pointers import kernels
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Advance, newton_steps, recording, stepping
 from .integrators.singular import NEAR
-from .kernels import newton
-from .kernels.layout import Work
-from .kernels.newton import Memory
-from .kernels.pointers import kernels
+from .linear import newton
+from .linear.newton import Memory
 from .recorder import Recorder
 from .recording import dense, events
 from .recording.energy_history import History, is_wanted
 from .recording.resuming import Past, past_of, rows_before
 from .recording.stick_slip import StickSlip, with_grips
 from .recording.window import Window
+from .space.layout import Work
 from .start.new_control import closed_below, new_control
 from .start.settings import Settings, settings_of
 from .start.turn_counts import keep_turns
+from .system.forces.lapses import lapse
+from .system.forces.samples import Samplers
 from .system.kernel_calls import go_on
-from .system.lapses import lapse
-from .system.samples import Samplers
 from .system.scene import System
 from .system.storage import new_memory, new_work
 

@@ -18,37 +18,37 @@ from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, Queue
 
-from .kernels import stored
+from .compiler import stored
 
 Say = Callable[[str], None]
 
 #: Entry kernels as module:name, in groups that one process compiles, as they share
 #: inner kernels; the slowest groups first.
 Group = tuple[str, ...]
-NEWTON: Group = ("kernels.newton:newton_factor", "kernels.newton:newton_solve")
+NEWTON: Group = ("linear.newton:newton_factor", "linear.newton:newton_solve")
 PLANAR: list[Group] = [
-    ("kernels.equations:linearise_in_plane",),
-    ("kernels.equations:evaluate_in_plane",),
-    ("kernels.equations:complete_in_plane",),
-    ("kernels.told:tell_forces_in_plane",),
-    ("kernels.told:tell_bodies_in_plane",),
+    ("equations.equations:linearise_in_plane",),
+    ("equations.equations:evaluate_in_plane",),
+    ("equations.equations:complete_in_plane",),
+    ("equations.told:tell_forces_in_plane",),
+    ("equations.told:tell_bodies_in_plane",),
 ]
 SPATIAL: list[Group] = [
-    ("kernels.equations:linearise_in_space",),
-    ("kernels.equations:evaluate_in_space",),
-    ("kernels.equations:complete_in_space",),
-    ("kernels.told:tell_forces_in_space",),
-    ("kernels.told:tell_bodies_in_space",),
+    ("equations.equations:linearise_in_space",),
+    ("equations.equations:evaluate_in_space",),
+    ("equations.equations:complete_in_space",),
+    ("equations.told:tell_forces_in_space",),
+    ("equations.told:tell_bodies_in_space",),
 ]
 MASS: Group = (
-    "kernels.accelerations:solve_accelerations",
-    "kernels.accelerations:project_once",
+    "linear.accelerations:solve_accelerations",
+    "linear.accelerations:project_once",
 )
 COORDINATES: Group = (
-    "kernels.coordinates:rate",
-    "kernels.coordinates:retract",
-    "kernels.newton:remember",
-    "kernels.drives:drive_values",
+    "space.coordinates:rate",
+    "space.coordinates:retract",
+    "linear.newton:remember",
+    "equations.drives:drive_values",
 )
 RECORDING: Group = (
     "integrators.recording:sample",

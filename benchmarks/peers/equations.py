@@ -14,10 +14,10 @@ import numpy as np
 from sidtool.formats.result import Result
 from sidtool.formats.scene import output_times
 from sidtool.formats.sid import Array
-from sidtool.solver.kernels.accelerations import solve_accelerations
-from sidtool.solver.kernels.coordinates import rate
-from sidtool.solver.kernels.pointers import kernels
+from sidtool.solver.equations.pointers import kernels
+from sidtool.solver.linear.accelerations import solve_accelerations
 from sidtool.solver.recording import outputs
+from sidtool.solver.space.coordinates import rate
 from sidtool.solver.start import assembly
 from sidtool.solver.system.kernel_calls import evaluate
 from sidtool.solver.system.scene import System

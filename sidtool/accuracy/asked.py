@@ -55,7 +55,7 @@ def plan_for(
         return None
     scene = with_wanted(scene, wanted)
     from sidtool.solver import compile_scene
-    from sidtool.solver.system.bodies import read_sids
+    from sidtool.solver.system.bodies.data import read_sids
 
     known = read_sids(scene, folder, sids)
 

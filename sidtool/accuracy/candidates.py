@@ -11,7 +11,7 @@ from sidtool.formats.scene import SceneFile, SidBody, is_elastic, is_stress
 from sidtool.formats.scene import parse_output as parsed
 from sidtool.formats.sid import SID
 from sidtool.formats.stiffening import has_stiffening
-from sidtool.solver.system.unstiffened import can_be_unstiffened
+from sidtool.solver.system.bodies.unstiffened import can_be_unstiffened
 
 from .flat import in_plane
 

@@ -87,7 +87,7 @@ def validate(
 def _sids(path: Path) -> dict[str, SID]:
     """SIDs by the bodies of a scene, or the one of a SID or a model."""
     from sidtool.formats.files import located
-    from sidtool.solver.system.bodies import read_sids
+    from sidtool.solver.system.bodies.data import read_sids
 
     from ..kinds import expect_kind, read
     from ..made import Fineness, Source, converted

@@ -22,8 +22,8 @@ def warmup() -> None:
 
     Exit status: 0 all kernels are on disk; 1 they cannot be kept.
     """
+    from sidtool.solver.compiler.stored import unkept
     from sidtool.solver.integrators import all_step_loops
-    from sidtool.solver.kernels.stored import unkept
     from sidtool.solver.warmup import warm_up
 
     begin = time.perf_counter()

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from sidtool.formats.errors import InputError
 from sidtool.formats.orientation import deviation, fault
 from sidtool.formats.sid import SID
-from sidtool.solver.system.first_order import (
+from sidtool.solver.system.bodies.first_order import (
     ROUNDING,
     check_first_order,
     missing_energy,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sidtool.formats.field import Field
 from sidtool.formats.scene import RigidBody, SceneFile
 from sidtool.formats.sid import SID, Array
-from sidtool.solver.system.bodies import BodyData
+from sidtool.solver.system.bodies.data import BodyData
 
 from .sketch import boxed, skeleton
 from .surface import plate

@@ -21,10 +21,10 @@ from sidtool.formats.sid import Array
 
 from ..integrators import recording, stepping
 from ..integrators.bifurcations import BEGAN, LASTED, MOST, STATES
-from ..kernels import layout as at
-from ..kernels.coordinates import rate
-from ..kernels.layout import Work
-from ..kernels.newton import Kernels
+from ..linear.newton import Kernels
+from ..space import layout as at
+from ..space.coordinates import rate
+from ..space.layout import Work
 from ..start import large_scenes
 from ..start.consistent import dense_jacobian, names_of_rows, of_length_one
 from ..system import kernel_calls

@@ -12,10 +12,10 @@ import numpy as np
 
 from sidtool.formats.sid import SID, Array
 
-from ..kernels import layout as at
 from ..recording.motion import frame_motion
 from ..recording.told import Told
-from ..system.embedded import embedded
+from ..space import layout as at
+from ..system.bodies.embedded import embedded
 from ..system.kernel_calls import function_history
 from ..system.scene import System
 from .prescribed import FrameHistory

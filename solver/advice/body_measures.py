@@ -12,12 +12,12 @@ from sidtool.formats.sid import SID, Array
 from sidtool.formats.sid_mass import body_size
 from sidtool.formats.stiffening import Stiffening
 
-from ..kernels import layout as at
 from ..recording.energies import elastic_state
 from ..recording.sampling import Samples
 from ..recording.told import Told
+from ..space import layout as at
 from ..start.assembly import Start
-from ..system.bodies import frequencies, modal_squares
+from ..system.bodies.data import frequencies, modal_squares
 from ..system.scene import System
 from .body_loads import foreseen_loads, recorded_loads, turning_loads
 from .energy_shares import EnergyShares

@@ -26,10 +26,10 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
-from ..kernels import layout as at
 from ..recording.joint_forces import COMPONENTS, is_constraint, second_marker
 from ..recording.outputs import elastic_range, multiplier_rows, state_row
 from ..recording.stress_outputs import check_stress
+from ..space import layout as at
 from ..system.scene import System
 
 

@@ -18,11 +18,11 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.sid import SID, Array, Node
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..start.assembly import Start
 from ..start.conflicts import LARGEST, make_rigid, undeformed
 from ..start.consistent import State
-from ..system.embedded import matrices
+from ..system.bodies.embedded import matrices
 from ..system.scene import Row, System
 
 #: Shape functions move a marker when they do so by more than this part of what they

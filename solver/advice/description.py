@@ -6,10 +6,10 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..start.assembly import assemble, names_of_rows
 from ..start.displacements import told_displacements
-from ..system.bodies import BodyData
+from ..system.bodies.data import BodyData
 from ..system.scene import System
 from ..system.storage import new_work
 from .body_measures import expected_bodies

@@ -12,7 +12,7 @@ from sidtool.formats.result import Excitation
 from sidtool.formats.scene import driven_coordinate
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..system.kernel_calls import function_history
 from ..system.scene import System
 

@@ -9,9 +9,9 @@ import numpy as np
 from sidtool.formats.result import FlexibleBody
 from sidtool.formats.scene import SidBody
 
-from ..kernels import layout as at
 from ..recording.sampling import Samples
-from ..system.bodies import symmetric
+from ..space import layout as at
+from ..system.bodies.data import symmetric
 from ..system.scene import System
 from .body_measures import deflection
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from sidtool.formats.sid import SID, Array
 
-from ..kernels import layout as at
 from ..recording.sampling import Samples
-from ..system.bodies import symmetric
+from ..space import layout as at
+from ..system.bodies.data import symmetric
 from ..system.kernel_calls import evaluate
 from ..system.scene import System
 from ..system.storage import new_work

@@ -11,10 +11,10 @@ from sidtool.formats.sid import Array
 
 from ..integrators import scales, stepping
 from ..integrators.passing import OVER
-from ..kernels import layout as at
-from ..kernels.layout import Work
 from ..recording.joint_forces import COMPONENTS
 from ..recording.outputs import Recorded, multiplier_names
+from ..space import layout as at
+from ..space.layout import Work
 from ..start import large_scenes
 from ..start.consistent import dense_jacobian, names_of_rows
 from ..start.new_control import share_followed

@@ -17,8 +17,8 @@ from sidtool.formats.stiffening import (
     unit_stiffness,
 )
 
-from ..system.blocks import ge
-from ..system.bodies import symmetric
+from ..system.bodies.blocks import ge
+from ..system.bodies.data import symmetric
 
 #: Instants whose eigenvalues are computed together.
 BATCH = 8

@@ -11,8 +11,8 @@ from sidtool.formats.sid import SID, Array
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, coupled_mass_matrix
 
 from ..integrators import stepping
-from ..kernels import layout as at
-from ..kernels.newton import Memory
+from ..linear.newton import Memory
+from ..space import layout as at
 from ..start.conflicts import conflict_soon
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..kernels import layout as at
-from ..kernels.drives import drive_value
-from ..kernels.forces import programs
+from ..equations.drives import drive_value
+from ..equations.forces import programs
+from ..space import layout as at
 from ..system.scene import System
 
 

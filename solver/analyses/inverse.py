@@ -16,10 +16,10 @@ from sidtool.formats.scene import output_times
 from sidtool.formats.sid import Array
 
 from ..errors import SimulationError
-from ..kernels import layout as at
+from ..space import layout as at
 from ..start.assembly import Start, assemble
 from ..start.turn_counts import keep_turns
-from ..system.bodies import symmetric
+from ..system.bodies.data import symmetric
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .held import is_state

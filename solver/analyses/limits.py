@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from sidtool.formats.scene.laws import Expression, Pid
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..system.scene import System
 
 #: A value is at a limit within this part of it, which differences do not blur.

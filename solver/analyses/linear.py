@@ -23,8 +23,8 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
 from ..recording.outputs import velocity_names
+from ..space import layout as at
 from ..start.assembly import assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes

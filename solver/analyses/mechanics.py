@@ -9,12 +9,12 @@ from sidtool.formats.sid import Array
 
 from ..advice.stopping import lost_inertia
 from ..errors import SimulationError
-from ..kernels import layout as at
-from ..kernels.coordinates import retract
+from ..space import layout as at
+from ..space.coordinates import retract
 from ..start.assembly import Start, dense_jacobian, names_of_rows
 from ..start.turn_counts import keep_turns
 from ..system import kernel_calls
-from ..system.lapses import lapse
+from ..system.forces.lapses import lapse
 from ..system.scene import System
 from ..system.sizes import row_sizes
 from ..system.storage import new_memory, new_work

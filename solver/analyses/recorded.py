@@ -11,8 +11,8 @@ from sidtool.formats.result import Result
 from sidtool.formats.sid import Array
 
 from ..advice.notes import Remarks, of_programs
+from ..equations.pointers import kernels
 from ..errors import SimulationError
-from ..kernels.pointers import kernels
 from ..recording import outputs
 from ..recording.energy_history import history_between, is_wanted
 from ..recording.sampling import sample_known

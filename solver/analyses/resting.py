@@ -11,7 +11,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import Array
 
 from ..errors import SimulationError
-from ..kernels import layout as at
+from ..space import layout as at
 from ..system.scene import System
 from .held import is_state
 from .inverse import relative_equilibrium

@@ -14,7 +14,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import Array
 
 from ..errors import SimulationError
-from ..kernels import layout as at
+from ..space import layout as at
 from ..start.assembly import Start, assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes

@@ -23,8 +23,8 @@ from ..advice.body_measures import deflection
 from ..advice.questions import questions
 from ..advice.stopping import lost_inertia
 from ..errors import SimulationError
-from ..kernels import layout as at
 from ..recording.outputs import velocity_names
+from ..space import layout as at
 from ..start.assembly import assemble
 from ..start.consistent import widest_open
 from ..system.scene import System

@@ -29,8 +29,8 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.layout import IntTable
+from ..space import layout as at
+from ..space.layout import IntTable
 from . import features
 from .callables import Derivatives, interpolate, shortest_seen
 from .features import Features

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..kernels.layout import Work
-    from ..kernels.newton import Kernels, Memory
+    from ..linear.newton import Kernels, Memory
+    from ..space.layout import Work
     from ..system.scene import System
     from .stepping import Control
 
@@ -50,9 +50,10 @@ def _radau(stages: int) -> Integrator:
         system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
     ) -> Advance:
         from .. import warmup
-        from ..kernels.newton import STEPS
-        from . import radau, stepping
-        from .radau_stages import new_stages
+        from ..linear.newton import STEPS
+        from . import stepping
+        from .radau import method as radau
+        from .radau.stages import new_stages
 
         storage = new_stages(
             stages, system.n_positions, system.n_velocities, system.n_newton_rows
@@ -65,7 +66,7 @@ def _radau(stages: int) -> Integrator:
             if code != stepping.BESIDE:
                 return code
             warmup.ensure_loop(passing)
-            from . import radau_passing
+            from .radau import passing as radau_passing
 
             left = limit - int(memory.counters[STEPS] - before)
             return radau_passing.advance(*parts, control, storage, left)
@@ -73,8 +74,12 @@ def _radau(stages: int) -> Integrator:
         return advance
 
     title = f"Radau IIA of order {2 * stages - 1}, index 1, projected"
-    order, pairs, loop = 2 * stages - 1, (stages - 1) // 2, "integrators.radau:advance"
-    passing = "integrators.radau_passing:advance"
+    order, pairs, loop = (
+        2 * stages - 1,
+        (stages - 1) // 2,
+        "integrators.radau.method:advance",
+    )
+    passing = "integrators.radau.passing:advance"
     return Integrator(title, order, stages, pairs, loop, prepare, passing_loop=passing)
 
 
@@ -107,7 +112,9 @@ def _generalised_alpha(
     system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
 ) -> Advance:
     from ..system.sizes import coordinate_sizes
-    from . import alpha_table, generalised_alpha, stepping
+    from . import stepping
+    from .alpha import generalised_alpha
+    from .alpha import table as alpha_table
 
     rho = float(control.real[stepping.RADIUS])
     sizes = coordinate_sizes(system)
@@ -143,7 +150,7 @@ INTEGRATORS: dict[str, Integrator] = {
         2,
         3,
         0,
-        "integrators.generalised_alpha:advance",
+        "integrators.alpha.generalised_alpha:advance",
         _generalised_alpha,
         damps=True,
     ),

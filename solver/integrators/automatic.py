@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..system.scene import System
 
 AUTO = "auto"

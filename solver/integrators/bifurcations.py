@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from numba import float64, types
 
-from ..kernels.compiling import inner
-from ..kernels.layout import F1
+from ..compiler.compiling import inner
+from ..space.layout import F1
 from .stepping import CONTROL, CROSSED, INDEPENDENCE, TIME
 
 #: Columns of `Control.crossed` before both states of a step.

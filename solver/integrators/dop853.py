@@ -13,8 +13,8 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels.layout import F1, F2
-from ..kernels.tables import Table, TableType
+from ..compiler.tables import Table, TableType
+from ..space.layout import F1, F2
 
 #: The slope at the end of a step, and the slopes that dense output needs beside those
 #: of the step.

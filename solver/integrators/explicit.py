@@ -16,10 +16,10 @@ from numba import boolean, float64, int64, types
 
 from sidtool.formats.sid import Array
 
-from ..kernels.compiling import entry, inner
-from ..kernels.layout import F1, F2, SYSTEM, WORK
-from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
-from ..kernels.tables import Table, TableType
+from ..compiler.compiling import entry, inner
+from ..compiler.tables import Table, TableType
+from ..linear.newton import KERNELS, MEMORY, REJECTED, STEPS
+from ..space.layout import F1, F2, SYSTEM, WORK
 from .dop853 import END, STAGES, TABLEAU
 from .landing import close_step
 from .projection import accelerate

@@ -10,10 +10,10 @@ from typing import Any
 
 from numba import float64, int64, types
 
-from ..kernels.compiling import Entry, entry, inner
-from ..kernels.layout import SYSTEM, WORK
-from ..kernels.mass import independence
-from ..kernels.newton import KERNELS, MEMORY, REJECTED, STEPS
+from ..compiler.compiling import Entry, entry, inner
+from ..linear.mass import independence
+from ..linear.newton import KERNELS, MEMORY, REJECTED, STEPS
+from ..space.layout import SYSTEM, WORK
 from .newton_steps import after_divergence, look_back, take_jacobian
 from .projection import accelerate
 from .recording import is_full

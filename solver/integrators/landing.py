@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from numba import float64, int64
 
-from ..kernels.compiling import inner
-from ..kernels.layout import F1, SYSTEM, WORK
-from ..kernels.newton import KERNELS, MEMORY
+from ..compiler.compiling import inner
+from ..linear.newton import KERNELS, MEMORY
+from ..space.layout import F1, SYSTEM, WORK
 from .bifurcations import note_crossing
 from .passing import check_ways
 from .projection import count_turns, note_drift, project

@@ -6,9 +6,9 @@ import math
 
 from numba import float64, int64, types
 
-from ..kernels.compiling import inner
-from ..kernels.layout import F1, SYSTEM, WORK
-from ..kernels.newton import JACOBIANS, KERNELS, MEMORY, REJECTED
+from ..compiler.compiling import inner
+from ..linear.newton import JACOBIANS, KERNELS, MEMORY, REJECTED
+from ..space.layout import F1, SYSTEM, WORK
 from .projection import accelerate
 from .stepping import (
     AHEAD,

@@ -6,8 +6,8 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from ..kernels.compiling import inner
-from ..kernels.layout import F1, WORK
+from ..compiler.compiling import inner
+from ..space.layout import F1, WORK
 from .stepping import CONTROL, FIXED_STEP, LENGTH, TIME, UNTURNED
 
 #: A step may pass so much more than the reach of a piece: what was foreseen is not

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from numba import float64, int64, types
 
-from ..kernels.compiling import inner
-from ..kernels.friction import sticks
-from ..kernels.layout import (
+from ..compiler.compiling import inner
+from ..linear.friction import sticks
+from ..linear.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
+from ..linear.saddle import REGULARISATION
+from ..space.layout import (
     C_RATE,
     C_VALUE,
     F1,
@@ -24,8 +26,6 @@ from ..kernels.layout import (
     VEL,
     WORK,
 )
-from ..kernels.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
-from ..kernels.saddle import REGULARISATION
 from .stepping import CONTROL, DRIFT, DRIFT_RATE, UNTURNED
 
 #: Most attempts of a projection.

@@ -6,9 +6,10 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from ..kernels.compiling import entry, inner
-from ..kernels.friction import along, pressure
-from ..kernels.layout import (
+from ..compiler.compiling import entry, inner
+from ..linear.friction import along, pressure
+from ..linear.newton import KERNELS, MEMORY
+from ..space.layout import (
     C_GAMMA,
     C_RATE,
     C_VALUE,
@@ -22,7 +23,6 @@ from ..kernels.layout import (
     TURNED,
     WORK,
 )
-from ..kernels.newton import KERNELS, MEMORY
 from .passing import keep_ways
 from .projection import accelerate, project
 from .stepping import CONTROL, OUTPUT, PERIOD, SHARE, STOP, TIME, copy

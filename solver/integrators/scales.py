@@ -12,9 +12,9 @@ import math
 
 from numba import float64, types
 
-from ..kernels.compiling import inner
-from ..kernels.layout import F1, FLAGS, NP, NQ, POS, RD, STATE, SYSTEM, VEL
-from ..kernels.newton import MEMORY
+from ..compiler.compiling import inner
+from ..linear.newton import MEMORY
+from ..space.layout import F1, FLAGS, NP, NQ, POS, RD, STATE, SYSTEM, VEL
 from .stepping import (
     ADDING,
     CONTROL,

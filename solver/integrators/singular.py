@@ -19,18 +19,11 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from ..kernels.compiling import inner
-from ..kernels.layout import (
-    C_RATE,
-    C_VALUE,
-    F1,
-    N_ROWS,
-    SYSTEM,
-    WORK,
-)
-from ..kernels.mass import independence
-from ..kernels.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
-from ..kernels.saddle import REGULARISATION
+from ..compiler.compiling import inner
+from ..linear.mass import independence
+from ..linear.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
+from ..linear.saddle import REGULARISATION
+from ..space.layout import C_RATE, C_VALUE, F1, N_ROWS, SYSTEM, WORK
 from .projection import accelerate, rates_of_rows
 from .step_sizes import scaled_norm
 from .stepping import (

@@ -6,8 +6,8 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from ..kernels.compiling import inner
-from ..kernels.layout import F1
+from ..compiler.compiling import inner
+from ..space.layout import F1
 from .newton_steps import ADVANCE, NEWTON_LIMIT
 from .passing import unpassed
 from .stepping import (

@@ -7,13 +7,9 @@ from numba import types
 
 from sidtool.formats.sid import Array
 
-from ..kernels.compiling import inner
-from ..kernels.layout import (
-    F1,
-    F2,
-    I1,
-)
-from ..kernels.tables import Table, TableType
+from ..compiler.compiling import inner
+from ..compiler.tables import Table, TableType
+from ..space.layout import F1, F2, I1
 
 # Entries of Control.real
 TIME = 0  # current time

@@ -17,10 +17,10 @@ from numba import float64, int64, types
 
 from sidtool.formats.sid import Array
 
-from ..kernels.compiling import inner
-from ..kernels.layout import F1, SYSTEM, WORK
-from ..kernels.newton import ITERATIONS, KERNELS, MEMORY
-from ..kernels.tables import Table, TableType
+from ..compiler.compiling import inner
+from ..compiler.tables import Table, TableType
+from ..linear.newton import ITERATIONS, KERNELS, MEMORY
+from ..space.layout import F1, SYSTEM, WORK
 from .implicit import step_loop
 from .landing import close_step
 from .newton_steps import factor_real, fade_contraction, judge, newton_limit, solve_real

@@ -12,9 +12,9 @@ import numpy as np
 from sidtool.formats.sid import SID, Array
 
 from ..integrators.recording import RUB_FORCE, RUB_RATE
-from ..kernels import layout as at
-from ..system.bodies import symmetric
-from ..system.first_order import cubic_energies
+from ..space import layout as at
+from ..system.bodies.data import symmetric
+from ..system.bodies.first_order import cubic_energies
 from ..system.scene import System
 from .sampling import Samples
 from .told import Told

@@ -13,8 +13,8 @@ import numpy as np
 from sidtool.formats.scene import SceneFile, parse_output
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.newton import Kernels
+from ..linear.newton import Kernels
+from ..space import layout as at
 from ..system import kernel_calls
 from ..system.scene import System
 from ..system.storage import new_memory, new_work

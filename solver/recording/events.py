@@ -17,7 +17,7 @@ from sidtool.formats.scene import Event as Wanted
 from sidtool.formats.scene import Outputs
 from sidtool.formats.sid import Array
 
-from ..kernels.newton import Kernels
+from ..linear.newton import Kernels
 from ..system.scene import System
 from ..system.storage import new_memory, new_work
 from . import outputs

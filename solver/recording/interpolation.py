@@ -6,9 +6,9 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels.coordinates import rate
-from ..kernels.layout import Work
-from ..kernels.newton import Kernels, Memory
+from ..linear.newton import Kernels, Memory
+from ..space.coordinates import rate
+from ..space.layout import Work
 from ..system.scene import System
 from .sampling import sample
 

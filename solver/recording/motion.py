@@ -11,7 +11,7 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..system.embedded import embedded, matrices
+from ..system.bodies.embedded import embedded, matrices
 from ..system.scene import System
 from .sampling import Samples
 

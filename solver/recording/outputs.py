@@ -27,10 +27,10 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import Array
 
 from ..integrators import stepping
-from ..kernels import layout as at
-from ..kernels.layout import Work
-from ..kernels.newton import Kernels, Memory
-from ..system.embedded import embedded, matrices
+from ..linear.newton import Kernels, Memory
+from ..space import layout as at
+from ..space.layout import Work
+from ..system.bodies.embedded import embedded, matrices
 from ..system.scene import System
 from .energy_history import History
 from .joint_forces import COMPONENTS, friction_column, wrench

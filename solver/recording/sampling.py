@@ -9,13 +9,13 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..integrators import recording
-from ..kernels import layout as at
-from ..kernels.layout import Work
-from ..kernels.newton import Kernels, Memory
+from ..linear.newton import Kernels, Memory
+from ..space import layout as at
+from ..space.layout import Work
 from ..start.minimum_norm import minimum_norm
 from ..start.turn_counts import keep_turns
 from ..system import kernel_calls
-from ..system.grips import Grips
+from ..system.forces.grips import Grips
 from ..system.scene import System
 
 
@@ -24,7 +24,7 @@ class Samples:
     """States at nt times and what follows from them.
 
     z, v : (nt, .) states
-    frames, points : (nt, bodies, .) and (nt, markers, .), as in `kernels.layout.Work`,
+    frames, points : (nt, bodies, .) and (nt, markers, .), as in `space.layout.Work`,
         with accelerations complete
     accelerations : (nt, .) z_II'
     multipliers : (nt, rows), of redundant constraints the smallest, see `minimum_norm`

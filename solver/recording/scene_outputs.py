@@ -8,8 +8,8 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.layout import Work
+from ..space import layout as at
+from ..space.layout import Work
 from ..system import kernel_calls
 from ..system.scene import System
 from . import energies

@@ -27,10 +27,10 @@ from ..integrators.recording import (
     RUB_PUSH,
     RUB_RATE,
 )
-from ..kernels import layout as at
-from ..kernels.newton import Kernels
+from ..linear.newton import Kernels
+from ..space import layout as at
 from ..system import kernel_calls
-from ..system.grips import Grips
+from ..system.forces.grips import Grips
 from ..system.scene import System
 from ..system.sizes import sliding_sizes
 from ..system.storage import new_memory, new_work

@@ -8,12 +8,12 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
+from ..compiler.records import RowsType
+from ..equations import told as kernels
 from ..integrators.recording import RUB_FORCE
-from ..kernels import layout as at
-from ..kernels import told as kernels
-from ..kernels.layout import Work
-from ..kernels.records import RowsType
-from ..kernels.spaces import MEASURED, MOVED, WRENCH
+from ..space import layout as at
+from ..space.layout import Work
+from ..space.spaces import MEASURED, MOVED, WRENCH
 from ..system.scene import Rows, System
 from ..system.storage import new_work
 from .sampling import Samples

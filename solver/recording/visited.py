@@ -11,7 +11,7 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..system.scene import System
 from .dense import Steps, joined
 

@@ -9,14 +9,14 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..integrators.recording import RUB_FORCE
-from ..kernels import layout as at
-from ..kernels.layout import Work
+from ..space import layout as at
+from ..space.layout import Work
 from ..start.carried import keep_frame
 from ..start.consistent import dense_jacobian
 from ..start.minimum_norm import minimum_norm
 from ..start.overconstraint import complete
 from ..system import kernel_calls
-from ..system.embedded import embedded
+from ..system.bodies.embedded import embedded
 from ..system.scene import Row, System
 from ..system.storage import new_work
 from .sampling import Samples

@@ -24,11 +24,11 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.drives import drive_value
-from ..kernels.layout import Work
-from ..system.bodies import quaternion, rotation_part
-from ..system.embedded import matrices
+from ..equations.drives import drive_value
+from ..space import layout as at
+from ..space.layout import Work
+from ..system.bodies.data import quaternion, rotation_part
+from ..system.bodies.embedded import matrices
 from ..system.joints import is_of_point, joint_parts
 from ..system.scene import System
 

@@ -15,7 +15,7 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..system import kernel_calls
 from ..system.scene import System
 from .alignment import align, check_alignment

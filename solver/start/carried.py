@@ -8,11 +8,11 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.layout import IntTable
+from ..space import layout as at
+from ..space.layout import IntTable
 from ..system import kernel_calls
-from ..system.bodies import quaternion
-from ..system.embedded import matrices
+from ..system.bodies.data import quaternion
+from ..system.bodies.embedded import matrices
 from ..system.scene import System
 from ..system.storage import new_work
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from sidtool.formats.scene import marker_names, marker_reference
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.coordinates import retract
+from ..space import layout as at
+from ..space.coordinates import retract
 from ..system import kernel_calls
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes

@@ -11,11 +11,11 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import as_3d, rotation
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.coordinates import retract
-from ..kernels.newton import Memory
+from ..linear.newton import Memory
+from ..space import layout as at
+from ..space.coordinates import retract
 from ..system import kernel_calls
-from ..system.bodies import quaternion
+from ..system.bodies.data import quaternion
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from ..system.storage import new_memory, new_work

@@ -9,11 +9,11 @@ import numpy as np
 from sidtool.formats.scene import as_3d, rotation
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.layout import Work
+from ..space import layout as at
+from ..space.layout import Work
 from ..system import kernel_calls
-from ..system.bodies import quaternion
-from ..system.embedded import embedded, matrices
+from ..system.bodies.data import quaternion
+from ..system.bodies.embedded import embedded, matrices
 from ..system.scene import System
 from .consistent import Start
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from .consistent import Start, State, names_of_rows

@@ -14,7 +14,7 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels.layout import Work
+from ..space.layout import Work
 from ..system import kernel_calls
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes

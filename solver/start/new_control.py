@@ -8,9 +8,9 @@ from sidtool.formats.sid import Array
 
 from ..functions.table import features
 from ..integrators import INTEGRATORS, bifurcations, stepping
-from ..kernels import layout as at
-from ..kernels.layout import IntTable
-from ..system.bodies import amplitudes, frequencies
+from ..space import layout as at
+from ..space.layout import IntTable
+from ..system.bodies.data import amplitudes, frequencies
 from ..system.scene import System
 from ..system.sizes import extents, row_sizes, sliding_sizes
 from .assembly import Start

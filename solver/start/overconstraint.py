@@ -16,8 +16,8 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.coordinates import retract
+from ..space import layout as at
+from ..space.coordinates import retract
 from ..system import kernel_calls
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes

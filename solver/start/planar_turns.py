@@ -13,9 +13,9 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
+from ..space import layout as at
 from ..system import kernel_calls
-from ..system.forces import Element
+from ..system.forces.rows import Element
 from ..system.scene import System
 from ..system.storage import new_work
 from .carried import carried_rows, carrying

@@ -6,10 +6,10 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
+from ..equations.drives import drive_value
 from ..integrators import projection, stepping
-from ..kernels import layout as at
-from ..kernels.drives import drive_value
-from ..kernels.layout import Work
+from ..space import layout as at
+from ..space.layout import Work
 from ..system.scene import System
 
 

@@ -31,21 +31,21 @@ from ..functions.callables import Derivatives
 from ..functions.laws import Law
 from ..functions.pool import Pool
 from ..functions.table import FunctionTable
-from ..kernels import layout as at
-from ..kernels.layout import IntTable
-from .bodies import BodyData, body_data
-from .body_tables import body_table, marker_table, with_prescribed_frames
+from ..space import layout as at
+from ..space.layout import IntTable
+from .bodies.body_tables import body_table, marker_table, with_prescribed_frames
+from .bodies.data import BodyData, body_data
+from .bodies.eliminated import asks_for_joints, eliminated_frames, eliminated_joints
+from .bodies.held_frames import with_held_frames
+from .bodies.rigid_bodies import without_elasticity
 from .constraint_tables import ConstraintTables, constraint_tables
 from .constraints import Constraint, constraints_of
-from .eliminated import asks_for_joints, eliminated_frames, eliminated_joints
-from .forces import Element, compile_forces, force_table, joint_coordinate
-from .friction import friction_tables, place_in_newton, rubbing_joints
-from .held_frames import with_held_frames
+from .forces.friction import friction_tables, place_in_newton, rubbing_joints
+from .forces.laws import LawTable, laws_of, state_bodies
+from .forces.rows import Element, compile_forces, force_table, joint_coordinate
+from .forces.samples import with_samples
 from .ingredients import Ingredients, Reference, driven_coordinates
-from .laws import LawTable, laws_of, state_bodies
 from .newton_rows import newton_rows
-from .rigid_bodies import without_elasticity
-from .samples import with_samples
 from .scene import GROUND_NAME, System
 from .sizes import mechanism_size
 from .turns import Coordinate, Turn, turn_table, with_turns

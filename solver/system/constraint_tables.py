@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..kernels import layout as at
-from ..kernels.layout import IntTable
+from ..space import layout as at
+from ..space.layout import IntTable
 from .constraints import Constraint
 from .ingredients import Ingredients, Reference
 from .ordering import reverse_cuthill_mckee

@@ -13,7 +13,7 @@ from sidtool.formats.scene import (
     marker_reference,
 )
 
-from ..kernels.layout import COINCIDENT
+from ..space.layout import COINCIDENT
 from .couplings import coupling_terms
 from .ingredients import Ingredients, Reference, driven_coordinates
 from .joints import (

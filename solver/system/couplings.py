@@ -9,7 +9,7 @@ from fractions import Fraction
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import Coupling, Gear, Joint, coupled_coordinates
 
-from ..kernels.layout import ANGLE
+from ..space.layout import ANGLE
 from .joints import Primitive, joint_parts, weighted
 
 #: Largest whole numbers of a ratio of angles in spatial scenes.

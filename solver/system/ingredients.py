@@ -11,7 +11,7 @@ from sidtool.formats.scene import Joint, Marker, SceneFile, driven_coordinate
 from sidtool.formats.sid import Node
 
 from ..functions.pool import Pool
-from .bodies import BodyData
+from .bodies.data import BodyData
 
 #: Body and marker.
 Reference = tuple[str, str]

@@ -16,7 +16,7 @@ import numpy as np
 from sidtool.formats.scene import Joint, as_3d, marker_names, marker_reference
 from sidtool.formats.sid import Array
 
-from ..kernels.layout import (
+from ..space.layout import (
     ALONG,
     ANGLE,
     COINCIDENT,
@@ -26,14 +26,14 @@ from ..kernels.layout import (
     PERPENDICULAR,
     W_CONSTANT,
 )
-from .bodies import BodyData
+from .bodies.data import BodyData
 
 
 @dataclass(frozen=True)
 class Primitive:
     """A primitive constraint.
 
-    kind : see `kernels.layout`
+    kind : see `space.layout`
     data : its numbers
     swapped : from the second marker to the first
     from_start : entry of `data` that the assembled start decides, -1 for none

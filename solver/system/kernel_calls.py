@@ -6,9 +6,9 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels import equations
-from ..kernels.drives import drive_values
-from ..kernels.layout import Work
+from ..equations import equations
+from ..equations.drives import drive_values
+from ..space.layout import Work
 from .scene import System
 
 

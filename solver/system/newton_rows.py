@@ -12,13 +12,13 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from ..kernels.layout import IntTable
+from ..space import layout as at
+from ..space.layout import IntTable
 from .ordering import reverse_cuthill_mckee
 
 
 class NewtonRows(NamedTuple):
-    """What replaces body, segment, dims and slack of `kernels.layout.System`."""
+    """What replaces body, segment, dims and slack of `space.layout.System`."""
 
     body: IntTable
     segment: IntTable

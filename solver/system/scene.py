@@ -15,12 +15,12 @@ from sidtool.formats.sid import SID, Array
 
 from ..functions.features import Features
 from ..functions.native import Native
-from ..kernels import layout as at
-from ..kernels.spaces import FRAMES, PLANE, POINTS, SPACE
-from .bodies import BodyData
-from .forces import Element
-from .friction import Rubbing
-from .grips import Grips
+from ..space import layout as at
+from ..space.spaces import FRAMES, PLANE, POINTS, SPACE
+from .bodies.data import BodyData
+from .forces.friction import Rubbing
+from .forces.grips import Grips
+from .forces.rows import Element
 from .turns import Coordinate, Turn
 
 #: Rows with names.
@@ -166,11 +166,11 @@ class System:
         return PLANE if self.planar else SPACE
 
     def frames(self, values: Array) -> Rows:
-        """Rows of Work.frame with names, see `kernels.spaces.FRAMES`."""
+        """Rows of Work.frame with names, see `space.spaces.FRAMES`."""
         return FRAMES[self.space].record.named(values)
 
     def points(self, values: Array) -> Rows:
-        """Rows of Work.point with names, see `kernels.spaces.POINTS`."""
+        """Rows of Work.point with names, see `space.spaces.POINTS`."""
         return POINTS[self.space].record.named(values)
 
     @property

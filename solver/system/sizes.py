@@ -14,8 +14,8 @@ import numpy as np
 from sidtool.formats.scene import SceneFile, as_3d
 from sidtool.formats.sid import Array
 
-from ..kernels import layout as at
-from .bodies import BodyData, amplitudes
+from ..space import layout as at
+from .bodies.data import BodyData, amplitudes
 from .scene import GROUND_NAME, System
 
 _ANGLES = (at.ANGLE, at.PERPENDICULAR, at.COUPLED_ANGLE)

@@ -8,13 +8,13 @@ import numpy as np
 
 from sidtool.formats.sid import SID, Array
 
-from ..kernels import layout as at
-from ..kernels.forces import programs
-from ..kernels.lapack import lapack
-from ..kernels.newton import N_COUNTERS, Memory
-from ..kernels.spaces import FRAMES, MODES, POINTS, STIFFENED, TURNING
-from .bodies import elastic_mass, modal_squares, shape_functions, symmetric
-from .forces import most_read
+from ..equations.forces import programs
+from ..linear.lapack import lapack
+from ..linear.newton import N_COUNTERS, Memory
+from ..space import layout as at
+from ..space.spaces import FRAMES, MODES, POINTS, STIFFENED, TURNING
+from .bodies.data import elastic_mass, modal_squares, shape_functions, symmetric
+from .forces.rows import most_read
 from .scene import System
 
 #: Weight of stiffness against mass in the metric of projections: radians of the slowest

@@ -1,6 +1,6 @@
 """Rotations between markers in space, of which two orientations tell no full turns.
 
-Each that something depends on is one row of `kernels.layout.System.turn`. Those whose
+Each that something depends on is one row of `space.layout.System.turn`. Those whose
 angle matters are counted: the angle itself stands at the end of z_I and is renewed
 after every step, to the nearest one that the orientations allow.
 """
@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..functions.pool import Pool
-from ..kernels import layout as at
-from ..kernels.layout import IntTable
-from .forces import Element
+from ..space import layout as at
+from ..space.layout import IntTable
+from .forces.rows import Element
 from .ingredients import Reference
 
 #: Joint and coordinate.
@@ -27,7 +27,7 @@ class Turn:
     """The rotation from marker a to marker b.
 
     name : of its angle, after the force or joint that needs it first
-    kind : TWIST, TILT or LEAN, see `kernels.layout`
+    kind : TWIST, TILT or LEAN, see `space.layout`
     data : directions of TWIST and LEAN
     entry : its first entry of Work.turn
     counted : whether its angle is known beyond half a turn

@@ -10,7 +10,7 @@ from sidtool import solver
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
-from sidtool.solver.kernels import layout as at
+from sidtool.solver.space import layout as at
 from sidtool.solver.system import kernel_calls
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import new_work

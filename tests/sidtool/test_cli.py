@@ -382,7 +382,7 @@ def test_a_warmup_that_keeps_nothing_has_failed(
 ) -> None:
     """One kernel stands for all."""
     from sidtool.solver import warmup
-    from sidtool.solver.kernels import stored
+    from sidtool.solver.compiler import stored
 
     kernel = scaled(2.0)
     monkeypatch.setattr(warmup, "all_groups", lambda _: [("small:scaled",)])

@@ -53,7 +53,7 @@ def test_compiling_processes_run_installed_modules(
     monkeypatch.chdir(folder)
     with warmup._new_process() as process:
         assert process.stdin is not None and process.stdout is not None
-        process.stdin.write("kernels.newton:remember\n")
+        process.stdin.write("linear.newton:remember\n")
         process.stdin.flush()
         assert process.stdout.readline() == "done\n"
     assert process.returncode == 0 and ran(folder) == []

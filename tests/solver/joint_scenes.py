@@ -10,10 +10,10 @@ import numpy as np
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.toml_files import validated
-from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels.layout import Work
+from sidtool.solver.space import layout as at
+from sidtool.solver.space.layout import Work
 from sidtool.solver.system import kernel_calls
-from sidtool.solver.system.embedded import embedded, matrices
+from sidtool.solver.system.bodies.embedded import embedded, matrices
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import new_work
 from tests.bodies import particle_body

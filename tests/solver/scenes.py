@@ -12,9 +12,9 @@ import numpy as np
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.solver import compile_scene
-from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels.coordinates import retract
-from sidtool.solver.kernels.layout import Work
+from sidtool.solver.space import layout as at
+from sidtool.solver.space.coordinates import retract
+from sidtool.solver.space.layout import Work
 from sidtool.solver.start.assembly import dense_jacobian
 from sidtool.solver.system.kernel_calls import evaluate
 from sidtool.solver.system.scene import System

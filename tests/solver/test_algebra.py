@@ -10,10 +10,10 @@ import pytest
 from numba import types
 
 from sidtool.formats.sid import Array
-from sidtool.solver.kernels import algebra
-from sidtool.solver.kernels.compiling import entry
-from sidtool.solver.kernels.layout import F1
-from sidtool.solver.kernels.values import Symmetric, Turn, Vector
+from sidtool.solver.compiler.compiling import entry
+from sidtool.solver.compiler.values import Symmetric, Turn, Vector
+from sidtool.solver.space import algebra
+from sidtool.solver.space.layout import F1
 
 ANGLE = 0.7
 COSINE, SINE = np.cos(ANGLE), np.sin(ANGLE)

@@ -15,9 +15,9 @@ from numba import float64
 from numba.extending import intrinsic
 
 from sidtool.solver import warmup
+from sidtool.solver.compiler import stored
+from sidtool.solver.compiler.compiling import entry
 from sidtool.solver.integrators import all_step_loops
-from sidtool.solver.kernels import stored
-from sidtool.solver.kernels.compiling import entry
 from tests.solver.small_kernels import scaled
 
 STAMPS = """
@@ -52,7 +52,7 @@ def test_every_process_finds_the_same_kernels() -> None:
 
 
 def test_a_kernel_on_disk_is_used() -> None:
-    name = "integrators.radau:advance"
+    name = "integrators.radau.method:advance"
     kernel = warmup._find(name)
     for signature in kernel.signatures:
         kernel.address(signature)

@@ -10,8 +10,8 @@ import pytest
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels.coordinates import retract
+from sidtool.solver.space import layout as at
+from sidtool.solver.space.coordinates import retract
 from sidtool.solver.start.assembly import assemble, dense_jacobian
 from sidtool.solver.system import kernel_calls
 from sidtool.solver.system.scene import System

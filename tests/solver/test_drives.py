@@ -15,7 +15,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import Joint
 from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.kernels.drives import drive_value
+from sidtool.solver.equations.drives import drive_value
 from sidtool.solver.system.joints import PLANAR, SPATIAL
 from sidtool.solver.system.kernel_calls import function_history
 

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from sidtool.formats.sid import SID, Array, Taylor
-from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels.coordinates import rate
+from sidtool.solver.space import layout as at
+from sidtool.solver.space.coordinates import rate
 from sidtool.solver.system.joints import PLANAR, SPATIAL, Parts, Primitive
 from sidtool.solver.system.kernel_calls import linearise
 from sidtool.solver.system.scene import System

@@ -18,12 +18,12 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import Array, Taylor
 from sidtool.formats.toml_files import validated
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.kernels.accelerations import solve_accelerations
-from sidtool.solver.kernels.coordinates import retract
-from sidtool.solver.kernels.newton import newton_factor, newton_solve, remember
+from sidtool.solver.linear.accelerations import solve_accelerations
+from sidtool.solver.linear.newton import newton_factor, newton_solve, remember
+from sidtool.solver.space.coordinates import retract
 from sidtool.solver.start.assembly import guess
 from sidtool.solver.system import kernel_calls
-from sidtool.solver.system.damping import damped
+from sidtool.solver.system.bodies.damping import damped
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import new_memory, new_work
 from tests.bodies import particle_body

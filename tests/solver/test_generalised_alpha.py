@@ -9,7 +9,7 @@ import pytest
 
 from sidtool.formats.sid import Array, Taylor
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.integrators.alpha_table import coefficients
+from sidtool.solver.integrators.alpha.table import coefficients
 from tests.solver.joint_scenes import scene as free_scene
 from tests.solver.scenes import compiled, scene, soft_body
 

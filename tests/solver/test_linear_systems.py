@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from sidtool.formats.sid import Array
-from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels.accelerations import solve_accelerations as solve
-from sidtool.solver.kernels.coordinates import rate
-from sidtool.solver.kernels.lapack import LARGE
-from sidtool.solver.kernels.newton import (
+from sidtool.solver.linear.accelerations import solve_accelerations as solve
+from sidtool.solver.linear.lapack import LARGE
+from sidtool.solver.linear.newton import (
     FACTOR_COMPLEX,
     FACTOR_REAL,
     SOLVE_COMPLEX,
@@ -21,6 +19,8 @@ from sidtool.solver.kernels.newton import (
     newton_solve,
     remember,
 )
+from sidtool.solver.space import layout as at
+from sidtool.solver.space.coordinates import rate
 from sidtool.solver.system.kernel_calls import linearise
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import new_memory

@@ -18,7 +18,7 @@ from sidtool.formats.stiffening import load_stiffness
 from sidtool.formats.toml_files import validated
 from sidtool.solver import compile_scene, static_equilibrium
 from sidtool.solver import linearise as natural_modes
-from sidtool.solver.kernels import layout as at
+from sidtool.solver.space import layout as at
 from sidtool.solver.system.kernel_calls import linearise
 from sidtool.solver.system.scene import System
 from tests.solver.scenes import Probe, scene

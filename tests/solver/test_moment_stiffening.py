@@ -15,10 +15,10 @@ import pytest
 from sidtool.formats.sid import SID, Taylor
 from sidtool.solver import simulate
 from sidtool.solver.advice.body_loads import recorded_loads
-from sidtool.solver.kernels import layout as at
-from sidtool.solver.kernels.coordinates import rate
 from sidtool.solver.recording.sampling import Samples
 from sidtool.solver.recording.told import Told
+from sidtool.solver.space import layout as at
+from sidtool.solver.space.coordinates import rate
 from sidtool.solver.start.assembly import assemble
 from sidtool.solver.start.consistent import dense_jacobian
 from sidtool.solver.system.kernel_calls import complete, linearise

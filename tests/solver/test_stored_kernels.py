@@ -16,8 +16,8 @@ import pytest
 from numba import float64
 from numba.extending import intrinsic
 
-from sidtool.solver.kernels import compiling, machine, stored
-from sidtool.solver.kernels.compiling import Entry, entry
+from sidtool.solver.compiler import compiling, machine, stored
+from sidtool.solver.compiler.compiling import Entry, entry
 from tests.solver.small_kernels import scaled
 
 ROOT = Path(__file__).parents[2]

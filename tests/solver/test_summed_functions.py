@@ -10,7 +10,7 @@ import pytest
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 from sidtool.solver import compile_scene, simulate
-from sidtool.solver.kernels.drives import drive_value
+from sidtool.solver.equations.drives import drive_value
 from tests.solver.scenes import scene, slender_rod
 
 RAMP = {"type": "sine_ramp", "from": 0.3, "to": 1.1, "start": 0.2, "end": 1.5}

@@ -10,9 +10,9 @@ import pytest
 from numba import float64, int64
 
 from sidtool.formats.sid import Array
-from sidtool.solver.kernels.compiling import entry
-from sidtool.solver.kernels.layout import F1, F2
-from sidtool.solver.kernels.tables import Table, TableType
+from sidtool.solver.compiler.compiling import entry
+from sidtool.solver.compiler.tables import Table, TableType
+from sidtool.solver.space.layout import F1, F2
 
 
 class Pair(Table):

@@ -1,0 +1,1 @@
+"""The equations of motion: compiled kernels, plain loops without allocation."""

@@ -1,0 +1,1 @@
+"""Generalised-alpha, with its error estimate."""

@@ -1,0 +1,1 @@
+"""Radau IIA methods: their stages and their passing of events."""

@@ -1,0 +1,371 @@
+"""The stages of a Radau IIA method, and Newton's corrections of them."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import complex128, float64, int64, types
+
+from sidtool.formats.sid import Array
+
+from ...compiler.compiling import inner
+from ...compiler.tables import Table, TableType
+from ...linear.newton import ITERATIONS, KERNELS, MEMORY
+from ...space.layout import C1, F1, F2, SYSTEM, WORK
+from ..newton_steps import factor_real, solve_real
+from ..projection import accelerate
+from ..step_sizes import scaled_norm
+from ..stepping import CONTROL, OLD_STEP, PREDICT, STAGE_STEP, TIME, copy
+
+
+class Method(Table):
+    """A Radau IIA method with s stages.
+
+    c : (s,) nodes
+    T, TI : (s, s) transformation of the stages that makes A^-1 block diagonal: one
+        real eigenvalue first, then pairs of rows for complex ones, and its inverse
+    real_eigenvalue : (1,)
+    complex_eigenvalues : (pairs,)
+    error : (s,) weights of the stages in the error estimate
+    weights : (s,) of the stages in an integral over the step
+    slope : (s,) of the stages in the slope at the end
+    """
+
+    c: Array
+    T: Array
+    TI: Array
+    real_eigenvalue: Array
+    complex_eigenvalues: np.ndarray
+    error: Array
+    weights: Array
+    slope: Array
+
+
+METHOD = TableType(Method, [F1, F2, F2, F1, C1] + [F1] * 3)
+
+
+class Stages(Table):
+    """The method; stage increments Z, their transforms W, slopes F; scratch vectors.
+
+    last_Z : the increments of the last accepted step
+    """
+
+    method: Method
+    Zz: Array
+    Zv: Array
+    Wz: Array
+    Wv: Array
+    Fz: Array
+    Fv: Array
+    rate0: Array
+    acc0: Array
+    z1: Array
+    v1: Array
+    rz: Array
+    rv: Array
+    x: Array
+    p: Array
+    g: Array
+    crz: np.ndarray
+    crv: np.ndarray
+    cx: np.ndarray
+    cp: np.ndarray
+    cg: np.ndarray
+    old_Zz: Array
+    old_Zv: Array
+    last_Zz: Array
+    last_Zv: Array
+
+
+STAGES = TableType(Stages, [METHOD] + [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 4)
+
+
+@cache
+def method(stages: int) -> Method:
+    """Coefficients of Radau IIA, from the zeros of its node polynomial.
+
+    Raises
+    ------
+    ValueError : the number of stages is not odd; even ones have no real eigenvalue.
+    """
+    if stages % 2 == 0:
+        raise ValueError("Radau IIA is used with an odd number of stages")
+    c = _radau_nodes(stages)
+    powers = np.vander(c, stages, increasing=True)
+    A = (powers * c[:, None] / np.arange(1, stages + 1)) @ np.linalg.inv(powers)
+    eigenvalues, vectors = np.linalg.eig(np.linalg.inv(A))
+    real = int(np.argmin(abs(eigenvalues.imag)))
+    pairs = [k for k in np.argsort(eigenvalues.imag) if eigenvalues[k].imag > 1e-9]
+    columns = [vectors[:, real].real]
+    for k in pairs:
+        columns += [vectors[:, k].real, vectors[:, k].imag]
+    T = np.column_stack(columns)
+    gamma = float(eigenvalues[real].real)
+    return Method(
+        c=c,
+        T=np.ascontiguousarray(T),
+        TI=np.ascontiguousarray(np.linalg.inv(T)),
+        real_eigenvalue=np.array([gamma]),
+        complex_eigenvalues=np.conj(eigenvalues[pairs]),
+        error=_error_weights(A, c, gamma),
+        weights=A[-1].copy(),
+        slope=np.linalg.inv(A)[-1].copy(),
+    )
+
+
+def _radau_nodes(stages: int) -> Array:
+    """Zeros of P_s - P_{s-1} (Legendre, shifted to [0, 1])."""
+    series = np.zeros(stages + 1)
+    series[stages], series[stages - 1] = 1.0, -1.0
+    nodes = np.sort(np.polynomial.legendre.legroots(series).real)
+    nodes[-1] = 1.0
+    return 0.5 * (nodes + 1.0)
+
+
+def _error_weights(A: Array, c: Array, gamma: float) -> Array:
+    """Weights e of the error estimate (gamma/h - J)^-1 (f(y0) + sum_i e_i Z_i / h).
+
+    The embedded formula y0 + h (f(y0) / gamma + sum b_i f(Y_i)) has order s; the
+    estimate is its difference to the collocation solution, times gamma / h.
+    """
+    s = len(c)
+    right = 1.0 / np.arange(1, s + 1)
+    right[0] -= 1.0 / gamma
+    embedded = np.linalg.solve(np.vander(c, s, increasing=True).T, right)
+    return gamma * (embedded - A[-1]) @ np.linalg.inv(A)
+
+
+def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stages:
+    """Storage for a run with s stages."""
+    n, m = n_positions, n_velocities
+    shapes = [(s, n), (s, m)] * 3 + [n, m, n, m, n, m, m, m, n_rows]
+    complex_shapes = [n, m, m, m, n_rows]
+    arrays: list[Any] = [np.zeros(shape) for shape in shapes]
+    arrays += [np.zeros(shape, complex) for shape in complex_shapes]
+    arrays += [np.zeros(shape) for shape in [(s, n), (s, m)] * 2]
+    return Stages(method(s), *arrays)
+
+
+@inner(types.void(CONTROL, STAGES, float64))
+def predict(control, stages, h):
+    """First guess of Z from the last collocation polynomial.
+
+    It is continued after an accepted step, and shortened after a rejected one.
+    """
+    method = stages.method
+    s = len(method.c)
+    for i in range(s):
+        copy(stages.Zz[i], stages.old_Zz[i])
+        copy(stages.Zv[i], stages.old_Zv[i])
+        for n in range(stages.Zz.shape[1]):
+            stages.Zz[i, n] = 0.0
+        for n in range(stages.Zv.shape[1]):
+            stages.Zv[i, n] = 0.0
+    if control.whole[PREDICT] == 0:
+        return
+    ratio = h / control.real[STAGE_STEP]
+    begin = 1.0 if control.whole[PREDICT] == 1 else 0.0
+    for i in range(s):
+        at = begin + method.c[i] * ratio
+        for j in range(s):
+            weight = at / method.c[j]
+            for k in range(s):
+                if k != j:
+                    weight *= (at - method.c[k]) / (method.c[j] - method.c[k])
+            if j == s - 1:
+                weight -= begin
+            for n in range(stages.Zz.shape[1]):
+                stages.Zz[i, n] += weight * stages.old_Zz[j, n]
+            for n in range(stages.Zv.shape[1]):
+                stages.Zv[i, n] += weight * stages.old_Zv[j, n]
+
+
+@inner(types.void(F2, F2, F2))
+def transform(matrix, source, out):
+    """out = matrix source for small matrices."""
+    s, n = source.shape
+    for i in range(s):
+        for k in range(n):
+            total = 0.0
+            for j in range(s):
+                total += matrix[i, j] * source[j, k]
+            out[i, k] = total
+
+
+@inner(complex128(METHOD, int64, float64))
+def _eigenvalue(method, k, h):
+    """A complex one over the step; written out, which takes less to compile."""
+    nu = method.complex_eigenvalues[k]
+    return complex(nu.real / h, nu.imag / h)
+
+
+@inner(types.void(complex128, F1, F1, F1, F1))
+def _subtract(nu, w_real, w_imag, f_real, f_imag):
+    """f -= nu w, in real and imaginary parts."""
+    for i in range(len(f_real)):
+        f_real[i] -= nu.real * w_real[i] - nu.imag * w_imag[i]
+        f_imag[i] -= nu.real * w_imag[i] + nu.imag * w_real[i]
+
+
+@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
+def factor(kernels, system, work, memory, stages, h):
+    """Factors the Newton matrices of all eigenvalues for the step h."""
+    method = stages.method
+    mu = method.real_eigenvalue[0] / h
+    status = factor_real(kernels, system, work, memory, mu)
+    for k in range(len(method.complex_eigenvalues)):
+        if status != 0:
+            return status
+        status = kernels.factor_complex(
+            system,
+            work,
+            memory,
+            memory.complex_lapack,
+            _eigenvalue(method, k, h),
+            memory.complex_A[k],
+            memory.complex_G[k],
+            memory.complex_Y[k],
+            memory.complex_S[k],
+            memory.complex_pivots[k],
+            memory.complex_row_pivots[k],
+        )
+    return status
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
+def solve(kernels, system, work, memory, stages, mu):
+    """Solves (mu - J) x = (rz, rv) in place."""
+    solve_real(
+        kernels,
+        system,
+        work,
+        memory,
+        mu,
+        stages.rz,
+        stages.rv,
+        stages.x,
+        stages.p,
+        stages.g,
+    )
+
+
+@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
+def correct(kernels, system, work, memory, stages, h):
+    """One Newton correction of W, left in F (which held the transformed slopes)."""
+    method = stages.method
+    mu = method.real_eigenvalue[0] / h
+    for i in range(len(stages.rz)):
+        stages.rz[i] = stages.Fz[0, i] - mu * stages.Wz[0, i]
+    for i in range(len(stages.rv)):
+        stages.rv[i] = stages.Fv[0, i] - mu * stages.Wv[0, i]
+    solve(kernels, system, work, memory, stages, mu)
+    copy(stages.rz, stages.Fz[0])
+    copy(stages.rv, stages.Fv[0])
+    for k in range(len(method.complex_eigenvalues)):
+        nu = _eigenvalue(method, k, h)
+        a, b = 1 + 2 * k, 2 + 2 * k
+        _subtract(nu, stages.Wz[a], stages.Wz[b], stages.Fz[a], stages.Fz[b])
+        _subtract(nu, stages.Wv[a], stages.Wv[b], stages.Fv[a], stages.Fv[b])
+        for i in range(len(stages.crz)):
+            stages.crz[i] = complex(stages.Fz[a, i], stages.Fz[b, i])
+        for i in range(len(stages.crv)):
+            stages.crv[i] = complex(stages.Fv[a, i], stages.Fv[b, i])
+        kernels.solve_complex(
+            system,
+            work,
+            memory,
+            memory.complex_lapack,
+            nu,
+            memory.complex_A[k],
+            memory.complex_G[k],
+            memory.complex_Y[k],
+            memory.complex_S[k],
+            memory.complex_pivots[k],
+            memory.complex_row_pivots[k],
+            stages.crz,
+            stages.crv,
+            stages.cx,
+            stages.cp,
+            stages.cg,
+        )
+        for i in range(len(stages.crz)):
+            stages.Fz[a, i] = stages.crz[i].real
+            stages.Fz[b, i] = stages.crz[i].imag
+        for i in range(len(stages.crv)):
+            stages.Fv[a, i] = stages.crv[i].real
+            stages.Fv[b, i] = stages.crv[i].imag
+
+
+@inner(types.void(CONTROL, STAGES))
+def take_end(control, stages):
+    """The last stage, into z1 and v1."""
+    s = len(stages.method.c)
+    for i in range(len(stages.z1)):
+        stages.z1[i] = control.z[i] + stages.Zz[s - 1, i]
+    for i in range(len(stages.v1)):
+        stages.v1[i] = control.v[i] + stages.Zv[s - 1, i]
+
+
+@inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
+def sweep(kernels, system, work, memory, control, stages, h):
+    """The next correction of W, in F; its norm, infinite where there is no slope."""
+    method = stages.method
+    s = len(method.c)
+    for i in range(s):
+        for k in range(len(stages.z1)):
+            stages.z1[k] = control.z[k] + stages.Zz[i, k]
+        for k in range(len(stages.v1)):
+            stages.v1[k] = control.v[k] + stages.Zv[i, k]
+        at = control.real[TIME] + method.c[i] * h
+        if accelerate(kernels, system, work, memory, at, stages.z1, stages.v1) != 0:
+            return math.inf
+        kernels.rate(system, stages.z1, stages.v1, stages.old_Zz[i])
+        copy(memory.acceleration, stages.old_Zv[i])
+    transform(method.TI, stages.old_Zz, stages.Fz)
+    transform(method.TI, stages.old_Zv, stages.Fv)
+    correct(kernels, system, work, memory, stages, h)
+    memory.counters[ITERATIONS] += 1
+    norm = 0.0
+    for i in range(s):
+        size = scaled_norm(stages.Fz[i], stages.Fv[i], control.scale_z, control.scale_v)
+        norm += size * size / s
+    return math.sqrt(norm)
+
+
+@inner(types.void(STAGES))
+def take_correction(stages):
+    """Adds F to W."""
+    for i in range(len(stages.Wz)):
+        for k in range(len(stages.z1)):
+            stages.Wz[i, k] += stages.Fz[i, k]
+        for k in range(len(stages.v1)):
+            stages.Wv[i, k] += stages.Fv[i, k]
+    transform(stages.method.T, stages.Wz, stages.Zz)
+    transform(stages.method.T, stages.Wv, stages.Zv)
+
+
+@inner(types.void(CONTROL, STAGES, float64))
+def go_on(control, stages, h):
+    """Z as the polynomial of the last accepted step goes on."""
+    for i in range(len(stages.Zz)):
+        copy(stages.last_Zz[i], stages.Zz[i])
+        copy(stages.last_Zv[i], stages.Zv[i])
+    control.whole[PREDICT] = 1
+    control.real[STAGE_STEP] = control.real[OLD_STEP]
+    predict(control, stages, h)
+
+
+@inner(types.void(KERNELS, SYSTEM, CONTROL, STAGES, float64))
+def foretell(kernels, system, control, stages, h):
+    """The end of the step as the last one goes on; without one, as slopes are."""
+    if control.real[OLD_STEP] > 0.0:
+        go_on(control, stages, h)
+        take_end(control, stages)
+        return
+    for i in range(len(stages.z1)):
+        stages.z1[i] = control.z[i] + h * stages.rate0[i]
+    for i in range(len(stages.v1)):
+        stages.v1[i] = control.v[i] + h * stages.acc0[i]

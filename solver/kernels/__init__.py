@@ -1,1 +1,0 @@
-"""Compiled kernels: plain loops over flat arrays, one signature each, no allocation."""

@@ -1,0 +1,1 @@
+"""Linear algebra of constrained bodies: accelerations, projections, Newton's matrix."""

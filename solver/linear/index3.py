@@ -1,0 +1,114 @@
+"""Newton's matrix of eq. (3) with the constraints themselves (index 3).
+
+With dx a variation of z_I in the tangent space, dz_II = gamma' dx and
+dz_II' = beta' dx, one correction solves, with s = h^2 dlambda,
+
+    [ h^2 (beta' M + gamma' Rv + Rp)  -C^T ] [ dx ]   [ h^2 (f + C^T lambda - R) ]
+    [ C                                 0  ] [ s  ] = [ -c                       ],
+
+R = M z_II'.
+
+The scaling by h^2 keeps the matrix well conditioned for small steps (C. L. Bottasso,
+O. A. Bauchau, A. Cardona, "Time-step-size-independent conditioning and sensitivity to
+perturbations in the numerical solution of index three differential algebraic
+equations", SIAM Journal on Scientific Computing 29, 2007). Forces between bodies have
+rows among the constraints, as in `newton`; `place` is the row of each constraint there,
+or -1.
+"""
+
+from __future__ import annotations
+
+from numba import float64, int64, types
+
+from ..compiler.compiling import inner
+from ..space.layout import (
+    BLOCK,
+    C_VALUE,
+    F1,
+    I1,
+    N_ENTRIES,
+    NV,
+    S_BODY,
+    S_OFFSET,
+    S_ROW,
+    SYSTEM,
+    VEL,
+    WORK,
+)
+from .newton import FACTORISATIONS, MEMORY
+from .saddle import saddle_factor, saddle_solve
+
+
+@inner(int64(SYSTEM, WORK, MEMORY, float64, float64, float64))
+def index3_factor(system, work, memory, inertia, damping, stiffness):
+    """Factors the matrix; weights are h^2 beta', h^2 gamma' and h^2. 0 on success."""
+    extended = system.newton
+    A, G = memory.real_A, memory.real_G
+    for i in range(len(A)):
+        A[i] = inertia * memory.M[i] + damping * work.Rv[i] + stiffness * work.Rp[i]
+    constraints = system.dims[N_ENTRIES]
+    for i in range(constraints):
+        G[i] = memory.C[i]
+    for i in range(constraints, len(G)):
+        G[i] = damping * work.Gv[i] + stiffness * work.Gp[i]
+    memory.counters[FACTORISATIONS] += 1
+    return saddle_factor(
+        extended,
+        memory.real_lapack,
+        A,
+        memory.C,
+        G,
+        memory.real_Y,
+        memory.real_S,
+        memory.real_pivots,
+        memory.real_row_pivots,
+        work.rubbing,
+    )
+
+
+@inner(types.void(SYSTEM, MEMORY, F1, F1))
+def index3_solve(system, memory, x, mu):
+    """Solves with that factor; right-hand sides in x and mu are overwritten."""
+    saddle_solve(
+        system.newton,
+        memory.real_lapack,
+        memory.real_A,
+        memory.real_G,
+        memory.real_Y,
+        memory.real_S,
+        memory.real_pivots,
+        memory.real_row_pivots,
+        x,
+        mu,
+    )
+
+
+@inner(types.void(SYSTEM, F1, F1, float64, F1))
+def add_mass_times(system, M, x, weight, out):
+    """out += weight M x, M in blocks."""
+    for b in range(len(system.body)):
+        n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
+        for i in range(n):
+            total = 0.0
+            for k in range(n):
+                total += M[o + i * n + k] * x[first + k]
+            out[first + i] += weight * total
+
+
+@inner(types.void(SYSTEM, WORK, I1, F1, F1, float64, F1, F1))
+def index3_residual(system, work, place, acceleration, multiplier, h2, p, g):
+    """Right-hand side of a correction at the evaluated state, into p and g."""
+    for i in range(len(p)):
+        p[i] = h2 * work.f[i]
+    add_mass_times(system, work.M, acceleration, -h2, p)
+    for k in range(len(system.segment)):
+        force = h2 * multiplier[system.segment[k, S_ROW]]
+        at, b = system.segment[k, S_OFFSET], system.segment[k, S_BODY]
+        first = system.body[b, VEL]
+        for i in range(system.body[b, NV]):
+            p[first + i] += work.C[at + i] * force
+    for i in range(len(g)):
+        g[i] = 0.0
+    for i in range(len(place)):
+        if place[i] >= 0:
+            g[place[i]] = -work.row[i, C_VALUE]

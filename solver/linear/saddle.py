@@ -1,0 +1,226 @@
+"""The saddle-point systems of constrained bodies, eq. (17), by elimination of bodies.
+
+    [ A  -C^T ] [ x  ]   [ p ]
+    [ G   0   ] [ mu ] = [ g ]
+
+A is block diagonal (one block per body), C and G are stored as segments: the entries
+of one row that belong to one body. Eliminating the bodies leaves the Schur complement
+S = G A^-1 C^T on the multipliers; ordered along the mechanism it is a band matrix, so
+that the cost of a chain grows linearly with its length. The kernels serve real and
+complex systems.
+"""
+
+from __future__ import annotations
+
+from numba import int64, types
+
+from ..compiler.compiling import inner
+from ..compiler.quotients import quotient
+from ..space.layout import (
+    BANDWIDTH,
+    BLOCK,
+    C1,
+    C2,
+    F1,
+    F2,
+    I1,
+    N_ROWS,
+    NV,
+    R_COUNT,
+    R_NEWTON,
+    S_OFFSET,
+    S_ROW,
+    SEG0,
+    SEG1,
+    SENSE,
+    SHARED,
+    SYSTEM,
+    VEL,
+)
+from .lapack import LAPACK, LARGE, factor_large, solve_large
+
+#: Added to the diagonal of the Schur complement, relative to it. Where constraints
+#: become dependent (a singular position) it stands in for what they leave open;
+#: elsewhere refinement removes its effect.
+REGULARISATION = 1e-13
+#: The same for joints that stick and hold one motion together.
+SHARED_SLACK = 1e-7
+
+
+@inner(*[int64(LAPACK, A, int64, int64, I1, int64) for A in (F1, C1)])
+def lu_factor(lapack, A, o, n, pivots, first):
+    """LU with partial pivoting of the n x n block at o, in place; 1 if singular."""
+    if n >= LARGE:
+        return factor_large(lapack, A, o, n, pivots, first)
+    for j in range(n):
+        best = j
+        size = abs(A[o + j * n + j])
+        for i in range(j + 1, n):
+            candidate = abs(A[o + i * n + j])
+            if candidate > size:
+                best, size = i, candidate
+        pivots[first + j] = best
+        if not size > 0.0:
+            return 1
+        if best != j:
+            for k in range(n):
+                a, b = o + j * n + k, o + best * n + k
+                A[a], A[b] = A[b], A[a]
+        inverse = quotient(1.0, A[o + j * n + j])
+        for i in range(j + 1, n):
+            factor = A[o + i * n + j] * inverse
+            A[o + i * n + j] = factor
+            if factor != 0.0:
+                for k in range(j + 1, n):
+                    A[o + i * n + k] -= factor * A[o + j * n + k]
+    return 0
+
+
+@inner(*[types.void(LAPACK, A, int64, int64, I1, int64, A, int64) for A in (F1, C1)])
+def lu_solve(lapack, A, o, n, pivots, first, x, at):
+    """Solves with a factor of `lu_factor`; x[at:at+n] is overwritten."""
+    if n >= LARGE:
+        solve_large(lapack, A, o, n, pivots, first, x, at)
+        return
+    for j in range(n):
+        best = pivots[first + j]
+        if best != j:
+            x[at + j], x[at + best] = x[at + best], x[at + j]
+    for i in range(1, n):
+        total = x[at + i]
+        for k in range(i):
+            total -= A[o + i * n + k] * x[at + k]
+        x[at + i] = total
+    for i in range(n - 1, -1, -1):
+        total = x[at + i]
+        for k in range(i + 1, n):
+            total -= A[o + i * n + k] * x[at + k]
+        x[at + i] = quotient(total, A[o + i * n + i])
+
+
+@inner(*[int64(A, int64, int64, I1) for A in (F2, C2)])
+def band_factor(S, m, width, pivots):
+    """LU with partial pivoting of a band matrix in full storage; 1 if singular."""
+    for j in range(m):
+        last_row = min(m, j + width + 1)
+        last_column = min(m, j + 2 * width + 1)
+        best = j
+        size = abs(S[j, j])
+        for i in range(j + 1, last_row):
+            candidate = abs(S[i, j])
+            if candidate > size:
+                best, size = i, candidate
+        pivots[j] = best
+        if not size > 0.0:
+            return 1
+        if best != j:
+            for k in range(j, last_column):
+                S[j, k], S[best, k] = S[best, k], S[j, k]
+        inverse = quotient(1.0, S[j, j])
+        for i in range(j + 1, last_row):
+            factor = S[i, j] * inverse
+            S[i, j] = factor
+            if factor != 0.0:
+                for k in range(j + 1, last_column):
+                    S[i, k] -= factor * S[j, k]
+    return 0
+
+
+@inner(*[types.void(A, int64, int64, I1, X) for A, X in ((F2, F1), (C2, C1))])
+def band_solve(S, m, width, pivots, x):
+    """Solves with a factor of `band_factor`; x is overwritten."""
+    for j in range(m):
+        best = pivots[j]
+        if best != j:
+            x[j], x[best] = x[best], x[j]
+        for i in range(j + 1, min(m, j + width + 1)):
+            x[i] -= S[i, j] * x[j]
+    for i in range(m - 1, -1, -1):
+        total = x[i]
+        for k in range(i + 1, min(m, i + 2 * width + 1)):
+            total -= S[i, k] * x[k]
+        x[i] = quotient(total, S[i, i])
+
+
+@inner(
+    *[
+        int64(SYSTEM, LAPACK, F1, F1, F1, F1, F2, I1, I1, F2),
+        int64(SYSTEM, LAPACK, C1, F1, C1, C1, C2, I1, I1, F2),
+    ]
+)
+def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots, rubbing):
+    """Factors the system in place: A becomes its LU, Y = A^-1 C^T, S its band LU.
+
+    rubbing : (frictions, .) how friction of sliding joints follows from multipliers
+
+    Returns 0, or 1 when a block is singular, or 2 when the constraints are dependent.
+    """
+    m = system.dims[N_ROWS]
+    width = system.dims[BANDWIDTH]
+    segment = system.segment
+    for i in range(m):
+        for j in range(max(0, i - width), min(m, i + 2 * width + 1)):
+            S[i, j] = 0.0
+        S[i, i] += system.slack[i]
+    for j in range(len(system.friction)):
+        if system.grip[j, SENSE] != 0.0:
+            row = system.friction[j, R_NEWTON]
+            S[row, row] += 1.0
+            for r in range(system.friction[j, R_COUNT]):
+                S[row, system.friction[j, R_NEWTON + 1 + r]] += rubbing[j, r]
+    for b in range(len(system.body)):
+        n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
+        if n == 0:
+            continue
+        if lu_factor(lapack, A, o, n, pivots, first) != 0:
+            return 1
+        for s in range(system.body[b, SEG0], system.body[b, SEG1]):
+            at = segment[s, S_OFFSET]
+            for k in range(at, at + n):
+                Y[k] = C[k]
+            lu_solve(lapack, A, o, n, pivots, first, Y, at)
+            column = segment[s, S_ROW]
+            for r in range(system.body[b, SEG0], system.body[b, SEG1]):
+                g = segment[r, S_OFFSET]
+                total = G[g] * Y[at]
+                for k in range(1, n):
+                    total += G[g + k] * Y[at + k]
+                S[segment[r, S_ROW], column] += total
+    for i in range(m):
+        S[i, i] *= 1.0 + REGULARISATION
+    for j in range(len(system.friction)):
+        row = system.friction[j, R_NEWTON]
+        S[row, row] *= 1.0 + SHARED_SLACK * system.grip[j, SHARED]
+    if m > 0 and band_factor(S, m, width, row_pivots) != 0:
+        return 2
+    return 0
+
+
+@inner(
+    *[
+        types.void(SYSTEM, LAPACK, A, A, A, B, I1, I1, A, A)
+        for A, B in ((F1, F2), (C1, C2))
+    ]
+)
+def saddle_solve(system, lapack, A, G, Y, S, pivots, row_pivots, x, mu):
+    """Solves with a factor of `saddle_factor`; (p, g) in (x, mu) are overwritten."""
+    m = system.dims[N_ROWS]
+    segment = system.segment
+    for b in range(len(system.body)):
+        n, first = system.body[b, NV], system.body[b, VEL]
+        if n == 0:
+            continue
+        lu_solve(lapack, A, system.body[b, BLOCK], n, pivots, first, x, first)
+        for s in range(system.body[b, SEG0], system.body[b, SEG1]):
+            at, row = segment[s, S_OFFSET], segment[s, S_ROW]
+            for k in range(n):
+                mu[row] -= G[at + k] * x[first + k]
+    if m == 0:
+        return
+    band_solve(S, m, system.dims[BANDWIDTH], row_pivots, mu)
+    for b in range(len(system.body)):
+        n, first = system.body[b, NV], system.body[b, VEL]
+        for s in range(system.body[b, SEG0], system.body[b, SEG1]):
+            at, row = segment[s, S_OFFSET], segment[s, S_ROW]
+            for k in range(n):
+                x[first + k] += Y[at + k] * mu[row]

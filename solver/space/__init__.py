@@ -1,0 +1,1 @@
+"""Plane and space: their algebra, coordinates, and the arrays that kernels share."""

@@ -1,0 +1,356 @@
+"""The flat arrays that kernels read and write, and their compiled types.
+
+`System` is the immutable description of a compiled scene: small integer tables (one
+row per body, marker, constraint, ...) whose columns are named below, and one pool of
+real numbers that the tables point into. `Work` holds everything that changes during
+a run. Kernels are free functions on the two.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import float64, int64, types
+from numpy.typing import NDArray
+
+from sidtool.formats.sid import Array
+
+from ..compiler.tables import Table, TableType
+from ..compiler.views import ViewType
+
+IntTable = NDArray[np.int64]
+
+# --- columns of System.body -----------------------------------------------
+NQ = 0  # number of elastic coordinates
+NV = 1  # number of velocity coordinates: RD + NQ
+RD = 2  # rigid velocities: planar 3, 2 (no rotation), 0 (prescribed frame)
+POS = 3  # first position coordinate in z_I
+VEL = 4  # first velocity coordinate in z_II
+NP = 5  # number of position coordinates
+BLOCK = 6  # first entry of the body's NV x NV blocks
+SEG0 = 7  # first and one past the last constraint segment of the body
+SEG1 = 8
+DATA = 9  # inertia and elasticity in the pool
+FLAGS = 10  # which optional terms are present
+MOTION = 11  # prescribed frame: kind of the joint to the base marker, else FREE
+BASE = 12  # prescribed frame: marker on the base body
+TIP = 13  # prescribed frame: marker on this body
+DRIVE = 14  # prescribed frame: drive of the joint, -1 for none
+FRAME = 15  # pool offset of the constant orientation of a body without rotation
+N_BODY = 16
+
+# --- kinds of prescribed frame --------------------------------------------
+FREE = 0
+GROUND = 1
+FIXED = 2
+REVOLUTE = 3
+PRISMATIC = 4
+
+# --- optional terms and shapes of matrices (bits of FLAGS) ----------------
+HAS_CR1 = 1
+HAS_OE1 = 4
+HAS_CT1 = 8
+HAS_QUADRATIC_J = 16
+DIAGONAL_ME = 32
+HAS_KE1 = 64
+STIFFENED = 128  # Ct and Cr have terms of a displacement field of second order
+STATE = 256  # no body: its velocity is a state of a law
+
+# --- columns of System.marker ---------------------------------------------
+M_BODY = 0
+M_DATA = 1  # pool: undeformed position, orientation, Phi, Psi
+M_PHI = 2  # Work.phi: Phi, then Psi, at the current elastic coordinates
+M_PHI1 = 3  # pool: derivative of Phi (geometric stiffening), -1 for none
+M_PSI1 = 4  # pool: derivative of Psi, likewise
+N_MARKER = 5
+
+# --- columns of System.constraint -----------------------------------------
+KIND = 0
+ROW = 1  # first row of c
+MARKER_A = 2
+MARKER_B = 3
+SEG_A = 4  # first segment of marker A and B, -1 where the body has no coordinates
+SEG_B = 5
+C_DATA = 6  # pool: direction or offset
+C_DRIVE = 7  # drive of the prescribed value, -1 for none
+N_CONSTRAINT = 8
+
+# --- kinds of primitive constraints between marker A and marker B ---------
+COINCIDENT = 0  # positions agree: planar 2 rows, spatial 3 rows
+ALONG = 1  # n_A . (x_B - x_A) = s(t), direction n fixed in marker A
+ANGLE = 2  # angle from A to B about their common axis = s(t)
+DISTANCE = 3  # |x_B - x_A| = L(t)
+PERPENDICULAR = 4  # a_A . b_B = 0, directions fixed in the markers (spatial)
+# Terms of one row: a weighted sum of angles and displacements is constant. The
+# constraints that share a row follow each other in System.constraint.
+COUPLED_ANGLE = 5
+COUPLED_ALONG = 6
+
+# --- numbers of a term of a coupling, after those of the direction in the pool
+W_WEIGHT = 0
+W_CONSTANT = 1  # subtracted
+W_PERIOD = 2  # the sum is known up to multiples of it, 0 for exactly
+W_FIRST = 3  # 1: the first term of its row
+TERM_PLANAR = 2  # where the term stands in the data of a constraint
+TERM_SPATIAL = 6
+
+# --- columns of System.segment: the entries of one row of C that belong to
+S_ROW = 0
+S_BODY = 1
+S_OFFSET = 2  # first entry in Work.C and its likes
+N_SEGMENT = 3
+
+# --- columns of System.drive: functions of time ---------------------------
+D_PIECES = 0
+D_TERMS = 1  # coefficients per piece
+D_DATA = 2  # pool, see the kinds
+D_KIND = 3
+N_DRIVE = 4
+
+# --- kinds of functions of time -------------------------------------------
+POLYNOMIAL = 0  # starts of the pieces, coefficients of (t - start), lowest power first
+SMOOTH = 1  # edges of the pieces, coefficients on each as on [-1, 1]: one smooth curve
+HARMONIC = 2  # offset, amplitude, angular frequency, phase
+RAMP = 3  # begin, end, value before, change by the ramp, 1 for that of the rate, rate
+SUM = 4  # of D_PIECES rows from D_DATA on, see `FunctionTable.table`
+
+# --- columns of System.force ----------------------------------------------
+F_KIND = 0
+F_A = 1  # markers: the force acts on B, and backwards on A; -1 for none
+F_B = 2
+F_SEG_A = 3  # entries of Work.C of the force row, -1 where there is none
+F_SEG_B = 4
+F_DATA = 5  # pool: direction, or components of a given force
+F_LAW = 6  # pool: force law, see `forces`
+F_TIME = 7  # function of time that scales what is applied, -1 for none
+F_TURN = 8  # entry of Work.turn of a torque about an axis in space, -1 for none
+F_CODE = 9  # pool: its law, see `forces.programs`; -1 for none
+F_OWNER = 10  # row of the law that reads this measure, which is no force; -1 for forces
+F_SAMPLED = 11  # 1: its law is asked at samples only, see `equations.law_at`
+N_FORCE = 12
+
+# --- kinds of forces: each belongs to a scalar measure of the markers' motion -----
+GIVEN = 0  # force and torque on marker B, components along inertial axes
+FOLLOWING = 1  # the same, components along the axes of the marker
+SPAN = 2  # along the line between the markers; their distance
+SLIDE = 3  # along a direction fixed in marker A; the displacement of B along it
+TWIST = 4  # torque about an axis fixed in marker A; the angle from A to B
+TILT = 5  # component of the rotation vector from A to B (spatial)
+LEAN = 6  # scalar product of a direction of A and one of B (spatial)
+COORDINATE = 7  # elastic coordinate F_DATA of the body F_B
+
+# --- columns of System.turn: rotations from marker A to B in space, of the kind TWIST,
+# TILT or LEAN. Orientations tell them up to full turns; those that are counted go on
+# from what stands at the end of z_I: their values where the step began.
+T_KIND = 0
+T_A = 1
+T_B = 2
+T_DATA = 3  # pool: directions of TWIST and LEAN
+T_ENTRY = 4  # first entry of Work.turn: TILT has three, others one; the counted first
+N_TURN = 5
+
+# --- columns of System.friction: joints with friction, see `friction` ------
+R_LAW = 0  # pool, see below
+R_LOAD = 1  # pool: for each place of contact two rows of weights, one per load row
+R_PLACES = 2
+R_COUNT = 3  # constraint rows that make the load
+R_ROWS = 4  # those rows
+R_NEWTON = 9  # its row in Newton matrices, then those of its load
+MOST_LOADS = 5
+N_FRICTION = R_NEWTON + 1 + MOST_LOADS
+
+# --- numbers of a friction law in the pool
+L_SLIDING = 0  # coefficients of sliding and of rest
+L_STATIC = 1
+L_SPEED = 2  # of the surfaces, over which one becomes the other; 0: at once
+L_VISCOUS = 3
+L_ARM = 4  # radius of the pin, 1 for what slides
+L_PERIOD = 5  # the coordinate is known up to multiples of it, 0 for exactly
+N_LAW = 6
+
+# --- columns of System.grip: what a run changes
+SENSE = 0  # 1 or -1: slides with a growing or a falling coordinate; 0: sticks
+HELD = 1  # the coordinate where it sticks
+SHARED = 2  # 1: others stick that hold the same motion, and share what that takes
+SIDE = 3  # of each place of contact, 1 or -1: where it is pressed; 0: on any side
+MOST_PLACES = 2
+N_GRIP = SIDE + MOST_PLACES
+
+# --- entries of System.dims -----------------------------------------------
+PLANAR = 0
+N_POS = 1
+N_VEL = 2
+N_ROWS = 3
+BANDWIDTH = 4  # of the Schur complement
+N_PHI = 5  # entries of Work.phi
+N_ENTRIES = 6  # entries of Work.C that belong to constraints; friction rows follow
+N_TURNS = 7  # entries of Work.turn that are counted, the last ones of z_I
+N_SLIDING = 8  # entries of Work.C before those of force rows
+N_DIMS = 9
+
+# --- columns of Work.row: one constraint row ------------------------------
+C_VALUE = 0  # c(z_I, t)
+C_RATE = 1  # dc/dt
+C_GAMMA = 2  # right-hand side of C z_II' = gamma
+N_ROW = 3
+
+# --- columns of System.dropped ------------------------------------------
+X_ROW = 0
+X_OFFSET = 1  # first entry in Work.C and its likes
+X_SIZE = 2
+N_DROPPED = 3
+
+# --- columns of Work.turn -------------------------------------------------
+TURNED = 0
+TURN_RATE = 1
+TURN_AXIS = 2  # inertial torque on marker B that works on the angle
+N_TURNED = 5
+
+
+#: Fields of a system that Newton matrices have of their own.
+ROWS_OF_NEWTON = ("body", "segment", "dims", "slack")
+ROWS_OF_SLIDING = ("constraint", "segment", "dims", "slack", "dropped")
+_PARTS = ("newton", "sliding")
+
+
+class System(Table):
+    """A compiled scene.
+
+    body, marker, constraint, segment, drive : integer tables, columns as above
+    dims : sizes and switches
+    pool : all real data
+    gravity : (3,) acceleration in the inertial frame [m/s2]
+    slack : (rows,) added to the diagonal of the Schur complement: positive for
+        constraints that depend on each other, which share their force, see
+        `sidtool.solver.start.minimum_norm`
+    force, turn : integer tables, columns as above
+    dropped : segments of constraint rows that are left out, see
+        `sidtool.solver.start.overconstraint`
+    newton : the same for Newton matrices, whose rows are constraints and forces, see
+        `newton`: other body, segment, dims and slack
+    friction : integer table, columns as above
+    grip : (frictions, N_GRIP) how joints with friction move; a run changes a copy of
+        its own
+    sliding : the same with the coordinates of joints with friction as constraints, each
+        a row: other constraint, segment and dims
+    """
+
+    body: IntTable
+    marker: IntTable
+    constraint: IntTable
+    segment: IntTable
+    drive: IntTable
+    dims: IntTable
+    pool: Array
+    gravity: Array
+    slack: Array
+    force: IntTable
+    turn: IntTable
+    dropped: IntTable
+    newton: System
+    friction: IntTable
+    grip: Array
+    sliding: System
+
+    def replaced(self, **changes: Any) -> System:
+        """The same scene with other values of some fields, also in `newton` and
+        `sliding`."""
+        for part, own in (("newton", ROWS_OF_NEWTON), ("sliding", ROWS_OF_SLIDING)):
+            shared = {k: v for k, v in changes.items() if k not in (*own, *_PARTS)}
+            inner = changes.get(part, getattr(self, part))
+            if shared and inner is not None and part not in changes:
+                changes[part] = inner.replaced(**shared)
+        return super().replaced(**changes)
+
+
+class Work(Table):
+    """Everything that kernels write.
+
+    frame : (bodies, .) state of the body frames
+    point : (markers, .) state of the markers
+    phi : Phi and Psi of the markers at the current elastic coordinates
+    M, Rp, Rv : NV x NV blocks of the bodies: mass matrix, whose elastic part changes
+        only for stiffened bodies, and derivatives of M z_II' - f - C^T lambda by
+        positions and velocities
+    f : generalised force
+    C, Gp, Gv : segments of the constraint Jacobian and of the derivatives of the
+        constraint accelerations by positions and velocities; then those of the force
+        rows: the direction of a force, and minus the derivatives of its size
+    row : (rows, N_ROW) values, rates and right-hand sides of the constraints
+    turn : (angles, N_TURNED) rotations between markers in space
+    measure : (forces, 2) measures that forces act on, and their rates
+    factor : (forces,) functions of time and laws that scale what is applied
+    slope : (forces, 2) of a measure that a law reads: the derivatives of what the law
+        yields by it and by its rate
+    stack, lapse : of laws, see `forces.programs`
+    clock : (1,) a time inside the smooth interval that is being integrated
+    rub, load : (frictions,) force or torque along the coordinates of joints with
+        friction, and the loads that make it
+    rubbing : (frictions, MOST_LOADS) derivatives of the limit of friction by the
+        multipliers that make the load
+    sliding : the same with the rows of `System.sliding`: other row
+    scratch, modal, stiffened, turning : intermediate results of one body
+    """
+
+    frame: Array
+    point: Array
+    phi: Array
+    M: Array
+    Rp: Array
+    Rv: Array
+    f: Array
+    C: Array
+    Gp: Array
+    Gv: Array
+    row: Array
+    turn: Array
+    measure: Array
+    factor: Array
+    slope: Array
+    stack: Array
+    lapse: Array
+    clock: Array
+    scratch: Array
+    modal: Array
+    stiffened: Array
+    turning: Array
+    rub: Array
+    load: Array
+    rubbing: Array
+    sliding: Work
+
+
+class Told(Table):
+    """What outputs tell of some states, one after the other; rows as in `spaces`.
+
+    wrench : of all constraints, frictions of joints and forces
+    force : of all forces
+    body : of all bodies
+    """
+
+    wrench: Array
+    force: Array
+    body: Array
+
+
+F1, F2, F3 = (ViewType(float64, ndim) for ndim in (1, 2, 3))
+C1, C2, C3 = (ViewType(types.complex128, ndim) for ndim in (1, 2, 3))
+I1, I2 = (ViewType(int64, ndim) for ndim in (1, 2))
+
+SYSTEM = TableType(
+    System,
+    [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None, I2, F2, None],
+)
+WORK = TableType(
+    Work,
+    [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2, F1, F1] + [F1] * 5 + [F1, F1, F2, None],
+)
+TOLD = TableType(Told, [F2, F2, F2])
+
+#: evaluate(system, work, t, z_I, z_II)
+EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)
+#: linearise(system, work, t, z_I, z_II, z_II', lambda), after evaluate at that state
+LINEARISE = types.void(SYSTEM, WORK, float64, F1, F1, F1, F1)
+#: complete(system, work, z_II'), after evaluate at that state
+COMPLETE = types.void(SYSTEM, WORK, F1)

@@ -1,0 +1,1 @@
+"""Forces, laws and joint friction of a scene as tables."""

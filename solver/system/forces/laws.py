@@ -1,0 +1,286 @@
+"""Laws of a scene as rows of the table of forces, eq. (29).
+
+A law is the row of its force, behind rows for the measures that it reads. Each of its
+states is a body with one coordinate and no place, whose velocity is the state: the
+rate of the state is a law that pushes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import STATE, Expression, Instruction, Pid, SceneFile
+from sidtool.formats.sid import BLOCK_SHAPES, SID, Taylor, block_shape
+
+from ...equations.forces import programs as op
+from ...functions.callables import Derivatives
+from ...functions.law_times import of_time
+from ...functions.laws import (
+    Called,
+    Kept,
+    LawParts,
+    Parts,
+    RateOf,
+    Timing,
+    continuous,
+    law_parts,
+)
+from ...functions.laws import Law as GivenLaw
+from ...functions.native import Native
+from ...functions.table import FunctionTable
+from ..bodies.data import BodyData
+from .force_laws import Law
+from .rows import Element, Programmed
+from .sensors import Reading, coordinate, reading
+
+#: State of a sampled law: what it holds. No name in a scene has a space.
+HELD = "held value"
+MOST_SAMPLES = 1_000_000
+_OPERATORS = {
+    "+": op.ADD,
+    "-": op.SUBTRACT,
+    "*": op.MULTIPLY,
+    "/": op.DIVIDE,
+    "**": op.POWER,
+    "min": op.LEAST,
+    "max": op.MOST,
+    "atan2": op.ANGLE_OF,
+    "negative": op.NEGATIVE,
+    "sin": op.SIN,
+    "cos": op.COS,
+    "tan": op.TAN,
+    "asin": op.ASIN,
+    "acos": op.ACOS,
+    "atan": op.ATAN,
+    "sinh": op.SINH,
+    "cosh": op.COSH,
+    "tanh": op.TANH,
+    "exp": op.EXP,
+    "log": op.LOG,
+    "sqrt": op.SQRT,
+    "abs": op.ABS,
+    "sign": op.SIGN,
+}
+
+
+def state_body(force: str, state: str) -> str:
+    """Name of the body that carries a state of a law."""
+    return f"{force}.{STATE}.{state}"
+
+
+def laws_of(
+    scene: SceneFile, programs: Mapping[str, Derivatives | GivenLaw], sampled: bool
+) -> dict[str, LawParts]:
+    """The laws of forces, of the scene and of a program, by the names of the forces.
+
+    sampled : whether laws with a sample time are sampled; else they act all the time
+
+    Raises
+    ------
+    InputError : one is not sound.
+    """
+    found = {}
+    for name, force in scene.forces.items():
+        law = programs.get(name, getattr(force, "function", None))
+        if isinstance(law, Expression | Pid | GivenLaw):
+            kept = law if sampled else continuous(law, _place(name))
+            found[name] = law_parts(kept, _place(name))
+            _check_sample_time(found[name], scene, _place(name))
+    return found
+
+
+def _check_sample_time(law: LawParts, scene: SceneFile, place: str) -> None:
+    span = scene.time.end - scene.time.start
+    if law.sample_time is not None and span > MOST_SAMPLES * law.sample_time:
+        raise InputError(
+            f"a run of {span:.6g} s has more than {MOST_SAMPLES} samples",
+            place=f"{place}.sample_time",
+            expected=f"at least {span / MOST_SAMPLES:.3g}",
+        )
+
+
+def state_bodies(laws: Mapping[str, LawParts]) -> dict[str, BodyData]:
+    """The bodies that carry the states of all laws."""
+    return {
+        state_body(force, name): BodyData(
+            state_body(force, name),
+            _state_sid(),
+            False,
+            False,
+            {},
+            of_scene=False,
+            starts_at=kept.initial,
+        )
+        for force, parts in laws.items()
+        for name, kept in _kept(parts).items()
+    }
+
+
+def _kept(parts: LawParts) -> dict[str, Kept]:
+    """The states of a law, and of a sampled one what is held between samples."""
+    if parts.sample_time is None:
+        return dict(parts.states)
+    return {HELD: Kept(0.0, parts.value), **parts.states}
+
+
+def _state_sid() -> SID:
+    """One coordinate of unit mass on nothing."""
+    blocks: dict[str, Any] = {
+        name: Taylor(np.zeros(block_shape(name, 1))) for name in BLOCK_SHAPES
+    }
+    blocks["Me"] = Taylor(np.ones((1, 1)))
+    return SID(mass=0.0, labels=("state",), nodes=(), **blocks)
+
+
+class LawTable:
+    """Compiles laws; what they read is looked up in the whole scene.
+
+    laws : of all forces that have one
+    """
+
+    def __init__(
+        self,
+        scene: SceneFile,
+        data: Mapping[str, BodyData],
+        functions: FunctionTable,
+        laws: Mapping[str, LawParts],
+    ) -> None:
+        self._scene, self._data, self._functions = scene, data, functions
+        self.laws = laws
+
+    def rows(self, element: Element) -> list[Element]:
+        """The rows of a force: itself, what its law reads, and the states of that."""
+        force = element.name
+        parts = self.laws.get(force)
+        if parts is None:
+            return [element]
+        sampled = parts.sample_time is not None
+        value: Parts = (Instruction("name", HELD),) if sampled else parts.value
+        found = list(self._rows(element, value, force))
+        for name, kept in _kept(parts).items():
+            pushed = replace(
+                coordinate(state_body(force, name), 0),
+                name=force,
+                law=Law(applied=0.0 if sampled else 1.0),
+                sampled=parts.sample_time or 0.0,
+            )
+            found += self._rows(pushed, kept.change, force)
+        if not sampled:
+            self._watch(
+                [value, *(kept.change for kept in parts.states.values())], force
+            )
+        return found
+
+    def _watch(self, programs: list[Parts], force: str) -> None:
+        """Tells the table of functions what a law makes of time."""
+        for parts in programs:
+            program = of_time(parts)
+            if program is not None:
+                self._functions.watch(program, force)
+
+    def _rows(self, element: Element, parts: Parts, force: str) -> Iterator[Element]:
+        compiled = _Program(self, parts, force)
+        for sensor in compiled.sensors:
+            yield replace(sensor, name=force, is_read=True)
+        law = Programmed(compiled.reads, tuple(compiled.natives))
+        yield replace(element, code=compiled.code(), programmed=law)
+
+    def read(self, name: str, force: str) -> Reading:
+        """The measure of an output or a state; states of the law itself come first."""
+        if name in _kept(self.laws[force]):
+            return Reading(coordinate(state_body(force, name), 0), 1)
+        owner, _, state = name.partition(f".{STATE}.")
+        if owner in self.laws and state in self.laws[owner].states:
+            return Reading(coordinate(state_body(owner, state), 0), 1)
+        return reading(name, self._scene, self._data, _place(force))
+
+    def function(self, timing: Timing, force: str) -> int:
+        """The row of a function of time."""
+        return self._functions.add(timing.function, _place(force))
+
+
+def _place(force: str) -> str:
+    return f"forces.{force}.function"
+
+
+class _Program:
+    """The instructions of one law, as they stand in the pool."""
+
+    def __init__(self, table: LawTable, parts: Parts, force: str) -> None:
+        self.table, self.force = table, force
+        self.sensors: list[Element] = []
+        self.reads: dict[str, tuple[int, int]] = {}
+        self.natives: list[Native] = []
+        self.rows: dict[int, int] = {}
+        self.words: list[tuple[float, float, float]] = []
+        self.height = self.highest = 0
+        for part in parts:
+            self._add(part)
+            self.highest = max(self.highest, self.height)
+        if self.highest >= op.DEPTH - 1:
+            raise InputError(
+                "the law has too many nested parts",
+                place=_place(force),
+                expected="a simpler one",
+            )
+
+    def code(self) -> tuple[float, ...]:
+        words = [word for words in self.words for word in words]
+        return (float(len(self.sensors)), float(len(self.words)), *words)
+
+    def _add(self, part: Instruction | Called | Timing | RateOf) -> None:
+        if isinstance(part, Called):
+            native = part.native
+            self.natives.append(native)
+            kind = op.CALL if native.derivatives is None else op.CALL_GIVEN
+            self._word(kind, native.address, native.count, 1 - native.count)
+        elif isinstance(part, Timing):
+            row = self.rows.get(id(part.function))
+            if row is None:
+                row = self.table.function(part, self.force)
+                self.rows[id(part.function)] = row
+            self._word(op.FUNCTION, row, part.order, 1)
+        elif isinstance(part, RateOf):
+            found = self.table.read(part.name, self.force)
+            if found.order == 1:
+                raise InputError(
+                    f"the rate of {part.name} is an acceleration or unknown, which a "
+                    "law cannot read",
+                    place=_place(self.force),
+                    expected="d with a measured output and a reference that are "
+                    "positions or angles",
+                )
+            self._measure(f"rate of {part.name}", found.element, 1)
+        elif part.kind == "name":
+            name = str(part.value)
+            self._measure(name, *self.table.read(name, self.force))
+        elif part.kind == "number":
+            self._word(op.CONSTANT, float(part.value), 0.0, 1)
+        elif part.kind == "time":
+            self._word(op.TIME, 0.0, 0.0, 1)
+        else:
+            kind = _OPERATORS[part.kind]
+            self._word(kind, 0.0, 0.0, 0 if kind >= op.NEGATIVE else -1)
+
+    def _measure(self, name: str, element: Element, order: int) -> None:
+        keys = [_key(sensor) for sensor in self.sensors]
+        key = _key(element)
+        if key not in keys:
+            self.sensors.append(element)
+            keys.append(key)
+        index = keys.index(key)
+        self.reads[name] = index, order
+        self._word(op.MEASURE, index, order, 1)
+
+    def _word(self, kind: int, a: float, b: float, grows: int) -> None:
+        self.words.append((float(kind), float(a), float(b)))
+        self.height += grows
+
+
+def _key(element: Element) -> tuple[object, ...]:
+    return element.kind, element.a, element.b, element.data

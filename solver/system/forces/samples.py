@@ -1,0 +1,59 @@
+"""Samples of laws with a sample time: steps end there, values are held between them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sidtool.formats.scene import Time
+from sidtool.formats.sid import Array
+
+from ...equations.equations import law_at
+from ...space import layout as at
+from ..scene import System
+from .rows import Element
+
+#: A sample is at a break that is nearer than this part of the sample time.
+SAME = 1e-6
+
+
+def with_samples(
+    breaks: tuple[float, ...], elements: tuple[Element, ...], time: Time
+) -> tuple[float, ...]:
+    """Breaks of functions and the samples of all laws inside the span, growing."""
+    found = np.array(breaks)
+    for period in sorted({e.sampled for e in elements if e.sampled}):
+        count = int(np.ceil((time.end - time.start) / period))
+        samples = time.start + period * np.arange(1, count)
+        near = np.searchsorted(found, samples)
+        gaps = [
+            np.abs(found[np.clip(near - side, 0, len(found) - 1)] - samples)
+            for side in (0, 1)
+        ]
+        new = samples[np.minimum(*gaps) > SAME * period]
+        found = np.sort(np.concatenate([found, new[new < time.end]]))
+    return tuple(float(t) for t in found)
+
+
+class Samplers:
+    """The sampled laws of a system, as rows of its force table."""
+
+    def __init__(self, system: System) -> None:
+        self._system, self._last = system, -np.inf
+        self._rows = [k for k, e in enumerate(system.forces) if e.sampled]
+
+    def take(self, work: at.Work, t: float, v: Array) -> bool:
+        """Sets the states in v of the laws that are sampled at t, from the state that
+        was just evaluated, once at each time; whether there are any."""
+        if t == self._last:
+            return False
+        start, self._last = self._system.scene.time.start, t
+        due = []
+        for k in self._rows:
+            passed = (t - start) / self._system.forces[k].sampled
+            if abs(passed - round(passed)) <= SAME:
+                due.append(k)
+        arrays = self._system.arrays
+        values = [law_at(arrays, work, k, t) for k in due]
+        for k, value in zip(due, values, strict=True):
+            v[arrays.body[arrays.force[k, at.F_B], at.VEL]] = value
+        return bool(due)

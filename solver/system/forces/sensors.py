@@ -1,0 +1,122 @@
+"""What laws read: outputs of the motion as measures that kernels evaluate.
+
+Each is the measure of an element, or its rate, see `forces.Element`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import (
+    RigidBody,
+    SceneFile,
+    coordinate_of,
+    is_elastic,
+    is_rate,
+    parse_output,
+)
+
+from ...space import layout as at
+from ..bodies.data import BodyData
+from .force_laws import Law
+from .rows import Element, joint_coordinate
+
+GROUND = ("ground", "")
+_EXPECTED = (
+    "an output that is a position or a velocity: JOINT.angle, JOINT.angle_rate and "
+    "other coordinates, BODY.MARKER.x, BODY.MARKER.vx, x and vx of a rigid body, "
+    "BODY.q1, BODY.vq1, or a state FORCE.state.NAME"
+)
+
+
+class Reading(NamedTuple):
+    """The measure of an element, or (order 1) its rate."""
+
+    element: Element
+    order: int
+
+
+def reading(
+    name: str, scene: SceneFile, data: Mapping[str, BodyData], place: str
+) -> Reading:
+    """What measures an output, for a law.
+
+    Raises
+    ------
+    InputError : there is no such output, or it depends on accelerations or forces,
+        which follow from the forces.
+    """
+    try:
+        owner, marker, quantity = parse_output(name)
+    except InputError:
+        raise InputError(
+            f"there is nothing to read of the name {name!r}",
+            place=place,
+            expected=_EXPECTED,
+        ) from None
+    coordinate = coordinate_of(quantity)
+    if owner in scene.joints and not marker and coordinate:
+        if coordinate not in scene.joints[owner].coordinates:
+            found = f"{owner} has no coordinate {coordinate}"
+            listed = " or ".join(scene.joints[owner].coordinates) or "another joint"
+            raise InputError(found, place=place, expected=listed)
+        element = joint_coordinate(scene, owner, coordinate)
+        return Reading(element, int(is_rate(quantity)))
+    if owner in scene.bodies and is_elastic(quantity) and not marker:
+        return _elastic(name, owner, quantity, data[owner], place)
+    if owner in scene.bodies:
+        found_ = _of_marker(owner, marker, quantity, scene, data[owner])
+        if found_ is not None:
+            return found_
+    raise InputError(f"a law cannot read {name!r}", place=place, expected=_EXPECTED)
+
+
+def _elastic(
+    name: str, owner: str, quantity: str, data: BodyData, place: str
+) -> Reading:
+    number = quantity.lstrip("vq")
+    if number == "*" or int(number) not in data.numbers:
+        known = ", ".join(f"{owner}.q{k}" for k in data.numbers)
+        raise InputError(
+            f"a law cannot read {name!r}: {owner} has {data.sid.nq} elastic "
+            "coordinates",
+            place=place,
+            expected=known or "another name",
+        )
+    index = data.numbers.index(int(number))
+    return Reading(coordinate(owner, index), int(quantity[0] == "v"))
+
+
+def coordinate(body: str, index: int) -> Element:
+    """What measures an elastic coordinate, counted from 0."""
+    return Element(body, at.COORDINATE, None, (body, ""), (float(index),), Law())
+
+
+def _of_marker(
+    owner: str, marker: str, quantity: str, scene: SceneFile, data: BodyData
+) -> Reading | None:
+    """Along an inertial axis, of a marker or of a rigid body; None for what is not."""
+    planar = scene.dimension == "planar"
+    if not marker and not isinstance(scene.bodies[owner], RigidBody):
+        return None
+    if marker:
+        data.node(marker)
+    elif planar and quantity in ("angle", "wz"):
+        kind, end = at.TWIST, (owner, marker)
+        return Reading(
+            Element(owner, kind, GROUND, end, (0.0,), Law()), int(quantity == "wz")
+        )
+    order = len(quantity) - 1
+    if quantity[-1] not in ("xy" if planar else "xyz") or order > 1:
+        return None
+    if order == 1 and quantity[0] != "v":
+        return None
+    axis = "xyz".index(quantity[-1])
+    along: tuple[float, ...] = (0.5 * math.pi * axis,)
+    if not planar:
+        along = tuple(float(i == axis) for i in range(3))
+    element = Element(owner, at.SLIDE, GROUND, (owner, marker), along, Law())
+    return Reading(element, order)
