@@ -255,6 +255,8 @@ class MeshGeometry(Table):
     ignore : keywords, cards or commands of the file that are left out on purpose
     engine : "calculix": CalculiX (ccx, which must be installed) discretises an .inp,
         with all elements that it knows, such as shells, beams and composites
+    part : of an .inp, the instance or the set of elements that is the body; without it
+        everything, which ties have to join
     """
 
     type: Literal["mesh"] = "mesh"
@@ -263,6 +265,7 @@ class MeshGeometry(Table):
     thickness: Positive | None = None
     ignore: tuple[str, ...] = ()
     engine: Literal["calculix"] | None = None
+    part: str | None = None
 
     @property
     def edge_names(self) -> Mapping[str, Any]:

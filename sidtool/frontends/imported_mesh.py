@@ -51,7 +51,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     units = _units(geometry)
     if geometry.engine == "calculix":
         return calculix_model(model, units)
-    imported = read_mesh(geometry.file, geometry.ignore)
+    imported = read_mesh(geometry.file, geometry.ignore, geometry.part)
     try:
         whole = _scaled(imported.mesh, geometry, settings, units)
         mesh = without_free_nodes(whole)

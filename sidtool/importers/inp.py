@@ -1,9 +1,9 @@
 """Abaqus and CalculiX input files (.inp): nodes, elements, sets, materials.
 
 Read are *NODE, *ELEMENT, *NSET, *ELSET, *MATERIAL with *ELASTIC and *DENSITY,
-*SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS, *TIE, *EQUATION, *MPC, *INCLUDE
-and one *PART with its *INSTANCE. What else a deck may hold, and what of it is refused,
-stands in `inp_keywords`.
+*SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS, *TIE, *EQUATION, *MPC,
+*INCLUDE and every *PART with its *INSTANCE. What else a deck may hold, and what
+of it is refused, stands in `inp_keywords`.
 """
 
 from __future__ import annotations
@@ -18,18 +18,24 @@ from .inp_couplings import read_hold, read_kind, read_mass
 from .inp_deck import Deck, Element, Scope, Section, twice
 from .inp_elements import ElementType, element_type, supported
 from .inp_equations import read_equation
+from .inp_instances import one_body
 from .inp_keywords import BY_CALCULIX, kind_of, readable
 from .inp_sets import extend, read_elset, read_nset
 from .inp_surfaces import read_surface
 from .inp_ties import read_tie
 
 
-def read_inp(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
+def read_inp(
+    path: str | Path,
+    ignored: frozenset[str] = frozenset(),
+    part: str | None = None,
+) -> ImportedMesh:
     """The mesh of an Abaqus or CalculiX input file.
 
     Parameters
     ----------
     ignored : keywords that are left out on purpose, in capitals
+    part : the instance, or the set of elements, that is the body; None for all
 
     Raises
     ------
@@ -38,7 +44,7 @@ def read_inp(path: str | Path, ignored: frozenset[str] = frozenset()) -> Importe
     from .inp_mesh import mesh_of
 
     try:
-        return mesh_of(read_deck(Path(path), ignored))
+        return mesh_of(one_body(read_deck(Path(path), ignored), part))
     except InputError as error:
         raise error.located(path) from None
 
@@ -85,12 +91,8 @@ def _assembly(deck: Deck, block: Block) -> None:
 def _instance(deck: Deck, block: Block) -> None:
     name = deck.name(block.options.get("NAME", ""))
     part = deck.name(block.options.get("PART", ""))
-    if deck.instances:
-        raise InputError(
-            "several instances are not supported",
-            place=block.place,
-            expected="one part, or a flat input file",
-        )
+    if name in deck.instances:
+        raise twice("instance", name, block.place)
     if part not in deck.parts:
         raise InputError(
             f"names the part {part!r}, which is not defined",
@@ -98,7 +100,9 @@ def _instance(deck: Deck, block: Block) -> None:
             expected="a *PART of this file",
         )
     deck.instances[name] = part
-    deck.placement = [numbers(_filled(words), place) for words, place in block.rows]
+    deck.placement[name] = [
+        numbers(_filled(words), place) for words, place in block.rows
+    ]
     deck.scope = deck.parts[part]
 
 

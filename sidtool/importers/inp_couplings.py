@@ -12,7 +12,7 @@ from sidtool.formats.errors import InputError
 
 from .imported import RawCoupling, RawMass, numbers
 from .inp_blocks import Block
-from .inp_deck import Deck, Hold, Scope
+from .inp_deck import Deck, Hold, Scope, owner_of
 from .inp_surfaces import nodes_named, surface_nodes
 
 _DISPLACEMENTS = {1, 2, 3}
@@ -54,9 +54,14 @@ def couplings_of(deck: Deck, body: Scope, instance: str) -> list[RawCoupling]:
     InputError : a set is unknown, or a coupling holds some directions only.
     """
     found = []
+    used = {n for e in body.elements.values() for n in e.nodes} if deck.chosen else None
     for i, hold in enumerate(deck.holds, start=1):
         try:
-            found.append(_coupling(deck, hold, body, instance, i))
+            coupling = _coupling(deck, hold, body, instance, i)
+            if used is not None and used.isdisjoint(coupling.nodes):
+                deck.remarks.append(f"{coupling.name} holds other parts: left out")
+                continue
+            found.append(coupling)
         except InputError as error:
             place = error.place or hold.block.place
             raise InputError(
@@ -93,9 +98,12 @@ def _coupling(
 def _of_surface(
     deck: Deck, hold: Hold, body: Scope, instance: str, word: str
 ) -> list[int]:
-    name = deck.name(word)
-    if name in hold.scope.surfaces:
-        nodes = surface_nodes(deck, hold.scope, body, instance, name)
+    scope, own = owner_of(deck, hold.scope, word)
+    if scope is None:
+        return []
+    name = deck.name(own)
+    if name in scope.surfaces:
+        nodes = surface_nodes(deck, scope, body, instance, name)
         if nodes is not None:
             return nodes
     raise InputError(
@@ -134,12 +142,16 @@ def labels_named(
 ) -> list[int]:
     """The numbers here of a node or a set of a coupling, those of the assembly too."""
     own = reference_labels(deck, body)
-    if hold.scope is body or not own:
+    if hold.scope is body or not own or "." in word:
         return nodes_named(deck, hold.scope, instance, word)
     group = hold.scope.nsets.get(deck.name(word), [])
     if word.isdecimal():
         group = [("", int(word))]
-    return [own[n] if o == "" else n for o, n in group if o or n in own]
+    return [
+        own[n] if o == "" else n
+        for o, n in group
+        if o == instance or (o == "" and n in own)
+    ]
 
 
 def _label(deck: Deck, hold: Hold, body: Scope, instance: str, word: str) -> int:

@@ -46,7 +46,13 @@ class SurfacePart:
 
 @dataclass
 class Scope:
-    """What one part defines, or the assembly, or a flat file."""
+    """What one part defines, or the assembly, or a flat file.
+
+    Attributes
+    ----------
+    first : what the file's own node and element numbers here are raised by
+    instances : the same for those of instances that were put together here
+    """
 
     name: str = ""
     nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
@@ -55,6 +61,8 @@ class Scope:
     elsets: dict[str, list[Member]] = field(default_factory=dict)
     sections: list[Section] = field(default_factory=list)
     surfaces: dict[str, list[SurfacePart]] = field(default_factory=dict)
+    first: tuple[int, int] = (0, 0)
+    instances: dict[str, tuple[int, int]] = field(default_factory=dict)
 
 
 @dataclass
@@ -74,7 +82,9 @@ class Deck:
     ----------
     assembly : also what a flat file defines
     parts, instances : by name; an instance names its part
-    placement : translation of the instance, and two points and an angle of rotation
+    placement : of instances: translation, and two points and an angle of rotation
+    chosen, absent : whether only a part of the file is the body, and instances that
+        are not
     materials : name -> keyword -> rows of numbers
     holds, masses : what holds nodes together, and point masses
     equations, ties : equations between displacements with their axes, tied surfaces
@@ -85,7 +95,9 @@ class Deck:
     assembly: Scope = field(default_factory=Scope)
     parts: dict[str, Scope] = field(default_factory=dict)
     instances: dict[str, str] = field(default_factory=dict)
-    placement: list[list[float]] = field(default_factory=list)
+    placement: dict[str, list[list[float]]] = field(default_factory=dict)
+    chosen: bool = False
+    absent: tuple[str, ...] = ()
     materials: dict[str, dict[str, list[list[float]]]] = field(default_factory=dict)
     holds: list[Hold] = field(default_factory=list)
     masses: list[Hold] = field(default_factory=list)
@@ -101,6 +113,18 @@ class Deck:
         """Names are the same in any case; the first spelling is kept."""
         plain = text.strip('"')
         return self.spelling.setdefault(plain.upper(), plain)
+
+
+def owner_of(deck: Deck, scope: Scope, word: str) -> tuple[Scope | None, str]:
+    """Where a name is defined, INSTANCE.NAME too, and the name there.
+
+    None for an instance that is not part of the body.
+    """
+    head, point, tail = word.rpartition(".")
+    name = deck.name(head)
+    if point and name in deck.instances:
+        return deck.parts[deck.instances[name]], tail
+    return (None, tail) if point and name in deck.absent else (scope, word)
 
 
 def twice(what: str, name: object, place: str) -> InputError:

@@ -120,6 +120,9 @@ def _equations(
         terms = [
             _term(deck, hold, body, instance, words, where) for words, where in rows
         ]
+        if deck.chosen and not all(labels for labels, _, _ in terms):
+            deck.remarks.append(f"an equation ({place}) holds other parts: left out")
+            continue
         length = max(len(labels) for labels, _, _ in terms)
         if any(len(labels) not in (1, length) for labels, _, _ in terms):
             raise InputError(
@@ -190,7 +193,7 @@ def _term(
             place=place,
             expected="displacements 1 to 3: nodes of solids have no others",
         )
-    if not labels:
+    if not labels and not deck.chosen:
         raise InputError(
             f"an equation names {words[0]!r}, which is empty",
             place=place,
@@ -209,6 +212,9 @@ def _multi_point(
     for words, place in hold.block.rows:
         kind, *names = [word for word in words if word]
         groups = [labels_named(deck, hold, body, instance, name) for name in names]
+        if deck.chosen and not all(groups):
+            deck.remarks.append(f"*MPC ({place}) holds other parts: left out")
+            continue
         length = max(map(len, groups), default=0)
         wanted = _NODES.get(kind.upper())
         if wanted is None or len(groups) != wanted:

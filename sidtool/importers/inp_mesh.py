@@ -6,9 +6,6 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Material
 
@@ -17,6 +14,7 @@ from .inp_couplings import couplings_of, masses_of, reference_labels
 from .inp_deck import Deck, Element, Member, Scope, Section
 from .inp_elements import supported
 from .inp_equations import equations_of
+from .inp_instances import placed
 from .inp_surfaces import surface_nodes
 from .inp_ties import ties_of
 
@@ -61,27 +59,9 @@ def _with_references(deck: Deck, body: Scope) -> dict[int, tuple[float, float, f
     for given, label in own.items():
         if given != label:
             deck.remarks.append(f"node {given} of the assembly is called {label} here")
-    return _placed(deck, body) | {
+    ((instance, _),) = deck.instances.items() or [("", "")]
+    return placed(body.nodes, deck.placement.get(instance, [])) | {
         label: deck.assembly.nodes[n] for n, label in own.items()
-    }
-
-
-def _placed(deck: Deck, body: Scope) -> dict[int, tuple[float, float, float]]:
-    """The nodes of the part where its instance has them: moved, then turned.
-
-    The second line of an instance holds two points of the axis, placed already, and
-    the angle in degrees.
-    """
-    lines = [[*line, *[0.0] * 7][:7] for line in deck.placement]
-    if not any(any(line) for line in lines):
-        return body.nodes
-    places = np.array(list(body.nodes.values())) + lines[0][:3]
-    if len(lines) > 1 and lines[1][6]:
-        a, b = np.array(lines[1][:3]), np.array(lines[1][3:6])
-        turn = np.radians(lines[1][6]) * (b - a) / np.linalg.norm(b - a)
-        places = a + Rotation.from_rotvec(turn).apply(places - a)
-    return {
-        n: (x, y, z) for n, (x, y, z) in zip(body.nodes, places.tolist(), strict=True)
     }
 
 
@@ -265,7 +245,7 @@ def _notes(
     for name, count in Counter(idle).items():
         yield f"{count} elements {name} without a section only name nodes"
     for part in deck.parts.values():
-        if part is not body:
+        if part is not body and not deck.chosen:
             yield f"part {part.name} has no instance and is left out"
     yield from deck.remarks
     if deck.said:

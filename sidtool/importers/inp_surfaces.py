@@ -5,7 +5,7 @@ from __future__ import annotations
 from sidtool.formats.errors import InputError
 
 from .inp_blocks import Block
-from .inp_deck import Deck, Element, Scope, SurfacePart
+from .inp_deck import Deck, Element, Scope, SurfacePart, owner_of
 
 #: Corners of the faces S1, S2, ... by the shape of an element.
 _FACES = {
@@ -81,10 +81,16 @@ def nodes_named(deck: Deck, scope: Scope, instance: str, word: str) -> list[int]
     InputError : there is no such set.
     """
     if word.isdecimal():
-        return [int(word)]
+        return [int(word) + scope.first[0]]
     head, point, tail = word.rpartition(".")
-    if point and deck.name(head) == instance and tail.isdecimal():
-        return [int(tail)]
+    if point and tail.isdecimal():
+        name = deck.name(head)
+        if name == instance or name in scope.instances:
+            return [int(tail) + scope.instances.get(name, (0, 0))[0]]
+    owner, word = owner_of(deck, scope, word)
+    if owner is None:
+        return []
+    scope = owner
     owners = {instance, ""} if scope.name or scope is deck.assembly else {instance}
     if deck.name(word) not in scope.nsets:
         raise InputError(

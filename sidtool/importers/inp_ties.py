@@ -9,7 +9,7 @@ from sidtool.formats.errors import InputError
 from .imported import numbers
 from .imported_ties import RawTie
 from .inp_blocks import Block
-from .inp_deck import Deck, Hold, Scope
+from .inp_deck import Deck, Hold, Scope, owner_of
 from .inp_surfaces import nodes_named, surface_faces
 
 _IGNORABLE = 'geometry.ignore = ["TIE"] leaves it out'
@@ -21,7 +21,7 @@ def read_tie(deck: Deck, block: Block) -> None:
 
 
 def ties_of(deck: Deck, body: Scope, instance: str) -> Iterator[RawTie]:
-    """The ties of the body; those without faces of it on one side are told.
+    """The ties of the body.
 
     Raises
     ------
@@ -49,25 +49,36 @@ def ties_of(deck: Deck, body: Scope, instance: str) -> Iterator[RawTie]:
                 )
             slave, slave_nodes = _side(deck, hold, body, instance, pair[0], where)
             master, single = _side(deck, hold, body, instance, pair[1], where)
+            if deck.chosen:
+                used = {n for e in body.elements.values() for n in e.nodes}
+                slave_nodes = tuple(n for n in slave_nodes if n in used)
+                if not master or not (slave or slave_nodes):
+                    deck.remarks.append(f"*TIE {name} holds other parts: left out")
+                    continue
             if single or not master or not (slave or slave_nodes):
-                deck.remarks.append(
-                    f"*TIE {name} holds no faces of the body on both sides: left out"
+                raise InputError(
+                    f"*TIE {name} has no faces of the body on both sides",
+                    place=where,
+                    expected=f"a master of faces, a slave of faces or nodes; "
+                    f"{_IGNORABLE}",
                 )
-                continue
             yield RawTie(name, slave, master, slave_nodes, tolerance, where)
 
 
 def _side(
     deck: Deck, hold: Hold, body: Scope, instance: str, word: str, place: str
 ) -> tuple[tuple[tuple[int, ...], ...], tuple[int, ...]]:
-    name = deck.name(word)
-    if name in hold.scope.surfaces:
-        found = surface_faces(deck, hold.scope, body, instance, name)
+    scope, own = owner_of(deck, hold.scope, word)
+    if scope is None:
+        return (), ()
+    name = deck.name(own)
+    if name in scope.surfaces:
+        found = surface_faces(deck, scope, body, instance, name)
         if found is not None:
             faces = dict.fromkeys(tuple(face) for face in found[0])
             return tuple(faces), tuple(n for n in found[1] if n in body.nodes)
-    elif name in hold.scope.nsets:
-        return (), tuple(nodes_named(deck, hold.scope, instance, word))
+    elif name in scope.nsets:
+        return (), tuple(nodes_named(deck, scope, instance, own))
     raise InputError(
         f"names the surface {word!r}, which is not one of solids here",
         place=place,

@@ -24,12 +24,15 @@ MESH_READERS: dict[str, Callable[[str | Path, frozenset[str]], ImportedMesh]] = 
 }
 
 
-def read_mesh(path: str | Path, ignored: Iterable[str] = ()) -> ImportedMesh:
+def read_mesh(
+    path: str | Path, ignored: Iterable[str] = (), part: str | None = None
+) -> ImportedMesh:
     """The mesh of a file.
 
     Parameters
     ----------
     ignored : keywords, cards or commands that are left out on purpose
+    part : the instance, or the set of elements, that is the body; None for all
 
     Raises
     ------
@@ -43,4 +46,12 @@ def read_mesh(path: str | Path, ignored: Iterable[str] = ()) -> ImportedMesh:
             expected=", ".join(MESH_READERS),
         )
     words = frozenset(" ".join(word.upper().strip("*$").split()) for word in ignored)
-    return MESH_READERS[ending](path, words)
+    if part is None:
+        return MESH_READERS[ending](path, words)
+    if ending != ".inp":
+        raise InputError(
+            f"parts of a file ending in {ending} cannot be chosen",
+            place="geometry.part",
+            expected="an .inp",
+        )
+    return read_inp(path, words, part)
