@@ -85,7 +85,7 @@ def _prepare_kernels(say: Say) -> None:
     from sidtool.solver.integrators import INTEGRATORS
     from sidtool.solver.warmup import ensure
 
-    ensure(True, [INTEGRATORS[name].step_loop for name in SETTINGS], say)
+    ensure(True, [INTEGRATORS[name].step_loop for name in SETTINGS], False, say)
 
 
 def _converted(examples: Path, folder: Path) -> tuple[dict[str, SID], dict[str, Field]]:

@@ -30,6 +30,7 @@ from .recording.interpolation import interpolated
 from .recording.outputs import position_names, record, velocity_names
 from .recording.sampling import Samples, sample
 from .recording.stick_slip import regripped, with_grips
+from .recording.told import tells_of_bodies
 from .space import layout as at
 from .space.layout import Work
 from .start.assembly import assemble
@@ -137,7 +138,7 @@ def replay(
         output or of an integral over the run, or rotations are too fast to be counted.
     """
     scene = _scene_of(result, tuple(names))
-    warmup.ensure(scene.dimension == "planar", ())
+    warmup.ensure(scene.dimension == "planar", (), tells_of_bodies(scene))
     system = compile_scene(
         scene,
         sids=dict(result.sids),

@@ -28,6 +28,7 @@ from .recording import dense, events
 from .recording.energy_history import History, is_wanted
 from .recording.resuming import Past, past_of, rows_before
 from .recording.stick_slip import StickSlip, with_grips
+from .recording.told import tells_of_bodies
 from .recording.window import Window
 from .space.layout import Work
 from .start.new_control import closed_below, new_control
@@ -87,7 +88,7 @@ def simulate(
     """
     settings = settings_of(system, integrator, rtol, step, spectral_radius)
     loops = [INTEGRATORS[name].step_loop for name in settings.possible]
-    warmup.ensure(system.planar, loops)
+    warmup.ensure(system.planar, loops, tells_of_bodies(system.scene))
     began = time.perf_counter()
     ready = system.once(prepare)
     if tell is not None:

@@ -31,15 +31,18 @@ PLANAR: list[Group] = [
     ("equations.equations:evaluate_in_plane",),
     ("equations.equations:complete_in_plane",),
     ("equations.told:tell_forces_in_plane",),
-    ("equations.told:tell_bodies_in_plane",),
 ]
 SPATIAL: list[Group] = [
     ("equations.equations:linearise_in_space",),
     ("equations.equations:evaluate_in_space",),
     ("equations.equations:complete_in_space",),
     ("equations.told:tell_forces_in_space",),
-    ("equations.told:tell_bodies_in_space",),
 ]
+#: Energies and momenta of bodies, in plane and in space: few scenes ask for them.
+BODIES: tuple[Group, Group] = (
+    ("equations.told:tell_bodies_in_plane",),
+    ("equations.told:tell_bodies_in_space",),
+)
 MASS: Group = (
     "linear.accelerations:solve_accelerations",
     "linear.accelerations:project_once",
@@ -77,15 +80,20 @@ def say_compiling(text: str) -> None:
         print(f"sidtool: {text}", file=sys.stderr, flush=True)
 
 
-def ensure(planar: bool, step_loops: Iterable[str], say: Say = say_compiling) -> None:
+def ensure(
+    planar: bool, step_loops: Iterable[str], bodies: bool, say: Say = say_compiling
+) -> None:
     """Compiles what runs need and is not on disk yet, on all processors.
 
     Parameters
     ----------
     step_loops : the entry kernels of the integrators, as module:name
+    bodies : whether energies or momenta of bodies are recorded
     say : told once, and only when something has to be compiled
     """
-    equations = PLANAR if planar else SPATIAL
+    equations = list(PLANAR if planar else SPATIAL)
+    if bodies:
+        equations.append(BODIES[0 if planar else 1])
     _compile(_missing(_groups(step_loops, equations)), say)
 
 
@@ -106,7 +114,7 @@ def warm_up(step_loops: Iterable[str], say: Say | None = None) -> int:
 
 def all_groups(step_loops: Iterable[str]) -> list[Group]:
     """All entry kernels, with these of the integrators."""
-    return _groups(sorted(step_loops), [*SPATIAL, *PLANAR])
+    return _groups(sorted(step_loops), [*SPATIAL, *PLANAR, *BODIES])
 
 
 def _groups(step_loops: Iterable[str], equations: list[Group]) -> list[Group]:

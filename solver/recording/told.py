@@ -6,6 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
+from sidtool.formats.scene import (
+    MOMENTA,
+    SCENE_QUANTITIES,
+    SceneFile,
+    parse_output,
+)
 from sidtool.formats.sid import Array
 
 from ..compiler.records import RowsType
@@ -17,6 +23,13 @@ from ..space.spaces import MEASURED, MOVED, WRENCH
 from ..system.scene import Rows, System
 from ..system.storage import new_work
 from .sampling import Samples
+
+
+def tells_of_bodies(scene: SceneFile) -> bool:
+    """Whether outputs ask for energies or momenta of bodies."""
+    names = [parse_output(text) for text in scene.outputs.record]
+    owners = SCENE_QUANTITIES.keys() - {"constraint"}
+    return any(name.owner in owners or name.quantity in MOMENTA for name in names)
 
 
 class Told:

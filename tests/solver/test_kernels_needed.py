@@ -1,0 +1,34 @@
+"""Runs compile the kernels of energies and momenta only where outputs ask for them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.recording import told
+from sidtool.solver.recording.told import tells_of_bodies
+from tests.solver.scenes import scene, slender_rod
+
+ASKED = ["energy.kinetic", "energy.balance", "momentum.x", "rod.momentum_x"]
+OTHERS = ["rod.x", "pin.fx", "rod.b.vx", "constraint.position", "pin.angle"]
+
+
+@pytest.mark.parametrize("output", ASKED + OTHERS)
+def test_what_is_compiled_is_what_is_called(
+    output: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called = []
+    kernels = told.kernels
+
+    def counted(*arrays: object) -> None:
+        called.append(output)
+        kernels.tell_bodies_in_plane(*arrays)
+
+    replaced = SimpleNamespace(**vars(kernels) | {"tell_bodies_in_plane": counted})
+    monkeypatch.setattr(told, "kernels", replaced)
+    pin = {"type": "revolute", "markers": ["ground", "rod.a"]}
+    pendulum = scene({"rod": slender_rod(1.0)}, {"pin": pin}, record=[output])
+    simulate(compile_scene(pendulum))
+    assert bool(called) == tells_of_bodies(pendulum) == (output in ASKED)
