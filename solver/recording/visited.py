@@ -96,19 +96,20 @@ class Visited:
         """All that is kept up to a time [s], in the order of time, in blocks."""
         peaks = {id(part): part for part in self._peaks.values()}
         parts = [*self._parts, *peaks.values(), *self._named]
-        counts = np.cumsum([len(part.t) for part in parts])
+        ends = np.cumsum([len(part.t) for part in parts])
         times, places = np.unique(
             np.concatenate([part.t for part in parts]), return_index=True
         )
         places = places[times <= end]
         block = max(1, NUMBERS // parts[0].z.shape[1])
         for first in range(0, len(places), block):
-            states = []
-            for place in places[first : first + block]:
-                i = int(np.searchsorted(counts, place, "right"))
-                k = int(place - counts[i] + len(parts[i].t))
-                states.append(_rows(parts[i], slice(k, k + 1)))
-            yield joined(states)
+            wanted = np.sort(places[first : first + block])
+            cuts = np.searchsorted(wanted, ends)
+            rows = np.split(wanted, cuts[:-1])
+            begins = ends - [len(part.t) for part in parts]
+            found = zip(parts, rows, begins, strict=True)
+            states = joined([_rows(part, k - begin) for part, k, begin in found])
+            yield _rows(states, np.argsort(states.t, kind="stable"))
 
 
 def _rows(steps: Steps, which: slice | np.ndarray) -> Steps:
