@@ -9,9 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sidtool.formats.model import Material
-
 from ..vectors import LEVI_CIVITA
+from .anisotropic import AnisotropicMaterial, ElasticMaterial
 from .elements import ElementBatch, elasticity
 
 Array = NDArray[np.float64]
@@ -45,15 +44,16 @@ class Continuum:
 
 def continuum_of(
     batches: Callable[[], Iterable[ElementBatch]],
-    material: Material,
+    material: ElasticMaterial,
     state: str,
     thickness: float = 1.0,
     *,
     internal_modes: bool = False,
 ) -> Continuum:
-    """Elements of an isotropic material; see `elasticity` for the state."""
-    transverse = material.poissons_ratio if state == "plane_strain" else 0.0
-    law = elasticity(material, state)
+    """Elements of a material; see `elasticity` for the state."""
+    law, transverse = elasticity(material, state), 0.0
+    if state == "plane_strain" and not isinstance(material, AnisotropicMaterial):
+        transverse = material.poissons_ratio
     return Continuum(batches, law, thickness, transverse, internal_modes)
 
 

@@ -10,7 +10,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Material
+
+from .anisotropic import AnisotropicMaterial, ElasticMaterial
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -136,14 +137,25 @@ def check_orientation(
         )
 
 
-def elasticity(material: Material, state: str) -> Array:
-    """Isotropic elasticity matrix D [Pa].
+def elasticity(material: ElasticMaterial, state: str) -> Array:
+    """Elasticity matrix D [Pa].
 
     Parameters
     ----------
     state : "plane_stress" or "plane_strain", strains (xx, yy, 2 xy), D (3, 3); or
         "solid", strains (xx, yy, zz, 2 xy, 2 yz, 2 xz), D (6, 6)
+
+    Raises
+    ------
+    InputError : the material of a plane state is not isotropic.
     """
+    if isinstance(material, AnisotropicMaterial):
+        if state != "solid":
+            raise InputError(
+                f"the material of {state.replace('_', ' ')} is not isotropic",
+                expected="solids, or an isotropic material",
+            )
+        return material.law
     e, nu = material.youngs_modulus, material.poissons_ratio
     if state == "solid":
         shear = e / (2 * (1 + nu))

@@ -13,6 +13,7 @@ from sidtool.formats.model.geometry import MeshGeometry
 from ..importers.imported import ImportedMesh
 from ..importers.meshes import read_mesh
 from ..validate.units import UnitSystem, unit_system
+from .anisotropic import AnisotropicMaterial, ElasticMaterial
 from .calculix_body import calculix_model
 from .conformity import check_conforming
 from .contact import check_contact
@@ -31,7 +32,7 @@ from .solids import mesh_continua, mesh_matrices
 
 #: No solid is as heavy [kg/m^3] or as stiff [Pa]: such a material has other units.
 _HEAVIEST, _STIFFEST = 1e5, 1e13
-Materials = Mapping[str | None, Material]
+Materials = Mapping[str | None, ElasticMaterial]
 
 
 def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
@@ -132,27 +133,30 @@ def _scaled(
 
 def _own_materials(
     imported: ImportedMesh, geometry: MeshGeometry, units: UnitSystem
-) -> dict[str, Material]:
+) -> dict[str, ElasticMaterial]:
     """The materials of the file in SI units."""
     stress = units.mass / units.length / units.time**2
     density = units.mass / units.length**3
-    return {
-        name: Material(
+    result: dict[str, ElasticMaterial] = {}
+    for name, own in imported.materials.items():
+        if isinstance(own, AnisotropicMaterial):
+            result[name] = own.scaled(stress, density)
+            continue
+        result[name] = Material(
             youngs_modulus=own.youngs_modulus * stress,
             poissons_ratio=own.poissons_ratio,
             density=own.density * density,
         )
-        for name, own in imported.materials.items()
-    }
+    return result
 
 
 def _materials(
-    model: ModelFile, mesh: Mesh, own: Mapping[str, Material]
-) -> dict[str | None, Material]:
+    model: ModelFile, mesh: Mesh, own: Mapping[str, ElasticMaterial]
+) -> dict[str | None, ElasticMaterial]:
     names = {block.material for block in mesh.blocks}
     if model.material is not None:
         return dict.fromkeys(names, model.material)
-    result: dict[str | None, Material] = {}
+    result: dict[str | None, ElasticMaterial] = {}
     for name in names:
         if name is None or name not in own:
             what = "elements without a material" if name is None else f"material {name}"
@@ -166,8 +170,12 @@ def _materials(
     return result
 
 
-def _check_units(name: str, material: Material) -> None:
-    if material.density > _HEAVIEST or material.youngs_modulus > _STIFFEST:
+def _check_units(name: str, material: ElasticMaterial) -> None:
+    if isinstance(material, AnisotropicMaterial):
+        stiffest = float(material.law.diagonal().max())
+    else:
+        stiffest = material.youngs_modulus
+    if material.density > _HEAVIEST or stiffest > _STIFFEST:
         raise InputError(
             f"material {name} would have {_described(material)}",
             place="geometry.unit",
@@ -195,7 +203,7 @@ def _check_thickness(mesh: Mesh) -> None:
 
 
 def _notes(
-    model: ModelFile, imported: ImportedMesh, own: Mapping[str, Material]
+    model: ModelFile, imported: ImportedMesh, own: Mapping[str, ElasticMaterial]
 ) -> Iterator[str]:
     """What the model file replaces in the mesh file, and what it leaves to it."""
     blocks, geometry, settings = (
@@ -224,7 +232,13 @@ def _notes(
         yield "elements without a formulation (hex8, quad4) have incompatible modes"
 
 
-def _described(material: Material) -> str:
+def _described(material: ElasticMaterial) -> str:
+    if isinstance(material, AnisotropicMaterial):
+        moduli = ", ".join(f"{value:g}" for value in material.moduli)
+        return (
+            f"E along x, y, z = {moduli} Pa, not isotropic, "
+            f"density = {material.density:g} kg/m^3"
+        )
     return (
         f"E = {material.youngs_modulus:g} Pa, nu = {material.poissons_ratio:g}, "
         f"density = {material.density:g} kg/m^3"

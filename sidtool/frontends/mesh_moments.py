@@ -8,8 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.model import Material
-
+from .anisotropic import ElasticMaterial
 from .mesh import Mesh
 from .quadrature_rules import quadrature_rule
 from .reference_elements import all_edges, faces, reference_element
@@ -21,7 +20,7 @@ _DEGREE = 7
 
 
 def mesh_moments(
-    mesh: Mesh, materials: Mapping[str | None, Material], thickness: float = 1.0
+    mesh: Mesh, materials: Mapping[str | None, ElasticMaterial], thickness: float = 1.0
 ) -> tuple[float, Array]:
     """Mass and first moments (d,) by the divergence theorem.
 

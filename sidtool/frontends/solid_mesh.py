@@ -9,8 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sidtool.formats.model import Material
-
+from .anisotropic import ElasticMaterial
 from .mesh import ElementBlock, Mesh
 from .reference_elements import LINEAR_KINDS, edge_nodes, raised_kind
 from .solids import has_internal_modes, mesh_matrices
@@ -23,7 +22,7 @@ class SolidMesh:
     """Elements, their materials and their formulation; see `mesh_matrices`."""
 
     mesh: Mesh
-    materials: Mapping[str | None, Material]
+    materials: Mapping[str | None, ElasticMaterial]
     state: str
     thickness: float = 1.0
     incompatible_modes: bool = False

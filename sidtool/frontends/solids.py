@@ -10,8 +10,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Material
 
+from .anisotropic import AnisotropicMaterial, ElasticMaterial
 from .continuum import Continuum, continuum_of
 from .elements import (
     ElementBatch,
@@ -36,7 +36,7 @@ _FORMULATIONS = ("full_integration", "incompatible_modes")
 
 def mesh_matrices(
     mesh: Mesh,
-    materials: Mapping[str | None, Material],
+    materials: Mapping[str | None, ElasticMaterial],
     state: str,
     *,
     thickness: float = 1.0,
@@ -83,7 +83,7 @@ def mesh_matrices(
 
 def mesh_continua(
     mesh: Mesh,
-    materials: Mapping[str | None, Material],
+    materials: Mapping[str | None, ElasticMaterial],
     state: str,
     *,
     thickness: float = 1.0,
@@ -108,13 +108,17 @@ def has_internal_modes(block: ElementBlock, otherwise: bool) -> bool:
     return (block.formulation or _FORMULATIONS[otherwise]) == _FORMULATIONS[True]
 
 
-def check_locking(kind: str, material: Material, state: str, relieved: bool) -> None:
+def check_locking(
+    kind: str, material: ElasticMaterial, state: str, relieved: bool
+) -> None:
     """Whether elements of this kind can deform at constant volume.
 
     Raises
     ------
     InputError : the material is nearly incompressible, and they cannot.
     """
+    if isinstance(material, AnisotropicMaterial):
+        return
     if state == "plane_stress" or relieved:
         return
     if kind in LINEAR_KINDS and material.poissons_ratio > _NEARLY_INCOMPRESSIBLE:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Material
 
+from ..frontends.anisotropic import ElasticMaterial
 from ..frontends.mesh import ElementBlock, Mesh
 from ..frontends.reference_elements import reference_element
 from .imported_ties import RawEquation, RawTie
@@ -87,7 +87,7 @@ class ImportedMesh:
     """
 
     mesh: Mesh
-    materials: Mapping[str, Material] = field(default_factory=dict)
+    materials: Mapping[str, ElasticMaterial] = field(default_factory=dict)
     state: str | None = None
     notes: tuple[str, ...] = ()
     couplings: tuple[RawCoupling, ...] = ()

@@ -1,8 +1,8 @@
 """Abaqus and CalculiX input files (.inp): nodes, elements, sets, materials.
 
 Read are *NODE, *ELEMENT, *NSET, *ELSET, *MATERIAL with *ELASTIC and *DENSITY,
-*SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS, *TIE, *EQUATION, *MPC,
-*INCLUDE and every *PART with its *INSTANCE. What else a deck may hold, and what
+*ORIENTATION, *SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS, *TIE, *EQUATION,
+*MPC, *INCLUDE and every *PART with its *INSTANCE. What else a deck may hold, and what
 of it is refused, stands in `inp_keywords`.
 """
 
@@ -19,7 +19,8 @@ from .inp_deck import Deck, Element, Scope, Section, twice
 from .inp_elements import ElementType, element_type, supported
 from .inp_equations import read_equation
 from .inp_instances import one_body
-from .inp_keywords import BY_CALCULIX, kind_of, readable
+from .inp_keywords import kind_of, readable
+from .inp_materials import read_elastic, read_orientation
 from .inp_sets import extend, read_elset, read_nset
 from .inp_surfaces import read_surface
 from .inp_ties import read_tie
@@ -179,33 +180,15 @@ def _material(deck: Deck, block: Block) -> None:
     deck.materials[deck.material] = {}
 
 
-def _property(deck: Deck, block: Block) -> None:
-    table = deck.materials.get(deck.material)
-    if not block.rows or table is None:
-        raise InputError(
-            f"*{block.keyword} stands alone",
-            place=block.place,
-            expected="a *MATERIAL before it and a line of numbers after it",
-        )
-    if block.keyword in table:
-        raise twice(f"*{block.keyword} of material", deck.material, block.place)
-    kind = block.options.get("TYPE", "ISO").upper()
-    if not kind.startswith("ISO"):
-        raise InputError(
-            f"elasticity of type {kind} is not supported",
-            place=block.place,
-            expected=f"isotropic elasticity, or {BY_CALCULIX}",
-        )
-    table[block.keyword] = [numbers(_filled(w), place) for w, place in block.rows]
-
-
 def _section(deck: Deck, block: Block) -> None:
     elset, material = (deck.name(block.options.get(k, "")) for k in _OF_SECTION)
     thickness = None
     if block.rows and any(block.rows[0][0]):
         words, place = block.rows[0]
         thickness = numbers(_filled(words[:1]), place)[0] or None
-    deck.scope.sections.append(Section(elset, material, thickness, block.place))
+    given = block.options.get("ORIENTATION", "")
+    axes = deck.own_name(given) if given else ""
+    deck.scope.sections.append(Section(elset, material, thickness, block.place, axes))
 
 
 _OF_SECTION = ("ELSET", "MATERIAL")
@@ -220,13 +203,14 @@ _READERS = {
     "NSET": read_nset,
     "ELSET": read_elset,
     "MATERIAL": _material,
-    "ELASTIC": _property,
-    "DENSITY": _property,
+    "ELASTIC": read_elastic,
+    "DENSITY": read_elastic,
     "SOLID SECTION": _section,
     "SURFACE": read_surface,
     "KINEMATIC": read_kind,
     "DISTRIBUTING": read_kind,
     "MASS": read_mass,
+    "ORIENTATION": read_orientation,
     "TIE": read_tie,
     **dict.fromkeys(("EQUATION", "MPC", "TRANSFORM"), read_equation),
     **dict.fromkeys(("COUPLING", "RIGID BODY", "KINEMATIC COUPLING"), read_hold),

@@ -32,6 +32,7 @@ class Section:
     material: str
     thickness: float | None
     place: str
+    orientation: str = ""
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,8 @@ class Deck:
     chosen, absent : whether only a part of the file is the body, and instances that
         are not
     materials : name -> keyword -> rows of numbers
+    kinds : of the elasticity of materials that are not isotropic
+    orientations : by name, those of a part after its name and a point
     holds, masses : what holds nodes together, and point masses
     equations, ties : equations between displacements with their axes, tied surfaces
     said : keywords without effect
@@ -99,6 +102,8 @@ class Deck:
     chosen: bool = False
     absent: tuple[str, ...] = ()
     materials: dict[str, dict[str, list[list[float]]]] = field(default_factory=dict)
+    kinds: dict[str, str] = field(default_factory=dict)
+    orientations: dict[str, Block] = field(default_factory=dict)
     holds: list[Hold] = field(default_factory=list)
     masses: list[Hold] = field(default_factory=list)
     equations: list[Hold] = field(default_factory=list)
@@ -108,6 +113,10 @@ class Deck:
     scope: Scope = field(default_factory=Scope)
     material: str = ""
     spelling: dict[str, str] = field(default_factory=dict)
+
+    def own_name(self, text: str) -> str:
+        """A name that belongs to the part that is being read."""
+        return self.name(f"{self.scope.name}.{text}" if self.scope.name else text)
 
     def name(self, text: str) -> str:
         """Names are the same in any case; the first spelling is kept."""

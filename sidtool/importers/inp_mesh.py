@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Material
 
 from .imported import ImportedMesh, RawElement, assembled_mesh
 from .inp_couplings import couplings_of, masses_of, reference_labels
@@ -15,6 +14,7 @@ from .inp_deck import Deck, Element, Member, Scope, Section
 from .inp_elements import supported
 from .inp_equations import equations_of
 from .inp_instances import placed
+from .inp_materials import material_name, materials_of
 from .inp_surfaces import surface_nodes
 from .inp_ties import ties_of
 
@@ -30,7 +30,7 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     body, instance = _body(deck)
     sections = _sections(deck, body)
     elements, apart = _solids(body, sections)
-    raw = [_raw(element, sections.get(element.label)) for element in elements]
+    raw = [_raw(deck, element, sections.get(element.label)) for element in elements]
     nodes = _with_references(deck, body)
     equations, beams = equations_of(deck, body, instance, nodes)
     couplings = [*couplings_of(deck, body, instance), *beams]
@@ -40,10 +40,10 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     states = {element.type.state for element in elements}
     if len(states) > 1:
         raise InputError("mixes plane stress and plane strain", expected="one of them")
-    named = {section.material for section in sections.values()}
+    turned = any(any(line[6:]) for rows in deck.placement.values() for line in rows)
     return ImportedMesh(
         mesh,
-        _materials(deck, named),
+        materials_of(deck, sections.values(), turned),
         next(iter(states)),
         tuple(_notes(deck, body, elements, apart)),
         tuple(couplings),
@@ -149,7 +149,7 @@ def _no_solid(element: Element) -> InputError:
     )
 
 
-def _raw(element: Element, section: Section | None) -> RawElement:
+def _raw(deck: Deck, element: Element, section: Section | None) -> RawElement:
     kind = element.type.kind
     assert kind is not None
     return RawElement(
@@ -157,7 +157,7 @@ def _raw(element: Element, section: Section | None) -> RawElement:
         kind,
         element.nodes,
         element.place,
-        material=section.material if section else None,
+        material=material_name(deck, section) if section else None,
         thickness=section.thickness if section and element.type.state else None,
         formulation=element.type.formulation,
     )
@@ -200,24 +200,6 @@ def node_sets(
 
 def _labels(group: Iterable[Member], instance: str) -> list[int]:
     return [label for owner, label in group if owner == instance]
-
-
-def _materials(deck: Deck, named: set[str]) -> dict[str, Material]:
-    """The materials of the sections that are complete and constant."""
-    result = {}
-    for name in sorted(named):
-        table = deck.materials[name]
-        elastic, density = table.get("ELASTIC", []), table.get("DENSITY", [])
-        if len(elastic) != 1 or len(density) != 1 or len(elastic[0]) < 2:
-            continue
-        e, nu, rho = elastic[0][0], elastic[0][1], density[0][0]
-        if e <= 0 or rho <= 0 or not -1 < nu < 0.5:
-            raise InputError(
-                f"material {name} has E = {e:g}, nu = {nu:g}, density {rho:g}",
-                expected="E and density above zero, nu between -1 and 0.5",
-            )
-        result[name] = Material(youngs_modulus=e, poissons_ratio=nu, density=rho)
-    return result
 
 
 def _notes(

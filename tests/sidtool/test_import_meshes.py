@@ -74,7 +74,7 @@ def test_the_file_s_own_material_is_used(tmp_path: Path) -> None:
         ("MATERIAL=STEEL", "MATERIAL=Wood", "'Wood', which is not defined", ""),
         ("ELSET=eall,", "ELSET=other,", "'other', which is not defined", ""),
         ("0.3\n", "0.6\n", "nu between -1 and 0.5", ""),
-        ("*ELASTIC\n", "*ELASTIC, TYPE=ORTHO\n", "isotropic", ""),
+        ("*ELASTIC\n", "*ELASTIC, TYPE=ORTHO\n", "has 2 constants", ""),
     ],
 )
 def test_mistakes_in_inp(

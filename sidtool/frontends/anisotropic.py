@@ -1,0 +1,101 @@
+"""Linear elastic materials that are not isotropic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material
+
+Array = NDArray[np.float64]
+
+#: Pairs of axes in the order of `continuum.VOIGT`.
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+#: The smallest stiffness of a strain beside the largest that is not rounding.
+_DEFINITE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class AnisotropicMaterial:
+    """A linear elastic material by its elasticity matrix.
+
+    Attributes
+    ----------
+    law : (6, 6) stresses xx, yy, zz, xy, yz, xz per strain xx, yy, zz, 2 xy, 2 yz,
+        2 xz, in the axes of the body [Pa]
+    density : [kg/m^3]
+    """
+
+    law: Array
+    density: float
+
+    @property
+    def moduli(self) -> Array:
+        """(3,) Young's moduli along the axes of the body [Pa]."""
+        moduli: Array = 1 / np.diag(np.linalg.inv(self.law))[:3]
+        return moduli
+
+    def scaled(self, stress: float, density: float) -> AnisotropicMaterial:
+        """In other units."""
+        return AnisotropicMaterial(self.law * stress, self.density * density)
+
+    def turned(self, axes: ArrayLike) -> AnisotropicMaterial:
+        """The material whose own axes x, y, z are the rows of a rotation matrix."""
+        rotation = np.asarray(axes, float).T
+        turn = np.zeros((6, 6))
+        for row, (a, b) in enumerate(_PAIRS):
+            for column, (i, j) in enumerate(_PAIRS):
+                pair = rotation[a, i] * rotation[b, j]
+                other = rotation[a, j] * rotation[b, i]
+                turn[row, column] = pair if i == j else pair + other
+        return replace(self, law=turn @ self.law @ turn.T)
+
+
+#: What elements are made of.
+ElasticMaterial = Material | AnisotropicMaterial
+
+
+def orthotropic_law(values: ArrayLike) -> Array:
+    """The law of E1, E2, E3, nu12, nu13, nu23, G12, G13, G23.
+
+    nu12 is the contraction along 2 under tension along 1.
+
+    Raises
+    ------
+    InputError : a modulus is not above zero.
+    """
+    e1, e2, e3, nu12, nu13, nu23, g12, g13, g23 = np.asarray(values, float)
+    if min(e1, e2, e3, g12, g13, g23) <= 0:
+        raise InputError(
+            "a modulus of an orthotropic material is not above zero",
+            expected="E1, E2, E3, nu12, nu13, nu23, G12, G13, G23",
+        )
+    compliance = np.diag([1 / e1, 1 / e2, 1 / e3, 1 / g12, 1 / g23, 1 / g13])
+    for (i, j), share in (
+        ((0, 1), -nu12 / e1),
+        ((0, 2), -nu13 / e1),
+        ((1, 2), -nu23 / e2),
+    ):
+        compliance[i, j] = compliance[j, i] = share
+    check_definite_law(compliance)
+    law: Array = np.linalg.inv(compliance)
+    return (law + law.T) / 2
+
+
+def check_definite_law(law: Array) -> None:
+    """Whether every strain takes energy.
+
+    Raises
+    ------
+    InputError : one does not.
+    """
+    sizes = np.sqrt(np.maximum(np.diag(law), 1e-300))
+    values = np.linalg.eigvalsh(law / np.outer(sizes, sizes))
+    if (np.diag(law) <= 0).any() or values[0] <= _DEFINITE * values[-1]:
+        raise InputError(
+            "an anisotropic material has a strain that takes no energy",
+            expected="constants whose matrix is positive definite",
+        )
