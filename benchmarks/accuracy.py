@@ -37,6 +37,8 @@ from .report import Report, Table
 FIRST, SCENES = 2000, 200
 #: Exponents of requests, and outputs of those that name some.
 SHARPEST, LOOSEST, NAMED = -5.0, -1.0, 3
+#: The generator drew what cannot be said, such as a rod without length.
+NO_SCENE = "no scene"
 METHOD, TIGHT = "radau13", 1e-12
 #: Errors below this part of the variation are those of the comparison itself.
 ROUNDING = 1e-10
@@ -76,7 +78,10 @@ def judged(seed: int) -> Verdict:
     """Estimates and errors of the scene of a seed."""
     rng = np.random.default_rng([19, seed])
     wanted = float(10.0 ** rng.uniform(SHARPEST, LOOSEST))
-    case = random_scene(seed)
+    try:
+        case = random_scene(seed)
+    except ValueError as error:
+        return Verdict(seed, wanted, f"{NO_SCENE}: {error}")
     scene = scene_of(case)
     if rng.random() < 0.5:
         names = tuple(dict.fromkeys(rng.choice(scene.outputs.record, NAMED).tolist()))
@@ -178,6 +183,7 @@ def report(verdicts: list[Verdict]) -> Report:
     """How often estimates hold, and how sharp they are."""
     numbers = [v for v in verdicts if not v.refused]
     ratios = np.array([r for v in numbers for r in v.ratios])
+    verdicts = [v for v in verdicts if not v.refused.startswith(NO_SCENE)]
     outside = sum(v.refused.startswith("outside") for v in verdicts)
     within = sum(v.use <= 1.0 for v in numbers)
     below = [(v.seed, min(v.ratios)) for v in numbers if v.ratios and min(v.ratios) < 1]
