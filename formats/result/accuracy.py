@@ -17,6 +17,11 @@ class OutputError(Table):
     error: float = Field(description="estimate, in the unit of the output")
     variation: float = Field(description="greatest less least value in the run")
     allowed: float = Field(description="error that was asked for, in that unit")
+    bound: float | None = Field(
+        default=None,
+        description="what the error against all that the SIDs hold cannot exceed, in "
+        "that unit; none where nothing of the kind is known",
+    )
 
     @property
     def relative(self) -> float:

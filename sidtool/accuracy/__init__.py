@@ -8,6 +8,7 @@ reference     every choice at its finest, integrated tightly
 outside       where the theory of a SID ends
 integration   integrator and tolerance of a model
 choose        the search
+bounds        what errors cannot exceed, where that is known
 budget        what each kind of choice adds and saves
 sentences     why
 cached        what was chosen before

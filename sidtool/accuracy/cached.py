@@ -17,7 +17,7 @@ from sidtool.formats.scene.base import Table
 from sidtool.formats.sid import SID, Array, Taylor
 
 #: How choices are made; a choice of another one is not used.
-METHOD = 2
+METHOD = 3
 
 
 class Kept(Table):

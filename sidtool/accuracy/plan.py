@@ -15,6 +15,7 @@ from sidtool.formats.sid import SID
 from ..made import Fineness, Source
 from ..rigid import told_left_out, told_rigid
 from . import cached
+from .bounds import bounds
 from .budget import budget
 from .candidates import as_scene, finest, recording, stiffened
 from .choose import Chosen, choose
@@ -22,7 +23,7 @@ from .meshes import Meshes, as_made, refined_meshes
 from .outside import check_inside
 from .reference import Reference, make_reference
 from .runs import Compile, Runs
-from .sentences import decisions, remarks
+from .sentences import decisions, remarks, told_bounds
 from .wanted import Request, Wanted, requested
 
 Say = Callable[[str], None]
@@ -132,16 +133,19 @@ def _chosen(
     reference = reference.with_meshes(meshes.errors)
     chosen = choose(runs, reference)
     terms = stiffened(scene, sids, chosen.choice.flat)
+    setting = chosen.found.setting
+    proven = bounds(runs, reference.choice, chosen.choice, setting)
     made = decisions(request, reference, chosen)
     sentences = (
         *meshes.sentences,
         *(decision.sentence for decision in made),
         *remarks(request, reference, sids, terms, meshes.made),
+        *told_bounds(proven),
         *_not_recorded(scene, sids, chosen),
     )
     report = AccuracyReport(
         wanted={},
-        outputs=_outputs(request, reference, chosen),
+        outputs=_outputs(request, reference, chosen, proven),
         budget=budget(runs, reference, chosen),
         decisions=made,
         sentences=sentences,
@@ -189,7 +193,10 @@ def _named(kept: SceneFile, scene: SceneFile) -> SceneFile:
 
 
 def _outputs(
-    request: Request, reference: Reference, chosen: Chosen
+    request: Request,
+    reference: Reference,
+    chosen: Chosen,
+    proven: Mapping[str, float],
 ) -> tuple[OutputError, ...]:
     rows = zip(
         request.names,
@@ -205,6 +212,7 @@ def _outputs(
             error=float(error),
             variation=float(variation),
             allowed=float(allowed),
+            bound=proven.get(name),
         )
         for name, error, variation, allowed in rows
         if name not in reference.left_out

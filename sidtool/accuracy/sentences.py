@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 
 from sidtool.formats.result import Decision
+from sidtool.formats.scene import unit_of
 from sidtool.formats.sid import SID
 
 from .candidates import FLEXIBILITY, SHAPE, SHAPES, SPACE, STIFFENING, Candidate, Choice
@@ -139,3 +140,15 @@ def remarks(
         yield f"not judged, as they hold rounding only: {listed}"
     if request.ignored:
         yield f"not judged, as no quantities: {', '.join(request.ignored)}"
+
+
+def told_bounds(proven: Mapping[str, float]) -> Iterator[str]:
+    """What errors cannot exceed, by output."""
+    if proven:
+        amounts = [
+            f"{n} {b:.1e} {unit_of(n)}".rstrip() for n, b in sorted(proven.items())
+        ]
+        yield (
+            f"bounds of errors against all that the SIDs hold: {', '.join(amounts)}; "
+            "frames are prescribed and the equations linear. All else is an estimate"
+        )

@@ -23,12 +23,22 @@ def describe_accuracy(report: AccuracyReport) -> str:
 
 
 def error_table(report: AccuracyReport) -> Block:
-    """Outputs with their error, in their unit and of their variation."""
+    """Outputs with their error, in their unit and of their variation, and bounds."""
+    some = any(o.bound is not None for o in report.outputs)
     rows = [
-        [o.name, f"{o.error:.1e}", f"{o.allowed:.1e}", o.unit, _relative(o)]
+        [o.name, f"{o.error:.1e}", *_bound(o, some), f"{o.allowed:.1e}", o.unit]
+        + [_relative(o)]
         for o in report.outputs
     ]
-    return table(["output", "error", "allowed", "unit", "of its variation"], rows)
+    bound = ["bound"] if some else []
+    header = ["output", "error", *bound, "allowed", "unit", "of its variation"]
+    return table(header, rows)
+
+
+def _bound(output: OutputError, some: bool) -> list[str]:
+    if not some:
+        return []
+    return ["" if output.bound is None else f"{output.bound:.1e}"]
 
 
 def budget_table(report: AccuracyReport) -> Block:
