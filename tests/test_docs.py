@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import re
 import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from xml.etree import ElementTree
 
 import pytest
 
+from benchmarks.validation import PROBLEMS
+
 from .commands import run_page
+from .sidtool.browser import opened
 
 TOP = Path(__file__).parents[1]
 DOCS = TOP / "docs"
@@ -22,13 +26,16 @@ PAGES = sorted(
 )
 
 
+def loaded(name: str) -> ModuleType:
+    """A module of the folder docs."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(DOCS)
+        return importlib.import_module(name)
+
+
 @pytest.fixture(scope="module")
 def generate() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("generate", DOCS / "generate.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded("generate")
 
 
 @pytest.mark.parametrize("page", [TOP / "README.md", *PAGES], ids=lambda p: p.stem)
@@ -62,6 +69,22 @@ def test_the_generated_pages_say_what_the_schema_says(generate: ModuleType) -> N
     assert "autofunction:: sidtool." in pages["names.md"]
 
 
+def test_sections_of_docstrings_become_fields() -> None:
+    """Names stand with what they mean; what is no list of names stays as it is."""
+    told = loaded("docstrings").as_fields(
+        "Draw it : well, or\nnot at all.\n\nkind : of picture\npath : to\n    write"
+        "\n\nParameters\n----------\na, b : sizes [m]\nc [kg] : mass\n\n"
+        "Returns\n-------\nhow many\n\nRaises\n------\nsidtool.X : it: fails."
+    )
+    assert told.split("\n\n") == [
+        "Draw it : well, or\nnot at all.",
+        ":param kind: of picture\n:param path: to write",
+        ":param a: sizes [m]\n:param b: sizes [m]\n:param c: mass",
+        ":returns: how many",
+        ":raises sidtool.X: it: fails.",
+    ]
+
+
 def test_links_between_pages_lead_somewhere(generate: ModuleType) -> None:
     made = set(generate.pages())
     for page in [TOP / "README.md", *PAGES]:
@@ -71,6 +94,42 @@ def test_links_between_pages_lead_somewhere(generate: ModuleType) -> None:
                 assert Path(target).name in made, (page.name, target)
             else:
                 assert (page.parent / target).exists(), (page.name, target)
+
+
+def test_the_picture_that_moves_needs_nothing_beside_it() -> None:
+    """As an image of a page: no scripts, no other files, animated by SMIL."""
+    text = (DOCS / "moving.svg").read_text(encoding="utf-8")
+    tags = [tag.tag.rpartition("}")[2] for tag in ElementTree.fromstring(text).iter()]
+    assert tags.count("animate") >= 5 and "script" not in tags
+    assert not re.search(r"href|url\(|\bon\w+=", text)
+    assert "![A crank turns" in (TOP / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_picture_moves_in_a_browser(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.write_text(f'<img src="{(DOCS / "moving.svg").as_uri()}">', encoding="utf-8")
+    with opened(page) as shown:
+        before = shown.page.screenshot()
+        shown.page.wait_for_timeout(400)
+        after = shown.page.screenshot()
+        assert shown.said == []
+    assert before != after
+
+
+def test_the_validation_page_has_every_problem_with_its_words() -> None:
+    """In order; each with a table of more than two rows, none without a deviation."""
+    text = (DOCS / "validation.md").read_text(encoding="utf-8")
+    parts = text.split("\n## ")[1:]
+    for part, problem in zip(parts, PROBLEMS, strict=True):
+        title, *words = (problem.__doc__ or "").split("\n\n")
+        assert part.startswith(title.rstrip(".") + "\n")
+        for paragraph in words:
+            assert " ".join(paragraph.split()) in part
+        rows = [row for row in part.splitlines() if row.startswith("| ")][1:]
+        assert len(rows) > 2
+        for row in rows:
+            assert re.fullmatch(r"\| .* \| [-+]\d\.\de[-+]\d+( relative)? \|", row), row
+            assert row.count("|") == 6, row
 
 
 def test_every_page_is_in_the_contents() -> None:
