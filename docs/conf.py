@@ -6,6 +6,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
+import docstrings  # noqa: E402
 import generate  # noqa: E402
 
 import sidtool  # noqa: E402
@@ -18,7 +19,6 @@ version = release = sidtool.__version__
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
 ]
 myst_enable_extensions = ["dollarmath", "amsmath"]
@@ -28,4 +28,14 @@ exclude_patterns = ["formats", "_build"]
 html_theme = "furo"
 html_title = f"sidtool {release}"
 autodoc_typehints = "description"
-napoleon_numpy_docstring = True
+autodoc_type_aliases = {"Array": "Array"}
+add_module_names = False
+
+
+def setup(app):  # type: ignore[no-untyped-def]
+    """Sections of docstrings become lists of names with types and meanings."""
+
+    def rewrite(app, what, name, thing, options, lines):  # type: ignore[no-untyped-def]
+        lines[:] = docstrings.as_fields("\n".join(lines)).splitlines() + [""]
+
+    app.connect("autodoc-process-docstring", rewrite)

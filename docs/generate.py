@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import click
+from docstrings import entries, sections
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
@@ -141,7 +142,7 @@ def _words(table: type[BaseModel]) -> str:
 
 def _prose(table: type[BaseModel]) -> str:
     text = inspect.cleandoc(table.__doc__ or "")
-    text = re.split(r"\n(Attributes|Raises)\n-+\n", text)[0]
+    text = next(sections(text))[1]
     return re.sub(r"``(.+?)``", r"`\1`", text).strip() + "\n"
 
 
@@ -176,19 +177,9 @@ def _attributes(table: type[BaseModel]) -> dict[str, str]:
     found: dict[str, str] = {}
     for base in reversed(table.__mro__):
         text = inspect.cleandoc(base.__doc__ or "") if base is not object else ""
-        section = re.search(r"\nAttributes\n-+\n(.*)", text, re.DOTALL)
-        for entry in re.split(
-            r"\n(?=\S)|; (?=\w+, \w+ :)", section[1] if section else ""
-        ):
-            match = re.match(
-                r"([\w, ]+?)(?: \[[^\]]+\])? : (.*)|([\w, ]+) (\[.*)", entry, re.S
-            )
-            if match:
-                names, text_ = (
-                    (match[1], match[2]) if match[1] else (match[3], match[4])
-                )
-                words = " ".join(text_.split())
-                found |= {name.strip(): words for name in names.split(",")}
+        for heading, section in sections(text):
+            if heading == "Attributes":
+                found |= {name: t for names, t in entries(section) for name in names}
     return found
 
 
@@ -299,9 +290,8 @@ def names_page() -> str:
         is_class = inspect.isclass(value)
         failed = is_class and issubclass(value, Exception)
         kind = "exception" if failed else "class" if is_class else "function"
-        home = f"{value.__module__}.{value.__qualname__}"
         members = "\n   :members:" if is_class else ""
-        directive = f".. auto{kind}:: {home}{members}"
+        directive = f".. auto{kind}:: sidtool.{name}{members}"
         parts.append(f"## {name}\n\n```{{eval-rst}}\n{directive}\n```\n")
     parts.append(
         "## Tables of files\n\nClasses with the keys, defaults and checks of the "

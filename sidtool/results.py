@@ -31,6 +31,8 @@ class Result(stored.Result):
     `result["rod.tip.vx"]` is an output over the times `t`, recorded or not; `*` stands
     for any letters: `result["rod.q*"]`, (nt, n).
 
+    Attributes
+    ----------
     drives, forces : callables that the run was made with
     """
 

@@ -21,7 +21,7 @@ _STATUS = re.compile(r"exit\s+status\s+(\d)")
 _BLOCK = re.compile(r"^( *)```(\w*)\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
 _FILE = re.compile(r"# (in )?(\S+\.toml)\n")
 #: Commands that install, or need what a test does not have: their grammar is looked at.
-_NOT_RUN = ("pip", "mpirun", "export", "eval", "git")
+_NOT_RUN = ("pip", "mpirun", "export", "eval", "git", "source")
 _SLOW = ("warmup", "demo")
 
 

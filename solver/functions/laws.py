@@ -22,6 +22,7 @@ from .native import Native
 
 #: A function of the time and of what a law reads.
 OfOutputs = Callable[[float, Array], float]
+Slopes = Callable[[float, Array], Sequence[float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class Law:
 
     function: OfOutputs
     reads: Sequence[str]
-    derivatives: Callable[[float, Array], Sequence[float]] | None = None
+    derivatives: Slopes | None = None
     states: Mapping[str, tuple[float, OfOutputs]] = field(default_factory=dict)
     limits: tuple[float, float] | None = None
     sample_time: float | None = None
