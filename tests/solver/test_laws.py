@@ -610,8 +610,12 @@ def test_what_stops_a_program_goes_through_a_callable(error: Any) -> None:
     [
         (expression("hinge.angle +"), "motor.function.value: the formula"),
         (expression("hinge.angel"), "a law cannot read 'hinge.angel'|nothing to read"),
-        (expression("rod.ax"), "a law cannot read 'rod.ax'.*position or a velocity"),
-        (expression("hinge.mz"), "a law cannot read 'hinge.mz'"),
+        (expression("rod.ax"), "'rod.ax': it is an acceleration, which follows from"),
+        (expression("hinge.angle_acceleration"), "it is an acceleration.*a velocity"),
+        (expression("hinge.angle_rate_rate"), "it is an acceleration.*0.01 s late"),
+        (expression("hinge.mz"), "'hinge.mz': it is a force, which follows from all"),
+        (expression("hinge.f1"), "'hinge.f1': it is a force"),
+        (expression("hinge.friction"), "'hinge.friction': it is a force"),
         (expression("rod.q1"), "rod has 0 elastic coordinates"),
         (expression("rod.c.x"), "there is no node|no marker|'c'"),
         (expression("hinge.displacement"), "hinge has no coordinate displacement"),
@@ -669,3 +673,26 @@ def test_no_step_passes_a_pulse_of_a_law_unseen(said: str) -> None:
     for method in ("radau9", "dop853"):
         found = run(made, laws, integrator=method, rtol=1e-7)
         assert found.values[-1, 0] == pytest.approx(momentum / 4.0, rel=tolerance)
+
+
+def test_the_state_that_a_message_advises_follows_the_acceleration() -> None:
+    """What is said where a law would read an acceleration: it is that, with a lag."""
+    lag, size, omega, mass, length = 0.01, 1.5, 4.0, 1.3, 2.1
+    law = expression(
+        f"{size}*sin({omega}*t)",
+        states={"slow": {"rate": f"(hinge.angle_rate - slow)/{lag}"}},
+    )
+    made = scene(
+        {"rod": slender_rod(length, mass)},
+        {"hinge": {"type": "revolute", "markers": ["ground", "rod.a"]}},
+        end=1.5,
+        steps=30,
+        record=["hinge.angle_rate", "motor.state.slow"],
+        forces={"motor": {"type": "actuator", "joint": "hinge", "function": law}},
+    )
+    result = run(made, rtol=1e-9)
+    speed, slow = result.values.T
+    t, w = result.t, omega * lag
+    known = np.sin(omega * t) - w * np.cos(omega * t) + w * np.exp(-t / lag)
+    known *= size / (mass * length**2 / 3.0) / (1.0 + w**2)
+    np.testing.assert_allclose((speed - slow) / lag, known, atol=1e-6)

@@ -6,15 +6,18 @@ Each is the measure of an element, or its rate, see `forces.Element`.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
+    FRICTION_QUANTITIES,
     RigidBody,
     SceneFile,
     coordinate_of,
     is_elastic,
+    is_of_joint,
     is_rate,
     parse_output,
 )
@@ -25,6 +28,8 @@ from .force_laws import Law
 from .rows import Element, joint_coordinate
 
 GROUND = ("ground", "")
+#: How people call what outputs do not have: rates of rates.
+_ACCELERATION = re.compile(r"accel|_acc$|_rate_rate$|_ddot$|^(al|alpha)[xyz]?$|^aq\d+$")
 _EXPECTED = (
     "an output that is a position or a velocity: JOINT.angle, JOINT.angle_rate and "
     "other coordinates, BODY.MARKER.x, BODY.MARKER.vx, x and vx of a rigid body, "
@@ -49,6 +54,7 @@ def reading(
     InputError : there is no such output, or it depends on accelerations or forces,
         which follow from the forces.
     """
+    _refuse_consequences(name, place)
     try:
         owner, marker, quantity = parse_output(name)
     except InputError:
@@ -72,6 +78,27 @@ def reading(
         if found_ is not None:
             return found_
     raise InputError(f"a law cannot read {name!r}", place=place, expected=_EXPECTED)
+
+
+def _refuse_consequences(name: str, place: str) -> None:
+    """Raises accelerations and forces, which a law would change by reading them."""
+    quantity = name.rpartition(".")[2]
+    if is_of_joint(quantity) or quantity in FRICTION_QUANTITIES:
+        raise InputError(
+            f"a law cannot read {name!r}: it is a force, which follows from all forces "
+            "at the same instant, that of the law among them",
+            place=place,
+            expected=_EXPECTED,
+        )
+    if quantity in ("ax", "ay", "az") or _ACCELERATION.search(quantity):
+        raise InputError(
+            f"a law cannot read {name!r}: it is an acceleration, which follows from "
+            "the forces at the same instant, that of the law among them",
+            place=place,
+            expected="a velocity, whose acceleration a state follows with a lag: with "
+            'rate = "(elbow.angle_rate - slow)/0.01" of a state slow, that rate is the '
+            "acceleration of elbow.angle, 0.01 s late",
+        )
 
 
 def _elastic(
