@@ -34,6 +34,7 @@ from .recording.told import tells_of_bodies
 from .space import layout as at
 from .space.layout import Work
 from .start.assembly import assemble
+from .start.loads import with_prescribed_friction
 from .start.new_control import closed_below
 from .start.settings import settings_of
 from .start.turn_counts import keep_turns, starting_turns
@@ -157,7 +158,8 @@ def replay(
         raise _unlike("positions")
     if np.isnan(z).any() and len(z):
         _count_turns(system, result.t, z, v)
-    return Replay(with_grips(system), result.t, z, v)
+    system = with_grips(with_prescribed_friction(system, start))
+    return Replay(system, result.t, z, v)
 
 
 def scene_of(result: Result) -> SceneFile:

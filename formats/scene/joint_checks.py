@@ -152,10 +152,6 @@ def _check_joint_drive(drive: Drive, place: str, scene: SceneFile) -> None:
     elif drive.coordinate not in (None, *joint.coordinates):
         expected = " or ".join(joint.coordinates)
         fail(f"{place}.coordinate", f"found {drive.coordinate!r}", expected)
-    elif getattr(joint, "friction", None) is not None:
-        found = f"{drive.joint} has friction, but its motion is prescribed"
-        expected = "a joint without friction, or an actuator in the place of the drive"
-        fail(f"{place}.joint", found, expected)
     if drive.reference != "ground":
         fail(f"{place}.reference", "stands beside joint", "a reference for a marker")
 

@@ -14,7 +14,9 @@ class JointFriction(Table):
     with the speed v, friction is mu(v) N against v, in a revolute joint times `radius`,
     with mu(v) = coefficient + (static - coefficient) exp(-(v / stribeck_velocity)^2).
     At rest the joint sticks, without creep, as long as that takes no more than
-    static N (times `radius`); the instants of both are found inside the steps.
+    static N (times `radius`); the instants of both are found inside the steps. Where
+    drives prescribe the motion of the joint their force contains its friction, and at
+    rest the drives hold it alone.
     """
 
     coefficient: float = Field(ge=0, description="of sliding (kinetic) friction, mu")

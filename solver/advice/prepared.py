@@ -9,7 +9,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.result import FlexibleBody
 
 from ..start import assembly
-from ..start.loads import check_loads
+from ..start.loads import with_prescribed_friction
 from ..system.scene import System
 from .body_measures import expected_bodies
 from .coverage import rigid_directions
@@ -42,7 +42,7 @@ def prepare(system: System) -> Prepared:
     """
     asked = tuple(questions(system))
     system, start = _assembled(system, asked)
-    check_loads(system, start)
+    system = with_prescribed_friction(system, start)
     asked = (*asked, *rigid_directions(system, start))
     return Prepared(system, start, asked, expected_bodies(system, start))
 

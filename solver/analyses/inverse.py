@@ -27,10 +27,10 @@ from .mechanics import (
     Mechanics,
     least_squares,
     null_space,
-    refuse_friction,
     refuse_prescribed,
 )
 from .recorded import Found, recorded
+from .rubbing import prescribed_friction, with_all_prescribed
 
 #: Constraints are met when they are open by less, relative to their sizes.
 CLOSED = 1e-12
@@ -56,13 +56,13 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
 
     Raises
     ------
-    InputError : something can move that no drive prescribes.
+    InputError : something can move that no drive prescribes, or the load of a joint
+        with friction is not determined.
     SimulationError : the drives lead to a position that cannot be reached or to a
         singular configuration, or a body is too soft for a quasi-static deformation;
         its `result` holds what comes before.
     """
     refuse_prescribed(system)
-    refuse_friction(system)
     refuse_states(system)
     system, start = assemble(system)
     t = system.scene.time.start
@@ -70,6 +70,8 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     mechanics.scale = coordinate_sizes(system)
     motion = Motion(mechanics, quasi_static)
     motion.refuse_freedom(start)
+    motion.rub(start)
+    system = motion.system
     times = output_times(system.scene)
     kind = "inverse dynamics" + (", quasi-static deformation" if quasi_static else "")
     states: list[Found] = []
@@ -116,6 +118,7 @@ def relative_equilibrium(system: System) -> Array | None:
     try:
         refuse_states(system)
         motion.refuse_freedom(start)
+        motion.rub(start)
     except InputError:
         return None
     if motion.driven.all() or not motion.velocities(start.z).any():
@@ -154,6 +157,11 @@ class Motion:
                 else ""
             ),
         )
+
+    def rub(self, start: Start) -> None:
+        """Takes friction of joints as that of prescribed motions."""
+        self.system = with_all_prescribed(self.system, start, self.driven)
+        self.mechanics.system = self.system
 
     def _stiffness(self) -> Array:
         """Ke of all bodies, scaled."""
@@ -215,12 +223,20 @@ class Motion:
         mechanics.evaluate(state.z, state.v)
         a = np.zeros(self.system.n_velocities)
         a[self.driven] = mechanics.demanded(C, mechanics.gamma, 2)
-        return Found(state.z, state.v, a * mechanics.scale, self.multipliers(a))
+        return Found(state.z, state.v, a * mechanics.scale, *self.forces(a))
 
-    def multipliers(self, a: Array) -> Array:
-        """Of the scaled accelerations a at the state evaluated last."""
-        unbalanced = self.mechanics.mass @ a - self.mechanics.force
-        return self.mechanics.multipliers(unbalanced[self.driven], self.driven)
+    def forces(self, a: Array) -> tuple[Array, Array]:
+        """Multipliers and friction of scaled accelerations a, at the state evaluated
+        last."""
+        mechanics, driven = self.mechanics, self.driven
+        unbalanced = mechanics.mass @ a - mechanics.force
+        multipliers = mechanics.multipliers(unbalanced[driven], driven)
+        if not self.system.rubbing:
+            return multipliers, np.zeros(0)
+        along = mechanics.directions[:, driven]
+        responses = np.array([mechanics.multipliers(-row, driven) for row in along])
+        friction = prescribed_friction(mechanics, multipliers, responses)
+        return multipliers + friction @ responses, friction
 
     def deformed(self, z: Array) -> Start | None:
         """The closed state near z whose elastic coordinates are in equilibrium."""
@@ -246,7 +262,9 @@ class Motion:
         a = self.accelerations(state)
         unbalanced = self.mechanics.mass @ a - self.mechanics.force
         C, driven = self.mechanics.jacobian, self.driven
-        left = unbalanced[~driven] - C[:, ~driven].T @ self.multipliers(a)
+        multipliers, friction = self.forces(a)
+        left = unbalanced[~driven] - C[:, ~driven].T @ multipliers
+        left -= self.mechanics.directions[:, ~driven].T @ friction
         change = np.zeros(self.system.n_velocities)
         change[~driven] = np.linalg.solve(self.stiffness, -left)
         return change

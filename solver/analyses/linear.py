@@ -33,9 +33,9 @@ from .mechanics import (
     Mechanics,
     least_squares,
     null_space,
-    refuse_friction,
     refuse_prescribed,
 )
+from .rubbing import mechanics_at
 from .static import static_equilibrium
 
 #: Perturbation, relative to the size of the mechanism.
@@ -87,12 +87,12 @@ def linearise(
 
     Raises
     ------
-    InputError : there is no such state, or the start cannot be assembled.
+    InputError : there is no such state, or the start cannot be assembled, or friction
+        of a joint has no derivative there.
     SimulationError : there is no static equilibrium, the state is a singular
         configuration, or its inertia is not positive.
     """
     refuse_prescribed(system)
-    refuse_friction(system)
     system, told = unsampled(system)
     if about not in STATES:
         raise InputError(f"found {about!r}", expected=f"one of {', '.join(STATES)}")
@@ -107,10 +107,10 @@ def linearise(
         system, start = assemble(system)
         z, v = start.z, start.v
     t = system.scene.time.start if time is None else time
-    mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
+    mechanics = mechanics_at(system, t, z, v)
     mechanics.set_scale(z, stiffness=0.0)
     matrix, motion = state_matrix(mechanics, z, v)
-    notes = (*_unsteady(mechanics, matrix, motion, z, v), *told)
+    notes = (*_unsteady(mechanics, matrix, motion, z, v), *mechanics.notes(), *told)
     return replace(_modes(mechanics, matrix, motion, z, v), notes=notes)
 
 
@@ -160,7 +160,8 @@ def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array
     C, M, E = mechanics.jacobian, mechanics.mass, _frame_motion(mechanics)
     N, places = _free_directions(mechanics.system, C)
     d = N.shape[1]
-    inertia = N.T @ M @ N
+    Z = mechanics.unconstrained(N)
+    inertia = Z.T @ M @ N
     a, multipliers = mechanics.accelerations()
     by_z, by_v = _derivatives(mechanics, z, v, a, multipliers)
     follow = least_squares(C, -by_z.rate @ N)
@@ -170,7 +171,7 @@ def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array
     force = [by_z.force @ N + by_v.force @ follow, by_v.force @ N]
     gamma = [by_z.gamma @ N + by_v.gamma @ follow, by_v.gamma @ N]
     held = least_squares(C, np.hstack(gamma))
-    right = N.T @ (np.hstack(force) - M @ held)
+    right = Z.T @ (np.hstack(force) - M @ held)
     matrix[d:] = mechanics.solve_inertia(inertia, right)
     kept = [*range(places), *range(d, 2 * d)]
     return matrix[np.ix_(kept, kept)], N

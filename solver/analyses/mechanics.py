@@ -12,6 +12,7 @@ from ..errors import SimulationError
 from ..space import layout as at
 from ..space.coordinates import retract
 from ..start.assembly import Start, dense_jacobian, names_of_rows
+from ..start.consistent import sliding_directions
 from ..start.turn_counts import keep_turns
 from ..system import kernel_calls
 from ..system.forces.lapses import lapse
@@ -64,6 +65,16 @@ class Mechanics:
     def jacobian(self) -> Array:
         """(rows, n) at the state last evaluated, its columns scaled."""
         return dense_jacobian(self.system, self.work.C) * self.scale
+
+    @property
+    def directions(self) -> Array:
+        """(frictions, n) of the coordinates with friction, their columns scaled."""
+        return sliding_directions(self.system, self.work.C) * self.scale
+
+    @property
+    def sizes(self) -> Array:
+        """(rows,) of the constraints, see `row_sizes`."""
+        return row_sizes(self.system)
 
     @property
     def residual(self) -> Array:
@@ -128,7 +139,7 @@ class Mechanics:
 
         columns : True for the coordinates along which that is asked, default all
         """
-        sizes = row_sizes(self.system)
+        sizes = self.sizes
         C = self.jacobian if columns is None else self.jacobian[:, columns]
         return least_squares((C / sizes[:, None]).T, unbalanced) / sizes
 
@@ -158,11 +169,21 @@ class Mechanics:
         """
         n, wanted = self.system.n_velocities, self.system.n_rows
         wanted -= len(self.system.redundant)
-        if n - null_space(self.jacobian).shape[1] < wanted:
+        C = dense_jacobian(self.system, self.work.C) * self.scale
+        if n - null_space(C).shape[1] < wanted:
             raise SimulationError(
                 f"the constraints depend on each other at t = {self.t:.9g} s (singular "
                 "configuration): the mechanism could move on in several ways"
             )
+
+    def unconstrained(self, motion: Array) -> Array:
+        """Directions (n, d) along which multipliers do not count; motion : (n, d) free
+        directions of the constraints."""
+        return motion
+
+    def notes(self) -> tuple[str, ...]:
+        """What has to be known of the equations."""
+        return ()
 
     def solve_inertia(self, inertia: Array, right: Array) -> Array:
         """Solves with the inertia (d, d) along what can move.
@@ -192,12 +213,13 @@ class Mechanics:
         norms = np.linalg.norm(C, axis=1)
         norms = np.where(norms > 0.0, norms, 1.0)
         x = least_squares(C / norms[:, None], right / norms)
-        sizes, time = row_sizes(self.system), self.system.scene.time
+        sizes, time = self.sizes, self.system.scene.time
         left = np.abs(C @ x - right) / sizes
         size = np.max(np.abs(right) / sizes, initial=(time.end - time.start) ** -order)
         unmet = np.flatnonzero(left > UNMET * size)
         if len(unmet):
-            names = dict.fromkeys(names_of_rows(self.system, tuple(unmet)))
+            rows = tuple(unmet[unmet < self.system.n_rows])
+            names = dict.fromkeys(names_of_rows(self.system, rows))
             raise SimulationError(
                 f"stopped at t = {self.t:.9g} s: joints and drives demand "
                 f"{('velocities', 'accelerations')[order - 1]} that do not exist "
@@ -245,20 +267,4 @@ def refuse_prescribed(system: System) -> None:
         raise InputError(
             "was compiled without the constraints of its prescribed joints",
             expected="compile_scene(..., keep_joints=True)",
-        )
-
-
-def refuse_friction(system: System) -> None:
-    """Between stick and slip there is no derivative.
-
-    Raises
-    ------
-    InputError : a joint has friction.
-    """
-    if system.rubbing:
-        name = system.rubbing[0].joint
-        raise InputError(
-            "dry friction has no linearisation, and no one force at rest",
-            place=f"joints.{name}.friction",
-            expected="the scene without it, or `simulate`",
         )

@@ -25,12 +25,13 @@ from ..versions import versions
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A state of motion: z_I, z_II, z_II' and the multipliers."""
+    """A state of motion: z_I, z_II, z_II', multipliers and forces of friction."""
 
     z: Array
     v: Array
     a: Array
     multipliers: Array
+    friction: Array
 
 
 def recorded(
@@ -50,13 +51,14 @@ def recorded(
     SimulationError : an output is not a number.
     """
     count = len(states)
-    z, v, a, multipliers = (
+    z, v, a, multipliers, friction = (
         np.array([getattr(s, part) for s in states]).reshape(count, size)
         for part, size in (
             ("z", system.n_positions),
             ("v", system.n_velocities),
             ("a", system.n_velocities),
             ("multipliers", system.n_rows),
+            ("friction", len(system.rubbing)),
         )
     )
     span = system.scene.time.end - system.scene.time.start
@@ -74,7 +76,7 @@ def recorded(
         v,
         closed,
         history,
-        sample_known(system, work, times, z, v, a, multipliers),
+        sample_known(system, work, times, z, v, a, multipliers, friction),
     )
     remarks = Remarks(system)
     remarks.add(times, found)

@@ -19,7 +19,7 @@ from ..start.assembly import Start, assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .inverse import Motion, refuse_states
-from .mechanics import Mechanics, least_squares, null_space, refuse_friction
+from .mechanics import Mechanics, least_squares, null_space
 from .resting import scene_at
 
 
@@ -38,7 +38,7 @@ def spinning(system: System) -> tuple[SceneFile, tuple[str, ...]]:
     mechanics.scale = coordinate_sizes(assembled)
     try:
         refuse_states(assembled)
-        refuse_friction(assembled)
+        _refuse_friction(assembled)
         found = _Stated(mechanics, start.v).deformed(start.z)
         if found is None:
             raise SimulationError("joints come apart without the deformation of bodies")
@@ -58,6 +58,14 @@ def _moves(system: System, v: Array) -> bool:
         for row, data in rows
         if data.of_scene
     )
+
+
+def _refuse_friction(system: System) -> None:
+    if system.rubbing:
+        raise InputError(
+            f"{system.rubbing[0].joint} has friction, which depends on the deformation",
+            expected="joints without friction, or drives that prescribe all motion",
+        )
 
 
 class _Stated(Motion):

@@ -74,7 +74,8 @@ class Equilibrium:
     def result(self) -> Result:
         """The scene's outputs in equilibrium, as a result of one time."""
         nothing = np.zeros(self.system.n_velocities)
-        rest = Found(self.z, self.v, nothing, self.multipliers)
+        unrubbed = np.zeros(len(self.system.rubbing))
+        rest = Found(self.z, self.v, nothing, self.multipliers, unrubbed)
         times = np.array([self.system.scene.time.start])
         kind = "static equilibrium"
         return recorded(self.system, kind, times, [rest], notes=self.notes)

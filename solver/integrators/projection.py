@@ -5,7 +5,7 @@ from __future__ import annotations
 from numba import float64, int64, types
 
 from ..compiler.compiling import inner
-from ..linear.friction import sticks
+from ..linear.grips import sticks
 from ..linear.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
 from ..linear.saddle import REGULARISATION
 from ..space.layout import (

@@ -20,7 +20,8 @@ from ..space.layout import (
     VEL,
     WORK,
 )
-from .friction import JAMMED, along, directions, solve_friction, sticks
+from .friction import JAMMED, along, directions, solve_friction
+from .grips import sticks
 from .mass import independence, mass_factor, mass_solve
 from .newton import MEMORY, PROJECT_ONCE, SOLVE_ACCELERATIONS
 from .saddle import REGULARISATION, SHARED_SLACK, band_factor, band_solve
@@ -123,25 +124,40 @@ def _add_friction(system, work, memory):
     directions(system, work, X)
     for j in range(len(X)):
         _respond_to(system, work, memory, X[j], L[j], 0.0)
-    status = solve_friction(
-        system,
-        work,
-        memory.acceleration,
-        memory.multiplier,
-        X,
-        L,
-        memory.rub_P,
-        memory.rub_A,
-        memory.dmu,
-        memory.rub_t,
-        memory.rub_pivots,
-    )
+    status = _forces_of_friction(system, work, memory)
     for j in range(len(X)):
         for i in range(len(memory.acceleration)):
             memory.acceleration[i] += work.rub[j] * X[j, i]
         for r in range(len(memory.multiplier)):
             memory.multiplier[r] += work.rub[j] * L[j, r]
     return status
+
+
+@inner(int64(SYSTEM, WORK, MEMORY))
+def _forces_of_friction(system, work, memory):
+    return solve_friction(
+        system,
+        work,
+        memory.acceleration,
+        memory.multiplier,
+        memory.rub_X,
+        memory.rub_L,
+        memory.rub_P,
+        memory.rub_A,
+        memory.dmu,
+        memory.rub_t,
+        memory.rub_pivots,
+    )
+
+
+@entry(SOLVE_ACCELERATIONS)
+def solve_prescribed_friction(system, work, memory):
+    """Forces of friction in a motion that is known, into `work.rub`.
+
+    `multiplier` of `memory` is without friction; row j of `rub_L` is what a unit force
+    along coordinate j adds to it.
+    """
+    return _forces_of_friction(system, work, memory)
 
 
 @entry(PROJECT_ONCE)

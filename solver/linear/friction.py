@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from numba import boolean, float64, int64, types
+from numba import float64, int64, types
 
 from ..compiler.compiling import inner
 from ..space.layout import (
@@ -38,13 +38,13 @@ from ..space.layout import (
     S_BODY,
     S_OFFSET,
     S_ROW,
-    SENSE,
     SHARED,
     SIDE,
     SYSTEM,
     VEL,
     WORK,
 )
+from .grips import sense_of, sticks
 from .saddle import band_factor, band_solve
 
 #: Newton's iterations for the forces of friction, the relative change at their end,
@@ -57,11 +57,6 @@ SHARE, LEAST_LIMIT = 1e-3, 1e-6
 ROUNDS = 4
 #: Code of a state in which friction has no solution, or not one alone.
 JAMMED = 6
-
-
-@inner(boolean(SYSTEM, int64))
-def sticks(system, j):
-    return system.grip[j, SENSE] == 0.0
 
 
 @inner(types.UniTuple(float64, 2)(SYSTEM, int64, float64))
@@ -172,7 +167,7 @@ def linearise_friction(system, work):
         if sticks(system, j):
             continue
         _, limited = limit(system, j, work.sliding.row[j, C_RATE])
-        damping = system.grip[j, SENSE] * limited * work.load[j]
+        damping = sense_of(system, work, j) * limited * work.load[j]
         damping += system.pool[system.friction[j, R_LAW] + L_VISCOUS]
         for i in range(at, at + system.body[b, NV]):
             work.Gp[i] = 0.0
@@ -218,7 +213,7 @@ def _equation(system, work, i, multiplier, L, P, A):
         return (P[i, n] - work.sliding.row[i, C_GAMMA]) / P[i, i]
     rate = work.sliding.row[i, C_RATE]
     size, _ = limit(system, i, rate)
-    size *= system.grip[i, SENSE]
+    size *= sense_of(system, work, i)
     for k in range(n):
         A[i, k] = 1.0 if i == k else 0.0
     for r in range(system.friction[i, R_COUNT]):

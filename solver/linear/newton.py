@@ -48,7 +48,7 @@ from ..space.layout import (
     VEL,
     WORK,
 )
-from .friction import sticks
+from .grips import sticks
 from .lapack import LAPACK, Lapack
 from .saddle import saddle_factor, saddle_solve
 

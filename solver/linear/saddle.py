@@ -32,11 +32,11 @@ from ..space.layout import (
     S_ROW,
     SEG0,
     SEG1,
-    SENSE,
     SHARED,
     SYSTEM,
     VEL,
 )
+from .grips import sticks
 from .lapack import LAPACK, LARGE, factor_large, solve_large
 
 #: Added to the diagonal of the Schur complement, relative to it. Where constraints
@@ -163,7 +163,7 @@ def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots, rubbing):
             S[i, j] = 0.0
         S[i, i] += system.slack[i]
     for j in range(len(system.friction)):
-        if system.grip[j, SENSE] != 0.0:
+        if not sticks(system, j):
             row = system.friction[j, R_NEWTON]
             S[row, row] += 1.0
             for r in range(system.friction[j, R_COUNT]):

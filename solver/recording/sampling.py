@@ -17,6 +17,7 @@ from ..start.turn_counts import keep_turns
 from ..system import kernel_calls
 from ..system.forces.grips import Grips
 from ..system.scene import System
+from ..system.sizes import resting_rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +73,6 @@ def sample(
     grips = system.grips or Grips(system.arrays.grip)
     with grips.parts(times) as parts:
         for part in parts:
-            sticking[part] = grips.now[:, at.SENSE] == 0.0
             recording.sample(
                 kernels,
                 system.arrays,
@@ -92,6 +92,9 @@ def sample(
                 factors[part],
                 friction[part],
             )
+            sense, led = grips.now[:, at.SENSE], grips.now[:, at.LED]
+            rests = np.abs(friction[part][:, :, recording.RUB_RATE]) <= led
+            sticking[part] = np.where(led > 0.0, rests, sense == 0.0)
     kernel_calls.go_on(system)
     rows: tuple[int, ...] = ()
     if system.redundant:
@@ -108,23 +111,30 @@ def sample_known(
     v: Array,
     accelerations: Array,
     multipliers: Array,
+    rubbed: Array,
 ) -> Samples:
-    """Recorded states, without friction, of known accelerations and multipliers."""
+    """Recorded states of known accelerations, multipliers and forces of friction.
+
+    rubbed : (nt, frictions) those forces
+    """
     frames = np.zeros((len(times), *work.frame.shape))
     points = np.zeros((len(times), *work.point.shape))
     factors = np.zeros((len(times), len(system.forces)))
+    friction = np.zeros((*rubbed.shape, recording.N_RUB))
     for k, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
         work.clock[0] = clock
         kernel_calls.evaluate(system, work, t, z[k], v[k])
+        friction[k, :, recording.RUB_RATE] = work.sliding.row[:, at.C_RATE]
         kernel_calls.complete(system, work, accelerations[k])
         keep_turns(system, work, z[k])
         frames[k], points[k], factors[k] = work.frame, work.point, work.factor
     smallest, rows = minimum_norm(system, work, times, z, v, multipliers)
-    friction = np.zeros((len(times), len(system.rubbing), recording.N_RUB))
+    friction[:, :, recording.RUB_FORCE] = rubbed
     for j, rub in enumerate(system.rubbing):
         across = np.einsum("pkr,tr->tpk", rub.weights, smallest[:, list(rub.rows)])
         loads = np.linalg.norm(across, axis=2).sum(axis=1)
         friction[:, j, recording.RUB_LOAD] = loads
-    rest = np.ones(friction.shape[:2], bool)
+    rates = friction[:, :, recording.RUB_RATE]
+    rest = np.less_equal(np.abs(rates), resting_rates(system))
     found = (z, v, frames, points, accelerations, smallest, factors, rows)
     return Samples(*found, friction, rest)

@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.sid import Array
 
@@ -32,15 +33,14 @@ from ..space import layout as at
 from ..system import kernel_calls
 from ..system.forces.grips import Grips
 from ..system.scene import System
-from ..system.sizes import sliding_sizes
+from ..system.sizes import resting_rates
 from ..system.storage import new_memory, new_work
 from .dense import Points, Steps, joined
 from .events import Moment
 from .sampling import sample
 
-#: Rates below this part of the size of the mechanism during the run are rest, and
-#: friction is at its limit within this part of it.
-REST, AT_LIMIT = 1e-10, 1e-9
+#: Friction is at its limit within this part of it.
+AT_LIMIT = 1e-9
 #: Events without progress in time after which a run is given up.
 MOST_AT_ONCE = 100
 #: A joint that was seen to break loose does so also where its limit seems so far.
@@ -56,7 +56,7 @@ def with_grips(system: System) -> System:
     """The system with grips of its own, for one run."""
     if not system.rubbing:
         return system
-    grips = Grips(np.zeros((len(system.rubbing), at.N_GRIP)))
+    grips = Grips(system.arrays.grip.copy())
     return replace(system, arrays=system.arrays.replaced(grip=grips.now), grips=grips)
 
 
@@ -96,8 +96,8 @@ class StickSlip:
         self.closed, self.points = closed, points
         self.grips, self.grip = system.grips, system.grips.now
         self.work, self.memory = new_work(system), new_memory(system, 0)
-        scene = system.scene
-        self.still = REST * sliding_sizes(system) / (scene.time.end - scene.time.start)
+        self.led, self.still = self.grip[:, at.LED] > 0.0, resting_rates(system)
+        self.span = system.scene.time.end - system.scene.time.start
         self.rest = np.array([self._static(j) for j in range(len(self.grip))])
         self.fastest, self.rtol = np.zeros(len(self.grip)), rtol
         self.flat = np.array([self._flat(j) for j in range(len(self.grip))])
@@ -202,11 +202,14 @@ class StickSlip:
         """How far joints are from another grip, negative beyond: (nt, frictions).
 
         Of sliding ones the rate, of sticking ones what their load holds beyond what
-        they need. Behind them the forces that press their places of contact.
+        they need, of those that drives keep at rest how much slower they are than
+        what counts as motion. Behind them the forces that press their places of
+        contact.
         """
-        sense = self.grip[:, at.SENSE]
+        sense, rate = self.grip[:, at.SENSE], told[:, :, RUB_RATE]
         held = self.rest * told[:, :, RUB_LOAD] - np.abs(told[:, :, RUB_FORCE])
-        own = np.where(sense == 0.0, held, sense * told[:, :, RUB_RATE])
+        held = np.where(self.led, 2.0 * self.still - np.abs(rate), held)
+        own = np.where(sense == 0.0, held, sense * rate)
         side = self.grip[:, at.SIDE :]
         press = np.where(side == 0.0, np.inf, side * told[:, :, RUB_PRESS:])
         return np.hstack([own, press.reshape(len(told), -1)])
@@ -217,7 +220,7 @@ class StickSlip:
         moving = self.still + self.rtol * self.fastest
         load = np.abs(told[:, :, RUB_LOAD]).max(axis=0)
         held = AT_LIMIT * self.rest * load
-        own = np.where(self.grip[:, at.SENSE] == 0.0, held, moving)
+        own = np.where(self._sticking, held, moving)
         return np.concatenate([own, self._certain(told).ravel()])
 
     def _certain(self, told: Array) -> Array:
@@ -227,6 +230,7 @@ class StickSlip:
         """
         least = np.maximum(self.memory.rub_P.diagonal(), np.finfo(float).tiny)
         moving = np.abs(told[:, :, RUB_PUSH]).max(axis=0) / least
+        moving[self.led] = 0.0
         press = np.abs(told[:, :, RUB_PRESS:]).max(axis=0)
         self.pressed = np.fmax(self.pressed, np.fmax(press, moving[:, None]))
         return max(AT_LIMIT, self.rtol) * self.pressed
@@ -262,25 +266,43 @@ class StickSlip:
         before, turning = self.grip.copy(), self.turning
         sense = self.grip[:, at.SENSE]
         self.grip[:] = 0.0
+        self.grip[:, at.LED] = before[:, at.LED]
         told = self.told(*states)[0]
         stops = any(before[j, at.SENSE] != 0.0 for j in turning)
         noise = self.rtol * self.fastest if stops else 0.0
         rests = np.abs(told[:, RUB_RATE]) <= self.still + noise
         rests[turning] = True
         sense[:] = np.where(rests, 0.0, np.sign(told[:, RUB_RATE]))
+        self._follow(told)
+        rests &= ~self.led
         stuck = (before[:, at.SENSE] == 0.0) & rests & self.begun
         self.grip[:, at.HELD] = np.where(stuck, before[:, at.HELD], told[:, RUB_PLACE])
-        for j in turning:
-            if not stuck[j] and self._passes(states, j, -before[j, at.SENSE]):
+        for j in np.intersect1d(turning, np.flatnonzero(rests & ~stuck)):
+            if self._passes(states, int(j), -before[j, at.SENSE]):
                 rests[j] = False
         self.turning = []
         why = self._choose(states, rests, [j for j in turning if stuck[j]])
-        self.grip[sense != 0.0, at.HELD] = 0.0
+        self.grip[~self._sticking, at.HELD] = 0.0
         self._take_sides(states, before[:, at.SIDE :])
         changed = (before[:, at.SENSE] != sense) & self.begun
         self.changed = {*np.flatnonzero(changed).tolist(), *turning}
         self.begun = True
         return why
+
+    @property
+    def _sticking(self) -> NDArray[np.bool_]:
+        """Which joints friction holds, (frictions,)."""
+        return (self.grip[:, at.SENSE] == 0.0) & ~self.led
+
+    def _follow(self, told: Array) -> None:
+        """Takes the sense of motions that are prescribed: where they rest, that in
+        which they go on."""
+        rate, push = told[:, RUB_RATE], told[:, RUB_PUSH]
+        noise = self.rtol * self.fastest
+        noise[[j for j in range(len(noise)) if j not in self.turning]] = 0.0
+        goes_on = np.where(np.abs(push) * self.span > self.still, push, 0.0)
+        ways = np.where(np.abs(rate) > self.still + noise, rate, goes_on)
+        self.grip[self.led, at.SENSE] = np.sign(ways[self.led])
 
     def _take_sides(self, states: State, before: Array) -> None:
         """Keeps the sides on which sliding joints are pressed, until they change."""
@@ -311,7 +333,7 @@ class StickSlip:
 
     def _mark_shared(self) -> None:
         """Marks joints that stick if some of them hold the same motion."""
-        stuck = np.flatnonzero(self.grip[:, at.SENSE] == 0.0)
+        stuck = np.flatnonzero(self._sticking)
         P = self.memory.rub_P[np.ix_(stuck, stuck)]
         size = np.sqrt(np.maximum(P.diagonal(), np.finfo(float).tiny))
         alone = np.linalg.eigvalsh(P / np.outer(size, size)).min(initial=1.0)
@@ -332,7 +354,7 @@ class StickSlip:
             held = self.rest * told[:, RUB_LOAD]
             excess = np.abs(told[:, RUB_FORCE]) - held
             excess[loose] += SEEN * held[loose]
-            excess[sense != 0.0] = -np.inf
+            excess[~self._sticking] = -np.inf
             worst = int(np.argmax(excess - AT_LIMIT * held))
             if excess[worst] > AT_LIMIT * held[worst]:
                 sense[worst] = -np.sign(told[worst, RUB_FORCE])

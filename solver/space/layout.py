@@ -173,7 +173,8 @@ N_LAW = 6
 SENSE = 0  # 1 or -1: slides with a growing or a falling coordinate; 0: sticks
 HELD = 1  # the coordinate where it sticks
 SHARED = 2  # 1: others stick that hold the same motion, and share what that takes
-SIDE = 3  # of each place of contact, 1 or -1: where it is pressed; 0: on any side
+LED = 3  # above 0: joints and drives prescribe its motion, which rests below that rate
+SIDE = 4  # of each place of contact, 1 or -1: where it is pressed; 0: on any side
 MOST_PLACES = 2
 N_GRIP = SIDE + MOST_PLACES
 

@@ -274,6 +274,16 @@ def dense_jacobian(system: System, C: Array) -> Array:
     return dense
 
 
+def sliding_directions(system: System, C: Array) -> Array:
+    """Derivatives of the coordinates with friction, (frictions, velocities)."""
+    arrays = system.arrays
+    along = np.zeros((len(system.rubbing), system.n_velocities))
+    for j, b, offset in arrays.sliding.segment:
+        n, u = arrays.body[b, at.NV], arrays.body[b, at.VEL]
+        along[j, u : u + n] += C[offset : offset + n]
+    return along
+
+
 def names_of_rows(system: System, rows: tuple[int, ...]) -> list[str]:
     """The joints and drives that constraint rows belong to."""
     return [

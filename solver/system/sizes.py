@@ -20,6 +20,8 @@ from .scene import GROUND_NAME, System
 
 _ANGLES = (at.ANGLE, at.PERPENDICULAR, at.COUPLED_ANGLE)
 _TERMS = (at.COUPLED_ANGLE, at.COUPLED_ALONG)
+#: Rates below this part of the size of the mechanism during the run are rest.
+REST = 1e-10
 
 
 def diameter(points: Array) -> float:
@@ -105,6 +107,12 @@ def row_sizes(system: System) -> Array:
             continue
         sizes[row : row + (point if kind == at.COINCIDENT else 1)] = size
     return sizes
+
+
+def resting_rates(system: System) -> Array:
+    """Rates of the coordinates with friction below which they rest, (frictions,)."""
+    time = system.scene.time
+    return REST * sliding_sizes(system) / (time.end - time.start)
 
 
 def sliding_sizes(system: System) -> Array:

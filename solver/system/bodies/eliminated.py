@@ -65,8 +65,12 @@ def eliminated_frames(
 
 
 def _prescribes(joint: Joint, drive: str | None) -> bool:
-    """Whether a joint leaves no coordinate to its second body."""
-    return joint.type == "fixed" or drive is not None
+    """Whether a joint leaves no coordinate to its second body.
+
+    The force of a joint that rubs is needed for its friction.
+    """
+    rubs = getattr(joint, "friction", None) is not None
+    return joint.type == "fixed" or (drive is not None and not rubs)
 
 
 def _is_rigid(data: Mapping[str, BodyData], *markers: Reference) -> bool:
