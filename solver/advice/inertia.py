@@ -46,10 +46,14 @@ def changes_of_inertia(
 
     rows : states to look at, by body
     """
-    found, work = dict.fromkeys(rows, 0.0), new_work(system)
-    bodies = {name: system.index(name) for name in rows}
+    found = dict.fromkeys(rows, 0.0)
+    states = set[int]().union(*(states.tolist() for states in rows.values()))
+    if not states:
+        return found
+    work = new_work(system)
+    bodies = {name: system.index(name) for name in rows if len(rows[name])}
     bases = {name: _basis(system.bodies[b].sid) for name, b in bodies.items()}
-    for k in np.unique(np.concatenate([np.zeros(0, int), *rows.values()])):
+    for k in sorted(states):
         evaluate(system, work, float(times[k]), samples.z[k], samples.v[k])
         for name, b in bodies.items():
             if k in rows[name]:

@@ -40,6 +40,11 @@ def ways(result: Result) -> Array:
     return np.array([result[n] for n in result.names if n.startswith("bar.b.")])
 
 
+def swelling(time: float) -> dict[str, Any]:
+    """A load that rises so smoothly that it leaves the fastest vibrations at rest."""
+    return {"type": "smooth_step", "from": 0.0, "to": time, "end": 1.0, "continuity": 3}
+
+
 def struck(sid: SID, blow: list[float], spin: list[float]) -> dict[str, Any]:
     """Initial motion of the bar at x = 0 in space that an impulse at its end makes,
     and a rotation before."""
@@ -56,11 +61,11 @@ def struck(sid: SID, blow: list[float], spin: list[float]) -> dict[str, Any]:
 
 def hinged(modes: int, frame: str, load: float) -> tuple[Array, float]:
     """Way of the end of a bar on a hinge about z, pushed across, (3, nt), and how far
-    it bends."""
+    it bends. The push swells within 10 ms."""
     sid = slender_bar(modes, frame)
     marker = {"a": 1, "b": 2}
     start = {"position": [-sid.node("1").position[0], 0.0, 0.0]}
-    push = {"type": "force", "marker": "bar.b"}
+    push = {"type": "force", "marker": "bar.b", "function": swelling(0.01)}
     result = run(
         sid,
         "spatial",
@@ -79,6 +84,7 @@ def on_a_hub(
     """Way of the end of a bar on a hub that a torque turns, and how far it bends.
 
     In the plane the hub has a bearing, in space it floats with the bar as its panel.
+    The torque swells within 30 ms.
     """
     sid = slender_bar(modes, frame)
     place = [0.1 - sid.node("1").position[0], 0.0, 0.0]
@@ -98,6 +104,7 @@ def on_a_hub(
                 "position": [*hub["markers"][name]["position"], 0.0][:3]
             }
     part = {"sid": "-", "markers": {"a": 1, "b": 2}, "initial": {"position": place}}
+    turn = {"type": "force", "marker": "hub.centre", "function": swelling(0.03)}
     result = run(
         sid,
         "planar" if planar_scene else "spatial",
@@ -105,6 +112,6 @@ def on_a_hub(
         1e-9,
         bodies={"hub": hub, "bar": part},
         joints=joints,
-        forces={"turn": {"type": "force", "marker": "hub.centre", "torque": moment}},
+        forces={"turn": turn | {"torque": moment}},
     )
     return ways(result), result.bodies["bar"].deflection
