@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sidtool.formats.result import Result
 from sidtool.formats.scene import expanded, has_wildcard, matching
 from sidtool.formats.sid import Array
+
+if TYPE_CHECKING:
+    from sidtool.solver.afterwards import Replay
 
 Programs = Mapping[str, Any]
 
@@ -30,12 +33,14 @@ def outputs(
     ----------
     names : as in `outputs.record` of a scene, `*` for any letters: "rod.tip.vx",
         "rod.q*"; several also as one text with commas
-    drives, forces : callables that the run was made with, as for `simulate`
+    drives, forces : callables that the run was made with, as for `simulate`; results
+        keep what was seen of functions of time, so that only laws are missed
 
     Raises
     ------
-    InputError : there is no such output, or it is an integral over the run; the
-        result does not hold its scene.
+    InputError : there is no such output, or the states do not tell it: it is an
+        integral over the run, or depends on a law that only a program had; the result
+        does not hold its scene.
     """
     listed = _listed(names)
     recorded = {name: result[name] for name in listed if name in result.names}
@@ -50,24 +55,39 @@ def outputs(
     found = {name: result[name] for name in wanted if name in result.names}
     if missing:
         found |= replay(result, missing, drives, forces).outputs()
-    places = [[n] if n in found else matching(n, found) for n in wanted]  # JOINT.f*
-    return {name: found[name] for names in places for name in names}
+    return _ordered(wanted, found)
 
 
 def outputs_at(result: Result, names: Iterable[str], times: Array) -> dict[str, Array]:
     """Outputs at any times of a run, (nt,) each: from its states, interpolated between
-    output times. Of an analysis what it recorded, along straight lines.
+    output times. Along straight lines what was recorded and states do not tell, and all
+    of an analysis.
 
     Raises
     ------
-    InputError : see `outputs`; an analysis did not record one.
+    InputError : see `outputs`; what states do not tell was not recorded.
     """
+    return played_outputs(result, names, times)[0]
+
+
+def played_outputs(
+    result: Result, names: Iterable[str], times: Array
+) -> tuple[dict[str, Array], Replay | None]:
+    """See `outputs_at`; and the run looked at again, but of an analysis."""
+    names = list(names)
     if "analysis" in result.settings:
         found = outputs(result, names)
-        return {name: np.interp(times, result.t, v) for name, v in found.items()}
-    from sidtool.solver.afterwards import replay
+        return {name: np.interp(times, result.t, v) for name, v in found.items()}, None
+    from sidtool.solver.afterwards import replay, scene_of
+    from sidtool.solver.recording.untold import untold
 
-    return replay(result, names).outputs(times)
+    straight = untold(names, scene_of(result), result.laws, between=True)
+    straight = {name: why for name, why in straight.items() if name in result.names}
+    rest = [name for name in names if name not in straight]
+    again = replay(result, rest, between=True)
+    found = again.outputs(times)
+    found |= {n: np.interp(times, result.t, result[n]) for n in straight}
+    return _ordered(names, found), again
 
 
 def with_outputs(result: Result, found: Mapping[str, Array]) -> Result:
@@ -80,6 +100,12 @@ def with_outputs(result: Result, found: Mapping[str, Array]) -> Result:
 def _listed(names: str | Iterable[str]) -> list[str]:
     texts = names.split(",") if isinstance(names, str) else names
     return [text.strip() for text in texts if text.strip()]
+
+
+def _ordered(names: Iterable[str], found: Mapping[str, Array]) -> dict[str, Array]:
+    """As the names say, of which JOINT.f* stands for several."""
+    places = [[name] if name in found else matching(name, found) for name in names]
+    return {name: found[name] for names in places for name in names}
 
 
 def _of_analysis(result: Result, listed: list[str]) -> dict[str, Array]:

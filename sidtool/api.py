@@ -141,10 +141,10 @@ def simulate(
             result = run(system, progress=progress, told=told, **settings, **ends)
             if plan is not None:
                 result = plan.certified(result)
-        return answering(result, drives, forces)
+        return answering(result, forces)
     except SimulationError as error:
         if error.result is not None:
-            error.result = answering(error.result, drives, forces)
+            error.result = answering(error.result, forces)
         if asked.number:
             raise Interrupted(str(error), error.result) from None
         raise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,14 +30,7 @@ class Result(stored.Result):
     __doc__ = f"""{stored.Result.__doc__}
     `result["rod.tip.vx"]` is an output over the times `t`, recorded or not; `*` stands
     for any letters: `result["rod.q*"]`, (nt, n).
-
-    Attributes
-    ----------
-    drives, forces : callables that the run was made with
     """
-
-    drives: Mapping[str, Any] = field(default_factory=dict)
-    forces: Mapping[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Array:
         """The course of an output of the scene, (nt,), or of all that a name with `*`
@@ -57,7 +50,7 @@ class Result(stored.Result):
         from .afterwards import outputs
 
         wanted = self.names if names is None else names
-        return outputs(self, wanted, drives=self.drives, forces=self.forces)
+        return outputs(self, wanted)
 
     def unit(self, name: str) -> str:
         """The unit of an output, "" where it has none or its SID decides."""
@@ -170,14 +163,10 @@ class Result(stored.Result):
         return course(self).html + html_table(rows, header, self.title)
 
 
-def answering(
-    result: stored.Result,
-    drives: Mapping[str, Any] | None = None,
-    forces: Mapping[str, Any] | None = None,
-) -> Result:
-    """The result as users have it, which knows the callables of its run."""
+def answering(result: stored.Result, forces: Mapping[str, Any] | None = None) -> Result:
+    """The result as users have it, which knows the laws of a program in its run."""
     known = {f.name: getattr(result, f.name) for f in fields(stored.Result)}
-    return Result(**known, drives=dict(drives or {}), forces=dict(forces or {}))
+    return Result(**known | {"laws": dict(forces or {})})
 
 
 def _installed(name: str) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
-from sidtool.formats.scene import SceneFile, expanded, parse_output
+from sidtool.formats.scene import SceneFile, expanded
 from sidtool.formats.sid import Array
 from sidtool.formats.toml_files import validated
 
@@ -25,12 +25,12 @@ from .equations.pointers import kernels
 from .functions.callables import Derivatives
 from .functions.laws import Law
 from .linear.newton import Kernels, Memory
-from .recording.energy_history import INTEGRATED
 from .recording.interpolation import interpolated
 from .recording.outputs import position_names, record, velocity_names
 from .recording.sampling import Samples, sample
 from .recording.stick_slip import regripped, with_grips
 from .recording.told import tells_of_bodies
+from .recording.untold import lost_laws, sampled_laws, untold
 from .space import layout as at
 from .space.layout import Work
 from .start.assembly import assemble
@@ -52,14 +52,16 @@ Programs = Mapping[str, Derivatives | Law]
 class Replay:
     """A compiled scene and the states that a result holds.
 
-    system : the scene, assembled as at the start of the run
+    system : the scene, assembled as at the start of the run; laws that are lost act not
     t, z, v : (nt,), (nt, .), (nt, .)
+    forces_known : whether all forces of the run act at all times
     """
 
     system: System
     t: Array
     z: Array
     v: Array
+    forces_known: bool = True
 
     def outputs(self, times: Array | None = None) -> dict[str, Array]:
         """The outputs of the scene by name, (nt,) each.
@@ -83,16 +85,9 @@ class Replay:
         """Times, positions and velocities, as copies."""
         if times is None or len(self.t) < 2:
             return self.t.copy(), self.z.copy(), self.v.copy()
-        if any(element.sampled for element in self.system.forces):
-            raise InputError(
-                "laws of the scene hold values between samples, which are not kept "
-                "between output times",
-                expected="the output times of the result",
-            )
         known = (self.t, self.z, self.v)
         regripped(self.system, self._parts[1], self._closed, *known)
-        z, v = interpolated(*self._parts, known, self._closed, times)
-        return times.copy(), z, v
+        return times.copy(), *self._between(known, times)
 
     def uncertainty(self) -> float:
         """How far states between output times may be off, relative to their range.
@@ -104,11 +99,18 @@ class Replay:
             return 1.0
         known = (self.t[::2].copy(), self.z[::2].copy(), self.v[::2].copy())
         between = slice(1, 2 * len(known[0]) - 2, 2)
-        z, _ = interpolated(*self._parts, known, self._closed, self.t[between].copy())
+        z, _ = self._between(known, self.t[between].copy())
         ranges = np.ptp(self.z, axis=0)
         moving = ranges > 1e-6 * ranges.max(initial=0.0)
         errors = np.abs(z - self.z[between])[:, moving].max(axis=0) / ranges[moving]
         return float(errors.max(initial=0.0)) / 16.0
+
+    def _between(
+        self, known: tuple[Array, Array, Array], times: Array
+    ) -> tuple[Array, Array]:
+        return interpolated(
+            *self._parts, known, self._closed, times, forces_known=self.forces_known
+        )
 
     @cached_property
     def _closed(self) -> Array:
@@ -127,18 +129,23 @@ def replay(
     names: Iterable[str] = (),
     drives: Mapping[str, Derivatives] | None = None,
     forces: Programs | None = None,
+    between: bool = False,
 ) -> Replay:
     """The scene of a result with other outputs, at the states of the result.
 
     names : of outputs, also with wildcards
-    drives, forces : callables that the run was made with, by name
+    drives, forces : callables that the run was made with, by name; results keep what
+        was seen of functions of time, so that only laws are missed
+    between : the outputs are to be told between the times of the result, too
 
     Raises
     ------
     InputError : the result does not hold its scene or SIDs, a name is that of no
-        output or of an integral over the run, or rotations are too fast to be counted.
+        output or of one that states do not tell (see `untold`), or rotations are too
+        fast to be counted.
     """
-    scene = _scene_of(result, tuple(names))
+    forces = {**result.laws, **(forces or {})}
+    scene = _scene_of(result, tuple(names), forces, between)
     warmup.ensure(scene.dimension == "planar", (), tells_of_bodies(scene))
     system = compile_scene(
         scene,
@@ -158,8 +165,10 @@ def replay(
         raise _unlike("positions")
     if np.isnan(z).any() and len(z):
         _count_turns(system, result.t, z, v)
+    told = scene_of(result)
+    whole = not lost_laws(told, forces) and not sampled_laws(told, forces)
     system = with_grips(with_prescribed_friction(system, start))
-    return Replay(system, result.t, z, v)
+    return Replay(system, result.t, z, v, whole)
 
 
 def scene_of(result: Result) -> SceneFile:
@@ -174,8 +183,11 @@ def scene_of(result: Result) -> SceneFile:
     return validated(json.loads(result.scene), SceneFile, source="scene of the result")
 
 
-def _scene_of(result: Result, names: tuple[str, ...]) -> SceneFile:
-    """With these outputs and without events; without names, no outputs at all."""
+def _scene_of(
+    result: Result, names: tuple[str, ...], forces: Programs, between: bool
+) -> SceneFile:
+    """With these outputs and without events and forces whose laws are lost; without
+    names, no outputs at all."""
     scene = scene_of(result)
     missing = [name for name in scene.flexible if name not in result.sids]
     if missing:
@@ -184,21 +196,14 @@ def _scene_of(result: Result, names: tuple[str, ...]) -> SceneFile:
             expected="a result of this version of sidtool; simulate again",
         )
     record = expanded(names, scene, result.sids)
-    for name in record:
-        _check_instantaneous(name)
+    for name, (why, expected) in untold(record, scene, forces, between).items():
+        raise InputError(f"{name} {why}", expected=expected)
     content: dict[str, Any] = json.loads(result.scene)
     content.pop("events", None)
+    for name in lost_laws(scene, forces):
+        del content["forces"][name]
     content["outputs"] = {"record": list(record)}
     return validated(content, SceneFile, source="scene of the result")
-
-
-def _check_instantaneous(name: str) -> None:
-    parsed = parse_output(name)
-    if parsed.owner == "energy" and parsed.quantity in INTEGRATED:
-        raise InputError(
-            f"{name} is an integral along the steps of the run, which are not kept",
-            expected="to be recorded in the run: outputs.record of the scene",
-        )
 
 
 def _columns(table: Array, known: tuple[str, ...], wanted: tuple[str, ...]) -> Array:

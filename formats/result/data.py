@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,7 @@ class Result:
     accuracy : how exact the numbers are, of a run that was asked for an accuracy
     versions : of this program and of the libraries under it
     notes : what a reader has to know of the numbers, one sentence each
+    laws : of the program that the run was made with, by force; files do not hold them
     completed : False when the run stopped early, for the reason in `message`; True
         when an event of the scene ended it, which `message` then names
 
@@ -74,6 +76,7 @@ class Result:
     completed: bool = True
     message: str = ""
     accuracy: AccuracyReport | None = None
+    laws: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for table, names in TABLES.items():

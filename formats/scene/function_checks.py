@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from .failures import fail
 from .functions import (
+    Given,
     Harmonic,
     Piece,
     Polynomial,
@@ -38,6 +39,8 @@ def check_function(function: ForceFunction, place: str, time: Time) -> None:
             _check_offset(function, place)
     elif isinstance(function, Spline):
         _check_spline(function, place, time)
+    elif isinstance(function, Given):
+        _check_given(function, place, time)
     elif isinstance(function, Expression):
         check_expression(function, place)
     elif isinstance(function, Pid):
@@ -69,6 +72,22 @@ def _check_spline(function: Spline, place: str, time: Time) -> None:
     if times[0] > time.start or times[-1] < time.end:
         found = f"goes from {times[0]} to {times[-1]}"
         fail(f"{place}.times", found, f"times from {time.start} to {time.end} at least")
+
+
+def _check_given(function: Given, place: str, time: Time) -> None:
+    """The pieces that a result keeps, if there are any."""
+    edges, terms = function.edges, function.terms
+    if len(edges) != len(terms) + bool(terms):
+        found = f"has {len(edges)} edges for {len(terms)} pieces"
+        fail(f"{place}.edges", found, "one more than pieces")
+    if len({len(piece) for piece in terms} | {0}) > 2 or () in terms:
+        fail(f"{place}.terms", "has pieces of several lengths", "one length")
+    for earlier, later in pairwise(edges):
+        if not later > earlier:
+            fail(f"{place}.edges", f"{later} follows {earlier}", "growing times")
+    if edges and (edges[0] > time.start or edges[-1] < time.end):
+        found = f"goes from {edges[0]} to {edges[-1]}"
+        fail(f"{place}.edges", found, f"times from {time.start} to {time.end} at least")
 
 
 def _check_polynomial(function: Polynomial, place: str, time: Time) -> None:

@@ -102,9 +102,22 @@ class Given(Table):
     """A function that a program hands to `compile_scene(..., drives={NAME: f})`, or in
     `forces` if it belongs to a force. Of it only values can be seen: what lasts less
     than 1/4096 of the run may be missed, unless `Timed(f, times=[...])` says where it
-    is, or `shortest` how short."""
+    is, or `shortest` how short.
+
+    A result keeps what its run saw of it, in pieces: no program is needed any more."""
 
     type: Literal["callable"] = "callable"
+    edges: tuple[float, ...] = Field(
+        default=(), description="where pieces begin and the last one ends [s]"
+    )
+    terms: tuple[tuple[float, ...], ...] = Field(
+        default=(),
+        description="of each piece, coefficients of powers of x, which goes from -1 to "
+        "1 in it, lowest first",
+    )
+    kinks: tuple[float, ...] = Field(
+        default=(), description="times at which it is not smooth [s]"
+    )
 
 
 Single = Annotated[

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
 from sidtool.formats.scene import expanded, unit_of
-from sidtool.solver.afterwards import Replay, replay, scene_of
+from sidtool.solver.afterwards import Replay, scene_of
 
-from ..afterwards import outputs, outputs_at
+from ..afterwards import outputs, outputs_at, played_outputs
 from .courses import Curve, draw, grouped, label_of
 from .figure import new_page, saved, styled
 
@@ -123,14 +123,9 @@ def _dense(
     """Outputs at many times; recorded ones that cannot be evaluated where they are."""
     if "analysis" in result.settings:
         return result.t, outputs(result, names), []
-    fixed = [n for n in names if n.startswith("energy.") and n in result.names]
-    fixed = [n for n in fixed if n not in ENERGIES]
-    again = replay(result, [name for name in names if name not in fixed])
     t = _times(result.t)
-    columns = again.outputs(t)
-    for name in fixed:
-        columns[name] = np.interp(t, result.t, result[name])
-    return t, columns, _uncertain(again)
+    columns, again = played_outputs(result, names, t)
+    return t, columns, [] if again is None else _uncertain(again)
 
 
 def _times(t: Array) -> Array:

@@ -14,7 +14,6 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import expanded
 from sidtool.formats.sid import Array
 from sidtool.solver.afterwards import scene_of
-from sidtool.solver.recording.energy_history import INTEGRATED
 
 from ..afterwards import outputs_at
 from .companions import Given, companions
@@ -122,7 +121,7 @@ def _columns(
     """Outputs at the times of the pictures."""
     told = []
     if names is None:
-        wanted = [n for n in result.names if not _is_integral(n)]
+        wanted = list(result.names)
         if len(wanted) > _SOME:
             told = [f"the first {_SOME} of {len(wanted)} outputs are drawn beside it"]
         wanted = wanted[:_SOME]
@@ -139,8 +138,3 @@ def _columns(
     if not wanted:
         return {}, told
     return outputs_at(result, wanted, t), told
-
-
-def _is_integral(name: str) -> bool:
-    owner, _, quantity = name.rpartition(".")
-    return owner == "energy" and quantity in INTEGRATED

@@ -26,6 +26,8 @@ from .views import upward, views
 #: Pictures, pictures a second, and triangles of a picture at most.
 _PICTURES, _RATE, _TRIANGLES = 100, 20, 7000
 _SIZE, _DPI = (6.4, 4.4), 100
+#: Parts of the page: around bodies, where the title begins, up to where a legend goes.
+_MARGIN, _TITLE, _LEGEND = 0.04, 0.91, 0.2
 #: Part of a colour that does not depend on where a triangle looks.
 _AMBIENT = 0.55
 
@@ -55,11 +57,13 @@ def film(
     parts = _parts(bodies)
     rows = np.linspace(0, len(motion.t) - 1, min(_PICTURES, len(motion.t)))
     with styled(), tempfile.TemporaryDirectory() as folder:
+        chosen = np.round(rows).astype(int).tolist()
         stage = Stage(motion, bodies, parts, ranges.get(colour), colour, scale)
+        stage.fit(chosen)
         whole = Path(folder) / path.name
         with writer.saving(stage.page, str(whole), _DPI):
-            for row in np.round(rows).astype(int):
-                stage.show(int(row))
+            for row in chosen:
+                stage.show(row)
                 writer.grab_frame()
         with atomic_path(path) as temporary:
             shutil.copyfile(whole, temporary)
@@ -78,6 +82,7 @@ def stills(
     found = []
     with styled():
         stage = Stage(motion, bodies, _parts(bodies), None, "", scale)
+        stage.fit(rows)
         for row in rows:
             stage.show(row)
             stream = io.BytesIO()
@@ -132,20 +137,54 @@ class Stage:
         stage = self.page.add_axes((0, 0, 1, 0.94), projection="3d")
         self.axes = cast(Any, stage)
         self.faces = Poly3DCollection([np.zeros((3, 3))], linewidths=0)
+        self.faces.set_clip_on(False)  # axes are a square in the middle of the page
         self.axes.add_collection3d(self.faces)
         self._place()
         if found is not None:
             self._legend(found)
 
+    def fit(self, rows: Sequence[int]) -> None:
+        """A window that shows all bodies at these times, and the legend below."""
+        low, high = np.full(2, np.inf), np.full(2, -np.inf)
+        for row in rows:
+            points = np.concatenate([part.reshape(-1, 3) for part in self._faces(row)])
+            seen = self._pixels(points)
+            low, high = (
+                np.minimum(low, seen.min(axis=0)),
+                np.maximum(high, seen.max(axis=0)),
+            )
+        size = np.array(_SIZE) * _DPI
+        bottom = _LEGEND if self.range is not None else _MARGIN
+        room = size * [1 - 2 * _MARGIN, _TITLE - bottom]
+        middle = size * [0.5, (_TITLE + bottom) / 2]
+        zoom = float((room / np.maximum(high - low, 1e-9 * size)).min())
+        unit = np.eye(3) * self.motion.size
+        sight = self._pixels(np.concatenate([np.zeros((1, 3)), unit]))
+        across = np.linalg.pinv((sight[1:] - sight[0]).T / self.motion.size)
+        # the pixel that stays where it is when the axes are magnified
+        fixed = self._pixels(self.motion.centre[None])[0]
+        aim = (low + high) / 2 - (middle - fixed) / zoom
+        self._look_at(self.motion.centre + across @ (aim - fixed), zoom)
+
+    def _look_at(self, centre: Array, zoom: float) -> None:
+        """A place that is shown in the middle of the axes."""
+        half = 0.55 * self.motion.size
+        for which, middle in zip("xyz", centre, strict=True):
+            self.axes.set(**{f"{which}lim": (middle - half, middle + half)})
+        self.axes.set_box_aspect((1, 1, 1), zoom=zoom)
+
+    def _pixels(self, points: Array) -> Array:
+        """Where points are seen on the page, (n, 2)."""
+        from mpl_toolkits.mplot3d.proj3d import proj_transform
+
+        self.axes.apply_aspect()
+        x, y, _ = proj_transform(*points.T, self.axes.get_proj())
+        return np.asarray(self.axes.transData.transform(np.column_stack([x, y])))
+
     def _place(self) -> None:
-        """The same window at all times."""
+        """The direction of sight."""
         axes, motion = self.axes, self.motion
-        half = 0.55 * motion.size * np.ones(3)
-        lows, highs = motion.centre - half, motion.centre + half
-        axes.set(
-            xlim=(lows[0], highs[0]), ylim=(lows[1], highs[1]), zlim=(lows[2], highs[2])
-        )
-        axes.set_box_aspect((1, 1, 1), zoom=2.0)
+        self._look_at(motion.centre, 1.0)
         axes.set_proj_type("ortho")
         axes.set_axis_off()
         up = upward(motion.scene)
@@ -176,21 +215,27 @@ class Stage:
 
     def show(self, row: int) -> None:
         """Draws one time."""
-        corners, colours = [], []
-        for number, body in enumerate(self.bodies):
-            q = self.motion.elastic[body.name][row]
-            moved = body.shapes @ q
-            local = body.positions + self.scale * moved
-            place = self.motion.places[body.name][row]
-            world = place + local @ self.motion.turns[body.name][row].T
-            faces = world[self.triangles[number]]
-            corners.append(faces)
-            colours.append(self._shaded(faces, self._colours(number, body, q, moved)))
+        corners = self._faces(row)
+        colours = [
+            self._shaded(faces, self._colours(number, self.bodies[number], row))
+            for number, faces in enumerate(corners)
+        ]
         self.faces.set_verts(np.concatenate(corners))
         self.faces.set_facecolor(np.concatenate(colours))
         self.page.suptitle(f"t = {self.motion.t[row]:.4g} s", fontsize="medium")
 
-    def _colours(self, number: int, body: Drawn, q: Array, moved: Array) -> Array:
+    def _faces(self, row: int) -> list[Array]:
+        """Corners of the triangles of each body at one time, (n, 3, 3) [m]."""
+        found = []
+        for body, triangles in zip(self.bodies, self.triangles, strict=True):
+            moved = body.shapes @ self.motion.elastic[body.name][row]
+            local = body.positions + self.scale * moved
+            place = self.motion.places[body.name][row]
+            world = place + local @ self.motion.turns[body.name][row].T
+            found.append(world[triangles])
+        return found
+
+    def _colours(self, number: int, body: Drawn, row: int) -> Array:
         from matplotlib import colormaps
         from matplotlib.colors import to_rgb
 
@@ -198,8 +243,9 @@ class Stage:
         plain = np.tile(to_rgb(COLOURS[number % 6]), (len(triangles), 1))
         if self.range is None or not body.nq:
             return plain
+        q = self.motion.elastic[body.name][row]
         if self.colour == "displacement":
-            values = np.linalg.norm(moved, axis=1)
+            values = np.linalg.norm(body.shapes @ q, axis=1)
         elif body.stress is None:
             return plain
         else:

@@ -99,8 +99,7 @@ def of_programs(system: System) -> list[str]:
     """Of functions that a program gave instead of those of the scene."""
     return [
         f"{name}: given by a program, of which only values can be seen; what lasts "
-        f"less than {shortest:.3g} s may be missed. The scene keeps the function that "
-        "it replaces"
+        f"less than {shortest:.3g} s may be missed. The result keeps what was seen"
         for name, shortest in system.seen.items()
     ]
 

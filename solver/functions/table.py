@@ -170,6 +170,7 @@ class FunctionTable:
     ----------
     seen : by the drives and forces that a program gives, the duration of the shortest
         feature that is surely seen [s]
+    given : what was seen of their functions, by the places of these in the scene
     """
 
     def __init__(self, pool: Pool, span: tuple[float, float]) -> None:
@@ -180,6 +181,7 @@ class FunctionTable:
         self._breaks: dict[float, list[str]] = {}
         self._features: dict[str, list[Features]] = {}
         self.seen: dict[str, float] = {}
+        self.given: dict[str, Given] = {}
 
     def add(
         self,
@@ -221,7 +223,9 @@ class FunctionTable:
         """The row of a function that is no sum."""
         name = place.split(".")[1]
         if program is not None:
-            compiled: Compiled = Curve(*interpolate(program, self._span, place, smooth))
+            curve = Curve(*interpolate(program, self._span, place, smooth))
+            self.given[place] = _as_given(curve)
+            compiled: Compiled = curve
             self.seen[name] = shortest_seen(program, self._span)
         else:
             compiled = compile_function(function, place)
@@ -353,7 +357,9 @@ def _ramp(function: SineRamp, place: str) -> Ramp:
     return Ramp(function)
 
 
-def _given(function: Given, place: str) -> Pieces:
+def _given(function: Given, place: str) -> Curve:
+    if function.terms:
+        return Curve(np.array(function.edges), np.array(function.terms), function.kinks)
     raise InputError(
         "its values are left to a program",
         place=place,
@@ -371,6 +377,13 @@ _COMPILERS: dict[type, Callable[..., Compiled]] = {
     Spline: _spline,
     Given: _given,
 }
+
+
+def _as_given(curve: Curve) -> Given:
+    """To the last bit."""
+    terms = tuple(tuple(map(float, piece)) for piece in curve.terms)
+    edges, kinks = tuple(map(float, curve.edges)), tuple(map(float, curve.kinks))
+    return Given(edges=edges, terms=terms, kinks=kinks)
 
 
 def _padded(starts: list[float], terms: list[Array]) -> Pieces:

@@ -21,34 +21,42 @@ def interpolated(
     states: tuple[Array, Array, Array],
     closed: Array,
     nodes: Array,
+    forces_known: bool = True,
 ) -> tuple[Array, Array]:
     """Positions and velocities at other times, by cubic Hermite polynomials.
 
     states : times (nt,), of at least two, with positions and velocities (nt, .)
     nodes : times between the first and the last of these
+    forces_known : whether the system has all forces of the motion; else accelerations
+        are those of a parabola through three velocities
 
-    The error of both grows with the fourth power of the distance of times.
+    The error of both grows with the fourth power of the distance of times, that of
+    velocities with the third where forces are not known.
     """
     t, z, v = states
     k = np.clip(np.searchsorted(t, nodes) - 1, 0, len(t) - 2)
     h = t[k + 1] - t[k]
     x = ((nodes - t[k]) / h)[:, None]
     after, before = np.nextafter(t[:-1], np.inf), t[1:]
-    accelerations = [
-        sample(
-            system, kernels, work, memory, when, a.copy(), b.copy(), closed
-        ).accelerations
-        for when, a, b in ((after, z[:-1], v[:-1]), (before, z[1:], v[1:]))
-    ]
+    if forces_known:
+        accelerations = [
+            sample(
+                system, kernels, work, memory, when, a.copy(), b.copy(), closed
+            ).accelerations
+            for when, a, b in ((after, z[:-1], v[:-1]), (before, z[1:], v[1:]))
+        ]
+    else:
+        slopes = np.gradient(v, t, axis=0, edge_order=2 if len(t) > 2 else 1)
+        accelerations = [slopes[:-1], slopes[1:]]
     ends = []
-    for y, slopes in (
+    for y, rates in (
         (z, [_rates(system, z[:-1], v[:-1]), _rates(system, z[1:], v[1:])]),
         (v, accelerations),
     ):
         a = (1.0 + 2.0 * x) * (1.0 - x) ** 2 * y[k]
         b = x * x * (3.0 - 2.0 * x) * y[k + 1]
-        c = x * (1.0 - x) ** 2 * h[:, None] * slopes[0][k]
-        d = -x * x * (1.0 - x) * h[:, None] * slopes[1][k]
+        c = x * (1.0 - x) ** 2 * h[:, None] * rates[0][k]
+        d = -x * x * (1.0 - x) * h[:, None] * rates[1][k]
         ends.append(a + b + c + d)
     return ends[0], ends[1]
 

@@ -16,6 +16,7 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
     STATE,
+    Given,
     SceneFile,
     as_3d,
     coordinate_of,
@@ -85,6 +86,7 @@ def build_system(
     data |= state_bodies(laws)
     table = LawTable(scene, data, functions, laws)
     elements = compile_forces(scene, functions, planar, forces or {}, table.rows)
+    scene = _with_programs(scene, functions.given, forces or {})
     others = [name for name in scene.bodies if name not in frames]
     order = (GROUND_NAME, *frames, *others, *state_bodies(laws))
     parts = Ingredients(scene, data, frames, order, drive_index, pool)
@@ -107,6 +109,22 @@ def build_system(
         return every_joint()
     asked = asks_for_joints(scene, cut.eliminated)
     return replace(cut, every_joint=every_joint, whole=every_joint() if asked else None)
+
+
+def _with_programs(
+    scene: SceneFile, seen: Mapping[str, Given], forces: Mapping[str, object]
+) -> SceneFile:
+    """The scene with what a program gave in the place of what its file says.
+
+    seen : of functions of time, by their places; laws can only be named
+    """
+    given: dict[str, Given] = {f"forces.{name}.function": Given() for name in forces}
+    for place, function in (given | dict(seen)).items():
+        table, name, _ = place.split(".")
+        parts = dict(getattr(scene, table))
+        parts[name] = parts[name].model_copy(update={"function": function})
+        scene = scene.model_copy(update={table: parts})
+    return scene
 
 
 def _with_all_names(scene: SceneFile, sids: Mapping[str, SID]) -> SceneFile:

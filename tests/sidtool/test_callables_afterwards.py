@@ -1,0 +1,202 @@
+"""Results of runs with callables of Python tell from their files what states tell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.afterwards import outputs_at
+from sidtool.cli import run
+from sidtool.formats.errors import InputError
+from sidtool.plot.results import drawn
+
+R, INERTIA, MASS, STIFFNESS = 0.4, 0.05, 1.5, 60.0
+OMEGA = np.sqrt(STIFFNESS / MASS)
+LEFT = {"type": "callable"}
+
+
+def angle(t: float) -> float:
+    """Neither a polynomial nor a sine."""
+    return float(0.3 * np.sin(5.0 * t) * np.exp(-t))
+
+
+def angle_acceleration(t: np.ndarray) -> np.ndarray:
+    return 0.3 * np.exp(-t) * (-24.0 * np.sin(5.0 * t) - 10.0 * np.cos(5.0 * t))
+
+
+def pulling(t: float) -> float:
+    return float(2.0 / (1.0 + t))
+
+
+def block(record: list[str], **force: Any) -> dict[str, Any]:
+    """On a straight line, 0.02 m from where its spring, if it has one, is at rest."""
+    return {
+        "dimension": "planar",
+        "gravity": [0.0, 0.0],
+        "time": {"end": 1.0, "output_step": 0.02},
+        "bodies": {
+            "block": {"mass": MASS, "inertia": 1.0, "initial": {"position": [0.02, 0]}}
+        },
+        "joints": {
+            "slide": {
+                "type": "prismatic",
+                "markers": ["ground", "block"],
+                "axis": [1.0, 0.0],
+            }
+        },
+        "forces": {"pull": {**force}},
+        "outputs": {"record": record},
+    }
+
+
+WHEEL: dict[str, Any] = {
+    "dimension": "planar",
+    "gravity": [0.0, 0.0],
+    "time": {"end": 2.0, "output_step": 0.05},
+    "bodies": {
+        "wheel": {
+            "mass": 2.0,
+            "inertia": INERTIA,
+            "markers": {"rim": {"position": [R, 0.0]}},
+        }
+    },
+    "joints": {"hub": {"type": "revolute", "markers": ["ground", "wheel"]}},
+    "drives": {
+        "motor": {"joint": "hub", "function": {"type": "constant", "value": 0.0}}
+    },
+    "outputs": {"record": ["wheel.rim.x"]},
+}
+
+
+def filed(result: sidtool.Result, folder: Path) -> sidtool.Result:
+    result.save(folder / "r.h5")
+    return sidtool.read(folder / "r.h5")
+
+
+@pytest.mark.parametrize("start", ["the file says another motion", "it leaves it open"])
+def test_a_drive_of_a_callable_is_known_afterwards(start: str, tmp_path: Path) -> None:
+    """The file's own function was evaluated: a wheel at rest in place of one that
+    swings."""
+    scene = sidtool.Scene(**WHEEL)
+    if "open" in start:
+        scene = scene.with_({"motor.function": {"type": "callable"}})
+    result = filed(scene.simulate(drives={"motor": angle}), tmp_path)
+    f = np.array([angle(t) for t in result.t])
+    np.testing.assert_allclose(result["wheel.rim.y"], R * np.sin(f), atol=1e-10)
+    torque = INERTIA * angle_acceleration(result.t)
+    np.testing.assert_allclose(result["motor.mz"], torque, atol=1e-7)
+    t = np.linspace(0.0, 2.0, 333)
+    between = outputs_at(result, ["wheel.rim.y", "motor.mz"], t)
+    f = np.array([angle(x) for x in t])
+    np.testing.assert_allclose(between["wheel.rim.y"], R * np.sin(f), atol=1e-10)
+    torque = INERTIA * angle_acceleration(t)
+    np.testing.assert_allclose(between["motor.mz"], torque, atol=1e-6)
+    again = result.said().simulate()  # needs no program any more
+    np.testing.assert_array_equal(again.values, result.values)
+
+
+def test_a_force_of_a_callable_is_known_afterwards(tmp_path: Path) -> None:
+    force = {"type": "force", "marker": "block", "force": [3.0, 0.0]}
+    scene = sidtool.Scene(**block(["block.x"], **force))
+    result = filed(scene.simulate(forces={"pull": pulling}), tmp_path)
+    expected = 3.0 * np.array([pulling(t) for t in result.t])
+    np.testing.assert_allclose(result["block.ax"], expected / MASS, rtol=1e-9)
+    np.testing.assert_allclose(result["pull.fx"], expected, rtol=1e-12)
+    v = 6.0 * np.log1p(result.t) / MASS
+    np.testing.assert_allclose(result["block.vx"], v, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def sprung() -> sidtool.Result:
+    """A law of a program that is a spring."""
+    scene = sidtool.Scene(
+        **block(["block.x", "block.ax"], type="actuator", joint="slide", function=LEFT)
+    )
+    law = sidtool.Law(lambda t, y: -STIFFNESS * y[0], ["slide.displacement"])
+    return scene.simulate(forces={"pull": law}, rtol=1e-9)
+
+
+def test_what_needs_no_law_is_told_without_it(
+    sprung: sidtool.Result, tmp_path: Path
+) -> None:
+    result = filed(sprung, tmp_path)
+    phase = OMEGA * result.t
+    np.testing.assert_allclose(result["block.x"], 0.02 * np.cos(phase), atol=1e-9)
+    speed = -0.02 * OMEGA * np.sin(phase)
+    np.testing.assert_allclose(result["block.vx"], speed, atol=1e-8)
+    np.testing.assert_allclose(result["energy.kinetic"], MASS * speed**2 / 2, atol=1e-8)
+    t = np.linspace(0.0, 1.0, 777)
+    between = outputs_at(result, ["slide.displacement", "block.vx"], t)
+    exact = 0.02 * np.cos(OMEGA * t)
+    np.testing.assert_allclose(between["slide.displacement"], exact, atol=2e-8)
+    speed = -0.02 * OMEGA * np.sin(OMEGA * t)
+    np.testing.assert_allclose(between["block.vx"], speed, atol=5e-5)
+
+
+@pytest.mark.parametrize("name", ["block.ay", "slide.fy", "pull.fx", "pull.value"])
+def test_what_needs_the_law_is_refused_by_name(
+    name: str, sprung: sidtool.Result, tmp_path: Path
+) -> None:
+    result = filed(sprung, tmp_path)
+    with pytest.raises(InputError, match=rf"{name} depends on the law of pull"):
+        result[name]
+    assert np.isfinite(sprung[name]).all()  # the run itself has the law
+    law = sidtool.Law(lambda t, y: -STIFFNESS * y[0], ["slide.displacement"])
+    given = sidtool.outputs(result, [name], forces={"pull": law})[name]
+    np.testing.assert_allclose(given, sprung[name], atol=1e-12)
+
+
+def test_recorded_accelerations_are_drawn_without_the_law(
+    sprung: sidtool.Result, tmp_path: Path
+) -> None:
+    result = filed(sprung, tmp_path)
+    page, _ = drawn(result)
+    curves = {axes.get_ylabel(): axes.lines[0] for axes in page.axes}
+    (line,) = [line for label, line in curves.items() if "block.ax" in label]
+    exact = -0.02 * OMEGA**2 * np.cos(OMEGA * line.get_xdata())
+    chord = 0.02 * OMEGA**4 * 0.02**2 / 8  # straight lines between output times
+    assert np.abs(line.get_ydata() - exact).max() < 1.01 * chord + 1e-6
+
+
+def test_commands_on_the_file_of_such_a_run(
+    sprung: sidtool.Result,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    sprung.save("r.h5")
+    for words in (
+        "outputs r.h5 --add block.v*,slide.displacement_rate -o more.h5",
+        "animate r.h5 -o m.gif --outputs block.vx",
+        "export r.h5 -o m.vtkhdf",
+        "report r.h5 -o m.html",
+        "plot r.h5 -o m.svg --kind energy",
+    ):
+        assert run(words.split()) == 0, capsys.readouterr().err
+    speed = sidtool.read("more.h5")["block.vx"]
+    phase = OMEGA * sprung.t
+    np.testing.assert_allclose(speed, -0.02 * OMEGA * np.sin(phase), atol=1e-8)
+    capsys.readouterr()
+    assert run(["outputs", "r.h5", "--add", "slide.fy"]) == 2
+    assert "slide.fy depends on the law of pull" in capsys.readouterr().err
+
+
+def test_sampled_laws_are_drawn_between_output_times(tmp_path: Path) -> None:
+    """Positions and velocities between output times need no held values: a force
+    that is held for 0.25 s accelerates evenly (output times beside its jump are left
+    out: velocities are interpolated by their neighbours)."""
+    law = {"type": "expression", "value": "6*slide.displacement", "sample_time": 0.25}
+    content = block(["block.x"], type="actuator", joint="slide", function=law)
+    result = filed(sidtool.Scene(**content).simulate(), tmp_path)
+    t = np.linspace(0.0, 0.2, 60)
+    found = outputs_at(result, ["block.x", "block.vx"], t)
+    a = 6 * 0.02 / MASS
+    np.testing.assert_allclose(found["block.vx"], a * t, atol=1e-9)
+    np.testing.assert_allclose(found["block.x"], 0.02 + a * t**2 / 2, atol=1e-9)
+    with pytest.raises(InputError, match=r"pull.value depends on what pull holds"):
+        outputs_at(result, ["pull.value"], t)

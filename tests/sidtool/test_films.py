@@ -1,0 +1,123 @@
+"""Films: all bodies are in every picture, and MP4 is what players play."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.colors import rgb_to_hsv, to_rgb
+from PIL import Image
+
+import sidtool
+from sidtool.plot.figure import COLOURS
+from sidtool.view import film
+from sidtool.view.animating import shown
+
+FRAMES = 21
+
+
+def bodies(places: dict[str, list[float]], spin: list[float]) -> sidtool.Result:
+    """Cubes, a tenth as large as the mechanism, that turn where they are."""
+    length = max(0.1, *np.ptp(np.array(list(places.values())), axis=0))
+    inertia = 2.0 * (length / 10) ** 2 / 6
+    return sidtool.Scene(
+        dimension="spatial",
+        gravity=[0.0, 0.0, 0.0],
+        time=sidtool.Time(end=1.0, output_step=1.0 / (FRAMES - 1)),
+        bodies={
+            name: sidtool.RigidBody(
+                mass=2.0,
+                inertia=3 * [inertia],
+                initial=sidtool.Initial(position=place, angular_velocity=spin),
+            )
+            for name, place in places.items()
+        },
+        outputs=sidtool.Outputs(record=[f"{name}.x" for name in places]),
+    ).simulate()
+
+
+def seen(picture: np.ndarray, number: int) -> np.ndarray:
+    """Pixels in the hue of a body, whatever its shade."""
+    hsv = rgb_to_hsv(picture[..., :3])
+    hue = rgb_to_hsv(np.array(to_rgb(COLOURS[number])))[0]
+    return (hsv[..., 1] > 0.5) & (np.abs(hsv[..., 0] - hue) < 0.02)
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [
+        ([0.0, 0.0, 0.0], [3.0, 0.0, 0.0]),
+        ([-5.0, 2.0, 1.0], [-5.0, 2.5, 1.0]),
+        ([0.0, 0.0, 0.0], [0.0, 0.0, -0.3]),
+        ([1.0, 1.0, 1.0], [2.0, 0.2, 2.4]),
+    ],
+    ids=str,
+)
+def test_no_body_leaves_the_picture(ends: tuple[list[float], list[float]]) -> None:
+    """Two cubes at the ends of the mechanism are seen whole: the axes are a square in
+    the middle of the page, and cut what was beyond."""
+    result = bodies(dict(zip(("one", "two"), ends, strict=True)), [1.0, 0.5, 0.2])
+    motion = shown(result)
+    rows = [0, len(motion.motion.t) // 2, len(motion.motion.t) - 1]
+    for data in film.stills(motion.motion, motion.bodies, rows, 1.0):
+        picture = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), float) / 255
+        areas = [seen(picture, number).sum() for number in (0, 1)]
+        assert min(areas) > 60
+        assert max(areas) < 2.2 * min(areas)  # equal cubes, turned alike: none is cut
+        drawn = seen(picture, 0) | seen(picture, 1)
+        rows_, columns = np.nonzero(drawn)
+        height, width = drawn.shape
+        assert rows_.min() > 0.08 * height and rows_.max() < 0.97 * height
+        assert columns.min() > 0.03 * width and columns.max() < 0.97 * width
+        spread = max(np.ptp(rows_) / height, np.ptp(columns) / width)
+        assert spread > 0.6  # and the window is not far too large
+
+
+def probed(path: Path) -> dict[str, Any]:
+    asked = "stream=codec_name,width,height,pix_fmt,nb_read_frames,duration"
+    words = f"ffprobe -v error -count_frames -show_entries {asked} -of json".split()
+    told = subprocess.run([*words, str(path)], capture_output=True, check=True)
+    (stream,) = json.loads(told.stdout)["streams"]
+    return dict(stream)
+
+
+def test_mp4(tmp_path: Path) -> None:
+    """Frames, length and format by ffprobe; a turning point is where it should be."""
+    if shutil.which("ffmpeg") is None or shutil.which("ffprobe") is None:
+        pytest.skip("ffmpeg is not installed")
+    places = {"one": [0.0, 0.0, 0.0], "two": [1.0, 0.0, 0.0]}
+    scene = bodies(places, [0.0, 0.0, 0.0]).said()
+    # the second one moves away by its own length of the mechanism
+    result = scene.with_({"bodies.two.initial.velocity": [1.0, 0.0, 0.0]}).simulate()
+    told = result.animate(tmp_path / "m.mp4")
+    assert not any("ffmpeg" in sentence for sentence in told)
+    stream = probed(tmp_path / "m.mp4")
+    assert stream["codec_name"] == "h264" and stream["pix_fmt"] == "yuv420p"
+    assert (stream["width"], stream["height"]) == (640, 440)
+    assert int(stream["nb_read_frames"]) == FRAMES
+    assert float(stream["duration"]) == pytest.approx(FRAMES / 20)
+    words = ["ffmpeg", "-v", "error", "-i", "m.mp4", "f%02d.png"]
+    subprocess.run(words, cwd=tmp_path, check=True)
+    distances = []
+    for name in ("f01.png", f"f{(FRAMES + 1) // 2:02d}.png", f"f{FRAMES}.png"):
+        picture = np.asarray(Image.open(tmp_path / name).convert("RGB"), float) / 255
+        middles = [np.argwhere(seen(picture, n)).mean(axis=0) for n in (0, 1)]
+        distances.append(np.linalg.norm(middles[1] - middles[0]))
+    shares = np.array(distances) / distances[0]
+    np.testing.assert_allclose(shares, [1.0, 1.5, 2.0], rtol=0.05)
+
+
+def test_without_ffmpeg_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    result = bodies({"one": [0.0, 0.0, 0.0]}, [1.0, 0.0, 0.0])
+    with pytest.raises(sidtool.InputError, match="ffmpeg is not installed"):
+        result.animate(tmp_path / "m.mp4")
+    assert not list(tmp_path.iterdir())
