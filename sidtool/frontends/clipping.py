@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,8 +88,13 @@ def _cut(polygon: Polygon, bound: tuple[int, int, int]) -> Polygon:
 def quadrature_of(parts: Array) -> tuple[Array, Array]:
     """Points (n g, k) and weights (n g,) in parameters of simplices (n, k + 1, k)."""
     k = parts.shape[2]
-    points, weights = quadrature_rule("line" if k == 1 else "tri", _DEGREE)
+    points, weights = _rule("line" if k == 1 else "tri")
     edges = parts[:, 1:] - parts[:, :1]
     placed = parts[:, :1] + np.einsum("gk,nkd->ngd", points, edges)
     sizes = np.abs(np.linalg.det(edges))
     return placed.reshape(-1, k), (sizes[:, None] * weights).ravel()
+
+
+@cache
+def _rule(shape: str) -> tuple[Array, Array]:
+    return quadrature_rule(shape, _DEGREE)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sidtool.formats.errors import InputError
 
 from ..importers.imported import ImportedMesh
-from ..importers.imported_ties import RawEquation
+from ..importers.imported_ties import RawEquation, RawTie
 from .elimination import solved
 from .equations import Equations
 from .finite_element_model import FiniteElementModel
@@ -46,7 +46,8 @@ def body_equations(
     ties, notes = tie_equations(mesh, imported.ties, length)
     found = _of_file(imported.equations, whole, mesh)
     if found is not None:
-        count, held = len(imported.equations), held_nodes(found, mesh.dimension)
+        count = len(imported.equations)
+        held = np.unique(found.matrix.indices // mesh.dimension)
         notes.append(f"{count} equations of the file hold {len(held)} nodes")
     given = [part for part in (found, ties) if part is not None]
     if not given:
@@ -57,11 +58,16 @@ def body_equations(
     ), notes
 
 
-def held_nodes(equations: Equations | None, dimension: int) -> Indices:
-    """The nodes that equations hold."""
+def held_nodes(
+    equations: Equations | None, mesh: Mesh, ties: Sequence[RawTie]
+) -> Indices:
+    """The nodes that equations hold, and those of the surfaces of ties."""
     if equations is None:
         return np.zeros(0, np.int64)
-    return np.unique(equations.matrix.indices.astype(np.int64) // dimension)
+    labels = {n for tie in ties for n in tie.slave_nodes}
+    labels |= {n for tie in ties for face in (*tie.slave, *tie.master) for n in face}
+    tied = np.flatnonzero(np.isin(mesh.labels, np.fromiter(labels, np.int64)))
+    return np.union1d(tied, equations.matrix.indices // mesh.dimension)
 
 
 def nodes_of(equations: Equations | None, dimension: int) -> list[Indices]:

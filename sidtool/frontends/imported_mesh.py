@@ -62,7 +62,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         joined = [c.nodes for c in couplings if c.rigid]
         check_mesh(mesh, "mesh", [*joined, *nodes_of(equations, mesh.dimension)])
         check_conforming(mesh, "mesh")
-        check_contact(mesh, "mesh", held_nodes(equations, mesh.dimension))
+        check_contact(mesh, "mesh", held_nodes(equations, mesh, imported.ties))
         own = _own_materials(imported, geometry, units)
         materials = _materials(model, mesh, own)
         plane = mesh.dimension == 2

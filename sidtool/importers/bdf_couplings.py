@@ -16,12 +16,7 @@ def rbe2(card: Card) -> RawCoupling:
     InputError : it holds other directions.
     """
     label, node = (card.integer(i, "a number") for i in (0, 1))
-    if not {"1", "2", "3"} <= set(card.word(2)):
-        raise InputError(
-            f"RBE2 {label} holds the directions {card.word(2)}",
-            place=card.place,
-            expected="1, 2 and 3 with or without rotations",
-        )
+    _check_directions(card, f"RBE2 {label} holds", card.word(2))
     words = [word for word in card.words[3:] if word]
     if words and "." in words[-1]:
         words.pop()
@@ -41,6 +36,7 @@ def rbe3(card: Card) -> tuple[RawCoupling, bool]:
     InputError : nodes take part with less than their three displacements.
     """
     label, node = card.integer(0, "a number"), card.integer(2, "a node")
+    _check_directions(card, f"RBE3 {label} moves", card.word(3))
     nodes: list[int] = []
     weights = set()
     words = [word for word in card.words[4:] if word]
@@ -50,12 +46,7 @@ def rbe3(card: Card) -> tuple[RawCoupling, bool]:
     while i < len(words):
         weights.add(words[i])
         directions = words[i + 1] if i + 1 < len(words) else ""
-        if not {"1", "2", "3"} <= set(directions):
-            raise InputError(
-                f"RBE3 {label} takes the directions {directions or '(none)'}",
-                place=card.place,
-                expected="1, 2 and 3 with or without rotations",
-            )
+        _check_directions(card, f"RBE3 {label} takes", directions)
         i += 2
         start = i
         while i < len(words) and "." not in words[i]:
@@ -64,6 +55,15 @@ def rbe3(card: Card) -> tuple[RawCoupling, bool]:
     return RawCoupling(f"RBE3 {label}", False, tuple(nodes), node, card.place), (
         len(weights) > 1
     )
+
+
+def _check_directions(card: Card, what: str, directions: str) -> None:
+    if not {"1", "2", "3"} <= set(directions) <= set("123456"):
+        raise InputError(
+            f"{what} the directions {directions or '(none)'}",
+            place=card.place,
+            expected="1, 2 and 3 with or without rotations",
+        )
 
 
 def conm2(card: Card) -> RawMass:

@@ -39,8 +39,8 @@ class Axes:
     def _add(self, deck: Deck, hold: Hold, body: Scope, instance: str) -> None:
         block = hold.block
         values = [x for words, place in block.rows for x in numbers(words, place)]
-        kind = (block.options.get("TYPE") or "R").upper()[:1]
-        if len(values) != 6 or kind not in "RC":
+        kind = (block.options.get("TYPE") or "R").upper()
+        if len(values) != 6 or kind not in ("R", "C"):
             raise InputError(
                 f"*TRANSFORM of type {kind} has {len(values)} coordinates",
                 place=block.place,

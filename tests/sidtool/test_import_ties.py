@@ -207,6 +207,19 @@ def test_a_tied_bar_is_as_stiff_as_a_whole_one(tmp_path: Path) -> None:
     assert_allclose(found, calculix(tmp_path, text, None), rtol=2e-2)
 
 
+def test_nodes_that_are_tied_one_by_one(tmp_path: Path) -> None:
+    """Fine on coarse: beside the tie of the surfaces, and CalculiX, which does this."""
+    parts = two((8, 4, 4), (8, 2, 3))
+    sides = surface_tie(parts)
+    nodes = "*NSET, NSET=N\n" + "".join(f"{n},\n" for n in parts[0].right)
+    nodes += "*SURFACE, NAME=NODES, TYPE=NODE\nN,\n"
+    text = whole(parts, nodes + sides.replace("\nA, B\n", "\nNODES, B\n"))
+    found = frequencies(body(tmp_path, text))
+    assert_allclose(found, calculix(tmp_path, text, None), rtol=2e-2)
+    surfaces = frequencies(body(tmp_path, whole(parts, sides)))
+    assert_allclose(found, surfaces, rtol=1e-2)
+
+
 def test_a_tie_across_a_gap_does_not_hold_the_body(tmp_path: Path) -> None:
     """Sides that are 1.5 mm apart: six rigid motions, and the bar's own bending."""
     parts = Part((6, 2, 2), 0.0, 0), Part((6, 3, 3), SIZE[0] + 1.5e-3, AWAY)

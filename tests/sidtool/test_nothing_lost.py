@@ -1,0 +1,209 @@
+"""Every field of a deck matters: one that is changed is seen, refused, or told.
+
+Decks of small parts are changed field by field and line by line. What is read of each
+has to differ from what was read before, unless the file is refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.formats.errors import InputError
+from sidtool.importers.meshes import read_mesh
+
+from .decks import MATERIAL, STEEL, Block, deck
+
+BLOCK = Block((2, 1, 1), (0.2, 0.05, 0.04))
+LAST = len(BLOCK.points)
+OTHER = (
+    "*NODE\n"
+    + "".join(
+        f"{i + 100}, {x + 0.2!r}, {y!r}, {z!r}\n"
+        for i, (x, y, z) in enumerate(BLOCK.points, 1)
+    )
+    + "*ELEMENT, TYPE=C3D8I, ELSET=E\n"
+    + "".join(
+        f"{i + 100}, " + ", ".join(str(n + 100) for n in e) + "\n"
+        for i, e in enumerate(BLOCK.elements, 1)
+    )
+)
+TIE = (
+    "*SURFACE, NAME=A\n2, S4\n*SURFACE, NAME=B\n101, S6\n"
+    "*TIE, NAME=T, POSITION TOLERANCE=0.001\nA, B\n"
+)
+PAIRS = list(zip(BLOCK.right, [n + 100 for n in BLOCK.left], strict=True))
+EQUATIONS = "*EQUATION\n" + "".join(
+    f"2\n{a}, {i}, 1., {b}, {i}, -1.\n" for a, b in PAIRS for i in (1, 2, 3)
+)
+FLAT = deck(BLOCK, "C3D8I")
+HEAD, TAIL = FLAT.split("*MATERIAL")
+TWO = HEAD + OTHER + "{tied}*MATERIAL" + TAIL
+REFERENCE = "*NODE\n900, 0.3, 0.02, 0.02\n"
+COUPLED = (
+    REFERENCE + "*NSET, NSET=FACE\n" + "".join(f"{n},\n" for n in BLOCK.right) + ""
+    "*SURFACE, NAME=S, TYPE=NODE\nFACE,\n"
+    "*COUPLING, CONSTRAINT NAME=C, REF NODE=900, SURFACE=S\n*KINEMATIC\n1, 3\n"
+    "*ELEMENT, TYPE=MASS, ELSET=M\n900, 900\n*MASS, ELSET=M\n2.5\n"
+)
+WOOD = (
+    "*MATERIAL, NAME=S\n*ELASTIC, TYPE=ENGINEERING CONSTANTS\n"
+    "1.1e10, 9e8, 5e8, 0.38, 0.45, 0.5, 7.5e8, 7e8\n4e7\n*DENSITY\n450.\n"
+    "*ORIENTATION, NAME=O\n1., 0.2, 0.1, -0.3, 1., 0.\n1, 20.\n"
+)
+PART = "*PART, NAME=P\n" + HEAD + "*SOLID SECTION, ELSET=E, MATERIAL=S\n\n*END PART\n"
+PLACED = (
+    PART + "*ASSEMBLY, NAME=A\n*INSTANCE, NAME=I, PART=P\n0.1, 0.2, 0.3\n"
+    "0.1, 0.2, 0.3, 0.4, 0.2, 0.5, 25.\n*END INSTANCE\n"
+    "*INSTANCE, NAME=J, PART=P\n0.7, 0., 0.\n*END INSTANCE\n"
+    "*NSET, NSET=Q, INSTANCE=J\n1, 3\n*NSET, NSET=R, INSTANCE=I\n2, 4\n"
+    "*EQUATION\n2\nQ, 2, 1.5\nR, 2, -1.5\n*END ASSEMBLY\n" + MATERIAL.format(**STEEL)
+)
+DECKS = {
+    "block": FLAT,
+    "tie": TWO.format(tied=TIE),
+    "equations": TWO.format(
+        tied="*TRANSFORM, NSET=LEFT, TYPE=C\n0., 1., 0., 0.3, 0., 1.\n"
+        + EQUATIONS
+        + "*EQUATION\n2\n1, 2, 1., 3, 1, -1.\n"
+    ),
+    "mpc": TWO.format(
+        tied="*MPC\n"
+        + "".join(f"TIE, {a}, {b}\n" for a, b in PAIRS)
+        + "LINEAR, 2, 1, 3\nLINK, 4, 6\nBEAM, 7, 8\n"
+    ),
+    "coupling": HEAD + COUPLED + "*MATERIAL" + TAIL,
+    "wood": HEAD + WOOD + "*SOLID SECTION, ELSET=E, MATERIAL=S, ORIENTATION=O\n\n",
+    "instances": PLACED,
+}
+#: What changes nothing of the body: the directions of a coupling that rotations of
+#: solids follow or that it has without them, the number of an element with a mass, a
+#: name that nothing else knows, an end, a keyword like that before it.
+FREE = re.compile(r"\*ASSEMBLY|\*END|\*EQUATION$|1, 3$|1, 3 -> 1,4|900, 900 -> 901,")
+
+
+def content(value: Any) -> Any:
+    """What was read, without the places and sentences, to compare."""
+    if is_dataclass(value):
+        names = [f.name for f in fields(value) if f.name not in ("place", "notes")]
+        return tuple((name, content(getattr(value, name))) for name in names)
+    if isinstance(value, np.ndarray):
+        return value.shape, value.tobytes()
+    if isinstance(value, dict):
+        return tuple(sorted((key, content(item)) for key, item in value.items()))
+    if isinstance(value, tuple | list):
+        return tuple(content(item) for item in value)
+    if hasattr(value, "model_dump"):
+        return tuple(value.model_dump().items())
+    return value
+
+
+def read(folder: Path, text: str, file: str = "part.inp") -> Any:
+    (folder / file).write_text(text)
+    return content(read_mesh(folder / file))
+
+
+def other(word: str) -> str:
+    """Another word of the same kind."""
+    bare = word.strip()
+    try:
+        return str(int(bare) + 1)
+    except ValueError:
+        pass
+    try:
+        return repr(float(bare) * 1.37 + 0.011)
+    except ValueError:
+        return bare + "X"
+
+
+def fields_changed(text: str) -> Iterator[tuple[str, str]]:
+    """Every data field and every value of a parameter, each changed alone."""
+    lines = text.splitlines()
+    for i, line in enumerate(lines):
+        words = line.split(",")
+        for k, word in enumerate(words):
+            if line.startswith("*"):
+                name, equals, value = word.partition("=")
+                changed = f"{name}={other(value)}" if equals else ""
+            else:
+                changed = other(word) if word.strip() else ""
+            if changed:
+                new = ",".join([*words[:k], changed, *words[k + 1 :]])
+                yield f"{line} -> {new}", "\n".join([*lines[:i], new, *lines[i + 1 :]])
+
+
+def lines_left_out(text: str) -> Iterator[tuple[str, str]]:
+    lines = text.splitlines()
+    for i, line in enumerate(lines):
+        if line.strip():
+            yield line, "\n".join([*lines[:i], *lines[i + 1 :]])
+
+
+#: A part as Nastran has it, with all cards that are read beside its elements.
+BULK = (
+    "BEGIN BULK\nCORD2R,5,0,0.1,0.2,0.3,0.4,0.1,1.3\n,1.1,0.3,0.3\n"
+    + "".join(
+        f"GRID,{i},5,{x!r},{y!r},{z!r}\n" for i, (x, y, z) in enumerate(BLOCK.points, 1)
+    )
+    + "".join(
+        f"CHEXA,{i},1,{','.join(map(str, e[:6]))}\n,{e[6]},{e[7]}\n"
+        for i, e in enumerate(BLOCK.elements, 1)
+    )
+    + "PSOLID,1,3\nMAT1,3,2.1e11,,0.3,7850.\nGRID,900,,0.3,0.02,0.02\n"
+    + f"RBE2,50,900,123456,{','.join(map(str, BLOCK.right))}\n"
+    + "GRID,901,,0.,0.02,0.02\n"
+    + f"RBE3,52,,901,123456,1.0,123,{','.join(map(str, BLOCK.left[:2]))}\n"
+    + f",{','.join(map(str, BLOCK.left[2:]))}\n"
+    + "CONM2,60,900,,2.5,0.01,0.02,0.03\n,0.1,0.01,0.2,0.02,0.03,0.3\n"
+    + "SPC1,7,123,1,3\nSET1,9,1,4\nENDDATA\n"
+)
+#: Numbers of cards that nothing else names, the directions of a support, which names
+#: nodes alone, and a weight that all nodes have.
+FREE_BULK = re.compile(
+    r"(RBE2|RBE3|CONM2),\d+.* -> \1,(51|53|61),|BEGIN|ENDDATA|"
+    r"SPC1,7,123,.* -> SPC1,7,124,|RBE3.* -> RBE3.*,1.381,123,1,4$"
+)
+
+
+def test_no_field_and_no_line_of_bulk_data_is_lost(tmp_path: Path) -> None:
+    before = read(tmp_path, BULK, "part.bdf")
+    lost = []
+    for change in (fields_changed, lines_left_out):
+        for what, text in change(BULK):
+            try:
+                same = read(tmp_path, text + "\n", "part.bdf") == before
+            except InputError:
+                continue
+            if same and not FREE_BULK.match(what):
+                lost.append(what)
+    assert not lost
+
+
+@pytest.mark.parametrize("name", DECKS)
+@pytest.mark.parametrize("change", [fields_changed, lines_left_out])
+def test_no_field_and_no_line_is_lost(change: Any, name: str, tmp_path: Path) -> None:
+    before = read(tmp_path, DECKS[name])
+    lost = []
+    for what, text in change(DECKS[name]):
+        try:
+            same = read(tmp_path, text) == before
+        except InputError:
+            continue
+        if same and not FREE.match(what):
+            lost.append(what)
+    assert not lost
+
+
+@pytest.mark.parametrize("name", DECKS)
+def test_case_and_blanks_say_nothing(name: str, tmp_path: Path) -> None:
+    before = read(tmp_path, DECKS[name])
+    text = DECKS[name].replace(", ", " ,  ").replace("*NODE", "*Node")
+    for keyword in ("Element", "Nset", "Equation", "Elastic", "Surface", "Tie"):
+        text = text.replace(f"*{keyword.upper()}", f"*{keyword}")
+    assert read(tmp_path, "** a remark\n" + text.replace("\n*", "\n**\n*")) == before
