@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,12 @@ from pydantic import BaseModel
 from sidtool.formats.errors import InputError
 from sidtool.formats.field import Field, read_field, write_field
 from sidtool.formats.model import ModelFile, read_model
-from sidtool.formats.model.refine import modes_of, refined, with_modes
+from sidtool.formats.model.refine import (
+    modes_of,
+    refined,
+    with_modes,
+    with_static_shapes,
+)
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid, write_sid
@@ -28,10 +33,15 @@ ENDING = ".field.h5"
 
 @dataclass(frozen=True)
 class Fineness:
-    """How far a model is refined, see `refine`; modes None for what it says itself."""
+    """How far a model is refined, see `refine`.
+
+    modes : None for what it says itself
+    static : nodes with static answers to loads
+    """
 
     level: int = 0
     modes: int | None = None
+    static: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -66,6 +76,10 @@ class Source:
     def can_refine(self) -> bool:
         """False for meshes and matrices, which are as they are."""
         return refined(self.model, 1) is not None
+
+    def can_have_static_shapes(self, nodes: Collection[int]) -> bool:
+        """False without modes alone, or where the frame holds the nodes."""
+        return with_static_shapes(self.model, nodes) is not None
 
     def sid(self, fineness: Fineness) -> Made:
         """Converted, or read where it was made before.
@@ -113,8 +127,10 @@ class Source:
         return field
 
     def refined(self, fineness: Fineness) -> ModelFile:
-        """The model with another mesh and other modes."""
+        """The model with another mesh, other modes and static shape functions."""
         model = refined(self.model, fineness.level)
+        if model is not None and fineness.static:
+            model = with_static_shapes(model, fineness.static)
         if model is not None and fineness.modes is not None:
             model = with_modes(model, fineness.modes)
         assert model is not None

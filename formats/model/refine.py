@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from . import ModelFile
@@ -11,6 +12,7 @@ from .discretisation import (
     Q4Discretisation,
     SolidDiscretisation,
 )
+from .reduction import AttachmentReduction, ModalReduction
 
 
 def refined(model: ModelFile, level: int) -> ModelFile | None:
@@ -38,6 +40,28 @@ def with_modes(model: ModelFile, count: int) -> ModelFile | None:
     if not hasattr(model.reduction, "modes"):
         return None
     reduction = model.reduction.model_copy(update={"modes": count})
+    return model.model_copy(update={"reduction": reduction})
+
+
+def with_static_shapes(model: ModelFile, nodes: Collection[int]) -> ModelFile | None:
+    """The model with static answers to forces and moments at nodes beside its modes.
+
+    None where it has no normal modes alone, or its frame holds all of these nodes.
+    """
+    held = model.frame.marker_names
+    named = tuple(
+        name
+        for name, marker in model.markers.items()
+        if marker.node in nodes and name not in held
+    )
+    if not isinstance(model.reduction, ModalReduction) or not named:
+        return None
+    reduction = AttachmentReduction(
+        interfaces=named,
+        modes=model.reduction.modes,
+        fix=model.reduction.fix,
+        inertia_relief=False,
+    )
     return model.model_copy(update={"reduction": reduction})
 
 

@@ -17,18 +17,19 @@ from sidtool.formats.scene.base import Table
 from sidtool.formats.sid import SID, Array, Taylor
 
 #: How choices are made; a choice of another one is not used.
-METHOD = 3
+METHOD = 4
 
 
 class Kept(Table):
     """The chosen scene, with its integrator and tolerance, and what it came to.
 
-    models : level of the mesh and modes, by bodies that are made of models
+    models : level of the mesh, modes and nodes with static shape functions, by bodies
+        that are made of models
     """
 
     scene: SceneFile
     report: AccuracyReport
-    models: dict[str, tuple[int, int | None]] = {}
+    models: dict[str, tuple[int, int | None, tuple[int, ...]]] = {}
 
 
 def folder() -> Path | None:

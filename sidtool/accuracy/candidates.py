@@ -162,6 +162,23 @@ def _body(body: SidBody, name: str, numbers: Numbers, choice: Choice, nq: int) -
     )
 
 
+def loaded_nodes(scene: SceneFile, name: str) -> dict[str, str]:
+    """Nodes of a body where joints, drives and forces act, by what they call them.
+
+    The origin of its frame is no node.
+    """
+    parts = (*scene.joints.values(), *scene.forces.values(), *scene.drives.values())
+    texts = [text for part in parts for text in getattr(part, "markers", None) or ()]
+    texts += [text for part in parts if (text := getattr(part, "marker", None))]
+    body = scene.sid_bodies[name]
+    found = {}
+    for text in texts:
+        owner, _, marker = text.partition(".")
+        if owner == name and marker:
+            found[marker] = body.markers.get(marker, marker)
+    return found
+
+
 def shape_functions(choice: Choice) -> list[Candidate]:
     """One candidate for each shape function."""
     return [Candidate(n, SHAPE, k) for n, numbers in choice.kept for k in numbers]

@@ -1,10 +1,12 @@
 """Bodies that are given by models: mesh and number of shape functions, as needed.
 
-A body is made on a mesh and on one of half the size, with as many modes as its model
-asks for and with twice as many, until neither changes what is wanted by more than a
-small part. The finer of both is used. What is left of the error of a mesh is taken to
-be half of that last change: second order would leave a third. Of the modes it is all of
-it, as nothing is known of those that follow.
+Where the model asks for modes alone, static answers to forces and moments at the nodes
+that the scene loads are added first, and stay if they change what is wanted by more
+than a small part. A body is made on a mesh and on one of half the size, with as many
+modes as its model asks for and with twice as many, until neither changes what is wanted
+by more than a small part. The finer of both is used. What is left of the error of a
+mesh is taken to be half of that last change: second order would leave a third. Of the
+modes it is all of it, as nothing is known of those that follow.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
 
 from ..made import Fineness, Made, Source
-from .candidates import finest
+from .candidates import finest, loaded_nodes
 from .outside import check_inside
 from .reference import Reference, make_reference
 from .runs import Compile, Runs
@@ -120,11 +122,30 @@ class _Search:
             whole = finest(self.scene, self.sids)
             self.reference = make_reference(runs, whole, self.request)
             check_inside(self.reference.result)
-        found = self._more_modes(name, source)
+        found = self._more_modes(name, source, self._static_shapes(name, source))
         self.finenesses[name] = self._finer_mesh(name, source, found)
 
-    def _more_modes(self, name: str, source: Source) -> Fineness:
-        fineness, left = Fineness(), np.zeros(len(self.request.names))
+    def _static_shapes(self, name: str, source: Source) -> Fineness:
+        """With static shape functions for the loads of this scene, if these matter."""
+        loaded = loaded_nodes(self.scene, name)
+        nodes = tuple(sorted(int(node) for node in loaded.values() if node.isdecimal()))
+        if not source.can_have_static_shapes(nodes):
+            return Fineness()
+        before = self.made[name]
+        fineness = Fineness(static=nodes)
+        change = self._change(name, source, fineness)
+        matters = self._use(change) > SHARE
+        if not matters:
+            fineness, self.made[name] = Fineness(), before
+            self.sids[name] = before.sid
+            self.errors += change
+        told = f"static shape functions of {name} for loads at {', '.join(loaded)}"
+        verdict = "kept" if matters else "dropped"
+        self.sentences.append(f"{told}: {self._seen(change)}, {verdict}")
+        return fineness
+
+    def _more_modes(self, name: str, source: Source, fineness: Fineness) -> Fineness:
+        left = np.zeros(len(self.request.names))
         if not source.modes:
             self.sentences.append(
                 f"shape functions of {name}: its reduction counts no modes, so that "

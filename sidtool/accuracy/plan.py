@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
 from sidtool.formats.result.rows import Columns, Rows
@@ -113,7 +113,7 @@ def planned(
     seconds = time.perf_counter() - began
     report = plan.report.model_copy(update={"wanted": told(wanted), "seconds": seconds})
     if keep:
-        levels = {n: (f.level, f.modes) for n, f in meshes.finenesses.items()}
+        levels = {n: astuple(f) for n, f in meshes.finenesses.items()}
         cached.write(key, cached.Kept(scene=plan.scene, report=report, models=levels))
     return Plan(plan.scene, report, sids)
 
@@ -139,7 +139,7 @@ def _chosen(
     sentences = (
         *meshes.sentences,
         *(decision.sentence for decision in made),
-        *remarks(request, reference, sids, terms, meshes.made),
+        *remarks(scene, request, reference, sids, terms, meshes.made),
         *told_bounds(proven),
         *_not_recorded(scene, sids, chosen),
     )

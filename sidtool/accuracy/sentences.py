@@ -7,10 +7,19 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 import numpy as np
 
 from sidtool.formats.result import Decision
-from sidtool.formats.scene import unit_of
+from sidtool.formats.scene import SceneFile, unit_of
 from sidtool.formats.sid import SID
 
-from .candidates import FLEXIBILITY, SHAPE, SHAPES, SPACE, STIFFENING, Candidate, Choice
+from .candidates import (
+    FLEXIBILITY,
+    SHAPE,
+    SHAPES,
+    SPACE,
+    STIFFENING,
+    Candidate,
+    Choice,
+    loaded_nodes,
+)
 from .choose import Chosen, Measured
 from .reference import Reference
 from .wanted import Request
@@ -106,6 +115,7 @@ def _verdict(candidate: Candidate, kept: bool) -> str:
 
 
 def remarks(
+    scene: SceneFile,
     request: Request,
     reference: Reference,
     sids: Mapping[str, SID],
@@ -134,12 +144,21 @@ def remarks(
         yield (
             "mesh: not judged, as a SID does not tell its own "
             f"({', '.join(flexible)}); shape functions beyond those of the SID neither"
+            f"{_static(flexible, scene)}"
         )
     if reference.left_out:
         listed = ", ".join(reference.left_out)
         yield f"not judged, as they hold rounding only: {listed}"
     if request.ignored:
         yield f"not judged, as no quantities: {', '.join(request.ignored)}"
+
+
+def _static(names: Sequence[str], scene: SceneFile) -> str:
+    """What static shape functions a SID may lack for the loads of this scene."""
+    places = [f"{n}.{marker}" for n in names for marker in loaded_nodes(scene, n)]
+    if not places:
+        return ""
+    return f", such as static ones for loads at {', '.join(places)}"
 
 
 def told_bounds(proven: Mapping[str, float]) -> Iterator[str]:

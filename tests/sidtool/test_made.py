@@ -19,7 +19,7 @@ from sidtool.solver import compile_scene
 from sidtool.solver.afterwards import scene_of
 from sidtool.view.companions import companions
 
-from .arms import cantilever, spun
+from .arms import cantilever, spun, swinging
 from .beams import beam, beam_data
 
 LINEAR = {"type": "iga", "degrees": [1, 1]}
@@ -74,6 +74,63 @@ def test_a_model_is_converted_once(
     (folder / "arm.json").write_text(json.dumps(data))
     heavier = sidtool.simulate(path)
     assert np.abs(heavier["arm.tip.uy"]).max() > 1.5 * np.abs(first["arm.tip.uy"]).max()
+
+
+def pressed(folder: Path, modes: int) -> Path:
+    """A clamped arm that is pressed in its middle, slowly, with 0.02 N in the end."""
+    end = 40.0
+    ramp = {"type": "sine_ramp", "from": 0.0, "to": 0.9 * end, "end": 1.0}
+    push = {
+        "type": "force",
+        "marker": "arm.mid",
+        "force": [0.0, 0.02],
+        "function": ramp,
+    }
+    clamp = {"type": "fixed", "markers": ["ground", "arm.root"]}
+    markers = {"root": 1, "tip": 2, "mid": 3}
+    content = swinging(
+        end,
+        gravity=None,
+        bodies={"arm": {"sid": "arm", "markers": markers}},
+        joints={"clamp": clamp},
+        forces={"push": push},
+        outputs={"record": ["arm.mid.uy", "arm.tip.uy"]},
+    )
+    mesh = {"type": "iga", "degrees": [3, 2], "elements": [10, 1]}
+    path = written(folder, content, mesh, modes)
+    data = json.loads((folder / "arm.json").read_text())
+    data["markers"]["mid"] = {"node": 3, "parameters": [0.5, 0.5]}
+    (folder / "arm.json").write_text(json.dumps(data))
+    return path
+
+
+def test_a_rod_that_is_loaded_in_its_middle_needs_its_static_shape(
+    folder: Path,
+) -> None:
+    """The beam's sag a^3 / 3 EI under the load; one mode errs by 10 % of it."""
+    path = pressed(folder, 1)
+    found = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
+    (told,) = [s for s in found.accuracy.sentences if s.startswith("static shape")]
+    assert "for loads at root, mid: " in told and told.endswith(", kept")
+    at_rest = 0.02 * 0.5**3 / 3.0
+    assert found["arm.mid.uy"][-1] == pytest.approx(at_rest, rel=1e-3)
+    again = sidtool.simulate(path, accuracy={"arm.mid.uy": 2e-4})
+    assert not again.accuracy.searched
+    assert np.array_equal(again.values, found.values)
+    one = sidtool.simulate(path)["arm.mid.uy"][-1]
+    assert one / at_rest == pytest.approx(0.9, abs=0.02)
+    path = pressed(folder, 2)
+    loose = sidtool.simulate(path, accuracy={"arm.tip.uy": 0.05})
+    (told,) = [s for s in loose.accuracy.sentences if s.startswith("static shape")]
+    assert told.endswith("m in arm.tip.uy, dropped")
+
+
+def test_of_a_sid_static_shapes_are_not_judged() -> None:
+    found = sidtool.simulate(
+        spun(0.3, 2.0), sids={"arm": cantilever(2)}, accuracy={"arm.tip.uy": 0.1}
+    )
+    (told,) = [s for s in found.accuracy.sentences if s.startswith("mesh: not judged")]
+    assert told.endswith("such as static ones for loads at arm.root")
 
 
 def test_mesh_and_modes_are_refined_as_far_as_needed(
