@@ -253,8 +253,8 @@ class MeshGeometry(Table):
         if only a length is given: MPa and t/mm^3 with 0.001
     thickness : of plane elements, instead of that in the file [m]
     ignore : keywords, cards or commands of the file that are left out on purpose
-    engine : "calculix": CalculiX (ccx, which must be installed) discretises an .inp,
-        with all elements that it knows, such as shells, beams and composites
+    engine : "calculix": CalculiX (ccx, which must be installed) discretises an .inp
+        with all elements that it knows (shells, beams, composites), or shells of a .bdf
     part : of an .inp, the instance or the set of elements that is the body; without it
         everything, which ties have to join
     """

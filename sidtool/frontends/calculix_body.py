@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +17,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.geometry import MeshGeometry
 
+from ..importers.bdf_shells import deck_of_bulk
 from ..importers.calculix import Computed, computed
 from ..importers.deck_names import DeckNames, deck_names
 from ..importers.matrix_checks import (
@@ -84,8 +88,9 @@ def calculix_model(model: ModelFile, units: UnitSystem) -> FiniteElementModel:
     path = Path(geometry.file)
     ignored = frozenset(" ".join(w.upper().strip("*").split()) for w in geometry.ignore)
     try:
-        found = computed(path, ignored)
-        names = deck_names(path)
+        with _deck(path, ignored) as (deck_file, left_out):
+            found = computed(deck_file, left_out)
+            names = deck_names(deck_file)
         body = _solid(found, names)
         discretised = _checked(body, names, units)
     except InputError as error:
@@ -93,6 +98,18 @@ def calculix_model(model: ModelFile, units: UnitSystem) -> FiniteElementModel:
     deck = _deck_mesh(body, discretised.positions, names, units)
     solids = Mesh(discretised.positions, body.mesh.blocks)
     return replace(discretised, markers=_markers(model, solids, deck), drawn=solids)
+
+
+@contextmanager
+def _deck(path: Path, ignored: frozenset[str]) -> Iterator[tuple[Path, frozenset[str]]]:
+    """A deck that CalculiX reads, and what of it is left out."""
+    if path.suffix.lower() == ".inp":
+        yield path, ignored
+        return
+    with tempfile.TemporaryDirectory() as name:
+        made = Path(name) / f"{path.stem}.inp"
+        made.write_text(deck_of_bulk(path, ignored))
+        yield made, frozenset()
 
 
 def _solid(found: Computed, names: DeckNames) -> _Solid:

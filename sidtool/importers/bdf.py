@@ -16,6 +16,7 @@ from sidtool.formats.model import Material
 from .bdf_cards import Card, members, read_cards
 from .bdf_couplings import conm2, rbe2, rbe3
 from .bdf_systems import System, basic_places, systems_of
+from .bdf_vocabulary import INSTEAD, WITHOUT_EFFECT
 from .imported import (
     EVERYTHING,
     ImportedMesh,
@@ -42,21 +43,12 @@ _ORDERS = {
     "hex20": (*range(12), *range(16, 20), *range(12, 16)),
     "wedge15": (*range(9), *range(12, 15), *range(9, 12)),
 }
-#: Loads, supports, results, and data beyond linear elasticity.
-_IDLE = """
-    ACCEL ACCEL1 ASET ASET1 AUTOSPC BSET BSET1 CSET CSET1 DAREA
-    DCONSTR DELAY DESVAR DLOAD DPHASE DRESP1 DVPREL1 EIGB EIGC
-    EIGP EIGR EIGRL FORCE FORCE1 FORCE2 FREQ FREQ1 FREQ2 FREQ3 FREQ4 FREQ5 GRAV LOAD
-    LSEQ MAT4 MATS1 MOMENT MOMENT1 MOMENT2 NLPARM NLPCI OMIT OMIT1 PLOAD PLOAD1 PLOAD2
-    PLOAD4 PLOTEL QSET QSET1 RANDPS RFORCE RLOAD1 RLOAD2 SPCADD SPCD SPCR SUPORT
-    SUPORT1 TABDMP1 TABLED1 TABLED2 TABLED3 TABLED4 TABLES1 TABRND1 TEMP TEMPD TEMPP1
-    TIC TLOAD1 TLOAD2 TSTEP TSTEPNL USET USET1 EPOINT
-"""
-_WITHOUT_EFFECT = frozenset(_IDLE.split())
 
 
 @dataclass
-class _Content:
+class BulkData:
+    """What bulk data says of a body; `shells` are asked for, or plane elements."""
+
     nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     elements: list[tuple[int, int, str, list[int], str]] = field(default_factory=list)
     properties: dict[int, tuple[str, float | None]] = field(default_factory=dict)
@@ -69,6 +61,7 @@ class _Content:
     systems: dict[int, System] = field(default_factory=dict)
     local: dict[int, tuple[int, str]] = field(default_factory=dict)
     system: int = 0
+    shells: bool = False
 
 
 def read_bdf(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
@@ -83,33 +76,43 @@ def read_bdf(path: str | Path, ignored: frozenset[str] = frozenset()) -> Importe
     InputError : names file, line and expectation.
     """
     try:
-        content = _Content()
-        for card in read_cards(Path(path)):
-            _take(content, card, ignored)
-        return _imported(content)
+        return _imported(bulk_data(Path(path), ignored))
     except InputError as error:
         raise error.located(path) from None
 
 
-def _take(content: _Content, card: Card, ignored: frozenset[str]) -> None:
+def bulk_data(path: Path, ignored: frozenset[str], *, shells: bool = False) -> BulkData:
+    """All cards of a file, with the nodes where they are in the basic system."""
+    content = BulkData(shells=shells)
+    for card in read_cards(path):
+        _take(content, card, ignored)
+    given = {
+        n: (content.system if s < 0 else s, p) for n, (s, p) in content.local.items()
+    }
+    local = {n: (system, place) for n, (system, place) in given.items() if system}
+    content.nodes.update(basic_places(content.nodes, local, content.systems))
+    return content
+
+
+def _take(content: BulkData, card: Card, ignored: frozenset[str]) -> None:
     if card.name in ignored:
         content.said[f"{card.name} (left out by geometry.ignore)"] = None
     elif card.name in _ELEMENTS:
         _element(content, card)
     elif card.name in _READERS:
         _READERS[card.name](content, card)
-    elif card.name in _WITHOUT_EFFECT or EVERYTHING in ignored:
+    elif card.name in WITHOUT_EFFECT or EVERYTHING in ignored:
         content.said[card.name] = None
     else:
         raise InputError(
             f"{card.name} is not supported",
             place=card.place,
-            expected=f'bulk data without it; geometry.ignore = ["{card.name}"] leaves '
-            "it out",
+            expected=f"{INSTEAD.get(card.name, 'bulk data without it')}; "
+            f'geometry.ignore = ["{card.name}"] leaves it out',
         )
 
 
-def _grid(content: _Content, card: Card) -> None:
+def _grid(content: BulkData, card: Card) -> None:
     label = card.integer(0, "a node number")
     if label in content.nodes:
         raise _twice("node", label, card)
@@ -121,7 +124,7 @@ def _grid(content: _Content, card: Card) -> None:
         content.said["PS of GRID (supports)"] = None
 
 
-def _grdset(content: _Content, card: Card) -> None:
+def _grdset(content: BulkData, card: Card) -> None:
     _only_zero(card, (7,), "gives all nodes a superelement")
     content.system = card.integer(1, "a coordinate system", 0)
 
@@ -136,7 +139,7 @@ def _only_zero(card: Card, places: tuple[int, ...], problem: str) -> None:
             )
 
 
-def _element(content: _Content, card: Card) -> None:
+def _element(content: BulkData, card: Card) -> None:
     label = card.integer(0, "an element number")
     property_ = card.integer(1, "a property", label)
     most = max(_ELEMENTS[card.name])
@@ -152,21 +155,30 @@ def _element(content: _Content, card: Card) -> None:
         )
     nodes = [card.integer(2 + i, "a node number") for i in range(len(words))]
     further = [word for word in card.words[2 + most :] if word]
-    if kind in ("quad4", "tri3", "quad8", "tri6") and further:
+    flat = kind in ("quad4", "tri3", "quad8", "tri6")
+    angle = 4 if kind == "quad8" else 0
+    own = card.words[2 + most :]
+    if content.shells and flat and any(own[:angle] + own[angle + 1 :]):
+        raise InputError(
+            f"element {label} has an offset or thicknesses of its own",
+            place=card.place,
+            expected="shells in the middle of their thickness, which PSHELL gives",
+        )
+    if flat and further:
         content.said[f"further fields of {card.name} (angles, offsets)"] = None
     order = _ORDERS.get(kind, range(len(nodes)))
     listed = [nodes[i] for i in order]
     content.elements.append((label, property_, kind, listed, card.place))
 
 
-def _psolid(content: _Content, card: Card) -> None:
+def _psolid(content: BulkData, card: Card) -> None:
     _property(content, card, None)
     chosen = [word for word in (card.word(3), card.word(5)) if word]
     if chosen:
         content.said[f"the integration {', '.join(chosen)} of PSOLID"] = None
 
 
-def _pshell(content: _Content, card: Card) -> None:
+def _pshell(content: BulkData, card: Card) -> None:
     if card.real(7, "a mass per area"):
         raise InputError(
             "has nonstructural mass",
@@ -174,17 +186,34 @@ def _pshell(content: _Content, card: Card) -> None:
             expected="densities that hold all mass",
         )
     _property(content, card, card.real(2, "a thickness") or None)
-    content.said["bending of PSHELL: its elements are plane"] = None
+    if content.shells:
+        _check_bending(card)
+    else:
+        content.said["bending of PSHELL: its elements are plane"] = None
 
 
-def _property(content: _Content, card: Card, thickness: float | None) -> None:
+def _check_bending(card: Card) -> None:
+    """Whether a shell is one material through its thickness, which bends and shears."""
+    one, bending = card.integer(1, "a material"), card.integer(3, "a material", 0)
+    shear = card.integer(5, "a material", one)
+    if bending != one or shear != one or card.real(4, "a ratio", 1.0) != 1.0:
+        raise InputError(
+            f"PSHELL {card.word(0)} has MID1 {one}, MID2 {bending}, MID3 {shear} and "
+            f"12I/T3 {card.word(4) or 1}",
+            place=card.place,
+            expected="one material for membrane, bending and shear of a homogeneous "
+            "thickness",
+        )
+
+
+def _property(content: BulkData, card: Card, thickness: float | None) -> None:
     label = card.integer(0, "a property")
     if label in content.properties:
         raise _twice("property", label, card)
     content.properties[label] = (str(card.integer(1, "a material")), thickness)
 
 
-def _mat1(content: _Content, card: Card) -> None:
+def _mat1(content: BulkData, card: Card) -> None:
     name = str(card.integer(0, "a material"))
     if name in content.materials:
         raise _twice("material", name, card)
@@ -201,18 +230,18 @@ def _mat1(content: _Content, card: Card) -> None:
     )
 
 
-def _spc(content: _Content, card: Card) -> None:
+def _spc(content: BulkData, card: Card) -> None:
     for i in (1, 4):
         if card.word(i):
             _supported(content, card, card.word(i + 1), [card.word(i)])
 
 
-def _spc1(content: _Content, card: Card) -> None:
+def _spc1(content: BulkData, card: Card) -> None:
     _supported(content, card, card.word(1), card.words[2:])
 
 
 def _supported(
-    content: _Content, card: Card, components: str, words: list[str]
+    content: BulkData, card: Card, components: str, words: list[str]
 ) -> None:
     """Supports only name nodes here, whatever directions they hold."""
     name = f"SPC{card.integer(0, 'a set')}"
@@ -221,43 +250,43 @@ def _supported(
         content.said[f"directions of {name}: as a set it names nodes"] = None
 
 
-def _set1(content: _Content, card: Card) -> None:
+def _set1(content: BulkData, card: Card) -> None:
     name = f"SET{card.integer(0, 'a set')}"
     if name in content.sets:
         raise _twice("set", name, card)
     content.sets[name] = list(members(card.words[1:], card.place))
 
 
-def _system(content: _Content, card: Card) -> None:
+def _system(content: BulkData, card: Card) -> None:
     for system in systems_of(card):
         if system.label in content.systems:
             raise _twice("coordinate system", system.label, card)
         content.systems[system.label] = system
 
 
-def _rigid(content: _Content, card: Card) -> None:
+def _rigid(content: BulkData, card: Card) -> None:
     content.couplings.append(rbe2(card))
 
 
-def _mean(content: _Content, card: Card) -> None:
+def _mean(content: BulkData, card: Card) -> None:
     coupling, weights = rbe3(card)
     content.couplings.append(coupling)
     if weights:
         content.said["weights of RBE3: its nodes weigh alike here"] = None
 
 
-def _mass(content: _Content, card: Card) -> None:
+def _mass(content: BulkData, card: Card) -> None:
     content.masses.append(conm2(card))
 
 
-def _param(content: _Content, card: Card) -> None:
+def _param(content: BulkData, card: Card) -> None:
     if card.word(0).upper() == "WTMASS":
         content.weight = card.real(1, "a factor", 1.0)
         return
     content.said[f"PARAM {card.word(0).upper()}"] = None
 
 
-_READERS: dict[str, Callable[[_Content, Card], None]] = {
+_READERS: dict[str, Callable[[BulkData, Card], None]] = {
     "GRID": _grid,
     "GRDSET": _grdset,
     "PSOLID": _psolid,
@@ -275,12 +304,7 @@ _READERS: dict[str, Callable[[_Content, Card], None]] = {
 }
 
 
-def _imported(content: _Content) -> ImportedMesh:
-    given = {
-        n: (content.system if s < 0 else s, p) for n, (s, p) in content.local.items()
-    }
-    local = {n: (system, place) for n, (system, place) in given.items() if system}
-    content.nodes.update(basic_places(content.nodes, local, content.systems))
+def _imported(content: BulkData) -> ImportedMesh:
     raw = []
     for label, property_, kind, nodes, place in content.elements:
         material, depth = content.properties.get(property_, (None, None))

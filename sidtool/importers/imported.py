@@ -204,7 +204,8 @@ def assembled_mesh(
         if np.ptp(positions[used, 2]) > 1e-9 * np.ptp(positions[used], axis=0).max():
             raise InputError(
                 "has plane elements outside a plane z = constant",
-                expected="a plane mesh in the xy plane",
+                expected="a plane mesh in the xy plane, or geometry.engine = "
+                '"calculix", which makes shells of those of an .inp or .bdf',
             )
     members = {
         name: np.array(sorted({row[n] for n in group if n in row}), np.int64)

@@ -16,7 +16,7 @@ from .imported import ImportedMesh, integers, numbers
 from .inp_blocks import Block, read_blocks
 from .inp_couplings import read_hold, read_kind, read_mass
 from .inp_deck import Deck, Element, Scope, Section, twice
-from .inp_elements import ElementType, element_type, supported
+from .inp_elements import ElementType, element_type, refusal
 from .inp_equations import read_equation
 from .inp_instances import one_body
 from .inp_keywords import kind_of, readable
@@ -137,7 +137,7 @@ def _elements(deck: Deck, block: Block) -> None:
     given = block.options.get("TYPE", "").upper()
     kind = element_type(given)
     if kind is None:
-        raise _unsupported(given, block.place)
+        raise refusal(given, block.place)
     labels = []
     for words, place in _records(block, kind, given):
         label, *nodes = integers(words, place, "element and node numbers")
@@ -164,7 +164,7 @@ def _records(
         if len(words) == kind.count + 1:
             continue
         if kind.kind is None:
-            raise _unsupported(given, block.place)
+            raise refusal(given, block.place)
         raise InputError(
             f"element {words[0]} ({given}) has {len(words) - 1} nodes",
             place=place,
@@ -220,11 +220,3 @@ _READERS = {
 def _filled(words: list[str]) -> list[str]:
     """A blank field is zero."""
     return [word or "0" for word in words]
-
-
-def _unsupported(given: str, place: str) -> InputError:
-    return InputError(
-        f"element type {given or '(none)'} is not supported",
-        place=place,
-        expected=supported(),
-    )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
+
+from sidtool.formats.errors import InputError
 
 from ..frontends.reference_elements import ELEMENT_KINDS
 from .inp_keywords import BY_CALCULIX
@@ -99,6 +102,62 @@ def _replaced(suffix: str, formulation: str | None, averaged: bool) -> list[str]
     if set(suffix) & set("TEPV"):
         said.append("fields other than displacements are left out")
     return said
+
+
+#: What elements are that make no elastic body, and what to do.
+_FOREIGN = (
+    (r"D$", "belongs to networks of fluids", "the elastic body alone"),
+    (r"FC?3D", "is one of fluids", "the elastic body alone"),
+    (r"(DC|DS|DG)[123CA]", "conducts heat only", "elements with displacements"),
+    (r"CAX|SAX|MAX|RAX", "is axisymmetric", "the whole body in solids"),
+    (r"CG?PEG|CGAX", "has generalised plane strain", "CPE or solids"),
+    (r"SPRING|DASHPOT|GAP|CONN", "joins two points", "a force between markers"),
+    (r"DCOUP", "couples nodes", "*COUPLING with *DISTRIBUTING"),
+    (r"COH|C3D\d+P", "is not elastic alone", "elements with displacements"),
+)
+
+
+def refusal(name: str, place: str) -> InputError:
+    """That an element type is no part of a body here, and why."""
+    for pattern, what, instead in _FOREIGN:
+        if re.match(pattern, name):
+            return InputError(
+                f"element type {name} is not supported: it {what}",
+                place=place,
+                expected=instead,
+            )
+    return InputError(
+        f"element type {name or '(none)'} is not supported",
+        place=place,
+        expected=supported(),
+    )
+
+
+def deck_type(kind: str) -> str:
+    """The element of CalculiX for one of ours, shells for plane ones.
+
+    Raises
+    ------
+    InputError : it has none.
+    """
+    found = _IN_CALCULIX.get(kind)
+    if found is None:
+        raise InputError(f"CalculiX has no {kind}", expected=", ".join(_IN_CALCULIX))
+    return found
+
+
+_IN_CALCULIX = {
+    "tri3": "S3",
+    "quad4": "S4",
+    "tri6": "S6",
+    "quad8": "S8",
+    "tet4": "C3D4",
+    "tet10": "C3D10",
+    "wedge6": "C3D6",
+    "wedge15": "C3D15",
+    "hex8": "C3D8I",
+    "hex20": "C3D20",
+}
 
 
 def supported() -> str:

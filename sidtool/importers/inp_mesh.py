@@ -11,7 +11,7 @@ from sidtool.formats.errors import InputError
 from .imported import ImportedMesh, RawElement, assembled_mesh
 from .inp_couplings import couplings_of, masses_of, reference_labels
 from .inp_deck import Deck, Element, Member, Scope, Section
-from .inp_elements import supported
+from .inp_elements import refusal
 from .inp_equations import equations_of
 from .inp_instances import placed
 from .inp_materials import material_name, materials_of
@@ -142,11 +142,7 @@ def _no_solid(element: Element) -> InputError:
             place=element.place,
             expected="elements of one dimension",
         )
-    return InputError(
-        f"element type {element.given} is not supported",
-        place=element.place,
-        expected=supported(),
-    )
+    return refusal(element.given, element.place)
 
 
 def _raw(deck: Deck, element: Element, section: Section | None) -> RawElement:

@@ -241,3 +241,24 @@ def test_the_deck_of_the_tests_is_what_it_says(tmp_path: Path) -> None:
     sid = body(tmp_path, deck(BLOCK, "C3D8I") + listed("RIGHT", BLOCK.right))
     assert sid.mass == pytest.approx(MASS, rel=1e-12)
     assert STEEL["rho"] == 7850
+
+
+@pytest.mark.parametrize(
+    ("kind", "nodes", "said"),
+    [
+        ("D", 3, "networks of fluids"),
+        ("F3D8", 8, "one of fluids"),
+        ("DC3D8", 8, "conducts heat"),
+        ("CAX8R", 8, "axisymmetric.*whole body"),
+        ("SPRING2", 2, "force between markers"),
+        ("GAPUNI", 2, "force between markers"),
+        ("WHATEVER", 4, "WHATEVER is not supported; expected C3D4"),
+    ],
+)
+def test_elements_that_make_no_body_are_refused_with_the_reason(
+    kind: str, nodes: int, said: str, tmp_path: Path
+) -> None:
+    words = ", ".join(map(str, range(1, nodes + 1)))
+    text = deck(BLOCK, "C3D8I") + f"*ELEMENT, TYPE={kind}\n99, {words}\n"
+    with pytest.raises(InputError, match=said):
+        body(tmp_path, text)

@@ -1,0 +1,121 @@
+"""Shells of Nastran bulk data by CalculiX: plate theory, anywhere in space."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID
+
+from .decks import STEEL, frequencies
+
+SIDE, DEPTH, COUNT = 0.4, 0.004, 8
+TURN = Rotation.from_euler("zyx", [40.0, 25.0, -70.0], degrees=True).as_matrix()
+#: Free square plates of nu = 0.3: a^2 omega sqrt(rho h/D) (A. W. Leissa, "Vibration of
+#: plates", NASA SP-160, 1969).
+LEISSA = (13.489, 19.789, 24.432)
+needs_ccx = pytest.mark.skipif(
+    shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed"
+)
+
+
+def plate(*, turned: bool, tail: str = "", property_: str = "1") -> str:
+    """A square of CQUAD8 around the origin."""
+    n = 2 * COUNT
+    number: dict[tuple[int, int], int] = {}
+    lines = ["BEGIN BULK"]
+    for i in range(n + 1):
+        for j in range(n + 1):
+            if i % 2 and j % 2:
+                continue
+            number[i, j] = len(number) + 1
+            place = np.array([i / n - 0.5, j / n - 0.5, 0.0]) * SIDE
+            place = TURN @ place if turned else place
+            words = ",".join(repr(round(float(x), 12)) for x in place)
+            lines.append(f"GRID,{number[i, j]},,{words}")
+    steps = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1))
+    for i in range(0, n, 2):
+        for j in range(0, n, 2):
+            nodes = [str(number[i + a, j + b]) for a, b in steps]
+            label = len(lines)
+            lines += [
+                f"CQUAD8,{label},1,{','.join(nodes[:6])}",
+                f",{nodes[6]},{nodes[7]}{tail}",
+            ]
+    lines += [
+        f"PSHELL,1,1,{DEPTH!r},{property_}",
+        f"MAT1,1,{STEEL['e']!r},,{STEEL['nu']!r},{STEEL['rho']!r}",
+    ]
+    return "\n".join([*lines, "ENDDATA", ""])
+
+
+def body(folder: Path, text: str, **geometry: Any) -> SID:
+    (folder / "part.bdf").write_text(text)
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "geometry": {"type": "mesh", "file": "part.bdf", **geometry},
+        "discretisation": {"type": "mesh"},
+        "frame": {"type": "buckens"},
+        "markers": {"p": {"node": 1, "mesh_node": 1}},
+        "reduction": {"method": "modal", "modes": 4},
+    }
+    (folder / "model.json").write_text(json.dumps(data))
+    return sid_from_model(folder / "model.json")
+
+
+@needs_ccx
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.filterwarnings("ignore")
+def test_a_free_plate_has_the_frequencies_of_leissa(
+    turned: bool, tmp_path: Path
+) -> None:
+    sid = body(tmp_path, plate(turned=turned), engine="calculix")
+    bending = STEEL["e"] * DEPTH**3 / (12 * (1 - STEEL["nu"] ** 2))
+    unit = np.sqrt(bending / (STEEL["rho"] * DEPTH)) / SIDE**2 / (2 * np.pi)
+    assert_allclose(frequencies(sid)[:3], unit * np.array(LEISSA), rtol=1e-2)
+    assert sid.mass == pytest.approx(STEEL["rho"] * SIDE**2 * DEPTH, rel=1e-6)
+
+
+@needs_ccx
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("PSHELL,1,1,0.004,1,1.0", "PSHELL,1,1,0.004"), "MID2 0"),
+        (("PSHELL,1,1,0.004,1,1.0", "PSHELL,1,1,0.004,1,2.0,1"), "12I/T3 2.0"),
+        (
+            ("PSHELL,1,1,0.004,1,1.0", "PSHELL,2,1,0.004,1"),
+            "no complete material",
+        ),
+        (("ENDDATA", "CONM2,9000,1,,2.0\nENDDATA"), "masses beside shells"),
+        (("ENDDATA", "CBAR,9000,2,1,2,0.,1.,0.\nENDDATA"), "CBAR.*beams in an .inp"),
+    ],
+)
+def test_what_shells_do_not_say_is_refused(
+    change: tuple[str, str], said: str, tmp_path: Path
+) -> None:
+    text = plate(turned=True, property_="1,1.0")
+    assert change[0] in text
+    with pytest.raises(InputError, match=said):
+        body(tmp_path, text.replace(*change), engine="calculix")
+
+
+@pytest.mark.parametrize("tail", [",,,,,,0.001", ",0.005"])
+def test_offsets_and_corner_thicknesses_are_refused(tail: str, tmp_path: Path) -> None:
+    text = plate(turned=False, tail=tail)
+    with pytest.raises(InputError, match="an offset or thicknesses of its own"):
+        body(tmp_path, text, engine="calculix")
+
+
+def test_own_elements_name_the_engine(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"geometry\.engine"):
+        body(tmp_path, plate(turned=True))
