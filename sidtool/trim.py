@@ -57,6 +57,17 @@ class Trimmed:
         ]
         return found
 
+    def data(self) -> dict[str, Any]:
+        """The same for programs; numbers of shape functions as in the whole SID."""
+        modes, nodes = self.sizes
+        return {
+            "bodies": list(self.bodies),
+            "shape_functions": {"kept": list(self.numbers), "of": modes},
+            "nodes": {"kept": [node.id for node in self.sid.nodes], "of": nodes},
+            "sentences": self.sentences,
+            "accuracy": self.report.model_dump(mode="json"),
+        }
+
 
 def trimmed(
     path: Path,

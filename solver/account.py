@@ -128,6 +128,7 @@ def _notes(run: Run) -> Iterator[str]:
     if run.now >= system.scene.time.end and not _event_at_the_end(run):
         yield from notes.of_output_times(system.scene, float(run.times[-1:][0]))
     yield from notes.of_programs(system)
+    yield from notes.of_sampled_loops(system, run.control, run.start.z)
     yield from notes.hidden_errors(system, run.control, rtol, steps)
     yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)

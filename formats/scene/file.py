@@ -22,7 +22,8 @@ from .wanted import Wanted
 
 
 class Time(Table):
-    """The time span [s] and when the motion is recorded."""
+    """The time span [s] and when the motion is recorded: at multiples of the
+    `output_step`, or at `output_times`, of which analyses of one state need none."""
 
     start: float = 0.0
     end: float = Field(description="end of the simulation [s]")

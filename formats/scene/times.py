@@ -18,7 +18,7 @@ class OutputTimes:
 
     Raises
     ------
-    InputError : there are too many.
+    InputError : there are too many, or the scene says none.
     """
 
     def __init__(self, scene: SceneFile) -> None:
@@ -26,6 +26,12 @@ class OutputTimes:
         self._span = scene.time.end - scene.time.start
         self._count = len(scene.time.output_times or ())
         step = scene.time.output_step
+        if step is None and scene.time.output_times is None:
+            raise InputError(
+                "neither is given",
+                place="time",
+                expected="one of output_step and output_times",
+            )
         if step is None:
             return
         steps = self._span / step * (1 + 1e-12) + 1e-9

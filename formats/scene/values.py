@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 def check_time(time: Time) -> None:
     if not time.end > time.start:
         fail("time.end", f"found {time.end}", f"a time after the start, {time.start}")
-    if (time.output_step is None) == (time.output_times is None):
-        found = "both are" if time.output_step is not None else "neither is"
-        fail("time", f"{found} given", "one of output_step and output_times")
+    if time.output_step is not None and time.output_times is not None:
+        fail("time", "both are given", "one of output_step and output_times")
     for earlier, later in zip(
         time.output_times or (), (time.output_times or ())[1:], strict=False
     ):

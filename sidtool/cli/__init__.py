@@ -80,7 +80,7 @@ for command in (
     cli.add_command(command)
 
 #: Commands whose numbers `tell` gives; validate, outputs and export have their own.
-for command in (convert, simulate, info, study, *analyse.commands.values()):
+for command in (convert, simulate, info, study, trim, *analyse.commands.values()):
     command.params.append(JSON)
 for command in (convert, simulate, study, validate, outputs, plot, animate, export):
     command.params.append(QUIET)

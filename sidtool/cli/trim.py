@@ -8,7 +8,7 @@ import click
 
 from sidtool.formats.errors import InputError
 
-from .common import Target, check_targets, existing, files_of, force, target
+from .common import Target, check_targets, existing, files_of, force, target, tell
 
 
 @click.command()
@@ -58,6 +58,5 @@ def trim(
         click.echo(f"sidtool: {scene}: the finest model {error}", err=True)
         raise click.exceptions.Exit(1) from None
     write_sid(output, found.sid)
-    for sentence in found.sentences:
-        click.echo(sentence)
+    tell("\n".join(found.sentences), found.data)
     click.echo(f"{output} written")

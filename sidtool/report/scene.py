@@ -24,9 +24,15 @@ def describe_scene(scene: SceneFile) -> str:
     return "\n\n".join(scene_parts(scene))
 
 
+def _output_times(scene: SceneFile) -> str:
+    time = scene.time
+    if time.output_step is None and time.output_times is None:
+        return "no output times"
+    return plural(len(OutputTimes(scene)), "output time")
+
+
 def scene_parts(scene: SceneFile) -> list[Block]:
     """The same, one by one."""
-    count = len(OutputTimes(scene))
     accuracy = scene.accuracy
     entries = [
         ("title", scene.title or "(none)"),
@@ -34,8 +40,7 @@ def scene_parts(scene: SceneFile) -> list[Block]:
         ("gravity", _vector(scene.gravity) + " m/s2" if scene.gravity else "none"),
         (
             "time",
-            f"{scene.time.start:g} s to {scene.time.end:g} s, "
-            f"{plural(count, 'output time')}",
+            f"{scene.time.start:g} s to {scene.time.end:g} s, {_output_times(scene)}",
         ),
         (
             "integration",

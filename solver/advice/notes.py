@@ -27,6 +27,8 @@ from ..system.storage import new_work
 
 #: Times are the same when they differ by less than this part of the time span.
 SAME = 1e-9
+#: Sizes of the mechanism that no coordinate of a controlled one passes.
+RAN_AWAY = 1e6
 #: Errors within so many times the requested one keep the promise.
 MISSED = 10.0
 #: Turns from which on radau13 does not keep a relative tolerance above the second.
@@ -101,6 +103,22 @@ def of_programs(system: System) -> list[str]:
         f"{name}: given by a program, of which only values can be seen; what lasts "
         f"less than {shortest:.3g} s may be missed. The result keeps what was seen"
         for name, shortest in system.seen.items()
+    ]
+
+
+def of_sampled_loops(system: System, control: stepping.Control, z: Array) -> list[str]:
+    """Of laws that are sampled while what they act on runs away.
+
+    z : positions at the start
+    """
+    sampled = {e.name: e.sampled for e in system.forces if e.sampled}
+    away = float(np.abs(control.z - z).max(initial=0.0))
+    if not sampled or not away > RAN_AWAY * max(system.length, 1.0):
+        return []
+    laws = ", ".join(f"{name} every {step:.3g} s" for name, step in sampled.items())
+    return [
+        f"coordinates grew to {away:.2g}: a loop of the laws that are sampled ({laws}) "
+        "looks unstable; smaller gains or a shorter sample_time may hold it"
     ]
 
 

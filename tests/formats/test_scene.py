@@ -95,7 +95,6 @@ PIECES = "drives/crank_angle/function/pieces"
         ("time/end", None, "time.end: is missing"),
         ("time/end", -1.0, "time.end: found -1.0; expected a time after the start"),
         ("time/output_step", 0, "time.output_step: found 0; expected a number greater"),
-        ("time/output_step", None, "time: neither is given"),
         ("time/output_times", [0.0], "time: both are given"),
         ("accuracy/rtol", 0.0, "accuracy.rtol: found 0"),
         (

@@ -36,7 +36,7 @@ def commands(group: click.Group, before: tuple[str, ...] = ()) -> dict[str, Any]
 @pytest.mark.parametrize("name", sorted(set(commands(cli)) - SILENT))
 def test_every_command_that_prints_numbers_has_the_options(name: str) -> None:
     options = {o for p in commands(cli)[name].params for o in p.opts}
-    writes_only = {"plot", "animate", "report", "trim"}
+    writes_only = {"plot", "animate", "report"}
     assert "--json" in options or name in writes_only, options
     assert "--quiet" in options or name == "info", options
 
