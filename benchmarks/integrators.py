@@ -88,7 +88,15 @@ def exact_four_bars(system: System) -> Reference:
     truth = one_degree_of_freedom(system.scene.time.end, 100)
     values = np.column_stack(list(truth.values()))
     scale = np.abs(values).max(axis=0)
-    return Reference(tuple(truth), values, scale, 1e-12, (), 0.0)
+    return Reference(
+        names=tuple(truth),
+        values=values,
+        scale=scale,
+        floors=np.full(len(truth), 1e-12),
+        left_out=(),
+        unpredictable={},
+        seconds=0.0,
+    )
 
 
 def means(trials: Sequence[Trial]) -> Table:

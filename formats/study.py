@@ -1,4 +1,4 @@
-"""Studies as files: what each setting of a run costs and gives, as JSON."""
+"""Studies as files: what each variant of a scene costs and gives, as JSON."""
 
 from __future__ import annotations
 
@@ -25,6 +25,18 @@ class StudyPoint(Table):
     seconds: float | None = None
     steps: int
     message: str = Field(default="", description="why it failed")
+    told: bool = Field(
+        default=True, description="false: less than the reference's own error"
+    )
+    choices: dict[str, str] = Field(
+        default_factory=dict, description="model, mesh, modes, ... as far as they vary"
+    )
+    size: int = Field(default=0, description="elastic coordinates of all bodies")
+    dofs: int = Field(default=0, description="degrees of freedom of the meshes")
+    conversion: float = Field(default=0.0, description="of the models [s]")
+    errors: dict[str, float] = Field(
+        default_factory=dict, description="relative, of single outputs"
+    )
 
 
 class StudyFile(Table):
@@ -35,6 +47,10 @@ class StudyFile(Table):
     title: str = ""
     outputs: tuple[str, ...] = Field(description="that were compared")
     uncertainty: float = Field(description="of the reference, relative")
+    reference: str = Field(default="", description="what it is a run of")
+    varied: tuple[str, ...] = Field(
+        default=("integrator",), description="axes with several values"
+    )
     points: tuple[StudyPoint, ...]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from typing import Any
 
@@ -18,15 +19,22 @@ from .reduction import AttachmentReduction, ModalReduction
 def refined(model: ModelFile, level: int) -> ModelFile | None:
     """The model with elements of 1/2^level of the size in each direction.
 
-    None for a mesh or matrices, which stay as they are.
+    Negative levels make larger elements, one in each direction at least.
+
+    None for a mesh or matrices, which stay as they are, and for knots without equal
+    spans, which cannot be made larger.
     """
     if level == 0:
         return model
-    found, times = model.discretisation, 2**level
+    found, times = model.discretisation, 2.0**level
     if isinstance(found, Q4Discretisation | SolidDiscretisation):
-        changes: dict[str, Any] = {"elements": tuple(n * times for n in found.elements)}
+        changes: dict[str, Any] = {
+            "elements": tuple(_times(n, times) for n in found.elements)
+        }
     elif isinstance(found, BeamDiscretisation):
-        changes = {"elements": found.elements * times}
+        changes = {"elements": _times(found.elements, times)}
+    elif isinstance(found, IgaDiscretisation) and found.knots is not None and level < 0:
+        return None
     elif isinstance(found, IgaDiscretisation):
         changes = _of_patches(found, times)
     else:
@@ -71,15 +79,20 @@ def modes_of(model: ModelFile) -> int | None:
     return found if isinstance(found, int) else None
 
 
-def _of_patches(found: IgaDiscretisation, times: int) -> dict[str, Any]:
+def _of_patches(found: IgaDiscretisation, times: float) -> dict[str, Any]:
     """Each knot span cut into so many equal ones."""
     if found.elements is not None:
-        return {"elements": tuple(n * times for n in found.elements)}
+        return {"elements": tuple(_times(n, times) for n in found.elements)}
     if found.functions is not None:
         pairs = zip(found.functions, found.degrees, strict=True)
-        return {"functions": tuple((n - p) * times + p for n, p in pairs)}
+        return {"functions": tuple(_times(n - p, times) + p for n, p in pairs)}
     assert found.knots is not None
-    return {"knots": tuple(_cut(knots, times) for knots in found.knots)}
+    return {"knots": tuple(_cut(knots, round(times)) for knots in found.knots)}
+
+
+def _times(elements: int, times: float) -> int:
+    """So many times as many, rounded up."""
+    return math.ceil(elements * times)
 
 
 def _cut(knots: tuple[float, ...], times: int) -> tuple[float, ...]:

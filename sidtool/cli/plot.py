@@ -121,7 +121,7 @@ def _drawn(
 
         return plot_result(output, content, kind, outputs)
     if found == "study":
-        from ..study import plot_study
+        from ..plot.precision import plot_study
 
         plot_study(output, content)
         return []

@@ -1,26 +1,52 @@
-"""``sidtool study``: error against time for one's own scene."""
+"""``sidtool study``: error against time and size for one's own scene."""
 
 from __future__ import annotations
 
 import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from .common import changes, existing, read_changed, target, tell
+from sidtool.formats.errors import InputError
+
+from ..interrupting import NAMES, ending
+from .common import changes, existing, is_quiet, read_changed, target, tell
 
 if TYPE_CHECKING:
-    from ..study import Study
+    from ..study import Setting, Study
+
+#: Lines of progress where there is no terminal come this often at most [s].
+PATIENCE = 10.0
 
 
 @click.command()
 @click.argument("scene", metavar="SCENE", type=existing)
 @click.option(
+    "--over",
+    "over",
+    metavar="AXES",
+    multiple=True,
+    help="What is varied, with commas between: mesh, modes, reduction, frame, terms, "
+    "integrator; or with values, as in modes=2:4:8. Default integrator.",
+)
+@click.option(
+    "--model",
+    "models",
+    metavar="BODY=FILE",
+    multiple=True,
+    help="The model of a body, in place of its SID; several of one body are compared.",
+)
+@click.option(
     "-o",
     "--output",
     type=target,
-    help="Folder for the plot, the tables as text, and the study for `sidtool plot`.",
+    help="Folder for tables (text, CSV), pictures (PNG, SVG), the study for `sidtool "
+    "plot`, and the finished points, with which the next study goes on.",
 )
 @click.option(
     "--wanted",
@@ -48,65 +74,146 @@ if TYPE_CHECKING:
     multiple=True,
     help="Output that counts, such as piston.x. Default all that the scene records.",
 )
+@click.option(
+    "--differ",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Of all combinations those that differ from the scene in at most N choices; "
+    "default as many as make 300 points.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1), help="Processes; default one on each core."
+)
+@click.option(
+    "--dask",
+    metavar="ADDRESS",
+    help="Compute on the cluster of this Dask scheduler, such as tcp://host:8786; "
+    "needs the packages dask and distributed.",
+)
 @changes
 def study(
     scene: Path,
+    over: tuple[str, ...],
+    models: tuple[str, ...],
     output: Path | None,
     wanted: tuple[float, ...],
     integrators: tuple[str, ...],
     tolerances: tuple[float, ...],
     steps: tuple[float, ...],
     outputs: tuple[str, ...],
+    differ: int | None,
+    jobs: int | None,
+    dask: str | None,
     changes: tuple[str, ...],
 ) -> None:
-    """Measure error against time for a SCENE and recommend a setting.
+    """Measure error against time and size for a SCENE and recommend a setting.
 
-    Runs integrators and tolerances over the scene and compares each run with a
-    reference of tight tolerance at the output times. The error is relative to the
-    variation of each output in the run; the worst output counts. Outputs that cannot
-    be predicted over the time span, as in a chaotic motion, are named.
+    Runs variants of the scene, by default integrators and tolerances, and compares each
+    run with a reference at the output times: the richest of all variants, integrated
+    much more tightly. The error is relative to the variation of each output in the run;
+    the worst output counts. Errors are told as far as the reference is good itself.
+    Outputs that cannot be predicted over the time span, as in a chaotic motion, are
+    named.
+
+    \b
+    --over varies the model, too:
+      mesh        elements twice as large, as they are, halved: mesh=-1:0:1
+      modes       modes of models, or shape functions of SIDs: modes=2:4:8
+      reduction   modal:craig_bampton:attachment:herting:krylov
+      frame       tangent:chord:buckens
+      terms       geometric stiffening, quadratic inertia: all:stiffening:quadratic:none
+      integrator  with tolerances: integrator=radau5:radau9
+
+    mesh and reduction need bodies that are given by models, in the scene or by --model;
+    several models of one body, such as Q4 and IGA, are put side by side. Elastic
+    coordinates are not compared where shape functions vary.
+
+    Points run on all cores, with one thread for linear algebra each, and are kept in
+    the folder of -o: the same command goes on where it was interrupted, and one that
+    asks for more computes only that. On a cluster model files and the meshes that they
+    name have to be where they are here.
 
     \b
     Examples:
       sidtool study slider_crank.toml --wanted 1e-6
       sidtool study slider_crank.toml -o study --of rod.q1
       sidtool study slider_crank.toml --integrator radau5 --integrator radau9
+      sidtool study slider_crank.toml --over modes,terms -o study
+      sidtool study slider_crank.toml --over mesh,modes=1:2:5,integrator -o study \\
+          --model rod=rod_q4.toml --model rod=rod_iga.toml
+
+    Exit status: 0 done; 1 the reference could not be run; 130 or 143 a signal ended it
+    (finished points are kept); 2 the input is wrong.
     """
     from sidtool.formats.files import located
-    from sidtool.solver import compile_scene
-    from sidtool.solver.errors import SimulationError
 
-    from ..study import default_settings, study_file
+    from ..study import Ended, parsed
     from ..study import study as run
 
     for option, numbers in (("--wanted", wanted), ("--rtol", tolerances)):
         _check(option, numbers, 1e-13, 1.0 if option == "--wanted" else 0.1)
     _check("--step", steps, 1e-12, 1e12)
-    settings = default_settings(integrators, tolerances, steps)
+    axes = parsed(over)
+    settings = _settings(axes, integrators, tolerances, steps)
     if output is not None:
         _check_folder(output)
-    try:
-        content = read_changed(scene, changes)
-        with located(content):
-            result = run(
-                compile_scene(content, content.folder), settings, outputs, _say
+    content = read_changed(scene, changes)
+    with ending(*NAMES) as asked, located(content):
+        try:
+            with _progress() as say:
+                result = run(
+                    content,
+                    axes,
+                    models=_by_body(models),
+                    settings=settings,
+                    outputs=outputs,
+                    differ=differ,
+                    keep=None if output is None else output / "points",
+                    jobs=jobs or len(os.sched_getaffinity(0)),
+                    dask=dask,
+                    stop=asked,
+                    say=say,
+                )
+        except Ended as why:
+            rest = "nothing is kept without -o"
+            if output is not None:
+                rest = f"finished points are in {output}; the same command goes on"
+            click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
+            raise click.exceptions.Exit(128 + asked.number) from None
+    _tell(result, wanted or (1e-3, 1e-6, 1e-9), output, scene.stem)
+
+
+def _settings(
+    axes: dict[str, tuple[Any, ...]],
+    integrators: tuple[str, ...],
+    tolerances: tuple[float, ...],
+    steps: tuple[float, ...],
+) -> list[Setting] | None:
+    """Those of the options; with other axes only where options ask for them."""
+    from ..study import default_settings
+
+    names = (*axes.get("integrator", ()), *integrators)
+    if axes and not (integrators or tolerances or steps):
+        default_settings(names)
+        return None
+    if names or not axes or "integrator" in axes:
+        return default_settings(names, tolerances, steps)
+    return default_settings(("radau9",), tolerances, steps)
+
+
+def _by_body(texts: tuple[str, ...]) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for text in texts:
+        body, _, file = text.partition("=")
+        if not body or not file:
+            raise InputError(
+                f"found {text!r}", place="--model", expected="BODY=MODEL.toml"
             )
-    except SimulationError as error:
-        click.echo(f"sidtool: {scene}: the reference {error}", err=True)
-        raise click.exceptions.Exit(1) from None
-    text = _report(result, wanted or (1e-3, 1e-6, 1e-9))
-    tell(text, lambda: study_file(result, scene.stem).model_dump(mode="json"))
-    if output is not None:
-        _write(output, result, text, scene.stem)
-
-
-def _say(line: str) -> None:
-    click.echo(line, err=True)
+        found.setdefault(body, []).append(file)
+    return found
 
 
 def _check(option: str, numbers: tuple[float, ...], least: float, most: float) -> None:
-    from sidtool.formats.errors import InputError
-
     for number in numbers:
         if not least <= number <= most:
             raise InputError(
@@ -116,8 +223,6 @@ def _check(option: str, numbers: tuple[float, ...], least: float, most: float) -
 
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be made at the end, before any work is done."""
-    from sidtool.formats.errors import InputError
-
     there = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     if not (there.is_dir() and os.access(there, os.W_OK)):
         raise InputError(
@@ -127,40 +232,62 @@ def _check_folder(folder: Path) -> None:
         )
 
 
-def _report(result: Study, wanted: tuple[float, ...]) -> str:
-    from ..study import differing, recommendation_table, study_table
+@contextmanager
+def _progress() -> Iterator[Callable[[str, int, int, float | None], None]]:
+    """A line that is renewed on a terminal, elsewhere one from time to time."""
+    if is_quiet():
+        yield lambda *_: None
+        return
+    terminal, last = sys.stderr.isatty(), -PATIENCE
 
-    reference = result.reference
-    parts = [study_table(result)]
-    parts.append(recommendation_table(result.points, wanted))
-    parts.append(
-        f"Errors are relative, of the worst of: {', '.join(reference.names)}.\n"
-        f"The reference is good to {reference.uncertainty:.0e}; smaller errors cannot "
-        "be told."
-    )
-    if reference.left_out:
-        parts.append(f"Left out, rounding only: {', '.join(reference.left_out)}.")
-    if reference.unpredictable:
-        found = differing(reference.unpredictable)
-        parts.append(
-            f"Not predictable over this time span: {found}. No setting above is "
-            "recommended for them; a shorter time span may help."
-        )
-    return "\n\n".join(parts)
+    def say(text: str, done: int, count: int, left: float | None) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if not terminal and now - last < PATIENCE and done < count:
+            return
+        last = now
+        rest = "" if left is None or done == count else f", {_duration(left)} left"
+        line = f"{done} of {count}{rest}: {text}"
+        click.echo(f"\r\x1b[K{line}" if terminal else line, err=True, nl=not terminal)
+
+    yield say
+    if terminal:
+        click.echo("\r\x1b[K", err=True, nl=False)
 
 
-def _write(folder: Path, result: Study, text: str, title: str) -> None:
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _tell(
+    result: Study, wanted: tuple[float, ...], folder: Path | None, title: str
+) -> None:
+    from ..study.tables import report, study_file
+
+    text = report(result, wanted)
+    tell(text, lambda: study_file(result, title).model_dump(mode="json"))
+    if folder is not None:
+        _write(folder, result, wanted, title)
+
+
+def _write(folder: Path, result: Study, wanted: tuple[float, ...], title: str) -> None:
     """The text takes its place last: where it stands, nothing is missing."""
     from sidtool.formats.atomic import atomic_path
     from sidtool.formats.study import write_study
 
-    from ..study import plot_study, study_file
+    from ..plot.precision import plot_study
+    from ..study.tables import study_file, whole_report, write_table
 
     folder.mkdir(parents=True, exist_ok=True)
-    table, plot, data = (folder / f"study.{end}" for end in ("txt", "png", "json"))
+    names = [f"study.{end}" for end in ("txt", "csv", "json", "png", "svg")]
+    table, numbers, data, *pictures = (folder / name for name in names)
     content = study_file(result, title)
     with atomic_path(table) as temporary:
-        temporary.write_text(text + "\n")
-        plot_study(plot, content)
+        temporary.write_text(whole_report(result, wanted) + "\n")
+        for picture in pictures:
+            plot_study(picture, content)
+        write_table(numbers, content)
         write_study(data, content)
-    click.echo(f"{table}, {plot} and {data} written")
+    click.echo(f"{', '.join(names)} written to {folder}")

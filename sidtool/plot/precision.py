@@ -1,13 +1,23 @@
-"""Work against precision: seconds over the error that they buy."""
+"""Error over cost: work and precision of integrators, Pareto fronts of studies."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.study import StudyFile, StudyPoint
 
 from .figure import figure
 
 _MARKS = "osD^v"
+#: Costs of a study that are drawn, and how they are called.
+_COSTS = {
+    "seconds": "wall time [s]",
+    "size": "elastic coordinates",
+    "dofs": "degrees of freedom of the meshes",
+}
 
 
 def plot_precision(
@@ -28,3 +38,65 @@ def plot_precision(
         axes.set_xlabel(label)
         axes.set_ylabel("wall time [s]")
         axes.legend()
+
+
+def plot_study(path: Path, content: StudyFile) -> None:
+    """Work against precision, a line per integrator; or error over time and size, with
+    the Pareto fronts, where more than integrators vary.
+
+    Raises
+    ------
+    InputError : no setting gave an error.
+    """
+    good = [p for p in content.points if not p.message and p.error and p.seconds]
+    if not good:
+        raise InputError("holds no errors to draw", expected="a study with runs")
+    others = [name for name in content.varied if name != "integrator"]
+    if others:
+        _plot_fronts(path, content, good, others[0])
+        return
+    lines: dict[str, list[tuple[float, float]]] = {}
+    for p in good:
+        name = p.integrator + ("" if p.step is None else ", fixed step")
+        lines.setdefault(name, []).append((float(p.error or 0), float(p.seconds or 0)))
+    plot_precision(path, lines, f"relative error, {content.title}")
+
+
+def _plot_fronts(
+    path: Path, content: StudyFile, points: list[StudyPoint], axis: str
+) -> None:
+    """One panel for each cost that differs; colours tell the values of one axis."""
+    costs = [c for c in _COSTS if len({getattr(p, c) for p in points}) > 1]
+    kinds = list(dict.fromkeys(p.choices.get(axis, "") for p in points))
+    size = (4.2 * len(costs), 3.8)
+    with figure(path, 1, len(costs), size=size) as panels:
+        every = list(panels) if len(costs) > 1 else [panels]
+        for panel, cost in zip(every, costs, strict=True):
+            for number, kind in enumerate(kinds):
+                chosen = [p for p in points if p.choices.get(axis, "") == kind]
+                pairs = [(getattr(p, cost), p.error) for p in chosen]
+                panel.plot(
+                    *zip(*pairs, strict=True),
+                    _MARKS[number % 5],
+                    markersize=4,
+                    alpha=0.6,
+                    label=f"{axis} {kind}",
+                )
+            _draw_front(
+                panel, [(getattr(p, cost), float(p.error or 0)) for p in points]
+            )
+            panel.axhline(content.uncertainty, color="0.5", linestyle=":")
+            scale = "linear" if cost == "size" else "log"
+            panel.set(xscale=scale, yscale="log", xlabel=_COSTS[cost])
+        every[0].set_ylabel(f"relative error, {content.title}")
+        every[-1].legend()
+
+
+def _draw_front(panel: Any, pairs: list[tuple[float, float]]) -> None:
+    best: list[tuple[float, float]] = []
+    for cost, error in sorted(pairs):
+        if not best or error < best[-1][1]:
+            best.append((cost, error))
+    panel.step(
+        *zip(*best, strict=True), where="post", color="0.2", label="Pareto front"
+    )

@@ -8,17 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.cli.study import _report
 from sidtool.formats.result import Result
-from sidtool.solver import simulate
-from sidtool.solver.system.scene import System
-from sidtool.study import TRUSTED, Study, default_settings, recommended, study
-from tests.solver.scenes import compiled, scene, slender_rod
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene, simulate
+from sidtool.study import Study, default_settings, recommended, study
+from sidtool.study.reference import TRUSTED
+from sidtool.study.tables import report
+from tests.solver.scenes import scene, slender_rod
 
 WANTED = (1e-2, 1e-4)
 
 
-def pendulum(seed: int, wild: bool) -> System:
+def pendulum(seed: int, wild: bool) -> SceneFile:
     """Two rods that swing a little, or are let go above and turn over."""
     random = np.random.default_rng([37, seed])
     angles = random.uniform(0.2, 0.5, 2) - 0.5 * math.pi
@@ -34,20 +35,18 @@ def pendulum(seed: int, wild: bool) -> System:
         "pin": {"type": "revolute", "markers": ["ground", "low.a"]},
         "elbow": {"type": "revolute", "markers": ["low.b", "tip.a"]},
     }
-    return compiled(
-        scene(
-            bodies,
-            joints,
-            gravity=[0.0, -9.81],
-            end=(8.0, 16.0, 32.0)[seed] if wild else 2.0,
-            steps=40,
-            record=["low.angle", "tip.angle", "clock.x", "clock.vx"],
-        )
+    return scene(
+        bodies,
+        joints,
+        gravity=[0.0, -9.81],
+        end=(8.0, 16.0, 32.0)[seed] if wild else 2.0,
+        steps=40,
+        record=["low.angle", "tip.angle", "clock.x", "clock.vx"],
     )
 
 
-def studied(system: System, *names: str) -> Study:
-    return study(system, default_settings(names, (1e-2, 1e-4)))
+def studied(content: SceneFile, *names: str) -> Study:
+    return study(content, settings=default_settings(names, (1e-2, 1e-4)))
 
 
 def away(result: Result, exact: Result, name: str) -> float:
@@ -57,8 +56,8 @@ def away(result: Result, exact: Result, name: str) -> float:
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_recommended_is_as_good_as_is_told(seed: int) -> None:
     """Against dop853 at a tolerance that no study takes."""
-    system = pendulum(seed, wild=False)
-    found = studied(system, "radau5", "auto")
+    content = pendulum(seed, wild=False)
+    found, system = studied(content, "radau5", "auto"), compile_scene(content)
     exact = simulate(system, integrator="dop853", rtol=1e-12)
     assert not found.reference.unpredictable
     assert found.reference.left_out == ("clock.vx",)
@@ -80,8 +79,8 @@ def test_outputs_that_no_integrator_agrees_on_are_called_unpredictable(
     seed: int,
 ) -> None:
     """And nothing is recommended for them; of the others errors are told as ever."""
-    system = pendulum(seed, wild=True)
-    found = studied(system, "radau9")
+    content = pendulum(seed, wild=True)
+    found, system = studied(content, "radau9"), compile_scene(content)
     runs: list[Any] = [
         simulate(system, integrator=name, rtol=1e-11) for name in ("dop853", "radau13")
     ]
@@ -92,7 +91,7 @@ def test_outputs_that_no_integrator_agrees_on_are_called_unpredictable(
         if name in found.reference.unpredictable:
             assert part > TRUSTED / 30.0
     assert "clock.x" in found.reference.names
-    text = _report(found, WANTED)
+    text = report(found, WANTED)
     told = "Not predictable over this time span" in text
     assert told == bool(found.reference.unpredictable)
     for name in found.reference.unpredictable:
@@ -109,15 +108,13 @@ def test_forces_that_cancel_are_rounding_and_not_unpredictable() -> None:
         "initial": {"axis_angle": [0.0, 0.7, 0.0]},
     }
     pin = {"type": "revolute", "markers": ["ground", "rod"], "axis": [0.0, 1.0, 0.0]}
-    system = compiled(
-        scene(
-            {"rod": rod},
-            {"pin": pin},
-            dimension="spatial",
-            gravity=[0.0, 0.0, -9.81],
-            record=["pin.angle", "pin.fx", "pin.fy", "pin.mx", "pin.my"],
-        )
+    content = scene(
+        {"rod": rod},
+        {"pin": pin},
+        dimension="spatial",
+        gravity=[0.0, 0.0, -9.81],
+        record=["pin.angle", "pin.fx", "pin.fy", "pin.mx", "pin.my"],
     )
-    found = studied(system, "radau9").reference
+    found = studied(content, "radau9").reference
     assert found.names == ("pin.angle", "pin.fx")
     assert found.left_out == ("pin.fy", "pin.mx", "pin.my")

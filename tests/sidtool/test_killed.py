@@ -24,7 +24,7 @@ import os, sys, time
 import {module} as module
 from sidtool.cli import main
 
-def stop(*arguments):
+def stop(*arguments, **more):
     print("writing", flush=True)
     time.sleep(60)
 
@@ -190,10 +190,15 @@ STUDY = ["study", "slider_crank.toml", "-o", "deep/study", "--integrator", "rada
 STUDY += ["--rtol", "1e-3"]
 
 
-@pytest.mark.parametrize("stop", ["study", "plot_study"])
-def test_a_killed_study_leaves_no_folder_half_filled(stop: str, folder: Path) -> None:
-    """During its runs there is no folder yet; while it plots no text either."""
-    done = killed(folder, STUDY, signal.SIGKILL, f"module.{stop}", "sidtool.study")
+@pytest.mark.parametrize(
+    ("module", "stop"),
+    [("sidtool.study", "study"), ("sidtool.plot.precision", "plot_study")],
+)
+def test_a_killed_study_leaves_no_folder_half_filled(
+    module: str, stop: str, folder: Path
+) -> None:
+    """Before its runs there is no folder yet; while it plots no text either."""
+    done = killed(folder, STUDY, signal.SIGKILL, f"module.{stop}", module)
     assert done.returncode == -9
     made = names(folder) - {"slider_crank.toml", "rod_q4.SID_FEM"}
     if stop == "study":

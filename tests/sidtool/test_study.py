@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,9 @@ import pytest
 import sidtool
 from sidtool.cli import run
 from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene
 from sidtool.solver.integrators import INTEGRATORS
-from sidtool.solver.system.scene import System
 from sidtool.study import (
     Point,
     Setting,
@@ -22,7 +24,7 @@ from sidtool.study import (
     recommended,
     study,
 )
-from tests.solver.scenes import compiled, scene
+from tests.solver.scenes import scene
 
 SCENE = """
 format = "sidtool scene"
@@ -49,19 +51,17 @@ record = ["bob.x", "bob.y"]
 """
 
 
-def pendulum(*more: str) -> System:
+def pendulum(*more: str) -> SceneFile:
     """A point mass on a massless rod, at rest and level at first."""
     ball: dict[str, Any] = {"mass": 1.0, "initial": {"position": [1.0, 0.0]}}
     rod = {"type": "distance", "markers": ["ground", "ball"], "length": 1.0}
     record = ["ball.x", "ball.y", *more]
-    return compiled(
-        scene({"ball": ball}, {"rod": rod}, gravity=[0.0, -9.81], record=record)
-    )
+    return scene({"ball": ball}, {"rod": rod}, gravity=[0.0, -9.81], record=record)
 
 
 def test_the_reference_knows_the_pendulum() -> None:
     """x^2 + y^2 = 1, and the fall of a bob that starts level: v^2 = 2 g (-y)."""
-    reference = make_reference(pendulum("ball.vx", "ball.vy"))
+    reference = make_reference(compile_scene(pendulum("ball.vx", "ball.vy")))
     x, y, vx, vy = reference.values.T
     assert x**2 + y**2 == pytest.approx(1.0, abs=1e-10)
     assert vx**2 + vy**2 == pytest.approx(-2 * 9.81 * y, abs=1e-8)
@@ -70,33 +70,30 @@ def test_the_reference_knows_the_pendulum() -> None:
 
 def test_tighter_tolerances_cost_steps_and_gain_digits() -> None:
     settings = default_settings(["radau5"], [1e-3, 1e-6, 1e-9])
-    points = study(pendulum(), settings).points
+    points = study(pendulum(), settings=settings).points
     assert points[0].error > 10 * points[1].error > 100 * points[2].error
     assert points[0].steps < points[1].steps < points[2].steps
 
 
 def test_fixed_steps_gain_the_order_of_the_method() -> None:
     settings = default_settings(["trapezoidal"], (), [0.02, 0.01])
-    coarse, fine = study(pendulum(), settings).points
+    coarse, fine = study(pendulum(), settings=settings).points
     assert coarse.error / fine.error == pytest.approx(4.0, rel=0.2)
 
 
 def test_outputs_that_stay_zero_are_left_out() -> None:
-    system = compiled(
-        scene(
-            {"ball": {"mass": 1.0, "initial": {"velocity": [1.0, 0.0]}}},
-            record=["ball.x", "ball.y"],
-        )
+    thrown = scene(
+        {"ball": {"mass": 1.0, "initial": {"velocity": [1.0, 0.0]}}},
+        record=["ball.x", "ball.y"],
     )
-    reference = make_reference(system)
+    reference = make_reference(compile_scene(thrown))
     assert reference.names == ("ball.x",)
     assert reference.left_out == ("ball.y",)
 
 
 def test_a_scene_without_outputs_cannot_be_studied() -> None:
-    system = compiled(scene({"ball": {"mass": 1.0}}))
     with pytest.raises(InputError, match="records no outputs"):
-        study(system)
+        study(scene({"ball": {"mass": 1.0}}))
 
 
 def test_all_integrators_are_studied_unless_told() -> None:
@@ -109,15 +106,15 @@ def test_what_is_far_too_slow_gets_no_tighter_tolerances(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Slower at all than another one that errs no more, where that is what counts."""
-    monkeypatch.setattr("sidtool.study.LONG", 0.0)
-    monkeypatch.setattr("sidtool.study.HOPELESS", 1.0)
+    monkeypatch.setattr("sidtool.study.measuring.LONG", 0.0)
+    monkeypatch.setattr("sidtool.study.measuring.HOPELESS", 1.0)
     wanted = default_settings(["radau9", "trapezoidal"], [1e-4, 1e-5, 1e-6])
-    found = study(pendulum(), wanted).points
+    found = study(pendulum(), settings=wanted).points
     assert [p.setting for p in found] == wanted
     trapezoidal = found[3:]
     assert trapezoidal[0].steps > 0
     assert trapezoidal[-1].message == "left out, far too slow"
-    assert study(pendulum(), wanted[3:]).points[-1].steps > 0
+    assert study(pendulum(), settings=wanted[3:]).points[-1].steps > 0
 
 
 def test_only_long_runs_are_hopeless() -> None:
@@ -147,12 +144,23 @@ def test_the_command_recommends_and_draws(
 ) -> None:
     path = tmp_path / "pendulum.toml"
     path.write_text(SCENE)
-    arguments = ["study", str(path), "--wanted", "1e-4", "-o", str(tmp_path / "out")]
+    arguments = [
+        "study",
+        str(path),
+        "--jobs",
+        "1",
+        "--wanted",
+        "1e-4",
+        "-o",
+        str(tmp_path / "out"),
+    ]
     arguments += ["--integrator", "radau5", "--rtol", "1e-4", "--rtol", "1e-6"]
     assert run(arguments) == 0
     text = capsys.readouterr().out
     assert 'integrator = "radau5", rtol = ' in text
     assert (tmp_path / "out" / "study.txt").read_text().strip() in text
+    rows = list(csv.DictReader((tmp_path / "out" / "study.csv").open()))
+    assert [row["rtol"] for row in rows] == ["0.0001", "1e-06"]
     assert (tmp_path / "out" / "study.png").read_bytes().startswith(b"\x89PNG")
     data, again = tmp_path / "out" / "study.json", tmp_path / "again.svg"
     kept = sidtool.read(data)
@@ -170,23 +178,23 @@ def test_wrong_wishes_are_refused(
 ) -> None:
     path = tmp_path / "pendulum.toml"
     path.write_text(SCENE)
-    assert run(["study", str(path), *arguments]) == 2
+    assert run(["study", str(path), "--jobs", "1", *arguments]) == 2
     assert "expected" in capsys.readouterr().err
 
 
 def test_errors_below_the_reference_are_not_told() -> None:
-    reference = make_reference(pendulum())
-    point = study(pendulum(), [Setting("radau13", rtol=1e-13)]).points[0]
+    reference = make_reference(compile_scene(pendulum()))
+    point = study(pendulum(), settings=[Setting("radau13", rtol=1e-13)]).points[0]
     assert point.error >= reference.uncertainty > 0.0
 
 
 def test_auto_is_studied_when_asked_for() -> None:
     assert default_settings(["auto"], [1e-6]) == [Setting("auto", rtol=1e-6)]
-    point = study(pendulum(), [Setting("auto", rtol=1e-6)]).points[0]
+    point = study(pendulum(), settings=[Setting("auto", rtol=1e-6)]).points[0]
     assert point.error < 1e-5
 
 
-def chaotic(end: float) -> System:
+def chaotic(end: float) -> SceneFile:
     """A double pendulum that starts upside down, beside a body that falls."""
     bodies: dict[str, Any] = {
         name: {
@@ -204,16 +212,14 @@ def chaotic(end: float) -> System:
     }
     record = ["lower.x", "ball.y"]
     gravity = [0.0, -9.81]
-    return compiled(
-        scene(bodies, joints, end=end, steps=200, gravity=gravity, record=record)
-    )
+    return scene(bodies, joints, end=end, steps=200, gravity=gravity, record=record)
 
 
 def test_chaotic_outputs_are_named_and_nothing_is_recommended_for_them() -> None:
     """They do not count as rounding; what can be predicted is compared."""
-    reference = make_reference(chaotic(60.0))
+    reference = make_reference(compile_scene(chaotic(60.0)))
     assert reference.names == ("ball.y",) and reference.left_out == ()
     assert reference.unpredictable["lower.x"] > 0.1
     with pytest.raises(InputError, match="no output can be predicted: two references"):
-        make_reference(chaotic(60.0), ["lower.x"])
-    assert make_reference(chaotic(2.0)).unpredictable == {}
+        make_reference(compile_scene(chaotic(60.0)), ["lower.x"])
+    assert make_reference(compile_scene(chaotic(2.0))).unpredictable == {}

@@ -1,0 +1,102 @@
+"""Runs of compiled scenes: the course of their outputs, and the time that they take."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .settings import Setting
+
+if TYPE_CHECKING:
+    from sidtool.formats.result import Result
+    from sidtool.solver.system.scene import System
+
+#: Runs are repeated until they have taken this long in all [s], or this often.
+ENOUGH, REPEATS = 0.3, 5
+#: An integrator that takes longer than this [s], and so many times as long as another
+#: one for no less error, is not tried with tighter tolerances.
+LONG, HOPELESS = 1.0, 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What a run gives and costs.
+
+    Attributes
+    ----------
+    names : outputs that the model has
+    values : (nt, n) their course at output times
+    force : the largest Lagrange multiplier
+    seconds : the least solve time of several runs
+    message : why there is no run, and nothing else then
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    force: float = 0.0
+    seconds: float = np.inf
+    steps: int = 0
+    message: str = ""
+
+    def columns(self, names: Sequence[str]) -> np.ndarray:
+        """Outputs (nt, n); zero where the model has none."""
+        zero, rows = (
+            np.zeros(len(self.values)),
+            {n: i for i, n in enumerate(self.names)},
+        )
+        known = [self.values[:, rows[n]] if n in rows else zero for n in names]
+        return np.column_stack(known)
+
+
+def failed(message: str) -> Course:
+    """Where there is no run."""
+    return Course((), np.zeros((0, 0)), message=message)
+
+
+def course(result: Result, seconds: float | None = None) -> Course:
+    """Of a result."""
+    return Course(
+        result.names,
+        np.asarray(result.values),
+        float(np.abs(result.multipliers).max(initial=0.0)),
+        float(result.counters["seconds"]) if seconds is None else seconds,
+        int(result.counters["steps"]),
+    )
+
+
+def timed(
+    system: System, setting: Setting, repeats: int = REPEATS
+) -> tuple[Result, float]:
+    """A run and its least solve time out of several [s].
+
+    Raises
+    ------
+    SimulationError : the run stopped early.
+    """
+    from sidtool.solver import simulate
+
+    seconds: list[float] = []
+    while len(seconds) < repeats and sum(seconds) < ENOUGH:
+        result = simulate(
+            system,
+            integrator=setting.integrator,
+            rtol=setting.rtol,
+            step=setting.step,
+        )
+        seconds.append(float(result.counters["seconds"]))
+    return result, min(seconds)
+
+
+def is_hopeless(
+    seconds: float, error: float, others: Iterable[tuple[float, float]]
+) -> bool:
+    """Whether a run is far slower than another of no more error.
+
+    others : seconds and errors of other runs
+    """
+    return LONG < seconds < np.inf and any(
+        HOPELESS * time < seconds and other <= error for time, other in others
+    )

@@ -1,0 +1,237 @@
+"""What a study computes: values of its axes, its points, the outputs it compares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model.refine import modes_of, refined
+from sidtool.formats.scene import SceneFile, is_elastic, is_stress, parse_output
+from sidtool.formats.stiffening import has_stiffening
+from sidtool.solver.system.bodies.unstiffened import can_be_unstiffened
+
+from .axes import AXES, FRAMES, METHODS, TERMS, Values, Variant, grid, with_choice
+from .bodies import Bodies
+from .settings import FEW, Setting, default_settings
+
+#: Points of a study, unless more are asked for.
+MOST = 300
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The points of a study.
+
+    values : of each axis that is varied
+    base : the scene as it is
+    points : variants and settings, those first that differ least from the scene
+    differ : in how many choices they differ from it at most
+    whole : points of the whole grid
+    """
+
+    bodies: Bodies
+    values: Values
+    base: Variant
+    settings: tuple[Setting, ...]
+    points: tuple[tuple[Variant, Setting], ...]
+    differ: int
+    whole: int
+
+    @property
+    def varied(self) -> tuple[str, ...]:
+        """Axes with several values, the models among them."""
+        models = ("model",) if self.bodies.models > 1 else ()
+        return models + tuple(n for n in AXES if len(self.values.get(n, ())) > 1)
+
+    def labels(self, variant: Variant) -> dict[str, str]:
+        """What a table says of a variant."""
+        found = {"model": self.bodies.title(variant.model)}
+        for name in self.varied:
+            if name not in ("model", "integrator"):
+                value = getattr(variant, name)
+                found[name] = "own" if value is None else str(value)
+        return {name: found[name] for name in self.varied if name in found}
+
+    def richest(self) -> list[Variant]:
+        """The finest mesh with most modes of each model, those with all terms first."""
+        found = [replace(self.base, model=k) for k in range(self.bodies.models)]
+        for name in ("mesh", "modes"):
+            known = [v for v in self.values.get(name, ()) if v is not None]
+            if known:
+                found = [with_choice(v, name, max(known)) for v in found]
+        for name in ("reduction", "terms"):
+            choices = self.values.get(name, (getattr(self.base, name),))
+            order = [c for c in TERMS if c in choices] if name == "terms" else choices
+            found = [with_choice(v, name, c) for c in order or choices for v in found]
+        return found
+
+
+def planned(
+    bodies: Bodies,
+    asked: Values,
+    settings: Sequence[Setting] | None,
+    differ: int | None,
+) -> Plan:
+    """The values of all axes, their defaults where none are given, and the points.
+
+    Raises
+    ------
+    InputError : an axis does not fit the scene.
+    """
+    if not asked and bodies.models == 1:
+        asked = {"integrator": ()}
+    values: dict[str, tuple[Any, ...]] = {}
+    base = Variant()
+    for name in AXES:
+        if name in asked and name != "integrator":
+            own, default = _AXES[name](bodies)
+            values[name] = asked[name] or default
+            base = with_choice(base, name, own if own in values[name] else None)
+            if getattr(base, name) is None and None not in values[name]:
+                base = with_choice(base, name, values[name][0])
+    chosen = _settings(bodies.scene, asked, settings)
+    if "integrator" in asked or len(chosen) > 1:
+        values["integrator"] = tuple(chosen)
+    points = grid(bodies.models, values, base, chosen)
+    most = points[-1][2] if differ is None else differ
+    if differ is None:
+        while most > 1 and sum(away <= most for *_, away in points) > MOST:
+            most -= 1
+    return Plan(
+        bodies,
+        values,
+        base,
+        tuple(chosen),
+        tuple((v, s) for v, s, away in points if away <= most),
+        most,
+        len(points),
+    )
+
+
+def _settings(
+    scene: SceneFile, asked: Values, settings: Sequence[Setting] | None
+) -> list[Setting]:
+    """Those given, or of the axis, or the one of the scene."""
+    if settings is not None:
+        return list(settings)
+    accuracy = scene.accuracy
+    own = Setting(accuracy.integrator, accuracy.rtol)
+    if accuracy.step is not None:
+        own = Setting(accuracy.integrator, step=accuracy.step)
+    if "integrator" not in asked:
+        return [own]
+    names = asked["integrator"]
+    if set(asked) == {"integrator"}:
+        return default_settings(names)
+    return default_settings(names or FEW[0], FEW[1])
+
+
+def _mesh(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
+    if not bodies.sources:
+        raise InputError(
+            "no body of the scene is given by a model",
+            place="--over mesh",
+            expected='`model = "rod.toml"` of a body in the scene, or --model '
+            "BODY=MODEL.toml",
+        )
+    models = [source.model for found in bodies.sources.values() for source in found]
+    levels = [k for k in (-1, 0, 1) if all(refined(m, k) is not None for m in models)]
+    if len(levels) == 1:
+        raise InputError(
+            "the meshes of the models are as they are",
+            place="--over mesh",
+            expected="models with elements of their own, of which each can be halved",
+        )
+    return 0, tuple(levels)
+
+
+def _modes(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
+    counts = [bodies.sids[n].nq for n in bodies.scene.flexible if n in bodies.sids]
+    counts += [modes_of(f[0].model) or 0 for f in bodies.sources.values()]
+    if not counts:
+        raise InputError(
+            "the scene has no flexible body", place="--over modes", expected="one"
+        )
+    most = max(counts)
+    few = (max(1, most // 2), most, 2 * most) if most else (0, 2, 4)
+    if not bodies.sources:
+        few = (max(1, most // 4), max(1, most // 2), most)
+    own = most if len(set(counts)) == 1 else None
+    return own, tuple(dict.fromkeys(few if own is not None else (*few, None)))
+
+
+def _reduction(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
+    methods = {s.model.reduction.method for f in bodies.sources.values() for s in f}
+    if not methods:
+        raise InputError(
+            "no body of the scene is given by a model, and a SID is reduced already",
+            place="--over reduction",
+            expected="--model BODY=MODEL.toml",
+        )
+    own = methods.pop() if len(methods) == 1 else None
+    return own, METHODS if own in METHODS else (None, *METHODS)
+
+
+def _frame(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
+    kinds = {s.model.frame.type for f in bodies.sources.values() for s in f}
+    own = kinds.pop() if len(kinds) == 1 and not bodies.sids else None
+    return own, FRAMES if own else (None, *FRAMES)
+
+
+def _terms(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
+    """Not all SIDs tell what is left without their stiffening."""
+    scene, sids = bodies.scene, bodies.sids
+    planar = scene.dimension == "planar"
+    known = [
+        b.geometric_stiffening and has_stiffening(sids[n])
+        for n, b in scene.sid_bodies.items()
+        if n in sids
+    ]
+    models = [f[0].model.stiffening is not None for f in bodies.sources.values()]
+    stiffened = any(known) or any(models)
+    quadratic = any(b.quadratic_inertia for b in scene.sid_bodies.values())
+    own = {(True, True): "all", (True, False): "stiffening", (False, True): "quadratic"}
+    if not bodies.sources and not any(known):
+        return own.get((stiffened, quadratic), "none"), ("quadratic", "none")
+    if not all(can_be_unstiffened(sid, planar) for sid in sids.values()):
+        return own.get((stiffened, quadratic), "none"), ("all", "stiffening")
+    return own.get((stiffened, quadratic), "none"), TERMS
+
+
+_AXES = {
+    "mesh": _mesh,
+    "modes": _modes,
+    "reduction": _reduction,
+    "frame": _frame,
+    "terms": _terms,
+}
+
+
+def comparable(
+    names: Sequence[str], scene: SceneFile, varied: Sequence[str], named: bool
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Outputs that mean the same in all variants, and the others.
+
+    Elastic coordinates belong to shape functions; where the body frame is, and what is
+    told relative to it, to the frame. Elastic coordinates that are `named` count where
+    mesh and number of modes vary alone.
+    """
+    shapes = (
+        {"reduction", "frame"} if named else {"model", "mesh", "reduction", "frame"}
+    )
+    kept: list[str] = []
+    others: list[str] = []
+    for name in names:
+        parsed = parse_output(name)
+        body = parsed.owner in scene.flexible
+        elastic = body and not parsed.marker and is_elastic(parsed.quantity)
+        if elastic:
+            bad = bool(shapes & set(varied))
+        elif body and "frame" in varied and not is_stress(parsed.quantity):
+            bad = not parsed.marker or parsed.quantity in ("ux", "uy", "uz")
+        else:
+            bad = False
+        (others if bad else kept).append(name)
+    return tuple(kept), tuple(others)

@@ -1,0 +1,226 @@
+"""The motion that errors are measured against, and what can be told of errors.
+
+The error of a run is its greatest difference to the reference at the output times,
+relative to the variation of each output in the run. How far errors can be told is seen
+from what the reference itself still changes with: the integrator, the mesh, the number
+of modes. Events that end runs end them all at almost the same time, the last of the
+times that are compared.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+
+from .measuring import Course, course
+from .settings import TIGHT
+
+if TYPE_CHECKING:
+    from sidtool.formats.result import Result
+    from sidtool.solver.system.scene import System
+
+#: Outputs whose references differ by more than this part of their variation cannot be
+#: predicted; those that meshes and modes still change by more are not converged.
+TRUSTED, CONVERGED = 1e-3, 0.1
+#: Outputs that vary by less than these parts of their own values, or of the largest
+#: variation of an output of their kind, hold rounding only.
+CONSTANT, UNMOVED = 1e-12, 1e-9
+#: Of the largest force of a joint, the part that rounding leaves of its components.
+ROUNDED_FORCE = 1e-12
+#: Outputs that are forces and moments.
+FORCE = re.compile(r"[fm][xyz]|f\d+")
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The motion that errors are measured against.
+
+    Attributes
+    ----------
+    names : outputs that are compared
+    values : (nt, n) their course
+    scale : (n,) variation, greatest less least value
+    floors : (n,) relative errors of the reference itself
+    left_out : outputs that hold rounding only
+    unpredictable : outputs in which two references differ, and by which part of their
+        variation: a chaotic motion, or one that passes a bifurcation
+    unconverged : outputs that mesh and modes still change by a large part
+    seconds : solve time of the tighter one
+    model : what it is a run of
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    scale: np.ndarray
+    floors: np.ndarray
+    left_out: tuple[str, ...]
+    unpredictable: Mapping[str, float]
+    seconds: float
+    unconverged: Mapping[str, float] = field(default_factory=dict)
+    model: str = ""
+
+    @property
+    def uncertainty(self) -> float:
+        """The least error that can be told."""
+        return float(self.floors.max())
+
+    def errors(self, values: np.ndarray) -> np.ndarray:
+        """Relative differences (n,) of outputs (nt, n), told or not."""
+        count = min(len(values), len(self.values))
+        differences = np.abs(values[:count] - self.values[:count])
+        return np.asarray(differences.max(axis=0) / self.scale)
+
+    def of(self, found: Course) -> np.ndarray:
+        """The same of a run."""
+        return self.errors(found.columns(self.names))
+
+    def error(self, result: Result) -> float:
+        """Greatest relative difference of the outputs of a run.
+
+        At least the uncertainty of the reference: less cannot be told.
+        """
+        return max(float(self.of(course(result)).max()), self.uncertainty)
+
+
+def make_reference(system: System, outputs: Sequence[str] = ()) -> Reference:
+    """The reference of a compiled scene whose integration alone is studied.
+
+    Raises
+    ------
+    InputError : the scene records nothing, or not what `outputs` asks for.
+    SimulationError : the reference stopped early.
+    """
+    from sidtool.solver import simulate
+
+    check_recorded(system.scene.outputs.record)
+    tight, check = (
+        course(simulate(system, integrator=integrator, rtol=rtol))
+        for integrator, rtol in TIGHT
+    )
+    return reference_of(tuple(outputs) or tight.names, tight, check)
+
+
+def check_recorded(names: Sequence[str]) -> None:
+    """Whether there is anything to compare."""
+    if not names:
+        raise InputError(
+            "the scene records no outputs, so that there is nothing to compare",
+            place="outputs.record",
+            expected='names such as ["piston.x"]',
+        )
+
+
+def reference_of(
+    names: Sequence[str],
+    tight: Course,
+    check: Course,
+    coarser: Sequence[tuple[float, Course]] = (),
+    model: str = "",
+) -> Reference:
+    """From two runs of one model by different methods, and from poorer models.
+
+    coarser : runs by the method of `check`, and which part of what they change is the
+        error of the reference
+
+    Raises
+    ------
+    InputError : there is no output that can be compared.
+    """
+    count = min(len(c.values) for c in (tight, check, *(c for _, c in coarser)))
+    values, others = (c.columns(names)[:count] for c in (tight, check))
+    scale = np.ptp(values, axis=0)
+    differences = np.abs(values - others).max(axis=0)
+    moving = moves(names, values, scale, np.array([tight.force]))
+    models = sum(
+        (
+            part * np.abs(others - c.columns(names)[:count]).max(axis=0)
+            for part, c in coarser
+        ),
+        np.zeros(len(names)),
+    )
+    predictable = differences <= TRUSTED * scale
+    good = moving & predictable & (models <= CONVERGED * scale)
+
+    def shares(rows: np.ndarray, of: np.ndarray) -> dict[str, float]:
+        return {
+            str(names[i]): float(of[i] / scale[i])
+            for i in map(int, np.flatnonzero(rows))
+        }
+
+    unpredictable = shares(moving & ~predictable, differences)
+    unconverged = shares(moving & predictable & ~good, models)
+    if not good.any():
+        raise _nothing_to_compare(unpredictable, unconverged)
+    return Reference(
+        names=tuple(names[i] for i in map(int, np.flatnonzero(good))),
+        values=values[:, good],
+        scale=scale[good],
+        floors=(differences + models)[good] / scale[good],
+        left_out=tuple(n for n, m in zip(names, moving, strict=True) if not m),
+        unpredictable=unpredictable,
+        seconds=tight.seconds,
+        unconverged=unconverged,
+        model=model,
+    )
+
+
+def moves(
+    names: Sequence[str], values: np.ndarray, scale: np.ndarray, forces: np.ndarray
+) -> np.ndarray:
+    """Which outputs vary by more than rounding, (n,); forces, of joints and drives,
+    tell how large those are that cancel in some of their components."""
+    kinds = [name.rpartition(".")[2].rstrip("0123456789") for name in names]
+    largest = [
+        max(s for s, k in zip(scale, kinds, strict=True) if k[:-1] == kind[:-1])
+        for kind in kinds
+    ]
+    floor = np.maximum(
+        CONSTANT * np.abs(values).max(axis=0), UNMOVED * np.array(largest)
+    )
+    of_forces = [FORCE.fullmatch(name.rpartition(".")[2]) is not None for name in names]
+    floor[of_forces] = np.maximum(
+        floor[of_forces], ROUNDED_FORCE * np.abs(forces).max(initial=0.0)
+    )
+    return np.asarray(scale > floor)
+
+
+def _nothing_to_compare(
+    unpredictable: Mapping[str, float], unconverged: Mapping[str, float]
+) -> InputError:
+    if unpredictable:
+        return InputError(
+            f"no output can be predicted: {differing(unpredictable)}",
+            place="outputs.record",
+            expected="a shorter time span, over which the motion is predictable",
+        )
+    if unconverged:
+        return InputError(
+            f"no output is converged: {changing(unconverged)}",
+            place="--over",
+            expected="finer meshes and more modes among the values, or other outputs",
+        )
+    return InputError(
+        "no output can be told from rounding",
+        place="outputs.record",
+        expected="outputs that move",
+    )
+
+
+def differing(unpredictable: Mapping[str, float]) -> str:
+    """How far two references differ in each output, in words."""
+    return f"two references differ in {_parts(unpredictable)} of its variation"
+
+
+def changing(unconverged: Mapping[str, float]) -> str:
+    """How far the last steps of mesh and modes change each output, in words."""
+    return f"mesh and modes still change {_parts(unconverged)} of its variation"
+
+
+def _parts(found: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} by {100 * part:.2g} %" for name, part in found.items())
