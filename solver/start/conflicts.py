@@ -24,16 +24,19 @@ from ..system.storage import new_work
 from .carried import keep_frame
 from .consistent import Start, State, close, guess
 from .displacements import displacements
+from .least_open import least_open, left_of_rates
 
 #: Constraints that are open by more, relative to their sizes, are not met.
 OPEN = 1e-7
-#: Joints and drives that are tried one by one.
-MOST = 60
-#: Constraints of scenes that are looked at: their matrices are dense.
-LARGEST = 200
-#: Steps towards the place where markers are nearest, and what joints that are met weigh
-#: against the one that is not, one weight after the other.
-STEPS, WEIGHTS = 60, (3.0, 30.0, 300.0, 1e4)
+#: Joints and drives that are tried one by one, in scenes of up to so many constraints,
+#: and in larger ones, where that part of what is open counts.
+MOST, LARGEST = 60, 200
+FEW, PART = 12, 1e-4
+#: Names that are listed of many.
+LISTED = 4
+#: What joints that are met weigh against the one that is not, where their markers are
+#: nearest, one weight after the other.
+WEIGHTS = (3.0, 30.0, 300.0, 1e4)
 #: Places from which the nearest one is sought, and how far they lie beside, relative.
 PLACES, NEARBY = 3, 0.05
 #: Parts of the time span after which drives are asked what they demand next.
@@ -49,15 +52,14 @@ def conflict_at_start(system: System) -> tuple[str, str]:
     """Why the start position is not reached, and what would do, in words; both are
     empty where that is not known."""
     whole = system.complete_scene
-    if whole.n_rows > LARGEST:
-        return "", ""
     state = State(whole, guess(whole))
     names, met = _names_and_test(state)
+    why = _in_words(whole, names)
     apart = _nearest(state, met, names)
     if apart is None:
-        return names, FITTING if names else ""
+        return why, FITTING if names else ""
     if apart.gap > MEET * whole.length:
-        return f"{names}; {apart}", FITTING
+        return f"{why}; {apart}", FITTING
     return (
         "the way from the initial positions to where joints and drives are met was not "
         "found",
@@ -68,22 +70,18 @@ def conflict_at_start(system: System) -> tuple[str, str]:
 def conflict_soon(system: System, t: float, z: Array, v: Array) -> str:
     """What cannot be met a little after a time t [s] of a run in the state z, v."""
     span = system.scene.time
-    if system.n_rows > LARGEST:
-        return ""
     for share in SOON:
         when = min(t + share * (span.end - span.start), span.end)
         state = undeformed(system, when, z, v)
         names, met = _names_and_test(state)
         apart = _nearest(state, met, names) if names else None
         if names and (apart is None or apart.gap > MEET * system.length):
-            return f"at t = {when:.4g} s {names}"
+            return f"at t = {when:.4g} s {_in_words(state.system, names)}"
     return ""
 
 
 def conflict_of_rates(system: System, t: float, z: Array, v: Array) -> str:
     """Why no velocities meet all joints and drives in a state at a time t [s]."""
-    if system.n_rows > LARGEST:
-        return ""
     state = undeformed(system, t, z, v)
     state.ignored[:] = False
     state.evaluate()
@@ -91,10 +89,15 @@ def conflict_of_rates(system: System, t: float, z: Array, v: Array) -> str:
     size = max(1.0 / state.duration, state.relative(rates))
 
     def can_move() -> bool:
+        if _is_large(state):
+            return float(np.abs(left_of_rates(state, rates)).max()) <= OPEN * size
         left = state.smallest(np.where(state.ignored, 0.0, -rates))[1]
         return state.relative(left) <= OPEN * size
 
-    return "" if can_move() else _contradicting(state.system, state.ignored, can_move)
+    if can_move():
+        return ""
+    names = _suspects(state, left_of_rates(state, rates))
+    return _in_words(state.system, _contradicting(state, names, can_move))
 
 
 def undeformed(system: System, t: float, z: Array, v: Array) -> State:
@@ -116,18 +119,46 @@ def undeformed(system: System, t: float, z: Array, v: Array) -> State:
     return state
 
 
-def _contradicting(system: System, ignored: Array, holds: Callable[[], bool]) -> str:
-    """Joints and drives without each of which something holds, in words.
+def _is_large(state: State) -> bool:
+    return state.system.n_rows > LARGEST
 
-    ignored : (rows,) which the test `holds` is to leave out; ends as it begins
+
+def _suspects(state: State, left: Array) -> list[str]:
+    """Joints and drives that may have a part in a contradiction.
+
+    left : (rows,) residuals where they are least, relative to sizes; in large scenes
+        only what is open there has a part
     """
-    before = ignored.copy()
-    names = []
-    for name in list(dict.fromkeys(row.name for row in system.rows))[:MOST]:
-        ignored[_rows_of(system, name)] = True
+    rows, drives = state.system.rows, state.system.scene.drives
+    if not _is_large(state):
+        return list(dict.fromkeys(row.name for row in rows))
+    open_ = np.abs(left) > PART * np.abs(left).max()
+    found = [r.name for r in rows if open_[r.first : r.first + r.count].any()]
+    return sorted(dict.fromkeys(found), key=lambda name: name not in drives)
+
+
+def _contradicting(
+    state: State, names: list[str], holds: Callable[[], bool]
+) -> list[str]:
+    """Those of some joints and drives without each of which something holds.
+
+    All of them where they are too many to be tried.
+    """
+    if _is_large(state) and len(names) > FEW:
+        return names
+    before, found = state.ignored.copy(), []
+    for name in names[:MOST]:
+        state.ignored[_rows_of(state.system, name)] = True
         if holds():
-            names.append(name)
-        ignored[:] = before
+            found.append(name)
+        state.ignored[:] = before
+    return found
+
+
+def _in_words(system: System, names: list[str]) -> str:
+    if system.n_rows > LARGEST and len(names) > FEW:
+        more = len(names) - LISTED
+        return f"{', '.join(names[:LISTED])} and {more} others contradict each other"
     return _listed(names) + _still(system, names)
 
 
@@ -158,7 +189,7 @@ def _listed(names: list[str]) -> str:
     )
 
 
-def _names_and_test(state: State) -> tuple[str, Callable[[], bool]]:
+def _names_and_test(state: State) -> tuple[list[str], Callable[[], bool]]:
     """What contradicts what, empty if all can be met; and the test of what is met, from
     where the state is now."""
     make_rigid(state)
@@ -167,11 +198,15 @@ def _names_and_test(state: State) -> tuple[str, Callable[[], bool]]:
     def met() -> bool:
         state.z[:] = z
         state.evaluate()
+        if _is_large(state):
+            least_open(state, 1.0 / state.sizes)
+            return state.opening <= OPEN
         return close(state) <= OPEN
 
     if met():
-        return "", met
-    return _contradicting(state.system, state.ignored, met), met
+        return [], met
+    names = _suspects(state, state.residual / state.sizes)
+    return _contradicting(state, names, met), met
 
 
 def make_rigid(state: State) -> None:
@@ -207,7 +242,7 @@ class Apart:
         return f"{a} and {b} ({self.name}) come no nearer than {self.gap:.3g} m"
 
 
-def _nearest(state: State, met: Callable[[], bool], names: str) -> Apart | None:
+def _nearest(state: State, met: Callable[[], bool], names: list[str]) -> Apart | None:
     """Of joints that contradict each other, the last that holds points together.
 
     Ends in the state where its markers are nearest.
@@ -252,7 +287,7 @@ def _least_gap(state: State, part: NDArray[np.bool_], a: str, b: str) -> float:
     """Distance of two markers where they are nearest, sought from some places."""
     z, random = state.z.copy(), np.random.default_rng(0)
     least, best = np.inf, z
-    for _ in range(PLACES):
+    for _ in range(1 if _is_large(state) else PLACES):
         state.z[:] = z
         state.evaluate()
         step = NEARBY * random.standard_normal(len(state.v)) * state.free
@@ -278,37 +313,6 @@ def _distance(state: State, a: str, b: str) -> float:
 
 
 def _approach(state: State, part: NDArray[np.bool_]) -> None:
-    """Moves the state to where some rows are least open while the others are met.
-
-    Source: K. Levenberg, Quart. Appl. Math. 2 (1944): damped least squares.
-    """
+    """Moves the state to where some rows are least open while the others are met."""
     for heavy in WEIGHTS:
-        _least_open(state, np.where(part, 1.0, heavy) / state.sizes)
-
-
-def _least_open(state: State, weight: Array) -> None:
-    sizes = coordinate_sizes(state.system) * state.free
-    damping = 1.0
-    for _ in range(STEPS):
-        r = weight * state.residual
-        A = weight[:, None] * state.jacobian() * sizes
-        cost = float(r @ r)
-        right = -(A.T @ r)
-        if np.linalg.norm(right) <= OPEN**2 * max(cost, 1.0):
-            return
-        base, frame = state.z.copy(), state.work.frame.copy()
-        while damping < 1e12:
-            normal = A.T @ A + damping * np.eye(len(sizes))
-            step = sizes * np.linalg.solve(normal, right)
-            state.z[:] = base
-            retract(state.system.arrays, frame, state.z, step)
-            state.evaluate()
-            found = weight * state.residual
-            if float(found @ found) < cost:
-                damping = max(0.2 * damping, 1e-9)
-                break
-            damping *= 4.0
-        else:
-            state.z[:] = base
-            state.evaluate()
-            return
+        least_open(state, np.where(part, 1.0, heavy) / state.sizes)

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array, random_array
 
-from sidtool.solver import account, simulate
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import account, compile_scene, simulate
 from sidtool.solver.advice import bifurcations, notes
 from sidtool.solver.integrators import stepping
 from sidtool.solver.start import assembly, consistent, large_scenes
+from sidtool.solver.start.assembly import assemble
 from sidtool.solver.start.large_scenes import (
     CLEAR,
     IndependentRows,
@@ -19,7 +22,7 @@ from sidtool.solver.start.large_scenes import (
 )
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import band
-from tests.solver.scenes import compiled, scene
+from tests.solver.scenes import compiled, polynomial, scene, slender_rod
 
 ENDS = {"a": {"position": [0.0, 0.0]}, "b": {"position": [0.7, 0.1]}}
 #: Constraints.
@@ -177,3 +180,59 @@ def test_entries_of_a_band_have_places_of_their_own(rows: int, width: int) -> No
 
 def test_no_band_of_nothing() -> None:
     assert band(0, 0) == (0, 0)
+
+
+# --- contradictions in scenes too large to try joints one by one ----------------------
+
+LINK = 0.1
+
+
+def hanging_chain(count: int, **more: Any) -> SceneFile:
+    """A straight chain of links, hinged to the ground at its first end."""
+    bodies = {
+        f"l{k}": slender_rod(LINK, 0.1, position=[k * LINK, 0.0]) for k in range(count)
+    }
+    pairs = [(f"l{k - 1}.b", f"l{k}.a") for k in range(1, count)]
+    hinges = [("ground", "l0.a"), *pairs]
+    joints = {
+        f"j{k}": {"type": "revolute", "markers": list(ends)}
+        for k, ends in enumerate(hinges)
+    }
+    return scene(bodies, joints | more.pop("joints", {}), **more)
+
+
+def turned_twice(k: int, first: list[float], second: list[float]) -> dict[str, Any]:
+    """Two drives of one angle, that of joint k."""
+    marker = {"marker": f"l{k}.a", "reference": f"l{k - 1}.b", "coordinate": "angle"}
+    return {
+        "one": {"joint": f"j{k}", "function": polynomial(*first)},
+        "other": {**marker, "function": polynomial(*second)},
+    }
+
+
+def test_two_drives_that_contradict_each_other_in_a_long_chain_are_named() -> None:
+    """The drives alone, of three hundred joints: without either the rest can be met."""
+    drives = turned_twice(155, [0.2], [0.1])
+    system = compile_scene(hanging_chain(300, drives=drives))
+    with pytest.raises(InputError, match="one and other contradict each other") as told:
+        assemble(system)
+    assert "j15" not in str(told.value)
+
+
+def test_two_rates_that_contradict_each_other_in_a_long_chain_are_named() -> None:
+    drives = turned_twice(31, [0.2, 1.0], [0.2, 1.5])
+    system = compile_scene(hanging_chain(110, drives=drives))
+    with pytest.raises(InputError, match="one and other contradict each other"):
+        assemble(system)
+
+
+def test_how_far_a_long_chain_ends_from_its_pin_is_told() -> None:
+    """The pin is out of reach by 0.7 m: every joint of the chain has a part in that."""
+    count, beyond = 160, 0.7
+    pin = {"position": [count * LINK + beyond, 0.0]}
+    end = {"type": "revolute", "markers": ["ground.pin", f"l{count - 1}.b"]}
+    made = hanging_chain(count, joints={"end": end}, ground={"markers": {"pin": pin}})
+    with pytest.raises(InputError) as error:
+        assemble(compile_scene(made))
+    assert "and 157 others contradict each other" in str(error.value)
+    assert "l159.b (end) come no nearer than 0.7 m" in str(error.value)
