@@ -35,6 +35,7 @@ import numpy as np
 
 from sidtool.convert import sid_from_model
 from sidtool.formats.errors import InputError
+from sidtool.importers.bdf import bulk_data
 from sidtool.importers.imported import EVERYTHING
 from sidtool.importers.inp import read_deck
 from sidtool.importers.meshes import read_mesh
@@ -270,6 +271,9 @@ def _a_node(deck: Path) -> int:
     if deck.suffix.lower() == ".inp":
         elements = read_deck(deck, frozenset((EVERYTHING,))).assembly.elements
         return next(iter(elements.values())).nodes[0] if elements else 1
+    if deck.suffix.lower() in (".bdf", ".nas", ".dat"):
+        cards = bulk_data(deck, frozenset((EVERYTHING,))).elements
+        return cards[0][3][0] if cards else 1
     mesh = read_mesh(str(deck), (EVERYTHING,)).mesh
     return int(mesh.labels[mesh.blocks[0].nodes[0, 0]])
 
@@ -319,7 +323,7 @@ def free_frequencies(
     rows = [w for w in map(str.split, lines) if len(w) in (4, 5) and w[0].isdigit()]
     values = np.array([float(w[3]) for w in rows if len(w) == 5])
     total = [w for w in map(str.split, lines) if w and w[0] == "TOTAL"]
-    if len(values) <= rigid or not total:
+    if len(values) <= rigid or not total or not values.any():
         return None
     return max(map(float, total[-1][1:4])), values[rigid : modes + rigid]
 
