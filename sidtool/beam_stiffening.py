@@ -11,6 +11,11 @@ The integral of sigma_xx g_x . g_x + 2 sigma_xy g_x . g_y + 2 sigma_xz g_x . g_z
 a doubly symmetric section, with the stresses of its resultants N, My, Mz, Qy, Qz and T,
 is the quadratic form below. The torsional moment acts through
 integral (y sigma_xz) = -integral (z sigma_xy) = T / 2.
+
+In a beam that is bent at rest by ky0 and kz0 a fibre has the length 1 + z ky0 - y kz0:
+what strains it is divided by that, (0, psi_z, -psi_y) of a is not, and volumes are
+multiplied by it. To first order this adds (ky0 My + kz0 Mz) (psi_y^2 + psi_z^2) and
+T theta (ky0 psi_y + kz0 psi_z).
 """
 
 from __future__ import annotations
@@ -34,8 +39,8 @@ def beam_stiffness(material: BeamMaterial, states: Array, shapes: Array) -> Arra
     a, b, c, across_y, across_z = _gradients(material, shapes)
     iy, iz = material.gyration.T[:, :, None, None]
     normal = _product(a, a) + iz * _product(b, b) + iy * _product(c, c)
-    normal_force, twisting, bending_y, bending_z = _resultants(material, states)
-    shear_y, shear_z = np.moveaxis(material.shear_forces_of(states), 1, 0)
+    resultants = np.moveaxis(material.resultants_of(states), 1, 0)
+    normal_force, shear_y, shear_z, twisting, bending_y, bending_z = resultants
     terms = (
         (normal_force, normal),
         (bending_y, 2 * _product(a, c)),
@@ -43,6 +48,7 @@ def beam_stiffness(material: BeamMaterial, states: Array, shapes: Array) -> Arra
         (shear_y, 2 * _product(a, across_y)),
         (shear_z, 2 * _product(a, across_z)),
         (twisting, _product(b, across_z) - _product(c, across_y)),
+        *_of_bent_ones(material, resultants, shapes),
     )
     total: Array = sum(
         np.einsum("p,pn,pkl->nkl", material.weights, force, form)
@@ -68,15 +74,20 @@ def _gradients(material: BeamMaterial, shapes: Array) -> tuple[Array, ...]:
     return tuple(np.stack(vector, axis=1) for vector in vectors)
 
 
-def _resultants(material: BeamMaterial, states: Array) -> tuple[Array, ...]:
-    """N, T, My and Mz at the points, (p, n) each."""
-    strain = material.strains_of(states)
-    bending = material.bending
+def _of_bent_ones(
+    material: BeamMaterial, resultants: Array, shapes: Array
+) -> tuple[tuple[Array, Array], ...]:
+    """Forces (p, n) and forms (p, nq, nq) that curvature at rest adds."""
+    _, ky, kz = material.curvatures.T[:, :, None]
+    if not (ky.any() or kz.any()):
+        return ()
+    *_, twisting, bending_y, bending_z = resultants
+    turns = material.turns_of(shapes)
+    across = turns[:, 1:]
+    along = (ky * turns[:, 1] + kz * turns[:, 2])[:, None]
     return (
-        material.stretching[:, None] * strain[:, 0],
-        material.twisting[:, None] * strain[:, 3],
-        bending[:, :1] * strain[:, 4],
-        bending[:, 1:] * strain[:, 5],
+        (ky * bending_y + kz * bending_z, _product(across, across)),
+        (twisting, _product(turns[:, :1], along)),
     )
 
 

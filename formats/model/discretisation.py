@@ -79,7 +79,8 @@ class SolidDiscretisation(Table):
 
 
 class BeamDiscretisation(Table):
-    """Straight two-node beam elements with cubic bending shapes.
+    """Two-node beam elements whose shapes are the static solution of the beam between
+    them, curved, twisted and tapered as it is.
 
     `mass` is consistent (that of the displacement field and the turning
     cross-sections) or lumped (half of an element as a rigid piece that each of its

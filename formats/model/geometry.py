@@ -219,18 +219,27 @@ class LumpedMass(Table):
 
 
 class BeamGeometry(Table):
-    """A straight beam. Its ends are called start and end.
+    """A beam, straight or curved, with or without pre-twist. Its ends are called start
+    and end.
 
     Attributes
     ----------
     start, end : [x, y, z] in m
-    y_axis : direction of the local y axis, made perpendicular to the beam
+    through : points between them, in order, for a curved axis: a cubic spline through
+        start, these points and end; more points follow a curve better
+    y_axis : direction of the local y axis at the start, made perpendicular to the
+        beam; along a curved one it is carried without a rotation about the tangent
+    twist : pre-twist, the angle [rad] by which cross-sections are turned about the
+        tangent from y to z; several numbers, at equal steps from start to end, are
+        interpolated by the polynomial through them
     """
 
     type: Literal["beam"] = "beam"
     start: Point3
     end: Point3
+    through: tuple[Point3, ...] = ()
     y_axis: Point3 = (0.0, 1.0, 0.0)
+    twist: float | tuple[float, ...] = 0.0
     section: Annotated[
         RectangularSection | GeneralSection, Field(discriminator="shape")
     ]

@@ -1,14 +1,6 @@
-"""Straight beams of Euler-Bernoulli and Timoshenko.
-
-Two-node elements with six degrees of freedom to a node. The stiffness of Timoshenko's
-beam and its shapes are those of the exact solution for a constant section
-(J. S. Przemieniecki, Theory of Matrix Structural Analysis, 1968, sections 5.6 and
-11.4), so that thin beams do not lock.
-"""
+"""Beams of Euler-Bernoulli and Timoshenko: straight or curved, twisted, tapered."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -17,102 +9,73 @@ from numpy.typing import NDArray
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.discretisation import BeamDiscretisation
-from sidtool.formats.model.geometry import (
-    BeamGeometry,
-    GeneralSection,
-    RectangularSection,
-)
+from sidtool.formats.model.geometry import BeamGeometry
 from sidtool.formats.sid_mass import skew
 
+from .beam_axis import Axis, beam_axis
+from .beam_element import PLACES, WEIGHTS, Beam, Element, Rows
 from .beam_mass import beam_mass
 from .beam_material import BeamMaterial
+from .beam_section import section_at
 from .finite_element_model import FiniteElementModel, MarkerRows, Outline
 from .inertia_points import InertiaPoints
 from .patch_markers import at_marker, check_length, placed
 
 Array = NDArray[np.float64]
-
-_GAUSS_POINTS = 4
-#: Sections are smaller than this [m].
-LARGEST = 1e9
-
-
-@dataclass(frozen=True)
-class Section:
-    """Properties of a cross-section, see `GeneralSection`."""
-
-    area: float
-    iy: float
-    iz: float
-    torsion: float
-    shear_y: float
-    shear_z: float
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """Where a beam is: start (3,), axes (3, 3) as rows, length [m]."""
-
-    start: Array
-    axes: Array
-    length: float
-
-    def at(self, fraction: Array) -> Array:
-        """Points of the axis, (..., 3)."""
-        return self.start + np.multiply.outer(fraction * self.length, self.axes[0])
+#: Positions of markers this near to the axis, relative to its length, are on it: a
+#: spline follows a curve only so well.
+_ON_LINE, _ON_CURVE = 1e-9, 1e-4
 
 
 def beam_model(model: ModelFile) -> FiniteElementModel:
-    """The body of a model file as a straight beam.
+    """The body of a model file as a beam.
 
     Raises
     ------
-    InputError : the axes are degenerate, a section is unsound, or a marker lies
-        outside.
+    InputError : the axis is degenerate, a section is unsound, or a marker lies outside.
     """
     geometry, settings, material = model.geometry, model.discretisation, model.material
     assert isinstance(geometry, BeamGeometry) and material is not None
     assert isinstance(settings, BeamDiscretisation)
-    line = _line(geometry)
-    ends = np.linspace(0, 1, settings.elements + 1)
+    axis = beam_axis(geometry)
     e, g = material.youngs_modulus, material.youngs_modulus
     g /= 2 * (1 + material.poissons_ratio)
-    ndof = 6 * len(ends)
+    beam = Beam(geometry, axis, e, g, settings.theory == "timoshenko")
+    ends = np.linspace(0, 1, settings.elements + 1)
+    n, ndof = len(ends), 6 * len(ends)
     stiffness = sp.lil_matrix((ndof, ndof))
     particles, points = _Particles(ndof), _MaterialPoints(ndof)
     for i in range(settings.elements):
-        beam = _Element(geometry, line, ends[i], ends[i + 1], e, g, settings.theory)
+        element = Element(beam, ends[i], ends[i + 1])
         dofs = slice(6 * i, 6 * i + 12)
-        turn = np.kron(np.eye(4), line.axes)
-        stiffness[dofs, dofs] += turn.T @ beam.stiffness() @ turn
-        points.add(beam, i)
+        stiffness[dofs, dofs] += element.stiffness()
+        points.add(element, i)
         if settings.mass == "lumped":
-            particles.lump(beam, i, material.density)
+            particles.lump(element, i, material.density)
         else:
-            particles.distribute(beam, i, material.density)
+            particles.distribute(element, i, material.density)
     for lump in geometry.masses:
-        displacement, rotation = _rows(line, ends, lump.at, geometry, settings, e, g)
-        tensor = np.diag(np.array(lump.inertia, float))
-        where = line.at(np.array(lump.at))
-        particles.add(where, lump.mass, tensor, displacement, rotation)
+        frames = axis.at(np.array([lump.at]))
+        tensor = _turned(np.diag(np.array(lump.inertia, float)), frames.axes[0])
+        particles.add(frames.places[0], lump.mass, tensor, *_rows(beam, ends, lump.at))
     markers = []
     for name, marker in placed(model.markers):
         with at_marker(name):
-            at = _fraction(marker, line)
-            displacement, rotation = _rows(line, ends, at, geometry, settings, e, g)
+            at = _fraction(marker, axis)
+            displacement, rotation = _rows(beam, ends, at)
+            frames = axis.at(np.array([at]))
             markers.append(
                 MarkerRows(
                     name=name,
                     node=marker.node,
-                    position=line.at(np.array(at)),
+                    position=frames.places[0],
                     displacement=_pruned(displacement),
                     rotation=_pruned(rotation),
-                    tangent=line.axes[0],
+                    tangent=frames.axes[0, 0],
                 )
             )
-    n = len(ends)
     return FiniteElementModel(
-        positions=line.at(ends),
+        positions=axis.at(ends).places,
         scalar_mass=None,
         stiffness=sp.csr_matrix(stiffness),
         node_sets={"start": np.array([0]), "end": np.array([n - 1])},
@@ -120,202 +83,19 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         inertia_points=particles.points(),
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
-        outline=_outline(geometry, line, ends),
-        geometry_mass=lambda: beam_mass(geometry, material.density),
+        outline=_outline(beam, ends),
+        geometry_mass=lambda: beam_mass(geometry, axis, material.density),
     )
 
 
-def _outline(geometry: BeamGeometry, line: Line, ends: Array) -> Outline:
+def _outline(beam: Beam, ends: Array) -> Outline:
     """Sections as rectangles; of general ones with the same area and moments."""
     halves = []
     for fraction in ends:
-        section = section_at(geometry, fraction)
+        section = section_at(beam.geometry, fraction)
         moments = np.array([section.iz, section.iy])
         halves.append(np.sqrt(3 * moments / section.area))
-    return Outline(line.axes[1:], np.array(halves))
-
-
-def section_at(geometry: BeamGeometry, fraction: float) -> Section:
-    """The cross-section at a fraction of the length.
-
-    The torsion constant of a rectangle a x b, a >= b, is
-    a b^3 (1/3 - 0.21 b/a (1 - (b/a)^4 / 12)) (Roark, table 10.1).
-
-    Raises
-    ------
-    InputError : a height or width is not positive there, or no length of a section.
-    """
-    section = geometry.section
-    if isinstance(section, GeneralSection):
-        torsion = section.torsion or section.iy + section.iz
-        return Section(
-            section.area,
-            section.iy,
-            section.iz,
-            torsion,
-            section.shear_y,
-            section.shear_z,
-        )
-    h, w = (_interpolated(section, name, fraction) for name in ("height", "width"))
-    a, b = max(h, w), min(h, w)
-    if not a < LARGEST:
-        raise InputError(
-            f"is {a:g} m at {fraction:.3g} of the length",
-            place="geometry.section",
-            expected=f"a section below {LARGEST:g} m",
-        )
-    torsion = a * b**3 * (1 / 3 - 0.21 * b / a * (1 - (b / a) ** 4 / 12))
-    return Section(h * w, h * w**3 / 12, w * h**3 / 12, torsion, 5 / 6, 5 / 6)
-
-
-def _interpolated(section: RectangularSection, name: str, fraction: float) -> float:
-    values = getattr(section, name)
-    if not isinstance(values, tuple):
-        return float(values)
-    x = np.linspace(0, 1, len(values))
-    value = 0.0
-    for i, v in enumerate(values):
-        others = np.delete(x, i)
-        value += v * float(np.prod((fraction - others) / (x[i] - others)))
-    if value <= 0:
-        raise InputError(
-            f"becomes {value:.3g} at {fraction:.3g} of the length",
-            place=f"geometry.section.{name}",
-            expected="a polynomial that stays positive",
-        )
-    return value
-
-
-def _line(geometry: BeamGeometry) -> Line:
-    start, end = np.array(geometry.start), np.array(geometry.end)
-    length = float(np.linalg.norm(end - start))
-    if length == 0:
-        raise InputError(
-            "start and end are the same",
-            place="geometry.end",
-            expected="a beam with a length",
-        )
-    x = (end - start) / length
-    y = np.array(geometry.y_axis) - x * (x @ geometry.y_axis)
-    if np.linalg.norm(y) <= 1e-9 * np.linalg.norm(geometry.y_axis):
-        raise InputError(
-            "is parallel to the beam",
-            place="geometry.y_axis",
-            expected="a direction across the beam",
-        )
-    y /= np.linalg.norm(y)
-    return Line(start, np.stack([x, y, np.cross(x, y)]), length)
-
-
-class _Element:
-    """One element in its own axes; the section is averaged for the shapes."""
-
-    def __init__(
-        self,
-        geometry: BeamGeometry,
-        line: Line,
-        first: float,
-        last: float,
-        e: float,
-        g: float,
-        theory: str,
-    ) -> None:
-        self.geometry, self.line = geometry, line
-        self.first, self.last = first, last
-        self.length = (last - first) * line.length
-        self.e, self.g = e, g
-        middle = section_at(geometry, (first + last) / 2)
-        shear = theory == "timoshenko"
-        self.shear = shear
-        scale = 12 * e / (g * middle.area * self.length**2)
-        self.phi_y = scale * middle.iz / middle.shear_y if shear else 0.0
-        self.phi_z = scale * middle.iy / middle.shear_z if shear else 0.0
-
-    def gauss(self) -> tuple[Array, Array]:
-        """Points in [0, 1] and weights [m]."""
-        x, w = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
-        return (x + 1) / 2, w * self.length / 2
-
-    def section(self, s: float) -> Section:
-        """At the fraction s of the element."""
-        return section_at(self.geometry, self.first + s * (self.last - self.first))
-
-    def shapes(self, s: float) -> tuple[Array, Array, Array]:
-        """Displacement (3, 12), rotation (3, 12) and strains (6, 12).
-
-        Strains: stretch, shears xy and xz, twist, curvatures about y and z.
-        """
-        u, r, b = np.zeros((3, 12)), np.zeros((3, 12)), np.zeros((6, 12))
-        length = self.length
-        u[0, [0, 6]] = r[0, [3, 9]] = [1 - s, s]
-        b[0, [0, 6]] = b[3, [3, 9]] = [-1 / length, 1 / length]
-        for axis, phi, sign in ((1, self.phi_y, 1.0), (2, self.phi_z, -1.0)):
-            turn = 5 if axis == 1 else 4
-            columns = [axis, turn, axis + 6, turn + 6]
-            w, t, k, gamma = _bending(s, length, phi)
-            flip = np.array([1, sign, 1, sign])
-            u[axis, columns] = w * flip
-            r[turn - 3, columns] = t * flip * sign
-            b[turn, columns] = k * flip * sign
-            b[axis, columns] = gamma * flip
-        return u, r, b
-
-    def shear_forces(self) -> Array:
-        """(2, 12) along y and z: the change of the moments along the element."""
-        (first, last), middle = (
-            (self.shapes(s)[2] for s in (0.0, 1.0)),
-            self.section(0.5),
-        )
-        change = (last[4:] - first[4:]) * self.e / self.length
-        forces: Array = np.array([-middle.iz * change[1], middle.iy * change[0]])
-        return forces
-
-    def stiffness(self) -> Array:
-        """(12, 12) in the axes of the element."""
-        total = np.zeros((12, 12))
-        for s, weight in zip(*self.gauss(), strict=True):
-            _, _, b = self.shapes(s)
-            p = self.section(s)
-            e, g = self.e, self.g
-            shear = [g * p.area * p.shear_y, g * p.area * p.shear_z]
-            law = [e * p.area, *shear, g * p.torsion, e * p.iy, e * p.iz]
-            total += weight * b.T @ (np.array(law)[:, None] * b)
-        return total
-
-
-def _bending(s: float, length: float, phi: float) -> tuple[Array, Array, Array, Array]:
-    """Deflection, rotation, curvature and shear per (w1, t1, w2, t2)."""
-    f = 1 / (1 + phi)
-    w = f * np.array(
-        [
-            1 - 3 * s**2 + 2 * s**3 + phi * (1 - s),
-            length * (s - 2 * s**2 + s**3 + phi * (s - s**2) / 2),
-            3 * s**2 - 2 * s**3 + phi * s,
-            length * (-(s**2) + s**3 - phi * (s - s**2) / 2),
-        ]
-    )
-    t = f * np.array(
-        [
-            6 * (s**2 - s) / length,
-            1 - 4 * s + 3 * s**2 + phi * (1 - s),
-            6 * (s - s**2) / length,
-            3 * s**2 - 2 * s + phi * s,
-        ]
-    )
-    k = (
-        f
-        / length
-        * np.array(
-            [
-                (12 * s - 6) / length,
-                6 * s - 4 - phi,
-                (6 - 12 * s) / length,
-                6 * s - 2 + phi,
-            ]
-        )
-    )
-    gamma = -f * phi * np.array([1 / length, 0.5, -1 / length, 0.5])
-    return w, t, k, gamma
+    return Outline(beam.axis.at(ends).axes[:, 1:], np.array(halves))
 
 
 class _Particles:
@@ -343,44 +123,40 @@ class _Particles:
         self._displacement.append(displacement)
         self._rotation.append(rotation)
 
-    def distribute(self, beam: _Element, i: int, density: float) -> None:
+    def distribute(self, element: Element, i: int, density: float) -> None:
         """Slices of the beam at its Gauss points."""
-        for s, weight in zip(*beam.gauss(), strict=True):
-            p = beam.section(s)
-            u, r, _ = beam.shapes(s)
-            where = beam.line.at(np.array(beam.first + s * (beam.last - beam.first)))
-            tensor = density * weight * np.diag([p.iy + p.iz, p.iy, p.iz])
-            self.add(
-                where,
-                density * p.area * weight,
-                _turned(tensor, beam.line),
-                _global(u, i, beam.line, self._ndof),
-                _global(r, i, beam.line, self._ndof),
-            )
+        slices = zip(*_slices(element, PLACES, WEIGHTS, density), strict=True)
+        places = element.frames(PLACES).places
+        for rows, place, piece in zip(element.gauss_rows, places, slices, strict=True):
+            self._carry(rows, i, place, *piece)
 
-    def lump(self, beam: _Element, i: int, density: float) -> None:
+    def lump(self, element: Element, i: int, density: float) -> None:
         """The two halves of an element, each a rigid piece that its node carries."""
-        x, w = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
         for end in (0.0, 1.0):
-            places = abs(end - (x + 1) / 4)
-            sections = [beam.section(s) for s in places]
-            weights = density * w * beam.length / 4
-            masses = weights * [p.area for p in sections]
+            places = abs(end - PLACES / 2)
+            centres, masses, tensors = _slices(element, places, WEIGHTS / 2, density)
             mass = masses.sum()
-            centre = masses @ places / mass
-            spread = masses @ (places - centre) ** 2 * beam.length**2
-            own = [[p.iy + p.iz, p.iy, p.iz] for p in sections]
-            tensor = np.diag(weights @ np.array(own) + [0.0, spread, spread])
-            u, r, _ = beam.shapes(end)
-            arm = np.array([(centre - end) * beam.length, 0.0, 0.0])
-            fraction = beam.first + centre * (beam.last - beam.first)
-            self.add(
-                beam.line.at(fraction),
-                mass,
-                _turned(tensor, beam.line),
-                _global(u - skew(arm) @ r, i, beam.line, self._ndof),
-                _global(r, i, beam.line, self._ndof),
+            centre = masses @ centres / mass
+            spread = skew(centres - centre)
+            tensor = tensors.sum(axis=0) - np.einsum(
+                "p,pab,pbc->ac", masses, spread, spread
             )
+            place = element.frames(np.array([end])).places[0]
+            self._carry(element.rows(end), i, place, centre, mass, tensor)
+
+    def _carry(
+        self,
+        rows: Rows,
+        i: int,
+        place: Array,
+        centre: Array,
+        mass: float,
+        tensor: Array,
+    ) -> None:
+        """A piece that is fixed to the section at a place of element i."""
+        arm = skew(centre - place)
+        moved = _placed(rows.displacement - arm @ rows.rotation, i, self._ndof)
+        self.add(centre, mass, tensor, moved, _placed(rows.rotation, i, self._ndof))
 
     def points(self) -> InertiaPoints:
         return InertiaPoints(
@@ -392,76 +168,79 @@ class _Particles:
         )
 
 
+def _slices(
+    element: Element, places: Array, weights: Array, density: float
+) -> tuple[Array, Array, Array]:
+    """Centres (p, 3), masses (p,) and central inertias (p, 3, 3) of slices."""
+    frames = element.frames(places)
+    centres, masses, tensors = [], [], []
+    for i, weight in enumerate(weights * element.length):
+        p = element.section(places[i])
+        arm = p.centre(frames.curvatures[i])
+        own = density * weight * np.diag([p.iy + p.iz, p.iy, p.iz])
+        mass = density * weight * p.area
+        own += mass * skew(arm) @ skew(arm)
+        centres.append(frames.places[i] + arm @ frames.axes[i])
+        masses.append(mass)
+        tensors.append(_turned(own, frames.axes[i]))
+    return np.array(centres), np.array(masses), np.array(tensors)
+
+
 class _MaterialPoints:
     """Collects the points of `BeamMaterial`."""
 
     def __init__(self, ndof: int) -> None:
         self._ndof = ndof
         self._rows: list[list[sp.csr_matrix]] = [[], [], []]
-        self._values: list[list[float]] = []
+        self._weights: list[float] = []
+        self._gyration: list[list[float]] = []
+        self._curvatures: list[Array] = []
 
-    def add(self, beam: _Element, i: int) -> None:
+    def add(self, element: Element, i: int) -> None:
         """The Gauss points of element i."""
-        shear_forces = beam.shear_forces()
-        for s, weight in zip(*beam.gauss(), strict=True):
-            _, turns, strains = beam.shapes(s)
-            for kept, rows in zip(
-                self._rows, (strains, turns, shear_forces), strict=True
+        frames = element.frames(PLACES)
+        for k, (place, rows) in enumerate(zip(PLACES, element.gauss_rows, strict=True)):
+            p = element.section(place)
+            turns = frames.axes[k] @ rows.rotation
+            for kept, some in zip(
+                self._rows, (rows.strains, turns, rows.resultants), strict=True
             ):
-                kept.append(_resolved(rows, i, beam.line, self._ndof))
-            p = beam.section(s)
-            stiffness = [beam.e * p.area, beam.g * p.torsion, beam.e * p.iy]
-            ratios = [p.iy / p.area, p.iz / p.area]
-            self._values.append([weight, *stiffness, beam.e * p.iz, *ratios])
+                kept.append(_placed(some, i, self._ndof))
+            self._gyration.append([p.iy / p.area, p.iz / p.area])
+        self._weights.extend(WEIGHTS * element.length)
+        self._curvatures.extend(frames.curvatures)
 
     def material(self) -> BeamMaterial:
         strains, turns, forces = (sp.vstack(rows, format="csr") for rows in self._rows)
-        values = np.array(self._values)
         return BeamMaterial(
-            weights=values[:, 0],
+            weights=np.array(self._weights),
             strains=strains,
             turns=turns,
-            shear_forces=forces,
-            stretching=values[:, 1],
-            twisting=values[:, 2],
-            bending=values[:, 3:5],
-            gyration=values[:, 5:7],
+            resultants=forces,
+            gyration=np.array(self._gyration),
+            curvatures=np.array(self._curvatures),
         )
 
 
-def _turned(tensor: Array, line: Line) -> Array:
-    return line.axes.T @ tensor @ line.axes
+def _turned(tensor: Array, axes: Array) -> Array:
+    return np.asarray(axes.T @ tensor @ axes)
 
 
-def _global(rows: Array, i: int, line: Line, ndof: int) -> sp.csr_matrix:
-    """(3, 12) in the axes of element i as (3, ndof) in those of the model."""
-    return _resolved(line.axes.T @ rows, i, line, ndof)
-
-
-def _resolved(rows: Array, i: int, line: Line, ndof: int) -> sp.csr_matrix:
-    """(r, 12) for the degrees of freedom in the axes of element i as (r, ndof)."""
-    values, count = rows @ np.kron(np.eye(4), line.axes), len(rows)
+def _placed(rows: Array, i: int, ndof: int) -> sp.csr_matrix:
+    """(r, 12) for the degrees of freedom of element i as (r, ndof)."""
+    count = len(rows)
     columns = np.tile(np.arange(6 * i, 6 * i + 12), count)
     index = (np.repeat(np.arange(count), 12), columns)
-    return sp.csr_matrix((values.ravel(), index), shape=(count, ndof))
+    return sp.csr_matrix((rows.ravel(), index), shape=(count, ndof))
 
 
-def _rows(
-    line: Line,
-    ends: Array,
-    at: float,
-    geometry: BeamGeometry,
-    settings: BeamDiscretisation,
-    e: float,
-    g: float,
-) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+def _rows(beam: Beam, ends: Array, at: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Displacement and rotation at a fraction of the length."""
     i = min(int(np.searchsorted(ends, at, side="right")) - 1, len(ends) - 2)
-    beam = _Element(geometry, line, ends[i], ends[i + 1], e, g, settings.theory)
-    s = float((at - ends[i]) / (ends[i + 1] - ends[i]))
-    u, r, _ = beam.shapes(s)
+    place = float((at - ends[i]) / (ends[i + 1] - ends[i]))
+    rows = Element(beam, ends[i], ends[i + 1]).rows(place)
     ndof = 6 * len(ends)
-    return _global(u, i, line, ndof), _global(r, i, line, ndof)
+    return _placed(rows.displacement, i, ndof), _placed(rows.rotation, i, ndof)
 
 
 def _pruned(rows: sp.csr_matrix) -> sp.csr_matrix:
@@ -470,7 +249,7 @@ def _pruned(rows: sp.csr_matrix) -> sp.csr_matrix:
     return rows
 
 
-def _fraction(marker: NodeMarker, line: Line) -> float:
+def _fraction(marker: NodeMarker, axis: Axis) -> float:
     if marker.edge is not None:
         return 0.0 if marker.edge == "start" else 1.0
     if marker.parameters is not None:
@@ -479,11 +258,11 @@ def _fraction(marker: NodeMarker, line: Line) -> float:
     if marker.position is None:
         raise InputError("is for meshes", place="mesh_node", expected="another place")
     check_length(marker.position, 3, "position")
-    offset = line.axes @ (np.array(marker.position) - line.start) / line.length
-    if np.abs(offset[1:]).max() > 1e-9 or not -1e-9 <= offset[0] <= 1 + 1e-9:
+    fraction, distance = axis.nearest(np.array(marker.position))
+    if distance > (_ON_LINE if axis.straight else _ON_CURVE) * axis.length:
         raise InputError(
             "lies off the axis of the beam",
             place="position",
             expected="a point between start and end",
         )
-    return float(np.clip(offset[0], 0, 1))
+    return fraction

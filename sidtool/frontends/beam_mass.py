@@ -1,4 +1,4 @@
-"""The mass and the centre of a beam from the polynomials of its section."""
+"""The mass and the centre of a beam by integrals along its axis."""
 
 from __future__ import annotations
 
@@ -7,24 +7,35 @@ from numpy.polynomial import Polynomial
 
 from sidtool.formats.model.geometry import BeamGeometry, GeneralSection
 
+from .beam_axis import Axis
+from .beam_section import run, section_at
 from .geometry_mass import GeometryMass
-
-
-def beam_mass(geometry: BeamGeometry, density: float) -> GeometryMass:
-    """Of the area over the length, integrated term by term, and lumped masses."""
-    start, end = np.array(geometry.start), np.array(geometry.end)
-    area = _area(geometry)
-    weight = density * float(np.linalg.norm(end - start))
-    mass, moment = weight * _integral(area), weight * _integral(area * _ALONG)
-    for lump in geometry.masses:
-        mass, moment = mass + lump.mass, moment + lump.mass * lump.at
-    first = mass * start + moment * (end - start)
-    return GeometryMass(mass, first, sampled=area.degree() > EXACT)
-
 
 #: Degree of the area up to which elements of any length have the exact moments.
 EXACT = 6
-_ALONG = Polynomial([0.0, 1.0])
+#: Gauss points of a curved axis, and their panels.
+_POINTS, _PANELS = 16, 32
+
+
+def beam_mass(geometry: BeamGeometry, axis: Axis, density: float) -> GeometryMass:
+    """Of the area over the length, and lumped masses."""
+    area, first = _area(geometry), np.zeros(3)
+    mass = density * axis.length * float(area.integ()(1.0))
+    x, w = np.polynomial.legendre.leggauss(_POINTS)
+    starts = np.arange(_PANELS) / _PANELS
+    at = (starts[:, None] + (x + 1) / 2 / _PANELS).ravel()
+    weights = density * axis.length * np.tile(w / 2 / _PANELS, _PANELS)
+    frames = axis.at(at)
+    first = (weights * area(at)) @ frames.places
+    for i, fraction in enumerate(at if not axis.straight else ()):
+        section = section_at(geometry, fraction)
+        arm = section.centre(frames.curvatures[i])
+        first += weights[i] * section.area * arm @ frames.axes[i]
+    for lump in geometry.masses:
+        mass += lump.mass
+        first += lump.mass * axis.at(np.array([lump.at])).places[0]
+    sampled = not axis.straight or area.degree() > EXACT
+    return GeometryMass(mass, first, sampled=sampled)
 
 
 def _area(geometry: BeamGeometry) -> Polynomial:
@@ -32,16 +43,4 @@ def _area(geometry: BeamGeometry) -> Polynomial:
     section = geometry.section
     if isinstance(section, GeneralSection):
         return Polynomial([section.area])
-    return _run(section.height) * _run(section.width)
-
-
-def _run(values: float | tuple[float, ...]) -> Polynomial:
-    """The polynomial through values at equal distances."""
-    if not isinstance(values, tuple):
-        return Polynomial([values])
-    x = np.linspace(0.0, 1.0, len(values))
-    return Polynomial(np.linalg.solve(np.vander(x, increasing=True), values))
-
-
-def _integral(polynomial: Polynomial) -> float:
-    return float(polynomial.integ()(1.0))
+    return run(section.height) * run(section.width)

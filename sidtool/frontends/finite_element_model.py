@@ -75,7 +75,7 @@ def carried(marker: MarkerRows, position: Array) -> MarkerRows:
 class Outline:
     """The cross-sections of a beam, for pictures.
 
-    axes : (2, 3) unit vectors y and z of the sections
+    axes : (n, 2, 3) unit vectors y and z of the section at every node
     halves : (n, 2) half their extent along these at every node [m]
     """
 
