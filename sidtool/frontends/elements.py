@@ -174,14 +174,18 @@ def strain_matrix(gradients: Array) -> Array:
     The order of the strains is that of `elasticity`.
     """
     *lead, m, d = gradients.shape
-    shears = ((0, 1),) if d == 2 else ((0, 1), (1, 2), (0, 2))
-    b = np.zeros((*lead, d + len(shears), m, d))
-    for i in range(d):
-        b[..., i, :, i] = gradients[..., i]
-    for row, (i, j) in enumerate(shears, start=d):
+    pairs = _pairs(d)
+    b = np.zeros((*lead, len(pairs), m, d))
+    for row, (i, j) in enumerate(pairs):
         b[..., row, :, i] = gradients[..., j]
         b[..., row, :, j] = gradients[..., i]
-    return b.reshape(*lead, d + len(shears), d * m)
+    return b.reshape(*lead, len(pairs), d * m)
+
+
+def _pairs(d: int) -> tuple[tuple[int, int], ...]:
+    """The axes of each strain."""
+    shears = ((0, 1),) if d == 2 else ((0, 1), (1, 2), (0, 2))
+    return (*((i, i) for i in range(d)), *shears)
 
 
 def element_stiffness(batch: ElementBatch, law: Array) -> Array:
@@ -215,17 +219,33 @@ def _amplitudes(full: Array, own: int) -> Array:
 
 
 def _stiffness(gradients: Array, measures: Array, law: Array) -> Array:
-    b = strain_matrix(gradients)
-    stress = (law @ b) * measures[..., None, None]
-    ne, _, _, columns = b.shape
-    left = b.reshape(ne, -1, columns)
-    return np.asarray(np.swapaxes(left, 1, 2) @ stress.reshape(ne, -1, columns), float)
+    """Sum over points of C_iajb dN_m/dx_a dN_n/dx_b, by (m, i) and (n, j).
+
+    The products of gradients are summed before the law acts on them, which is a sixth
+    of the work of B^T D B in space.
+    """
+    ne, ng, m, d = gradients.shape
+    flat = gradients.reshape(ne, ng, m * d)
+    sums = np.swapaxes(flat, 1, 2) @ (flat * measures[..., None])
+    by_pair = sums.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
+    found = (by_pair @ _tensor(law, d)).reshape(ne, m, m, d, d)
+    return np.ascontiguousarray(found.swapaxes(2, 3)).reshape(ne, m * d, m * d)
+
+
+def _tensor(law: Array, d: int) -> Array:
+    """(d d, d d) elasticity C_iajb by (a, b) and (i, j)."""
+    numbers = np.zeros((d, d), np.int64)
+    for row, (i, j) in enumerate(_pairs(d)):
+        numbers[i, j] = numbers[j, i] = row
+    tensor = law[numbers[:, :, None, None], numbers]
+    return np.asarray(tensor.transpose(1, 3, 0, 2).reshape(d * d, d * d), float)
 
 
 def element_mass(batch: ElementBatch, density: float) -> Array:
     """(ne, m, m) integral of density N_i N_j."""
-    weighted = batch.values * (batch.measures * density)[..., None]
-    return np.swapaxes(batch.values, 1, 2) @ weighted
+    values = np.ascontiguousarray(batch.values)  # other strides keep BLAS away
+    weighted = values * (batch.measures * density)[..., None]
+    return np.asarray(np.swapaxes(values, 1, 2) @ weighted)
 
 
 def assembled(
@@ -249,58 +269,65 @@ def assembled(
         are others
     """
     d = dimension
-    masses, stiffnesses = _Sum(count), _Sum(d * count)
+    masses, stiffnesses = _Sum(count, 1), _Sum(count, d)
     for batch in batches:
         if mass_batches is None:
             masses.add(element_mass(batch, density), batch.nodes)
-        dofs = (d * batch.nodes[..., None] + np.arange(d)).reshape(len(batch.nodes), -1)
-        stiffnesses.add(element_stiffness(batch, law), dofs)
+        stiffnesses.add(element_stiffness(batch, law), batch.nodes)
     for batch in mass_batches or ():
         masses.add(element_mass(batch, density), batch.nodes)
     return masses.total(), stiffnesses.total()
 
 
 class _Sum:
-    """Element matrices added up in a sparse one.
+    """Element matrices added up in a sparse one, in blocks (d, d) by pairs of nodes.
 
     Batches are small, so that they stay in the cache, and are scattered together;
     sparse matrices are added in pairs of like size, so that none is copied often.
     """
 
-    def __init__(self, size: int) -> None:
-        self._size = size
+    def __init__(self, count: int, d: int) -> None:
+        self._count, self._d = count, d
         self._waiting: list[tuple[Array, Indices]] = []
         self._entries = 0
-        self._parts: list[tuple[int, sp.csr_matrix]] = []
+        self._parts: list[tuple[int, sp.bsr_matrix]] = []
 
-    def add(self, matrices: Array, rows: Indices) -> None:
-        """Element matrices (ne, m, m) at their rows (ne, m)."""
-        self._waiting.append((matrices, rows))
+    def add(self, matrices: Array, nodes: Indices) -> None:
+        """Element matrices (ne, d m, d m) at their nodes (ne, m)."""
+        self._waiting.append((matrices, nodes))
         self._entries += matrices.size
         if self._entries > _SCATTERED:
             self._scatter()
 
     def total(self) -> sp.csr_matrix:
         self._scatter()
-        result = sp.csr_matrix((self._size, self._size))
+        size = self._d * self._count
+        result = sp.bsr_matrix((size, size), blocksize=(self._d, self._d))
         while self._parts:
             result = result + self._parts.pop()[1]
-        return result
+        return sp.csr_matrix(result)
 
     def _scatter(self) -> None:
         if not self._waiting:
             return
-        matrices, rows = (np.concatenate(x) for x in zip(*self._waiting, strict=True))
+        matrices, nodes = (np.concatenate(x) for x in zip(*self._waiting, strict=True))
         self._waiting, self._entries = [], 0
-        part, rank = _scattered(matrices, rows, self._size), 0
+        part, rank = _scattered(matrices, nodes, self._count, self._d), 0
         while self._parts and self._parts[-1][0] == rank:
             part = self._parts.pop()[1] + part
             rank += 1
         self._parts.append((rank, part))
 
 
-def _scattered(matrices: Array, rows: Indices, size: int) -> sp.csr_matrix:
-    small = rows.astype(np.int32)
-    i = np.broadcast_to(small[:, :, None], matrices.shape).ravel()
-    j = np.broadcast_to(small[:, None, :], matrices.shape).ravel()
-    return sp.csr_matrix((matrices.ravel(), (i, j)), shape=(size, size))
+def _scattered(matrices: Array, nodes: Indices, count: int, d: int) -> sp.bsr_matrix:
+    ne, m = nodes.shape
+    pairs = (nodes[:, :, None] * count + nodes[:, None, :]).ravel()
+    known, place = np.unique(pairs, return_inverse=True)
+    blocks, values = np.empty((len(known), d, d)), matrices.reshape(ne, m, d, m, d)
+    for a in range(d):
+        for b in range(d):
+            weights = values[:, :, a, :, b].ravel()
+            blocks[:, a, b] = np.bincount(place.ravel(), weights, len(known))
+    rows, columns = np.divmod(known, count)
+    starts = np.searchsorted(rows, np.arange(count + 1))
+    return sp.bsr_matrix((blocks, columns, starts), shape=(d * count, d * count))
