@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.kinds_of_motion import kinds_of
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid
@@ -28,8 +29,6 @@ def other_shapes(
         body = scene.sid_bodies.get(name)
         if body is None or not body.sid:
             continue
-        from .report.modes import kinds_of  # a third of a second, with SciPy
-
         try:
             former = kinds_of(read_sid(folder / body.sid))
         except InputError:

@@ -60,6 +60,7 @@ from .laws import Expression, ForceFunction, Pid
 from .outputs import (
     FRICTION_QUANTITIES,
     IN_BODY,
+    KIND,
     MOMENTA,
     ORIENTATIONS,
     PEAK_STRESS,
@@ -110,6 +111,7 @@ __all__ = [
     "Ground",
     "Harmonic",
     "IN_BODY",
+    "KIND",
     "MOMENTA",
     "ORIENTATIONS",
     "Initial",

@@ -13,7 +13,6 @@ from .functions import Given
 from .joint_checks import check_drives, check_joint
 from .laws import states_of
 from .outputs import (
-    ELASTIC,
     FRICTION_QUANTITIES,
     JOINT_QUANTITIES,
     NAME,
@@ -23,6 +22,7 @@ from .outputs import (
     VALUE,
     OutputName,
     coordinate_of,
+    is_elastic,
     is_of_joint,
     is_quantity,
     is_stress,
@@ -149,7 +149,7 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         fail(place, f"{name.owner} is rigid", "the stress of a SID body")
     if name.marker:
         check_reference(f"{name.owner}.{name.marker}", place, scene)
-    elif ELASTIC.fullmatch(name.quantity) and isinstance(body, RigidBody):
+    elif is_elastic(name.quantity) and isinstance(body, RigidBody):
         fail(place, f"{name.owner} is rigid", "elastic coordinates of a SID body")
 
 

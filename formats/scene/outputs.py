@@ -2,10 +2,13 @@
 
 BODY.QUANTITY, BODY.MARKER.QUANTITY or JOINT.QUANTITY, where BODY may be followed by a
 marker name or, for a SID, a node id. Quantities of a body: x y z, angle, vx vy vz,
-wx wy wz, ax ay az, qN, vqN, and q*, vq* for all of them. Motion is in inertial axes;
-vx_body vy_body vz_body and wx_body wy_body wz_body are velocities in the axes of the
-body, which are the states of a result. Quantities of a marker: x y z, vx vy vz,
-ax ay az, angle, wx wy wz, ux uy uz for its elastic displacement in the body frame,
+wx wy wz, ax ay az, qN, vqN, and q*, vq* for all of them. An elastic coordinate may be
+named by its kind, which stays when a SID is replaced by another: bending_y1, the first
+that bends along y, bending_z2, axial_x1, torsion_x1, mainly_x1, mixed_xy1, and with a v
+before it for its velocity. Motion is in inertial axes; vx_body vy_body vz_body and
+wx_body wy_body wz_body are velocities in the axes of the body, which are the states of
+a result. Quantities of a marker: x y z, vx vy vz, ax ay az, angle, wx wy wz, ux uy uz
+for its elastic displacement in the body frame,
 and, of a SID with stress rows, sigma_xx sigma_yy sigma_zz sigma_xy sigma_yz sigma_xz
 and von_mises [Pa]. The largest von_mises over all nodes with stress is peak_von_mises
 of the body.
@@ -80,6 +83,11 @@ INSTANTANEOUS = ("kinetic", "elastic", "potential", "x", "y", "z")
 #: Names that no part of a scene may have.
 RESERVED = frozenset(["ground", *SCENE_QUANTITIES])
 ELASTIC = re.compile(r"(q|vq)([1-9]\d*|\*)")
+#: An elastic coordinate or its velocity by its kind, see `kinds_of_motion`.
+KIND = re.compile(
+    r"(v?)((?:bending|axial|torsion|mainly)_[xyz][1-9]\d*"
+    r"|mixed_x?y?z?[1-9]\d*|torsion[1-9]\d*)"
+)
 MULTIPLIER = re.compile(r"f([1-9]\d*|\*)")
 RATE = "_rate"
 #: Of a force: what scales it; and what stands before the name of a state of its law.
@@ -126,7 +134,8 @@ def _check_word(name: str, quantity: str, marker: str) -> None:
         more = (
             ""
             if marker
-            else ", qN, vqN, q*, vq*, or fN, fx to mz, angle, displacement"
+            else ", qN, vqN, q*, vq*, bending_y1 or another kind, or fN, fx to mz,"
+            " angle, displacement"
             " or another coordinate and its rate, such as angle_rate, of a joint,"
             " or value and state.NAME of a force"
         )
@@ -150,9 +159,9 @@ def is_quantity(text: str, *, of_marker: bool = False) -> bool:
     """True for the word of a quantity, which no marker may have as its name."""
     if of_marker:
         return text in MARKER_QUANTITIES
-    pattern = ELASTIC.fullmatch(text) or MULTIPLIER.fullmatch(text)
+    pattern = is_elastic(text) or MULTIPLIER.fullmatch(text)
     words = BODY_QUANTITIES | JOINT_QUANTITIES | FRICTION_QUANTITIES
-    return text in words or pattern is not None
+    return text in words or bool(pattern)
 
 
 def is_of_joint(quantity: str) -> bool:
@@ -163,7 +172,7 @@ def is_of_joint(quantity: str) -> bool:
 
 def is_elastic(quantity: str) -> bool:
     """True for an elastic coordinate, its velocity, or all of them."""
-    return ELASTIC.fullmatch(quantity) is not None
+    return bool(ELASTIC.fullmatch(quantity) or KIND.fullmatch(quantity))
 
 
 def is_stress(quantity: str) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from .outputs import (
-    ELASTIC,
     FRICTION_QUANTITIES,
     IN_BODY,
     JOINT_QUANTITIES,
@@ -11,6 +10,7 @@ from .outputs import (
     STATE,
     VALUE,
     coordinate_of,
+    is_elastic,
     is_rate,
     is_stress,
     parse_output,
@@ -51,7 +51,7 @@ def unit_of(name: str) -> str:
         return ""
     if is_stress(quantity):
         return "Pa"
-    if ELASTIC.fullmatch(quantity) or MULTIPLIER.fullmatch(quantity):
+    if is_elastic(quantity) or MULTIPLIER.fullmatch(quantity):
         return ""
     if quantity in JOINT_QUANTITIES:
         return "N" if quantity[0] == "f" else "N m"

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.kinds_of_motion import named_by_kind
 from sidtool.formats.scene import (
+    KIND,
     SceneFile,
     Tolerance,
     expanded,
@@ -76,7 +78,9 @@ def _each(
     found: list[str] = []
     for name in expanded(texts, scene, sids, place):
         parsed = parse_output(name)
-        if not name.endswith("*"):
+        if KIND.fullmatch(parsed.quantity):
+            found.append(_numbered(scene, sids, name, place))
+        elif not name.endswith("*"):
             found.append(name)
         elif is_elastic(parsed.quantity):
             sid = sids[parsed.owner]
@@ -89,3 +93,17 @@ def _each(
                 expected="single multipliers, such as f1, where an accuracy is wanted",
             )
     return found
+
+
+def _numbered(scene: SceneFile, sids: Mapping[str, SID], name: str, place: str) -> str:
+    """BODY.qN of an elastic coordinate that is named by its kind."""
+    owner, _, quantity = parse_output(name)
+    kind, known = KIND.fullmatch(quantity), named_by_kind(sids[owner])
+    assert kind is not None
+    if kind[2] not in known:
+        raise InputError(
+            f"{owner} has no elastic coordinate {kind[2]}",
+            place=place,
+            expected=f"one of {', '.join(known)}" if known else "another output",
+        )
+    return f"{owner}.{kind[1]}q{known[kind[2]]}"

@@ -27,7 +27,7 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
 from ..recording.joint_forces import COMPONENTS, is_constraint, second_marker
-from ..recording.outputs import elastic_range, multiplier_rows, state_row
+from ..recording.outputs import multiplier_rows, state_row
 from ..recording.stress_outputs import check_stress
 from ..space import layout as at
 from ..system.scene import System
@@ -78,7 +78,8 @@ def check_outputs(system: System) -> None:
         if name.owner not in system.scene.bodies:
             multiplier_rows(system, name.owner, name.quantity)
         elif is_elastic(name.quantity):
-            elastic_range(system, name.owner, name.quantity)
+            data = system.bodies[system.index(name.owner)]
+            data.elastic_numbers(name.quantity, f"outputs.record, {text}")
 
 
 def check_attachments(system: System) -> None:

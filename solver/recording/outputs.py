@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,7 +109,7 @@ def column_names(system: System) -> tuple[str, ...]:
         if name.quantity == "f*":
             names += multiplier_rows(system, name.owner, name.quantity)
         elif name.quantity in ("q*", "vq*"):
-            numbers = elastic_range(system, name.owner, name.quantity)
+            numbers = system.bodies[system.index(name.owner)].numbers
             names += [f"{text.removesuffix('*')}{k}" for k in numbers]
         else:
             names.append(text)
@@ -144,7 +143,7 @@ def _columns(told: Told, text: str) -> list[tuple[str, Array]]:
     if name.owner not in system.scene.bodies:
         return _multiplier_columns(system, samples, name.owner, name.quantity)
     if is_elastic(name.quantity):
-        return _elastic_columns(system, samples, name.owner, name.quantity)
+        return _elastic_columns(system, samples, text)
     return [(text, _body_column(system, samples, name.owner, name.quantity))]
 
 
@@ -203,49 +202,24 @@ def _multiplier_columns(
     return [(name, samples.multipliers[:, row]) for name, row in rows.items()]
 
 
-def elastic_range(system: System, owner: str, quantity: str) -> list[int]:
-    """Numbers of the elastic coordinates that qN, vqN, q* or vq* stand for.
-
-    Raises
-    ------
-    InputError : the body has fewer elastic coordinates.
-    """
-    numbers = system.bodies[system.index(owner)].numbers
-    prefix = "vq" if quantity.startswith("v") else "q"
-    number = quantity[len(prefix) :]
-    if number == "*":
-        return list(numbers)
-    if int(number) not in numbers:
-        raise InputError(
-            f"{owner} has {len(numbers)} elastic coordinates",
-            place=f"outputs.record, {owner}.{quantity}",
-            expected=listed_numbers(numbers, prefix),
-        )
-    return [int(number)]
-
-
-def listed_numbers(numbers: Sequence[int], prefix: str) -> str:
-    """ "q1 to q5", or "q1, q3" where some are left out."""
-    names = [f"{prefix}{k}" for k in numbers]
-    whole = list(numbers) == list(range(1, len(names) + 1))
-    if len(names) > 1 and whole:
-        return f"{names[0]} to {names[-1]}"
-    return ", ".join(names) or "another name"
-
-
 def _elastic_columns(
-    system: System, samples: Samples, owner: str, quantity: str
+    system: System, samples: Samples, text: str
 ) -> list[tuple[str, Array]]:
-    row = system.arrays.body[system.index(owner)]
-    velocity = quantity.startswith("v")
-    prefix = "vq" if velocity else "q"
+    name = parse_output(text)
+    data = system.bodies[system.index(name.owner)]
+    row = system.arrays.body[system.index(name.owner)]
+    velocity = name.quantity.startswith("v")
     source = samples.v if velocity else samples.z
     last = row[at.VEL] + row[at.NV] if velocity else row[at.POS] + row[at.NP]
     first = int(last - row[at.NQ])
-    numbers = system.bodies[system.index(owner)].numbers
-    wanted = elastic_range(system, owner, quantity)
+    wanted = data.elastic_numbers(name.quantity, f"outputs.record, {text}")
+    every = text.endswith("*")
     return [
-        (f"{owner}.{prefix}{k}", source[:, first + numbers.index(k)]) for k in wanted
+        (
+            f"{text.removesuffix('*')}{k}" if every else text,
+            source[:, first + data.numbers.index(k)],
+        )
+        for k in wanted
     ]
 
 

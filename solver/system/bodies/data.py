@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.kinds_of_motion import named_by_kind
 from sidtool.formats.scene import (
+    KIND,
     Body,
     RigidBody,
     SceneFile,
@@ -66,6 +68,7 @@ class BodyData:
     numbers : (nq,) of the elastic coordinates, from 1, as in the SID that was given
     of_scene : False for the ground, and for what carries a state of a law, see `laws`
     starts_at : that state at the start
+    given : the SID that was given, of which elastic coordinates have their names
     """
 
     name: str
@@ -76,10 +79,55 @@ class BodyData:
     numbers: tuple[int, ...] = ()
     of_scene: bool = True
     starts_at: float = 0.0
+    given: SID | None = None
 
     def node(self, marker: str) -> Node:
         """The node behind a marker name; no name is the origin of a rigid body."""
         return self.sid.node(self.nodes.get(marker, marker))
+
+    def elastic_numbers(self, quantity: str, place: str) -> list[int]:
+        """Numbers of the elastic coordinates that qN, bending_yN, q*, ... stand for.
+
+        Raises
+        ------
+        InputError : the body has no such coordinate.
+        """
+        kind = KIND.fullmatch(quantity)
+        if kind is not None:
+            return [self._number_of(kind[2], place)]
+        prefix = "vq" if quantity.startswith("v") else "q"
+        number = quantity.removeprefix(prefix)
+        if number == "*":
+            return list(self.numbers)
+        if int(number) not in self.numbers:
+            raise InputError(
+                f"{self.name} has {len(self.numbers)} elastic coordinates",
+                place=place,
+                expected=listed_numbers(self.numbers, prefix),
+            )
+        return [int(number)]
+
+    def _number_of(self, kind: str, place: str) -> int:
+        """Of the elastic coordinate that is called so by its kind."""
+        known = named_by_kind(self.given or self.sid)
+        kept = {name: k for name, k in known.items() if k in self.numbers}
+        if kind in kept:
+            return kept[kind]
+        listed = ", ".join(kept)
+        raise InputError(
+            f"{self.name} has no elastic coordinate {kind}",
+            place=place,
+            expected=f"one of {listed}" if listed else "another output",
+        )
+
+
+def listed_numbers(numbers: Sequence[int], prefix: str) -> str:
+    """ "q1 to q5", or "q1, q3" where some are left out."""
+    names = [f"{prefix}{k}" for k in numbers]
+    whole = list(numbers) == list(range(1, len(names) + 1))
+    if len(names) > 1 and whole:
+        return f"{names[0]} to {names[-1]}"
+    return ", ".join(names) or "another name"
 
 
 def read_sids(
@@ -125,7 +173,7 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
                 place=f"bodies.{name}.markers.{marker}",
                 expected=error.expected,
             ) from None
-    nodes, place = dict(body.markers), f"bodies.{name}"
+    nodes, place, given = dict(body.markers), f"bodies.{name}", sid
     kept = kept_indices(body.shape_functions, sid.nq, f"{place}.shape_functions")
     if body.rigid:
         sid, kept = rigid_part(sid), ()
@@ -138,7 +186,9 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
         sid = with_shape_functions(sid, kept)
     sid = with_frame_node(sid) if body.frame == "held" else sid
     numbers = tuple(k + 1 for k in kept)
-    return BodyData(name, sid, True, body.quadratic_inertia, nodes, numbers)
+    return BodyData(
+        name, sid, True, body.quadratic_inertia, nodes, numbers, given=given
+    )
 
 
 def _rigid_body(name: str, body: RigidBody, planar: bool) -> BodyData:

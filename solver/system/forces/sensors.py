@@ -104,16 +104,14 @@ def _refuse_consequences(name: str, place: str) -> None:
 def _elastic(
     name: str, owner: str, quantity: str, data: BodyData, place: str
 ) -> Reading:
-    number = quantity.lstrip("vq")
-    if number == "*" or int(number) not in data.numbers:
-        known = ", ".join(f"{owner}.q{k}" for k in data.numbers)
+    numbers = data.elastic_numbers(quantity, place)
+    if len(numbers) != 1 or quantity.endswith("*"):
         raise InputError(
-            f"a law cannot read {name!r}: {owner} has {data.sid.nq} elastic "
-            "coordinates",
+            f"a law cannot read {name!r}, which is all of them",
             place=place,
-            expected=known or "another name",
+            expected="one elastic coordinate",
         )
-    index = data.numbers.index(int(number))
+    index = data.numbers.index(numbers[0])
     return Reading(coordinate(owner, index), int(quantity[0] == "v"))
 
 

@@ -1,0 +1,137 @@
+"""What an elastic coordinate does, as a person would say it: bending, torsion, ..."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .dead_nodes import motion_scale
+from .sid import SID
+from .sid_mass import central_inertia
+
+Array = NDArray[np.float64]
+AXES = "xyz"
+#: A mode moves along one axis if nothing else reaches this share of the motion.
+_DOMINANT = 0.5
+#: A body is slender if its smallest central inertia is below this share of the largest.
+_SLENDER = 0.3
+#: Part of the body's length over which a node's rotation counts as displacement.
+SLOPE = 0.1
+#: Relative size below which shape functions and couplings count as zero.
+NOTHING = 1e-9
+#: What no node shows has no name.
+UNSEEN = "not seen at the nodes"
+
+
+def kinds_of(sid: SID) -> tuple[str, ...]:
+    """What each elastic coordinate alone is: "bending y", "torsion", ..."""
+    axis = long_axis(sid)
+    return tuple(kind_of_shape(sid, shape, axis) for shape in np.eye(sid.nq))
+
+
+def named_by_kind(sid: SID) -> dict[str, int]:
+    """The number, from 1, of every elastic coordinate by its kind: "bending_y1", the
+    first one that bends along y, "bending_y2", ..."""
+    names: dict[str, int] = {}
+    counts: dict[str, int] = {}
+    for number, kind in enumerate(kinds_of(sid), 1):
+        if kind != UNSEEN:
+            word = kind.replace(" ", "_")
+            counts[word] = counts.get(word, 0) + 1
+            names[f"{word}{counts[word]}"] = number
+    return names
+
+
+def long_axis(sid: SID) -> int | None:
+    """The axis of a slender body, by the spread of its mass, or else of its nodes."""
+    spread = _second_moments(sid)
+    if spread is None and sid.nodes:
+        spread = np.ptp([node.position for node in sid.nodes], axis=0) ** 2
+    if spread is None:
+        return None
+    order = np.argsort(spread)
+    return int(order[2]) if spread[order[1]] < _SLENDER * spread[order[2]] else None
+
+
+def _second_moments(sid: SID) -> Array | None:
+    """Central integrals of x^2, y^2, z^2 dm; None where the inertia is planar."""
+    if sid.mass <= 0:
+        return None
+    moments = np.diag(_spread(sid))
+    return moments if (moments >= -1e-6 * np.abs(moments).max()).all() else None
+
+
+def _spread(sid: SID) -> Array:
+    """(3, 3) central integral of c c^T dm."""
+    inertia = central_inertia(sid)
+    return np.asarray(np.trace(inertia) / 2 * np.eye(3) - inertia)
+
+
+def kind_of_shape(sid: SID, shape: Array, long_axis: int | None) -> str:
+    """By the largest displacement at the nodes, or by the effective mass without.
+
+    Torsion is what turns the nodes about the long axis by more than it moves them.
+    """
+    motion = _motion_by_axis(sid, shape) + _slopes_by_axis(sid, shape, long_axis)
+    if (
+        long_axis is not None
+        and _twist(sid, shape, long_axis) > _DOMINANT * motion.sum()
+    ):
+        return f"torsion {AXES[long_axis]}"
+    rotation = np.abs(sid.shapes[1] @ shape).max(initial=0.0)
+    if not motion.any():
+        return "torsion" if rotation else UNSEEN
+    axis = int(motion.argmax())
+    name = AXES[axis]
+    if motion[axis] < _DOMINANT * motion.sum():
+        return "mixed " + "".join(AXES[a] for a in np.flatnonzero(motion > 0))
+    if long_axis is None:
+        return f"mainly {name}"
+    return f"axial {name}" if axis == long_axis else f"bending {name}"
+
+
+def _twist(sid: SID, shape: Array, long_axis: int) -> float:
+    """Square of the motion at the radius of gyration about the long direction."""
+    if _second_moments(sid) is None:
+        return 0.0
+    along = _direction(sid, long_axis)
+    about = float(along @ central_inertia(sid) @ along)
+    turns = sid.shapes[1] @ shape @ along
+    return float(np.square(turns).sum() * about / sid.mass)
+
+
+def _direction(sid: SID, long_axis: int) -> Array:
+    """(3,) the direction in which a slender body is long."""
+    if _second_moments(sid) is None:
+        return np.eye(3)[long_axis]
+    return np.asarray(np.linalg.eigh(_spread(sid))[1][:, 2])
+
+
+def _coupling(sid: SID, shape: Array) -> Array:
+    """(3,) momentum per velocity of a shape; zero where it is rounding."""
+    found = shape @ sid.Ct.m0
+    largest = np.sqrt(abs(sid.mass * (shape @ sid.Me.m0 @ shape)))
+    return np.where(np.abs(found) > NOTHING * largest, found, 0.0)
+
+
+def length_of(sid: SID) -> float:
+    """The largest extent of the nodes along an axis [m]."""
+    places = np.array([node.position for node in sid.nodes]).reshape(-1, 3)
+    return float(np.ptp(places, axis=0).max()) if len(places) else 0.0
+
+
+def _slopes_by_axis(sid: SID, shape: Array, long_axis: int | None) -> Array:
+    """(3,) squares of the bending that node rotations tell where no node moves."""
+    if long_axis is None:
+        return np.zeros(3)
+    length, along = length_of(sid), _direction(sid, long_axis)
+    sideways = np.cross(sid.shapes[1] @ shape, along)
+    return np.asarray(((SLOPE * length * sideways) ** 2).sum(axis=0))
+
+
+def _motion_by_axis(sid: SID, shape: Array) -> Array:
+    """(3,) squares of displacements, summed over the nodes; of Ct where they rest."""
+    at_nodes = ((sid.shapes[0] @ shape) ** 2).sum(axis=0)
+    seen = at_nodes.max() > (NOTHING * motion_scale(sid) * np.abs(shape).max()) ** 2
+    motion = at_nodes if seen else _coupling(sid, shape) ** 2
+    return np.where(motion > NOTHING * motion.max(), motion, 0.0)
