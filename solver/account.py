@@ -129,6 +129,9 @@ def _notes(run: Run) -> Iterator[str]:
         yield from notes.of_output_times(system.scene, float(run.times[-1:][0]))
     yield from notes.of_programs(system)
     yield from notes.of_sampled_loops(system, run.control, run.start.z)
+    if run.control.whole[stepping.FIXED_STEP] != 1:
+        span = run.now - system.scene.time.start
+        yield from recorder.vibrations.sentences(steps, span)
     yield from notes.hidden_errors(system, run.control, rtol, steps)
     yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)

@@ -14,6 +14,7 @@ from sidtool.formats.sid import Array
 
 from .advice.body_measures import Reached
 from .advice.notes import Remarks
+from .advice.vibrations import Vibrations
 from .linear.newton import Kernels
 from .recording import outputs
 from .recording.dense import Steps, joined
@@ -53,6 +54,7 @@ class Recorder:
         self.work, self.memory = new_work(system), new_memory(system, 0)
         self.history, self.sink = history, sink
         self.reached, self.remarks = Reached(system, expected), Remarks(system)
+        self.vibrations = Vibrations(system)
         worst = [body.expected.time for body in expected.values()]
         self.visited = Visited(system, worst) if expected else None
         self.events: list[Event] = []
@@ -128,6 +130,7 @@ class Recorder:
         }
         self.sink.add(Rows(t, tables))
         self.remarks.add(t, found)
+        self.vibrations.add(found.samples)
         self.reached.add(found.samples, t)
         self._last = float(t[-1])
 

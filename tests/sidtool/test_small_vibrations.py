@@ -1,0 +1,78 @@
+"""A vibration without energy that costs the steps of a run is told, and what helps."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.convert import sid_from_model
+from sidtool.formats.kinds_of_motion import named_by_kind
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import read_scene
+from sidtool.formats.sid import SID
+from sidtool.formats.toml_files import validated
+
+from .bodies import beam_data
+
+FOLDER = sidtool.__path__[0] + "/examples/slider_crank"
+
+
+@pytest.fixture(scope="module")
+def rod() -> SID:
+    """The undamped rod as a beam, with modes out of the plane of the slider-crank."""
+    data = beam_data({"type": "beam", "elements": 20, "theory": "timoshenko"}, 12)
+    data.pop("damping", None)
+    return sid_from_model(validated(data, ModelFile))
+
+
+def run(rod: SID, kind: str, energy: float, **changes: Any) -> sidtool.Result:
+    """The slider-crank, with energy [J] in one mode at the start."""
+    scene = read_scene(FOLDER + "/slider_crank.toml")
+    number = named_by_kind(rod)[kind]
+    speeds = np.zeros(rod.nq)
+    speeds[number - 1] = np.sqrt(2 * energy / rod.Me.m0[number - 1, number - 1])
+    body = scene.bodies["rod"]
+    start = body.initial.model_copy(update={"elastic_velocity": tuple(speeds)})
+    body = body.model_copy(update={"initial": start} | changes)
+    outputs = scene.outputs.model_copy(update={"record": ("piston.x",)})
+    update = {"bodies": dict(scene.bodies) | {"rod": body}, "outputs": outputs}
+    return sidtool.simulate(
+        scene.model_copy(update=update), sids={"rod": rod}, base_folder=FOLDER
+    )
+
+
+def told(result: sidtool.Result) -> list[str]:
+    return [note for note in result.notes if "follow a small vibration" in note]
+
+
+@pytest.mark.parametrize(
+    ("kind", "energy"), [("bending_z7", 1e-5), ("bending_z6", 3e-6)]
+)
+def test_what_costs_the_steps_is_told_and_the_advice_helps(
+    rod: SID, kind: str, energy: float
+) -> None:
+    number = named_by_kind(rod)[kind]
+    slow = run(rod, kind, energy)
+    (sentence,) = told(slow)
+    words = rf"q{number} of rod \(bending z\) at about (\S+) Hz.* with (\S+) J"
+    found = re.search(words, sentence)
+    assert found is not None
+    k, m = (x.m0[number - 1, number - 1] for x in (rod.Ke, rod.Me))
+    assert float(found[1]) == pytest.approx(np.sqrt(k / m) / (2 * np.pi), rel=0.02)
+    assert float(found[2]) == pytest.approx(energy, rel=0.1)
+    kept = tuple(i for i in range(1, rod.nq + 1) if i != number)
+    start = read_scene(FOLDER + "/slider_crank.toml").bodies["rod"].initial
+    without = run(rod, kind, energy, shape_functions=kept, initial=start)
+    assert not told(without)
+    assert without.counters["steps"] < 0.1 * slow.counters["steps"]
+    assert np.abs(without["piston.x"] - slow["piston.x"]).max() < 1e-6
+
+
+def test_a_vibration_that_matters_is_not(rod: SID) -> None:
+    """A hundred times the energy of what the run stores otherwise, and none at all."""
+    assert not told(run(rod, "bending_z7", 1.0))
+    assert not told(run(rod, "bending_z7", 0.0))
