@@ -29,6 +29,7 @@ BENCHMARKS = (
     "metamorphic",
     "accuracy",
     "requests",
+    "economy",
     "latency",
     "faults",
 )

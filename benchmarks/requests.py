@@ -1,7 +1,8 @@
 """Single outputs, asked for from 1e-1 to 1e-6: what is chosen, and what it costs.
 
-The founding slider-crank. Errors are those against a run that the search has never
-seen: everything that the SIDs have, radau13 at 1e-12.
+The founding slider-crank, and an arm in space that swings about an axis askew to its
+own and to its weight. Errors are those against a run that the search has never seen:
+everything that the SIDs have, radau13 at 1e-12.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ import numpy as np
 
 from sidtool.accuracy import planned
 from sidtool.accuracy.candidates import as_scene, finest, recording
+from sidtool.convert import sid_from_model
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.system.bodies.data import read_sids
 from sidtool.solver.system.scene import System
+from tests.sidtool.arms import swinging
+from tests.sidtool.beams import beam
 
 from .machine import describe_machine
 from .report import Report, Table
@@ -27,9 +31,36 @@ from .report import Report, Table
 EXAMPLES = Path(__file__).parents[1] / "examples"
 #: Outputs of the founding scene: a position, an elastic coordinate, a bearing force.
 CRANK = ("piston.x", "rod.q1", "piston_pin.fx")
+#: Of the arm, and a stress.
+ARM = ("arm.tip.x", "arm.q1", "pin.fx", "arm.root.sigma_xx")
 REQUESTS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 METHOD, TIGHT = "radau13", 1e-12
 HEADER = ["wanted", "estimate", "error", "kept", "integrator", "rtol", "steps", "s"]
+
+
+def arm_sid() -> SID:
+    """Three bending modes of a uniform arm, with stress."""
+    return sid_from_model(
+        beam(
+            {"type": "iga", "degrees": [3, 2], "elements": [10, 1]},
+            reduction={"method": "modal", "modes": 3},
+            stress={},
+        )
+    )
+
+
+def swinging_arm() -> SceneFile:
+    """It falls from level, about an axis across the plane and along the arm."""
+    axis = [0.3, 0.2, 1.0]
+    pin = {"type": "revolute", "markers": ["ground", "arm.root"], "axis": axis}
+    return swinging(
+        3.0,
+        title="Arm in space",
+        dimension="spatial",
+        gravity=[0.0, -0.2, 0.1],
+        joints={"pin": pin},
+        outputs={"record": list(ARM)},
+    )
 
 
 def compiled(folder: Path, scene: SceneFile, sids: Mapping[str, SID]) -> System:
@@ -79,6 +110,9 @@ def run(folder: Path, name: str, say: Callable[[str], object]) -> Report:
     crank = read_scene(place / "slider_crank.toml")
     rods = read_sids(crank, place, {})
     tables = [table_of(place, crank, rods, output, say) for output in CRANK]
+    arm = swinging_arm()
+    sids = {"arm": arm_sid()}
+    tables += [table_of(place, arm, sids, output, say) for output in ARM]
     return Report(
         title="What an accuracy needs, from 1e-1 to 1e-6",
         tables=tables,

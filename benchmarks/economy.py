@@ -1,0 +1,126 @@
+"""Shape functions and time of the search for a wanted accuracy, against an oracle.
+
+The oracle knows the true error: it takes out the shape function that then errs least,
+one by one, as long as the request of 1e-3 is kept. The best run is the fastest one of
+its model among integrators at their loosest tolerances.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from sidtool.accuracy import OutsideTheory, planned
+from sidtool.accuracy.candidates import Choice, finest, recording, shape_functions
+from sidtool.accuracy.integration import cheapest
+from sidtool.accuracy.reference import Reference, make_reference
+from sidtool.accuracy.runs import Runs
+from sidtool.accuracy.wanted import requested
+from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.sid import SID
+from sidtool.solver import compile_scene
+from sidtool.solver.system.bodies.data import read_sids
+from sidtool.solver.system.scene import System
+from tests.metamorphic.case import Case, scene_of
+from tests.metamorphic.scenes import random_scene
+
+from .machine import describe_machine
+from .report import Report, Table
+
+WANTED = 1e-3
+CRANK = Path(__file__).parents[1] / "examples" / "slider_crank"
+#: Outputs of the founding scene that are asked for, each by itself.
+OUTPUTS = ("piston.x", "rod.q1", "piston_pin.fx")
+#: Random scenes, each asked for the place of a marker of a flexible body.
+SEEDS = (2006, 2013, 2036, 2050, 2065, 2077, 2114)
+HEADER = ["scene", "output", "all", "oracle", "chosen", "search s", "best run s"]
+
+
+def oracle(runs: Runs, reference: Reference) -> Choice:
+    """The model that greedy removal with the true errors comes to."""
+
+    def use(choice: Choice) -> float:
+        errors = runs.difference(reference.choice, choice, reference.setting)
+        return reference.use(errors)
+
+    choice = reference.choice
+    while candidates := shape_functions(choice):
+        less = min((choice.without(c) for c in candidates), key=use)
+        if use(less) > 1.0:
+            break
+        choice = less
+    return choice
+
+
+def row(
+    name: str,
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    output: str,
+    compile_: Callable[[SceneFile, Mapping[str, SID]], System],
+) -> list[str]:
+    """All, the oracle's and the chosen shape functions; seconds."""
+    scene = recording(scene, (output,))
+    began = time.perf_counter()
+    plan = planned(scene, sids, WANTED, compile_, keep=False)
+    took = time.perf_counter() - began
+    request = requested(scene, sids, WANTED)
+    runs = Runs(scene, sids, compile_, request.names, lambda _: None)
+    reference = make_reference(runs, finest(scene, sids), request)
+    best = oracle(runs, reference)
+    found = cheapest(runs, reference, best, 1.0)
+    chosen = sum(
+        len(body.numbers(sids[n].nq)) for n, body in plan.scene.sid_bodies.items()
+    )
+    counts = [sum(len(k) for _, k in c.kept) for c in (reference.choice, best)]
+    return [
+        name,
+        output,
+        *map(str, counts),
+        str(chosen),
+        f"{took:.2f}",
+        f"{found.seconds:.4f}" if found else "",
+    ]
+
+
+def _random(seed: int, say: Callable[[str], object]) -> list[str] | None:
+    case: Case = random_scene(seed)
+    scene = scene_of(case)
+
+    def compiled(content: SceneFile, sids: Mapping[str, SID]) -> System:
+        return compile_scene(content, ".", sids, drives=case.drives, forces=case.forces)
+
+    name = next(n for n in scene.sid_bodies if n in case.sids)
+    marker = case.sids[name].nodes[-1].id
+    try:
+        return row(f"seed {seed}", scene, case.sids, f"{name}.{marker}.x", compiled)
+    except OutsideTheory as outside:
+        say(f"  seed {seed}: {outside.problem}")
+        return None
+
+
+def run(folder: Path, name: str, say: Callable[[str], object]) -> Report:
+    crank = read_scene(CRANK / "slider_crank.toml")
+    rods = read_sids(crank, CRANK, {})
+
+    def compiled(content: SceneFile, sids: Mapping[str, SID]) -> System:
+        return compile_scene(content, CRANK, sids)
+
+    rows = []
+    for output in OUTPUTS:
+        rows.append(row("founding", crank, rods, output, compiled))
+        say("  " + " ".join(rows[-1]))
+    for seed in SEEDS:
+        found = _random(seed, say)
+        if found is not None:
+            rows.append(found)
+            say("  " + " ".join(rows[-1]))
+    ratios = [int(r[4]) / max(int(r[3]), 1) for r in rows if int(r[3])]
+    worst = max(ratios, default=1.0)
+    return Report(
+        title="Shape functions and time of the search, against an oracle",
+        tables=[Table(f"wanted {WANTED:g}", HEADER, rows)],
+        remarks=[f"Chosen shape functions are at most {worst:.2f} of the oracle's."],
+        machine=describe_machine(),
+    )
