@@ -23,6 +23,7 @@ BENCHMARKS = (
     "calculix",
     "elements",
     "frontends",
+    "q4_iga",
     "error_control",
     "body_frames",
     "revolutions",
@@ -38,6 +39,8 @@ ON_PAGE = (*BENCHMARKS, "decks")
 #: Those whose summary stands on the page of the documents, and in the README.
 SHORT = ("slider_crank", "chain", "latency")
 FIRST = ("slider_crank",)
+#: Benchmarks that have a page of their own among the documents.
+PAGES = ("q4_iga",)
 ROOT = Path(__file__).parents[1]
 
 
@@ -74,6 +77,8 @@ def main(names: tuple[str, ...], output: Path, readme: bool, keep: bool) -> None
         page = ROOT / "docs" / "speed.md"
         write_section(page, load(output, SHORT), note=True)
         write_section(ROOT / "README.md", load(output, FIRST))
+        for page in PAGES:
+            write_section(ROOT / "docs" / f"{page}.md", load(output, (page,)))
         click.echo("docs/speed.md and README.md updated")
 
 
