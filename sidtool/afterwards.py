@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sidtool.formats.progress import reached
 from sidtool.formats.result import Result
 from sidtool.formats.scene import expanded, has_wildcard, matching
 from sidtool.formats.sid import Array
@@ -54,6 +55,7 @@ def outputs(
     missing = [name for name in wanted if name not in result.names]
     found = {name: result[name] for name in wanted if name in result.names}
     if missing:
+        reached("evaluating outputs")
         found |= replay(result, missing, drives, forces).outputs()
     return _ordered(wanted, found)
 
@@ -84,6 +86,7 @@ def played_outputs(
     straight = untold(names, scene_of(result), result.laws, between=True)
     straight = {name: why for name, why in straight.items() if name in result.names}
     rest = [name for name in names if name not in straight]
+    reached("evaluating outputs")
     again = replay(result, rest, between=True)
     found = again.outputs(times)
     found |= {n: np.interp(times, result.t, result[n]) for n in straight}

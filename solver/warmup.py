@@ -18,6 +18,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty, Queue
 
+from sidtool.formats.progress import is_heard, reached
+
 from .compiler import stored
 
 Say = Callable[[str], None]
@@ -62,6 +64,8 @@ RECORDING: Group = (
 _seen: set[str] = set()
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
+#: Seconds between two looks at what other processes have done.
+TOLD = 0.2
 #: New objects between two searches for garbage in a process that only compiles.
 GARBAGE_THRESHOLD = 500_000
 #: What another process runs: the package of this one, whatever stands in the
@@ -100,7 +104,8 @@ def ensure(
 def ensure_loop(step_loop: str) -> None:
     """Compiles a step loop that a run turns out to need."""
     if not _is_cached(step_loop):
-        say_compiling("compiling the steps past singular positions, once")
+        text = "compiling the steps past singular positions, once"
+        reached(text) if is_heard() else say_compiling(text)
         _compile_here(step_loop)
 
 
@@ -108,7 +113,7 @@ def warm_up(step_loops: Iterable[str], say: Say | None = None) -> int:
     """Compiles all kernels, with these step loops; how many had to be compiled."""
     missing = _missing(all_groups(step_loops))
     _compile(missing, say, at_least=1)
-    _work(_queue(_missing(missing)))  # what another process could not keep
+    _work(_queue(_missing(missing)), [])  # what another process could not keep
     return sum(map(len, missing))
 
 
@@ -135,13 +140,18 @@ def _compile(
     """On all processors, if what they compile can be kept on disk for this one."""
     count = sum(map(len, groups))
     many = count >= max(at_least, 1)
-    if many and say is not None:
+    if many and say is not None and not is_heard():
         say(f"compiling {count} kernels, once (half a minute or less)")
-    queue = _queue(groups)
+    queue, done = _queue(groups), list[Group]()
     processors = os.cpu_count() or 1 if many and stored.is_writable() else 0
-    with _helpers(queue, min(len(groups), processors)):
+
+    def tell() -> None:
+        if count:
+            reached("compiling, once", sum(map(len, done)) / count)
+
+    with _helpers(queue, min(len(groups), processors), done, tell):
         pass
-    _work(queue)
+    _work(queue, done, tell)
 
 
 def _queue(groups: Iterable[Group]) -> Queue[Group]:
@@ -151,30 +161,39 @@ def _queue(groups: Iterable[Group]) -> Queue[Group]:
     return queue
 
 
-def _work(queue: Queue[Group]) -> None:
+def _work(
+    queue: Queue[Group], done: list[Group], tell: Callable[[], None] | None = None
+) -> None:
     """Compiles here until no group is left."""
     while True:
+        if tell is not None:
+            tell()
         try:
             group = queue.get_nowait()
         except Empty:
             return
         for name in group:
             _compile_here(name)
+        done.append(group)
 
 
 @contextmanager
-def _helpers(queue: Queue[Group], number: int) -> Iterator[None]:
+def _helpers(
+    queue: Queue[Group], number: int, done: list[Group], tell: Callable[[], None]
+) -> Iterator[None]:
     """Other processes that compile what is in the queue; none outlives the block."""
     processes: list[subprocess.Popen[str]] = []
     threads = []
     try:
         for _ in range(number):
             processes.append(_new_process())
-            threads.append(threading.Thread(target=_feed, args=(queue, processes[-1])))
+            feeding = (queue, processes[-1], done)
+            threads.append(threading.Thread(target=_feed, args=feeding))
             threads[-1].start()
         yield
-        for thread in threads:
-            thread.join()
+        while alive := [thread for thread in threads if thread.is_alive()]:
+            tell()
+            alive[0].join(TOLD)
     finally:
         for process in processes:
             process.kill()
@@ -198,7 +217,9 @@ def _new_process() -> subprocess.Popen[str]:
     )
 
 
-def _feed(queue: Queue[Group], process: subprocess.Popen[str]) -> None:
+def _feed(
+    queue: Queue[Group], process: subprocess.Popen[str], done: list[Group]
+) -> None:
     """Gives another process names until none is left.
 
     A process that dies is no harm: what it did not compile is compiled at first use.
@@ -206,10 +227,12 @@ def _feed(queue: Queue[Group], process: subprocess.Popen[str]) -> None:
     assert process.stdin is not None and process.stdout is not None
     try:
         while True:
-            process.stdin.write(" ".join(queue.get_nowait()) + "\n")
+            group = queue.get_nowait()
+            process.stdin.write(" ".join(group) + "\n")
             process.stdin.flush()
             if not process.stdout.readline():
                 return
+            done.append(group)
     except (Empty, BrokenPipeError):
         return
 

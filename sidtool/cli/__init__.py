@@ -24,6 +24,7 @@ from .export import export
 from .info import info
 from .new import new
 from .plot import plot
+from .progress import progress_shown
 from .recorded import outputs
 from .report import report
 from .schema import schema
@@ -42,7 +43,8 @@ _show_warning = warnings.showwarning
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="sidtool")
-def cli() -> None:
+@click.pass_context
+def cli(ctx: click.Context) -> None:
     """Flexible bodies for multibody simulation.
 
     Takes a part from its geometry to Standard Input Data (SID), judges any SID, and
@@ -57,6 +59,7 @@ def cli() -> None:
 
     Each command explains itself: sidtool COMMAND --help
     """
+    ctx.with_resource(progress_shown())
 
 
 for command in (
@@ -84,7 +87,7 @@ for command in (convert, simulate, info, study, trim, *analyse.commands.values()
     command.params.append(JSON)
 for command in (convert, simulate, study, validate, outputs, plot, animate, export):
     command.params.append(QUIET)
-for command in (report, trim, *analyse.commands.values()):
+for command in (report, trim, warmup, demo, *analyse.commands.values()):
     command.params.append(QUIET)
 
 

@@ -1,12 +1,11 @@
-"""What several commands share: checks of targets, progress that shows up late."""
+"""What several commands share: checks of targets, --quiet and --json."""
 
 from __future__ import annotations
 
 import os
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +17,6 @@ from sidtool.formats.errors import InputError
 
 if TYPE_CHECKING:
     from ..scenes import Scene
-
-#: Runs shorter than this show no progress bar [s].
-PATIENCE = 1.0
 
 existing = click.Path(path_type=Path)
 target = click.Path(path_type=Path)
@@ -255,43 +251,3 @@ def tell(text: str, data: Callable[[], Any]) -> None:
         from ..report.data import as_json
 
         click.echo(as_json(data()), file=stream)
-
-
-@contextmanager
-def progress_bar(text: str) -> Iterator[Callable[[float], None] | None]:
-    """Yield a function that takes the share done, 0 to 1; None without a terminal."""
-    if is_quiet() or not sys.stderr.isatty():
-        yield None
-        return
-    bar = _LateBar(text)
-    try:
-        yield bar
-    finally:
-        bar.close()
-
-
-class _LateBar:
-    """A bar of rich that appears once the run has lasted longer than `PATIENCE`."""
-
-    def __init__(self, text: str) -> None:
-        self._text = text
-        self._begin = time.monotonic()
-        self._progress: Any = None
-
-    def __call__(self, share: float) -> None:
-        if self._progress is None and time.monotonic() - self._begin > PATIENCE:
-            self._open()
-        if self._progress is not None:
-            self._progress.update(self._task, completed=share)
-
-    def close(self) -> None:
-        if self._progress is not None:
-            self._progress.stop()
-
-    def _open(self) -> None:
-        from rich.console import Console
-        from rich.progress import Progress
-
-        self._progress = Progress(console=Console(stderr=True), transient=True)
-        self._task = self._progress.add_task(self._text, total=1.0)
-        self._progress.start()

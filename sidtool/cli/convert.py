@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,8 +11,9 @@ from typing import Any
 
 import click
 
+from sidtool.formats.progress import is_heard, reached
+
 from .common import (
-    PATIENCE,
     Target,
     changes,
     check_targets,
@@ -24,6 +24,7 @@ from .common import (
     tell,
 )
 from .inputs import piped
+from .progress import PATIENCE
 
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
 SIGMAS = ("stress", "section force")
@@ -256,10 +257,10 @@ def _sid(
     with running(engine):
         engine_name()
     model = read_model(source, settings(changes))
-    with _stages(leading) as tell:
-        if with_field:
-            return field_from_model(model, tell, engine)
-        return sid_from_model(model, tell, engine), None
+    tell = _Stages() if leading else None
+    if with_field:
+        return field_from_model(model, tell, engine)
+    return sid_from_model(model, tell, engine), None
 
 
 def _rereferenced(sid: Any, frame: str) -> Any:
@@ -325,50 +326,25 @@ def _rescaled(sid: Any, units: str, sigma: Any) -> Any:
     return convert_units(sid, old, new, sigma)
 
 
-@contextmanager
-def _stages(leading: bool) -> Iterator[Any]:
-    """Yield what shows the stages of a run on stderr, once it lasts."""
-    stages = _Stages() if leading else None
-    try:
-        yield stages
-    finally:
-        if stages is not None:
-            stages.close()
-
-
 class _Stages:
-    """On a terminal the present stage; elsewhere a line for each, with its time."""
+    """The present stage, see `progress`; where none is shown a line for each, with its
+    time."""
 
     def __init__(self) -> None:
         self._begin = time.monotonic()
         self._waiting: list[str] = []
-        self._status: Any = None
 
     def __call__(self, text: str) -> None:
         if text.startswith(("note: ", "basis: ")):
             click.echo(text, err=True)
             return
-        if is_quiet():
+        reached(text)
+        if is_quiet() or is_heard():
             return
         seconds = time.monotonic() - self._begin
         self._waiting.append(f"{seconds:6.1f} s  {text}")
         if seconds < PATIENCE:
             return
-        if sys.stderr.isatty():
-            self._show()
-            return
         for line in self._waiting:
             click.echo(line, err=True)
         self._waiting.clear()
-
-    def close(self) -> None:
-        if self._status is not None:
-            self._status.stop()
-
-    def _show(self) -> None:
-        if self._status is None:
-            from rich.console import Console
-
-            self._status = Console(stderr=True).status("")
-            self._status.start()
-        self._status.update(self._waiting[-1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.progress import reached
 
 from ..interrupting import NAMES, ending
 from .body_files import files_by_body
@@ -21,7 +21,6 @@ from .common import (
     existing,
     files_of,
     force,
-    progress_bar,
     read_changed,
     target,
     tell,
@@ -156,10 +155,9 @@ def simulate(
     with Outputs(output, csv) as files, ending(*NAMES) as asked:
         try:
             ends = {"stop": asked, "unfinished": unfinished}
-            with progress_bar("simulating") as bar:
-                model = Model(swaps, rigid, from_texts(accuracy), accept_defects)
-                content = read_changed(scene, changes)
-                result = _run(content, model, settings, bar, files, ends)
+            model = Model(swaps, rigid, from_texts(accuracy), accept_defects)
+            content = read_changed(scene, changes)
+            result = _run(content, model, settings, files, ends)
         except SimulationError as error:
             click.echo(f"sidtool: {scene}: {error}", err=True)
             for note in error.result.notes if error.result is not None else ():
@@ -222,7 +220,6 @@ def _run(
     scene: SceneFile,
     model: Model,
     settings: dict[str, Any],
-    bar: Callable[[float], None] | None,
     files: Any,
     ends: dict[str, Any],
 ) -> Any:
@@ -244,16 +241,15 @@ def _run(
             model.accuracy,
             settings,
             accept_defects=defects,
-            say=_say,
+            say=lambda text: reached(f"choosing: {text}"),
         )
         if plan is not None:
             scene, told, files = plan.scene, [*told, *plan.told], Certified(files, plan)
             sids = dict(plan.sids)
         system = compile_scene(scene, folder, sids=sids, accept_defects=defects)
-        progress = _share(bar, scene.time)
         result = run(
             system,
-            progress=progress,
+            progress=_share(scene.time),
             foresee=_foresee,
             tell=lambda text: click.echo(f"before the run: {text}"),
             told=told,
@@ -264,12 +260,6 @@ def _run(
         return result if plan is None else plan.certified(result)
 
 
-def _say(text: str) -> None:
-    """What is being measured, where somebody waits."""
-    if sys.stderr.isatty():
-        click.echo(f"choosing: {text}", err=True)
-
-
 def _foresee(bodies: Any) -> None:
     """Says before a run what its flexible bodies have to expect."""
     if bodies:
@@ -278,8 +268,7 @@ def _foresee(bodies: Any) -> None:
         click.echo(foreseen(bodies))
 
 
-def _share(bar: Callable[[float], None] | None, time: Any) -> Any:
+def _share(time: Any) -> Callable[[float], None]:
     """From simulated seconds to the share of the time span that is done."""
-    if bar is None:
-        return None
-    return lambda t: bar((t - time.start) / (time.end - time.start))
+    length = time.end - time.start
+    return lambda t: reached("simulating", (t - time.start) / length)

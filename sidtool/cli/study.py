@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.progress import is_heard, reached
 
 from ..interrupting import NAMES, ending
 from .common import changes, existing, is_quiet, read_changed, target, tell
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 #: Lines of progress where there is no terminal come this often at most [s].
 PATIENCE = 10.0
+#: What is said of before the points, each of which has its own words.
+STAGES = ("converting bodies", "reference")
 
 
 @click.command()
@@ -234,25 +236,30 @@ def _check_folder(folder: Path) -> None:
 
 @contextmanager
 def _progress() -> Iterator[Callable[[str, int, int, float | None], None]]:
-    """A line that is renewed on a terminal, elsewhere one from time to time."""
+    """Where nobody listens to what is reached, a line from time to time."""
     if is_quiet():
         yield lambda *_: None
         return
-    terminal, last = sys.stderr.isatty(), -PATIENCE
+    if is_heard():
+
+        def listened(text: str, done: int, count: int, left: float | None) -> None:
+            stage = text if text in STAGES else "measuring points"
+            reached(stage, done / max(count, 1))
+
+        yield listened
+        return
+    last = -PATIENCE
 
     def say(text: str, done: int, count: int, left: float | None) -> None:
         nonlocal last
         now = time.monotonic()
-        if not terminal and now - last < PATIENCE and done < count:
+        if now - last < PATIENCE and done < count:
             return
         last = now
         rest = "" if left is None or done == count else f", {_duration(left)} left"
-        line = f"{done} of {count}{rest}: {text}"
-        click.echo(f"\r\x1b[K{line}" if terminal else line, err=True, nl=not terminal)
+        click.echo(f"{done} of {count}{rest}: {text}", err=True)
 
     yield say
-    if terminal:
-        click.echo("\r\x1b[K", err=True, nl=False)
 
 
 def _duration(seconds: float) -> str:

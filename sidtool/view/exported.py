@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.field import Field
+from sidtool.formats.progress import counted
 from sidtool.formats.result import Result
 from sidtool.formats.sid import Array
 from sidtool.formats.stress import von_mises
@@ -100,7 +101,7 @@ class Exported:
 
     def steps(self) -> Iterator[dict[str, Array]]:
         """`Part.at` of all bodies together, time by time."""
-        for k in range(len(self.t)):
+        for k in counted(range(len(self.t)), "writing times"):
             found = [part.at(k) for part in self.parts]
             yield {name: np.concatenate([f[name] for f in found]) for name in found[0]}
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from sidtool.formats.atomic import atomic_path
 from sidtool.formats.errors import InputError
+from sidtool.formats.progress import counted
 from sidtool.formats.sid import Array
 from sidtool.formats.stress import von_mises
 
@@ -62,7 +63,7 @@ def film(
         stage.fit(chosen)
         whole = Path(folder) / path.name
         with writer.saving(stage.page, str(whole), _DPI):
-            for row in chosen:
+            for row in counted(chosen, "drawing pictures"):
                 stage.show(row)
                 writer.grab_frame()
         with atomic_path(path) as temporary:

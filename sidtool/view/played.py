@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.progress import reached
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, marker_names, marker_reference
 from sidtool.formats.sid import Array
@@ -73,6 +74,7 @@ def played(result: Result, most: int = MOST, times: Array | None = None) -> Play
     """
     if not len(result.t):
         raise InputError("holds no output times", expected="a result with a motion")
+    reached("looking at the motion")
     again = replay(result)
     told: tuple[str, ...] = ()
     if times is None:

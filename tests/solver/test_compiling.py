@@ -79,7 +79,7 @@ def test_processes_help_only_where_kernels_can_be_kept(
     numbers: list[int] = []
 
     @contextmanager
-    def helpers(queue: Any, number: int) -> Iterator[None]:
+    def helpers(queue: Any, number: int, *_: Any) -> Iterator[None]:
         numbers.append(number)
         yield
 

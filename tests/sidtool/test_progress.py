@@ -1,0 +1,154 @@
+"""Long work tells how far it is, and a terminal shows it with the time left."""
+
+from __future__ import annotations
+
+import io
+import re
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import sidtool
+from sidtool.cli import progress, run
+from sidtool.formats.progress import counted, listening, reached
+from sidtool.solver import warmup
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+SCENE = str(EXAMPLE / "slider_crank.toml")
+SHORT = ["--set", "time.end=0.2"]
+Told = list[tuple[str, float | None]]
+
+
+class Terminal(io.StringIO):
+    """What somebody sees."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def told() -> Told:
+    return []
+
+
+def heard(told: Told, *arguments: str) -> dict[str, list[float | None]]:
+    """Shares by what is done, of a command."""
+    with listening(lambda text, share: told.append((text, share))):
+        assert run(list(arguments)) == 0
+    found: dict[str, list[float | None]] = {}
+    for text, share in told:
+        found.setdefault(text, []).append(share)
+    return found
+
+
+def test_every_long_command_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("run.CHUNK", "recording.dense.CHUNK", "recording.dense.END_CHUNK"):
+        monkeypatch.setattr(f"sidtool.solver.{name}", 10)  # steps between two looks
+    commands = {
+        "simulating": ["simulate", SCENE, *SHORT, "-o", "r.h5"],
+        "drawing pictures": ["animate", "r.h5", "-o", "m.gif"],
+        "writing times": ["export", "r.h5", "-o", "m.vtkhdf"],
+        "measuring points": [
+            *["study", SCENE, *SHORT, "--integrator", "radau9"],
+            *["--rtol", "1e-2", "--rtol", "1e-3", "--rtol", "1e-4", "--rtol", "1e-5"],
+        ],
+    }
+    for text, words in commands.items():
+        shares = heard(told, *words)[text]
+        known = [share for share in shares if share is not None]
+        assert len(known) == len(shares) >= 2
+        assert known == sorted(known) and 0 <= known[0] < 0.6 and known[-1] <= 1
+    sid = tmp_path / "rod.SID_FEM"
+    stages = heard(told, "convert", str(EXAMPLE / "rod_q4.toml"), "-o", str(sid))
+    assert sum("reducing" in text or "discretising" in text for text in stages) == 2
+    assert "evaluating outputs" in heard(told, "outputs", "r.h5", "--add", "rod.vx")
+
+
+def test_the_search_for_a_model_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    monkeypatch.setattr("sidtool.accuracy.cached.folder", lambda: tmp_path / "kept")
+    found = heard(told, "simulate", SCENE, *SHORT, "--accuracy", "piston.x=1e-2")
+    assert sum(text.startswith("choosing: ") for text in found) > 1
+
+
+def test_kernels_are_counted(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
+    """Three groups of four kernels, without processes: each as it is ready."""
+    made: list[str] = []
+    monkeypatch.setattr(warmup, "_compile_here", made.append)
+    monkeypatch.setattr(warmup.stored, "is_writable", lambda: False)
+    with listening(lambda text, share: told.append((text, share))):
+        warmup._compile([("a", "b"), ("c",), ("d",)], None)
+    assert made == ["a", "b", "c", "d"]
+    assert [share for _, share in told] == [0.0, 0.5, 0.75, 1.0]
+
+
+def shown(
+    work: Callable[[], None], monkeypatch: pytest.MonkeyPatch, patience: float = 0.0
+) -> str:
+    monkeypatch.setattr(progress, "PATIENCE", patience)
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("TERM", "xterm")
+    with progress.progress_shown():
+        work()
+    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
+
+
+def counting(seconds: float = 0.0) -> None:
+    for _ in counted(range(20), "counting sheep"):
+        time.sleep(seconds)
+
+
+def test_a_terminal_shows_what_is_done_and_the_time_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    seen = shown(lambda: counting(0.05), monkeypatch)
+    lines = [line for line in re.split(r"[\r\n]", seen) if "counting sheep" in line]
+    assert any(re.search(r"\d+% 0:00:0\d left 0:00:0\d", line) for line in lines), seen
+
+
+def test_short_work_shows_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert shown(counting, monkeypatch, patience=60.0) == ""
+
+
+def test_what_has_no_known_share_shows_the_time_passed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def work() -> None:
+        for text in ("first [x]", "then"):
+            reached(text)
+            time.sleep(0.15)
+
+    seen = shown(work, monkeypatch)
+    assert "first [x]" in seen and "then" in seen and "%" not in seen
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_quiet_silences_it(
+    quiet: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["simulate", SCENE, *SHORT, "-o", str(tmp_path / "r.h5")]
+    words += ["--quiet"] if quiet else []
+    seen = shown(lambda: assert_done(words), monkeypatch)
+    assert ("simulating" in seen) != quiet
+    if quiet:
+        assert seen == ""
+
+
+def assert_done(words: list[str]) -> None:
+    assert run(words) == 0
+
+
+def test_results_do_not_depend_on_listeners(told: Told) -> None:
+    scene = sidtool.Scene.load(SCENE).with_({"time.end": 0.1})
+    alone = scene.simulate()
+    with listening(lambda text, share: told.append((text, share))):
+        heard_ = scene.simulate()
+    assert (alone.values == heard_.values).all()
