@@ -44,7 +44,7 @@ def assemble(raw: RawFile, source: str) -> SID:
     InputError : a block is missing, or its entries do not fit.
     """
     notes = Notes()
-    title, tag = split_tag(raw.title)
+    title, tag, own = split_tag(raw.title)
     hint = tag or layout_from_words(title)
     nq = raw.reference.nq
     _note_counts(raw, notes)
@@ -70,7 +70,7 @@ def assemble(raw: RawFile, source: str) -> SID:
     _note_oe(blocks["Oe"], notes)
     _note_orientation(nodes, hint, tag, notes)
     dialect = Dialect(
-        writer=_writer(hint, tag),
+        writer=_writer(hint, tag, own),
         gr_layout=gr,
         ge_layout=ge,
         m1_index=order,
@@ -197,9 +197,11 @@ def _layouts(
     return found["Gr"], found["Ge"]
 
 
-def _writer(hint: Layout | None, tag: Layout | None) -> str:
+def _writer(hint: Layout | None, tag: Layout | None, own: bool) -> str:
     if tag:
         return f"sidtool in the layout of {tag.writer}"
+    if own:
+        return "sidtool"
     return hint.writer if hint else "unknown"
 
 

@@ -15,7 +15,9 @@ _FEMBEAM = re.compile(
     r"(\d+)\s*nodes?\s*,\s*(\d+)\s*(?:modes?|coordinates?)\b\s*,?\s*(.*)",
     re.IGNORECASE | re.ASCII,
 )
-_TAG = re.compile(r"\s*\[layout (\w+)\]$")
+#: What our own files end their titles with, which other readers take for free text.
+OWN = "[sidtool]"
+_TAG = re.compile(r"\s*\[(?:layout (\w+)|sidtool)\]$", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -58,13 +60,25 @@ def split_title(line: str) -> tuple[tuple[int, int] | None, str] | None:
     return None
 
 
-def split_tag(text: str) -> tuple[str, Layout | None]:
-    """The text without the mark that our own writer leaves, and the marked layout."""
+def split_tag(text: str) -> tuple[str, Layout | None, bool]:
+    """The text without the mark that our own writer leaves, the marked layout, if it
+    is not the canonical one beyond doubt, and whether there is a mark."""
     match = _TAG.search(text)
+    if not match:
+        return text, None, False
+    if match[1] is None:
+        return text[: match.start()], None, True
     for layout in LAYOUTS.values():
-        if match and match[1] == layout.token:
-            return text[: match.start()], layout
-    return text, None
+        if match[1] == layout.token:
+            return text[: match.start()], layout, True
+    return text, None, False
+
+
+def is_own(start: bytes) -> bool:
+    """Whether a file that begins so has a title with the mark of our own writer."""
+    line = start.partition(b"\n")[0].decode("ascii", "replace").strip()
+    title = split_title(line)
+    return title is not None and split_tag(title[1])[2]
 
 
 def layout_from_words(text: str) -> Layout | None:
@@ -85,12 +99,13 @@ def title_line(
     text : free text; what is not ASCII is replaced, what is too long is cut
     counts : numbers of nodes and modes
     fembeam : in the words of FEMBeam instead of those of FEMBS
-    tag : the layout to mark at the end, so that no reader has to guess
+    tag : the layout to mark at the end, so that no reader has to guess; without it the
+        mark tells our own files from those of others
     """
     start = "{:5d} {:3d}    ".format(*counts) + PREFIX
     if fembeam:
         start = "{} nodes, {} modes, ".format(*counts)
-    mark = "" if tag is None else f" [layout {tag.token}]"
+    mark = f" {OWN}" if tag is None else f" [layout {tag.token}]"
     room = LONGEST - len(start) - len(mark)
     return f"{start}{ascii_text(text)[:room].rstrip()}{mark}"
 

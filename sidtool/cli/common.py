@@ -180,6 +180,8 @@ def _check_present(target: Target, path: Path) -> None:
 
 
 def _is_of_kind(path: Path, kind: str) -> bool:
+    from sidtool.formats.sid_ascii.title import is_own
+
     from ..kinds import kind_of
 
     if kind in _STARTS:
@@ -199,7 +201,7 @@ def _is_of_kind(path: Path, kind: str) -> bool:
     if kind == "sid" and found == "sid":
         with path.open("rb") as stream:
             start = stream.read(4096)
-        return start[:1] == b"\x89" or b"refmod" in start
+        return start[:1] == b"\x89" or is_own(start)
     return found == kind
 
 

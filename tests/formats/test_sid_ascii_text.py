@@ -19,7 +19,7 @@ from tests.bodies import particle_body
 from tests.formats.sids import assert_same
 
 FRAGMENT = """\
-    1   2    :No. nodes, No. modes:example
+    1   2    :No. nodes, No. modes:example [sidtool]
  part
       new modal                                 =
            refmod

@@ -21,6 +21,7 @@ from sidtool.formats.sid import (
     block_shape,
 )
 from sidtool.formats.sid_ascii.styles import STYLES
+from sidtool.formats.sid_ascii.title import is_own
 from sidtool.formats.sid_files import FORMATS, read_sid, write_sid
 from tests.bodies import particle_body, skew
 from tests.formats.sids import assert_same
@@ -194,3 +195,25 @@ def test_the_content_decides_not_the_name(tmp_path: Path, known: object) -> None
     plain = tmp_path / "body.anything"
     (tmp_path / f"body{suffix}").rename(plain)
     assert_same(read_sid(plain), particle_body(2, 5), TWELVE_DIGITS)
+
+
+FOREIGN = "    1   0    :No. nodes, No. modes:{}\n"
+
+
+def test_files_of_our_own_say_so_and_stay_so_over_round_trips(tmp_path: Path) -> None:
+    """The title line ends with a mark, which is no part of the title."""
+    sid = replace(particle_body(2, 5, planar=False, seed=3), title="Arm of FEM; a=1")
+    path = tmp_path / "arm.SID_FEM"
+    for _ in range(3):
+        write_sid(path, sid)
+        sid = read_sid(path)
+        assert sid.title == "Arm of FEM; a=1"
+        assert sid.dialect.writer.startswith("sidtool")
+        assert is_own(path.read_bytes()[:400])
+        assert path.read_text().partition("\n")[0].count("sidtool") <= 1
+
+
+@pytest.mark.parametrize("title", ["Arm", "Arm of sidtool", "sidtool", "[sidtool] arm"])
+def test_files_of_others_are_not_taken_for_our_own(title: str) -> None:
+    assert not is_own(FOREIGN.format(title).encode())
+    assert not is_own(b"\x89HDF\r\n")

@@ -97,6 +97,24 @@ def test_targets_that_cannot_be_meant_are_refused(
     assert words in refused(["simulate", "slider_crank.toml", *options], folder, capsys)
 
 
+def test_a_sid_of_another_program_is_replaced_with_force_only(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has all that a SID has, but not the mark of our own files in its title."""
+    monkeypatch.chdir(folder)
+    path = folder / "other.SID_FEM"
+    own = (folder / "rod_q4.SID_FEM").read_text()
+    path.write_text(own.replace(" [sidtool]", "", 1))
+    arguments = ["convert", "rod_q4.SID_FEM", "-o", "other.SID_FEM"]
+    assert "is there and is not" in refused(arguments, folder, capsys)
+    path.write_text(own)
+    assert run([*arguments[:1], str(folder / arguments[1]), "-o", str(path)]) == 0
+    path.write_text(own.replace(" [sidtool]", "", 1))
+    again = ["convert", str(folder / "rod_q4.SID_FEM"), "-o", str(path), "--force"]
+    assert run(again) == 0
+    assert "[sidtool]" in path.read_text()
+
+
 def test_own_files_are_replaced_and_others_with_force(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
