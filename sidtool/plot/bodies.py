@@ -34,6 +34,8 @@ _MOST, _TRIANGLES = 17, 20_000
 #: Out of the plane by less than this share of its extent a body is flat.
 _FLAT = 1e-6
 _NODES = 40
+#: Names of marks that are nearer, as a share of the extent, would cover each other.
+_APART = 0.12
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,9 +283,9 @@ def _draw_solid(axes: Any, picture: Picture, low: Array, high: Array) -> None:
     size = high - low
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(np.maximum(size, 0.02 * size.max()), zoom=0.8)
-    for axis in "xyz":
-        getattr(axes, f"set_{axis}label")(f"{axis} [m]", fontsize="x-small")
-    axes.locator_params(nbins=3)
+    for axis, share in zip("xyz", size / size.max(), strict=True):
+        getattr(axes, f"set_{axis}label")(f"{axis} [m]", fontsize="x-small", labelpad=7)
+        axes.locator_params(axis=axis, nbins=1 + round(2 * min(3 * share, 1)))
     axes.tick_params(labelsize="x-small")
     axes.set_proj_type("ortho")
 
@@ -312,6 +314,18 @@ def _marks(axes: Any, picture: Picture, d: int) -> None:
         axes.plot(*points.T[:d], ".", ms=2.5, color=COLOURS[number % 7], label=name)
     if picture.groups:
         axes.legend(fontsize="x-small", loc="upper right")
-    for name, point in picture.marks.items():
+    for point in picture.marks.values():
         axes.plot(*point[:d, None], "o", ms=3.5, color=COLOURS[1], zorder=5)
+    for name, point in named(picture):
         axes.text(*point[:d], f" {name}", fontsize="x-small", zorder=6)
+
+
+def named(picture: Picture) -> list[tuple[str, Array]]:
+    """Marks whose names are drawn: the first, and those far enough from such."""
+    found: list[tuple[str, Array]] = []
+    places = np.array([*picture.positions, *picture.marks.values()])
+    apart = _APART * np.ptp(places, axis=0).max() if len(places) else 0.0
+    for name, point in picture.marks.items():
+        if all(np.linalg.norm(point - other) >= apart for _, other in found):
+            found.append((name, point))
+    return found

@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 
 #: Curves in one pair of axes at most, each in a colour of its own.
 MOST_CURVES = len(COLOURS)
-#: Opacity of bands.
-_BAND = 0.3
+#: Opacity of bands; letters of a label that are more than its row is high.
+_BAND, _LONG = 0.3, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,8 @@ def draw(axes: Any, t: Array, curves: Sequence[Curve], label: str) -> None:
             edges = curve.values - curve.error, curve.values + curve.error
             colour = line.get_color()
             axes.fill_between(t, *edges, color=colour, alpha=_BAND, linewidth=0)
-    axes.set_ylabel(label)
+    # A row has room for some twenty letters: the unit of a long name goes below it.
+    axes.set_ylabel(label if len(label) < _LONG else label.replace(" [", "\n["))
     axes.set_xlim(t[0], t[-1] if t[-1] > t[0] else t[0] + 1.0)
     if len(curves) > 1 or curves[0].error:
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0)

@@ -29,6 +29,8 @@ _PICTURES, _RATE, _TRIANGLES = 100, 20, 7000
 _SIZE, _DPI = (6.4, 4.4), 100
 #: Parts of the page: around bodies, where the title begins, up to where a legend goes.
 _MARGIN, _TITLE, _LEGEND = 0.04, 0.91, 0.2
+#: Of single pictures, beside what is seen [pixels].
+_RIM = 12
 #: Part of a colour that does not depend on where a triangle looks.
 _AMBIENT = 0.55
 
@@ -79,17 +81,30 @@ def film(
 def stills(
     motion: Played, bodies: Sequence[Drawn], rows: Sequence[int], scale: float
 ) -> list[bytes]:
-    """Pictures (PNG) of some rows of a motion, bodies in their colours."""
-    found = []
+    """Pictures (PNG) of some rows of a motion, bodies in their colours.
+
+    They have one window, as large as what is seen in any of them.
+    """
     with styled():
         stage = Stage(motion, bodies, _parts(bodies), None, "", scale)
         stage.fit(rows)
-        for row in rows:
-            stage.show(row)
-            stream = io.BytesIO()
-            stage.page.savefig(stream, dpi=_DPI, format="png")
-            found.append(stream.getvalue())
-    return found
+        stage.page.set_dpi(2 * _DPI)
+        pictures = [stage.picture(row) for row in rows]
+    seen = np.any([(p[..., :3] < 250).any(axis=2) for p in pictures], axis=0)
+    window = np.s_[:, :]
+    if seen.any():
+        places = np.argwhere(seen)
+        (low, left), (high, right) = places.min(axis=0), places.max(axis=0) + _RIM
+        window = np.s_[max(low - _RIM, 0) : high, max(left - _RIM, 0) : right]
+    return [_png(picture[window]) for picture in pictures]
+
+
+def _png(picture: Any) -> bytes:
+    from matplotlib.image import imsave
+
+    stream = io.BytesIO()
+    imsave(stream, np.ascontiguousarray(picture), format="png")
+    return stream.getvalue()
 
 
 def _parts(bodies: Sequence[Drawn]) -> list[Any]:
@@ -235,6 +250,13 @@ class Stage:
             world = place + local @ self.motion.turns[body.name][row].T
             found.append(world[triangles])
         return found
+
+    def picture(self, row: int) -> Any:
+        """One time without its title, (height, width, 4) from 0 to 255."""
+        self.show(row)
+        self.page.suptitle("")
+        self.page.canvas.draw()
+        return np.array(cast(Any, self.page.canvas).buffer_rgba())
 
     def _colours(self, number: int, body: Drawn, row: int) -> Array:
         from matplotlib import colormaps

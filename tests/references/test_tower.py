@@ -239,7 +239,7 @@ def test_tower_of_linear_and_of_averaged_elements(tmp_path: Path) -> None:
         assert_allclose(found[name], value, rtol=1e-8, err_msg=name)
 
 
-@pytest.mark.filterwarnings("ignore:Young's modulus")
+@pytest.mark.filterwarnings("ignore:Young's modulus", "ignore:the density")
 def test_stiffening_by_rotation() -> None:
     """Smooth between the stations: the digits that do not depend on what is there."""
     sid = smooth_tower(40)

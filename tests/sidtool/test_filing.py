@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 import shutil
 import subprocess
@@ -10,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 import sidtool
 from sidtool.cli import run
@@ -105,6 +108,19 @@ def test_the_page_needs_nothing_beside_it(filed: tuple[sidtool.Result, Path]) ->
     assert all(source.startswith(("data:", "#")) for source in sources)
     assert "@import" not in text and "<script" not in text
     assert len(text) < 500_000
+
+
+def test_pictures_are_as_large_as_the_mechanism(
+    filed: tuple[sidtool.Result, Path],
+) -> None:
+    """Something is drawn near each of the four edges of one of the three pictures."""
+    text = filed[1].read_text(encoding="utf-8")
+    found = re.findall(r"data:image/png;base64,([^']+)", text)
+    pictures = [imread(io.BytesIO(base64.b64decode(data))) for data in found]
+    assert len(pictures) == 3
+    ink = np.any([(p[..., :3] < 0.97).any(axis=2) for p in pictures], axis=0)
+    for edge in (ink, ink[::-1], ink.T, ink.T[::-1]):
+        assert edge[:14].any() and not edge[:10].any()
 
 
 def test_a_browser_prints_it(filed: tuple[sidtool.Result, Path]) -> None:
