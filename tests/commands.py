@@ -15,6 +15,7 @@ import pytest
 
 from sidtool.cli import run
 from sidtool.kinds import read
+from tests.places import ROOT
 
 #: The exit status that a page promises for the commands that follow it.
 _STATUS = re.compile(r"exit\s+status\s+(\d)")
@@ -86,7 +87,7 @@ def run_line(line: str) -> int:
     if words[0] in _NOT_RUN or words[:2] in [["sidtool", slow] for slow in _SLOW]:
         return subprocess.run(["bash", "-n", "-c", line], check=False).returncode
     if words[0] == "make":
-        rules = (Path(__file__).parents[1] / "Makefile").read_text()
+        rules = (ROOT / "Makefile").read_text()
         return 0 if f"\n{words[1]}:" in rules else 2
     if words[0] == "sidtool":
         return run(words[1:])

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.places import ROOT
+
 #: Examples of `docs/adding`, and how many files they change beside tests.
 MOST = {"primitive": 3, "force": 2, "integrator": 2}
 

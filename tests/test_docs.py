@@ -13,12 +13,12 @@ from xml.etree import ElementTree
 import pytest
 
 from benchmarks.validation import PROBLEMS
+from tests.places import ROOT
 
 from .commands import run_page
 from .sidtool.browser import opened
 
-TOP = Path(__file__).parents[1]
-DOCS = TOP / "docs"
+DOCS = ROOT / "docs"
 PAGES = sorted(
     page
     for page in DOCS.rglob("*.md")
@@ -38,9 +38,9 @@ def generate() -> ModuleType:
     return loaded("generate")
 
 
-@pytest.mark.parametrize("page", [TOP / "README.md", *PAGES], ids=lambda p: p.stem)
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda p: p.stem)
 def test_every_block_of_a_page_runs(page: Path, tmp_path: Path) -> None:
-    (tmp_path / "examples").symlink_to(TOP / "examples")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
     run_page(page, tmp_path)
 
 
@@ -87,7 +87,7 @@ def test_sections_of_docstrings_become_fields() -> None:
 
 def test_links_between_pages_lead_somewhere(generate: ModuleType) -> None:
     made = set(generate.pages())
-    for page in [TOP / "README.md", *PAGES]:
+    for page in [ROOT / "README.md", *PAGES]:
         text = page.read_text(encoding="utf-8")
         for target in re.findall(r"\]\(([^)#:]+?)(?:#[^)]*)?\)", text):
             if "generated/" in target:
@@ -102,7 +102,7 @@ def test_the_picture_that_moves_needs_nothing_beside_it() -> None:
     tags = [tag.tag.rpartition("}")[2] for tag in ElementTree.fromstring(text).iter()]
     assert tags.count("animate") >= 5 and "script" not in tags
     assert not re.search(r"href|url\(|\bon\w+=", text)
-    assert "![A crank turns" in (TOP / "README.md").read_text(encoding="utf-8")
+    assert "![A crank turns" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_picture_moves_in_a_browser(tmp_path: Path) -> None:

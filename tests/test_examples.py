@@ -15,10 +15,10 @@ import sidtool
 from sidtool.formats.result import Result
 from sidtool.kinds import kind_of
 from sidtool.starting import STARTS
+from tests.places import EXAMPLES
 
 from .commands import blocks, run_page
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
 FOLDERS = sorted(path.name for path in EXAMPLES.iterdir() if path.is_dir())
 FILES = sorted(EXAMPLES.glob("*/*.toml")) + sorted(EXAMPLES.glob("*/rod_*.SID_FEM"))
 OWN = ("*.toml", "*.md", "*.py", "*.png", "rod_*.SID_FEM")

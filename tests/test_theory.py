@@ -7,10 +7,10 @@ from pathlib import Path
 
 from sidtool.formats.sid_files import read_sid
 from sidtool.validate.checks import check
+from tests.places import ROOT
 
-TOP = Path(__file__).parents[1]
-TEXT = (TOP / "docs" / "theory.md").read_text(encoding="utf-8")
-EXAMPLE = TOP / "examples" / "slider_crank" / "rod_q4.SID_FEM"
+TEXT = (ROOT / "docs" / "theory.md").read_text(encoding="utf-8")
+EXAMPLE = ROOT / "examples" / "slider_crank" / "rod_q4.SID_FEM"
 #: Books and papers, whose own equations are cited beside them.
 FOREIGN = re.compile(r"(SIAM|Hulbert|Wanner)[^.]*,\s+(sec|eq)", re.DOTALL)
 
@@ -20,7 +20,7 @@ def sources() -> list[Path]:
     return [
         path
         for folder in folders
-        for path in sorted((TOP / folder).rglob("*.py"))
+        for path in sorted((ROOT / folder).rglob("*.py"))
         if path != Path(__file__)
     ]
 

@@ -15,8 +15,8 @@ from sidtool.formats.files import settings
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml_writer import toml_text
+from tests.places import EXAMPLES
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 SCENE = """
 format = "sidtool scene"
 version = 1

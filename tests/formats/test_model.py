@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -11,8 +10,9 @@ import pytest
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.formats.toml_files import read_data, validated
+from tests.places import ROOT
 
-ROD = Path(__file__).parents[2] / "examples" / "slider_crank" / "rod_q4.toml"
+ROD = ROOT / "examples" / "slider_crank" / "rod_q4.toml"
 MISSING = object()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,8 +24,9 @@ from sidtool.formats.scene import (
     rotation,
 )
 from sidtool.formats.toml_files import validated
+from tests.places import ROOT
 
-EXAMPLE = Path(__file__).parents[2] / "examples/slider_crank/slider_crank.toml"
+EXAMPLE = ROOT / "examples/slider_crank/slider_crank.toml"
 
 SPATIAL = """
 format = "sidtool scene"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,15 +12,14 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.system.scene import System
+from tests.places import SLIDER_CRANK
 
 from . import test_andrews, test_simeon
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
-
 
 def _founding() -> System:
-    scene = read_scene(EXAMPLE / "slider_crank.toml")
-    return compile_scene(scene, EXAMPLE)
+    scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
+    return compile_scene(scene, SLIDER_CRANK)
 
 
 def _simeon() -> System:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,13 +18,13 @@ from sidtool.formats.result import Result
 from sidtool.formats.sid import Array, Taylor
 from sidtool.formats.sid_files import read_sid
 from sidtool.solver.system.scene import System
+from tests.places import SLIDER_CRANK
 from tests.solver.scenes import compiled, scene, slender_rod
 
 Motion = dict[str, Array]
 #: Kinds of outputs: errors are relative to the largest motion of one.
 KINDS = {"x": "place", "y": "place", "z": "place", "angle": "angle"}
 FINE = 1e-13
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 
 
 @dataclass(frozen=True)
@@ -170,7 +169,7 @@ def on_bushing(amplitude: float) -> Case:
 
 def clamped(amplitude: float) -> Case:
     """The founding rod, undamped, held at its first node: it vibrates in two modes."""
-    sid = read_sid(EXAMPLE / "rod_q4.SID_FEM")
+    sid = read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")
     sid = replace(sid, De=Taylor(np.zeros_like(sid.De.m0)))
     squares, modes = eigh(sid.Ke.m0, sid.Me.m0)
     shapes = modes[:, :2] / np.abs(modes[:, :2]).max(axis=0) * [1.0, -0.3] * amplitude

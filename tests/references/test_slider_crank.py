@@ -18,15 +18,14 @@ from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.integrators import INTEGRATORS
 from sidtool.solver.system.scene import System
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+from tests.places import SLIDER_CRANK
 
 
 def compiled(end: float = 3.0, **sids: object) -> System:
-    scene = read_scene(EXAMPLE / "slider_crank.toml")
+    scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
     described = scene.model_dump(by_alias=True, exclude_none=True)
     described["time"]["end"] = end
-    return compile_scene(SceneFile.model_validate(described), EXAMPLE, sids)
+    return compile_scene(SceneFile.model_validate(described), SLIDER_CRANK, sids)
 
 
 @cache
@@ -116,7 +115,7 @@ def deformation_error(result: Result, reference: Result) -> float:
 
 def test_a_sid_from_ascii_or_hdf5_moves_the_same(tmp_path: Path) -> None:
     """To the 12 digits of an ASCII file, and bit for bit from HDF5."""
-    sid = read_sid(EXAMPLE / "rod_q4.SID_FEM")
+    sid = read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")
     for name in ("rod.h5", "rod.SID_FEM"):
         write_sid(tmp_path / name, sid)
     direct, from_hdf5, from_ascii = (
@@ -131,10 +130,10 @@ def test_a_sid_from_ascii_or_hdf5_moves_the_same(tmp_path: Path) -> None:
 
 def test_the_quadratic_term_of_the_inertia_is_small(accurate: Result) -> None:
     """Keeping q.Me.q in J changes q1 by 4e-6 relative and x by less than 1e-10 m."""
-    scene = read_scene(EXAMPLE / "slider_crank.toml")
+    scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
     described = scene.model_dump(by_alias=True, exclude_none=True)
     described["bodies"]["rod"]["quadratic_inertia"] = True
-    system = compile_scene(SceneFile.model_validate(described), EXAMPLE)
+    system = compile_scene(SceneFile.model_validate(described), SLIDER_CRANK)
     result = simulate(system, integrator="radau9", rtol=1e-11)
     assert error(result, accurate, "rod.q1") == pytest.approx(4e-6, rel=0.2)
     assert abs(result["piston.x"] - accurate["piston.x"]).max() < 1e-10

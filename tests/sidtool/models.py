@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import copy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml_files import read_data, validated
-
-EXAMPLES = Path(__file__).parents[2] / "examples" / "slider_crank"
+from tests.places import SLIDER_CRANK
 
 #: The smallest sensible discretisations of each frontend.
 Q4 = {"type": "q4", "elements": [30, 4], "formulation": "full_integration"}
@@ -22,7 +20,7 @@ DISCRETISATIONS = {"q4": Q4, "qm6": QM6, "iga": IGA}
 
 def rod_data(discretisation: dict[str, Any] | None = None, **changes: Any) -> Any:
     """The piston rod as plain data; `changes` replace whole tables."""
-    data = copy.deepcopy(read_data(EXAMPLES / "rod_q4.toml"))
+    data = copy.deepcopy(read_data(SLIDER_CRANK / "rod_q4.toml"))
     data["discretisation"] = copy.deepcopy(discretisation or Q4)
     return data | changes
 

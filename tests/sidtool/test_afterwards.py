@@ -16,8 +16,8 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result, read_result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.toml_files import validated
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 PATTERNS = ("*.x", "rod.*.ux", "*.v*", "bearing.*", "crank_pin.f*", "rod.q*", "*.a*")
 
 
@@ -28,7 +28,7 @@ def recording(scene: SceneFile, *names: str) -> SceneFile:
 
 @pytest.fixture(scope="module")
 def scene() -> SceneFile:
-    content = read_scene(EXAMPLE / "slider_crank.toml")
+    content = read_scene(SLIDER_CRANK / "slider_crank.toml")
     time = content.time.model_copy(update={"end": 0.5})
     return content.model_copy(update={"time": time})
 
@@ -36,7 +36,7 @@ def scene() -> SceneFile:
 @pytest.fixture(scope="module")
 def files(scene: SceneFile, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("afterwards")
-    sidtool.write(folder / "r.h5", sidtool.simulate(scene, base_folder=EXAMPLE))
+    sidtool.write(folder / "r.h5", sidtool.simulate(scene, base_folder=SLIDER_CRANK))
     return folder
 
 
@@ -44,7 +44,7 @@ def test_outputs_afterwards_are_those_of_a_run_that_records_them(
     scene: SceneFile, files: Path
 ) -> None:
     """Another run, whose scene names the outputs; motion does not depend on that."""
-    told = sidtool.simulate(recording(scene, *PATTERNS), base_folder=EXAMPLE)
+    told = sidtool.simulate(recording(scene, *PATTERNS), base_folder=SLIDER_CRANK)
     assert {"rod.piston_pin.ux", "bearing.angle_rate", "crank_pin.f2"} <= set(
         told.names
     )
@@ -70,8 +70,10 @@ def test_a_result_answers_by_name(files: Path) -> None:
 
 def test_columns_stand_in_the_order_that_names_say(scene: SceneFile) -> None:
     """Recorded ones came first: the third column of q* was not the third q."""
-    part = sidtool.simulate(recording(scene, "rod.q3", "piston.x"), base_folder=EXAMPLE)
-    whole = sidtool.simulate(recording(scene, "rod.q*"), base_folder=EXAMPLE)
+    part = sidtool.simulate(
+        recording(scene, "rod.q3", "piston.x"), base_folder=SLIDER_CRANK
+    )
+    whole = sidtool.simulate(recording(scene, "rod.q*"), base_folder=SLIDER_CRANK)
     assert list(whole.names) == [f"rod.q{k}" for k in range(1, 6)]
     np.testing.assert_allclose(part["rod.q*"], whole.values, rtol=1e-9, atol=1e-15)
     asked = ["crank.vx", "piston.x", "rod.q1", "rod.q3"]
@@ -86,7 +88,7 @@ def test_results_without_their_sids_say_so(files: Path) -> None:
 
 def test_the_sids_of_a_run_are_kept(files: Path) -> None:
     kept = read_result(files / "r.h5").sids["rod"]
-    given = sidtool.read(EXAMPLE / "rod_q4.SID_FEM")
+    given = sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM")
     for name, block in given.blocks.items():
         assert np.array_equal(kept.blocks[name].m0, block.m0)
     assert [n.id for n in kept.nodes] == [n.id for n in given.nodes]
@@ -141,7 +143,7 @@ def test_callables_of_the_run_are_known_to_its_result(
     scene: SceneFile, tmp_path: Path
 ) -> None:
     drives = {"crank_angle": (lambda t: 5.0 * t, lambda t: 5.0 + 0.0 * t)}
-    result = sidtool.simulate(scene, base_folder=EXAMPLE, drives=drives)
+    result = sidtool.simulate(scene, base_folder=SLIDER_CRANK, drives=drives)
     assert np.allclose(result["bearing.angle_rate"], 5.0, atol=1e-6)
     assert np.allclose(result["crank.pin.vx"], -0.5 * np.sin(5.0 * result.t), atol=1e-6)
     sidtool.write(tmp_path / "r.h5", result)
@@ -182,6 +184,8 @@ def test_the_command_refuses_what_it_cannot_do(
     source = str(files / "r.h5")
     assert run(["outputs", source, "--add", "rod.tip.x"]) == 2
     assert run(["outputs", source, "--add", "piston.x", "-o", source]) == 2
-    assert run(["outputs", str(EXAMPLE / "rod_q4.SID_FEM"), "--add", "piston.x"]) == 2
+    assert (
+        run(["outputs", str(SLIDER_CRANK / "rod_q4.SID_FEM"), "--add", "piston.x"]) == 2
+    )
     text = capsys.readouterr().err
     assert all(w in text for w in ("has no marker 'tip'", "would be", "a sid file"))

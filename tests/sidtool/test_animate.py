@@ -25,11 +25,10 @@ from sidtool.view.animating import animate, shown
 from sidtool.view.drawn_bodies import of_field, of_sid
 from sidtool.view.played import played
 from sidtool.view.surface import border, plate, thinned
+from tests.places import SLIDER_CRANK
 
 from .browser import Page, opened
 from .models import QM6, rod
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 
 
 def page_of(result: Result, path: Path, **settings: object) -> list[str]:
@@ -42,7 +41,7 @@ def page_of(result: Result, path: Path, **settings: object) -> list[str]:
 
 @pytest.fixture(scope="module")
 def scene() -> SceneFile:
-    content = read_scene(EXAMPLE / "slider_crank.toml")
+    content = read_scene(SLIDER_CRANK / "slider_crank.toml")
     time = content.time.model_copy(update={"end": 1.5})
     return content.model_copy(update={"time": time})
 
@@ -54,7 +53,7 @@ def made() -> tuple[sidtool.SID, Field]:
 
 @pytest.fixture(scope="module")
 def result(scene: SceneFile, made: tuple[sidtool.SID, Field]) -> Result:
-    return sidtool.simulate(scene, base_folder=EXAMPLE, sids={"rod": made[0]})
+    return sidtool.simulate(scene, base_folder=SLIDER_CRANK, sids={"rod": made[0]})
 
 
 @pytest.fixture(scope="module")
@@ -157,8 +156,8 @@ def test_the_page_is_not_blank_and_changes(motion: Path, tmp_path: Path) -> None
 
 
 def test_the_page_of_the_founding_example_is_small(tmp_path: Path) -> None:
-    sid, field = field_from_model(EXAMPLE / "rod_q4.toml")
-    founding = sidtool.simulate(EXAMPLE / "slider_crank.toml", sids={"rod": sid})
+    sid, field = field_from_model(SLIDER_CRANK / "rod_q4.toml")
+    founding = sidtool.simulate(SLIDER_CRANK / "slider_crank.toml", sids={"rod": sid})
     page_of(founding, tmp_path / "motion.html", fields={"rod": field})
     assert (tmp_path / "motion.html").stat().st_size < 3e6
 
@@ -227,7 +226,7 @@ def test_fields_beside_the_sids_are_found(
 ) -> None:
     sid, field = made
     sidtool.write(tmp_path / "rod.SID_FEM", sid)
-    text = (EXAMPLE / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
     text = text.replace("rod_q4.SID_FEM", "rod.SID_FEM").replace(
         "end = 3.0", "end = 0.1"
     )
@@ -333,7 +332,9 @@ def test_the_command_says_what_is_wrong(
         assert run(["animate", str(path), "-o", target, *arguments[1:]]) == 2, arguments
         assert message in capsys.readouterr().err
         assert not Path(target).exists()
-    assert run(["animate", str(EXAMPLE / "slider_crank.toml"), "-o", "m.html"]) == 2
+    assert (
+        run(["animate", str(SLIDER_CRANK / "slider_crank.toml"), "-o", "m.html"]) == 2
+    )
 
 
 def test_without_three_js_the_page_says_how_to_get_it(

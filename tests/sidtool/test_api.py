@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import sidtool
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+from tests.places import SLIDER_CRANK
 
 
 def test_every_public_name_exists() -> None:
@@ -20,7 +19,7 @@ def test_every_public_name_exists() -> None:
 
 
 def test_a_sid_from_a_model_is_written_and_read(tmp_path: Path) -> None:
-    sid = sidtool.convert(EXAMPLE / "rod_q4.toml")
+    sid = sidtool.convert(SLIDER_CRANK / "rod_q4.toml")
     sidtool.write(tmp_path / "rod.h5", sid)
     back = sidtool.read(tmp_path / "rod.h5")
     assert np.array_equal(back.Ke.m0, sid.Ke.m0)
@@ -31,16 +30,16 @@ def test_a_sid_from_a_model_is_written_and_read(tmp_path: Path) -> None:
 
 def test_public_functions_stay_functions_after_use() -> None:
     """No submodule may take the name of a public function when it is imported."""
-    sidtool.validate(EXAMPLE / "rod_q4.SID_FEM")
-    sidtool.convert(EXAMPLE / "rod_q4.toml")
+    sidtool.validate(SLIDER_CRANK / "rod_q4.SID_FEM")
+    sidtool.convert(SLIDER_CRANK / "rod_q4.toml")
     for name in sidtool.__all__:
         assert callable(getattr(sidtool, name)), name
 
 
 def test_a_simulation_with_a_sid_from_memory(tmp_path: Path) -> None:
-    sid = sidtool.read(EXAMPLE / "rod_iga.SID_FEM")
+    sid = sidtool.read(SLIDER_CRANK / "rod_iga.SID_FEM")
     result = sidtool.simulate(
-        EXAMPLE / "slider_crank.toml", sids={"rod": sid}, rtol=1e-4
+        SLIDER_CRANK / "slider_crank.toml", sids={"rod": sid}, rtol=1e-4
     )
     sidtool.write(tmp_path / "r.csv", result)
     sidtool.write(tmp_path / "r.h5", result)
@@ -53,4 +52,4 @@ def test_wrong_input_names_its_file() -> None:
     with pytest.raises(sidtool.InputError, match=r"none\.toml.*no such file"):
         sidtool.simulate("none.toml")
     with pytest.raises(sidtool.InputError, match=r"rod_q4\.toml"):
-        sidtool.simulate(EXAMPLE / "rod_q4.toml")
+        sidtool.simulate(SLIDER_CRANK / "rod_q4.toml")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,11 @@ from numpy.testing import assert_allclose
 import sidtool
 from sidtool.formats.sid import SID
 from tests.bodies import particle_body
+from tests.places import ROOT
 
 from .networks import clamped, mean_axis, random_network, sid_of
 
-PAGE = Path(__file__).parents[2] / "docs" / "python.md"
+PAGE = ROOT / "docs" / "python.md"
 
 
 def assert_same(found: SID, expected: SID, *without: str) -> None:

@@ -11,15 +11,14 @@ from pathlib import Path
 import pytest
 
 from sidtool.cli import cli, run
+from tests.places import SLIDER_CRANK
 from tests.solver.small_kernels import scaled
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A copy of the example to spoil, and an empty folder `out` beside it."""
-    shutil.copytree(EXAMPLE, tmp_path / "example")
+    shutil.copytree(SLIDER_CRANK, tmp_path / "example")
     (tmp_path / "out").mkdir()
     return tmp_path
 
@@ -268,10 +267,10 @@ def test_repair_lists_what_it_changes(
 def test_validate_a_good_and_a_bad_sid(
     capsys: pytest.CaptureFixture[str], field_data: Path
 ) -> None:
-    good = [str(EXAMPLE / "rod_q4.SID_FEM")]
+    good = [str(SLIDER_CRANK / "rod_q4.SID_FEM")]
     assert run(["validate", *good]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("good: 0 errors")
-    table = ["--reference", str(EXAMPLE / "frequencies.toml")]
+    table = ["--reference", str(SLIDER_CRANK / "frequencies.toml")]
     assert run(["validate", *good, *table, "--strict"]) == 0
     assert "paper, ANSYS" in capsys.readouterr().out
     assert run(["validate", str(field_data / "sid" / "Beam_3m.SID_FEM")]) == 1
@@ -281,15 +280,15 @@ def test_validate_a_good_and_a_bad_sid(
 def test_validate_judges_the_distance_to_another_sid(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    files = [str(EXAMPLE / "rod_q4.SID_FEM"), "--reference"]
-    files.append(str(EXAMPLE / "rod_iga.SID_FEM"))
+    files = [str(SLIDER_CRANK / "rod_q4.SID_FEM"), "--reference"]
+    files.append(str(SLIDER_CRANK / "rod_iga.SID_FEM"))
     assert run(["validate", *files]) == 0
     assert run(["validate", *files, "--tolerance", "1e-6"]) == 1
     capsys.readouterr()
 
 
 def test_validate_as_json(capsys: pytest.CaptureFixture[str]) -> None:
-    sid = str(EXAMPLE / "rod_q4.SID_FEM")
+    sid = str(SLIDER_CRANK / "rod_q4.SID_FEM")
     assert run(["validate", sid, "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["passed"] is True
@@ -298,7 +297,7 @@ def test_validate_as_json(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_info_of_a_sid(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["info", str(EXAMPLE / "rod_q4.SID_FEM")]) == 0
+    assert run(["info", str(SLIDER_CRANK / "rod_q4.SID_FEM")]) == 0
     lines = capsys.readouterr().out.splitlines()
     modes = [line.split() for line in lines if "Eigen Mode" in line]
     assert [mode[1] for mode in modes] == [
@@ -313,10 +312,10 @@ def test_info_of_a_sid(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_info_of_a_model_and_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["info", str(EXAMPLE / "rod_iga.toml")]) == 0
+    assert run(["info", str(SLIDER_CRANK / "rod_iga.toml")]) == 0
     text = capsys.readouterr().out
     assert "degrees 2 and 1" in text and "functions 25 x 8" in text
-    assert run(["info", str(EXAMPLE / "slider_crank.toml")]) == 0
+    assert run(["info", str(SLIDER_CRANK / "slider_crank.toml")]) == 0
     text = capsys.readouterr().out
     for word in ("point mass", "point_on_line", "polynomial, 2 pieces", "301 output"):
         assert word in text
@@ -325,8 +324,8 @@ def test_info_of_a_model_and_a_scene(capsys: pytest.CaptureFixture[str]) -> None
 def test_info_of_a_scene_tells_damping_and_what_forces_act_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = (EXAMPLE / "slider_crank.toml").read_text()
-    rod = (EXAMPLE / "rod_q4.SID_FEM").as_posix()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
+    rod = (SLIDER_CRANK / "rod_q4.SID_FEM").as_posix()
     more = f'{rod}"\nquadratic_inertia = true\ndamping = {{ type = "frequency" }} #'
     scene = tmp_path / "damped.toml"
     friction = """
@@ -354,7 +353,10 @@ def test_the_schema_is_json(kind: str, capsys: pytest.CaptureFixture[str]) -> No
 
 def test_a_closed_pipe_is_no_error() -> None:
     """Also when its reader is gone before the first word (it was status 1 then)."""
-    for arguments in (["schema", "scene"], ["info", str(EXAMPLE / "rod_q4.SID_FEM")]):
+    for arguments in (
+        ["schema", "scene"],
+        ["info", str(SLIDER_CRANK / "rod_q4.SID_FEM")],
+    ):
         process = subprocess.Popen(
             [sys.executable, "-m", "sidtool", *arguments],
             stdout=subprocess.PIPE,

@@ -11,8 +11,8 @@ import pytest
 import sidtool
 from sidtool.cli import run
 from sidtool.formats.result import read_result
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 PENDULUM = """
 format = "sidtool scene"
 version = 1
@@ -88,8 +88,8 @@ def test_inverse_of_flexible_bodies_is_quasi_static_on_demand(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = tmp_path / "slow.toml"
-    text = (EXAMPLE / "slider_crank.toml").read_text()
-    text = text.replace("rod_q4.SID_FEM", (EXAMPLE / "rod_q4.SID_FEM").as_posix())
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
+    text = text.replace("rod_q4.SID_FEM", (SLIDER_CRANK / "rod_q4.SID_FEM").as_posix())
     scene.write_text(text.replace("output_step = 0.01", "output_step = 0.5"))
     assert run(["analyse", "inverse", str(scene)]) == 2
     assert "the option quasi-static" in capsys.readouterr().err

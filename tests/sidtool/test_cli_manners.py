@@ -14,9 +14,9 @@ import pytest
 
 import sidtool
 from sidtool.cli import cli, run
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
-SCENE, SID = EXAMPLE / "slider_crank.toml", EXAMPLE / "rod_q4.SID_FEM"
+SCENE, SID = SLIDER_CRANK / "slider_crank.toml", SLIDER_CRANK / "rod_q4.SID_FEM"
 #: Commands that print no numbers.
 SILENT = {"demo", "schema", "warmup", "new"}
 SHORT = ["--set", "time.end=0.1"]

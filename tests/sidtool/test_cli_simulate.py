@@ -15,9 +15,9 @@ from sidtool.cli import run
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Sink, read_result
 from sidtool.formats.result.rows import pass_on
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
-SCENE = str(EXAMPLE / "slider_crank.toml")
+SCENE = str(SLIDER_CRANK / "slider_crank.toml")
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_the_result_carries_its_scene_and_cost(files: Path) -> None:
 def test_another_sid_and_settings(
     tmp_path: Path, files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    swap = ["--sid", f"rod={EXAMPLE / 'rod_iga.SID_FEM'}"]
+    swap = ["--sid", f"rod={SLIDER_CRANK / 'rod_iga.SID_FEM'}"]
     more = ["--rtol", "1e-5", "--csv", str(tmp_path / "iga.csv")]
     assert run(["simulate", SCENE, *swap, *more]) == 0
     assert "relative tolerance 1e-05" in capsys.readouterr().out
@@ -162,7 +162,7 @@ def test_interruption_leaves_no_file(
 def test_the_result_tells_what_it_was_made_with(files: Path, tmp_path: Path) -> None:
     """Not what the scene asked for: options replace it."""
     target = tmp_path / "other.h5"
-    other = EXAMPLE / "rod_iga.SID_FEM"
+    other = SLIDER_CRANK / "rod_iga.SID_FEM"
     options = ["--sid", f"rod={other}", "--rtol", "1e-4", "--integrator", "radau5"]
     assert run(["simulate", SCENE, *options, "-o", str(target)]) == 0
     scene = json.loads(read_result(target).scene)
@@ -172,7 +172,7 @@ def test_the_result_tells_what_it_was_made_with(files: Path, tmp_path: Path) -> 
 
 
 def test_sids_of_bodies_that_are_not_there_are_refused() -> None:
-    sid = sidtool.read(EXAMPLE / "rod_iga.SID_FEM")
+    sid = sidtool.read(SLIDER_CRANK / "rod_iga.SID_FEM")
     for call in (sidtool.simulate, sidtool.static_equilibrium):
         with pytest.raises(InputError, match="no flexible body 'rode' .* expected rod"):
             call(SCENE, sids={"rode": sid})

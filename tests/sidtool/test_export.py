@@ -21,11 +21,10 @@ from sidtool.solver.recording.motion import FrameMotion
 from sidtool.view.exported import Exported, Part, _cells, exported
 from sidtool.view.peaks import peak_stresses
 from sidtool.view.vtk_files import write_pvd, write_vtkhdf
+from tests.places import SLIDER_CRANK
 
 from .bodies import WIDTH, volume
 from .models import IGA, QM6, rod
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 
 
 @pytest.fixture(scope="module")
@@ -35,10 +34,10 @@ def made() -> tuple[sidtool.SID, Field]:
 
 @pytest.fixture(scope="module")
 def result(made: tuple[sidtool.SID, Field]) -> Result:
-    scene = read_scene(EXAMPLE / "slider_crank.toml")
+    scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
     time = scene.time.model_copy(update={"end": 1.6, "output_step": 0.05})
     scene = scene.model_copy(update={"time": time})
-    return sidtool.simulate(scene, base_folder=EXAMPLE, sids={"rod": made[0]})
+    return sidtool.simulate(scene, base_folder=SLIDER_CRANK, sids={"rod": made[0]})
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +226,7 @@ def test_the_command_writes_and_tells(
         ([str(source), "-o", "m.vtk"], "which the ending .vtk does not say"),
         ([str(source), "-o", "m.png"], "which the ending .png does not say"),
         ([str(source), "--peak"], "no full field with stresses"),
-        ([str(EXAMPLE / "rod_q4.SID_FEM"), "--peak"], "is a sid file"),
+        ([str(SLIDER_CRANK / "rod_q4.SID_FEM"), "--peak"], "is a sid file"),
     ]
     for arguments, message in cases:
         assert run(["export", *arguments]) == 2, arguments

@@ -17,11 +17,10 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.toml_files import validated
 from sidtool.reduction.frames import FRAMES, motion_rows
 from sidtool.reduction.methods import REDUCTIONS
+from tests.places import EXAMPLES
 
 from .bodies import volume_data
 from .models import rod_data
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
 
 PINS = ["crank_pin", "piston_pin"]
 PLANE = {"type": "q4", "elements": [24, 3], "state": "plane_stress"}

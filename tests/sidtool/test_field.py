@@ -17,11 +17,11 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.stress import node_stress
 from sidtool.frontends.registry import finite_element_model
 from sidtool.kinds import kind_of
+from tests.places import EXAMPLES
 
 from .bodies import WIDTH, beam, volume
 from .models import IGA, Q4, QM6, annulus, rod
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 SOLIDS = {kind: {"type": kind, "elements": [6, 2, 1]} for kind in ("hex8", "tet4")}
 SOLIDS |= {kind: {"type": kind, "elements": [4, 2, 1]} for kind in ("hex20", "tet10")}
 PLANE = {"q4": rod(Q4), "qm6": rod(QM6), "iga": rod(IGA), "annulus": annulus(IGA)}

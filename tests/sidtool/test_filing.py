@@ -16,10 +16,10 @@ from matplotlib.image import imread
 
 import sidtool
 from sidtool.cli import run
+from tests.places import SLIDER_CRANK
 
 from .browser import NAMES
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 VOID = {"meta", "img", "br", "path", "use"}
 
 
@@ -53,7 +53,7 @@ class Reader(HTMLParser):
 def filed(tmp_path_factory: pytest.TempPathFactory) -> tuple[sidtool.Result, Path]:
     """A short founding run with a damped and a stopped end, and its page."""
     folder = tmp_path_factory.mktemp("filed")
-    scene = sidtool.Scene.load(EXAMPLE / "slider_crank.toml")
+    scene = sidtool.Scene.load(SLIDER_CRANK / "slider_crank.toml")
     stop = sidtool.Event(quantity="piston.x", value=1.09, action="stop")
     short = scene.with_(
         {

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from sidtool.solver import warmup
+from tests.places import ROOT, SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 #: Leaves a trace and then fails.
 HOSTILE = "open(__file__ + '.ran', 'w').close()\nraise SystemExit('hostile')\n"
 
@@ -20,7 +20,7 @@ HOSTILE = "open(__file__ + '.ran', 'w').close()\nraise SystemExit('hostile')\n"
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     for name in ("slider_crank.toml", "rod_q4.SID_FEM"):
-        shutil.copy(EXAMPLE / name, tmp_path / name)
+        shutil.copy(SLIDER_CRANK / name, tmp_path / name)
     for name in ("solver", "formats", "numba", "click"):
         (tmp_path / f"{name}.py").write_text(HOSTILE)
     return tmp_path
@@ -96,7 +96,7 @@ def test_the_path_of_the_environment_hides_nothing(
 def test_nothing_is_imported_a_second_time_by_a_short_name() -> None:
     """In the repository `solver` can be imported, too: as another module."""
     short = re.compile(r"^\s*(from|import) (solver|formats)\b", re.MULTILINE)
-    top = Path(__file__).parents[2]
+    top = ROOT
     for folder in ("sidtool", "formats", "solver", "tests", "benchmarks", "examples"):
         for path in (top / folder).rglob("*.py"):
             own = path == Path(__file__)

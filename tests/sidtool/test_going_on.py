@@ -16,8 +16,8 @@ import pytest
 import sidtool
 from sidtool.cli import run
 from sidtool.interrupting import ending
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 #: The command line, whose run gets a signal when it has passed a time.
 AT = """
 import os, sys
@@ -56,7 +56,7 @@ def ended(
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     for name in ("slider_crank.toml", "rod_q4.SID_FEM"):
-        shutil.copy(EXAMPLE / name, tmp_path / name)
+        shutil.copy(SLIDER_CRANK / name, tmp_path / name)
     return tmp_path
 
 

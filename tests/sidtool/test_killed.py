@@ -16,8 +16,8 @@ import pytest
 
 from sidtool.cli import run
 from sidtool.formats.atomic import atomic_path
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 #: The command line, stopped in the midst of writing its output.
 STOPPED = """
 import os, sys, time
@@ -37,7 +37,7 @@ main()
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     for name in ("slider_crank.toml", "rod_q4.SID_FEM"):
-        shutil.copy(EXAMPLE / name, tmp_path / name)
+        shutil.copy(SLIDER_CRANK / name, tmp_path / name)
     return tmp_path
 
 

@@ -21,8 +21,8 @@ from sidtool.formats.result.rows import BLOCK, Columns, Rows
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.solver import compile_scene, run, simulate
 from sidtool.solver.recording import window
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 RECORD = ["piston.x", "energy.balance", "energy.supplied", "crank_pin.f*", "rod.q*"]
 EVENTS = {
     "out": {"quantity": "piston.x", "value": 1.05},
@@ -34,7 +34,7 @@ STOP = {"quantity": "piston.x", "value": 0.97, "action": "stop", "count": 2}
 
 def described(rows: int, rtol: float = 1e-4, **more: object) -> SceneFile:
     """The slider-crank with so many output steps, in half of its time."""
-    data = read_scene(EXAMPLE / "slider_crank.toml").model_dump(exclude_none=True)
+    data = read_scene(SLIDER_CRANK / "slider_crank.toml").model_dump(exclude_none=True)
     data["time"] = {"end": 2.1, "output_step": 2.1 / rows}
     data["accuracy"] |= {"rtol": rtol}
     return SceneFile.model_validate(data | more)
@@ -53,7 +53,7 @@ def test_blocks_of_rows_change_nothing(
     """
     more = {"outputs": {"record": RECORD}, "events": EVENTS | stop, "title": "t"}
     scene = described(150, rtol, **more)
-    system = compile_scene(scene, EXAMPLE)
+    system = compile_scene(scene, SLIDER_CRANK)
     monkeypatch.setattr(window, "BLOCK", 10_000)
     whole = simulate(system, integrator=method)
     monkeypatch.setattr(window, "LEAST", 1)
@@ -87,7 +87,9 @@ def test_the_energy_supplied_is_that_of_the_motion_however_many_rows(
     """Its balance closes with 4 rows and with 500, of which some are held at a time."""
     monkeypatch.setattr(window, "BLOCK", 64)
     for rows in (3, 500):
-        system = compile_scene(described(rows, outputs={"record": RECORD}), EXAMPLE)
+        system = compile_scene(
+            described(rows, outputs={"record": RECORD}), SLIDER_CRANK
+        )
         result = simulate(system, rtol=1e-8)
         supplied, balance = result["energy.supplied"], result["energy.balance"]
         assert supplied[-1] > 20.0
@@ -104,11 +106,11 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 def peak(folder: Path, rows: int) -> float:
     """Megabytes that `simulate` takes for so many rows."""
-    text = (EXAMPLE / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
     (folder / "s.toml").write_text(
         text.replace("output_step = 0.01", f"output_step = {3.0 / rows!r}")
     )
-    shutil.copy(EXAMPLE / "rod_q4.SID_FEM", folder)
+    shutil.copy(SLIDER_CRANK / "rod_q4.SID_FEM", folder)
     arguments = ["simulate", "s.toml", "--rtol", "1e-4", "-o", "r.h5", "--csv", "r.csv"]
     done = subprocess.run(
         [sys.executable, "-c", PEAK, *arguments],
@@ -150,7 +152,7 @@ def test_a_step_of_many_rows_is_recorded_in_parts() -> None:
     """
     peaks = []
     for rows in (30_000, 180_000):
-        system, sink = compile_scene(described(rows, 1e-2), EXAMPLE), Nowhere()
+        system, sink = compile_scene(described(rows, 1e-2), SLIDER_CRANK), Nowhere()
         tracemalloc.start()
         steps = simulate(system, into=sink).counters["steps"]
         peaks.append(tracemalloc.get_traced_memory()[1])
@@ -161,7 +163,7 @@ def test_a_step_of_many_rows_is_recorded_in_parts() -> None:
 
 
 def test_the_files_are_those_of_the_result_in_memory(tmp_path: Path) -> None:
-    result = sidtool.simulate(described(9000), base_folder=EXAMPLE)
+    result = sidtool.simulate(described(9000), base_folder=SLIDER_CRANK)
     sidtool.write(tmp_path / "r.h5", result)
     back = read_result(tmp_path / "r.h5")
     for table, names in TABLES.items():
@@ -174,10 +176,10 @@ def test_the_files_are_those_of_the_result_in_memory(tmp_path: Path) -> None:
 def test_a_run_that_is_ended_in_a_step_of_many_rows_keeps_them(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    text = (EXAMPLE / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
     scene = tmp_path / "s.toml"
     scene.write_text(text.replace("output_step = 0.01", "output_step = 3e-7"))
-    shutil.copy(EXAMPLE / "rod_q4.SID_FEM", tmp_path)
+    shutil.copy(SLIDER_CRANK / "rod_q4.SID_FEM", tmp_path)
     process = subprocess.Popen(
         [sys.executable, "-m", "sidtool", "simulate", str(scene)]
         + ["-o", "r.h5", "--csv", "r.csv"],
@@ -211,7 +213,7 @@ class Full(InMemory):
 
 
 def test_a_sink_that_fails_ends_the_run() -> None:
-    system, sink = compile_scene(described(20_000), EXAMPLE), Full()
+    system, sink = compile_scene(described(20_000), SLIDER_CRANK), Full()
     with pytest.raises(OSError, match="No space"):
         simulate(system, into=sink)
     assert sink.count == 3
@@ -219,8 +221,8 @@ def test_a_sink_that_fails_ends_the_run() -> None:
 
 def test_the_rows_of_a_run_go_to_its_sink(monkeypatch: pytest.MonkeyPatch) -> None:
     sink = InMemory()
-    result = run.simulate(compile_scene(described(100), EXAMPLE), into=sink)
+    result = run.simulate(compile_scene(described(100), SLIDER_CRANK), into=sink)
     assert len(result.t) == 0 and result.values.shape == (0, len(result.names))
     assert len(sink.arrays()["t"]) == 101
     with pytest.raises(InputError, match="rho"):
-        run.simulate(compile_scene(described(100), EXAMPLE), integrator="rho")
+        run.simulate(compile_scene(described(100), SLIDER_CRANK), integrator="rho")

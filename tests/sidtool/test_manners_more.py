@@ -15,11 +15,11 @@ import pytest
 import sidtool
 from sidtool.accuracy import cached
 from sidtool.cli import run
+from tests.places import SLIDER_CRANK
 
 from .test_going_on import interrupted, swing
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
-SCENE, SID = EXAMPLE / "slider_crank.toml", EXAMPLE / "rod_q4.SID_FEM"
+SCENE, SID = SLIDER_CRANK / "slider_crank.toml", SLIDER_CRANK / "rod_q4.SID_FEM"
 
 
 def block(time: dict[str, Any], stiffness: float = 0.0, **law: Any) -> sidtool.Scene:

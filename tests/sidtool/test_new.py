@@ -10,8 +10,7 @@ from sidtool import starting
 from sidtool.cli import run
 from sidtool.kinds import kind_of
 from sidtool.starting import STARTS
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
+from tests.places import EXAMPLES
 
 
 @pytest.mark.parametrize("start", STARTS)

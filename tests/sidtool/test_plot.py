@@ -22,12 +22,12 @@ from sidtool.formats.toml_files import validated
 from sidtool.plot import bodies, results
 from sidtool.plot.courses import Curve, draw, grouped, label_of
 from sidtool.plot.figure import new_page, styled
+from tests.places import SLIDER_CRANK
 
 from .bodies import volume
 from .models import IGA, QM6, rod, rod_data
 from .test_afterwards import spatial_wheel
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 STARTS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
 Shown = Callable[..., Any]
 
@@ -89,7 +89,7 @@ def drawn_points(axes: Any) -> np.ndarray:
 
 
 def test_shapes_are_named_by_number_and_frequency(pages: list[Any]) -> None:
-    sid = sidtool.read(EXAMPLE / "rod_q4.SID_FEM")
+    sid = sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM")
     told = bodies.plot_sid(Path("x.png"), sid)
     titles = [axes.get_title(loc="left") for axes in pages[0].axes]
     assert titles[1].startswith("q1, 31.7 Hz") and "3.14 kg" in titles[0]
@@ -110,7 +110,7 @@ def test_names_of_near_nodes_do_not_cover_each_other() -> None:
 
 def test_a_field_of_another_body_is_refused() -> None:
     _, field = field_from_model(rod(IGA))
-    sid = sidtool.read(EXAMPLE / "rod_q4.SID_FEM")
+    sid = sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM")
     with pytest.raises(InputError, match="has other"):
         bodies.plot_sid(Path("x.png"), sid, field)
 
@@ -154,11 +154,11 @@ def test_coarse_output_times_are_told(pages: list[Any]) -> None:
 
 def test_forces_of_an_analysis_are_drawn_as_it_found_them(pages: list[Any]) -> None:
     """Quasi-static: free vibrations of the same states would need other forces."""
-    scene = read_scene(EXAMPLE / "slider_crank.toml")
+    scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
     outputs = scene.outputs.model_copy(update={"record": ("bearing.mz",)})
     time = scene.time.model_copy(update={"end": 1.0, "output_step": 0.05})
     scene = scene.model_copy(update={"outputs": outputs, "time": time})
-    found = sidtool.inverse_dynamics(scene, base_folder=EXAMPLE, quasi_static=True)
+    found = sidtool.inverse_dynamics(scene, base_folder=SLIDER_CRANK, quasi_static=True)
     results.plot_result(Path("x.png"), found)
     line = pages[0].axes[0].lines[0]
     assert np.array_equal(line.get_ydata(), found["bearing.mz"])
@@ -245,7 +245,7 @@ def test_the_command_draws_every_kind_of_file(
     sidtool.write(tmp_path / "rod.SID_FEM", sid)
     write_field(tmp_path / "rod.field.h5", field)
     files = ["r.h5", "rod.SID_FEM", "rod.field.h5"] if ending == ".png" else ["r.h5"]
-    for source in (*(tmp_path / name for name in files), EXAMPLE / "rod_q4.toml"):
+    for source in (*(tmp_path / name for name in files), SLIDER_CRANK / "rod_q4.toml"):
         target = tmp_path / f"{source.stem}{ending}"
         assert run(["plot", str(source), "-o", str(target), "--force"]) == 0
         assert target.read_bytes().startswith(STARTS[ending])
@@ -256,14 +256,14 @@ def test_the_command_says_what_is_wrong(
 ) -> None:
     path = tmp_path / "r.h5"
     write_result(path, wheel)
-    sid = str(EXAMPLE / "rod_q4.SID_FEM")
+    sid = str(SLIDER_CRANK / "rod_q4.SID_FEM")
     cases = [
         ([str(path), "-o", "x.jpg"], "which the ending .jpg does not say"),
         ([str(path), "-o", "x.csv"], "which the ending .csv does not say"),
         ([str(path), "-o", "x.png", "--outputs", "wheel.q1"], "wheel is rigid"),
         ([str(path), "-o", "x.png", "--field", sid], "says nothing of a result"),
         ([sid, "-o", "x.png", "--kind", "drift"], "says nothing of a sid"),
-        ([str(EXAMPLE / "slider_crank.toml"), "-o", "x.png"], "is a scene file"),
+        ([str(SLIDER_CRANK / "slider_crank.toml"), "-o", "x.png"], "is a scene file"),
     ]
     for arguments, message in cases:
         assert run(["plot", *arguments]) == 2, arguments

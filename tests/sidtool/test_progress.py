@@ -15,9 +15,9 @@ import sidtool
 from sidtool.cli import progress, run
 from sidtool.formats.progress import counted, listening, reached
 from sidtool.solver import warmup
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
-SCENE = str(EXAMPLE / "slider_crank.toml")
+SCENE = str(SLIDER_CRANK / "slider_crank.toml")
 SHORT = ["--set", "time.end=0.2"]
 Told = list[tuple[str, float | None]]
 
@@ -65,7 +65,7 @@ def test_every_long_command_tells(
         assert len(known) == len(shares) >= 2
         assert known == sorted(known) and 0 <= known[0] < 0.6 and known[-1] <= 1
     sid = tmp_path / "rod.SID_FEM"
-    stages = heard(told, "convert", str(EXAMPLE / "rod_q4.toml"), "-o", str(sid))
+    stages = heard(told, "convert", str(SLIDER_CRANK / "rod_q4.toml"), "-o", str(sid))
     assert sum("reducing" in text or "discretising" in text for text in stages) == 2
     assert "evaluating outputs" in heard(told, "outputs", "r.h5", "--add", "rod.vx")
 

@@ -20,8 +20,8 @@ from sidtool.formats.scene import forces as force_kinds
 from sidtool.formats.scene import functions as function_kinds
 from sidtool.formats.scene import joints as joint_kinds
 from sidtool.solver import warmup
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 G = 9.81
 
 
@@ -94,7 +94,7 @@ def test_lists_tuples_arrays_and_plain_tables_say_the_same() -> None:
 
 
 def test_files_are_found_beside_the_scene_wherever_it_goes(tmp_path: Path) -> None:
-    scene = sidtool.Scene.load(EXAMPLE / "slider_crank.toml")
+    scene = sidtool.Scene.load(SLIDER_CRANK / "slider_crank.toml")
     (tmp_path / "below").mkdir()
     scene.with_({"time.end": 0.02}).save(tmp_path / "below" / "short.toml")
     moved = sidtool.Scene.load(tmp_path / "below" / "short.toml")
@@ -131,7 +131,9 @@ def test_wrong_arguments_are_named(make: Any, message: str) -> None:
 
 
 def test_errors_of_a_loaded_scene_name_its_file(tmp_path: Path) -> None:
-    (tmp_path / "lost.toml").write_text((EXAMPLE / "slider_crank.toml").read_text())
+    (tmp_path / "lost.toml").write_text(
+        (SLIDER_CRANK / "slider_crank.toml").read_text()
+    )
     scene = sidtool.Scene.load(tmp_path / "lost.toml").with_({"rod.sid": "none.SID"})
     for act in (scene.simulate, scene.static_equilibrium):
         with pytest.raises(sidtool.InputError, match=r"none.SID"):
@@ -139,7 +141,7 @@ def test_errors_of_a_loaded_scene_name_its_file(tmp_path: Path) -> None:
 
 
 def test_a_model_of_python_is_that_of_the_file() -> None:
-    model = sidtool.Model.load(EXAMPLE / "rod_q4.toml")
+    model = sidtool.Model.load(SLIDER_CRANK / "rod_q4.toml")
     coarse = model.with_({"discretisation.elements": [30, 2], "reduction.modes": 2})
     points = np.array(
         [[[0, -0.03], [0, 0.03]], [[0.5, 0], [0.5, 0]], [[1, -0.03], [1, 0.03]]]
@@ -190,8 +192,8 @@ def test_objects_show_themselves_shortly_and_in_notebooks() -> None:
     scene = thrown(title="<b>")
     shown = [
         scene,
-        sidtool.Model.load(EXAMPLE / "rod_q4.toml"),
-        sidtool.read(EXAMPLE / "rod_q4.SID_FEM"),
+        sidtool.Model.load(SLIDER_CRANK / "rod_q4.toml"),
+        sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM"),
         scene.simulate(),
     ]
     for thing in shown:
@@ -223,7 +225,7 @@ def test_the_page_on_python_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    page = (EXAMPLE.parents[1] / "docs" / "python.md").read_text()
+    page = (SLIDER_CRANK.parents[1] / "docs" / "python.md").read_text()
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     exec("".join(blocks), {})
     assert len(blocks) >= 4 and (tmp_path / "pendulum.toml").is_file()

@@ -16,10 +16,9 @@ from sidtool.report.judgement import judge, judgement_as_text
 from sidtool.report.modes import frame_of, modes_of
 from sidtool.report.sid import describe_sid
 from sidtool.report.tables import plural, table
+from tests.places import SLIDER_CRANK
 
 from ..bodies import particle_body
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 
 
 @pytest.mark.parametrize("nq", [0, 1, 4])
@@ -58,7 +57,7 @@ def test_frequencies_do_not_depend_on_the_basis() -> None:
 
 
 def test_frames_are_told_apart() -> None:
-    rod = read(EXAMPLE / "rod_q4.SID_FEM")
+    rod = read(SLIDER_CRANK / "rod_q4.SID_FEM")
     assert frame_of(rod) == "tangent frame, fixed to node 1 at its origin"
     assert frame_of(rigid_sid(1.0, [0, 0, 0], np.eye(3))) == "rigid body"
     free = replace(
@@ -74,12 +73,12 @@ def test_what_a_body_tells_of_stiffening_and_stress() -> None:
     sigma = Taylor(np.zeros((6, 1)), np.ones((2, 6, 1)))
     nodes = (replace(sid.nodes[0], sigma=sigma), *sid.nodes[1:])
     assert "stress             at 1 node\n" in describe_sid(replace(sid, nodes=nodes))
-    text = describe_sid(read(EXAMPLE / "rod_q4.SID_FEM"))
+    text = describe_sid(read(SLIDER_CRANK / "rod_q4.SID_FEM"))
     assert "geom. stiffening   not carried; a simulation tells whether it" in text
 
 
 def test_nodes_that_no_shape_function_moves_are_marked() -> None:
-    rod = read(EXAMPLE / "rod_q4.SID_FEM")
+    rod = read(SLIDER_CRANK / "rod_q4.SID_FEM")
     first, second = rod.nodes
     both = replace(rod, nodes=(first, replace(second, phi=first.phi, psi=first.psi)))
     lines = describe_sid(both).splitlines()
@@ -95,7 +94,7 @@ def test_a_rigid_body_with_nodes() -> None:
 
 
 def test_a_body_without_mass_is_still_described() -> None:
-    rod = read(EXAMPLE / "rod_q4.SID_FEM")
+    rod = read(SLIDER_CRANK / "rod_q4.SID_FEM")
     empty: SID = replace(rod, mass=0.0, Me=Taylor(np.zeros((5, 5))))
     assert "nan" not in describe_sid(empty)
 

@@ -12,15 +12,15 @@ import sidtool
 from sidtool.cli.simulate import simulate as command
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid_files import read_sid
+from tests.places import SLIDER_CRANK
 
-FOLDER = Path(__file__).parents[2] / "examples" / "slider_crank"
-SCENE = FOLDER / "slider_crank.toml"
+SCENE = SLIDER_CRANK / "slider_crank.toml"
 
 
 def with_numbers() -> SceneFile:
     """The scene with the rod's mass, centre and inertia in place of its SID."""
     scene = read_scene(SCENE)
-    sid = read_sid(FOLDER / "rod_q4.SID_FEM")
+    sid = read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")
     rod = scene.bodies["rod"]
     centre = sid.mdCM.m0[:2, 0] / sid.mass
     inertia = sid.J.m0[2, 0] - sid.mass * centre @ centre
@@ -43,7 +43,7 @@ def with_numbers() -> SceneFile:
 
 
 def test_a_rigid_rod_moves_as_one_said_by_numbers() -> None:
-    expected = sidtool.simulate(with_numbers(), base_folder=FOLDER, rtol=1e-9)
+    expected = sidtool.simulate(with_numbers(), base_folder=SLIDER_CRANK, rtol=1e-9)
     found = sidtool.simulate(SCENE, rigid=["rod"], rtol=1e-9)
     for name in ("piston.x",):
         assert found[name] == pytest.approx(expected[name], abs=1e-10)
@@ -69,7 +69,7 @@ def test_the_scene_and_the_command_say_the_same(tmp_path: Path) -> None:
     scene = read_scene(SCENE)
     rod = scene.bodies["rod"].model_copy(update={"rigid": True})
     said = scene.model_copy(update={"bodies": {**scene.bodies, "rod": rod}})
-    result = sidtool.simulate(said, base_folder=FOLDER)
+    result = sidtool.simulate(said, base_folder=SLIDER_CRANK)
     table = np.genfromtxt(csv, delimiter=",", names=True, comments="#")
     column = next(n for n in table.dtype.names if n.startswith("pistonx"))
     assert table[column] == pytest.approx(result["piston.x"], abs=1e-9)

@@ -16,14 +16,13 @@ from sidtool.cli import run
 from sidtool.formats.atomic import atomic_path
 from sidtool.formats.result import read_result
 from sidtool.formats.sid_files import read_sid
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
+from tests.places import SLIDER_CRANK
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     for name in ("slider_crank.toml", "rod_q4.SID_FEM", "rod_q4.toml"):
-        shutil.copy(EXAMPLE / name, tmp_path / name)
+        shutil.copy(SLIDER_CRANK / name, tmp_path / name)
     return tmp_path
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,8 @@ from sidtool.solver.analyses.inverse import inverse_dynamics
 from sidtool.solver.analyses.linear import linearise
 from sidtool.solver.analyses.static import static_equilibrium
 from sidtool.solver.errors import SimulationError
+from tests.places import SLIDER_CRANK
 
-EXAMPLE = Path(__file__).parents[2] / "examples/slider_crank"
 G = 9.81
 
 
@@ -156,7 +155,7 @@ def test_a_pendulum_on_a_turning_axle_stiffens(spin: float) -> None:
 
 
 def clamped_rod(name: str, record: list[str], **more: Any) -> Any:
-    sid = read_sid(EXAMPLE / f"{name}.SID_FEM")
+    sid = read_sid(SLIDER_CRANK / f"{name}.SID_FEM")
     sid = replace(sid, De=Taylor(np.zeros_like(sid.De.m0)))
     content = scene(
         "planar",
@@ -248,7 +247,7 @@ def test_a_falling_body_has_no_equilibrium() -> None:
 
 
 def rigid_slider_crank(record: list[str]) -> SceneFile:
-    content = read_scene(EXAMPLE / "slider_crank.toml").model_dump(
+    content = read_scene(SLIDER_CRANK / "slider_crank.toml").model_dump(
         by_alias=True, exclude_none=True, mode="json"
     )
     content["bodies"]["rod"] = {
@@ -286,11 +285,11 @@ def test_inverse_dynamics_refuses_what_can_move_freely() -> None:
 
 def flexible_slider_crank(factor: float, record: list[str]) -> Any:
     """The founding example without damping, its rod `factor` times as stiff."""
-    sid = read_sid(EXAMPLE / "rod_q4.SID_FEM")
+    sid = read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")
     sid = replace(
         sid, Ke=Taylor(factor * sid.Ke.m0), De=Taylor(np.zeros_like(sid.De.m0))
     )
-    content = read_scene(EXAMPLE / "slider_crank.toml").model_dump(
+    content = read_scene(SLIDER_CRANK / "slider_crank.toml").model_dump(
         by_alias=True, exclude_none=True, mode="json"
     )
     content["time"] = {"end": 2.5, "output_step": 0.05}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,9 @@ from sidtool.formats.sid import Array
 from sidtool.formats.sid_files import read_sid
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.start.assembly import assemble
+from tests.places import SLIDER_CRANK
 from tests.solver.scenes import Probe, compiled, polynomial, scene, slender_rod
 from tests.solver.transformed import Units, in_units, sid_in
-
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 
 
 def hinge(a: str, b: str) -> dict[str, Any]:
@@ -106,7 +104,7 @@ def clamped() -> dict[str, Any]:
 def test_a_body_that_has_to_deform_does_so_with_the_least_energy() -> None:
     """K q = C_q^T lambda, and no resultant of lambda on the rigid motion, but for what
     is quadratic in a misfit of 1e-3."""
-    sid = read_sid(EXAMPLE / "rod_q4.SID_FEM")
+    sid = read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")
     system, start = assemble(compiled(SceneFile.model_validate(clamped()), rod=sid))
     probe = Probe(system, 0.0, start.z, start.v)
     C, load = probe.jacobian, np.zeros(8)
@@ -139,7 +137,7 @@ def test_a_rod_that_no_turn_brings_to_its_line_is_stretched(
         ground={"markers": {"line": line}},
         record=["rod.b.x", "rod.b.y"],
     )
-    sid = read_sid(EXAMPLE / "rod_q4.SID_FEM")
+    sid = read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")
     system, start = assemble(compiled(described, rod=sid))
     end = sid.node("2")
     tip = (end.position + end.phi.m0 @ start.z[3:])[:2]
@@ -155,7 +153,7 @@ def test_a_rod_that_no_turn_brings_to_its_line_is_stretched(
     ids=["mm t s", "mm g ms", "m kg us"],
 )
 def test_a_start_is_assembled_alike_in_all_units(units: Units) -> None:
-    sid, table = read_sid(EXAMPLE / "rod_q4.SID_FEM"), clamped()
+    sid, table = read_sid(SLIDER_CRANK / "rod_q4.SID_FEM"), clamped()
     _, expected = assemble(compiled(SceneFile.model_validate(table), rod=sid))
     other = SceneFile.model_validate(in_units(table, units))
     _, found = assemble(compiled(other, rod=sid_in(sid, units)))

@@ -18,6 +18,7 @@ from sidtool.solver import warmup
 from sidtool.solver.compiler import stored
 from sidtool.solver.compiler.compiling import entry
 from sidtool.solver.integrators import all_step_loops
+from tests.places import ROOT
 from tests.solver.small_kernels import scaled
 
 STAMPS = """
@@ -41,7 +42,7 @@ def test_every_process_finds_the_same_kernels() -> None:
     """Else each run would compile again what is on disk."""
     run = subprocess.run(
         [sys.executable, "-c", STAMPS],
-        cwd=Path(__file__).parents[2],
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=True,

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,10 +21,10 @@ from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.sid_files import read_sid
 from sidtool.solver import simulate
 from sidtool.solver.errors import SimulationError
+from tests.places import SLIDER_CRANK
 from tests.solver.scenes import GRAVITY, compiled, polynomial, scene, slender_rod
 from tests.solver.transformed import BLOCKS, first_modes
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 FULL_SPEED = 12.0 * math.pi
 CRANK = 0.1
 INERTIA = ("mdCM", "J", "Ct", "Cr", "Me", "Gr", "Ge", "Oe")
@@ -34,12 +33,12 @@ STIFF = ("radau5", "radau9", "radau13")
 
 @pytest.fixture(scope="module")
 def rod() -> SID:
-    return read_sid(EXAMPLE / "rod_q4.SID_FEM")
+    return read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")
 
 
 def slider_crank(end: float = 3.0, speed: float = 1.0, **more: Any) -> SceneFile:
     """The founding scene with its crank `speed` times as fast."""
-    table = read_scene(EXAMPLE / "slider_crank.toml").model_dump(
+    table = read_scene(SLIDER_CRANK / "slider_crank.toml").model_dump(
         mode="json", by_alias=True, exclude_none=True
     )
     w = speed * FULL_SPEED

@@ -8,7 +8,6 @@ forces stay what they are, up to the tolerance of the run.
 from __future__ import annotations
 
 import copy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,25 +18,25 @@ from sidtool.formats.scene import Placement, SceneFile, read_scene
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.sid_files import read_sid
 from sidtool.solver import compile_scene, simulate
+from tests.places import SLIDER_CRANK
 from tests.solver import transformed as other
 from tests.solver.joint_scenes import soft_body
 from tests.solver.scenes import scene as small_scene
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "slider_crank"
 RTOL, SAME = 1e-9, 1e-7
 Case = tuple[dict[str, Any], dict[str, SID]]
 
 
 def slider_crank() -> Case:
     """The founding example: its last half second, at full speed."""
-    scene = read_scene(EXAMPLE / "slider_crank.toml")
+    scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
     table = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     table["time"] = {"end": 1.5, "output_step": 0.05}
     record = [f"rod.q{k}" for k in range(1, 6)]
     record += ["piston.x", "piston.y", "crank.pin.x", "crank.pin.y"]
     record += ["crank_pin.fx", "crank_pin.fy", "slider.fx", "slider.fy"]
     table["outputs"] = {"record": record}
-    return table, {"rod": read_sid(EXAMPLE / "rod_q4.SID_FEM")}
+    return table, {"rod": read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")}
 
 
 def arm_in_space() -> Case:
@@ -109,7 +108,7 @@ CASES = {"slider crank": slider_crank, "arm in space": arm_in_space}
 
 
 def run(table: dict[str, Any], sids: dict[str, SID]) -> Result:
-    system = compile_scene(SceneFile.model_validate(table), EXAMPLE, sids)
+    system = compile_scene(SceneFile.model_validate(table), SLIDER_CRANK, sids)
     return simulate(system, integrator="radau9", rtol=RTOL)
 
 

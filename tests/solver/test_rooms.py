@@ -7,7 +7,9 @@ from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-SOLVER = Path(__file__).parents[2] / "solver"
+from tests.places import ROOT
+
+SOLVER = ROOT / "solver"
 #: From the lowest to the highest; loose files stand above all but those in LEAVES.
 ROOMS = (
     "compiler",

@@ -7,7 +7,6 @@ equilibrium by hand.
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,9 +17,9 @@ from sidtool.formats.toml_files import validated
 from sidtool.solver import compile_scene
 from sidtool.solver.analyses.linear import linearise
 from sidtool.solver.analyses.static import static_equilibrium
+from tests.places import SLIDER_CRANK
 from tests.solver.scenes import polynomial, scene, slender_rod
 
-EXAMPLE = Path(__file__).parents[2] / "examples/slider_crank"
 G = 9.81
 FUNCTIONS: dict[str, dict[str, Any]] = {
     "ramp": polynomial(0.3, 4.0, -7.0),
@@ -92,14 +91,16 @@ def test_a_pendulum_on_a_driven_cart_hangs_at_rest(kind: str) -> None:
 def test_a_driven_slider_crank_with_gravity_weighs_what_it_weighs(speed: float) -> None:
     """Forces in the bearing and under the piston carry the weight, whatever the speed
     that the drive begins with."""
-    content = read_scene(EXAMPLE / "slider_crank.toml").model_dump(
+    content = read_scene(SLIDER_CRANK / "slider_crank.toml").model_dump(
         by_alias=True, exclude_none=True, mode="json"
     )
     angle = 0.7
     content["gravity"] = [0.0, -G]
     content["drives"]["crank_angle"]["function"] = polynomial(angle, speed, 2.0)
     content["outputs"] = {"record": ["bearing.fy", "slider.fy", "piston.vx"]}
-    system = compile_scene(validated(content, SceneFile), EXAMPLE, keep_joints=True)
+    system = compile_scene(
+        validated(content, SceneFile), SLIDER_CRANK, keep_joints=True
+    )
     result = static_equilibrium(system).result()
     masses = [body.sid.mass for body in system.bodies[1:]]
     carried = result["bearing.fy"][0] + result["slider.fy"][0]
@@ -107,7 +108,7 @@ def test_a_driven_slider_crank_with_gravity_weighs_what_it_weighs(speed: float) 
     assert result["piston.vx"][0] == 0.0
     held = content | {"drives": dict(content["drives"])}
     held["drives"]["crank_angle"]["function"] = {"type": "constant", "value": angle}
-    other = compile_scene(validated(held, SceneFile), EXAMPLE, keep_joints=True)
+    other = compile_scene(validated(held, SceneFile), SLIDER_CRANK, keep_joints=True)
     same = static_equilibrium(other).result()
     assert result.values == pytest.approx(same.values, rel=1e-8, abs=1e-9)
     assert result.multipliers == pytest.approx(same.multipliers, rel=1e-8, abs=1e-8)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,8 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene
 from sidtool.solver.run import simulate
+from tests.places import SLIDER_CRANK
 
-FOLDER = Path(__file__).parents[2] / "examples" / "slider_crank"
 ROD = "rod_q4.SID_FEM"
 G = 9.81
 
@@ -89,7 +88,7 @@ def arm(angle: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_an_arm_rests_under_its_weight_and_its_tool(angle: float) -> None:
-    result = simulate(compile_scene(scene(**arm(angle)), FOLDER))
+    result = simulate(compile_scene(scene(**arm(angle)), SLIDER_CRANK))
     start = result.values[0]
     assert result.values == pytest.approx(np.tile(start, (len(result.t), 1)), abs=1e-9)
     # a bar of 1 m and 3.14 kg, 31.70 Hz clamped: its bending stiffness from that
@@ -102,8 +101,8 @@ def test_an_arm_rests_under_its_weight_and_its_tool(angle: float) -> None:
 
 def test_without_it_the_arm_falls_into_its_sag() -> None:
     stated = scene(**arm(0.0), initial={"state": "stated"})
-    swinging = simulate(compile_scene(stated, FOLDER))["rod.2.uy"]
-    resting = simulate(compile_scene(scene(**arm(0.0)), FOLDER))["rod.2.uy"][0]
+    swinging = simulate(compile_scene(stated, SLIDER_CRANK))["rod.2.uy"]
+    resting = simulate(compile_scene(scene(**arm(0.0)), SLIDER_CRANK))["rod.2.uy"][0]
     assert swinging[0] == 0.0
     assert swinging.min() == pytest.approx(2.0 * resting, rel=0.1)
 

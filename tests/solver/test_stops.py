@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from sidtool.solver import compile_scene, run, simulate
 from sidtool.solver.advice import stopping
 from sidtool.solver.errors import SimulationError
 from sidtool.solver.system.scene import System
+from tests.places import ROOT
 from tests.solver.scenes import compiled, scene, slender_rod
 
 
@@ -118,7 +118,7 @@ def test_an_interval_that_cannot_be_entered_keeps_what_was_before(
 @pytest.mark.parametrize("place", [-1e20, 3e18])
 def test_a_mechanism_beyond_all_sizes_stops_with_the_cause(place: float) -> None:
     """Mass matrices of elastic coordinates of 1e20 have no scale, nor eigenvalues."""
-    folder = Path(__file__).parents[2] / "examples" / "slider_crank"
+    folder = ROOT / "examples" / "slider_crank"
     data = read_scene(folder / "slider_crank.toml").model_dump(exclude_none=True)
     data["bodies"]["crank"]["markers"]["bearing"]["position"] = [place, 0.0]
     result = stopped(compile_scene(SceneFile.model_validate(data), folder), rtol=1e-2)

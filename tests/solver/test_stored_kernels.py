@@ -18,9 +18,8 @@ from numba.extending import intrinsic
 
 from sidtool.solver.compiler import compiling, machine, stored
 from sidtool.solver.compiler.compiling import Entry, entry
+from tests.places import ROOT
 from tests.solver.small_kernels import scaled
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(autouse=True)
