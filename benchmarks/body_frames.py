@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.conversion.rereference import rereferenced
 from sidtool.convert import sid_from_model
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array, Taylor
-from sidtool.formats.toml_files import validated
-from sidtool.rereference import rereferenced
+from sidtool.formats.toml.reading import validated
 from sidtool.solver import compile_scene, simulate
-from tests.sidtool.bores import pinned
-from tests.sidtool.drawn_parts import drawn
+from tests.sidtool.frontends.bores import pinned
+from tests.sidtool.frontends.drawn_parts import drawn
 from tests.sidtool.models import rod
 from tests.solver.stiffened_bars import hinged, on_a_hub, swelling
 from tests.steel_bars import CHORD, FRAMES, MEAN, TANGENT

@@ -19,8 +19,8 @@ import numpy as np
 
 from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml_files import read_data, validated
-from sidtool.frontends.mesh import Mesh
+from sidtool.formats.toml.reading import read_data, validated
+from sidtool.frontends.mesh.data import Mesh
 from sidtool.frontends.sampled_volume import sampled_volume
 from sidtool.geometry.patch import patch_from_model
 

@@ -35,9 +35,9 @@ import numpy as np
 
 from sidtool.convert import sid_from_model
 from sidtool.formats.errors import InputError
-from sidtool.importers.bdf import bulk_data
+from sidtool.importers.bdf.reading import bulk_data
 from sidtool.importers.imported import EVERYTHING
-from sidtool.importers.inp import read_deck
+from sidtool.importers.inp.reading import read_deck
 from sidtool.importers.meshes import read_mesh
 
 from .machine import describe_machine, use_one_thread

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.sidtool.drawn_parts import PARTS, drawn
-from tests.sidtool.twins import ELEMENTS, Found, by_calculix, by_sidtool
+from tests.sidtool.frontends.drawn_parts import PARTS, drawn
+from tests.sidtool.importers.twins import ELEMENTS, Found, by_calculix, by_sidtool
 
 from .machine import describe_machine
 from .report import Report, Table

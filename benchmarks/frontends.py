@@ -13,7 +13,7 @@ import sidtool
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid import SID
-from sidtool.formats.toml_files import read_data, validated
+from sidtool.formats.toml.reading import read_data, validated
 
 from .machine import describe_machine
 from .report import Report, Table

@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 
 from sidtool.convert import finite_element_model
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml_files import read_data, validated
+from sidtool.formats.toml.reading import read_data, validated
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.plot.figure import figure
 from sidtool.reduction.frames import FRAMES, motion_rows

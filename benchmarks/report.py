@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from sidtool.formats.atomic import atomic_path
+from sidtool.formats.storage.atomic import atomic_path
 from sidtool.report.tables import table
 
 NOTE = (

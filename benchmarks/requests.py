@@ -22,7 +22,7 @@ from sidtool.formats.sid import SID
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.system.bodies.data import read_sids
 from sidtool.solver.system.scene import System
-from tests.sidtool.arms import swinging
+from tests.sidtool.accuracy.arms import swinging
 from tests.sidtool.beams import beam
 
 from .machine import describe_machine

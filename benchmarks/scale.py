@@ -80,7 +80,7 @@ def run(data: dict[str, Any]) -> dict[str, Any]:
 
     from sidtool.convert import sid_from_model
     from sidtool.formats.model import ModelFile
-    from sidtool.formats.toml_files import validated
+    from sidtool.formats.toml.reading import validated
 
     stages: list[tuple[float, str]] = []
     start = time.perf_counter()

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from .endings import check_ending
 from .errors import InputError
-from .hdf5_links import check_own_data
-from .seal import check_seal, write_sealed
 from .sid import SID, Array
+from .storage.hdf5_links import check_own_data
+from .storage.seal import check_seal, write_sealed
 
 FORMAT = "sidtool field"
 VERSION = 1
@@ -38,7 +38,7 @@ class Field:
     shapes : (n, 3, nq) displacement per elastic coordinate
     triangles : (m, 3) rows of `positions`: the outer surface, or a plane body itself
     cells : kind -> (ne, k) rows of `positions`; kinds are those of
-        `sidtool.frontends.reference_elements`
+        `sidtool.frontends.elements.reference`
     thickness : of a plane body [m], 0 for others
     stress : (n, 6, nq) xx, yy, zz, xy, yz, xz per elastic coordinate [Pa]; None where
         it is not known, as of beams
@@ -115,7 +115,7 @@ def write_field(path: str | os.PathLike[str], content: Field) -> None:
 
     Raises
     ------
-    InputError, OSError : see `sidtool.formats.seal.write_sealed`.
+    InputError, OSError : see `sidtool.formats.storage.seal.write_sealed`.
     """
     check_ending(path, "field")
     write_sealed(path, lambda file: _put(file, content))

@@ -34,7 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from .errors import InputError
 from .reference_csv import read_rows
 from .sid import BLOCK_SHAPES, NODE_SHAPES
-from .toml_files import load, validated
+from .toml.reading import load, validated
 
 _SHARED = ("source", "tolerance")
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from .errors import InputError
 from .finite import check_finite
-from .hdf5_links import check_own_data
-from .seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal, write_sealed
 from .sid import NODE_SHAPES, SID, Node, Taylor
 from .sid_hdf5_reader import PARTS, Reader
+from .storage.hdf5_links import check_own_data
+from .storage.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal, write_sealed
 
 SIGNATURES = (HDF5_SIGNATURE, SEAL_SIGNATURE)
 FORMAT = "sidtool SID"

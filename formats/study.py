@@ -7,10 +7,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from .atomic import atomic_path
 from .endings import check_ending
 from .scene.base import Table
-from .toml_files import load
+from .storage.atomic import atomic_path
+from .toml.reading import load
 
 
 class StudyPoint(Table):

@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from .api import simulate as simulate
     from .api import validate as validate
     from .api import write as write
-    from .building import sid_from_blocks as sid_from_blocks
-    from .building import sid_from_shapes as sid_from_shapes
+    from .conversion.building import sid_from_blocks as sid_from_blocks
+    from .conversion.building import sid_from_shapes as sid_from_shapes
     from .interrupting import Interrupted as Interrupted
     from .kinds import read as read
     from .results import Result as Result
@@ -92,8 +92,8 @@ _HOME = {
     "peak_stresses": "sidtool.view.peaks",
     "read": "sidtool.kinds",
     "repair": "sidtool.api",
-    "sid_from_blocks": "sidtool.building",
-    "sid_from_shapes": "sidtool.building",
+    "sid_from_blocks": "sidtool.conversion.building",
+    "sid_from_shapes": "sidtool.conversion.building",
     "simulate": "sidtool.api",
     "static_equilibrium": "sidtool.analysing",
     "validate": "sidtool.api",

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sidtool.formats.files import located
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
+from sidtool.formats.toml.files import located
 
 from .kinds import expect_kind
 from .made import converted

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from sidtool.formats.endings import kind_by_ending
-from sidtool.formats.files import located
 from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result as Stored
 from sidtool.formats.result import write_csv, write_result
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.formats.toml.files import located
 
 from .chosen import chosen
 from .interrupting import Ending, Interrupted, ending

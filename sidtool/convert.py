@@ -12,26 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.field import Field
-from sidtool.formats.files import located
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.plausible import body_questions, material_questions
 from sidtool.formats.sid import SID, Node, Taylor
 from sidtool.formats.sid_mass import skew
+from sidtool.formats.toml.files import located
 
-from .element_cost import element_notes
+from .conversion.element_cost import element_notes
+from .conversion.gram import body_inertia
+from .conversion.prestress import check_prestress, prestressed
+from .conversion.stiffening import stiffened
+from .conversion.stress import check_stress, with_stress
 from .field.body_field import body_field
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.geometry_mass import compared_with_geometry
 from .frontends.registry import finite_element_model
-from .gram import body_inertia
-from .prestress import check_prestress, prestressed
 from .reduction.fidelity import fidelity_sentence, held_sentence
 from .reduction.frames import FRAMES, Frame, clamped_dofs
 from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
 from .reduction.running import running
-from .stiffening import stiffened
-from .stress import check_stress, with_stress
 
 __all__ = ["finite_element_model", "sid_from_model"]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal
+from sidtool.formats.storage.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal
 
 Path_ = str | os.PathLike[str]
 #: The entry ``format`` of files that people write, and the kind that it means.
@@ -68,7 +68,7 @@ def expect_kind(path: Path_, *kinds: str) -> str:
 
 
 def _kind_of_text(path: Path) -> str:
-    from sidtool.formats.toml_files import read_data
+    from sidtool.formats.toml.reading import read_data
 
     found = read_data(path).get("format")
     if not isinstance(found, str) or found not in WRITTEN:

@@ -18,7 +18,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile, expanded
 from sidtool.formats.sid import Array
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 
 from . import compile_scene, warmup
 from .equations.pointers import kernels

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.conversion.rereference import rereferenced
 from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid import SID, Taylor
-from sidtool.formats.toml_files import validated
-from sidtool.rereference import rereferenced
+from sidtool.formats.toml.reading import validated
 
 TANGENT, CHORD, MEAN = FRAMES = ("tangent:1", "chord:1,2", "buckens")
 

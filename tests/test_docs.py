@@ -16,7 +16,7 @@ from benchmarks.validation import PROBLEMS
 from tests.places import ROOT
 
 from .commands import run_page
-from .sidtool.browser import opened
+from .sidtool.view.browser import opened
 
 DOCS = ROOT / "docs"
 PAGES = sorted(

@@ -14,13 +14,13 @@ import sidtool
 from sidtool.formats.model import ModelFile
 from sidtool.formats.reference import read_reference
 from sidtool.formats.sid import SID, Array
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 from sidtool.starting import example_folder
 from tests.references import slender, test_interface_beam, test_rotor
 from tests.references import test_tight_string as strings
 from tests.references import test_tower as towers
-from tests.sidtool import test_beam_stiffening as cantilever
-from tests.sidtool.test_frontend_patches import FV32, hertz, membrane
+from tests.sidtool.conversion import test_beam_stiffening as cantilever
+from tests.sidtool.frontends.test_frontend_patches import FV32, hertz, membrane
 
 from . import Problem, Row
 

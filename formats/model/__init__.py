@@ -12,10 +12,10 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..evaluation import PARAMETERS, PARAMETERS_MEAN
-from ..files import File, relocate
 from ..scene.damping import RayleighDamping
-from ..tables import Table
+from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
+from ..toml.files import File, relocate
+from ..toml.tables import Table
 from .base import Fraction, Positive
 from .checks import check_name, check_node_numbers
 from .discretisation import (

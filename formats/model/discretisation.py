@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..tables import Table
+from ..toml.tables import Table
 from .base import Count
 
 Formulation = Literal["full_integration", "incompatible_modes"]

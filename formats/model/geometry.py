@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from ..errors import InputError
-from ..tables import Table
+from ..toml.tables import Table
 from .base import Count, Positive
 from .checks import check_grid, check_knots
 

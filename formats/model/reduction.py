@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from ..tables import Table
+from ..toml.tables import Table
 from .base import Count, Names, NonNegative, several
 from .checks import check_name
 

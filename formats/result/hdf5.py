@@ -21,9 +21,9 @@ import numpy as np
 
 from ..endings import check_ending
 from ..errors import InputError
-from ..growing import GrowingFile
-from ..hdf5_links import check_own_data
-from ..seal import SealedFile, check_seal
+from ..storage.growing import GrowingFile
+from ..storage.hdf5_links import check_own_data
+from ..storage.seal import SealedFile, check_seal
 from .accuracy import AccuracyReport
 from .data import TABLES, Result
 from .events import read_events, write_events

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..endings import check_ending
-from ..growing import GrowingFile
+from ..storage.growing import GrowingFile
 from .data import Result
 from .rows import Columns, Rows, pass_on
 

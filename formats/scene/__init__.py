@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..expressions import Instruction, Postfix, parse_expression
+from ..toml.expressions import Instruction, Postfix, parse_expression
 from .base import Placement, as_3d, position_3d, rotation
 from .bodies import Body, ElasticInitial, Ground, Initial, Marker, RigidBody, SidBody
 from .damping import (

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
-from ..tables import Table
+from ..toml.tables import Table
 
 Vector = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
 Vector3 = tuple[float, float, float]

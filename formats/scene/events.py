@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import Field
 
 from .base import Table
-from .failures import fail
+from .checks.failures import fail
 from .outputs import INSTANTANEOUS, SCENE_QUANTITIES, parse_output
 
 if TYPE_CHECKING:

@@ -8,11 +8,11 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from ..evaluation import PARAMETERS, PARAMETERS_MEAN
-from ..files import File
+from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
+from ..toml.files import File
 from .base import Table, Vector
 from .bodies import Body, Ground, SidBody
-from .checks import check
+from .checks.scene import check
 from .drives import Drive
 from .events import Event
 from .forces import Force

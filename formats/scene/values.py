@@ -12,7 +12,7 @@ import numpy as np
 
 from .base import Placement
 from .bodies import Initial, RigidBody
-from .failures import fail
+from .checks.failures import fail
 
 if TYPE_CHECKING:
     from .file import Time

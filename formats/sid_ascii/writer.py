@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..atomic import atomic_path
 from ..errors import InputError
 from ..finite import check_finite
 from ..sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Node, Taylor, symmetric_3x3
+from ..storage.atomic import atomic_path
 from . import layout
 from .expansion import mean_of_halves
 from .styles import STYLES, Style

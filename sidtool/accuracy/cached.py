@@ -9,12 +9,12 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from sidtool.formats.atomic import atomic_path
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import AccuracyReport
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene.base import Table
 from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.storage.atomic import atomic_path
 
 #: How choices are made; a choice of another one is not used.
 METHOD = 4

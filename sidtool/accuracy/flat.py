@@ -17,7 +17,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene import parse_output as parsed
 from sidtool.formats.scene.base import Placement, as_3d, rotation
 from sidtool.formats.scene.outputs import MULTIPLIER
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 
 #: A direction lies along z, or across it, up to this.
 ALIGNED = 1e-9

@@ -122,7 +122,7 @@ def modes(
         linearise, scene, changes, about=about, accept_defects=accept_defects
     )
     if output is not None:
-        from sidtool.formats.atomic import atomic_path
+        from sidtool.formats.storage.atomic import atomic_path
 
         with atomic_path(output) as path:
             Path(path).write_text(json.dumps(modes_as_data(found), indent=1) + "\n")

@@ -66,7 +66,7 @@ def read_changed(path: Path, changes: Sequence[str]) -> Scene:
     ------
     InputError : it is no scene, or a value or key does not fit.
     """
-    from sidtool.formats.files import settings
+    from sidtool.formats.toml.files import settings
 
     from ..kinds import expect_kind
     from ..scenes import Scene
@@ -79,7 +79,7 @@ def files_of(path: Path) -> list[Path]:
     """A file that people write, and the files that it names."""
     if path.suffix not in (".toml", ".json") or not path.is_file():
         return [path]
-    from sidtool.formats.toml_files import read_data
+    from sidtool.formats.toml.reading import read_data
 
     texts: list[str] = []
     waiting: list[Any] = [read_data(path)]

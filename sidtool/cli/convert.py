@@ -239,8 +239,8 @@ def _sid(
 ) -> tuple[Any, Any]:
     """The SID and, if it is wanted, the full field."""
     from sidtool.formats.errors import InputError
-    from sidtool.formats.files import settings
     from sidtool.formats.model import read_model
+    from sidtool.formats.toml.files import settings
 
     from ..kinds import expect_kind, read
 
@@ -264,14 +264,14 @@ def _sid(
 
 
 def _rereferenced(sid: Any, frame: str) -> Any:
-    from ..rereference import rereferenced
+    from ..conversion.rereference import rereferenced
 
     with _option("--frame"):
         return rereferenced(sid, frame)
 
 
 def _damped(sid: Any, law: str) -> Any:
-    from ..damping_law import damped_by
+    from ..conversion.damping_law import damped_by
 
     with _option("--damping"):
         return damped_by(sid, law)

@@ -223,7 +223,7 @@ def _run(
     files: Any,
     ends: dict[str, Any],
 ) -> Any:
-    from sidtool.formats.files import located
+    from sidtool.formats.toml.files import located
     from sidtool.solver import compile_scene
     from sidtool.solver import simulate as run
 

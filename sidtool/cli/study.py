@@ -147,7 +147,7 @@ def study(
     Exit status: 0 done; 1 the reference could not be run; 130 or 143 a signal ended it
     (finished points are kept); 2 the input is wrong.
     """
-    from sidtool.formats.files import located
+    from sidtool.formats.toml.files import located
 
     from ..study import Ended, parsed
     from ..study import study as run
@@ -281,7 +281,7 @@ def _tell(
 
 def _write(folder: Path, result: Study, wanted: tuple[float, ...], title: str) -> None:
     """The text takes its place last: where it stands, nothing is missing."""
-    from sidtool.formats.atomic import atomic_path
+    from sidtool.formats.storage.atomic import atomic_path
     from sidtool.formats.study import write_study
 
     from ..plot.precision import plot_study

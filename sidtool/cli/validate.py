@@ -86,7 +86,7 @@ def validate(
 
 def _sids(path: Path) -> dict[str, SID]:
     """SIDs by the bodies of a scene, or the one of a SID or a model."""
-    from sidtool.formats.files import located
+    from sidtool.formats.toml.files import located
     from sidtool.solver.system.bodies.data import read_sids
 
     from ..kinds import expect_kind, read

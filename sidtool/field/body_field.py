@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from sidtool.formats.field import Field, field_of
 from sidtool.formats.sid import SID
 
-from ..frontends.continuum import stress_six
+from ..conversion.prestress import InitialStress
+from ..frontends.elements.continuum import stress_six
 from ..frontends.finite_element_model import FiniteElementModel
-from ..prestress import InitialStress
 from ..reduction.basis import ReducedBasis
 from ..reduction.frames import Frame
 from .beam_field import beam_field

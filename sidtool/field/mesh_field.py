@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frontends.continuum import stress_from_gradient, stress_six
+from ..conversion.stiffening import QuadraturePart, quadrature
+from ..frontends.elements.continuum import stress_from_gradient, stress_six
+from ..frontends.elements.reference import all_edges, faces
 from ..frontends.finite_element_model import FiniteElementModel
-from ..frontends.mesh import ElementBlock, Mesh
-from ..frontends.reference_elements import all_edges, faces
-from ..stiffening import QuadraturePart, quadrature
+from ..frontends.mesh.data import ElementBlock, Mesh
 from .sampled import Sampled
 
 Array = NDArray[np.float64]

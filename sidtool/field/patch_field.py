@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frontends.continuum import Continuum, stress_from_gradient, stress_six
+from ..frontends.elements.continuum import Continuum, stress_from_gradient, stress_six
 from ..frontends.finite_element_model import FiniteElementModel
 from ..frontends.iga import sampled_batch
 from ..frontends.q4 import quadrilaterals

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from sidtool import __version__
-from sidtool.formats.atomic import atomic_path
 from sidtool.formats.endings import check_ending
 from sidtool.formats.errors import InputError
 from sidtool.formats.html import html_table
 from sidtool.formats.result import Result
 from sidtool.formats.scene import unit_of
+from sidtool.formats.storage.atomic import atomic_path
 from sidtool.solver.afterwards import scene_of
 
 from ..plot.figure import styled

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from .reference_elements import reference_element
+from .elements.reference import reference_element
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -13,17 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from sidtool.formats.sid_mass import skew
 
-from .beam_material import BeamMaterial
-from .continuum import Continuum
+from .beams.material import BeamMaterial
 from .couplings import Coupling, PointMass
+from .elements.continuum import Continuum
+from .elements.inertia_points import InertiaPoints
 from .equations import Equations
-from .inertia_points import InertiaPoints
 from .surface import Surface
 
 if TYPE_CHECKING:
     from ..geometry.patch import NurbsPatch
     from .geometry_mass import GeometryMass
-    from .mesh import Mesh
+    from .mesh.data import Mesh
     from .solid_mesh import SolidMesh
 
 Array = NDArray[np.float64]

@@ -27,11 +27,11 @@ from ..geometry.bspline import (
 from ..geometry.measure import map_grid
 from ..geometry.patch import NurbsPatch, patch_from_model, rational
 from ..geometry.refine import refined
-from .continuum import Continuum, continuum_of
-from .elements import ElementBatch, assembled, mapped_batch
+from .elements.continuum import Continuum, continuum_of
+from .elements.solid import ElementBatch, assembled, mapped_batch
 from .finite_element_model import FiniteElementModel
 from .geometry_mass import GeometryMass, patch_mass
-from .patch_markers import edge_sets, marker_rows, named_surface
+from .patches.markers import edge_sets, marker_rows, named_surface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

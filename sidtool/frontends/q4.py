@@ -14,14 +14,14 @@ from sidtool.formats.model.geometry import NurbsGeometry
 
 from ..geometry.bspline import open_uniform_knots
 from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
-from .continuum import continuum_of
-from .elements import ElementBatch, assembled, check_orientation
+from .elements.continuum import continuum_of
+from .elements.solid import ElementBatch, assembled, check_orientation
 from .finite_element_model import FiniteElementModel
 from .geometry_mass import patch_mass
-from .mesh import ElementBlock, Mesh
-from .mesh_points import MeshPoints
-from .mesh_surface import named_surface
-from .patch_markers import edge_sets
+from .mesh.data import ElementBlock, Mesh
+from .mesh.points import MeshPoints
+from .mesh.surface import named_surface
+from .patches.markers import edge_sets
 from .sampled_volume import sampled_markers
 from .solid_mesh import SolidMesh
 from .solids import check_locking, element_batches

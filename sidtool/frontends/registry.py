@@ -6,14 +6,14 @@ from collections.abc import Callable
 
 from sidtool.formats.model import ModelFile
 
-from ..coupled import coupled
-from ..interfaces import tied
-from .beam import beam_model
+from ..conversion.coupled import coupled
+from ..conversion.interfaces import tied
+from .beams.model import beam_model
 from .finite_element_model import FiniteElementModel
 from .iga import iga_model
-from .imported_matrices import imported_matrices_model
-from .imported_mesh import imported_mesh_model
-from .patches import patches_model
+from .imported.matrices import imported_matrices_model
+from .imported.mesh import imported_mesh_model
+from .patches.joined import patches_model
 from .q4 import q4_model
 from .sampled_volume import sampled_volume_model
 

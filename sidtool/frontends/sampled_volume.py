@@ -12,13 +12,13 @@ from sidtool.formats.model.discretisation import SolidDiscretisation
 from sidtool.formats.model.geometry import VolumeGeometry
 
 from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
+from .elements.reference import edge_nodes
 from .finite_element_model import FiniteElementModel, MarkerRows
 from .geometry_mass import patch_mass
-from .mesh import ElementBlock, Mesh, check_mesh
-from .mesh_points import MeshPoints
-from .mesh_surface import named_surface
-from .patch_markers import at_marker, marker_parameters, placed
-from .reference_elements import edge_nodes
+from .mesh.data import ElementBlock, Mesh, check_mesh
+from .mesh.points import MeshPoints
+from .mesh.surface import named_surface
+from .patches.markers import at_marker, marker_parameters, placed
 from .solid_mesh import SolidMesh
 from .solids import mesh_continua, mesh_matrices
 

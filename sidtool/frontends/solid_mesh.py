@@ -10,8 +10,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from .anisotropic import ElasticMaterial
-from .mesh import ElementBlock, Mesh
-from .reference_elements import LINEAR_KINDS, edge_nodes, raised_kind
+from .elements.reference import LINEAR_KINDS, edge_nodes, raised_kind
+from .mesh.data import ElementBlock, Mesh
 from .solids import has_internal_modes, mesh_matrices
 
 Array = NDArray[np.float64]

@@ -12,18 +12,13 @@ from numpy.typing import NDArray
 from sidtool.formats.errors import InputError
 
 from .anisotropic import AnisotropicMaterial, ElasticMaterial
-from .continuum import Continuum, continuum_of
-from .elements import (
-    ElementBatch,
-    assembled,
-    elasticity,
-    mapped_batch,
-)
-from .internal_modes import RELIEVED_KINDS
-from .internal_modes import relieved as with_modes
-from .mesh import ElementBlock, Mesh
-from .reduced_integration import relaxed
-from .reference_elements import LINEAR_KINDS, reference_element
+from .elements.continuum import Continuum, continuum_of
+from .elements.internal_modes import RELIEVED_KINDS
+from .elements.internal_modes import relieved as with_modes
+from .elements.reduced_integration import relaxed
+from .elements.reference import LINEAR_KINDS, reference_element
+from .elements.solid import ElementBatch, assembled, elasticity, mapped_batch
+from .mesh.data import ElementBlock, Mesh
 
 Array = NDArray[np.float64]
 

@@ -27,11 +27,11 @@ from scipy.sparse.linalg import splu
 from sidtool.formats.errors import InputError
 
 from ..importers.imported_ties import RawTie
-from .clipping import common_parts, quadrature_of
+from .elements.quadrature_rules import quadrature_rule
 from .equations import Equations
 from .faces import FACE_KINDS, Faces, functions, nearest_faces
-from .mesh import Mesh
-from .quadrature_rules import quadrature_rule
+from .mesh.data import Mesh
+from .patches.clipping import common_parts, quadrature_of
 from .surface import measures
 
 Array = NDArray[np.float64]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .imported import EVERYTHING
-from .inp import read_deck
-from .inp_mesh import node_sets
+from .inp.mesh import node_sets
+from .inp.reading import read_deck
 
 
 @dataclass(frozen=True)

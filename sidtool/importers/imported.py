@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from sidtool.formats.errors import InputError
 
 from ..frontends.anisotropic import ElasticMaterial
-from ..frontends.mesh import ElementBlock, Mesh
-from ..frontends.reference_elements import reference_element
+from ..frontends.elements.reference import reference_element
+from ..frontends.mesh.data import ElementBlock, Mesh
 from .imported_ties import RawEquation, RawTie
 
 #: Labels are held in 64 bits.

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from sidtool.formats.errors import InputError
 
-from .bdf import read_bdf
-from .cdb import read_cdb
+from .bdf.reading import read_bdf
+from .cdb.reading import read_cdb
 from .imported import ImportedMesh
-from .inp import read_inp
+from .inp.reading import read_inp
 from .msh import read_msh
 
 #: One line adds a format.

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 
+from ..frontends.elements.quadratic_fields import softest_deformation
 from ..frontends.finite_element_model import Indices
-from ..frontends.quadratic_fields import softest_deformation
 from .factors import engine_name, symmetric_factors
 from .lanczos import BLOCK, FREE_BLOCK, dominant_vectors
 from .pencil import Pencil

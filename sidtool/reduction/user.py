@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.hdf5_links import check_own_data
 from sidtool.formats.model.reduction import UserReduction
+from sidtool.formats.storage.hdf5_links import check_own_data
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .basis import Family, ReducedBasis, finished

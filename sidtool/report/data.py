@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sidtool.formats.files import File
 from sidtool.formats.result import Result
 from sidtool.formats.scene import unit_of
 from sidtool.formats.sid import SID
+from sidtool.formats.toml.files import File
 
 from .modes import modes_of
 

@@ -172,7 +172,7 @@ def _too_few(name: str) -> InputError:
 
 
 def _rereferenced(sid: SID, frame: str) -> SID:
-    from ..rereference import rereferenced
+    from ..conversion.rereference import rereferenced
 
     return rereferenced(sid, frame)
 

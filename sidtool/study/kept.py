@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.atomic import atomic_path
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.formats.storage.atomic import atomic_path
 
 from ..accuracy.cached import key_of
 from ..made import digest_of

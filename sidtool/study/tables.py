@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sidtool.formats.atomic import atomic_path
+from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.study import StudyFile, StudyPoint
 
 from ..report.tables import table

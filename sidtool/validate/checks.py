@@ -100,12 +100,7 @@ def check(sid: SID) -> tuple[Check, ...]:
     ------
     InputError : an entry is not a finite number below 1e100.
     """
-    from . import (  # noqa: F401
-        identities_content,
-        identities_kinematic,
-        identities_mass,
-        identities_order,
-    )
+    from .identities import content, kinematic, mass, order  # noqa: F401
 
     refuse_absurd(sid)
     print_ = rounding_of(sid)

@@ -86,8 +86,8 @@ def compare(
     ------
     InputError : the reference cannot be read, or names what the SID does not have.
     """
-    from .compare_sids import compare_sids
-    from .compare_table import compare_table
+    from .compare.sids import compare_sids
+    from .compare.table import compare_table
 
     if not isinstance(reference, SID | ReferenceFile):
         reference = _read(Path(reference))

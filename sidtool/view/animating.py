@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sidtool import __version__
-from sidtool.formats.atomic import atomic_path
 from sidtool.formats.endings import check_ending, kind_by_ending
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
 from sidtool.formats.scene import expanded
 from sidtool.formats.sid import Array
+from sidtool.formats.storage.atomic import atomic_path
 from sidtool.solver.afterwards import scene_of
 
 from ..afterwards import outputs_at

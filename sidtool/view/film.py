@@ -11,10 +11,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from sidtool.formats.atomic import atomic_path
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import counted
 from sidtool.formats.sid import Array
+from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.stress import von_mises
 
 from ..plot.figure import COLOURS, styled

@@ -13,9 +13,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.atomic import atomic_path
 from sidtool.formats.endings import check_ending
 from sidtool.formats.sid import Array
+from sidtool.formats.storage.atomic import atomic_path
 
 from .exported import Exported
 

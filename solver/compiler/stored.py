@@ -13,8 +13,8 @@ import tempfile
 import warnings
 from pathlib import Path
 
-from sidtool.formats.atomic import atomic_path
 from sidtool.formats.errors import InputError
+from sidtool.formats.storage.atomic import atomic_path
 
 MAGIC = b"sidtool kernel 1\n"
 #: Bytes of the checksum and of the length of the key.

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.expressions import Postfix, names_of, parse_expression
+from sidtool.formats.toml.expressions import Postfix, names_of, parse_expression
 
 TWO = {
     "+": operator.add,

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.expressions import number_of
-from sidtool.formats.files import settings
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.toml_writer import toml_text
+from sidtool.formats.toml.expressions import number_of
+from sidtool.formats.toml.files import settings
+from sidtool.formats.toml.writer import toml_text
 from tests.places import EXAMPLES
 
 SCENE = """

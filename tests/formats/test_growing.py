@@ -14,9 +14,9 @@ import h5py
 import numpy as np
 import pytest
 
-from sidtool.formats import growing
-from sidtool.formats.growing import GrowingFile, undisturbed
-from sidtool.formats.seal import SealedFile, check_seal, write_sealed
+from sidtool.formats.storage import growing
+from sidtool.formats.storage.growing import GrowingFile, undisturbed
+from sidtool.formats.storage.seal import SealedFile, check_seal, write_sealed
 
 
 class Small(io.FileIO):

@@ -9,7 +9,7 @@ import pytest
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
-from sidtool.formats.toml_files import read_data, validated
+from sidtool.formats.toml.reading import read_data, validated
 from tests.places import ROOT
 
 ROD = ROOT / "examples" / "slider_crank" / "rod_q4.toml"

@@ -20,8 +20,8 @@ from sidtool.formats.result import (
     write_result,
 )
 from sidtool.formats.result.hdf5_bodies import read_bodies
-from sidtool.formats.seal import write_sealed
 from sidtool.formats.stiffening import Stiffening
+from sidtool.formats.storage.seal import write_sealed
 
 
 @pytest.fixture

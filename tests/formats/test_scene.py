@@ -23,7 +23,7 @@ from sidtool.formats.scene import (
     read_scene,
     rotation,
 )
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 from tests.places import ROOT
 
 EXAMPLE = ROOT / "examples/slider_crank/slider_crank.toml"

@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.toml_files import load, validated
+from sidtool.formats.toml.reading import load, validated
 
 
 class Line(BaseModel):

@@ -12,7 +12,7 @@ from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 from tests.sidtool.bodies import beam_data
 from tests.solver.scenes import polynomial, scene
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sidtool.formats.model import Material, ModelFile
-from sidtool.formats.toml_files import validated
-from sidtool.frontends.mesh import ElementBlock, Mesh
-from sidtool.frontends.reference_elements import edge_nodes, reference_element, shape_of
+from sidtool.formats.toml.reading import validated
+from sidtool.frontends.elements.reference import edge_nodes, reference_element, shape_of
+from sidtool.frontends.mesh.data import ElementBlock, Mesh
 
 from ..sidtool.models import rod_data
 

@@ -14,8 +14,8 @@ from functools import partial
 
 import numpy as np
 
+from sidtool.conversion.rereference import changed, frame_change
 from sidtool.formats.scene import as_3d
-from sidtool.rereference import changed, frame_change
 
 from . import damping
 from .case import Case, Values, run

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 
 from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
-from sidtool.frontends.mesh import Mesh, check_mesh
-from sidtool.frontends.reference_elements import all_edges
+from sidtool.frontends.elements.reference import all_edges
+from sidtool.frontends.mesh.data import Mesh, check_mesh
 from sidtool.geometry.bspline import open_uniform_knots
 from sidtool.geometry.patch import patch_from_model
 from sidtool.geometry.refine import refined

@@ -12,6 +12,7 @@ from sidtool.formats.result import Result
 from sidtool.report.analysis import describe_modes
 from sidtool.report.result import ADVICE, summary
 from sidtool.solver import describe, linearise, simulate, static_equilibrium
+from tests.solver.integrators.test_singular_positions import slider_crank
 from tests.solver.scenes import (
     compiled as compiled_scene,
 )
@@ -20,7 +21,6 @@ from tests.solver.scenes import (
     scene,
     slender_rod,
 )
-from tests.solver.test_singular_positions import slider_crank
 
 from .case import compiled, measured
 from .said import copied, with_table

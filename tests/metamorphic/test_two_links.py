@@ -18,7 +18,7 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 from sidtool.solver import compile_scene, simulate
 from tests.sidtool.bodies import beam_data
 from tests.solver.scenes import polynomial, scene

@@ -10,7 +10,7 @@ from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 
 #: Frames by what holds the body in them.
 CLAMPED = {"type": "tangent", "marker": "start", "clamp": "start"}

@@ -11,7 +11,7 @@ from typing import Any
 
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 
 LENGTH, AXIAL, BENDING, LINE_MASS = 10.0, 2.8e7, 1.4e4, 1.2
 SPEED, DURATION = 6.0, 15.0

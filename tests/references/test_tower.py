@@ -19,7 +19,7 @@ from numpy.testing import assert_allclose
 from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid import SID, Array
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 
 from .slender import hertz
 

@@ -6,7 +6,7 @@ import copy
 from typing import Any
 
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 
 IGA = {"type": "iga", "degrees": [3, 2], "elements": [24, 1]}
 Q4 = {

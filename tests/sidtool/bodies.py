@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 
 from .models import rod_data
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.model import ModelFile
-from sidtool.formats.toml_files import read_data, validated
+from sidtool.formats.toml.reading import read_data, validated
 from tests.places import SLIDER_CRANK
 
 #: The smallest sensible discretisations of each frontend.

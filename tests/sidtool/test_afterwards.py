@@ -15,7 +15,7 @@ from sidtool.cli import run
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result, read_result
 from sidtool.formats.scene import SceneFile, read_scene
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 from tests.places import SLIDER_CRANK
 
 PATTERNS = ("*.x", "rod.*.ux", "*.v*", "bearing.*", "crank_pin.f*", "rod.q*", "*.a*")

@@ -11,10 +11,10 @@ import pytest
 from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid import SID, Taylor
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 from sidtool.report.modes import boundary_of, modes_of
 
-from .test_held_markers import DIRECTIONS, FRAMES, slender
+from .frontends.test_held_markers import DIRECTIONS, FRAMES, slender
 
 E, G, RHO, LENGTH = 7.0e10, 7.0e10 / 2.6, 2700.0, 0.8
 NAMES = {"chord": "chord", "back": "chord", "tangent": "held", "buckens": "free"}

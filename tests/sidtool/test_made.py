@@ -19,7 +19,7 @@ from sidtool.solver import compile_scene
 from sidtool.solver.afterwards import scene_of
 from sidtool.view.companions import companions
 
-from .arms import cantilever, spun, swinging
+from .accuracy.arms import cantilever, spun, swinging
 from .beams import beam, beam_data
 
 LINEAR = {"type": "iga", "degrees": [1, 1]}

@@ -15,7 +15,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import read_scene
 from sidtool.formats.sid import SID
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 
 from .bodies import beam_data
 

@@ -19,15 +19,16 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Taylor
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.stress import COMPONENTS, peak_stress
-from sidtool.formats.toml_files import read_data, validated
-from sidtool.frontends.continuum import stress_rows
+from sidtool.formats.toml.reading import read_data, validated
+from sidtool.frontends.elements.continuum import stress_rows
 from sidtool.reduction.frames import FRAMES
 from sidtool.reduction.methods import REDUCTIONS
 from sidtool.reduction.space import admissible
+from tests.places import SLIDER_CRANK
 
 from .beams import beam
-from .models import EXAMPLES, Q4, rod
-from .test_stress import MESHES, TIP_LOAD, TOP
+from .conversion.test_stress import MESHES, TIP_LOAD, TOP
+from .models import Q4, rod
 
 FORCE = 1e-3
 STRESSES = [f"sigma_{pair}" for pair in COMPONENTS]
@@ -80,12 +81,12 @@ def test_the_rod_in_motion_has_the_stress_of_its_deformation(
     stressed_rod: SID,
 ) -> None:
     """At every instant, that of the finite elements at the same displacement."""
-    data = read_data(EXAMPLES / "slider_crank.toml")
+    data = read_data(SLIDER_CRANK / "slider_crank.toml")
     data["time"]["end"] = 1.0
     names = [f"rod.crank_pin.{name}" for name in STRESSES]
     data["outputs"]["record"] = ["rod.q*", *names, "rod.peak_von_mises"]
     result = sidtool.simulate(
-        validated(data, SceneFile), sids={"rod": stressed_rod}, base_folder=EXAMPLES
+        validated(data, SceneFile), sids={"rod": stressed_rod}, base_folder=SLIDER_CRANK
     )
     model = rod(Q4)
     body = finite_element_model(model)
@@ -112,21 +113,21 @@ def test_the_rod_in_motion_has_the_stress_of_its_deformation(
     ],
 )
 def test_stress_that_is_not_there_is_refused(output: str, message: str) -> None:
-    data = read_data(EXAMPLES / "slider_crank.toml")
+    data = read_data(SLIDER_CRANK / "slider_crank.toml")
     data["outputs"]["record"] = [output]
     with pytest.raises(InputError, match=message):
-        sidtool.simulate(validated(data, SceneFile), base_folder=EXAMPLES)
+        sidtool.simulate(validated(data, SceneFile), base_folder=SLIDER_CRANK)
 
 
 def test_a_node_without_stress_rows_is_refused(stressed_rod: SID) -> None:
     bare = [replace(n, sigma=None) if n.id == "2" else n for n in stressed_rod.nodes]
-    data = read_data(EXAMPLES / "slider_crank.toml")
+    data = read_data(SLIDER_CRANK / "slider_crank.toml")
     data["outputs"]["record"] = ["rod.piston_pin.sigma_xx"]
     with pytest.raises(InputError, match="node 2 of rod carries no .* nodes 1, "):
         sidtool.simulate(
             validated(data, SceneFile),
             sids={"rod": replace(stressed_rod, nodes=tuple(bare))},
-            base_folder=EXAMPLES,
+            base_folder=SLIDER_CRANK,
         )
 
 
@@ -144,7 +145,7 @@ def test_a_joint_on_a_dead_node_is_refused(
     held_at_both_ends: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The crank pin is dead as well, but there the frame is: that is no harm."""
-    scene = str(EXAMPLES / "slider_crank.toml")
+    scene = str(SLIDER_CRANK / "slider_crank.toml")
     arguments = ["simulate", scene, "--sid", f"rod={held_at_both_ends}"]
     assert run(arguments) == 2
     error = capsys.readouterr().err
@@ -178,7 +179,7 @@ def test_a_load_on_a_dead_node_is_refused(kind: str, held_at_both_ends: Path) ->
 def test_info_of_a_scene_names_dead_nodes(
     held_at_both_ends: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = (EXAMPLES / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
     scene = held_at_both_ends.parent / "scene.toml"
     scene.write_text(text.replace("rod_q4.SID_FEM", "rod.SID_FEM"))
     assert run(["info", str(scene)]) == 0
@@ -188,7 +189,7 @@ def test_info_of_a_scene_names_dead_nodes(
 def test_the_founding_rods_have_no_dead_nodes() -> None:
     """Both clamp their left edge; the crank pin carries their frame."""
     for name in ("rod_q4", "rod_iga"):
-        assert dead_nodes(read_sid(EXAMPLES / f"{name}.SID_FEM")) == ()
+        assert dead_nodes(read_sid(SLIDER_CRANK / f"{name}.SID_FEM")) == ()
 
 
 def test_a_body_held_away_from_its_origin_is_held_there() -> None:

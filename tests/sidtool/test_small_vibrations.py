@@ -14,7 +14,7 @@ from sidtool.formats.kinds_of_motion import named_by_kind
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import read_scene
 from sidtool.formats.sid import SID
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 
 from .bodies import beam_data
 

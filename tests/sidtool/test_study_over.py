@@ -19,7 +19,7 @@ from sidtool.solver import compile_scene, simulate
 from sidtool.study import Ended, Point, Setting, front, study
 from sidtool.study import whole as whole_module
 
-from .arms import cantilever, spun, swinging
+from .accuracy.arms import cantilever, spun, swinging
 from .beams import beam, beam_data
 
 IGA = {"type": "iga", "degrees": [3, 2], "elements": [8, 1]}

@@ -15,7 +15,7 @@ from sidtool.convert import NOTE, sid_from_model
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.sid import SID
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 from tests.solver.scenes import polynomial, scene, slender_rod
 from tests.steel_bars import bar_data, steel_bar
 

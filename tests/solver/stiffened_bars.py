@@ -10,7 +10,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.sid_mass import coupled_mass_matrix
-from sidtool.formats.toml_files import validated
+from sidtool.formats.toml.reading import validated
 from sidtool.solver import compile_scene, simulate
 from tests.steel_bars import slender_bar
 

@@ -20,7 +20,7 @@ from sidtool.formats.sid_files import read_sid
 from sidtool.solver import compile_scene, simulate
 from tests.places import SLIDER_CRANK
 from tests.solver import transformed as other
-from tests.solver.joint_scenes import soft_body
+from tests.solver.equations.joint_scenes import soft_body
 from tests.solver.scenes import scene as small_scene
 
 RTOL, SAME = 1e-9, 1e-7

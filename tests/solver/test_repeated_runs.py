@@ -14,8 +14,8 @@ from sidtool.solver import simulate
 from sidtool.solver.advice import prepared
 from sidtool.solver.system.scene import System
 
+from .advice.test_body_measures import cantilever
 from .scenes import compiled, scene
-from .test_body_measures import cantilever
 
 #: What differs between runs: how long they take.
 CLOCKS = ("seconds", "seconds_assembly")

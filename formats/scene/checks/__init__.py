@@ -1,0 +1,1 @@
+"""What must hold of a scene beyond the types of its keys."""

@@ -1,0 +1,175 @@
+"""What the types of a scene cannot say: names that exist, parts that fit together."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ...errors import InputError
+from ..bodies import RigidBody
+from ..events import check_quantity
+from ..functions import Given
+from ..laws import states_of
+from ..outputs import (
+    FRICTION_QUANTITIES,
+    JOINT_QUANTITIES,
+    NAME,
+    RESERVED,
+    SCENE_QUANTITIES,
+    STATE,
+    VALUE,
+    OutputName,
+    coordinate_of,
+    is_elastic,
+    is_of_joint,
+    is_quantity,
+    is_stress,
+    parse_output,
+)
+from ..values import (
+    check_initial,
+    check_length,
+    check_markers,
+    check_rigid_body,
+    check_time,
+)
+from ..wanted import check_wanted
+from ..wildcards import has_wildcard
+from .failures import fail, known_names
+from .forces import check_force
+from .joints import check_drives, check_joint
+from .references import check_reference
+
+if TYPE_CHECKING:
+    from ..file import SceneFile
+
+
+def check(scene: SceneFile) -> None:
+    """Raise the first inconsistency of a scene as `InputError` with its key."""
+    _check_names(scene)
+    check_time(scene.time)
+    check_length(scene.gravity, "gravity", scene.dimension)
+    check_markers(scene.ground.markers, "ground.markers", scene.dimension)
+    for name, body in scene.bodies.items():
+        if isinstance(body, RigidBody):
+            check_rigid_body(body, f"bodies.{name}", scene.dimension)
+        check_initial(body.initial, f"bodies.{name}.initial", scene.dimension)
+    for name, joint in scene.joints.items():
+        check_joint(joint, f"joints.{name}", scene)
+    check_drives(scene)
+    for name, force in scene.forces.items():
+        check_force(force, f"forces.{name}", scene)
+    for index, output in enumerate(scene.outputs.record):
+        if has_wildcard(output):
+            continue  # what it stands for is known with the SIDs
+        _check_output(output, f"outputs.record[{index}]", scene)
+    _check_wanted(scene)
+    for name, event in scene.events.items():
+        place = f"events.{name}.quantity"
+        _check_output(event.quantity, place, scene)
+        check_quantity(event.quantity, place)
+
+
+def _check_wanted(scene: SceneFile) -> None:
+    wanted = scene.accuracy.wanted
+    if wanted is not None and scene.accuracy.step is not None:
+        found = "stands beside accuracy.step, a step without error control"
+        fail("accuracy.wanted", found, "one of the two")
+    for name in wanted if isinstance(wanted, dict) else ():
+        if not has_wildcard(name):
+            _check_output(name, "accuracy.wanted", scene)
+    check_wanted(wanted)
+
+
+def _check_names(scene: SceneFile) -> None:
+    for table in ("bodies", "joints", "drives", "forces", "events"):
+        for name in getattr(scene, table):
+            if not NAME.fullmatch(name) or name in RESERVED:
+                fail(
+                    f"{table}.{name}",
+                    f"{name!r} cannot be a name",
+                    "letters, digits, _ and -, beginning with a letter, none of "
+                    f"{', '.join(sorted(RESERVED))}",
+                )
+    for name in [*scene.joints, *scene.drives]:
+        others = [
+            t for t in ("bodies", "joints", "drives") if name in getattr(scene, t)
+        ]
+        if len(others) > 1:
+            found = f"is also the name of one of the {others[0]}"
+            fail(f"{others[1]}.{name}", found, "different names, for the outputs")
+    for name, body in {"ground": scene.ground, **scene.bodies}.items():
+        for marker in body.markers:
+            table = name if name == "ground" else f"bodies.{name}"
+            if not NAME.fullmatch(marker) or is_quantity(marker):
+                fail(
+                    f"{table}.markers.{marker}",
+                    f"{marker!r} cannot be a name of a marker",
+                    "letters, digits, _ and -, and not the word of an output quantity",
+                )
+
+
+def _check_output(text: str, place: str, scene: SceneFile) -> None:
+    try:
+        name = parse_output(text)
+    except InputError as error:
+        raise InputError(error.problem, place=place, expected=error.expected) from None
+    if name.owner in SCENE_QUANTITIES:
+        return
+    if name.owner in scene.forces and name.marker == STATE:
+        _check_state(name, place, scene)
+        return
+    if name.marker == STATE and not is_quantity(name.quantity, of_marker=True):
+        fail(place, f"found {text!r}", "a state of the law of a force")
+    if name.quantity == VALUE and not name.marker:
+        if name.owner not in scene.forces:
+            expected = known_names(name.owner, scene.forces, "force")
+            fail(place, f"there is no force {name.owner!r}", expected)
+        return
+    coordinate = "" if name.marker else coordinate_of(name.quantity)
+    if coordinate and (name.owner in scene.joints or name.quantity != "angle"):
+        _check_coordinate(name.owner, coordinate, place, scene)
+        return
+    if not name.marker and name.quantity in FRICTION_QUANTITIES:
+        joint = scene.joints.get(name.owner)
+        if joint is None or getattr(joint, "friction", None) is None:
+            found = f"{name.owner} is no joint with friction"
+            fail(place, found, "a joint with [joints.NAME.friction]")
+        return
+    if not name.marker and is_of_joint(name.quantity):
+        told = name.quantity in JOINT_QUANTITIES and name.owner in scene.forces
+        if name.owner not in [*scene.joints, *scene.drives] and not told:
+            expected = known_names(name.owner, scene.joints, "joint")
+            fail(place, f"there is no joint {name.owner!r}", expected)
+        return
+    if name.owner == "ground" or name.owner not in scene.bodies:
+        expected = known_names(name.owner, scene.bodies, "body")
+        fail(place, f"there is no body {name.owner!r}", expected)
+    body = scene.bodies[name.owner]
+    if is_stress(name.quantity) and isinstance(body, RigidBody):
+        fail(place, f"{name.owner} is rigid", "the stress of a SID body")
+    if name.marker:
+        check_reference(f"{name.owner}.{name.marker}", place, scene)
+    elif is_elastic(name.quantity) and isinstance(body, RigidBody):
+        fail(place, f"{name.owner} is rigid", "elastic coordinates of a SID body")
+
+
+def _check_state(name: OutputName, place: str, scene: SceneFile) -> None:
+    """A state that a law has; those of a law of a program are not known here."""
+    function = getattr(scene.forces[name.owner], "function", None)
+    known = states_of(function)
+    if name.quantity not in known and not isinstance(function, Given):
+        found = f"the law of {name.owner} has no state {name.quantity!r}"
+        fail(place, found, " or ".join(known) or "a law with states")
+
+
+def _check_coordinate(
+    owner: str, coordinate: str, place: str, scene: SceneFile
+) -> None:
+    """Coordinates of joints and their rates; bodies have an angle, too."""
+    if owner not in scene.joints:
+        expected = known_names(owner, scene.joints, "joint")
+        fail(place, f"there is no joint {owner!r}", expected)
+    joint = scene.joints[owner]
+    if coordinate not in joint.coordinates:
+        found = f"{owner}, of type {joint.type}, has no coordinate {coordinate!r}"
+        fail(place, found, " or ".join(joint.coordinates) or "another joint")

@@ -1,0 +1,216 @@
+"""A file that is written piece by piece and takes its place at the end.
+
+libhdf5 may end the process when a disk is full. To it this file never fails: pieces
+that find no place are kept in memory until it is closed, and the owner is told.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import signal
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from .atomic import atomic_path
+
+#: Signals that a program may answer with an exception.
+_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
+
+
+#: Bytes that are kept in memory together.
+PAGE = 4096
+
+
+class Discarded(Exception):
+    """What was written is not wanted."""
+
+
+class GrowingFile:
+    """Stands beside `target` until `close`; `discard` leaves no trace.
+
+    elsewhere : when there is no place left, go on in the folder for temporary files
+
+    Attributes
+    ----------
+    target : where the file will stand, another folder after it had to move
+    moved : why it had to move
+    error : why the file is not whole
+
+    Raises
+    ------
+    InputError : see `atomic_path`.
+    """
+
+    def __init__(self, target: str | os.PathLike[str], elsewhere: bool = False) -> None:
+        self.target, self._elsewhere = Path(target), elsewhere
+        self.moved: OSError | None = None
+        self.error: OSError | None = None
+        self._at = self._size = 0
+        self._lost: dict[int, bytearray] = {}
+        self._stack, self._file = _opened(self.target)
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        begin = (0, self._at, self._size)[whence]
+        self._at = begin + offset
+        return self._at
+
+    def tell(self) -> int:
+        return self._at
+
+    def write(self, data: Any) -> int:
+        """Never raises; `check` does."""
+        piece = memoryview(data).cast("B")
+        try:
+            self._put(piece)
+        except OSError as error:
+            self._save(error, piece)
+        self._at += len(piece)
+        self._size = max(self._size, self._at)
+        return len(piece)
+
+    def readinto(self, buffer: Any) -> int:
+        view = memoryview(buffer).cast("B")
+        view = view[: max(0, self._size - self._at)]
+        view[:] = self._stored(self._at, len(view))
+        for page, inner, outer in _pages(self._at, len(view)):
+            if page in self._lost:
+                view[outer] = self._lost[page][inner]
+        self._at += len(view)
+        return len(view)
+
+    def read(self, size: int) -> bytes:
+        data = bytearray(size)
+        return bytes(data[: self.readinto(data)])
+
+    def readable(self) -> bool:
+        return True
+
+    def truncate(self, size: int) -> int:
+        """The file grows by itself."""
+        self._size = size
+        if not self._lost and os.fstat(self._file.fileno()).st_size > size:
+            self._file.truncate(size)
+        return size
+
+    def flush(self) -> None:
+        """Nothing waits here."""
+
+    def check(self) -> None:
+        """Raises why the file is not whole, if so."""
+        if self.error is not None:
+            raise self.error
+
+    def close(self) -> None:
+        """The file takes its place.
+
+        Raises
+        ------
+        OSError : it is not whole, or cannot stand there; nothing is left.
+        """
+        if self.error is not None:
+            self.discard()
+            raise self.error
+        self._stack.close()
+
+    def discard(self) -> None:
+        _discard(self._stack)
+
+    def _put(self, piece: memoryview) -> None:
+        """An unbuffered file may take a part and refuse the rest with the next call."""
+        self.check()
+        self._file.seek(self._at)
+        while piece:
+            piece = piece[self._file.write(piece) :]
+
+    def _save(self, error: OSError, piece: memoryview) -> None:
+        """Moves once, if that helps; else the piece stays in memory."""
+        if self.error is None and self._elsewhere and self.moved is None:
+            self.moved = error
+            if self._move():
+                self.write(piece)
+                self._at -= len(piece)
+                return
+        if self.error is None:
+            name = os.fspath(self.target)
+            self.error = OSError(error.errno, error.strerror, name)
+        for page, inner, outer in _pages(self._at, len(piece)):
+            if page not in self._lost:
+                self._lost[page] = self._stored(page * PAGE, PAGE)
+            self._lost[page][inner] = piece[outer]
+
+    def _stored(self, begin: int, count: int) -> bytearray:
+        """What stands on the disk, zeros where nothing does."""
+        found = bytearray(count)
+        view = memoryview(found)
+        self._file.seek(begin)
+        while view and (read := self._file.readinto(view)):
+            view = view[read:]
+        return found
+
+    def _move(self) -> bool:
+        """Goes on in the folder for temporary files, unless it is there or the name is
+        taken."""
+        other = Path(tempfile.gettempdir()) / self.target.name
+        if other.parent.resolve() == self.target.parent.resolve() or other.exists():
+            return False
+        try:
+            stack, file = _opened(other)
+        except (OSError, InputError):
+            return False
+        try:
+            self._file.seek(0)
+            shutil.copyfileobj(self._file, file)
+        except OSError:
+            _discard(stack)
+            return False
+        _discard(self._stack)
+        self.target, self._stack, self._file = other, stack, file
+        return True
+
+
+def _pages(begin: int, count: int) -> Iterator[tuple[int, slice, slice]]:
+    """Pages that some bytes lie on, where in the page and where among the bytes."""
+    for page in range(begin // PAGE, -(-(begin + count) // PAGE)):
+        first = max(begin, page * PAGE)
+        last = min(begin + count, (page + 1) * PAGE)
+        inner = slice(first - page * PAGE, last - page * PAGE)
+        yield page, inner, slice(first - begin, last - begin)
+
+
+def _opened(target: Path) -> tuple[ExitStack, io.FileIO]:
+    with ExitStack() as stack:
+        path = stack.enter_context(atomic_path(target))
+        file = stack.enter_context(path.open("w+b", buffering=0))
+        return stack.pop_all(), file
+
+
+def _discard(stack: ExitStack) -> None:
+    reason = Discarded()
+    stack.__exit__(Discarded, reason, None)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Signals that end a run wait: none raises in what libhdf5 calls."""
+    waiting: list[tuple[int, Any]] = []
+    before: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        numbers = [getattr(signal, n) for n in _SIGNALS if hasattr(signal, n)]
+        before = {n: signal.getsignal(n) for n in numbers}
+        before = {n: handler for n, handler in before.items() if callable(handler)}
+    for number in before:
+        signal.signal(number, lambda *told: waiting.append(told))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number, frame in waiting:
+            before[number](number, frame)

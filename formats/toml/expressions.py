@@ -1,0 +1,268 @@
+"""Formulas of scene and model files: a small grammar of numbers, names and functions.
+
+    sum      = product {("+" | "-") product}
+    product  = sign {("*" | "/") sign}
+    sign     = {"+" | "-"} power
+    power    = atom [("**" | "^") sign]
+    atom     = number | NAME | "quoted name" | "(" sum ")"
+             | FUNCTION "(" sum {"," sum} ")"
+
+A name is `t`, `pi`, a parameter, or an output such as ``arm.angle``; one with a hyphen
+stands in quotes. Nothing is ever run: a formula becomes a list of instructions for a
+stack, operands before their operators; clip becomes max and min.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from ..errors import InputError
+
+#: Functions with the number of their arguments; `min` and `max` take two or more.
+FUNCTIONS: Mapping[str, int] = {
+    **dict.fromkeys(
+        ["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"], 1
+    ),
+    **dict.fromkeys(["exp", "log", "sqrt", "abs", "sign"], 1),
+    **dict.fromkeys(["atan2", "min", "max"], 2),
+    "clip": 3,
+}
+_MANY = ("min", "max")
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\w.])"
+    r"|(?P<name>[^\W\d]\w*(?:\.\w+)*)"
+    r"|'(?P<quoted>[^']+)'|\"(?P<quoted2>[^\"]+)\""
+    r"|(?P<operator>\*\*|[-+*/^(),]))"
+)
+#: Deepest nesting of parentheses, powers and signs.
+DEEPEST = 30
+
+
+class Instruction(NamedTuple):
+    """`kind` is number, name, time, or an operator or function that takes its operands
+    from the stack; `value` is the number or the name."""
+
+    kind: str
+    value: float | str = 0.0
+
+
+Postfix = tuple[Instruction, ...]
+
+
+def parse_expression(text: str, parameters: Mapping[str, float]) -> Postfix:
+    """The instructions of a formula.
+
+    parameters : numbers by name
+
+    Raises
+    ------
+    InputError : says where the formula has another form.
+    """
+    for name in parameters:
+        if name in FUNCTIONS or name in ("t", "pi") or not name.isidentifier():
+            raise InputError(
+                f"a parameter has the name {name!r}",
+                expected="a word that is neither t, pi nor a function",
+            )
+    return _Parser(text, parameters).whole()
+
+
+def names_of(postfix: Postfix) -> tuple[str, ...]:
+    """Outputs that a formula reads, each once."""
+    return tuple(dict.fromkeys(str(i.value) for i in postfix if i.kind == "name"))
+
+
+def number_of(text: str, parameters: Mapping[str, float]) -> float:
+    """The value of a formula of numbers and parameters alone.
+
+    Raises
+    ------
+    InputError : it reads something else, or has no finite value.
+    """
+    stack: list[float] = []
+    for kind, value in parse_expression(text, parameters):
+        if kind in ("name", "time"):
+            known = ", ".join(parameters) or "none"
+            raise InputError(
+                f"the formula {text!r} reads {value or 't'!r}",
+                expected=f"numbers, pi and parameters (here {known})",
+            )
+        if kind == "number":
+            stack.append(float(value))
+            continue
+        operation = _OPERATIONS.get(kind) or getattr(math, kind)
+        count = 2 if kind in _OF_TWO else 1
+        operands = [stack.pop() for _ in range(count)][::-1]
+        stack.append(_applied(operation, operands, text))
+    return stack[0]
+
+
+def _applied(operation: Callable[..., Any], operands: list[float], text: str) -> float:
+    try:
+        found = float(operation(*operands))
+    except (ArithmeticError, ValueError, TypeError):  # a complex power: TypeError
+        found = math.nan
+    if not math.isfinite(found):
+        raise InputError(f"the formula {text!r} has no finite value")
+    return found
+
+
+_OPERATIONS: Mapping[str, Callable[..., Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "**": operator.pow,
+    "negative": operator.neg,
+    "abs": abs,
+    "sign": lambda x: (x > 0) - (x < 0),
+    "min": min,
+    "max": max,
+}
+_OF_TWO = ("+", "-", "*", "/", "**", "min", "max", "atan2")
+
+
+class _Parser:
+    """Recursive descent; each method appends the instructions of what it reads."""
+
+    def __init__(self, text: str, parameters: Mapping[str, float]) -> None:
+        self.text, self.parameters = text, parameters
+        self.tokens = _tokens(text)
+        self.next, self.depth = 0, 0
+        self.found: list[Instruction] = []
+
+    def whole(self) -> Postfix:
+        self._sum()
+        if self.next < len(self.tokens):
+            self._fail("an operator, or the end")
+        return tuple(self.found)
+
+    def _sum(self) -> None:
+        self._chain(self._product, "+-")
+
+    def _product(self) -> None:
+        self._chain(self._sign, "*/")
+
+    def _chain(self, part, operators: str) -> None:  # type: ignore[no-untyped-def]
+        part()
+        while self._peek() in tuple(operators):
+            operator = self._take()
+            part()
+            self.found.append(Instruction(operator))
+
+    def _sign(self) -> None:
+        self.depth += 1
+        if self.depth > DEEPEST:
+            self._fail(f"at most {DEEPEST} nested parts")
+        if self._peek() in ("+", "-"):
+            operator = self._take()
+            self._sign()
+            if operator == "-":
+                self.found.append(Instruction("negative"))
+        else:
+            self._atom()
+            if self._peek() in ("**", "^"):
+                self._take()
+                self._sign()
+                self.found.append(Instruction("**"))
+        self.depth -= 1
+
+    def _atom(self) -> None:
+        if self.next == len(self.tokens):
+            self._fail("a number or a name")
+        kind, text, _ = self.tokens[self.next]
+        self.next += 1
+        if kind == "number":
+            if not math.isfinite(float(text)):
+                self.next -= 1
+                self._fail("a finite number")
+            self.found.append(Instruction("number", float(text)))
+        elif kind == "name" and self._peek() == "(":
+            self._function(text)
+        elif kind in ("name", "quoted"):
+            self.found.append(self._named(text, kind))
+        elif text == "(":
+            self._sum()
+            self._expect(")")
+        else:
+            self.next -= 1
+            self._fail("a number or a name")
+
+    def _named(self, name: str, kind: str) -> Instruction:
+        if kind == "name" and name in self.parameters:
+            return Instruction("number", self.parameters[name])
+        if kind == "name" and name == "t":
+            return Instruction("time")
+        if kind == "name" and name == "pi":
+            return Instruction("number", math.pi)
+        return Instruction("name", name)
+
+    def _function(self, name: str) -> None:
+        if name not in FUNCTIONS:
+            self.next -= 1
+            self._fail(f"one of the functions {', '.join(FUNCTIONS)}")
+        self._take()
+        self._sum()
+        count = 1
+        while self._peek() == ",":
+            self._take()
+            self._sum()
+            count += 1
+            if name in _MANY:
+                self.found.append(Instruction(name))
+            elif name == "clip":
+                self.found.append(Instruction("max" if count == 2 else "min"))
+        wanted = FUNCTIONS[name]
+        if count < wanted or (count > wanted and name not in _MANY):
+            self._fail(f"{wanted} argument{'s' * (wanted > 1)} of {name}")
+        self._expect(")")
+        if name not in (*_MANY, "clip"):
+            self.found.append(Instruction(name))
+
+    def _peek(self) -> str:
+        if self.next == len(self.tokens):
+            return ""
+        kind, text, _ = self.tokens[self.next]
+        return text if kind == "operator" else ""
+
+    def _take(self) -> str:
+        self.next += 1
+        return self.tokens[self.next - 1][1]
+
+    def _expect(self, operator: str) -> None:
+        if self._peek() != operator:
+            self._fail(f"{operator!r}")
+        self.next += 1
+
+    def _fail(self, expected: str) -> None:
+        at = len(self.text)
+        if self.next < len(self.tokens):
+            at = self.tokens[self.next][2]
+        _fail(self.text, at, expected)
+
+
+def _tokens(text: str) -> list[tuple[str, str, int]]:
+    """Kind, text and place of each word."""
+    found, at, end = [], 0, len(text.rstrip())
+    while at < end:
+        match = _TOKEN.match(text, at)
+        if match is None:
+            while text[at].isspace():
+                at += 1
+            _fail(text, at, "numbers, names, + - * / ** and parentheses")
+        assert match is not None and match.lastgroup is not None
+        kind = match.lastgroup
+        word = match.group(kind)
+        found.append((kind.removesuffix("2"), word, match.start(kind)))
+        at = match.end()
+    return found
+
+
+def _fail(text: str, at: int, expected: str) -> None:
+    rest = text[at : at + 12] + ("..." if len(text) > at + 12 else "")
+    where = f"{rest!r} at character {at + 1}" if rest else "its end"
+    raise InputError(f"the formula {text!r} has {where}", expected=expected)

@@ -1,0 +1,231 @@
+"""Scenes and models: tables that are whole files, with formulas, folder and changes."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from pydantic import PrivateAttr
+
+from ..errors import InputError
+from ..storage.atomic import atomic_path
+from .evaluation import PARAMETERS, Formulas
+from .expressions import number_of
+from .reading import read_data, with_formulas
+from .schema_errors import nearest
+from .tables import Table, plain
+from .writer import toml_text
+
+_PART = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
+
+
+class File(Table):
+    """What a file of TOML or JSON holds. `said` and `save` keep its formulas."""
+
+    #: tables whose entries may be named alone in changes: `crank.mass`
+    named: ClassVar[tuple[str, ...]] = (PARAMETERS,)
+    #: places of paths of other files, `*` for any key
+    paths: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    _formulas: Formulas = PrivateAttr(default_factory=dict)
+    _source: Path | None = PrivateAttr(default=None)
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and self.__dict__ == other.__dict__
+
+    @property
+    def folder(self) -> Path:
+        """Where relative paths in it begin: that of its file, or the working folder."""
+        return Path(".") if self._source is None else self._source.parent
+
+    @property
+    def source(self) -> Path | None:
+        """The file that it came from."""
+        return self._source
+
+    @classmethod
+    def load(
+        cls, path: str | os.PathLike[str], changes: Mapping[str, Any] | None = None
+    ) -> Self:
+        """Read a file (TOML, or JSON by its ending), with `changes` as in `with_`.
+
+        Raises
+        ------
+        InputError : names the file, the key, what was found and what was expected.
+        """
+        path = Path(path)
+        data = read_data(path)
+        try:
+            data = changed(data, changes or {}, cls)
+        except InputError as error:
+            raise error.located(path) from None
+        return cls._read(data, path)
+
+    @classmethod
+    def _read(cls, data: dict[str, Any], path: Path) -> Self:
+        made = cls.checked(data, path)
+        made._source = path
+        return made
+
+    @classmethod
+    def checked(cls, data: Mapping[str, Any], source: str | os.PathLike[str]) -> Self:
+        made, formulas = with_formulas(data, cls, os.fspath(source))
+        made._formulas = formulas
+        return made
+
+    def with_(self, changes: Mapping[str, Any] | None = None, **more: Any) -> Self:
+        """The same with other values, checked anew.
+
+        Keys are those of the file with dots between them; entries of tables with names
+        can be told by these alone: `scene.with_({"crank.mass": 0.4, "time.end": 1.0})`,
+        `scene.with_({"parameters.n": 8})`. Formulas follow the parameters.
+
+        Raises
+        ------
+        InputError : there is no such key, or the value does not fit.
+        """
+        data = changed(self.said(), {**(changes or {}), **more}, type(self))
+        made = self.checked(data, type(self).__name__)
+        made._source = self._source
+        return made
+
+    def said(self) -> dict[str, Any]:
+        """What was said, as the file holds it, with its formulas where they hold."""
+        data = super().said()
+        numbers = dict(data.get(PARAMETERS, {}))
+        for place, text in self._formulas.items():
+            try:
+                table: Any = _at(data, place[:-1])
+                holds = number_of(text, numbers) == table[place[-1]]
+            except (InputError, LookupError, TypeError):
+                continue  # somebody has changed what it stood for
+            if holds:
+                table[place[-1]] = text
+        return data
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a TOML file; relative paths in it begin at its folder.
+
+        Raises
+        ------
+        InputError, OSError : the ending is not .toml, or it cannot be written.
+        """
+        path = Path(path)
+        if path.suffix != ".toml":
+            raise InputError("is no TOML file", source=path, expected="NAME.toml")
+        data = self.said()
+        for place in self.paths:
+            relocate(data, place, self.folder, path.parent)
+        with atomic_path(path) as temporary:
+            temporary.write_text(toml_text(data), encoding="utf-8")
+
+
+@contextmanager
+def located(content: File) -> Iterator[None]:
+    """Input errors inside name the file that a scene or model came from."""
+    try:
+        yield
+    except InputError as error:
+        if content.source is None:
+            raise
+        raise error.located(content.source) from None
+
+
+def settings(texts: Iterable[str], option: str = "--set") -> dict[str, Any]:
+    """The changes that KEY=VALUE on the command line ask for, values as in TOML; what
+    is none is a text, as a formula or a name.
+
+    Raises
+    ------
+    InputError : a text has another form.
+    """
+    found = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not (key.strip() and equals and value.strip()):
+            raise InputError(
+                f"found {text!r}", place=option, expected="KEY=VALUE, as in time.end=2"
+            )
+        try:
+            found[key.strip()] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            found[key.strip()] = value.strip()
+    return found
+
+
+def changed(
+    data: Mapping[str, Any], changes: Mapping[str, Any], file: type[File]
+) -> dict[str, Any]:
+    """The data of a file with other values at dotted keys, see `File.with_`."""
+    data = plain(data)
+    for key, value in changes.items():
+        *above, last = _place(key, data, file)
+        table: Any = data
+        for part in above:
+            table = _entered(table, part, key)
+        _entered(table, last, key)
+        table[last] = plain(value)
+    return dict(data)
+
+
+def _place(key: str, data: Mapping[str, Any], file: type[File]) -> list[str | int]:
+    """The parts of a key, from the top of the file."""
+    parts: list[str | int] = []
+    at = 0
+    while at < len(key):
+        match = _PART.match(key, at)
+        if match is None:
+            raise InputError(f"{key!r} is no key", expected="one such as time.end")
+        parts.append(match[1] or int(match[2]))
+        at = match.end()
+    if not parts or not isinstance(parts[0], str):
+        raise InputError(f"{key!r} is no key", expected="one such as time.end")
+    first = parts[0]
+    if first in file.model_fields:
+        return parts
+    homes = [table for table in file.named if first in data.get(table, {})]
+    if len(homes) == 1:
+        return [homes[0], *parts]
+    if homes:
+        whole = " or ".join(f"{home}.{key}" for home in homes)
+        raise InputError(f"{first!r} is the name of several", place=key, expected=whole)
+    known = [
+        *file.model_fields,
+        *(n for table in file.named for n in data.get(table, {})),
+    ]
+    raise InputError(
+        f"there is nothing named {first!r}", place=key, expected=nearest(first, known)
+    )
+
+
+def _entered(table: Any, part: str | int, key: str) -> Any:
+    if isinstance(table, dict) and isinstance(part, str):
+        return table.setdefault(part, {})
+    if isinstance(table, list) and isinstance(part, int) and part < len(table):
+        return table[part]
+    raise InputError("is not there", place=key, expected="a key of the file")
+
+
+def _at(data: Any, place: Iterable[str | int]) -> Any:
+    for part in place:
+        data = data[part]
+    return data
+
+
+def relocate(data: Any, place: tuple[str, ...], old: Path, new: Path) -> None:
+    """Rewrites relative paths at a place, `*` for any key, so that they name the same
+    files from another folder."""
+    first, *rest = place
+    if not isinstance(data, dict) or old == new:
+        return
+    for key in data if first == "*" else [first] if first in data else []:
+        if rest:
+            relocate(data[key], tuple(rest), old, new)
+        elif isinstance(data[key], str):
+            there = old / data[key]
+            stays = there.is_absolute() or new == Path(".")
+            data[key] = str(there) if stays else os.path.relpath(there, new)

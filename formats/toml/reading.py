@@ -1,0 +1,191 @@
+"""TOML and JSON files that people write, validated by a pydantic model.
+
+Whatever is wrong ends in one `InputError` that names the file, the dotted key, what
+was found there and what was expected.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from ..errors import InputError
+from .evaluation import Formulas, evaluated
+from .schema_errors import dotted, input_error
+
+Model = TypeVar("Model", bound=BaseModel)
+
+#: Tables and lists in each other, and parts of a dotted key; more is damage.
+DEEPEST = 50
+_LARGEST = 2**63
+_KEY = r"(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*"
+#: A key of so many parts that the parser would spend its time on it.
+_ENDLESS_KEY = re.compile(
+    rf"(?:^[ \t]*\[{{0,2}}|[{{,])[ \t]*(?:{_KEY}\.[ \t]*){{{DEEPEST}}}", re.MULTILINE
+)
+
+
+def load(path: str | Path, model: type[Model]) -> Model:
+    """Read a TOML file, or a JSON file if its name ends in ``.json``, into `model`.
+
+    Values are not converted, but for formulas where numbers are expected.
+
+    Raises
+    ------
+    InputError : the file cannot be read or parsed, or does not fit the model.
+    """
+    return validated(read_data(path), model, source=path)
+
+
+def validated(
+    data: Mapping[str, Any], model: type[Model], *, source: str | Path | None = None
+) -> Model:
+    """The model of data as TOML or JSON hold them (tables, lists, plain values).
+
+    Raises
+    ------
+    InputError : the data do not fit the model; `source` is named.
+    """
+    return with_formulas(data, model, source)[0]
+
+
+def with_formulas(
+    data: Mapping[str, Any], model: type[Model], source: str | Path | None
+) -> tuple[Model, Formulas]:
+    """The same, and the formulas in the data by their places."""
+    formulas: Formulas = {}
+    try:
+        data, formulas = evaluated(data, model)
+        text = json.dumps(data, default=str)
+        return model.model_validate_json(text, strict=True), formulas
+    except ValidationError as error:
+        found = input_error(error, data, model)
+    except InputError as error:
+        found = error
+    for place, text in formulas.items():
+        if dotted(place) == found.place:
+            found.problem += f", which is {text!r}"
+    raise found.located(source or "input") from None
+
+
+def read_data(path: str | Path) -> dict[str, Any]:
+    """The tables of a TOML or JSON file as plain Python data.
+
+    Raises
+    ------
+    InputError : no such file, a folder, no UTF-8, or wrong syntax (line and column).
+    """
+    path = Path(path)
+    text = _read_text(path)
+    try:
+        data = _parse_json(text) if path.suffix == ".json" else _parse_toml(text)
+        _check_values(data)
+    except InputError as error:
+        raise error.located(path) from None
+    except ValueError as error:
+        place, problem = _syntax_error(error)
+        kind = "JSON" if path.suffix == ".json" else "TOML"
+        raise InputError(
+            problem, source=path, place=place, expected=f"valid {kind}"
+        ) from None
+    except RecursionError:
+        raise InputError("is nested too deeply", source=path) from None
+    if not isinstance(data, dict):
+        raise InputError("holds no table at its top", source=path, expected="a table")
+    return data
+
+
+def _read_text(path: Path) -> str:
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        problem = "is a pipe or a device"
+        raise InputError(problem, source=path, expected="a regular file")
+    try:
+        return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"byte {error.start} is not text", source=path, expected="a UTF-8 text file"
+        ) from None
+    except FileNotFoundError:
+        raise InputError(
+            "there is no such file", source=path, expected="a TOML or JSON file"
+        ) from None
+    except IsADirectoryError:
+        raise InputError(
+            "is a folder", source=path, expected="a TOML or JSON file"
+        ) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read ({error})", source=path) from None
+
+
+def _parse_toml(text: str) -> Any:
+    found = _ENDLESS_KEY.search(text)
+    if found:
+        line = text.count("\n", 0, found.start() + 1) + 1
+        raise InputError(
+            f"has a key of more than {DEEPEST} parts",
+            place=f"line {line}",
+            expected="tables that are nested less deeply",
+        )
+    return tomllib.loads(text)
+
+
+def _check_values(data: Any) -> None:
+    """What no reader, number or text beyond can hold, by its key."""
+    waiting: list[tuple[tuple[str | int, ...], Any]] = [((), data)]
+    while waiting:
+        place, value = waiting.pop()
+        if len(place) > DEEPEST:
+            raise InputError("is nested too deeply", place=dotted(place[:3]) + "...")
+        if isinstance(value, dict):
+            for key in value:
+                _check_text(key, place)
+            waiting += (((*place, key), part) for key, part in value.items())
+        elif isinstance(value, list):
+            waiting += (((*place, i), part) for i, part in enumerate(value))
+        elif isinstance(value, str):
+            _check_text(value, place)
+        elif isinstance(value, int) and abs(value) >= _LARGEST:
+            raise InputError(
+                "found an integer of more than 64 bits",
+                place=dotted(place),
+                expected="a smaller number",
+            )
+
+
+def _check_text(text: str, place: tuple[str | int, ...]) -> None:
+    if "\0" in text:
+        raise InputError(
+            f"{text[:40]!r} holds the character NUL",
+            place=dotted(place) or None,
+            expected="printable text",
+        )
+
+
+def _parse_json(text: str) -> Any:
+    return json.loads(text, object_pairs_hook=_unique_keys)
+
+
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise InputError("appears twice", place=twice, expected="one value per key")
+    return table
+
+
+def _syntax_error(error: ValueError) -> tuple[str | None, str]:
+    if "integer string conversion" in str(error):
+        return None, "holds an integer of thousands of digits"
+    if isinstance(error, json.JSONDecodeError):
+        return f"line {error.lineno}, column {error.colno}", error.msg
+    match = re.fullmatch(
+        r"(.*) \(at (line \d+, column \d+|end of document)\)", str(error)
+    )
+    return (match[2], match[1]) if match else (None, str(error))

@@ -1,0 +1,1 @@
+"""From a discretised body to the blocks of its SID."""

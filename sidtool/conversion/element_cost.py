@@ -1,0 +1,149 @@
+"""What linear elements cost: frequencies of the same mesh with better elements.
+
+Linear elements without internal modes bend too stiffly: by a factor where one of them
+spans a thickness, by per cents where several do. How much is measured on the free body,
+so that it does not depend on what holds it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator, lobpcg
+
+from ..frontends.elements.internal_modes import RELIEVED_KINDS
+from ..frontends.equations import Equations
+from ..frontends.finite_element_model import FiniteElementModel
+from ..frontends.solid_mesh import SolidMesh, raised, with_internal_modes
+from ..reduction.basis import hertz
+from ..reduction.frames import Frame
+from ..reduction.running import tell
+from ..reduction.space import Space, admissible
+
+Array = NDArray[np.float64]
+
+#: How many frequencies are compared, and the difference that is told.
+_MODES, _TOLD = 3, 0.01
+#: Degrees of freedom of the better mesh above which comparing would dominate the time,
+#: and below which its eigenvectors are computed outright.
+_LARGEST, _SMALL = 150_000, 2_000
+#: Iterations leave less than a hundredth of the difference.
+_ITERATIONS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class _Better:
+    """The same mesh with better elements, and how to carry displacements over."""
+
+    mesh: SolidMesh
+    between: sp.csr_matrix
+    words: str
+
+
+def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
+    """A sentence on linear elements that make this body too stiff, if they do."""
+    if body.solids is None or not body.solids.plain_kinds:
+        return ()
+    kinds = " and ".join(body.solids.plain_kinds)
+    better = _better(body.solids)
+    size = better.mesh.mesh.positions.size
+    refined = size > body.positions.size
+    if size > _LARGEST or (refined and body.equations is not None):
+        untied = "has nodes that no equation of the file ties"
+        why = f"has {size} degrees of freedom" if size > _LARGEST else untied
+        return (
+            f"{kinds} elements without incompatible modes bend too stiffly where few "
+            "of them span a thickness; what that costs here is not measured, as the "
+            f"same mesh with {better.words} {why}",
+        )
+    tell(f"comparing {kinds} elements with {better.words}")
+    own, other = _frequencies(body, better)
+    if (own <= (1 + _TOLD) * other).all():
+        return ()
+    excess = ", ".join(_percent(x) for x in own / other - 1)
+    listed = ", ".join(f"{f:.5g}" for f in own)
+    return (
+        f"{kinds} elements bend too stiffly in this mesh: the first frequencies of the "
+        f"free body, {listed} Hz, are {excess} above those of the same mesh with "
+        f"{better.words}; use these, or a finer mesh",
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.{1 if share < 0.1 else 0}f} %"
+
+
+def _better(solids: SolidMesh) -> _Better:
+    if set(solids.plain_kinds) <= set(RELIEVED_KINDS):
+        same = sp.csr_matrix(sp.eye_array(len(solids.mesh.positions)))
+        return _Better(with_internal_modes(solids), same, "incompatible modes")
+    finer, between = raised(solids)
+    known = {block.kind for block in solids.mesh.blocks}
+    kinds = dict.fromkeys(block.kind for block in finer.mesh.blocks)
+    return _Better(finer, between, " and ".join(k for k in kinds if k not in known))
+
+
+def _frequencies(body: FiniteElementModel, better: _Better) -> tuple[Array, Array]:
+    """The lowest ones of the free body, and of the free body of better elements [Hz].
+
+    The latter by a few steps from the modes of the body, which are bounds from above.
+    """
+    tied, positions = body.equations, body.positions
+    own = _free_space(body.stiffness, body.field_mass, positions, tied)
+    values, modes = own.modes(_MODES)
+    mass, stiffness = better.mesh.matrices()
+    other = _free_space(stiffness, mass, better.mesh.mesh.positions, tied)
+    if tied is not None or len(other.rigid) <= _SMALL:
+        return hertz(values), hertz(other.modes(_MODES)[0])
+    between = sp.csr_matrix(sp.kron(better.between, sp.eye_array(body.dimension)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # That so few do not converge.
+        found, _ = lobpcg(
+            stiffness,
+            between @ modes,
+            B=mass,
+            M=_two_levels(stiffness, between, own),
+            Y=other.rigid,
+            tol=1e-12,
+            maxiter=_ITERATIONS,
+            largest=False,
+        )
+    return hertz(values), hertz(np.sort(found))
+
+
+def _free_space(
+    stiffness: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    positions: Array,
+    tied: Equations | None = None,
+) -> Space:
+    """All displacements of a mesh."""
+    model = FiniteElementModel(
+        positions, None, stiffness, {}, (), full_mass=mass, equations=tied
+    )
+    nothing = np.zeros(stiffness.shape[0], bool)
+    return admissible(model, Frame(np.zeros(3), nothing))
+
+
+def _two_levels(
+    stiffness: sp.csr_matrix, between: sp.csr_matrix, coarse: Space
+) -> LinearOperator:
+    """Solutions on the body's own elements, and node by node on the better ones."""
+    d = coarse.places.shape[1]
+    nodes = stiffness.shape[0] // d
+    blocks = stiffness.tobsr((d, d))
+    rows = np.repeat(np.arange(nodes), np.diff(blocks.indptr))
+    alone = np.linalg.inv(blocks.data[rows == blocks.indices])
+
+    def apply(load: Array) -> Array:
+        load = np.ascontiguousarray(load.reshape(len(load), -1))
+        local = alone @ load.reshape(nodes, d, -1)
+        return between @ coarse.factors.solve(between.T @ load) + local.reshape(
+            load.shape
+        )
+
+    return LinearOperator(stiffness.shape, matvec=apply, matmat=apply, dtype=float)

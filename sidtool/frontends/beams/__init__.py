@@ -1,0 +1,1 @@
+"""Beams: axis, section, element, mass."""

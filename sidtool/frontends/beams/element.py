@@ -1,0 +1,179 @@
+"""A beam element whose shapes are those of its exact static solution.
+
+With the forces and moments f at its end, the resultants at s are B(s) f, its strains
+C B f with the compliance C of the section, and the motion of the end relative to that
+of the start is F f, F the integral of B^T C B (flexibility method; J. S.
+Przemieniecki, Theory of Matrix Structural Analysis, 1968, chapter 6). So elements are
+curved, twisted and tapered as the beam is, and thin ones do not lock.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model.geometry import BeamGeometry
+from sidtool.formats.sid_mass import skew
+
+from .axis import Axis, Frames
+from .section import Section, section_at
+
+Array = NDArray[np.float64]
+_X, _W = np.polynomial.legendre.leggauss(4)
+#: Gauss points in [0, 1] and their weights.
+PLACES, WEIGHTS = (_X + 1) / 2, _W / 2
+_CUTS = np.concatenate([[0.0], PLACES, [1.0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Beam:
+    """The beam that elements are parts of.
+
+    Attributes
+    ----------
+    e, g : Young's and the shear modulus [Pa]
+    shear : whether cross-sections shear (Timoshenko)
+    """
+
+    geometry: BeamGeometry
+    axis: Axis
+    e: float
+    g: float
+    shear: bool
+
+
+class Rows(NamedTuple):
+    """What the degrees of freedom of an element do at one place.
+
+    Attributes
+    ----------
+    displacement, rotation : (3, 12) in the axes of the model
+    strains, resultants : (6, 12) in those of the section: stretch, shears xy and xz,
+        twist, curvatures about y and z; N, Qy, Qz, T, My, Mz
+    """
+
+    displacement: Array
+    rotation: Array
+    strains: Array
+    resultants: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """The part of a beam between two fractions of its length."""
+
+    beam: Beam
+    first: float
+    last: float
+
+    @property
+    def length(self) -> float:
+        """[m]"""
+        return (self.last - self.first) * self.beam.axis.length
+
+    def frames(self, places: Array) -> Frames:
+        """At fractions (n,) of the element."""
+        return self.beam.axis.at(self.first + places * (self.last - self.first))
+
+    def section(self, place: float) -> Section:
+        """At a fraction of the element."""
+        fraction = self.first + place * (self.last - self.first)
+        return section_at(self.beam.geometry, fraction)
+
+    def rows(self, place: float) -> Rows:
+        """At a fraction of the element."""
+        frames = self.frames(np.array([place]))
+        back = _transport(frames.places[0] - self._ends[1])
+        motion = back @ self._covered(place) @ self._forces
+        motion[:, :6] += _transport(frames.places[0] - self._ends[0])
+        resultants = self._resultants(frames, 0) @ self._forces
+        strains = self._compliance(place, frames, 0) @ resultants
+        return Rows(motion[:3], motion[3:], strains, resultants)
+
+    @cached_property
+    def gauss_rows(self) -> tuple[Rows, ...]:
+        """At `PLACES`."""
+        return tuple(self.rows(place) for place in PLACES)
+
+    def stiffness(self) -> Array:
+        """(12, 12) in the axes of the model."""
+        total = self._relative.T @ self._forces
+        return np.asarray((total + total.T) / 2)
+
+    @cached_property
+    def _ends(self) -> Array:
+        return self.frames(np.array([0.0, 1.0])).places
+
+    @cached_property
+    def _relative(self) -> Array:
+        """(6, 12) motion of the end relative to the start as a rigid body."""
+        return np.hstack([-_transport(self._ends[1] - self._ends[0]), np.eye(6)])
+
+    @cached_property
+    def _forces(self) -> Array:
+        """(6, 12) forces and moments at the end."""
+        return np.asarray(np.linalg.solve(self._covered(1.0), self._relative))
+
+    @cached_property
+    def _parts(self) -> Array:
+        """(6, 6, 6) flexibilities of what lies before `_CUTS`."""
+        parts = [self._flexibility(*_CUTS[i : i + 2]) for i in range(len(_CUTS) - 1)]
+        return np.concatenate([np.zeros((1, 6, 6)), np.cumsum(parts, axis=0)])
+
+    def _covered(self, place: float) -> Array:
+        """(6, 6) flexibility of what lies before a fraction of the element."""
+        at = np.flatnonzero(place == _CUTS)
+        return self._parts[at[0]] if at.size else self._flexibility(0.0, place)
+
+    def _flexibility(self, start: float, end: float) -> Array:
+        """(6, 6) of a part: motion of the end by forces and moments there."""
+        places = start + (end - start) * PLACES
+        frames = self.frames(places)
+        total = np.zeros((6, 6))
+        for i, weight in enumerate(WEIGHTS * (end - start) * self.length):
+            b = self._resultants(frames, i)
+            total += weight * b.T @ self._compliance(float(places[i]), frames, i) @ b
+        return total
+
+    def _resultants(self, frames: Frames, i: int) -> Array:
+        """(6, 6) in the section, of forces and moments at the end."""
+        turn = np.kron(np.eye(2), frames.axes[i])
+        return np.asarray(turn @ _transport(self._ends[1] - frames.places[i]).T)
+
+    def _compliance(self, place: float, frames: Frames, i: int) -> Array:
+        """(6, 6) strains of resultants."""
+        beam, curvatures = self.beam, tuple(frames.curvatures[i].tolist())
+        return _compliance(self.section(place), beam.e, beam.g, curvatures, beam.shear)
+
+
+@lru_cache(maxsize=4096)
+def _compliance(
+    section: Section, e: float, g: float, curvatures: tuple[float, ...], shear: bool
+) -> Array:
+    bent = np.array(curvatures[1:])
+    halves = np.sqrt(3 * np.array([section.iy, section.iz]) / section.area)
+    if float(halves @ np.abs(bent)) >= 1:
+        raise InputError(
+            f"is larger than the radius of the axis, {1 / np.linalg.norm(bent):.3g} m",
+            place="geometry.section",
+            expected="a section that does not reach the centre of curvature",
+        )
+    compliance: Array = np.asarray(
+        np.linalg.inv(section.law(e, g, np.array(curvatures)))
+    )
+    if not shear:
+        compliance[[1, 2]] = 0.0
+    compliance.setflags(write=False)
+    return compliance
+
+
+def _transport(arm: Array) -> Array:
+    """(6, 6) motion of a point, rigidly, at an arm from one: of that one's motion."""
+    result = np.eye(6)
+    result[:3, 3:] = -skew(arm)
+    return result

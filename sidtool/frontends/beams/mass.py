@@ -1,0 +1,46 @@
+"""The mass and the centre of a beam by integrals along its axis."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from sidtool.formats.model.geometry import BeamGeometry, GeneralSection
+
+from ..geometry_mass import GeometryMass
+from .axis import Axis
+from .section import run, section_at
+
+#: Degree of the area up to which elements of any length have the exact moments.
+EXACT = 6
+#: Gauss points of a curved axis, and their panels.
+_POINTS, _PANELS = 16, 32
+
+
+def beam_mass(geometry: BeamGeometry, axis: Axis, density: float) -> GeometryMass:
+    """Of the area over the length, and lumped masses."""
+    area, first = _area(geometry), np.zeros(3)
+    mass = density * axis.length * float(area.integ()(1.0))
+    x, w = np.polynomial.legendre.leggauss(_POINTS)
+    starts = np.arange(_PANELS) / _PANELS
+    at = (starts[:, None] + (x + 1) / 2 / _PANELS).ravel()
+    weights = density * axis.length * np.tile(w / 2 / _PANELS, _PANELS)
+    frames = axis.at(at)
+    first = (weights * area(at)) @ frames.places
+    for i, fraction in enumerate(at if not axis.straight else ()):
+        section = section_at(geometry, fraction)
+        arm = section.centre(frames.curvatures[i])
+        first += weights[i] * section.area * arm @ frames.axes[i]
+    for lump in geometry.masses:
+        mass += lump.mass
+        first += lump.mass * axis.at(np.array([lump.at])).places[0]
+    sampled = not axis.straight or area.degree() > EXACT
+    return GeometryMass(mass, first, sampled=sampled)
+
+
+def _area(geometry: BeamGeometry) -> Polynomial:
+    """The cross-section over the fraction of the length."""
+    section = geometry.section
+    if isinstance(section, GeneralSection):
+        return Polynomial([section.area])
+    return run(section.height) * run(section.width)

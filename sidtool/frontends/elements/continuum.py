@@ -1,0 +1,120 @@
+"""The material behind a stiffness: strains and stresses at the quadrature points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from ...conversion.vectors import LEVI_CIVITA
+from ..anisotropic import AnisotropicMaterial, ElasticMaterial
+from .solid import ElementBatch, elasticity
+
+Array = NDArray[np.float64]
+
+#: Rows of a stress: xx, yy, zz, xy, yz, xz.
+VOIGT = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+_PLANE = (0, 1, 3)
+_HALF_CURL = sp.csr_matrix(0.5 * np.swapaxes(LEVI_CIVITA, 1, 2).reshape(3, 9))
+
+
+@dataclass(frozen=True, eq=False)
+class Continuum:
+    """Elements of one material.
+
+    Attributes
+    ----------
+    batches : yields the elements at their quadrature points
+    law : (3, 3) or (6, 6) elasticity matrix [Pa]
+    thickness : of a plane body [m]; 1 in space
+    transverse : stress zz of a plane body per unit of xx + yy: Poisson's ratio in
+        plane strain, 0 in plane stress
+    internal_modes : whether the elements have displacements of their own
+    """
+
+    batches: Callable[[], Iterable[ElementBatch]]
+    law: Array
+    thickness: float = 1.0
+    transverse: float = 0.0
+    internal_modes: bool = False
+
+
+def continuum_of(
+    batches: Callable[[], Iterable[ElementBatch]],
+    material: ElasticMaterial,
+    state: str,
+    thickness: float = 1.0,
+    *,
+    internal_modes: bool = False,
+) -> Continuum:
+    """Elements of a material; see `elasticity` for the state."""
+    law, transverse = elasticity(material, state), 0.0
+    if state == "plane_strain" and not isinstance(material, AnisotropicMaterial):
+        transverse = material.poissons_ratio
+    return Continuum(batches, law, thickness, transverse, internal_modes)
+
+
+def stress_from_gradient(gradient: Array, law: Array) -> Array:
+    """Cauchy stress of linear elasticity as tensors.
+
+    Parameters
+    ----------
+    gradient : (..., d, d), entry [a, b] is the derivative of u_a by x_b
+    law : (3, 3) or (6, 6) [Pa]
+
+    Returns
+    -------
+    (..., d, d) [Pa]
+    """
+    d = gradient.shape[-1]
+    pairs = [VOIGT[i] for i in _PLANE] if d == 2 else list(VOIGT)
+    strain = np.stack(
+        [
+            gradient[..., a, b] + (gradient[..., b, a] if a != b else 0.0)
+            for a, b in pairs
+        ],
+        axis=-1,
+    )
+    stress = strain @ law.T
+    tensor = np.empty_like(gradient)
+    for k, (a, b) in enumerate(pairs):
+        tensor[..., a, b] = tensor[..., b, a] = stress[..., k]
+    return tensor
+
+
+def stress_six(stress: Array, transverse: float = 0.0) -> Array:
+    """Stress tensors (..., d, d) as (..., 6): xx, yy, zz, xy, yz, xz."""
+    d = stress.shape[-1]
+    six = np.zeros((*stress.shape[:-2], 6))
+    for k, (a, b) in enumerate(VOIGT):
+        if max(a, b) < d:
+            six[..., k] = stress[..., a, b]
+    if d == 2:
+        six[..., 2] = transverse * (six[..., 0] + six[..., 1])
+    return six
+
+
+def half_curl(gradient: sp.csr_matrix) -> sp.csr_matrix:
+    """(3, ndof) rows of the rotation, from those of the displacement gradient."""
+    return sp.csr_matrix(_HALF_CURL @ gradient)
+
+
+def stress_rows(gradient: sp.csr_matrix, continuum: Continuum) -> sp.csr_matrix:
+    """(6, ndof) rows of the stress xx, yy, zz, xy, yz, xz at a point.
+
+    Parameters
+    ----------
+    gradient : (9, ndof) rows of the displacement gradient; row 3 a + b is the
+        derivative of u_a by x_b
+    """
+    law = continuum.law
+    d = 2 if len(law) == 3 else 3
+    unit = np.zeros((9, 3, 3))
+    unit.reshape(9, 9)[range(9), range(9)] = 1
+    effect = stress_six(
+        stress_from_gradient(unit[:, :d, :d], law), continuum.transverse
+    )
+    return sp.csr_matrix(sp.csr_matrix(effect.T) @ gradient)

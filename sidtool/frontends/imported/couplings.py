@@ -1,0 +1,133 @@
+"""Couplings and point masses of a mesh file as those of a body."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+
+from ...importers.imported import ImportedMesh, RawCoupling, RawMass
+from ...validate.units import UnitSystem
+from ..couplings import Coupling, PointMass
+from ..mesh.data import Mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def body_couplings(
+    imported: ImportedMesh, whole: Mesh, mesh: Mesh, model: ModelFile
+) -> tuple[Coupling, ...]:
+    """The couplings of a file by the nodes of its elements.
+
+    Rigid ones with one reference node are one piece. A reference node that elements
+    use belongs to its rigid piece.
+
+    Parameters
+    ----------
+    whole : the mesh with the nodes that no element uses
+    mesh : the mesh without them
+
+    Raises
+    ------
+    InputError : a coupling holds no node of the body, or one that is a reference node
+        of another.
+    """
+    row = {int(label): i for i, label in enumerate(mesh.labels)}
+    place = {int(label): i for i, label in enumerate(whole.labels)}
+    references = {c.reference for c in imported.couplings}
+    result = []
+    for group in _by_reference(imported.couplings):
+        first = group[0]
+        labels = dict.fromkeys(n for c in group for n in c.nodes)
+        if first.rigid and first.reference in row:
+            labels[first.reference] = None
+        chained = [n for n in labels if n in references and n != first.reference]
+        nodes = np.unique([row[n] for n in labels if n in row]).astype(np.int64)
+        if chained or not nodes.size:
+            raise InputError(
+                f"{first.name} holds node {chained[0]}, the reference of another"
+                if chained
+                else f"{first.name} holds no node of an element",
+                place=first.place,
+                expected="couplings of nodes of elements",
+            )
+        where = None
+        if first.reference is not None and first.reference in place:
+            where = np.zeros(3)
+            where[: whole.dimension] = whole.positions[place[first.reference]]
+        markers = tuple(
+            name
+            for name, marker in model.markers.items()
+            if marker.tie is None
+            and marker.mesh_node is not None
+            and marker.mesh_node == first.reference
+            and marker.mesh_node not in row
+        )
+        result.append(Coupling(first.name, first.rigid, nodes, where, markers))
+    return tuple(result)
+
+
+def _by_reference(couplings: Sequence[RawCoupling]) -> Iterable[list[RawCoupling]]:
+    groups: dict[object, list[RawCoupling]] = {}
+    for i, coupling in enumerate(couplings):
+        shared = coupling.rigid and coupling.reference is not None
+        groups.setdefault(coupling.reference if shared else -1 - i, []).append(coupling)
+    return groups.values()
+
+
+def body_masses(
+    imported: ImportedMesh,
+    couplings: Sequence[Coupling],
+    mesh: Mesh,
+    units: UnitSystem,
+) -> tuple[PointMass, ...]:
+    """The point masses of a file in SI units.
+
+    Raises
+    ------
+    InputError : a mass is at a node that neither elements nor couplings hold, or has
+        inertia at a node that does not turn.
+    """
+    row = {int(label): i for i, label in enumerate(mesh.labels)}
+    held = {c.reference: c.name for c in reversed(imported.couplings)}
+    known = {c.name for c in couplings}
+    first = {
+        c.reference: c.name for c in reversed(imported.couplings) if c.name in known
+    }
+    result = []
+    for mass in imported.masses:
+        coupling = first.get(mass.node) if mass.node in held else None
+        _check(mass, coupling is not None, mass.node in row)
+        xx, yy, zz, xy, yz, zx = mass.inertia
+        tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+        result.append(
+            PointMass(
+                None if coupling is not None else row[mass.node],
+                coupling,
+                mass.mass * units.mass,
+                np.array(mass.offset) * units.length,
+                tensor * (units.mass * units.length**2),
+            )
+        )
+    return tuple(result)
+
+
+def _check(mass: RawMass, coupled: bool, on_element: bool) -> None:
+    if not coupled and not on_element:
+        raise InputError(
+            f"the mass at node {mass.node} is held by no element and no coupling",
+            place=mass.place,
+            expected="a node of an element, or the reference node of a coupling",
+        )
+    if not coupled and (any(mass.offset) or any(mass.inertia)):
+        raise InputError(
+            f"the mass at node {mass.node} has inertia or an offset, and the node of a "
+            "solid does not turn",
+            place=mass.place,
+            expected="a plain mass, or one at the reference node of a coupling",
+        )

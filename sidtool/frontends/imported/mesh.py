@@ -1,0 +1,245 @@
+"""Bodies whose mesh another program made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material, ModelFile
+from sidtool.formats.model.discretisation import MeshDiscretisation
+from sidtool.formats.model.geometry import MeshGeometry
+
+from ...importers.imported import ImportedMesh
+from ...importers.meshes import read_mesh
+from ...validate.units import UnitSystem, unit_system
+from ..anisotropic import AnisotropicMaterial, ElasticMaterial
+from ..finite_element_model import FiniteElementModel, still
+from ..geometry_mass import GeometryMass
+from ..mesh.data import Mesh, check_mesh, without_free_nodes
+from ..mesh.moments import mesh_moments
+from ..mesh.points import MeshPoints, position_of
+from ..mesh.surface import named_surface
+from ..named_sets import NamedSets
+from ..patches.conformity import check_conforming
+from ..patches.contact import check_contact
+from ..patches.markers import at_marker, placed
+from ..solid_mesh import SolidMesh
+from ..solids import mesh_continua, mesh_matrices
+from .calculix_body import calculix_model
+from .couplings import body_couplings, body_masses
+from .equations import body_equations, held_nodes, nodes_of
+
+#: No solid is as heavy [kg/m^3] or as stiff [Pa]: such a material has other units.
+_HEAVIEST, _STIFFEST = 1e5, 1e13
+Materials = Mapping[str | None, ElasticMaterial]
+
+
+def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
+    """The body of a model file whose geometry is a mesh file.
+
+    Nodes that no element uses (reference points of couplings, construction points)
+    are left out; a tied marker may stand at one. A material in the model file holds
+    for all elements.
+
+    Raises
+    ------
+    InputError : names the file and what is wrong in it.
+    """
+    geometry, settings = model.geometry, model.discretisation
+    assert isinstance(geometry, MeshGeometry)
+    assert isinstance(settings, MeshDiscretisation)
+    units = _units(geometry)
+    if geometry.engine == "calculix":
+        return calculix_model(model, units)
+    imported = read_mesh(geometry.file, geometry.ignore, geometry.part)
+    try:
+        whole = _scaled(imported.mesh, geometry, settings, units)
+        mesh = without_free_nodes(whole)
+        couplings = body_couplings(imported, whole, mesh, model)
+        masses = body_masses(imported, couplings, mesh, units)
+        equations, told = body_equations(imported, whole, mesh, units.length)
+        joined = [c.nodes for c in couplings if c.rigid]
+        check_mesh(mesh, "mesh", [*joined, *nodes_of(equations, mesh.dimension)])
+        check_conforming(mesh, "mesh")
+        check_contact(mesh, "mesh", held_nodes(equations, mesh, imported.ties))
+        own = _own_materials(imported, geometry, units)
+        materials = _materials(model, mesh, own)
+        plane = mesh.dimension == 2
+        state = _state(settings, imported) if plane else "solid"
+        if plane:
+            _check_thickness(mesh)
+        mass, stiffness = mesh_matrices(mesh, materials, state, incompatible_modes=True)
+    except InputError as error:
+        raise error.located(geometry.file) from None
+    continua = mesh_continua(mesh, materials, state, incompatible_modes=True)
+    points = MeshPoints(mesh, continua)
+    markers = []
+    apart = {name for coupling in couplings for name in coupling.markers}
+    for name, marker in placed(model.markers):
+        with at_marker(name):
+            if marker.tie is None and name not in apart:
+                where = position_of(mesh, marker)
+                markers.append(points.rows(name, marker.node, where))
+            else:
+                where = position_of(whole, marker)
+                markers.append(still(name, marker.node, where, mesh.positions.size))
+    return FiniteElementModel(
+        positions=mesh.positions,
+        scalar_mass=mass,
+        stiffness=stiffness,
+        node_sets=NamedSets(mesh.node_sets),
+        surface=named_surface(mesh, mesh.node_sets),
+        markers=tuple(markers),
+        continua=continua,
+        solids=SolidMesh(mesh, materials, state, incompatible_modes=True),
+        couplings=couplings,
+        point_masses=masses,
+        equations=equations,
+        notes=(*imported.notes, *told, *_notes(model, imported, own)),
+        geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
+    )
+
+
+def _units(geometry: MeshGeometry) -> UnitSystem:
+    """The units of the file; with a length alone, newton and second."""
+    if isinstance(geometry.unit, str):
+        try:
+            return unit_system(geometry.unit)
+        except InputError as error:
+            raise InputError(
+                error.problem, place="geometry.unit", expected=error.expected
+            ) from None
+    return UnitSystem("", geometry.unit, 1 / geometry.unit, 1.0, "N")
+
+
+def _scaled(
+    mesh: Mesh, geometry: MeshGeometry, settings: MeshDiscretisation, units: UnitSystem
+) -> Mesh:
+    """The mesh in metres, with the choices of the model file."""
+    blocks = []
+    for block in mesh.blocks:
+        own = None if block.thickness is None else block.thickness * units.length
+        blocks.append(
+            replace(
+                block,
+                thickness=geometry.thickness or own,
+                formulation=settings.formulation or block.formulation,
+            )
+        )
+    positions = mesh.positions * units.length
+    return replace(mesh, positions=positions, blocks=tuple(blocks))
+
+
+def _own_materials(
+    imported: ImportedMesh, geometry: MeshGeometry, units: UnitSystem
+) -> dict[str, ElasticMaterial]:
+    """The materials of the file in SI units."""
+    stress = units.mass / units.length / units.time**2
+    density = units.mass / units.length**3
+    result: dict[str, ElasticMaterial] = {}
+    for name, own in imported.materials.items():
+        if isinstance(own, AnisotropicMaterial):
+            result[name] = own.scaled(stress, density)
+            continue
+        result[name] = Material(
+            youngs_modulus=own.youngs_modulus * stress,
+            poissons_ratio=own.poissons_ratio,
+            density=own.density * density,
+        )
+    return result
+
+
+def _materials(
+    model: ModelFile, mesh: Mesh, own: Mapping[str, ElasticMaterial]
+) -> dict[str | None, ElasticMaterial]:
+    names = {block.material for block in mesh.blocks}
+    if model.material is not None:
+        return dict.fromkeys(names, model.material)
+    result: dict[str | None, ElasticMaterial] = {}
+    for name in names:
+        if name is None or name not in own:
+            what = "elements without a material" if name is None else f"material {name}"
+            raise InputError(
+                f"has {what}, of which E, nu and density are not known",
+                expected="complete and constant materials in the mesh file, or a table "
+                "[material]",
+            )
+        _check_units(name, own[name])
+        result[name] = own[name]
+    return result
+
+
+def _check_units(name: str, material: ElasticMaterial) -> None:
+    if isinstance(material, AnisotropicMaterial):
+        stiffest = float(material.law.diagonal().max())
+    else:
+        stiffest = material.youngs_modulus
+    if material.density > _HEAVIEST or stiffest > _STIFFEST:
+        raise InputError(
+            f"material {name} would have {_described(material)}",
+            place="geometry.unit",
+            expected='the units that the file is written in, such as "mm-t-s" or '
+            '"mm-kg-ms", or a table [material]',
+        )
+
+
+def _state(settings: MeshDiscretisation, imported: ImportedMesh) -> str:
+    state = settings.state or imported.state
+    if state is None:
+        raise InputError(
+            "is missing",
+            place="discretisation.state",
+            expected="plane_stress or plane_strain, which this file does not say",
+        )
+    return state
+
+
+def _check_thickness(mesh: Mesh) -> None:
+    if any(block.thickness is None for block in mesh.blocks):
+        raise InputError(
+            "is missing", place="geometry.thickness", expected="that of plane elements"
+        )
+
+
+def _notes(
+    model: ModelFile, imported: ImportedMesh, own: Mapping[str, ElasticMaterial]
+) -> Iterator[str]:
+    """What the model file replaces in the mesh file, and what it leaves to it."""
+    blocks, geometry, settings = (
+        imported.mesh.blocks,
+        model.geometry,
+        model.discretisation,
+    )
+    assert isinstance(geometry, MeshGeometry)
+    assert isinstance(settings, MeshDiscretisation)
+    named = {b.material for b in blocks if b.material is not None}
+    if model.material is None:
+        for name in sorted(named):
+            yield f"material {name} of the file: {_described(own[name])}"
+    elif named:
+        yield f"[material] replaces {', '.join(sorted(named))} of the file"
+    depths = {b.thickness for b in blocks if b.thickness is not None}
+    if geometry.thickness is not None and depths:
+        listed = ", ".join(f"{depth:g}" for depth in sorted(depths))
+        yield f"geometry.thickness replaces {listed} of the file"
+    if settings.state and imported.state and settings.state != imported.state:
+        yield f"discretisation.state replaces {imported.state} of the file"
+    chosen = {b.formulation for b in blocks if b.kind in ("hex8", "quad4")}
+    if settings.formulation and chosen - {None, settings.formulation}:
+        yield f"{settings.formulation} of the model file replaces that of the elements"
+    if not settings.formulation and None in chosen:
+        yield "elements without a formulation (hex8, quad4) have incompatible modes"
+
+
+def _described(material: ElasticMaterial) -> str:
+    if isinstance(material, AnisotropicMaterial):
+        moduli = ", ".join(f"{value:g}" for value in material.moduli)
+        return (
+            f"E along x, y, z = {moduli} Pa, not isotropic, "
+            f"density = {material.density:g} kg/m^3"
+        )
+    return (
+        f"E = {material.youngs_modulus:g} Pa, nu = {material.poissons_ratio:g}, "
+        f"density = {material.density:g} kg/m^3"
+    )

@@ -1,0 +1,1 @@
+"""Meshes of solid elements, their points, faces and moments."""

@@ -1,0 +1,254 @@
+"""Points of a mesh: which element holds them, and the rows of markers there."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike, NDArray
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import NodeMarker
+
+from ..elements.continuum import Continuum, half_curl
+from ..elements.internal_modes import internal_slopes
+from ..elements.reduced_integration import extrapolation
+from ..elements.reference import ReferenceElement, reference_element
+from ..elements.solid import internal_amplitudes
+from ..finite_element_model import MarkerRows, carried
+from ..patches.markers import check_length
+from ..solids import element_batches
+from .data import ElementBlock, Mesh
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_ITERATIONS = 30
+#: Slack in reference coordinates within which a point counts as inside an element.
+_SLACK = 1e-6
+
+
+#: Elements that are tried for the point of the mesh that is nearest to another.
+_BESIDE = 48
+
+#: Number of a block, row of an element in it, point in the reference element.
+_Holder = tuple[int, int, Array]
+
+
+def position_of(mesh: Mesh, marker: NodeMarker) -> Array:
+    """Where a marker of an imported mesh is.
+
+    Raises
+    ------
+    InputError : it is given by parameters or a side, or by an unknown node.
+    """
+    if marker.mesh_node is not None:
+        return mesh.positions[_row_of_node(mesh, marker.mesh_node)]
+    if marker.position is None:
+        raise InputError("a mesh has no parameters", expected="position or mesh_node")
+    check_length(marker.position, mesh.dimension, "position")
+    return np.array(marker.position)
+
+
+def _row_of_node(mesh: Mesh, label: int) -> int:
+    found = np.flatnonzero(mesh.labels == label)
+    if not found.size:
+        raise InputError(
+            f"the mesh has no node {label}",
+            place="mesh_node",
+            expected="a node that an element uses; of a tied marker any node",
+        )
+    return int(found[0])
+
+
+class MeshPoints:
+    """Finds the elements of a mesh around given points."""
+
+    def __init__(self, mesh: Mesh, continua: tuple[Continuum, ...] = ()) -> None:
+        """`continua` are the materials of the blocks, for their internal modes."""
+        self.mesh = mesh
+        self._continua = continua
+        self._size = float(np.ptp(mesh.positions, axis=0).max())
+        self._boxes = [_boxes(mesh.positions[block.nodes]) for block in mesh.blocks]
+
+    def rows(self, name: str, node: int, position: ArrayLike) -> MarkerRows:
+        """The rows of a marker: displacement there, and half the curl of the
+        displacement, averaged over the elements that meet there.
+
+        Raises
+        ------
+        InputError : no element holds the point.
+        """
+        target = np.asarray(position, float)
+        found = self._holders(target)
+        if not found:
+            raise self._outside(target)
+        return self._rows(name, node, target, found)
+
+    def rows_beside(self, name: str, node: int, position: ArrayLike) -> MarkerRows:
+        """The rows of a marker of a geometry that the mesh samples.
+
+        Facets cut corners of curved faces. Where the marker lies beyond, it keeps its
+        place and moves as a rigid arm of the nearest point of the mesh.
+        """
+        target = np.asarray(position, float)
+        found = self._holders(target)
+        if found:
+            return self._rows(name, node, target, found)
+        foot = self._nearest(target)
+        return carried(self._rows(name, node, foot, self._holders(foot)), target)
+
+    def _rows(
+        self, name: str, node: int, target: Array, found: list[_Holder]
+    ) -> MarkerRows:
+        d, ndof = self.mesh.dimension, self.mesh.positions.size
+        number, row, where = found[0]
+        block = self.mesh.blocks[number]
+        values, _ = reference_element(block.kind).at(where[None])
+        nodes = block.nodes[row]
+        coefficients = np.zeros((3, len(nodes), d))
+        coefficients[range(d), :, range(d)] = values[0]
+        gradient, strain = sp.csr_matrix((9, ndof)), sp.csr_matrix((9, ndof))
+        for holder in found:
+            own = self._gradient(*holder)
+            gradient = gradient + own
+            strain = strain + self._strain_gradient(*holder, own)
+        share = 1 / len(found)
+        return MarkerRows(
+            name=name,
+            node=node,
+            position=np.pad(target, (0, 3 - d)),
+            displacement=_sparse(coefficients, nodes, ndof),
+            rotation=half_curl(sp.csr_matrix(gradient * share)),
+            gradient=sp.csr_matrix(strain * share),
+        )
+
+    def _holders(self, target: Array) -> list[_Holder]:
+        found = []
+        for number, block in enumerate(self.mesh.blocks):
+            element = reference_element(block.kind)
+            for row in np.flatnonzero(self._gaps(number, target) == 0):
+                corners = self.mesh.positions[block.nodes[row]]
+                where, distance = _inverse(element, corners, target)
+                if distance < 1e-9 * self._size and element.excess(where) < _SLACK:
+                    found.append((number, int(row), where))
+        return found
+
+    def _gaps(self, number: int, target: Array) -> Array:
+        """(ne,) distances to the boxes around the elements of a block."""
+        low, high = self._boxes[number]
+        gaps: Array = np.linalg.norm(
+            np.maximum(np.maximum(low - target, target - high), 0), axis=1
+        )
+        return gaps
+
+    def _nearest(self, target: Array) -> Array:
+        """A point of the mesh that is nearest, or nearly so."""
+        gaps = [self._gaps(i, target) for i in range(len(self.mesh.blocks))]
+        limit = np.sort(np.concatenate(gaps))[:_BESIDE][-1]
+        best, distance = target, np.inf
+        for block, beside in zip(self.mesh.blocks, gaps, strict=True):
+            element = reference_element(block.kind)
+            for row in np.flatnonzero(beside <= limit):
+                corners = self.mesh.positions[block.nodes[row]]
+                where = element.clamped(_inverse(element, corners, target)[0])
+                foot = element.at(where[None])[0][0] @ corners
+                if np.linalg.norm(foot - target) < distance:
+                    best, distance = foot, float(np.linalg.norm(foot - target))
+        return best
+
+    def _outside(self, target: Array) -> InputError:
+        text = ", ".join(f"{x:.6g}" for x in target)
+        off = ((self.mesh.positions - target) ** 2).sum(axis=1)
+        closest = ", ".join(f"{x:.6g}" for x in self.mesh.positions[off.argmin()])
+        return InputError(
+            f"({text}) lies in no element",
+            expected=f"a point of the mesh; the nearest node is at ({closest})",
+        )
+
+    def _gradient(self, number: int, row: int, where: Array) -> sp.csr_matrix:
+        nodes = self.mesh.blocks[number].nodes[row]
+        element = reference_element(self.mesh.blocks[number].kind)
+        _, gradients = element.at(where[None])
+        jacobian = self.mesh.positions[nodes].T @ gradients[0]
+        scale = np.linalg.norm(jacobian, axis=0).prod()
+        if abs(np.linalg.det(jacobian)) <= 1e-10 * scale:
+            raise InputError(
+                "the geometry degenerates here, so that a rotation is not defined",
+                expected="a place where the edges of the element cross at an angle",
+            )
+        slopes = gradients[0] @ np.linalg.inv(jacobian)
+        d = self.mesh.dimension
+        rows = np.zeros((3, 3, len(nodes), d))
+        for axis in range(d):
+            rows[axis, :d, :, axis] = slopes.T
+        return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
+
+    def _strain_gradient(
+        self, number: int, row: int, where: Array, plain: sp.csr_matrix
+    ) -> sp.csr_matrix:
+        """(9, ndof) gradient that the stiffness of one element sees."""
+        block = self.mesh.blocks[number]
+        shares = extrapolation(block.kind, where)
+        if shares is None:
+            return plain + self._internal_gradient(number, row, where)
+        nodes, d = block.nodes[row], self.mesh.dimension
+        alone = ElementBlock(block.kind, nodes[None], block.labels[[row]])
+        (one,) = element_batches(self.mesh, alone)
+        slopes = np.einsum("g,gmd->md", shares, one.gradients[0])
+        rows = np.zeros((3, 3, len(nodes), d))
+        for axis in range(d):
+            rows[axis, :d, :, axis] = slopes.T
+        return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
+
+    def _internal_gradient(self, number: int, row: int, where: Array) -> sp.csr_matrix:
+        """(9, ndof) share of the internal modes of one element."""
+        block, d = self.mesh.blocks[number], self.mesh.dimension
+        nodes = block.nodes[row]
+        if not self._continua or not self._continua[number].internal_modes:
+            return sp.csr_matrix((9, self.mesh.positions.size))
+        element, corners = reference_element(block.kind), self.mesh.positions[nodes]
+        alone = ElementBlock(block.kind, nodes[None], block.labels[[row]])
+        (one,) = element_batches(self.mesh, alone, relieved=True)
+        law = self._continua[number].law
+        _, gradients = element.at(where[None])
+        determinants = np.linalg.det(corners.T @ gradients)[None]
+        slopes = internal_slopes(element, corners[None], where[None], determinants)
+        by_node = internal_amplitudes(one, law)[0].reshape(-1, d, len(nodes), d)
+        rows = np.zeros((3, 3, len(nodes), d))
+        rows[:d, :d] = np.einsum("kb,kcmd->cbmd", slopes[0, 0], by_node)
+        return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
+
+
+def _boxes(corners: Array) -> tuple[Array, Array]:
+    """(ne, d) lower and upper ends of boxes around elements, bowed edges included."""
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    slack = 0.1 * (high - low).max(axis=1, keepdims=True)
+    return low - slack, high + slack
+
+
+def _inverse(
+    element: ReferenceElement, corners: Array, target: Array
+) -> tuple[Array, float]:
+    """Reference point whose image is nearest to the target, and the distance."""
+    where = element.nodes.mean(axis=0)
+    for _ in range(_ITERATIONS):
+        values, gradients = element.at(where[None])
+        miss = target - values[0] @ corners
+        jacobian = corners.T @ gradients[0]
+        step = np.linalg.lstsq(jacobian, miss, rcond=None)[0]
+        where = np.clip(where + step, -0.5, 1.5)
+        if np.abs(step).max() < 1e-13:
+            break
+    values, _ = element.at(where[None])
+    return where, float(np.linalg.norm(target - values[0] @ corners))
+
+
+def _sparse(rows: Array, nodes: Indices, ndof: int) -> sp.csr_matrix:
+    """(k, m, d) coefficients at some nodes as (k, ndof)."""
+    k, _, d = rows.shape
+    rows = np.where(np.abs(rows) < 1e-12 * np.abs(rows).max(), 0.0, rows)
+    columns = (nodes[:, None] * d + np.arange(d)).ravel()
+    index = (np.repeat(np.arange(k), columns.size), np.tile(columns, k))
+    matrix = sp.csr_matrix((rows.ravel(), index), shape=(k, ndof))
+    matrix.eliminate_zeros()
+    return matrix

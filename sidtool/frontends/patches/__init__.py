@@ -1,0 +1,1 @@
+"""Bodies of several patches, and ties between sides that do not match."""

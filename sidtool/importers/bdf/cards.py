@@ -1,0 +1,172 @@
+"""Cards of Nastran bulk data: small, large and free fields, and continuations."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sidtool.formats.errors import InputError
+
+from ..imported import MOST_MEMBERS, integers, numbers, read_lines
+from ..included import Included
+
+#: A real number whose exponent has no letter, as in 2.1+11.
+_EXPONENT = re.compile(r"^([+-]?(?:\d+\.?\d*|\.\d+))([+-]\d+)$")
+
+
+@dataclass
+class Card:
+    """One card with all its continuations.
+
+    Attributes
+    ----------
+    name : in capitals, without the star of large fields
+    words : the data fields, "" for a blank one
+    after : what its last line ends with, to find the next one
+    """
+
+    name: str
+    place: str
+    words: list[str] = field(default_factory=list)
+    after: str = ""
+
+    def word(self, i: int) -> str:
+        """Data field i from 0, "" beyond the last."""
+        return self.words[i] if i < len(self.words) else ""
+
+    def integer(self, i: int, what: str, default: int | None = None) -> int:
+        """A whole number.
+
+        Raises
+        ------
+        InputError : there is none, and no default.
+        """
+        if not self.word(i) and default is not None:
+            return default
+        return integers([self.word(i)], self.place, f"{self.name}: {what}")[0]
+
+    def real(self, i: int, what: str, default: float = 0.0) -> float:
+        """A real number, as Nastran writes it.
+
+        Raises
+        ------
+        InputError : it is none.
+        """
+        if not self.word(i):
+            return default
+        word = _EXPONENT.sub(r"\1E\2", self.word(i))
+        return numbers([word], self.place, f"{self.name}: {what}")[0]
+
+
+def read_cards(path: Path, included: Included | None = None) -> list[Card]:
+    """The cards of the bulk data; without BEGIN BULK the whole file is bulk data.
+
+    Raises
+    ------
+    InputError : names file and line.
+    """
+    included = included or Included()
+    included.enter(path)
+    lines = list(enumerate(read_lines(path), start=1))
+    begins = [i for i, (_, text) in enumerate(lines) if _squeezed(text) == "BEGIN BULK"]
+    cards: list[Card] = []
+    for number, raw in lines[begins[0] + 1 if begins else 0 :]:
+        text, place = raw.split("$")[0].rstrip().expandtabs(8), f"line {number}"
+        if not text.strip():
+            continue
+        first = _squeezed(text).split()[0].split(",")[0]
+        if first == "ENDDATA":
+            break
+        if first == "BEGIN":
+            raise InputError(
+                f"holds {text.strip()}, which is not supported",
+                source=path,
+                place=place,
+                expected="bulk data without superelements",
+            )
+        if first == "INCLUDE":
+            cards += _included(path, text, place, included)
+            continue
+        _take(cards, text, place, path)
+    included.open.pop()
+    return cards
+
+
+def _squeezed(text: str) -> str:
+    return " ".join(text.upper().split())
+
+
+def _included(path: Path, text: str, place: str, included: Included) -> list[Card]:
+    name = text.strip()[len("INCLUDE") :].strip().strip("'\"")
+    if not name:
+        raise InputError(
+            "names no file",
+            source=path,
+            place=place,
+            expected="INCLUDE 'FILE'",
+        )
+    return read_cards(path.parent / name, included)
+
+
+def _take(cards: list[Card], text: str, place: str, path: Path) -> None:
+    """A line as a new card, or as the continuation of the last one."""
+    name, words, after = _fields(text, place)
+    if name and name[0] not in "+*":
+        cards.append(Card(name.rstrip("*"), place, words, after))
+        return
+    mark = name.lstrip("+*")
+    if not cards or (mark and mark != cards[-1].after.lstrip("+*")):
+        raise InputError(
+            f"continues no card: {text[:30]!r}",
+            source=path,
+            place=place,
+            expected="continuations right behind their card",
+        )
+    card = cards[-1]
+    card.words += words
+    card.after = after
+
+
+def _fields(text: str, place: str) -> tuple[str, list[str], str]:
+    """Name, data fields (8, or 4 large ones) and the mark at the end."""
+    if "," in text:
+        fields = [word.strip() for word in text.split(",")]
+        count = 4 if "*" in fields[0] else 8
+        if len(fields) > count + 2:
+            raise InputError(
+                f"has {len(fields)} fields", place=place, expected=f"{count + 2}"
+            )
+    else:
+        wide = "*" in text[:8]
+        width, count = (16, 4) if wide else (8, 8)
+        starts = [8 + width * i for i in range(count)]
+        fields = [text[:8].strip(), *(text[s : s + width].strip() for s in starts)]
+        fields.append(text[72:80].strip())
+    words = fields[1 : count + 1]
+    words += [""] * (count - len(words))
+    after = fields[count + 1] if len(fields) > count + 1 else ""
+    return fields[0].upper(), words, after.upper()
+
+
+def members(words: list[str], place: str) -> Iterator[int]:
+    """Numbers and ranges `a THRU b`.
+
+    Raises
+    ------
+    InputError : they are none.
+    """
+    given = [word.upper() for word in words if word]
+    i = 0
+    while i < len(given):
+        if given[i + 1 : i + 2] == ["THRU"]:
+            ends = integers([given[i], *given[i + 2 : i + 3]], place)
+            if len(ends) < 2 or not 0 <= ends[1] - ends[0] < MOST_MEMBERS:
+                found = " ".join(given[i : i + 3])
+                raise InputError(f"found {found!r}", place=place, expected="a THRU b")
+            yield from range(ends[0], ends[1] + 1)
+            i += 3
+            continue
+        yield integers([given[i]], place)[0]
+        i += 1

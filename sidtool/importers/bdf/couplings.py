@@ -1,0 +1,92 @@
+"""RBE2, RBE3 and CONM2 of Nastran bulk data."""
+
+from __future__ import annotations
+
+from sidtool.formats.errors import InputError
+
+from ..imported import RawCoupling, RawMass
+from .cards import Card, members
+
+
+def rbe2(card: Card) -> RawCoupling:
+    """EID, GN, CM, GM1, GM2, ...: with all three displacements a rigid piece.
+
+    Raises
+    ------
+    InputError : it holds other directions.
+    """
+    label, node = (card.integer(i, "a number") for i in (0, 1))
+    _check_directions(card, f"RBE2 {label} holds", card.word(2))
+    words = [word for word in card.words[3:] if word]
+    if words and "." in words[-1]:
+        words.pop()
+    nodes = tuple(members(words, card.place))
+    return RawCoupling(f"RBE2 {label}", True, nodes, node, card.place)
+
+
+def rbe3(card: Card) -> tuple[RawCoupling, bool]:
+    """EID, blank, REFGRID, REFC, WT1, C1, G1, G2, ..., WT2, C2, ..., UM ...
+
+    Returns
+    -------
+    the coupling, and whether nodes have different weights
+
+    Raises
+    ------
+    InputError : nodes take part with less than their three displacements.
+    """
+    label, node = card.integer(0, "a number"), card.integer(2, "a node")
+    _check_directions(card, f"RBE3 {label} moves", card.word(3))
+    nodes: list[int] = []
+    weights = set()
+    words = [word for word in card.words[4:] if word]
+    end = next((i for i, w in enumerate(words) if w.upper() in ("UM", "ALPHA")), None)
+    words = words[:end]
+    i = 0
+    while i < len(words):
+        weights.add(words[i])
+        directions = words[i + 1] if i + 1 < len(words) else ""
+        _check_directions(card, f"RBE3 {label} takes", directions)
+        i += 2
+        start = i
+        while i < len(words) and "." not in words[i]:
+            i += 1
+        nodes += members(words[start:i], card.place)
+    return RawCoupling(f"RBE3 {label}", False, tuple(nodes), node, card.place), (
+        len(weights) > 1
+    )
+
+
+def _check_directions(card: Card, what: str, directions: str) -> None:
+    if not {"1", "2", "3"} <= set(directions) <= set("123456"):
+        raise InputError(
+            f"{what} the directions {directions or '(none)'}",
+            place=card.place,
+            expected="1, 2 and 3 with or without rotations",
+        )
+
+
+def conm2(card: Card) -> RawMass:
+    """EID, G, CID, M, X1, X2, X3, blank, I11, I21, I22, I31, I32, I33.
+
+    Products of inertia are integrals of x y dm there.
+
+    Raises
+    ------
+    InputError : it is in a coordinate system.
+    """
+    if card.integer(2, "a system", 0):
+        raise InputError(
+            f"CONM2 {card.word(0)} is given in the system {card.word(2)}",
+            place=card.place,
+            expected="the basic system",
+        )
+    x, y, z = (card.real(i, "an offset") for i in (4, 5, 6))
+    i11, i21, i22, i31, i32, i33 = (card.real(i, "an inertia") for i in range(8, 14))
+    return RawMass(
+        card.integer(1, "a node"),
+        card.real(3, "a mass"),
+        card.place,
+        (x, y, z),
+        (i11, i22, i33, -i21, -i32, -i31),
+    )

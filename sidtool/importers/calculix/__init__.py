@@ -1,0 +1,1 @@
+"""CalculiX as an engine for what own elements do not cover."""

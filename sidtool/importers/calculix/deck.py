@@ -1,0 +1,130 @@
+"""The free body of a CalculiX deck: the deck without steps, supports and loads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from sidtool.formats.errors import InputError
+
+from ..imported import read_lines
+from ..included import Included
+
+#: Supports, which the frame of the model file says instead.
+_LEFT_OUT = ("BOUNDARY", "BOUNDARYF")
+#: Characters of a number that CalculiX reads.
+_LONGEST = 20
+#: What makes a deck more than one free, linear body.
+_REFUSED = {
+    "CONTACTPAIR": "one body without contact",
+    "CYCLICSYMMETRYMODEL": "a mesh of the whole body",
+    "PRE-TENSIONSECTION": "a deck without bolts under tension",
+    "SUBMODEL": "a deck of the whole body",
+    "GAP": "one body without contact",
+    "PART": "a flat deck, as CalculiX reads it",
+    "INSTANCE": "a flat deck, as CalculiX reads it",
+    "USERMATERIAL": "a linear elastic material",
+}
+
+
+def free_deck(path: Path, ignored: frozenset[str] = frozenset()) -> list[str]:
+    """The lines of a deck with its included files, less steps and supports.
+
+    Parameters
+    ----------
+    ignored : keywords that are left out on purpose, in capitals
+
+    Raises
+    ------
+    InputError : a file cannot be read, or a keyword makes it more than one body.
+    """
+    dropped = {"".join(word.split()) for word in (*_LEFT_OUT, *ignored)}
+    result: list[str] = []
+    keep, in_step = True, False
+    for text, place in _lines(path, Included()):
+        if text.startswith("**"):
+            continue
+        if text.startswith("*"):
+            keyword = "".join(text[1:].split(",")[0].upper().split())
+            in_step = keyword == "STEP" or (in_step and keyword != "ENDSTEP")
+            keep = not in_step and keyword != "ENDSTEP" and keyword not in dropped
+            if keep and keyword in _REFUSED:
+                raise InputError(
+                    f"*{text[1:].split(',')[0].strip().upper()} is not supported",
+                    source=path,
+                    place=place,
+                    expected=_REFUSED[keyword],
+                )
+        if keep:
+            result.append(text if text.startswith("*") else _short(text))
+    return result
+
+
+def _short(text: str) -> str:
+    """A data line whose numbers fit: CalculiX cuts what is longer."""
+    words = text.split(",")
+    if all(len(word.strip()) <= _LONGEST for word in words):
+        return text
+    return ",".join(_fitting(word.strip()) for word in words)
+
+
+def _fitting(word: str) -> str:
+    try:
+        return word if len(word) <= _LONGEST else f"{float(word):.12e}"
+    except ValueError:
+        return word
+
+
+def without_layers(lines: list[str]) -> list[str]:
+    """The deck with the layers of composite shells as one.
+
+    What is written of composites is a mesh of their layers; that of one layer has the
+    nodes that the matrices have.
+    """
+    result: list[str] = []
+    layers: list[list[str]] = []
+    for text in [*lines, "*"]:
+        if layers and not text.startswith("*"):
+            layers.append(text.split(","))
+            continue
+        if layers:
+            head, *rows = layers
+            thickness = sum(float(row[0]) for row in rows)
+            result += [
+                f"{','.join(head)},MATERIAL={rows[0][2].strip()}",
+                f"{thickness!r}",
+            ]
+            layers = []
+        options = [word.strip() for word in text.split(",")]
+        upper = [word.upper() for word in options]
+        if "".join(upper[0].split()) == "*SHELLSECTION" and "COMPOSITE" in upper:
+            kept = [w for w, u in zip(options, upper, strict=True) if u != "COMPOSITE"]
+            layers = [[w for w in kept if not w.upper().startswith("ORIENTATION")]]
+        else:
+            result.append(text)
+    return result[:-1]
+
+
+def _lines(path: Path, included: Included) -> Iterator[tuple[str, str]]:
+    included.enter(path)
+    for number, line in enumerate(read_lines(path), start=1):
+        text, place = line.strip(), f"line {number}"
+        word, _, rest = text.partition(",")
+        if "".join(word.upper().split()) == "*INCLUDE":
+            yield from _lines(path.parent / _file(rest, place), included)
+        elif text.startswith("*") and "INPUT=" in "".join(rest.upper().split()):
+            options = rest.split(",")
+            own = [x for x in options if not x.strip().upper().startswith("INPUT")]
+            yield ",".join([word, *own]), place
+            yield from _lines(path.parent / _file(rest, place), included)
+        elif text:
+            yield text, place
+    included.open.pop()
+
+
+def _file(options: str, place: str) -> str:
+    for option in options.split(","):
+        name, _, value = option.partition("=")
+        if name.strip().upper() == "INPUT" and value.strip():
+            return value.strip().strip('"')
+    raise InputError("names no file", place=place, expected="INPUT=FILE")

@@ -1,0 +1,1 @@
+"""ANSYS archives (.cdb)."""

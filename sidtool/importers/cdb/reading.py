@@ -1,0 +1,347 @@
+"""ANSYS archives (.cdb): solids and plane elements, materials, components of nodes.
+
+Every command is read, listed as without effect on a linear elastic body, or refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import Material
+
+from ..imported import (
+    EVERYTHING,
+    ImportedMesh,
+    RawElement,
+    assembled_mesh,
+    integers,
+    numbers,
+    read_lines,
+    reading_notes,
+)
+from .elements import collapsed, element_kind, plane_state
+
+#: Supports, loads, output and names, which have no part in the body.
+_IDLE = """
+    /COM /PREP7 /SOLU /POST1 /NOPR /GOPR /GO /TITLE /UNITS /VIEW /AUTO /NERR /WB /OUT
+    /CONFIG /BATCH /FILN /FILNAME *SET *GET FINI FINISH NUMOFF EXTOPT SHPP CSYS DSYS
+    ESYS LOCAL CLOCAL CSCIR DOF D DDELE DSYM F FDELE SF SFE SFL SFA SFDELE BF BFE BFUNIF
+    TUNIF TREF TOFFST ACEL OMEGA DOMEGA CGLOC CGOMGA DCGOMG IRLF ANTYPE NLGEOM NSUBST
+    DELTIM AUTOTS TIME OUTRES OUTPR KBC NCNV ERESX ALPHAD BETAD DMPRAT DMPSTR LSWRITE
+    LSCLEAR SOLVE SAVE MODOPT MXPAND EQSLV BFDELE MPTEMP MPTGEN NROPT LNSRCH PRED TINTP
+    CNVTOL CUTCONTROL MONITOR LUMPM PSTRES CNKMOD MODCONTROL QRDOPT KUSE NEQIT CRPLIM
+    CGOMEGA
+"""
+_WITHOUT_EFFECT = frozenset(_IDLE.split())
+#: What depends on a parameter must have no effect either way.
+_BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
+_CONSTANTS = {"EX": "e", "NUXY": "nu", "PRXY": "nu", "DENS": "rho", "GXY": "g"}
+#: Properties that a linear elastic isotropic body does not ask for.
+_OTHER_CONSTANTS = ("ALPX", "CTEX", "REFT", "KXX", "C", "MU", "DMPR", "DAMP", "BETD")
+_FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
+#: Integers before the nodes of an element: material, type, ..., nodes, unused, label.
+_HEAD = 11
+
+
+@dataclass
+class _Content:
+    lines: list[str]
+    at: int = 0
+    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    types: dict[int, int] = field(default_factory=dict)
+    options: dict[tuple[int, int], int] = field(default_factory=dict)
+    elements: list[tuple[list[int], str]] = field(default_factory=list)
+    constants: dict[int, dict[str, float]] = field(default_factory=dict)
+    sets: dict[str, list[int]] = field(default_factory=dict)
+    current: dict[str, int] = field(default_factory=dict)
+    said: dict[str, None] = field(default_factory=dict)
+    branches: int = 0
+
+    @property
+    def place(self) -> str:
+        return f"line {self.at}"
+
+    def next(self) -> str:
+        """The next line.
+
+        Raises
+        ------
+        InputError : the file ends.
+        """
+        if self.at >= len(self.lines):
+            raise InputError("ends inside a block", expected="the rest of the block")
+        self.at += 1
+        return self.lines[self.at - 1]
+
+
+def read_cdb(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
+    """The mesh of an ANSYS archive.
+
+    Parameters
+    ----------
+    ignored : commands that are left out on purpose, in capitals
+
+    Raises
+    ------
+    InputError : names file, line and expectation.
+    """
+    try:
+        content = _Content(read_lines(path))
+        while content.at < len(content.lines):
+            _take(content, content.next(), ignored)
+        return _imported(content)
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def _take(content: _Content, line: str, ignored: frozenset[str]) -> None:
+    words = [word.strip() for word in line.split("!")[0].split(",")]
+    name = words[0].upper().split(" ")[0]
+    if not name or name.startswith("C***"):
+        return
+    if name in _BRANCHES:
+        content.branches += _BRANCHES[name]
+    elif "=" in name:
+        content.said["assignments of parameters"] = None
+    elif name in _READERS and name not in ignored:
+        if content.branches:
+            raise InputError(
+                f"{name} depends on a parameter",
+                place=content.place,
+                expected="an archive without *IF before what it says of the body",
+            )
+        _READERS[name](content, words)
+    elif name in ignored or name in _WITHOUT_EFFECT or EVERYTHING in ignored:
+        content.said[name] = None
+    else:
+        raise InputError(
+            f"{name} is not supported",
+            place=content.place,
+            expected=f'an archive without it; geometry.ignore = ["{name}"] leaves it '
+            "out",
+        )
+
+
+def _type(content: _Content, words: list[str]) -> None:
+    key, kind = integers(words[1:3], content.place, "ET, number, type")
+    content.types[key] = kind
+
+
+def _keyopt(content: _Content, words: list[str]) -> None:
+    key, option, value = integers(words[1:4], content.place, "KEYOPT, type, key, value")
+    content.options[key, option] = value
+
+
+def _types(content: _Content, words: list[str]) -> None:
+    """ETBLOCK: number, type and keys 1, 2, ... of every element type."""
+    for whole, keys in _rows(content):
+        key, kind = integers(whole, content.place, "number and type")
+        content.types[key] = kind
+        for i, word in enumerate(keys, start=1):
+            if word.strip():
+                content.options[key, i] = integers([word], content.place)[0]
+
+
+def _rows(content: _Content) -> Iterator[tuple[list[str], list[str]]]:
+    """The integers and what follows them in the lines of a block, until its end."""
+    found = _FORMAT.search(content.next())
+    if found is None:
+        wanted = "a line like (3i9,6e21.13e3)"
+        raise InputError("has no format", place=content.place, expected=wanted)
+    count, width, _, wide = (int(x) if x else 0 for x in found.groups())
+    while True:
+        line = content.next()
+        start = line.strip().upper()
+        if start == "-1" or start.startswith("N,"):
+            return
+        whole = [line[i * width : (i + 1) * width] for i in range(count)]
+        rest = line[count * width :] if wide else ""
+        reals = [rest[i : i + wide] for i in range(0, len(rest.rstrip()), wide or 1)]
+        yield [x for x in whole if x.strip()], reals
+
+
+def _nblock(content: _Content, words: list[str]) -> None:
+    before, announced = len(content.nodes), _announced(words)
+    for whole, reals in _rows(content):
+        label = integers(whole[:1], content.place, "a node number")[0]
+        _add_node(content, label, reals)
+    _check_count("NBLOCK", announced, len(content.nodes) - before)
+
+
+def _announced(words: list[str]) -> int | None:
+    last = words[-1]
+    return int(last) if len(words) > 4 and last.isdigit() else None
+
+
+def _check_count(name: str, announced: int | None, found: int) -> None:
+    if announced is not None and announced != found:
+        raise InputError(
+            f"{name} announces {announced} entries and holds {found}",
+            expected="as many as it announces",
+        )
+
+
+def _add_node(content: _Content, label: int, words: list[str]) -> None:
+    if label in content.nodes:
+        what = f"node {label} is defined twice"
+        raise InputError(what, place=content.place, expected="one definition")
+    given = [word.strip() or "0" for word in words[:3]]
+    x, y, z = (*numbers(given, content.place, "coordinates"), 0.0, 0.0, 0.0)[:3]
+    content.nodes[label] = (x, y, z)
+
+
+def _node(content: _Content, words: list[str]) -> None:
+    """N, number, x, y, z, or as written by NWRITE: N,R5.3,LOC, number, x, y, z."""
+    if words[1:2] and words[1].upper().startswith("R5"):
+        words = ["N", *words[3:]] if words[2].upper() == "LOC" else ["N", "-1"]
+    label = integers(words[1:2], content.place, "a node number")[0]
+    if label > 0:
+        _add_node(content, label, words[2:5])
+
+
+def _eblock(content: _Content, words: list[str]) -> None:
+    if "SOLID" not in (word.upper() for word in words):
+        raise InputError(
+            "EBLOCK without SOLID is not supported",
+            place=content.place,
+            expected="EBLOCK, 19, SOLID",
+        )
+    before, announced = len(content.elements), _announced(words)
+    for whole, _ in _rows(content):
+        values = integers(whole, content.place, "element data")
+        wanted = content.elements[-1][0] if len(content.elements) > before else []
+        if wanted and len(wanted) < _HEAD + wanted[8]:
+            wanted.extend(values)
+            continue
+        if len(values) < _HEAD:
+            raise InputError(
+                f"has {len(values)} entries",
+                place=content.place,
+                expected=f"at least {_HEAD}",
+            )
+        content.elements.append((values, content.place))
+    _check_count("EBLOCK", announced, len(content.elements) - before)
+
+
+def _now(name: str) -> Callable[[_Content, list[str]], None]:
+    def read(content: _Content, words: list[str]) -> None:
+        content.current[name] = integers(words[1:2], content.place, name)[0]
+
+    return read
+
+
+def _single(content: _Content, words: list[str]) -> None:
+    """EN, number, nodes, of the type and material here; EN,R5.5,ATTR,-1 is the end."""
+    if words[1].upper().startswith("R5") and words[3:4] == ["-1"]:
+        return
+    label, *nodes = integers([word for word in words[1:] if word], content.place)
+    material, kind = (content.current.get(key, 1) for key in ("MAT", "TYPE"))
+    head = [material, kind, 1, 1, 0, 0, 0, 0, len(nodes), 0, label]
+    content.elements.append(([*head, *nodes], content.place))
+
+
+def _component(content: _Content, words: list[str]) -> None:
+    """CMBLOCK, name, kind, count: numbers, of which a negative one ends a range."""
+    name, kind = words[1], words[2].upper() if len(words) > 2 else ""
+    members: list[int] = []
+    while (found := _FORMAT.search(content.next())) is None:
+        continue
+    width = int(found.group(2))
+    count = integers(words[3:4], content.place, "the number of entries")[0]
+    read = 0
+    while read < count:
+        line = content.next().rstrip()
+        parts = [line[i : i + width] for i in range(0, len(line), width)]
+        for value in integers(parts, content.place, "numbers"):
+            read += 1
+            first = members[-1] + 1 if value < 0 and members else value
+            members.extend(range(first, -value + 1) if value < 0 else [value])
+    if kind.startswith("NODE"):
+        content.sets[name] = members
+    else:
+        content.said[f"component {name} of {kind}"] = None
+
+
+def _property(content: _Content, words: list[str]) -> None:
+    """MP, name, material, value, or MPDATA, R5.0, n, name, material, start, values."""
+    if words[0].upper() == "MPDATA":
+        skip = 3 if words[1].upper().startswith("R5") else 1
+        name, number, _, *values = words[skip:]
+    else:
+        name, number, *values = words[1:]
+    name, given = name.upper(), [value for value in values if value]
+    material = integers([number], content.place, "a material")[0]
+    if name not in _CONSTANTS:
+        if name not in _OTHER_CONSTANTS:
+            raise InputError(
+                f"property {name} of material {material} is not supported",
+                place=content.place,
+                expected=f"one of {', '.join([*_CONSTANTS, *_OTHER_CONSTANTS])}",
+            )
+        content.said[f"property {name}"] = None
+        return
+    found = numbers(given, content.place, "a constant")
+    table = content.constants.setdefault(material, {})
+    if len(set(found)) == 1:
+        table[_CONSTANTS[name]] = found[0]
+
+
+_READERS: dict[str, Callable[[_Content, list[str]], None]] = {
+    "ET": _type,
+    "ETBLOCK": _types,
+    "KEYOP": _keyopt,
+    "KEYOPT": _keyopt,
+    "NBLOCK": _nblock,
+    "EBLOCK": _eblock,
+    "N": _node,
+    "EN": _single,
+    "TYPE": _now("TYPE"),
+    "MAT": _now("MAT"),
+    "REAL": _now("REAL"),
+    "CMBLOCK": _component,
+    "MP": _property,
+    "MPDATA": _property,
+}
+
+
+def _imported(content: _Content) -> ImportedMesh:
+    raw, replaced, states = [], dict[str, None](), set[str | None]()
+    for values, place in content.elements:
+        material, key, label = values[0], values[1], values[10]
+        nodes = values[_HEAD : _HEAD + values[8]]
+        given = content.types.get(key)
+        keys = {i: value for (k, i), value in content.options.items() if k == key}
+        kind, formulation, said = element_kind(given, keys, label, place)
+        states.add(plane_state(kind, keys))
+        ours, listed = collapsed(kind, nodes)
+        replaced |= dict.fromkeys(said)
+        raw.append(
+            RawElement(
+                label, ours, listed, place, str(material), formulation=formulation
+            )
+        )
+    if len(states) > 1:
+        raise InputError("mixes states of plane elements", expected="one of them")
+    mesh = assembled_mesh(content.nodes, raw, content.sets)
+    notes = [*reading_notes(content.nodes, raw, len(raw)), *replaced]
+    if content.said:
+        notes.append("without effect on the body: " + ", ".join(content.said))
+    return ImportedMesh(mesh, _materials(content), states.pop(), tuple(notes))
+
+
+def _materials(content: _Content) -> dict[str, Material]:
+    """The isotropic materials that are complete and constant."""
+    materials = {}
+    for number, table in content.constants.items():
+        e, nu, rho = (table.get(key, 0.0) for key in ("e", "nu", "rho"))
+        if "nu" not in table and "g" in table:
+            nu = e / (2 * table["g"]) - 1
+        if e > 0 and rho > 0 and -1 < nu < 0.5:
+            materials[str(number)] = Material(
+                youngs_modulus=e, poissons_ratio=nu, density=rho
+            )
+    return materials

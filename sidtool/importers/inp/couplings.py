@@ -1,0 +1,195 @@
+"""*COUPLING, *RIGID BODY and *MASS of a deck.
+
+A part keeps its numbers. Nodes of an assembly, as reference points are, keep theirs
+unless the part has them, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sidtool.formats.errors import InputError
+
+from ..imported import RawCoupling, RawMass, numbers
+from .blocks import Block
+from .deck import Deck, Hold, Scope, owner_of
+from .surfaces import nodes_named, surface_nodes
+
+_DISPLACEMENTS = {1, 2, 3}
+
+
+def read_hold(deck: Deck, block: Block) -> None:
+    """*COUPLING, *RIGID BODY, *KINEMATIC COUPLING."""
+    deck.holds.append(Hold(block, deck.scope))
+
+
+def read_kind(deck: Deck, block: Block) -> None:
+    """*KINEMATIC or *DISTRIBUTING behind its *COUPLING."""
+    if not deck.holds or deck.holds[-1].block.keyword != "COUPLING":
+        raise InputError(
+            f"*{block.keyword} stands alone",
+            place=block.place,
+            expected="a *COUPLING right before it",
+        )
+    deck.holds[-1].kind = block
+
+
+def read_mass(deck: Deck, block: Block) -> None:
+    deck.masses.append(Hold(block, deck.scope))
+
+
+def reference_labels(deck: Deck, body: Scope) -> dict[int, int]:
+    """The numbers here of the nodes of the assembly, where the body is a part."""
+    if body is deck.assembly:
+        return {}
+    last = max(body.nodes, default=0)
+    return {n: n if n not in body.nodes else last + n for n in deck.assembly.nodes}
+
+
+def couplings_of(deck: Deck, body: Scope, instance: str) -> list[RawCoupling]:
+    """The couplings of the body.
+
+    Raises
+    ------
+    InputError : a set is unknown, or a coupling holds some directions only.
+    """
+    found = []
+    used = {n for e in body.elements.values() for n in e.nodes} if deck.chosen else None
+    for i, hold in enumerate(deck.holds, start=1):
+        try:
+            coupling = _coupling(deck, hold, body, instance, i)
+            if used is not None and used.isdisjoint(coupling.nodes):
+                deck.remarks.append(f"{coupling.name} holds other parts: left out")
+                continue
+            found.append(coupling)
+        except InputError as error:
+            place = error.place or hold.block.place
+            raise InputError(
+                error.problem, place=place, expected=error.expected
+            ) from None
+    return found
+
+
+def _coupling(
+    deck: Deck, hold: Hold, body: Scope, instance: str, number: int
+) -> RawCoupling:
+    block, options = hold.block, hold.block.options
+    name = deck.name(options.get("CONSTRAINT NAME", "")) or f"{block.keyword} {number}"
+    rigid = hold.kind is None or hold.kind.keyword == "KINEMATIC"
+    if block.keyword == "COUPLING":
+        if hold.kind is None:
+            raise InputError(
+                "*COUPLING has no kind", place=block.place, expected="*KINEMATIC"
+            )
+        nodes = _of_surface(deck, hold, body, instance, options.get("SURFACE", ""))
+        _check_directions(name, hold.kind.rows, hold.kind.place)
+    elif block.keyword == "KINEMATIC COUPLING":
+        nodes = []
+        for words, place in block.rows:
+            nodes += nodes_named(deck, hold.scope, instance, words[0])
+            _check_directions(name, [(words[1:], place)], place)
+    else:
+        nodes = _of_rigid_body(deck, hold, body, instance)
+    reference = options.get("REF NODE")
+    label = None if reference is None else _label(deck, hold, body, instance, reference)
+    return RawCoupling(name, rigid, tuple(dict.fromkeys(nodes)), label, block.place)
+
+
+def _of_surface(
+    deck: Deck, hold: Hold, body: Scope, instance: str, word: str
+) -> list[int]:
+    scope, own = owner_of(deck, hold.scope, word)
+    if scope is None:
+        return []
+    name = deck.name(own)
+    if name in scope.surfaces:
+        nodes = surface_nodes(deck, scope, body, instance, name)
+        if nodes is not None:
+            return nodes
+    raise InputError(
+        f"names the surface {word!r}, which is not one of solids here",
+        place=hold.block.place,
+        expected="a *SURFACE of faces S1, S2, ... or nodes",
+    )
+
+
+def _of_rigid_body(deck: Deck, hold: Hold, body: Scope, instance: str) -> list[int]:
+    options = hold.block.options
+    if "NSET" in options:
+        return nodes_named(deck, hold.scope, instance, options["NSET"])
+    group = hold.scope.elsets.get(deck.name(options.get("ELSET", "")), [])
+    known = [body.elements[label] for _, label in group if label in body.elements]
+    return [n for element in known for n in element.nodes]
+
+
+def _check_directions(name: str, rows: list[tuple[list[str], str]], place: str) -> None:
+    """Lines of first and last direction; none is all."""
+    held: set[int] = set()
+    for words, where in rows:
+        given = [int(x) for x in numbers([w for w in words[:2] if w], where)]
+        held |= set(range(given[0], given[-1] + 1)) if given else _DISPLACEMENTS
+    if rows and not held >= _DISPLACEMENTS:
+        listed = ", ".join(map(str, sorted(held)))
+        raise InputError(
+            f"{name} holds the directions {listed}",
+            place=place,
+            expected="1 to 3, with or without rotations",
+        )
+
+
+def labels_named(
+    deck: Deck, hold: Hold, body: Scope, instance: str, word: str
+) -> list[int]:
+    """The numbers here of a node or a set of a coupling, those of the assembly too."""
+    own = reference_labels(deck, body)
+    if hold.scope is body or not own or "." in word:
+        return nodes_named(deck, hold.scope, instance, word)
+    group = hold.scope.nsets.get(deck.name(word), [])
+    if word.isdecimal():
+        group = [("", int(word))]
+    return [
+        own[n] if o == "" else n
+        for o, n in group
+        if o == instance or (o == "" and n in own)
+    ]
+
+
+def _label(deck: Deck, hold: Hold, body: Scope, instance: str, word: str) -> int:
+    """The number here of a reference node."""
+    found = labels_named(deck, hold, body, instance, word)
+    if len(found) != 1:
+        raise InputError(
+            f"the reference node {word!r} is {len(found)} nodes",
+            place=hold.block.place,
+            expected="one node",
+        )
+    return found[0]
+
+
+def masses_of(deck: Deck, body: Scope, instance: str) -> Iterator[RawMass]:
+    """The masses of elements of type MASS.
+
+    Raises
+    ------
+    InputError : a set is unknown, or has no mass.
+    """
+    own = reference_labels(deck, body)
+    for hold in deck.masses:
+        block = hold.block
+        elset = deck.name(block.options.get("ELSET", ""))
+        group = hold.scope.elsets.get(elset)
+        if group is None or not block.rows:
+            raise InputError(
+                f"*MASS names {elset!r} and has {len(block.rows)} lines",
+                place=block.place,
+                expected="an *ELSET of elements MASS, and a mass",
+            )
+        (value,) = numbers(block.rows[0][0][:1], block.rows[0][1], "a mass")
+        for owner, label in group:
+            apart = hold.scope is not body and owner == ""
+            scope = hold.scope if apart else body
+            if label in scope.elements:
+                node = scope.elements[label].nodes[0]
+                yield RawMass(
+                    own.get(node, node) if apart else node, value, block.place
+                )

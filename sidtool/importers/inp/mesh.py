@@ -1,0 +1,230 @@
+"""From a deck to its mesh: which part, which section of every element, which sets."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import replace
+
+from sidtool.formats.errors import InputError
+
+from ..imported import ImportedMesh, RawElement, assembled_mesh
+from .couplings import couplings_of, masses_of, reference_labels
+from .deck import Deck, Element, Member, Scope, Section
+from .elements import refusal
+from .equations import equations_of
+from .instances import placed
+from .materials import material_name, materials_of
+from .surfaces import surface_nodes
+from .ties import ties_of
+
+
+def mesh_of(deck: Deck) -> ImportedMesh:
+    """The mesh of the one part of a deck, with what was left out of it.
+
+    Raises
+    ------
+    InputError : there are several parts, sections that contradict each other, or
+        elements that are no solids.
+    """
+    body, instance = _body(deck)
+    sections = _sections(deck, body)
+    elements, apart = _solids(body, sections)
+    raw = [_raw(deck, element, sections.get(element.label)) for element in elements]
+    nodes = _with_references(deck, body)
+    equations, beams = equations_of(deck, body, instance, nodes)
+    couplings = [*couplings_of(deck, body, instance), *beams]
+    masses = tuple(masses_of(deck, body, instance))
+    ties = tuple(ties_of(deck, body, instance))
+    mesh = assembled_mesh(nodes, raw, _sets(deck, body, instance))
+    states = {element.type.state for element in elements}
+    if len(states) > 1:
+        raise InputError("mixes plane stress and plane strain", expected="one of them")
+    turned = any(any(line[6:]) for rows in deck.placement.values() for line in rows)
+    return ImportedMesh(
+        mesh,
+        materials_of(deck, sections.values(), turned),
+        next(iter(states)),
+        tuple(_notes(deck, body, elements, apart)),
+        tuple(couplings),
+        masses,
+        tuple(equations),
+        ties,
+    )
+
+
+def _with_references(deck: Deck, body: Scope) -> dict[int, tuple[float, float, float]]:
+    """The nodes of the body, and those of the assembly beside it."""
+    own = reference_labels(deck, body)
+    for given, label in own.items():
+        if given != label:
+            deck.remarks.append(f"node {given} of the assembly is called {label} here")
+    ((instance, _),) = deck.instances.items() or [("", "")]
+    return placed(body.nodes, deck.placement.get(instance, [])) | {
+        label: deck.assembly.nodes[n] for n, label in own.items()
+    }
+
+
+def _body(deck: Deck) -> tuple[Scope, str]:
+    """The scope that holds the elements, and the instance it is."""
+    if not deck.instances:
+        if deck.parts and not deck.assembly.elements:
+            if len(deck.parts) == 1:
+                return next(iter(deck.parts.values())), ""
+            raise InputError(
+                f"has {len(deck.parts)} parts and no instance",
+                expected="an *INSTANCE that says which part is the body",
+            )
+        return deck.assembly, ""
+    own = [e for e in deck.assembly.elements.values() if e.given != "MASS"]
+    if own:
+        element = own[0]
+        raise InputError(
+            f"element {element.label} ({element.given}) belongs to the assembly",
+            place=element.place,
+            expected="elements of the part only",
+        )
+    ((instance, part),) = deck.instances.items()
+    return deck.parts[part], instance
+
+
+def _sections(deck: Deck, body: Scope) -> dict[int, Section]:
+    """The section of every element that has one."""
+    found: dict[int, Section] = {}
+    for section in body.sections:
+        if section.elset not in body.elsets:
+            raise InputError(
+                f"names the element set {section.elset!r}, which is not defined",
+                place=section.place,
+                expected="an *ELSET of this file",
+            )
+        if section.material not in deck.materials:
+            raise InputError(
+                f"names the material {section.material!r}, which is not defined",
+                place=section.place,
+                expected="a *MATERIAL of this file",
+            )
+        for _, label in body.elsets[section.elset]:
+            known = found.setdefault(label, section)
+            same = replace(section, elset=known.elset, place=known.place) == known
+            if not same:
+                raise InputError(
+                    f"element {label} has another section already ({known.place})",
+                    place=section.place,
+                    expected="one section for every element",
+                )
+    return found
+
+
+def _solids(
+    body: Scope, sections: dict[int, Section]
+) -> tuple[list[Element], list[Element]]:
+    """The elements of the body, and those of lower dimension that only name nodes."""
+    elements = list(body.elements.values())
+    top = max((e.type.dimension for e in elements if e.type.kind), default=3)
+    solids, apart = [], []
+    for element in elements:
+        if element.type.kind and element.type.dimension == top:
+            solids.append(element)
+        elif element.label in sections or element.type.dimension >= top:
+            raise _no_solid(element)
+        else:
+            apart.append(element)
+    if apart and not solids:
+        raise _no_solid(apart[0])
+    return solids, apart
+
+
+def _no_solid(element: Element) -> InputError:
+    if element.type.kind:
+        return InputError(
+            "mixes plane and solid elements",
+            place=element.place,
+            expected="elements of one dimension",
+        )
+    return refusal(element.given, element.place)
+
+
+def _raw(deck: Deck, element: Element, section: Section | None) -> RawElement:
+    kind = element.type.kind
+    assert kind is not None
+    return RawElement(
+        element.label,
+        kind,
+        element.nodes,
+        element.place,
+        material=material_name(deck, section) if section else None,
+        thickness=section.thickness if section and element.type.state else None,
+        formulation=element.type.formulation,
+    )
+
+
+def _sets(deck: Deck, body: Scope, instance: str) -> dict[str, list[int]]:
+    """Node sets by name; those of the assembly come first, and say so."""
+    sets: dict[str, list[int]] = {}
+    scopes = [body] if body is deck.assembly else [deck.assembly, body]
+    for scope in scopes:
+        own = "" if scope is body else instance
+        for name, nodes in node_sets(deck, scope, body, own).items():
+            if name not in sets:
+                sets[name] = nodes
+            elif set(nodes) != set(sets[name]):
+                part = f"{instance or body.name}.{name}"
+                sets[part] = nodes
+                deck.remarks.append(f"set {name} of the part is called {part} here")
+    return sets
+
+
+def node_sets(
+    deck: Deck, scope: Scope, body: Scope, instance: str
+) -> dict[str, list[int]]:
+    """The nodes of the body in all sets of a scope, element sets after node sets."""
+    sets = {
+        name: [n for n in _labels(group, instance) if n in body.nodes]
+        for name, group in scope.nsets.items()
+    }
+    for name, group in scope.elsets.items():
+        known = [body.elements.get(label) for label in _labels(group, instance)]
+        nodes = dict.fromkeys(n for e in known if e is not None for n in e.nodes)
+        sets.setdefault(name, list(nodes))
+    for name in scope.surfaces:
+        on_faces = surface_nodes(deck, scope, body, instance, name)
+        if on_faces is not None:
+            sets.setdefault(name, on_faces)
+    return sets
+
+
+def _labels(group: Iterable[Member], instance: str) -> list[int]:
+    return [label for owner, label in group if owner == instance]
+
+
+def _notes(
+    deck: Deck, body: Scope, elements: list[Element], apart: list[Element]
+) -> Iterable[str]:
+    """What was read of how much, what replaced, what left out."""
+    given = Counter(element.given for element in elements)
+    kinds = {element.given: element.type for element in elements}
+    used = {node for element in elements for node in element.nodes}
+    counted = ", ".join(f"{count} {name}" for name, count in given.items())
+    free = len(body.nodes) - len(used)
+    yield (
+        f"read {len(elements)} of {len(body.elements)} elements ({counted}) and "
+        f"{len(used)} of {len(body.nodes)} nodes"
+        + (f"; {free} nodes belong to no element" if free else "")
+    )
+    for name, count in given.items():
+        if kinds[name].replaced:
+            yield f"{count} elements {name}: {kinds[name].replaced}"
+    idle = [element.given for element in apart if element.given != "MASS"]
+    if deck.masses:
+        yield "*MASS gives nodes a mass"
+    elif len(idle) < len(apart):
+        yield f"{len(apart) - len(idle)} elements MASS have no *MASS"
+    for name, count in Counter(idle).items():
+        yield f"{count} elements {name} without a section only name nodes"
+    for part in deck.parts.values():
+        if part is not body and not deck.chosen:
+            yield f"part {part.name} has no instance and is left out"
+    yield from deck.remarks
+    if deck.said:
+        yield "without effect on the body: " + ", ".join(deck.said)

@@ -1,0 +1,222 @@
+"""Abaqus and CalculiX input files (.inp): nodes, elements, sets, materials.
+
+Read are *NODE, *ELEMENT, *NSET, *ELSET, *MATERIAL with *ELASTIC and *DENSITY,
+*ORIENTATION, *SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS, *TIE, *EQUATION,
+*MPC, *INCLUDE and every *PART with its *INSTANCE. What else a deck may hold, and what
+of it is refused, stands in `inp_keywords`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sidtool.formats.errors import InputError
+
+from ..imported import ImportedMesh, integers, numbers
+from .blocks import Block, read_blocks
+from .couplings import read_hold, read_kind, read_mass
+from .deck import Deck, Element, Scope, Section, twice
+from .elements import ElementType, element_type, refusal
+from .equations import read_equation
+from .instances import one_body
+from .keywords import kind_of, readable
+from .materials import read_elastic, read_orientation
+from .sets import extend, read_elset, read_nset
+from .surfaces import read_surface
+from .ties import read_tie
+
+
+def read_inp(
+    path: str | Path,
+    ignored: frozenset[str] = frozenset(),
+    part: str | None = None,
+) -> ImportedMesh:
+    """The mesh of an Abaqus or CalculiX input file.
+
+    Parameters
+    ----------
+    ignored : keywords that are left out on purpose, in capitals
+    part : the instance, or the set of elements, that is the body; None for all
+
+    Raises
+    ------
+    InputError : names file, line and expectation.
+    """
+    from .mesh import mesh_of
+
+    try:
+        return mesh_of(one_body(read_deck(Path(path), ignored), part))
+    except InputError as error:
+        raise error.located(path) from None
+
+
+def read_deck(path: Path, ignored: frozenset[str] = frozenset()) -> Deck:
+    """All that a deck says of the body; see `read_inp`."""
+    deck = Deck()
+    deck.scope = deck.assembly
+    in_step = False
+    for block in read_blocks(path):
+        in_step = block.keyword == "STEP" or (in_step and block.keyword != "END STEP")
+        kind = kind_of(block, ignored, in_step)
+        if kind == "read":
+            block = readable(block)
+            _READERS.get(block.keyword, _nothing)(deck, block)
+        elif kind == "step":
+            deck.said["all steps"] = None
+        else:
+            deck.said[f"*{block.keyword}" + _REMARKS.get(kind, "")] = None
+    return deck
+
+
+_REMARKS = {
+    "damping": " (damping is that of the model file)",
+    "ignored": " (left out by geometry.ignore)",
+}
+
+
+def _nothing(deck: Deck, block: Block) -> None:
+    """A keyword that only opens or closes something."""
+
+
+def _part(deck: Deck, block: Block) -> None:
+    name = deck.name(block.options.get("NAME", ""))
+    if name in deck.parts:
+        raise twice("part", name, block.place)
+    deck.scope = deck.parts.setdefault(name, Scope(name))
+
+
+def _assembly(deck: Deck, block: Block) -> None:
+    deck.scope = deck.assembly
+
+
+def _instance(deck: Deck, block: Block) -> None:
+    name = deck.name(block.options.get("NAME", ""))
+    part = deck.name(block.options.get("PART", ""))
+    if name in deck.instances:
+        raise twice("instance", name, block.place)
+    if part not in deck.parts:
+        raise InputError(
+            f"names the part {part!r}, which is not defined",
+            place=block.place,
+            expected="a *PART of this file",
+        )
+    deck.instances[name] = part
+    deck.placement[name] = [
+        numbers(_filled(words), place) for words, place in block.rows
+    ]
+    deck.scope = deck.parts[part]
+
+
+def _nodes(deck: Deck, block: Block) -> None:
+    if block.options.get("SYSTEM", "R").upper() not in ("R", ""):
+        raise InputError(
+            "uses a cylindrical or spherical system",
+            place=block.place,
+            expected="Cartesian coordinates",
+        )
+    labels = []
+    for words, place in block.rows:
+        (label,) = integers(words[:1], place, "a node number")
+        values = numbers(_filled(words[1:]), place, "coordinates")
+        if len(values) > 6:
+            raise InputError(
+                f"node {label} has {len(values)} coordinates",
+                place=place,
+                expected="at most 3, and 3 of a normal",
+            )
+        if label in deck.scope.nodes:
+            raise twice("node", label, place)
+        x, y, z = (*values, 0.0, 0.0, 0.0)[:3]
+        deck.scope.nodes[label] = (x, y, z)
+        labels.append(label)
+    if "NSET" in block.options:
+        extend(deck, deck.scope.nsets, block.options["NSET"], labels)
+
+
+def _elements(deck: Deck, block: Block) -> None:
+    given = block.options.get("TYPE", "").upper()
+    kind = element_type(given)
+    if kind is None:
+        raise refusal(given, block.place)
+    labels = []
+    for words, place in _records(block, kind, given):
+        label, *nodes = integers(words, place, "element and node numbers")
+        if label in deck.scope.elements:
+            raise twice("element", label, place)
+        deck.scope.elements[label] = Element(label, kind, given, nodes, place)
+        labels.append(label)
+    if "ELSET" in block.options:
+        extend(deck, deck.scope.elsets, block.options["ELSET"], labels)
+
+
+def _records(
+    block: Block, kind: ElementType, given: str
+) -> list[tuple[list[str], str]]:
+    """The words of every element, which may go over several lines."""
+    records: list[tuple[list[str], str]] = []
+    for words, place in block.rows:
+        open_ = records and len(records[-1][0]) <= kind.count
+        if open_:
+            records[-1][0].extend(words)
+        else:
+            records.append((list(words), place))
+    for words, place in records:
+        if len(words) == kind.count + 1:
+            continue
+        if kind.kind is None:
+            raise refusal(given, block.place)
+        raise InputError(
+            f"element {words[0]} ({given}) has {len(words) - 1} nodes",
+            place=place,
+            expected=f"{kind.count} nodes",
+        )
+    return records
+
+
+def _material(deck: Deck, block: Block) -> None:
+    deck.material = deck.name(block.options.get("NAME", ""))
+    if deck.material in deck.materials:
+        raise twice("material", deck.material, block.place)
+    deck.materials[deck.material] = {}
+
+
+def _section(deck: Deck, block: Block) -> None:
+    elset, material = (deck.name(block.options.get(k, "")) for k in _OF_SECTION)
+    thickness = None
+    if block.rows and any(block.rows[0][0]):
+        words, place = block.rows[0]
+        thickness = numbers(_filled(words[:1]), place)[0] or None
+    given = block.options.get("ORIENTATION", "")
+    axes = deck.own_name(given) if given else ""
+    deck.scope.sections.append(Section(elset, material, thickness, block.place, axes))
+
+
+_OF_SECTION = ("ELSET", "MATERIAL")
+_READERS = {
+    "PART": _part,
+    "END PART": _assembly,
+    "ASSEMBLY": _assembly,
+    "INSTANCE": _instance,
+    "END INSTANCE": _assembly,
+    "NODE": _nodes,
+    "ELEMENT": _elements,
+    "NSET": read_nset,
+    "ELSET": read_elset,
+    "MATERIAL": _material,
+    "ELASTIC": read_elastic,
+    "DENSITY": read_elastic,
+    "SOLID SECTION": _section,
+    "SURFACE": read_surface,
+    "KINEMATIC": read_kind,
+    "DISTRIBUTING": read_kind,
+    "MASS": read_mass,
+    "ORIENTATION": read_orientation,
+    "TIE": read_tie,
+    **dict.fromkeys(("EQUATION", "MPC", "TRANSFORM"), read_equation),
+    **dict.fromkeys(("COUPLING", "RIGID BODY", "KINEMATIC COUPLING"), read_hold),
+}
+
+
+def _filled(words: list[str]) -> list[str]:
+    """A blank field is zero."""
+    return [word or "0" for word in words]

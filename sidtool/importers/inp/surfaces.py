@@ -1,0 +1,133 @@
+"""*SURFACE of a deck: the nodes of faces of elements, or of node sets."""
+
+from __future__ import annotations
+
+from sidtool.formats.errors import InputError
+
+from .blocks import Block
+from .deck import Deck, Element, Scope, SurfacePart, owner_of
+
+#: Corners of the faces S1, S2, ... by the shape of an element.
+_FACES = {
+    "hex": ("1234", "5876", "1562", "2673", "3784", "4851"),
+    "tet": ("123", "142", "243", "341"),
+    "wedge": ("123", "465", "1254", "2365", "3146"),
+    "quad": ("12", "23", "34", "41"),
+    "tri": ("12", "23", "31"),
+}
+#: Corners at both ends of the edges, in the order of their middle nodes.
+_EDGES = {
+    "hex": ("12", "23", "34", "41", "56", "67", "78", "85", "15", "26", "37", "48"),
+    "tet": ("12", "23", "31", "14", "24", "34"),
+    "wedge": ("12", "23", "31", "45", "56", "64", "14", "25", "36"),
+    "quad": ("12", "23", "34", "41"),
+    "tri": ("12", "23", "31"),
+}
+
+
+def read_surface(deck: Deck, block: Block) -> None:
+    """Kept by its words, since sets may stand behind it."""
+    name = deck.name(block.options.get("NAME", ""))
+    kind = block.options.get("TYPE", "ELEMENT").upper()
+    if kind not in ("ELEMENT", "NODE"):
+        deck.said[f"*SURFACE, TYPE={kind}"] = None
+        return
+    parts = deck.scope.surfaces.setdefault(name, [])
+    for words, place in block.rows:
+        if words and words[0]:
+            face = words[1].upper() if len(words) > 1 else ""
+            parts.append(SurfacePart(kind, words[0], face, place))
+
+
+def surface_nodes(
+    deck: Deck, scope: Scope, body: Scope, instance: str, name: str
+) -> list[int] | None:
+    """The nodes of the body on a surface; None if it is no surface of solids."""
+    found = surface_faces(deck, scope, body, instance, name)
+    if found is None:
+        return None
+    nodes = dict.fromkeys([*(n for face in found[0] for n in face), *found[1]])
+    return [n for n in nodes if n in body.nodes]
+
+
+def surface_faces(
+    deck: Deck, scope: Scope, body: Scope, instance: str, name: str
+) -> tuple[list[list[int]], list[int]] | None:
+    """Faces of solids by their nodes, and single nodes; None for other surfaces.
+
+    The corners of a face come first, then the middles of its edges.
+    """
+    on_faces: list[list[int]] = []
+    nodes: list[int] = []
+    for part in scope.surfaces[name]:
+        if part.kind == "NODE":
+            if part.word.isdecimal() or deck.name(part.word) in scope.nsets:
+                nodes += nodes_named(deck, scope, instance, part.word)
+                continue
+            return None
+        for element in _elements(deck, scope, body, instance, part.word):
+            on_face = _face(element, part.face)
+            if on_face is None:
+                return None
+            on_faces.append(on_face)
+    return on_faces, nodes
+
+
+def nodes_named(deck: Deck, scope: Scope, instance: str, word: str) -> list[int]:
+    """A node by its number, or the nodes of a set, of the instance that is the body.
+
+    Raises
+    ------
+    InputError : there is no such set.
+    """
+    if word.isdecimal():
+        return [int(word) + scope.first[0]]
+    head, point, tail = word.rpartition(".")
+    if point and tail.isdecimal():
+        name = deck.name(head)
+        if name == instance or name in scope.instances:
+            return [int(tail) + scope.instances.get(name, (0, 0))[0]]
+    owner, word = owner_of(deck, scope, word)
+    if owner is None:
+        return []
+    scope = owner
+    owners = {instance, ""} if scope.name or scope is deck.assembly else {instance}
+    if deck.name(word) not in scope.nsets:
+        raise InputError(
+            f"there is no node set {word!r}", expected="an *NSET of this file"
+        )
+    group = scope.nsets[deck.name(word)]
+    return [label for owner, label in group if owner in owners]
+
+
+def _elements(
+    deck: Deck, scope: Scope, body: Scope, instance: str, word: str
+) -> list[Element]:
+    group = scope.elsets.get(deck.name(word))
+    if group is None:
+        number = word.rpartition(".")[2]
+        group = [("", int(number))] if number.isdecimal() else []
+    labels = [label for owner, label in group if owner in (instance, "")]
+    return [body.elements[label] for label in labels if label in body.elements]
+
+
+def _face(element: Element, face: str) -> list[int] | None:
+    shape = (element.type.kind or "").rstrip("0123456789")
+    number = face[1:]
+    if shape not in _FACES or face[:1] != "S" or not number.isdecimal():
+        return None
+    if not 1 <= int(number) <= len(_FACES[shape]):
+        raise InputError(
+            f"element {element.label} has no face {face}",
+            place=element.place,
+            expected=f"S1 to S{len(_FACES[shape])}",
+        )
+    corners = _FACES[shape][int(number) - 1]
+    count = max(int(c) for c in "".join(_FACES[shape]))
+    middle = {frozenset(edge): count + i for i, edge in enumerate(_EDGES[shape])}
+    around = zip(corners, corners[1:] + corners[:1], strict=True)
+    ends = dict.fromkeys(frozenset(pair) for pair in around)
+    return [
+        *(element.nodes[int(c) - 1] for c in corners),
+        *(element.nodes[middle[e]] for e in ends if middle[e] < len(element.nodes)),
+    ]

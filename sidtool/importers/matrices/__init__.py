@@ -1,0 +1,1 @@
+"""Mass and stiffness matrices of other programs."""

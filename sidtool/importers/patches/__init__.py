@@ -1,0 +1,1 @@
+"""NURBS patches of other programs."""

@@ -1,0 +1,1 @@
+"""Comparison of two SIDs, or of a SID with a table."""

@@ -1,0 +1,1 @@
+"""Identities that the blocks of every body keep."""

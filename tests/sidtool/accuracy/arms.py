@@ -1,0 +1,63 @@
+"""Flexible arms in short scenes, for tests of accuracy."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+
+from ..beams import beam
+
+
+@cache
+def cantilever(modes: int = 3, *, stiffened: bool = False) -> SID:
+    """Length, mass and bending stiffness of one; first frequency 3.516 rad/s."""
+    mesh = {"type": "iga", "degrees": [3, 2], "elements": [10, 1]}
+    more: dict[str, Any] = {"stiffening": {}} if stiffened else {}
+    reduction = {"method": "modal", "modes": modes}
+    return sid_from_model(beam(mesh, reduction=reduction, **more))
+
+
+def spun(speed: float, within: float, **changes: Any) -> SceneFile:
+    """An arm whose root is turned from rest to a speed [rad/s] within a time [s]."""
+    content: dict[str, Any] = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "planar",
+        "time": {"end": 1.2 * within, "output_step": within / 25},
+        "bodies": {"arm": {"sid": "arm", "markers": {"root": 1, "tip": 2}}},
+        "joints": {"hub": {"type": "revolute", "markers": ["ground", "arm.root"]}},
+        "drives": {
+            "spin": {
+                "joint": "hub",
+                "function": {
+                    "type": "sine_ramp",
+                    "of": "rate",
+                    "start": 0.0,
+                    "end": speed,
+                    "from": 0.0,
+                    "to": within,
+                },
+            }
+        },
+        "outputs": {"record": ["arm.tip.uy", "arm.tip.x", "hub.mz"]},
+    }
+    return SceneFile.model_validate(content | changes)
+
+
+def swinging(end: float = 0.8, **changes: Any) -> SceneFile:
+    """An arm that hangs on a pin and falls from level."""
+    content: dict[str, Any] = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "planar",
+        "gravity": [0.0, -0.3],
+        "time": {"end": end, "output_step": end / 20},
+        "bodies": {"arm": {"sid": "arm", "markers": {"root": 1, "tip": 2}}},
+        "joints": {"pin": {"type": "revolute", "markers": ["ground", "arm.root"]}},
+        "outputs": {"record": ["arm.tip.x", "arm.tip.y", "pin.fx"]},
+    }
+    return SceneFile.model_validate(content | changes)

@@ -1,0 +1,283 @@
+"""Runs that are killed: nothing half-written, nothing left that stays."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from sidtool.cli import run
+from sidtool.formats.storage.atomic import atomic_path
+from tests.places import SLIDER_CRANK
+
+#: The command line, stopped in the midst of writing its output.
+STOPPED = """
+import os, sys, time
+import {module} as module
+from sidtool.cli import main
+
+def stop(*arguments, **more):
+    print("writing", flush=True)
+    time.sleep(60)
+
+{stop} = stop
+sys.argv[1:] = {arguments!r}
+main()
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("slider_crank.toml", "rod_q4.SID_FEM"):
+        shutil.copy(SLIDER_CRANK / name, tmp_path / name)
+    return tmp_path
+
+
+def names(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+
+
+def killed(
+    folder: Path,
+    arguments: list[str],
+    number: signal.Signals,
+    stop: str = "module._flush_to_disk",
+    module: str = "sidtool.formats.storage.atomic",
+) -> subprocess.CompletedProcess[str]:
+    """A command that gets a signal while it writes."""
+    code = STOPPED.format(arguments=arguments, stop=stop, module=module)
+    with subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            if line == "writing\n":
+                process.send_signal(number)
+        _, errors = process.communicate(timeout=60)
+    return subprocess.CompletedProcess(arguments, process.returncode, "", errors)
+
+
+#: Ctrl-C when the first module of the command line is imported.
+EARLY = """
+import os, signal, sys
+from sidtool import command
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "sidtool.cli":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+command.main()
+"""
+#: A second Ctrl-C while the first one is answered.
+TWICE = """
+import os, signal, sys
+from sidtool import cli, command
+
+def interrupt(*arguments, **named):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        os.kill(os.getpid(), signal.SIGINT)
+
+cli.cli.main = interrupt
+command.main()
+"""
+CONVERT = ["convert", "rod_q4.SID_FEM", "-o", "rod.h5"]
+
+
+@pytest.mark.parametrize(
+    ("number", "status"),
+    [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)],
+)
+def test_a_run_that_is_told_to_end_cleans_up(
+    number: signal.Signals, status: int, folder: Path
+) -> None:
+    before = names(folder)
+    done = killed(folder, CONVERT, number)
+    assert done.returncode == status, done.stderr
+    assert done.stderr.strip().count("\n") == 0
+    assert names(folder) == before
+
+
+@pytest.mark.parametrize("arguments", [["-c", EARLY], ["-c", TWICE]])
+def test_ctrl_c_while_modules_are_imported_and_again_after_it(
+    arguments: list[str],
+) -> None:
+    """Nothing is said of the program's own lines (there was a traceback)."""
+    done = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
+
+
+def test_the_next_run_removes_what_a_killed_one_left(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    before = names(folder)
+    assert killed(folder, CONVERT, signal.SIGKILL).returncode == -9
+    (rest,) = names(folder) - before
+    assert rest.endswith(".part") and not (folder / "rod.h5").exists()
+    assert run(["convert", "rod_q4.SID_FEM", "-o", "other.h5"]) == 0
+    assert names(folder) == before | {"other.h5"}
+
+
+def gone() -> int:
+    """The number of a process that has ended."""
+    with subprocess.Popen([sys.executable, "-c", ""]) as process:
+        process.wait()
+    return process.pid
+
+
+@pytest.mark.parametrize(
+    ("rename", "stays"),
+    [
+        (lambda name: name, True),
+        (lambda name: name.replace(f"-{os.getpid()}-", f"-{gone()}-"), False),
+        (lambda name: name.replace(f"-{os.getpid()}-", f"-{os.getppid()}-"), True),
+        (lambda name: name.replace(f"-{os.getpid()}-", "-1-"), True),
+        (lambda name: name.replace(f"-{os.getpid()}-", f"-{2**70}-"), True),
+        (lambda name: "another" + name, True),
+        (lambda name: name.replace(".part", ".part.bak"), True),
+        (lambda name: ".thesis.part", True),
+    ],
+)
+def test_only_rests_of_processes_that_are_gone_are_removed(
+    rename: Callable[[str], str], stays: bool, tmp_path: Path
+) -> None:
+    """Not what others write just now, nor what only has a similar name."""
+    with atomic_path(tmp_path / "first") as first:
+        other = tmp_path / rename(first.name)
+        other.write_text("text")
+        with atomic_path(tmp_path / "second") as second:
+            second.write_text("2")
+        assert other.exists() == stays
+        first.write_text("1")
+    assert (tmp_path / "first").read_text() == "1"
+
+
+def test_a_rest_of_another_machine_stays(tmp_path: Path) -> None:
+    """Its processes cannot be seen from here."""
+    rest = tmp_path / f".rod.h5.01234567-{gone()}-abcdefgh.part"
+    rest.write_text("")
+    with atomic_path(tmp_path / "file") as temporary:
+        temporary.write_text("")
+    assert rest.exists()
+
+
+def test_names_may_be_as_long_as_before(tmp_path: Path) -> None:
+    for name in ("n" * 255, "\N{GREEK SMALL LETTER OMEGA}" * 127):
+        with atomic_path(tmp_path / name) as temporary:
+            temporary.write_text("text")
+        assert (tmp_path / name).read_text() == "text"
+
+
+STUDY = ["study", "slider_crank.toml", "-o", "deep/study", "--integrator", "radau9"]
+STUDY += ["--rtol", "1e-3"]
+
+
+@pytest.mark.parametrize(
+    ("module", "stop"),
+    [("sidtool.study", "study"), ("sidtool.plot.precision", "plot_study")],
+)
+def test_a_killed_study_leaves_no_folder_half_filled(
+    module: str, stop: str, folder: Path
+) -> None:
+    """Before its runs there is no folder yet; while it plots no text either."""
+    done = killed(folder, STUDY, signal.SIGKILL, f"module.{stop}", module)
+    assert done.returncode == -9
+    made = names(folder) - {"slider_crank.toml", "rod_q4.SID_FEM"}
+    if stop == "study":
+        assert made == set()
+    assert not any(name.endswith((".txt", ".png")) for name in made)
+
+
+def test_a_study_says_first_that_its_folder_cannot_be_made(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    assert run([*STUDY[:3], "slider_crank.toml/study"]) == 2
+    assert "cannot be a folder to write to" in capsys.readouterr().err
+
+
+COMPILING = """
+import os, signal, sys, threading, time
+from queue import Queue
+from sidtool.cli import main
+from sidtool.solver import warmup
+
+warmup.HELPER = {helper!r}
+started = warmup._new_process
+def new():
+    process = started()
+    print(process.pid, flush=True)
+    return process
+warmup._new_process = new
+warmup.all_groups = lambda loops: [("a:a",), ("b:b",)]
+warmup._is_cached = lambda name: False
+warmup._compile_here = lambda name: time.sleep(60)
+os.cpu_count = lambda: 2
+sys.argv[1:] = ["warmup"]
+main()
+"""
+#: A compiling process with a kernel that takes a minute.
+SLOW = (
+    "import sys, time; sys.path.insert(0, sys.argv[1]); import sidtool; "
+    "from sidtool.solver import warmup; "
+    "warmup._compile_here = lambda name: time.sleep(60); warmup.serve()"
+)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_no_compiling_process_stays(number: signal.Signals, tmp_path: Path) -> None:
+    """Also one that is in the midst of a kernel ends with who asked for it."""
+    with subprocess.Popen(
+        [sys.executable, "-c", COMPILING.format(helper=SLOW)],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        helper = int(process.stdout.readline())
+        time.sleep(0.3)
+        process.send_signal(number)
+        process.communicate(timeout=30)
+    deadline = time.monotonic() + 30
+    while _alive(helper) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _alive(helper)
+
+
+def _alive(process: int) -> bool:
+    """A process that has ended and that nobody waits for is not alive."""
+    try:
+        text = Path(f"/proc/{process}/stat").read_text()
+    except OSError:
+        return False
+    return text.rpartition(")")[2].split()[0] != "Z"
+
+
+def test_threads_do_not_take_each_others_files_for_rests(tmp_path: Path) -> None:
+    def write(k: int) -> None:
+        for n in range(40):
+            with atomic_path(tmp_path / f"{k}.{n}") as temporary:
+                temporary.write_text("text")
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(write, range(4)))
+    assert len(names(tmp_path)) == 160

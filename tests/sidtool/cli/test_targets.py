@@ -1,0 +1,204 @@
+"""Files that commands write: never over what they read, wholly or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from sidtool.cli import run
+from sidtool.formats.result import read_result
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.storage.atomic import atomic_path
+from tests.places import SLIDER_CRANK
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("slider_crank.toml", "rod_q4.SID_FEM", "rod_q4.toml"):
+        shutil.copy(SLIDER_CRANK / name, tmp_path / name)
+    return tmp_path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in sorted(folder.iterdir()) if p.is_file()}
+
+
+def refused(arguments: list[str], folder: Path, capsys: pytest.CaptureFixture) -> str:
+    """Exit status 2, one message, and nothing changed."""
+    before = contents(folder)
+    assert run(arguments) == 2
+    assert contents(folder) == before
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["simulate", "slider_crank.toml", "-o", "slider_crank.toml"],
+        ["simulate", "slider_crank.toml", "-o", "rod_q4.SID_FEM"],
+        ["simulate", "slider_crank.toml", "-o", "link.h5"],
+        ["simulate", "slider_crank.toml", "--csv", "./rod_q4.SID_FEM", "--force"],
+        ["analyse", "static", "slider_crank.toml", "-o", "rod_q4.SID_FEM"],
+        ["convert", "rod_q4.toml", "-o", "rod_q4.toml", "--force"],
+        ["convert", "rod_q4.SID_FEM", "-o", "rod_q4.SID_FEM", "--repair"],
+    ],
+    ids=" ".join,
+)
+def test_inputs_are_not_replaced(
+    arguments: list[str],
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    """Also through a link, under another spelling, and with --force."""
+    monkeypatch.chdir(folder)
+    (folder / "link.h5").symlink_to("rod_q4.SID_FEM")
+    text = refused(arguments, folder, capsys)
+    assert "is read by this command and would be replaced" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["-o", "r.h5", "--csv", "./r.h5"], "is what -o writes, too"),
+        (
+            ["-o", "r.csv"],
+            "is to hold a result (HDF5), which the ending .csv",
+        ),
+        (
+            ["--csv", "r.h5"],
+            "is to hold a table (CSV), which the ending .h5",
+        ),
+        (["-o", "scene.toml"], "which the ending .toml does not say"),
+        (["-o", "-"], "is no file name here"),
+        (["-o", "notes.h5"], "is there and is not a result (HDF5) of sidtool's"),
+        (["--csv", "notes"], "is there and is not a table (CSV) of sidtool's"),
+    ],
+)
+def test_targets_that_cannot_be_meant_are_refused(
+    options: list[str],
+    words: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    monkeypatch.chdir(folder)
+    for name in ("notes", "notes.h5"):
+        (folder / name).write_text("years of work\n")
+    assert words in refused(["simulate", "slider_crank.toml", *options], folder, capsys)
+
+
+def test_a_sid_of_another_program_is_replaced_with_force_only(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has all that a SID has, but not the mark of our own files in its title."""
+    monkeypatch.chdir(folder)
+    path = folder / "other.SID_FEM"
+    own = (folder / "rod_q4.SID_FEM").read_text()
+    path.write_text(own.replace(" [sidtool]", "", 1))
+    arguments = ["convert", "rod_q4.SID_FEM", "-o", "other.SID_FEM"]
+    assert "is there and is not" in refused(arguments, folder, capsys)
+    path.write_text(own)
+    assert run([*arguments[:1], str(folder / arguments[1]), "-o", str(path)]) == 0
+    path.write_text(own.replace(" [sidtool]", "", 1))
+    again = ["convert", str(folder / "rod_q4.SID_FEM"), "-o", str(path), "--force"]
+    assert run(again) == 0
+    assert "[sidtool]" in path.read_text()
+
+
+def test_own_files_are_replaced_and_others_with_force(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    arguments = ["simulate", "slider_crank.toml", "--rtol", "1e-3", "-o", "r.h5"]
+    arguments += ["--csv", "r.csv"]
+    assert [run(arguments) for _ in range(2)] == [0, 0]
+    (folder / "r.h5").write_text("notes")
+    assert run(arguments) == 2
+    assert run([*arguments, "--force"]) == 0
+    assert read_result(folder / "r.h5").completed
+
+
+def test_links_and_modes_stay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A link is followed; what it points to is replaced and keeps its permissions."""
+    monkeypatch.chdir(folder)
+    (folder / "store").mkdir()
+    real, link = folder / "store" / "rod.h5", folder / "rod.h5"
+    link.symlink_to("store/rod.h5")
+    for _ in range(2):
+        assert run(["convert", "rod_q4.SID_FEM", "-o", "rod.h5"]) == 0
+        assert link.is_symlink() and read_sid(real).nq == 5
+        real.chmod(0o640)
+    assert stat.S_IMODE(real.stat().st_mode) == 0o640
+
+
+def test_pipes_are_written_to(folder: Path) -> None:
+    """A named pipe stays one, and its reader gets the whole SID."""
+    pipe, found = folder / "pipe", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: found.append(pipe.read_bytes()))
+    reader.start()
+    assert run(["convert", str(folder / "rod_q4.SID_FEM"), "-o", str(pipe)]) == 0
+    reader.join(10.0)
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+    assert found == [(folder / "rod_q4.SID_FEM").read_bytes()]
+
+
+def test_the_standard_output_can_be_named(folder: Path) -> None:
+    command = [sys.executable, "-m", "sidtool", "convert", "rod_q4.SID_FEM"]
+    done = subprocess.run(
+        [*command, "-o", "/dev/stdout"],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        check=True,
+        timeout=120,
+    )
+    assert b"end part" in done.stdout
+
+
+LIMITED = """
+import resource, sys, tempfile
+tempfile.tempdir = sys.argv[2]
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)
+from sidtool.cli import run
+sys.exit(run(sys.argv[3:]))
+"""
+
+
+@pytest.mark.parametrize("size", [0, 600, 20_000])
+@pytest.mark.parametrize("target", ["rod.h5", "rod.SID_FEM"])
+def test_a_limit_on_file_sizes_leaves_nothing_half_written(
+    size: int, target: str, folder: Path
+) -> None:
+    """One message, exit status 1, no rest; what stood there stands there still."""
+    old = b"\\x89SID\\r\\n\\x1a\\n" if target == "rod.h5" else b"refmod"
+    (folder / target).write_bytes(old)
+    before = contents(folder)
+    arguments = ["convert", "rod_q4.SID_FEM", "-o", target, "--force"]
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(size), str(folder), *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.count("\n") == 1 and "File too large" in done.stderr
+    assert contents(folder) == before
+
+
+def test_a_failing_block_leaves_the_target_alone(tmp_path: Path) -> None:
+    target = tmp_path / "file"
+    target.write_text("old")
+    with pytest.raises(RuntimeError), atomic_path(target) as temporary:
+        temporary.write_text("new")
+        raise RuntimeError
+    assert contents(tmp_path) == {"file": b"old"}

@@ -1,0 +1,194 @@
+"""Geometric stiffening of beams: published terms, buckling loads, solids."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.testing import assert_allclose
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid import SID, Node
+from sidtool.formats.stiffening import load_stiffness
+from sidtool.formats.toml.reading import validated
+from sidtool.validate.checks import check
+
+HEIGHT, WIDTH = 0.05, 0.035
+SLENDER = {"shape": "general", "area": 1.0, "iy": 1e-10, "iz": 1e-14}
+STRIP = {"shape": "general", "area": 1.0, "iy": 1e-6, "iz": 1e-2, "torsion": 4e-6}
+
+
+def model(
+    geometry: dict[str, Any], discretisation: dict[str, Any], **changes: Any
+) -> ModelFile:
+    ends: list[dict[str, Any]] = [{"parameters": [0]}, {"parameters": [1]}]
+    clamp = "start"
+    if geometry["type"] == "nurbs_volume":
+        ends = [{"edge": edge, "at": [0.5, 0.5]} for edge in ("left", "right")]
+        clamp = "left"
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "title": "Beam",
+        "material": {"youngs_modulus": 2e11, "poissons_ratio": 0.0, "density": 7850.0},
+        "geometry": geometry,
+        "discretisation": discretisation,
+        "frame": {"type": "tangent", "marker": "root", "clamp": clamp},
+        "markers": {"root": {"node": 1, **ends[0]}, "tip": {"node": 2, **ends[1]}},
+        "reduction": {"method": "modal", "modes": 9},
+        "stiffening": {},
+    }
+    return validated(data | changes, ModelFile)
+
+
+def line(section: dict[str, Any], end: tuple[float, ...] = (1.0, 0.0, 0.0)) -> Any:
+    return {"type": "beam", "start": [0, 0, 0], "end": list(end), "section": section}
+
+
+def slender(elements: int, modes: int) -> SID:
+    """L = m = EI = 1 in the plane."""
+    material = {"youngs_modulus": 1e14, "poissons_ratio": 0.0, "density": 1.0}
+    settings = {"type": "beam", "elements": elements}
+    reduction = {"method": "modal", "modes": modes}
+    changes = {"material": material, "reduction": reduction}
+    return sid_from_model(model(line(SLENDER), settings, **changes))
+
+
+def strip(modes: int) -> SID:
+    """Stiff in one plane: E Iy = 1, G It = 2."""
+    material = {"youngs_modulus": 1e6, "poissons_ratio": 0.0, "density": 1e3}
+    settings = {"type": "beam", "elements": 60}
+    reduction = {"method": "modal", "modes": modes}
+    changes = {"material": material, "reduction": reduction}
+    return sid_from_model(model(line(STRIP), settings, **changes))
+
+
+def lowest_load(sid: SID, loads: np.ndarray) -> float:
+    """Smallest positive factor of loads[l, k] at which Ke - loads is singular."""
+    factors = scipy.linalg.eigvals(sid.Ke.m0, loads)
+    real = factors[
+        np.isfinite(factors) & (abs(factors.imag) < 1e-6 * abs(factors))
+    ].real
+    return float(real[real > 0].min())
+
+
+def test_the_published_terms_of_a_cantilever() -> None:
+    """R4, to all digits: K0omega, K0t,x and phi1 of a force along the beam.
+
+    Quadratic convergence, as the axial force is constant in an element.
+    """
+    terms = np.array([published(slender(n, 1)) for n in (20, 40, 80)])
+    steps = np.diff(terms, axis=0)
+    assert_allclose(np.log2(steps[0, :2] / steps[1, :2]), 2, atol=0.01)
+    limit = terms[2] + steps[1] / 3
+    assert_allclose(limit, [1.19334, -1.57088, -4.64778, 2.0], rtol=0, atol=6e-6)
+
+
+def published(sid: SID) -> list[float]:
+    tip = sid.node(2)
+    centrifugal, acceleration = sid.Oe.m1[0, 0, 2] + 1, sid.Ct.m1[0, 0, 0]
+    return [centrifugal, acceleration, tip.phi.m1[0, 0, 0], abs(tip.phi.m0[1, 0])]
+
+
+def test_column() -> None:
+    """Euler: pi^2 E I / (4 L^2), from above and the closer the more modes there are."""
+    sids = [slender(40, modes) for modes in (2, 4, 8)]
+    loads = np.array([lowest_load(s, -s.node(2).phi.m1[:, 0, :]) for s in sids])
+    errors = loads / (np.pi**2 / 4) - 1
+    assert 16 * errors[2] < 4 * errors[1] < errors[0] < 0.01
+    assert errors[2] > 0
+
+
+def test_lateral_buckling() -> None:
+    """Prandtl: 4.0126 sqrt(E Iy G It) / L^2 under a force at the tip of a strip."""
+    found = [lowest_load(s, s.node(2).phi.m1[:, 1, :]) for s in map(strip, (16, 32))]
+    exact = 4.0126 * np.sqrt(2.0)
+    assert exact < found[1] < found[0]
+    assert found[1] == pytest.approx(exact, rel=1e-2)
+
+
+def test_a_beam_of_any_direction() -> None:
+    """Turned in space, all terms turn with it."""
+    turned = {**line(STRIP, (0.48, 0.6, 0.64)), "y_axis": (0.0, 0.64, -0.6)}
+    settings = {"type": "beam", "elements": 12}
+    straight, oblique = (
+        sid_from_model(model(geometry, settings)) for geometry in (line(STRIP), turned)
+    )
+    assert [c.id for c in check(oblique) if c.failed] == []
+    x, y = np.array([0.48, 0.6, 0.64]), np.array([0.0, 0.64, -0.6])
+    y /= np.linalg.norm(y)
+    axes = np.array([x, y, np.cross(x, y)])
+    there, here = straight.node(2), oblique.node(2)
+    sign = signs(turned_rows(here, axes), rows(there))
+    pairs = sign[:, None] * sign
+    for a, b in ((straight.Ct.m1, oblique.Ct.m1), (straight.Cr.m1, oblique.Cr.m1)):
+        close(np.einsum("lka,ab->lkb", b, axes.T) * pairs[..., None], a, 1e-6)
+    for name in ("phi", "psi"):
+        b = getattr(here, name).m1
+        found = np.einsum("lbk,ab->lak", b, axes) * pairs[:, None]
+        close(found, getattr(there, name).m1, 1e-6)
+
+
+def test_a_solid_has_the_same_terms() -> None:
+    """Bending in both planes and torsion; solids warp, which makes the difference."""
+    points = [
+        [
+            [[x, y, z] for z in (-WIDTH / 2, WIDTH / 2)]
+            for y in (-HEIGHT / 2, HEIGHT / 2)
+        ]
+        for x in (0, 1)
+    ]
+    volume = {
+        "type": "nurbs_volume",
+        "degrees": [1, 1, 1],
+        "knots": [[0, 0, 1, 1]] * 3,
+        "control_points": points,
+    }
+    section = {"shape": "rectangle", "height": HEIGHT, "width": WIDTH}
+    iga = {"type": "iga", "degrees": [3, 2, 2], "elements": [12, 1, 1]}
+    beam = {"type": "beam", "elements": 60, "theory": "timoshenko"}
+    a = sid_from_model(model(volume, iga))
+    b = sid_from_model(model(line(section), beam))
+    sign = signs(rows(b.node(2)), rows(a.node(2)))
+    pairs = sign[:, None] * sign
+    for name in ("Ct", "Cr", "Oe"):
+        close(getattr(b, name).m1 * pairs[..., None], getattr(a, name).m1, 0.02)
+    for name in ("phi", "psi"):
+        m1 = getattr(b.node(2), name).m1 * pairs[:, None]
+        close(m1, getattr(a.node(2), name).m1, 0.02)
+
+
+def rows(node: Node) -> np.ndarray:
+    return np.vstack([node.phi.m0, node.psi.m0])
+
+
+def turned_rows(node: Node, axes: np.ndarray) -> np.ndarray:
+    return np.vstack([axes @ node.phi.m0, axes @ node.psi.m0])
+
+
+def signs(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Which shape functions have the other sign."""
+    return np.sign((first * second).sum(axis=0))
+
+
+def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
+    assert_allclose(found, expected, rtol=0, atol=tolerance * abs(expected).max())
+
+
+@pytest.mark.parametrize("carriers", [{}, {"markers": []}])
+def test_the_load_of_a_prestressed_beam_stiffens_once(carriers: dict[str, Any]) -> None:
+    force = (5e5, 3e4, 0.0)
+    settings = {"type": "beam", "elements": 12}
+    pull = {"stiffening": {"prestress": {"forces": {"tip": force}}, **carriers}}
+    plain = sid_from_model(model(line(STRIP), settings))
+    pulled = sid_from_model(model(line(STRIP), settings, **pull))
+    stretched = plain.Ke.m0 + load_stiffness(plain, forces={"2": force})
+    found = pulled.Ke.m0 + load_stiffness(pulled, forces={"2": force})
+    expected = scipy.linalg.eigvalsh(stretched, plain.Me.m0)
+    assert expected[0] > 1.1 * np.diag(plain.Ke.m0).min()
+    assert_allclose(scipy.linalg.eigvalsh(found, pulled.Me.m0), expected, rtol=1e-9)
+    load = force @ pulled.node(2).phi.m0
+    assert_allclose(pulled.ksigma.m0[:, 0], load, atol=1e-9 * np.abs(load).max())

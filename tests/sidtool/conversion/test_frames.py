@@ -1,0 +1,113 @@
+"""Body frames from the model: what vanishes, what does not depend on them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.testing import assert_allclose
+
+from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.dead_nodes import check_alive, dead_nodes
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_mass import free_modal_mass
+from sidtool.reduction.frames import FRAMES, mass_and_centre
+from sidtool.report.modes import frame_of, modes_of
+from sidtool.report.sid import describe_sid
+from sidtool.validate import check
+
+from ..models import IGA, Q4, rod
+
+PINS = ["crank_pin", "piston_pin"]
+FREE: dict[str, dict[str, Any]] = {
+    "crank pin": {"type": "tangent", "marker": "crank_pin"},
+    "piston pin": {"type": "tangent", "marker": "piston_pin"},
+    "chord": {"type": "chord", "markers": PINS},
+    "back": {"type": "chord", "markers": PINS[::-1]},
+    "buckens": {"type": "buckens"},
+    "buckens at a pin": {"type": "buckens", "marker": "crank_pin"},
+}
+
+
+def converted(frame: str, discretisation: dict[str, Any] = Q4) -> SID:
+    modes = {"method": "modal", "modes": 4}
+    return sid_from_model(rod(discretisation, frame=FREE[frame], reduction=modes))
+
+
+@pytest.mark.parametrize("discretisation", [Q4, IGA], ids=["q4", "iga"])
+@pytest.mark.parametrize("frame", FREE)
+def test_all_checks_pass(frame: str, discretisation: dict[str, Any]) -> None:
+    sid = converted(frame, discretisation)
+    assert [(c.id, c.measured) for c in check(sid) if c.failed] == []
+
+
+@pytest.mark.parametrize("frame", FREE)
+def test_free_modes_have_the_frequencies_of_the_free_body(frame: str) -> None:
+    """The same modes in every frame: the coupled system has the same frequencies."""
+    body = finite_element_model(rod(Q4))
+    exact = scipy.linalg.eigvalsh(
+        body.stiffness.toarray(), body.mass.toarray(), subset_by_index=[3, 6]
+    )
+    sid = converted(frame)
+    found = scipy.linalg.eigvalsh(sid.Ke.m0, free_modal_mass(sid))
+    assert_allclose(found, exact, rtol=1e-6)
+
+
+def test_what_vanishes_where() -> None:
+    tangent = converted("piston pin").node(2)
+    assert_allclose(tangent.phi.m0, 0, atol=1e-12)
+    assert_allclose(tangent.psi.m0, 0, atol=1e-10)
+    assert_allclose(tangent.position, 0, atol=1e-12)
+    chord = converted("chord")
+    assert_allclose(chord.node(1).phi.m0, 0, atol=1e-12)
+    assert_allclose(chord.node(2).phi.m0[1], 0, atol=1e-12)
+    assert np.abs(chord.node(1).psi.m0).max() > 0.1
+    mean = converted("buckens")
+    for block in (mean.Ct.m0, mean.Cr.m0, mean.mdCM.m0, mean.mdCM.m1):
+        assert_allclose(block, 0, atol=1e-12)
+    at_pin = converted("buckens at a pin")
+    assert_allclose(at_pin.node(1).position, 0, atol=1e-15)
+    assert_allclose(at_pin.Cr.m0, 0, atol=1e-12)
+
+
+def test_mass_and_centre() -> None:
+    mass, centre = mass_and_centre(finite_element_model(rod(Q4)))
+    assert mass == pytest.approx(3.14, rel=2e-3)
+    assert_allclose(centre, [0.5, 0, 0], atol=1e-12)
+
+
+def test_frames_are_told_by_their_names() -> None:
+    assert frame_of(converted("chord")) == "chord frame between nodes 1 and 2"
+    assert frame_of(converted("buckens")).startswith("mean axes")
+    assert frame_of(converted("piston pin")).startswith(
+        "tangent frame, fixed to node 2"
+    )
+    kinds = [mode.kind for mode in modes_of(converted("chord"))]
+    assert kinds == ["bending y"] * 4
+    shares = [mode.contribution for mode in modes_of(converted("chord"))]
+    assert sum(shares) == pytest.approx(1)
+    text = describe_sid(converted("chord"))
+    assert "boundary" in text and "share %" in text
+
+
+def test_frames_that_cannot_be_are_refused() -> None:
+    same = {"type": "chord", "markers": ["crank_pin", "crank_pin"]}
+    model = rod(Q4, frame=same)
+    with pytest.raises(InputError, match="frame.markers: .* at the same place"):
+        FRAMES["chord"](finite_element_model(model), model.frame)
+    with pytest.raises(InputError, match="frame.marker: there is no marker 'hub'"):
+        rod(Q4, frame={"type": "buckens", "marker": "hub"})
+
+
+def test_nodes_where_all_modes_vanish_are_named() -> None:
+    """Modes of the rod clamped at both ends: a force at the piston pin does nothing."""
+    both = {"method": "modal", "modes": 3, "fix": "right"}
+    sid = sid_from_model(rod(Q4, reduction=both))
+    assert dead_nodes(sid) == ("2",)
+    with pytest.raises(InputError, match="the force push acts on node 2 of rod, where"):
+        check_alive(sid, 2, "the force push", "rod")
+    check_alive(sid, 1, "the joint crank")
+    assert dead_nodes(sid_from_model(rod(Q4))) == ()

@@ -1,0 +1,281 @@
+"""Stress recovery: against beam theory and the full finite-element stress."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sidtool.conversion.stress import peak_points
+from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.formats.stress import node_stress, peak_stress, stress_nodes, von_mises
+from sidtool.formats.toml.reading import validated
+from sidtool.frontends.elements.continuum import stress_rows
+from sidtool.reduction.frames import FRAMES
+from sidtool.reduction.methods import REDUCTIONS
+from sidtool.reduction.space import admissible
+from sidtool.validate import check
+
+from ..beams import beam
+from ..bodies import beam_data as beam_rod
+from ..models import IGA, Q4, rod, rod_data
+
+TOP = {
+    "root": {"node": 1, "edge": "left", "at": 0.5},
+    "tip": {"node": 2, "edge": "right", "at": 0.5},
+    "top": {"node": 3, "edge": "top", "at": 0.5},
+}
+ROD_MARKERS = {
+    "crank_pin": {"node": 1, "edge": "left", "at": 0.5},
+    "piston_pin": {"node": 2, "edge": "right", "at": 0.5},
+    "top": {"node": 3, "edge": "top", "at": 0.5},
+}
+TIP_LOAD = {"method": "attachment", "interfaces": ["tip"], "modes": 3}
+MESHES = {
+    "q4": {"type": "q4", "elements": [80, 4], "formulation": "incompatible_modes"},
+    "iga": {"type": "iga", "degrees": [3, 2], "elements": [12, 1]},
+}
+
+
+def tip_loaded(sid: Any, force: float) -> np.ndarray:
+    return np.linalg.solve(sid.Ke.m0, sid.node(2).phi.m0[1] * force)
+
+
+def test_tip_loaded_cantilever() -> None:
+    """sigma_xx = F (L - x) h / (2 I) on the upper edge, compressed by a lift."""
+    model = beam(MESHES["iga"], markers=TOP, reduction=TIP_LOAD, stress={})
+    sid = sid_from_model(model)
+    height, inertia = 0.01, 0.01 * 0.01**3 / 12
+    expected = -1e-3 * 0.5 * height / 2 / inertia
+    sigma = node_stress(sid, 3, tip_loaded(sid, 1e-3))
+    assert sigma[0] == pytest.approx(expected, rel=2e-3)
+    assert np.abs(sigma[1:]).max() < 0.02 * abs(expected)
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_spanned_states_have_the_stress_of_the_full_model(mesh: str) -> None:
+    """The static state is among the shape functions: 1e-9."""
+    model = beam(MESHES[mesh], markers=TOP, reduction=TIP_LOAD, stress={})
+    sid, body = sid_from_model(model), finite_element_model(model)
+    frame = FRAMES["tangent"](body, model.frame)
+    load = body.marker("tip").displacement[1].T.toarray()
+    full = admissible(body, frame).static(load)[:, 0]
+    rows = stress_rows(body.marker("top").gradient, body.continua[0])
+    expected = rows @ full
+    found = node_stress(sid, 3, tip_loaded(sid, 1.0))
+    assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_other_states_converge_with_the_shape_functions() -> None:
+    """Modes alone: the static stress comes closer with their number."""
+    errors = []
+    for count in (2, 8, 32):
+        modes = {"method": "modal", "modes": count}
+        sid = sid_from_model(
+            beam(MESHES["iga"], markers=TOP, reduction=modes, stress={})
+        )
+        exact = -1e-3 * 0.5 * 0.01 / 2 / (0.01 * 0.01**3 / 12)
+        found = node_stress(sid, 3, tip_loaded(sid, 1e-3))[0]
+        errors.append(abs(found / exact - 1))
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+    assert errors[2] < 0.03
+
+
+@pytest.mark.parametrize("discretisation", [Q4, IGA], ids=["q4", "iga"])
+def test_stress_of_the_rod_under_a_load_that_modes_do_not_span_converges(
+    discretisation: dict[str, Any],
+) -> None:
+    """A lift at the piston pin, half-way on the upper edge, against the full model."""
+    errors = []
+    for modes in (2, 8, 32):
+        model = rod(
+            discretisation,
+            markers=ROD_MARKERS,
+            stress={},
+            reduction={"method": "modal", "modes": modes},
+        )
+        sid, body = sid_from_model(model), finite_element_model(model)
+        frame = FRAMES["tangent"](body, model.frame)
+        load = body.marker("piston_pin").displacement[1].T.toarray()
+        full = stress_rows(body.marker("top").gradient, body.continua[0])
+        full = full @ admissible(body, frame).static(load)[:, 0]
+        found = node_stress(sid, 3, tip_loaded(sid, 1.0))
+        errors.append(np.abs(found - full).max() / np.abs(full).max())
+    assert errors[0] > 4 * errors[1] > 16 * errors[2]
+    assert errors[2] < 1e-3
+
+
+@pytest.mark.parametrize("discretisation", [Q4, IGA], ids=["q4", "iga"])
+def test_rod_stress_is_that_of_the_reconstructed_displacement(
+    discretisation: dict[str, Any],
+) -> None:
+    """The slider-crank's rod in any state that its modes span."""
+    model = rod(discretisation, stress={"peak_points": 20})
+    sid, body = sid_from_model(model), finite_element_model(model)
+    basis = REDUCTIONS["modal"](
+        body, FRAMES["tangent"](body, model.frame), model.reduction
+    )
+    q = np.array([1e-3, -2e-5, 3e-6, 1e-6, -2e-7])
+    u = basis.reconstruct(q)
+    for marker in body.markers:
+        full = stress_rows(marker.gradient, body.continua[0]) @ u
+        found = node_stress(sid, marker.node, q)
+        assert_allclose(found, full, atol=1e-9 * np.abs(full).max())
+    assert [c.id for c in check(sid) if c.failed] == []
+
+
+def test_peak_points_find_the_peak_of_the_body() -> None:
+    """Over random states, the peak over the chosen nodes is that over all points."""
+    model = rod(Q4)
+    body = finite_element_model(model)
+    basis = REDUCTIONS["modal"](
+        body, FRAMES["tangent"](body, model.frame), model.reduction
+    )
+    everywhere = peak_points(body, basis, 10_000)
+    few = peak_points(body, basis, 30)
+    random = np.random.default_rng(5).standard_normal((200, 5))
+    states = random / np.sqrt(np.diag(basis.stiffness))
+    peaks = [
+        np.max([von_mises(states @ p.sigma.T) for p in points], axis=0)
+        for points in (few, everywhere)
+    ]
+    assert (peaks[0] >= 0.9 * peaks[1]).all()
+    assert len(few) == 30
+
+
+def test_peak_stress_and_files(tmp_path: Any) -> None:
+    model = rod(IGA, stress={"peak_points": 5, "first_node": 500})
+    sid = sid_from_model(model)
+    assert stress_nodes(sid) == ("1", "2", "500", "501", "502", "503", "504")
+    q = np.array([[1e-3, 0, 0, 0, 0], [0, 0, 0, 0, 0]])
+    peak = peak_stress(sid, q)
+    assert peak[0] > 1e6 and peak[1] == 0
+    write_sid(tmp_path / "rod.SID_FEM", sid)
+    back = read_sid(tmp_path / "rod.SID_FEM")
+    assert_allclose(peak_stress(back, q), peak, rtol=1e-10)
+
+
+def test_prestress_is_the_constant_part() -> None:
+    pull = {"prestress": {"forces": {"tip": [2.0, 0.0]}}}
+    model = beam(MESHES["iga"], markers=TOP, stiffening=pull, stress={})
+    sid = sid_from_model(model)
+    assert_allclose(sid.node(3).sigma.m0[0, 0], 2.0 / 1e-4, rtol=1e-3)
+
+
+def test_plane_strain_has_a_transverse_stress() -> None:
+    settings = {**Q4, "state": "plane_strain"}
+    sid = sid_from_model(rod(settings, stress={}))
+    sigma = node_stress(sid, 2, [0, 0, 0, 0, 1e-3])
+    assert_allclose(sigma[2], 0.3 * (sigma[0] + sigma[1]), rtol=1e-9)
+
+
+def test_von_mises() -> None:
+    assert von_mises([3.0, 0, 0, 0, 0, 0]) == pytest.approx(3)
+    assert von_mises([0, 0, 0, 2.0, 0, 0]) == pytest.approx(2 * np.sqrt(3))
+    assert von_mises([5.0, 5, 5, 0, 0, 0]) == 0
+
+
+def test_stress_that_is_not_there_is_refused() -> None:
+    sid = sid_from_model(rod(Q4))
+    with pytest.raises(InputError, match="node 2 carries no stress"):
+        node_stress(sid, 2, np.zeros(5))
+    with pytest.raises(InputError, match=r"expected a body .* a table \[stress\]"):
+        peak_stress(sid, np.zeros(5))
+    clash = {"peak_points": 3, "first_node": 1}
+    with pytest.raises(InputError, match="stress.first_node"):
+        sid_from_model(rod(Q4, stress=clash))
+
+
+def test_prestress_in_plane_strain_is_triaxial() -> None:
+    """sigma_zz = nu (sigma_xx + sigma_yy), given as uniform stress or by a force."""
+    nu, stress = 0.3, (5.0e6, -2.0e6, 1.0e6)
+    mesh = {"type": "q4", "elements": [8, 2]}
+    for state, ratio in (("plane_strain", nu), ("plane_stress", 0.0)):
+        data = rod_data({**mesh, "state": state})
+        data["stress"] = {"peak_points": 2}
+        data["stiffening"] = {"prestress": {"stress": list(stress)}}
+        sid = sid_from_model(validated(data, ModelFile))
+        told = [node.sigma.m0[:, 0] for node in sid.nodes if node.sigma is not None]
+        assert len(told) == 4
+        for sigma in told:
+            assert_allclose(sigma[[0, 1, 3]], stress, rtol=1e-12)
+            assert sigma[2] == pytest.approx(ratio * (stress[0] + stress[1]), abs=1e-3)
+
+
+def test_stress_that_is_not_known_is_refused() -> None:
+    """Not left out without a word: of beams, and where all markers are tied."""
+    data = beam_rod({"type": "beam", "elements": 4}, 3) | {"stress": {}}
+    with pytest.raises(InputError, match="stress: there is no stress in beams"):
+        validated(data, ModelFile)
+    data = rod_data({"type": "q4", "elements": [8, 2]}) | {"stress": {}}
+    for marker in data["markers"].values():
+        marker["tie"] = {"type": "distributing", "to": marker.pop("edge")}
+        del marker["at"]
+    data["frame"] = {"type": "buckens"}
+    with pytest.raises(InputError, match="stress: tells no stress: all markers"):
+        sid_from_model(validated(data, ModelFile))
+
+
+REFUSED = [
+    ({"stress": {"peak_points": 2, "first_node": 1}}, "stress.first_node"),
+    ({"stress": {"markers": ["piston_pin"]}}, "stress.markers: there is no stress at"),
+    ({"stress": {"markers": []}}, "stress: tells no stress"),
+    ({"stiffening": {"prestress": {"stress": [1.0]}}}, "prestress.stress: has 1"),
+    (
+        {
+            "frame": {"type": "buckens"},
+            "stiffening": {"prestress": {"forces": {"piston_pin": [1.0, 0.0]}}},
+        },
+        "stiffening.prestress: the forces and moments are not in balance",
+    ),
+]
+
+
+@pytest.mark.parametrize(("tables", "message"), REFUSED)
+def test_what_cannot_be_had_is_refused_before_anything_is_solved(
+    tables: dict[str, Any], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However large the mesh is: no equations are solved, no modes computed."""
+
+    def solved(*_: Any) -> None:
+        raise AssertionError("equations were solved first")
+
+    monkeypatch.setitem(REDUCTIONS, "modal", solved)
+    data = rod_data({"type": "q4", "elements": [8, 2]}) | tables
+    pin = data["markers"]["piston_pin"]
+    pin["tie"] = {"type": "distributing", "to": pin.pop("edge")}
+    del pin["at"]
+    with pytest.raises(InputError, match=re.escape(message)):
+        sid_from_model(validated(data, ModelFile))
+
+
+def test_bodies_that_know_no_stress_are_refused_when_the_file_is_read() -> None:
+    """Before a deck is discretised by another program, or a matrix is read."""
+    beam = beam_rod({"type": "beam", "elements": 4}, 3)
+    deck = rod_data({"type": "mesh"})
+    deck["geometry"] = {"type": "mesh", "file": "no.inp", "engine": "calculix"}
+    uniform = {"stiffening": {"prestress": {"stress": [1.0, 0.0, 0.0]}}}
+    for data in (
+        beam | uniform,
+        beam | {"stress": {}},
+        deck | {"stress": {}},
+        deck | {"stiffening": {}},
+    ):
+        with pytest.raises(InputError, match="there is no stress in beams"):
+            validated(data, ModelFile)
+
+
+def test_markers_that_tell_no_stress_are_told() -> None:
+    data = rod_data({"type": "q4", "elements": [8, 2]}) | {"stress": {}}
+    pin = data["markers"]["piston_pin"]
+    pin["tie"] = {"type": "distributing", "to": pin.pop("edge")}
+    del pin["at"]
+    with pytest.warns(UserWarning, match="no stress is told at piston_pin: tied"):
+        sid = sid_from_model(validated(data, ModelFile))
+    assert [node.sigma is not None for node in sid.nodes] == [True, False]

@@ -1,0 +1,130 @@
+"""Stress with incompatible modes: that of beam theory, internal modes included."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sidtool.conversion.stiffening import quadrature
+from sidtool.convert import finite_element_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.stress import von_mises
+from sidtool.formats.toml.reading import validated
+from sidtool.frontends.elements.continuum import (
+    stress_from_gradient,
+    stress_rows,
+    stress_six,
+)
+from sidtool.frontends.finite_element_model import FiniteElementModel
+from sidtool.reduction.frames import FRAMES
+from sidtool.reduction.space import admissible
+
+from ...metamorphic.parts import quarter_ring
+from ..bodies import volume_data
+from ..models import rod_data
+
+LENGTH, HEIGHT, CURVATURE = 1.0, 0.2, 1e-3
+
+
+def bar(solid: bool, state: str, elements: list[int]) -> ModelFile:
+    """A bar along x of height 0.2, one or two elements high."""
+    relieved = {"elements": elements, "formulation": "incompatible_modes"}
+    ends = [0.0, LENGTH], [-HEIGHT / 2, HEIGHT / 2]
+    if solid:
+        data = volume_data({"type": "hex8", **relieved})
+        points: Any = [
+            [[[x, y, z] for z in (0.0, 0.1)] for y in ends[1]] for x in ends[0]
+        ]
+        at: Any = [0.5, 0.5]
+    else:
+        data = rod_data({"type": "q4", "state": state, **relieved})
+        points, at = [[[x, y] for y in ends[1]] for x in ends[0]], 0.5
+    d = 3 if solid else 2
+    data["geometry"] |= {
+        "degrees": [1] * d,
+        "knots": [[0, 0, 1, 1]] * d,
+        "control_points": points,
+    }
+    data["geometry"].pop("weights", None)
+    data["frame"] = {"type": "tangent", "marker": "root", "clamp": "left"}
+    data["markers"] = {
+        "root": {"node": 1, "edge": "left", "at": at},
+        "top": {"node": 2, "edge": "top", "at": [0.37, 0.5] if solid else 0.37},
+    }
+    return validated(data, ModelFile)
+
+
+def pure_bending(x: np.ndarray, across: float, aside: float) -> np.ndarray:
+    """Displacement of a bar whose stress is sigma_xx = -E' kappa y and no other."""
+    k, u = CURVATURE, np.zeros_like(x)
+    y = x[:, 1]
+    u[:, 0] = -k * x[:, 0] * y
+    u[:, 1] = k / 2 * (x[:, 0] ** 2 + across * y**2)
+    if x.shape[1] == 3:
+        u[:, 1] -= aside * k / 2 * x[:, 2] ** 2
+        u[:, 2] = aside * k * y * x[:, 2]
+    return u
+
+
+def stresses(body: FiniteElementModel, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and stresses (p, 6) at all quadrature points."""
+    places, six = [], []
+    for part in quadrature(body):
+        gradient = part.gradients(u[:, None])[:, 0]
+        stress = stress_from_gradient(gradient, part.law)
+        six.append(stress_six(stress, part.transverse))
+        places.append(np.einsum("pm,pmd->pd", part.values, body.positions[part.nodes]))
+    return np.concatenate(places), np.concatenate(six)
+
+
+@pytest.mark.parametrize("high", [1, 2])
+@pytest.mark.parametrize("kind", ["plane_stress", "plane_strain", "solid"])
+def test_pure_bending_has_the_stress_of_the_beam(kind: str, high: int) -> None:
+    """Left out, the internal modes gave sigma_yy = nu sigma_xx / (1 - nu) and more."""
+    solid = kind == "solid"
+    model = bar(solid, kind, [5, high, 2][: 3 if solid else 2])
+    material = model.material
+    assert material is not None
+    nu, e = material.poissons_ratio, material.youngs_modulus
+    across = {"plane_stress": nu, "plane_strain": nu / (1 - nu), "solid": nu}[kind]
+    modulus = e / (1 - nu**2) if kind == "plane_strain" else e
+    body = finite_element_model(model)
+    u = pure_bending(body.positions, across, nu if solid else 0.0).ravel()
+    x, found = stresses(body, u)
+    expected = np.zeros_like(found)
+    expected[:, 0] = -modulus * CURVATURE * x[:, 1]
+    expected[:, 2] = nu * expected[:, 0] if kind == "plane_strain" else 0
+    if not solid or high == 1:
+        top = body.marker("top")
+        rows = stress_rows(top.gradient, body.continua[0]) @ u
+        x = np.vstack([x, top.position[: x.shape[1]]])
+        found, edge = np.vstack([found, rows]), np.zeros(6)
+        edge[0] = -modulus * CURVATURE * HEIGHT / 2
+        edge[2] = nu * edge[0] if kind == "plane_strain" else 0
+        expected = np.vstack([expected, edge])
+    assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_peak_of_a_curved_arm() -> None:
+    """A quarter ring under gravity: the peak comes near to that of fine hex20."""
+    peaks = {}
+    for name, settings in {
+        "hex8": {
+            "type": "hex8",
+            "elements": [6, 30, 1],
+            "formulation": "incompatible_modes",
+        },
+        "hex20": {"type": "hex20", "elements": [4, 24, 1]},
+    }.items():
+        markers = {"pin": {"node": 2, "edge": "right", "at": [0.2, 0.5]}}
+        model = quarter_ring(settings, 1.0, 1.3, 0.1, markers=markers)
+        body = finite_element_model(model)
+        frame = FRAMES["tangent"](body, model.frame)
+        load = -body.mass @ body.rigid_body_modes()[:, [0]]
+        u = admissible(body, frame).static(load)
+        rows = stress_rows(body.marker("pin").gradient, body.continua[0])
+        peaks[name] = float(von_mises((rows @ u)[:, 0]))
+    assert peaks["hex8"] == pytest.approx(peaks["hex20"], rel=0.02)

@@ -1,0 +1,240 @@
+"""CalculiX discretises shells, beams and composites: theory and its own frequencies."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID
+from sidtool.importers.calculix.deck import free_deck, without_layers
+
+from .decks import STEEL, calculix, frequencies, listed
+
+E, NU, RHO = STEEL["e"], STEEL["nu"], STEEL["rho"]
+MATERIAL = f"*MATERIAL, NAME=M\n*ELASTIC\n{E!r}, {NU!r}\n*DENSITY\n{RHO!r}\n"
+needs_ccx = pytest.mark.skipif(
+    shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed"
+)
+
+
+def beam_deck(length: float, height: float, width: float, count: int = 40) -> str:
+    """B32R along x; its section height is along y, its width along z."""
+    points = np.linspace(0.0, length, 2 * count + 1)
+    nodes = "".join(f"{i}, {x!r}, 0., 0.\n" for i, x in enumerate(points.tolist(), 1))
+    elements = "".join(
+        f"{k + 1}, {2 * k + 1}, {2 * k + 2}, {2 * k + 3}\n" for k in range(count)
+    )
+    return (
+        f"*NODE\n{nodes}*ELEMENT, TYPE=B32R, ELSET=EB\n{elements}{MATERIAL}"
+        f"{listed('LEFT', [1])}{listed('RIGHT', [2 * count + 1])}"
+        "*BEAM SECTION, ELSET=EB, MATERIAL=M, SECTION=RECT\n"
+        f"{height!r}, {width!r}\n0., 1., 0.\n"
+    )
+
+
+def plate_deck(kind: str, side: float, section: str, count: int) -> str:
+    """A square plate in the xy plane, linear (S4) or quadratic (S8R)."""
+    step = 2 if kind == "S8R" else 1
+    n = step * count
+    number = {}
+    for j in range(n + 1):
+        for i in range(n + 1):
+            if step == 1 or i % 2 == 0 or j % 2 == 0:
+                number[i, j] = len(number) + 1
+    nodes = "".join(
+        f"{k}, {side * i / n!r}, {side * j / n!r}, 0.\n" for (i, j), k in number.items()
+    )
+    corners = [(0, 0), (step, 0), (step, step), (0, step)]
+    middles = [(1, 0), (2, 1), (1, 2), (0, 1)] if step == 2 else []
+    rows = []
+    for j in range(0, n, step):
+        for i in range(0, n, step):
+            own = [number[i + a, j + b] for a, b in (*corners, *middles)]
+            rows.append(f"{len(rows) + 1}, " + ", ".join(map(str, own)) + "\n")
+    left = [k for (i, _), k in number.items() if i == 0]
+    return (
+        f"*NODE\n{nodes}*ELEMENT, TYPE={kind}, ELSET=EP\n{''.join(rows)}{MATERIAL}"
+        f"{listed('LEFT', left)}{section}\n"
+    )
+
+
+def shell(thickness: float) -> str:
+    return f"*SHELL SECTION, ELSET=EP, MATERIAL=M\n{thickness!r}"
+
+
+def body(
+    folder: Path, deck: str, node: int, held: str | None = None, **geometry: Any
+) -> SID:
+    """The SID of a deck by CalculiX, with a marker at a node of the deck."""
+    (folder / "part.inp").write_text(deck)
+    frame: dict[str, Any] = {"type": "buckens"}
+    markers: dict[str, Any] = {"p": {"node": 1, "mesh_node": node}}
+    if held:
+        markers["root"] = {"node": 2, "mesh_node": 1}
+        frame = {"type": "tangent", "marker": "root", "clamp": held}
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "geometry": {
+            "type": "mesh",
+            "file": "part.inp",
+            "engine": "calculix",
+            **geometry,
+        },
+        "discretisation": {"type": "mesh"},
+        "frame": frame,
+        "markers": markers,
+        "reduction": {"method": "modal", "modes": 4},
+    }
+    (folder / "model.json").write_text(json.dumps(data))
+    with pytest.warns(UserWarning, match="CalculiX makes"):
+        return sid_from_model(folder / "model.json")
+
+
+@needs_ccx
+def test_a_beam_bends_as_bernoulli_says(tmp_path: Path) -> None:
+    """Two clamped modes about each axis, and how much its end turns as it bends."""
+    length, height, width = 1.2, 0.012, 0.02
+    sid = body(tmp_path, beam_deck(length, height, width), 81, held="LEFT")
+    assert sid.mass == pytest.approx(RHO * length * height * width, rel=1e-6)
+    roots = np.array([1.875104, 4.694091])
+    wave = np.sqrt(E / (12 * RHO)) * (roots / length) ** 2 / (2 * np.pi)
+    found = frequencies(sid)
+    assert_allclose(found[[0, 2]], wave * height, rtol=4e-3)
+    assert_allclose(found[[1, 3]], wave * width, rtol=4e-3)
+    tip = sid.nodes[0]
+    bend, turn = tip.phi.m0[1, 0], tip.psi.m0[2, 0]
+    assert turn * length / bend == pytest.approx(1.3765, rel=2e-3)
+
+
+@needs_ccx
+@pytest.mark.parametrize("unit", ["m", "mm-t-s"])
+def test_a_clamped_plate_has_the_frequencies_of_leissa(
+    tmp_path: Path, unit: str
+) -> None:
+    """A square held at one edge (Leissa 1969, table 4.49, nu = 0.3), in two units."""
+    side, depth = 0.5, 0.004
+    geometry: dict[str, Any] = {}
+    deck = plate_deck("S8R", side, shell(depth), 12)
+    if unit != "m":
+        deck = plate_deck("S8R", 1e3 * side, shell(1e3 * depth), 12).replace(
+            MATERIAL,
+            f"*MATERIAL, NAME=M\n*ELASTIC\n{E * 1e-6!r}, {NU!r}\n*DENSITY\n"
+            f"{RHO * 1e-12!r}\n",
+        )
+        geometry["unit"] = unit
+    sid = body(tmp_path, deck, 2, held="LEFT", **geometry)
+    assert sid.mass == pytest.approx(RHO * side**2 * depth, rel=1e-6)
+    rigidity = E * depth**3 / (12 * (1 - NU**2))
+    scale = np.sqrt(rigidity / (RHO * depth)) / (2 * np.pi * side**2)
+    assert_allclose(frequencies(sid)[:3] / scale, [3.492, 8.525, 21.43], rtol=8e-3)
+
+
+@needs_ccx
+@pytest.mark.parametrize("kind", ["S4", "S8R"])
+def test_frequencies_are_those_of_calculix(tmp_path: Path, kind: str) -> None:
+    """Also of S4, whose internal modes are degrees of freedom with mass."""
+    deck = plate_deck(kind, 0.3, shell(0.005), 4)
+    own = frequencies(body(tmp_path, deck, 2))
+    assert_allclose(own, calculix(tmp_path, deck, None), rtol=1e-6)
+
+
+@needs_ccx
+def test_moments_of_inertia_of_a_free_plate(tmp_path: Path) -> None:
+    """Bounds: places of CalculiX's nodes are refined beyond their six digits."""
+    side, depth = 0.371, 0.0061
+    sid = body(tmp_path, plate_deck("S4", side, shell(depth), 5), 8)
+    mass = RHO * side**2 * depth
+    flat, upright = (side**2 + depth**2) / 12, side**2 / 6
+    expected = mass * np.array([flat, flat, upright])
+    assert sid.mass == pytest.approx(mass, rel=1e-9)
+    assert_allclose(sid.J.m0[:3, 0], expected, rtol=1e-6)
+    assert_allclose(sid.J.m0[3:, 0], 0, atol=1e-6 * expected[0])
+
+
+@needs_ccx
+def test_layers_of_one_material_are_a_plate(tmp_path: Path) -> None:
+    layers = "*SHELL SECTION, ELSET=EP, COMPOSITE\n0.001,,M\n0.003,,M"
+    found = []
+    for section in (shell(0.004), layers):
+        deck = plate_deck("S8R", 0.3, section, 3)
+        found.append(body(tmp_path, deck, 2, held="LEFT"))
+    assert found[1].mass == pytest.approx(found[0].mass, rel=1e-6)
+    assert_allclose(frequencies(found[1]), frequencies(found[0]), rtol=1e-5)
+
+
+@needs_ccx
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("TYPE=S4", "TYPE=S5"), "CalculiX says"),
+        (("*SHELL SECTION", "*CONTACT PAIR\n*SHELL SECTION"), "CONTACT PAIR"),
+        (
+            ("*SHELL SECTION", "*EQUATION\n2\n1,1,1.,2,1,-1.\n*SHELL SECTION"),
+            "depend on others",
+        ),
+    ],
+)
+def test_what_calculix_cannot_do_is_said(
+    tmp_path: Path, change: tuple[str, str], message: str
+) -> None:
+    deck = plate_deck("S4", 0.3, shell(0.005), 2)
+    assert change[0] in deck
+    (tmp_path / "part.inp").write_text(deck.replace(*change))
+    with pytest.raises(InputError, match=message) as caught:
+        _convert(tmp_path)
+    assert "part.inp" in str(caught.value)
+
+
+def test_without_calculix_the_message_says_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "part.inp").write_text(plate_deck("S4", 0.3, shell(0.005), 2))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(InputError, match="apt install calculix-ccx"):
+        _convert(tmp_path)
+
+
+def test_own_elements_name_the_engine(tmp_path: Path) -> None:
+    (tmp_path / "part.inp").write_text(plate_deck("S4", 0.3, shell(0.005), 2))
+    with pytest.raises(InputError, match='geometry.engine = "calculix"'):
+        _convert(tmp_path, engine=None)
+
+
+def _convert(folder: Path, engine: str | None = "calculix") -> SID:
+    geometry = {"type": "mesh", "file": "part.inp"}
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "geometry": geometry | ({"engine": engine} if engine else {}),
+        "discretisation": {"type": "mesh"},
+        "frame": {"type": "buckens"},
+        "markers": {"p": {"node": 1, "mesh_node": 1}},
+        "reduction": {"method": "modal", "modes": 4},
+    }
+    (folder / "model.json").write_text(json.dumps(data))
+    return sid_from_model(folder / "model.json")
+
+
+def test_a_deck_loses_its_steps_and_supports_only(tmp_path: Path) -> None:
+    (tmp_path / "more.inp").write_text("*NODE\n2, 1.\n")
+    (tmp_path / "part.inp").write_text(
+        "*NODE\n1, 0.\n*INCLUDE, INPUT=more.inp\n*BOUNDARY\n1, 1, 3\n*BOUNDARY\n2, 1\n"
+        "*MASS, ELSET=E\n1.\n*STEP\n*STATIC\n*CLOAD\n2, 1, 1.\n*END STEP\n** the end\n"
+    )
+    lines = free_deck(tmp_path / "part.inp")
+    assert lines == ["*NODE", "1, 0.", "*NODE", "2, 1.", "*MASS, ELSET=E", "1."]
+
+
+def test_layers_become_one(tmp_path: Path) -> None:
+    lines = ["*SHELL SECTION, COMPOSITE, ELSET=E, OFFSET=0.5", "1.,,A", "2.5,,B", "*X"]
+    expected = ["*SHELL SECTION,ELSET=E,OFFSET=0.5,MATERIAL=A", "3.5", "*X"]
+    assert without_layers(lines) == expected

@@ -1,0 +1,112 @@
+"""Gmsh, geomdl and G+Smo files: nothing in them is lost without a word."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sidtool.formats.errors import InputError
+from sidtool.geometry.patch import patch_from_model
+from sidtool.importers.meshes import read_mesh
+from sidtool.importers.patches.reading import read_patches
+
+from ..frontends.test_frontend_patches import GISMO, geomdl
+from ..models import IGA, annulus
+from .mesh_files import msh_2, msh_4, rod_mesh
+
+MSH = {"2.2": msh_2, "4.1": msh_4}
+
+
+@pytest.mark.parametrize("version", MSH)
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("$EndElements", "9 8 7\n$EndElements", "Elements holds more than it announ"),
+        ("$EndNodes", "77 0 0 0\n$EndNodes", "Nodes holds more than it announces"),
+        ("$EndNodes\n", "$EndNodes\n$Nodes\n0\n$EndNodes\n", "holds .Nodes twice"),
+        ("$PhysicalNames\n2", "$PhysicalNames\n3", "announces 3 names and holds 2"),
+        (
+            "$EndElements",
+            "$EndElements\n$PartitionedEntities\n1\n$EndPartitionedEntities",
+            "PartitionedEntities, which is not supported",
+        ),
+    ],
+)
+def test_what_a_gmsh_file_holds_besides(
+    tmp_path: Path, version: str, old: str, new: str, message: str
+) -> None:
+    path = tmp_path / "rod.msh"
+    path.write_text(MSH[version](rod_mesh("hex8")).replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        read_mesh(path)
+
+
+@pytest.mark.parametrize("version", MSH)
+def test_a_gmsh_file_tells_what_was_read(tmp_path: Path, version: str) -> None:
+    path = tmp_path / "rod.msh"
+    text = MSH[version](rod_mesh("hex8"))
+    path.write_text(text + "$Periodic\n0\n$EndPeriodic\n")
+    assert read_mesh(path).notes == (
+        "read 6 of 10 elements (6 hex8) and 28 of 28 nodes",
+        "4 elements of lower dimension only name nodes",
+        "without effect on the body: $Periodic",
+    )
+
+
+def arc() -> dict[str, Any]:
+    return geomdl(patch_from_model(annulus(IGA).geometry))
+
+
+def test_trimmed_and_unknown_parts_of_geomdl_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "arc.json"
+    curve = {"type": "freeform", "data": []}
+    cases: list[tuple[dict[str, Any], str]] = [
+        ({"trims": {"count": 1, "data": [curve]}}, "has trim curves"),
+        ({"trims": [curve]}, "has trim curves"),
+        ({"holes": 3}, "holes: is not known"),
+    ]
+    for more, message in cases:
+        data = arc()
+        data["shape"]["data"][0].update(more)
+        path.write_text(json.dumps(data))
+        with pytest.raises(InputError, match=message):
+            read_patches(path)
+    data = arc()
+    data["shape"]["data"][0].update({"trims": {"count": 0, "data": []}, "delta": [1]})
+    path.write_text(json.dumps(data))
+    assert list(read_patches(path)) == ["patch1"]
+    data["shape"]["count"] = 2
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match="announces 2 patches and holds 1"):
+        read_patches(path)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ('<patches type="id_range">7 7</patches>', ""),
+        ('<patches type="id_range">7 9</patches>', "patch8, patch9"),
+        ('<patches type="id_index">3</patches>', "patch3, patch7"),
+    ],
+)
+def test_a_multipatch_lists_all_patches(
+    tmp_path: Path, table: str, message: str
+) -> None:
+    path = tmp_path / "arc.xml"
+    table = f'<MultiPatch parDim="2" id="0">{table}</MultiPatch></xml>'
+    path.write_text(GISMO.replace("</xml>", table))
+    if not message:
+        assert list(read_patches(path)) == ["patch7"]
+        return
+    with pytest.raises(InputError, match=message):
+        read_patches(path)
+
+
+def test_patches_with_one_id_are_refused(tmp_path: Path) -> None:
+    body = GISMO.split("<xml>")[1].split("</xml>")[0]
+    (tmp_path / "arc.xml").write_text(GISMO.replace("</xml>", body + "</xml>"))
+    with pytest.raises(InputError, match="patch7: is given twice"):
+        read_patches(tmp_path / "arc.xml")

@@ -1,0 +1,150 @@
+"""What `convert` says about its basis, beside dense algebra on the full mesh."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.linalg import eigh
+
+from sidtool.cli import cli
+from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.toml.reading import validated
+from sidtool.reduction.frames import FRAMES, motion_rows
+from sidtool.reduction.methods import REDUCTIONS
+from tests.places import EXAMPLES
+
+from ..bodies import volume_data
+from ..models import rod_data
+
+PINS = ["crank_pin", "piston_pin"]
+PLANE = {"type": "q4", "elements": [24, 3], "state": "plane_stress"}
+SOLID = {"type": "hex8", "elements": [12, 2, 1]}
+FREE = {"type": "buckens"}
+CHORD = {"type": "chord", "markers": PINS}
+
+
+def part(plane: bool, frame: dict[str, Any] | None, **reduction: Any) -> ModelFile:
+    data = rod_data(PLANE) if plane else volume_data(SOLID)
+    data["reduction"] = reduction
+    return validated(data | ({"frame": frame} if frame else {}), ModelFile)
+
+
+def said(model: ModelFile) -> str:
+    heard: list[str] = []
+    sid_from_model(model, heard.append)
+    (sentence,) = [text for text in heard if "basis: " in text]
+    return sentence
+
+
+def shares(sentence: str) -> list[float]:
+    """All errors in it, in order."""
+    found = re.findall(r"by (?:at most )?(less than )?([\d.e+-]+) %", sentence)
+    return [0.0 if less else float(value) / 100 for less, value in found]
+
+
+def measured(model: ModelFile) -> list[float]:
+    """The largest error of a frequency and of a compliance, by dense algebra."""
+    body = finite_element_model(model)
+    frame = FRAMES[model.frame.type](body, model.frame)
+    basis = REDUCTIONS[model.reduction.method](body, frame, model.reduction)
+    free = ~frame.held
+    k, m = (a.toarray()[np.ix_(free, free)] for a in (body.stiffness, body.mass))
+    rigid = np.zeros((free.sum(), 0))
+    if free.all():
+        rigid = body.rigid_body_modes()
+    squares, vectors = eigh(k, m)
+    squares, vectors = squares[rigid.shape[1] :], vectors[:, rigid.shape[1] :]
+    small = np.hstack([rigid, basis.shapes[free]])
+    reduced, mixing = eigh(small.T @ k @ small, small.T @ m @ small)
+    reduced, mixing = reduced[rigid.shape[1] :], mixing[:, rigid.shape[1] :]
+    moving = [n for n in PINS if free.all() or n != "crank_pin"]
+    rows = np.vstack(
+        [
+            motion_rows(
+                body,
+                body.marker(n),
+                rotations=bool(model.reduction.interface_names),
+            )
+            for n in moving
+        ]
+    )[:, free]
+    full = ((rows @ vectors) ** 2 / squares).sum(axis=1)
+    less = ((rows @ small @ mixing) ** 2 / reduced).sum(axis=1)
+    n = min(10, len(reduced))
+    return [
+        float(np.abs(np.sqrt(reduced[:n] / squares[:n]) - 1).max()),
+        float((1 - less / full).max()),
+    ]
+
+
+CASES = [
+    (True, FREE, {"method": "craig_bampton", "modes": 4, "interfaces": PINS}),
+    (True, CHORD, {"method": "craig_bampton", "modes": 7, "interfaces": PINS}),
+    (False, FREE, {"method": "craig_bampton", "modes": 5, "interfaces": PINS}),
+    (False, FREE, {"method": "craig_bampton", "modes": 5, "interfaces": PINS[:1]}),
+    (False, None, {"method": "craig_bampton", "modes": 2, "interfaces": PINS[1:]}),
+    (True, None, {"method": "modal", "modes": 3}),
+    (False, CHORD, {"method": "modal", "modes": 6}),
+]
+
+
+@pytest.mark.parametrize(("plane", "frame", "reduction"), CASES)
+def test_errors_are_those_of_the_full_mesh(
+    plane: bool, frame: dict[str, Any] | None, reduction: dict[str, Any]
+) -> None:
+    model = part(plane, frame, **reduction)
+    frequencies, compliance = measured(model)
+    found = shares(said(model))
+    assert found[0] == pytest.approx(frequencies, rel=0.06, abs=1e-6)
+    assert found[1] == pytest.approx(compliance, rel=0.06, abs=1e-6)
+
+
+def test_what_is_advised_does_better() -> None:
+    model = part(False, FREE, method="craig_bampton", modes=10, interfaces=PINS)
+    sentence = said(model)
+    assert sentence.startswith("note: basis: its first 10 frequencies err by at most")
+    name, modes = re.search(r"; (\w+) with (\d+) modes", sentence).groups()
+    better = part(False, FREE, method=name.lower(), modes=int(modes), interfaces=PINS)
+    assert max(measured(model)) > 0.05
+    assert max(measured(better)) < 1e-5
+    assert "err by at most less than" in said(better)
+
+
+@pytest.mark.parametrize("method", ["attachment", "herting"])
+@pytest.mark.parametrize("plane", [True, False])
+def test_a_good_basis_has_no_advice(method: str, plane: bool) -> None:
+    sentence = said(part(plane, FREE, method=method, modes=10, interfaces=PINS))
+    assert sentence.startswith("basis: ") and "; " not in sentence
+    assert shares(sentence) == [0.0, 0.0]
+
+
+def test_a_poor_basis_at_its_interfaces_is_a_warning() -> None:
+    model = part(False, FREE, method="craig_bampton", modes=3, interfaces=PINS)
+    with pytest.warns(UserWarning, match="basis: its first 9 frequencies err"):
+        sid_from_model(model)
+
+
+def test_the_command_tells_it(tmp_path: Path) -> None:
+    model = part(True, FREE, method="herting", modes=6, interfaces=PINS)
+    (tmp_path / "rod.json").write_text(model.model_dump_json())
+    command = ["convert", str(tmp_path / "rod.json"), "-o", str(tmp_path / "rod.h5")]
+    done = CliRunner().invoke(cli, command)
+    assert done.exit_code == 0, done.output
+    assert "basis: its first 10 frequencies err by at most" in done.stderr
+
+
+def test_where_rounding_hides_masses_the_rest_is_told(tmp_path: Path) -> None:
+    """A slip of fifteen digits: of a beam so slender other bases are dependent."""
+    text = (EXAMPLES / "rod_in_space" / "rod_beam.toml").read_text()
+    assert "end = [1.0, 0.0, 0.0]" in text
+    (tmp_path / "rod.toml").write_text(text.replace("end = [1.0,", "end = [1e15,"))
+    told: list[str] = []
+    sid_from_model(tmp_path / "rod.toml", told.append)
+    (sentence,) = [line for line in told if "frequencies err by at most" in line]
+    assert sentence.endswith("; no other method does better")

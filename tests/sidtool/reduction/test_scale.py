@@ -1,0 +1,78 @@
+"""Engines for the factorisation give one result, and memory is said beforehand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.reduction import running
+from sidtool.reduction.eigen import lowest_eigenpairs
+from sidtool.reduction.factors import ENGINES, engine_name
+from sidtool.reduction.memory import expected_gigabytes
+
+from ..bodies import SOLIDS, volume
+from ..models import rod
+
+
+def there(monkeypatch: pytest.MonkeyPatch, name: str) -> bool:
+    monkeypatch.setenv("SIDTOOL_FACTORS", name)
+    try:
+        return engine_name() == name
+    except InputError:
+        return False
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_every_engine_gives_the_same_modes(
+    monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    body = finite_element_model(volume(SOLIDS["hex20"]))
+    free = np.setdiff1d(np.arange(body.ndof), body.dofs(body.node_sets["left"]))
+    k, m = (x[free][:, free] for x in (body.stiffness, body.mass))
+    monkeypatch.setenv("SIDTOOL_FACTORS", "superlu")
+    expected, _ = lowest_eigenpairs(k, m, 6)
+    if not there(monkeypatch, name):
+        with pytest.raises(InputError, match=name):
+            lowest_eigenpairs(k, m, 6)
+        return
+    values, vectors = lowest_eigenpairs(k, m, 6)
+    assert_allclose(values, expected, rtol=1e-7)
+    assert_allclose(vectors.T @ (m @ vectors), np.eye(6), atol=1e-10)
+
+
+def test_an_unknown_engine_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SIDTOOL_FACTORS", "abacus")
+    with pytest.raises(InputError, match="'abacus' is not there; expected .*superlu"):
+        engine_name()
+
+
+def test_memory_is_said_before_the_work() -> None:
+    heard: list[str] = []
+    sid_from_model(rod(), heard.append)
+    assert any("GB" in text for text in heard)
+    assert heard.index(next(t for t in heard if "GB" in t)) == 1
+
+
+def test_progress_comes_from_inside_the_solution(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What is factorised, and how many blocks of vectors were solved for."""
+    monkeypatch.setattr(running, "_INTERVAL", 0.0)
+    heard: list[str] = []
+    settings = {"type": "q4", "elements": [60, 4]}
+    sid_from_model(rod(settings), heard.append, engine="superlu")
+    first = heard.index("factorising 600 equations by superlu")
+    counts = [text for text in heard if text.startswith("eigenvectors: ")]
+    assert counts[:2] == [f"eigenvectors: {i} blocks of solutions" for i in (1, 2)]
+    assert first < heard.index(counts[0]) < heard.index("integrating the inertia")
+
+
+def test_memory_grows_with_the_size() -> None:
+    """Nested dissection: n log n in the plane, n^(4/3) in space."""
+    for dimension, least in ((2, 6.0), (3, 15.0)):
+        few, many = (expected_gigabytes(n, dimension) for n in (10**5, 10**6))
+        assert least < many / few < 25
+    assert expected_gigabytes(1000, 3) < 0.5

@@ -1,0 +1,84 @@
+"""Static answers and modes of constrained bodies from the factors of the body alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import eigh, null_space
+
+from sidtool.convert import finite_element_model, sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.toml.reading import validated
+from sidtool.reduction.frames import Frame, motion_rows
+from sidtool.reduction.space import admissible
+
+from ..bodies import volume_data
+from ..models import rod_data
+
+Q4 = {"type": "q4", "elements": [40, 4], "state": "plane_stress"}
+HEX = {"type": "hex8", "elements": [14, 2, 1]}
+
+
+def free(data: dict) -> tuple:
+    body = finite_element_model(validated(data, ModelFile))
+    return body, admissible(body, Frame(np.zeros(3), np.zeros(body.ndof, bool)))
+
+
+@pytest.mark.parametrize("data", [rod_data(Q4), volume_data(HEX)], ids=["q4", "hex8"])
+@pytest.mark.parametrize(
+    ("names", "rotations"),
+    [
+        (("crank_pin", "piston_pin"), True),
+        (("crank_pin",), True),
+        (("crank_pin", "piston_pin"), False),
+        (("crank_pin",), False),
+    ],
+    ids=["two", "one", "two pins", "one pin"],
+)
+def test_dense_algebra_agrees(
+    data: dict, names: tuple[str, ...], rotations: bool
+) -> None:
+    """The saddle problem in full; what rigid motion is left is balanced."""
+    body, space = free(data)
+    rows = np.vstack(
+        [motion_rows(body, body.marker(n), rotations=rotations) for n in names]
+    )
+    inner = space.with_constraints(rows)
+    stiffness, mass = body.stiffness.toarray(), body.mass.toarray()
+    rng = np.random.default_rng(len(rows))
+    loads = rng.normal(size=(body.ndof, 2))
+    c = inner.constraints
+    inside = null_space(c)
+    small_k, small_m = (inside.T @ a @ inside for a in (stiffness, mass))
+    values, vectors = eigh(small_k, small_m)
+    left = inner.rigid.shape[1]
+    assert (
+        values[left] > 1e-7 * values[left + 5]
+        and (np.abs(values[:left]) < 1e-6 * values[left]).all()
+    )
+    elastic = inside @ vectors[:, left:]
+    expected = elastic @ ((elastic.T @ loads) / values[left:, None])
+    found = inner.static(loads)
+    assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+    squares, _ = inner.modes(6)
+    assert_allclose(squares, values[left : left + 6], rtol=1e-7)
+    gaps = rng.normal(size=(len(c), 2))
+    moved = inner.static(np.zeros_like(loads), gaps)
+    assert_allclose(c @ moved, gaps, atol=1e-9 * np.abs(gaps).max())
+    rest = elastic.T @ (stiffness @ moved)
+    assert np.abs(rest).max() < 1e-7 * np.abs(elastic.T @ stiffness @ elastic).max()
+
+
+@pytest.mark.parametrize("frame", ["tangent", "buckens"])
+@pytest.mark.parametrize("method", ["craig_bampton", "herting", "attachment"])
+def test_a_body_is_factored_once(method: str, frame: str) -> None:
+    """It held two factorisations at once."""
+    interfaces = ["piston_pin"] if frame == "tangent" else ["crank_pin", "piston_pin"]
+    settings = {"method": method, "modes": 4, "interfaces": interfaces}
+    data = rod_data(Q4, reduction=settings)
+    if frame == "buckens":
+        data["frame"] = {"type": "buckens"}
+    told: list[str] = []
+    sid_from_model(validated(data, ModelFile), told.append)
+    assert len([text for text in told if text.startswith("factorising")]) == 1

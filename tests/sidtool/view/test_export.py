@@ -1,0 +1,233 @@
+"""Files for ParaView, opened by VTK's own readers."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.cli import run
+from sidtool.convert import field_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.field import Field, write_field
+from sidtool.formats.result import Result, write_result
+from sidtool.formats.scene import read_scene
+from sidtool.formats.stress import von_mises
+from sidtool.solver.recording.motion import FrameMotion
+from sidtool.view.exported import Exported, Part, _cells, exported
+from sidtool.view.peaks import peak_stresses
+from sidtool.view.vtk_files import write_pvd, write_vtkhdf
+from tests.places import SLIDER_CRANK
+
+from ..bodies import WIDTH, volume
+from ..models import IGA, QM6, rod
+
+
+@pytest.fixture(scope="module")
+def made() -> tuple[sidtool.SID, Field]:
+    return field_from_model(rod({**QM6, "elements": [40, 4]}))
+
+
+@pytest.fixture(scope="module")
+def result(made: tuple[sidtool.SID, Field]) -> Result:
+    scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
+    time = scene.time.model_copy(update={"end": 1.6, "output_step": 0.05})
+    scene = scene.model_copy(update={"time": time})
+    return sidtool.simulate(scene, base_folder=SLIDER_CRANK, sids={"rod": made[0]})
+
+
+@pytest.fixture(scope="module")
+def mesh(result: Result, made: tuple[sidtool.SID, Field]) -> Exported:
+    return exported(result, {"rod": made[1]})
+
+
+def vtk() -> Any:
+    return pytest.importorskip(
+        "vtkmodules.all", reason="VTK is not installed (sidtool[pictures])"
+    )
+
+
+def arrays(grid: Any) -> dict[str, np.ndarray]:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    data = grid.GetPointData()
+    names = [data.GetArrayName(k) for k in range(data.GetNumberOfArrays())]
+    found = {name: vtk_to_numpy(data.GetArray(name)) for name in names}
+    found["points"] = vtk_to_numpy(grid.GetPoints().GetData())
+    found["body"] = vtk_to_numpy(grid.GetCellData().GetArray("body"))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def read_hdf(path: Path, t: float) -> Any:
+    reader = vtk().vtkHDFReader()
+    assert reader.CanReadFile(str(path))
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    reader.UpdateTimeStep(t)
+    return reader.GetOutputDataObject(0)
+
+
+def read_vtu(path: Path) -> Any:
+    reader = vtk().vtkXMLUnstructuredGridReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    return reader.GetOutput()
+
+
+@pytest.mark.parametrize("kind", ["vtkhdf", "pvd"])
+def test_vtk_reads_the_motion_of_the_markers(
+    kind: str, result: Result, mesh: Exported, tmp_path: Path
+) -> None:
+    """The points at both pins: places, velocities and displacements of the outputs."""
+    path = tmp_path / f"motion.{kind}"
+    (write_vtkhdf if kind == "vtkhdf" else write_pvd)(path, mesh)
+    rod_part = next(part for part in mesh.parts if part.name == "rod")
+    first = sum(len(p.positions) for p in mesh.parts[: mesh.parts.index(rod_part)])
+    for k in (0, 11, 25, 32):
+        t = float(result.t[k])
+        if kind == "vtkhdf":
+            grid = read_hdf(path, t)
+        else:
+            grid = read_vtu(tmp_path / "motion" / f"motion_{k:05d}.vtu")
+        found = arrays(grid)
+        assert grid.GetNumberOfPoints() == mesh.n_points
+        for name, place in (("crank_pin", [0, 0, 0]), ("piston_pin", [1, 0, 0])):
+            row = int(np.linalg.norm(rod_part.positions - place, axis=1).argmin())
+            assert np.allclose(rod_part.positions[row], place, atol=1e-12)
+            for data, stem in (("points", ""), ("velocity", "v")):
+                told = [result[f"rod.{name}.{stem}{axis}"][k] for axis in "xy"]
+                assert np.allclose(found[data][first + row], [*told, 0], atol=2e-6)
+            c, s = np.cos(result["rod.angle"][k]), np.sin(result["rod.angle"][k])
+            ux, uy = (result[f"rod.{name}.u{axis}"][k] for axis in "xy")
+            own = [c * ux - s * uy, s * ux + c * uy, 0]
+            assert np.allclose(found["displacement"][first + row], own, atol=1e-9)
+
+
+def test_stresses_are_those_of_the_field_and_unknown_elsewhere(
+    result: Result, mesh: Exported, made: tuple[sidtool.SID, Field], tmp_path: Path
+) -> None:
+    write_vtkhdf(tmp_path / "m.vtkhdf", mesh)
+    k = 30
+    found = arrays(read_hdf(tmp_path / "m.vtkhdf", float(result.t[k])))
+    q = result["rod.q*"][k]
+    expected = made[1].stresses(q)
+    names = [part.name for part in mesh.parts]
+    counts = [len(part.positions) for part in mesh.parts]
+    first = sum(counts[: names.index("rod")])
+    inside = slice(first, first + counts[names.index("rod")])
+    size = np.abs(expected).max()
+    assert np.allclose(found["stress"][inside], expected, atol=1e-6 * size)
+    assert np.allclose(
+        found["von_mises"][inside], von_mises(expected), atol=1e-6 * size
+    )
+    others = np.delete(np.arange(mesh.n_points), np.arange(mesh.n_points)[inside])
+    assert np.isnan(found["stress"][others]).all()
+    assert set(found["body"]) == {0, 1, 2}
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10", "iga"])
+def test_cells_have_the_order_of_vtk(kind: str, tmp_path: Path) -> None:
+    """VTK's own volumes of the cells, all positive, add up to that of the body."""
+    settings = {"type": kind, "elements": [8, 2, 1]}
+    if kind == "iga":
+        settings = {"type": "iga", "degrees": [2, 2, 1], "elements": [6, 2, 1]}
+    _, field = field_from_model(volume(settings))
+    still = FrameMotion(np.zeros((1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3)))
+    none = np.zeros((1, field.nq))
+    part = Part(
+        "rod",
+        field.positions,
+        field.cells,
+        field.shapes,
+        field.stress,
+        field.initial_stress,
+        still,
+        none,
+        none,
+        "",
+    )
+    mesh = Exported(np.zeros(1), (part,), *_cells([part]), ())
+    write_vtkhdf(tmp_path / "m.vtkhdf", mesh)
+    sizes = vtk().vtkCellSizeFilter()
+    sizes.SetInputData(read_hdf(tmp_path / "m.vtkhdf", 0.0))
+    sizes.Update()
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    volumes = vtk_to_numpy(sizes.GetOutput().GetCellData().GetArray("Volume"))
+    assert (volumes > 0).all()
+    assert volumes.sum() == pytest.approx(0.04 * WIDTH, rel=1e-2)
+
+
+def test_the_peak_is_the_largest_stress_of_all_points_and_times(
+    result: Result, mesh: Exported, made: tuple[sidtool.SID, Field]
+) -> None:
+    """Against all exported stresses, and E kappa y where it is."""
+    field = made[1]
+    peak = peak_stresses(result, {"rod": field})["rod"]
+    most = max(np.nanmax(step["von_mises"]) for step in mesh.steps())
+    assert most <= peak.stress < 1.2 * most
+    assert peak.stress == pytest.approx(von_mises(peak.components))
+    row = int(np.linalg.norm(field.positions - peak.place, axis=1).argmin())
+    assert np.allclose(field.positions[row], peak.place)
+    k = int(np.abs(result.t - peak.time).argmin())
+    assert abs(result.t[k] - peak.time) <= 0.025 + 1e-9
+    x, y, _ = peak.place
+    assert abs(y) > 0.9 * 0.06 * ((x - 0.5) ** 2 + 0.25)
+
+
+def test_the_peak_is_that_of_beam_theory(made: tuple[sidtool.SID, Field]) -> None:
+    """The first mode alone: E kappa y from the deflection of its axis."""
+    sid, field = field_from_model(rod({**IGA, "elements": [24, 2]}))
+    on_axis = np.flatnonzero(np.abs(field.positions[:, 1]) < 1e-9)
+    x = field.positions[on_axis, 0]
+    w = np.polynomial.Polynomial.fit(x, field.shapes[on_axis, 1, 0], 12)
+    s = np.linspace(0.1, 0.9, 400)
+    theory = 2.1e11 * np.abs(w.deriv(2)(s)) * 0.06 * ((s - 0.5) ** 2 + 0.25)
+    q = np.eye(sid.nq)[0]
+    stress = von_mises(field.stresses(q))
+    assert stress.max() == pytest.approx(theory.max(), rel=2e-2)
+    place = field.positions[stress.argmax(), 0]
+    assert place == pytest.approx(s[theory.argmax()], abs=0.05)
+    del made
+
+
+def test_without_a_field_there_is_no_peak(result: Result) -> None:
+    with pytest.raises(InputError, match="no full field with stresses"):
+        peak_stresses(result)
+
+
+def test_the_command_writes_and_tells(
+    result: Result,
+    made: tuple[sidtool.SID, Field],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    source, field = tmp_path / "r.h5", tmp_path / "rod.h5"
+    write_result(source, result)
+    write_field(field, made[1])
+    given = ["--field", f"rod={field}"]
+    target = tmp_path / "m.vtkhdf"
+    assert run(["export", str(source), "-o", str(target), *given]) == 0
+    text = capsys.readouterr().out
+    assert "rod is the 160 cells of its full field" in text and "33 times" in text
+    assert run(["export", str(source), "-o", str(target), *given]) == 0  # replaced
+    capsys.readouterr()
+    assert run(["export", str(source), "--json", *given]) == 0
+    told = json.loads(capsys.readouterr().out)["rod"]
+    assert told["von_mises"] == peak_stresses(result, {"rod": made[1]})["rod"].stress
+    assert run(["export", str(source), "--peak", *given]) == 0
+    assert "von Mises Pa" in capsys.readouterr().out
+    cases = [
+        ([str(source)], "there is nothing to do"),
+        ([str(source), "-o", "m.vtk"], "which the ending .vtk does not say"),
+        ([str(source), "-o", "m.png"], "which the ending .png does not say"),
+        ([str(source), "--peak"], "no full field with stresses"),
+        ([str(SLIDER_CRANK / "rod_q4.SID_FEM"), "--peak"], "is a sid file"),
+    ]
+    for arguments, message in cases:
+        assert run(["export", *arguments]) == 2, arguments
+        assert message in capsys.readouterr().err

@@ -1,0 +1,270 @@
+"""Pictures hold what they should, with units, and nothing is cut off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.afterwards import outputs_at
+from sidtool.cli import run
+from sidtool.convert import field_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.field import write_field
+from sidtool.formats.model import ModelFile
+from sidtool.formats.result import Result, write_result
+from sidtool.formats.scene import SceneFile, read_scene, unit_of
+from sidtool.formats.toml.reading import validated
+from sidtool.plot import bodies, results
+from sidtool.plot.courses import Curve, draw, grouped, label_of
+from sidtool.plot.figure import new_page, styled
+from tests.places import SLIDER_CRANK
+
+from ..bodies import volume
+from ..models import IGA, QM6, rod, rod_data
+from ..test_afterwards import spatial_wheel
+
+STARTS = {".png": b"\x89PNG", ".svg": b"<?xml", ".pdf": b"%PDF"}
+Shown = Callable[..., Any]
+
+
+@pytest.fixture
+def pages(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Figures in place of the files that they would become."""
+    kept: list[Any] = []
+    for module in (bodies, results):
+        monkeypatch.setattr(module, "saved", lambda page, path: kept.append(page))
+    return kept
+
+
+@pytest.fixture(scope="module")
+def wheel() -> Result:
+    """A wheel at 7 rad/s, seen ten times a second; its rim has a marker."""
+    content = spatial_wheel(7.0, 0.1)
+    content["bodies"]["wheel"]["markers"] = {"rim": {"position": [0.5, 0, 0]}}
+    content["outputs"] = {"record": ["wheel.rim.x", "wheel.x"]}
+    return sidtool.simulate(validated(content, SceneFile))
+
+
+@pytest.mark.parametrize("with_field", [True, False])
+@pytest.mark.parametrize("kind", ["plane", "solid"])
+def test_no_shape_leaves_its_window(
+    kind: str, with_field: bool, pages: list[Any]
+) -> None:
+    model = (
+        rod(QM6)
+        if kind == "plane"
+        else volume({"type": "hex20", "elements": [6, 1, 1]})
+    )
+    sid, field = field_from_model(model)
+    bodies.plot_sid(Path("x.png"), sid, field if with_field else None)
+    (page,) = pages
+    assert len(page.axes) == sid.nq + 1
+    for axes in page.axes:
+        points = drawn_points(axes)
+        limits = [axes.get_xlim(), axes.get_ylim()]
+        if hasattr(axes, "get_zlim"):
+            limits.append(axes.get_zlim())
+        assert len(limits) == points.shape[1] == (3 if kind == "solid" else 2)
+        for column, (low, high) in zip(points.T, limits, strict=True):
+            assert low < column.min() <= column.max() < high
+        assert axes.get_xlabel() == "x [m]"
+    moved = (
+        drawn_points(page.axes[1])[:, 1].max() - drawn_points(page.axes[0])[:, 1].max()
+    )
+    if kind == "plane":
+        assert 0.03 < moved < 0.1
+
+
+def drawn_points(axes: Any) -> np.ndarray:
+    """Corners of all faces."""
+    faces = axes.collections[-1]
+    if hasattr(faces, "_faces"):
+        return np.asarray(faces._faces, float).reshape(-1, 3)
+    return np.concatenate([path.vertices for path in faces.get_paths()])
+
+
+def test_shapes_are_named_by_number_and_frequency(pages: list[Any]) -> None:
+    sid = sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM")
+    told = bodies.plot_sid(Path("x.png"), sid)
+    titles = [axes.get_title(loc="left") for axes in pages[0].axes]
+    assert titles[1].startswith("q1, 31.7 Hz") and "3.14 kg" in titles[0]
+    assert told == ["drawn from the nodes of the SID"]
+
+
+def test_names_of_near_nodes_do_not_cover_each_other() -> None:
+    """22 nodes along a bar: the first is named, of the others those that have room."""
+    places = np.linspace(0.0, 2.0, 22)
+    marks = {str(k + 1): np.array([x, 0.0, 0.0]) for k, x in enumerate(places)}
+    picture = bodies.Picture(
+        "bar", np.zeros((0, 3)), np.zeros((0, 3), int), marks=marks
+    )
+    kept = bodies.named(picture)
+    assert kept[0][0] == "1" and 5 <= len(kept) <= 9
+    assert np.diff([point[0] for _, point in kept]).min() > 0.2
+
+
+def test_a_field_of_another_body_is_refused() -> None:
+    _, field = field_from_model(rod(IGA))
+    sid = sidtool.read(SLIDER_CRANK / "rod_q4.SID_FEM")
+    with pytest.raises(InputError, match="has other"):
+        bodies.plot_sid(Path("x.png"), sid, field)
+
+
+def test_models_show_mesh_markers_net_and_ties(pages: list[Any]) -> None:
+    tie = {"type": "rigid", "to": ["right"]}
+    data = rod_data(IGA)
+    data["markers"]["piston_pin"] = {"node": 2, "tie": tie}
+    model = validated(data, ModelFile)
+    assert bodies.plot_model(Path("x.png"), model) == ["grey lines: the control net"]
+    (axes,) = pages[0].axes
+    texts = [text.get_text().strip() for text in axes.texts]
+    assert texts == ["crank_pin", "piston_pin"]
+    assert axes.get_legend().get_texts()[0].get_text() == "piston_pin: rigid tie"
+    lines = [line for line in axes.lines if line.get_linewidth() == 0.5]
+    assert len(lines) == 13 + 4  # of 13 x 4 control points
+
+
+def test_curves_follow_the_motion_between_output_times(
+    wheel: Result, pages: list[Any]
+) -> None:
+    """x = 0.5 cos 7 t; straight lines between output times miss it by 0.03."""
+    assert results.plot_result(Path("x.png"), wheel) == []
+    line = pages[0].axes[0].lines[0]
+    t, x = line.get_xdata(), line.get_ydata()
+    assert len(t) >= 2000
+    assert np.abs(x - 0.5 * np.cos(7.0 * t)).max() < 1e-3
+    assert pages[0].axes[0].get_ylabel() == "wheel.rim.x [m]"
+    assert pages[0].axes[-1].get_xlabel() == "t [s]"
+    straight = np.interp(t, wheel.t, wheel["wheel.rim.x"])
+    assert np.abs(straight - x).max() > 0.02
+
+
+def test_coarse_output_times_are_told(pages: list[Any]) -> None:
+    content = spatial_wheel(7.0, 0.8)
+    content["outputs"] = {"record": ["wheel.wz"]}
+    result = sidtool.simulate(validated(content, SceneFile))
+    (told,) = results.plot_result(Path("x.png"), result)
+    assert "between output times curves may be off by" in told
+
+
+def test_forces_of_an_analysis_are_drawn_as_it_found_them(pages: list[Any]) -> None:
+    """Quasi-static: free vibrations of the same states would need other forces."""
+    scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
+    outputs = scene.outputs.model_copy(update={"record": ("bearing.mz",)})
+    time = scene.time.model_copy(update={"end": 1.0, "output_step": 0.05})
+    scene = scene.model_copy(update={"outputs": outputs, "time": time})
+    found = sidtool.inverse_dynamics(scene, base_folder=SLIDER_CRANK, quasi_static=True)
+    results.plot_result(Path("x.png"), found)
+    line = pages[0].axes[0].lines[0]
+    assert np.array_equal(line.get_ydata(), found["bearing.mz"])
+    drawn = outputs_at(found, ["bearing.mz"], found.t)["bearing.mz"]
+    assert np.array_equal(drawn, found["bearing.mz"])
+    with pytest.raises(InputError, match="there is no output 'bearing.fx'"):
+        results.plot_result(Path("x.png"), found, names="bearing.fx")
+
+
+def test_spectra_show_amplitudes(wheel: Result, pages: list[Any]) -> None:
+    t = np.linspace(0, 10, 2000, endpoint=False)
+    found = results.amplitudes(3.0 + 0.7 * np.sin(2 * np.pi * 12.0 * t))
+    assert found.argmax() == 120 and found.max() == pytest.approx(0.7, rel=1e-3)
+    results.plot_result(Path("x.png"), wheel, "spectrum", "wheel.rim.x")
+    line = pages[0].axes[0].lines[0]
+    peak = line.get_xdata()[line.get_ydata().argmax()]
+    assert peak == pytest.approx(7.0 / (2 * np.pi), abs=0.26)
+
+
+def test_energies_are_drawn_with_their_sum(wheel: Result, pages: list[Any]) -> None:
+    results.plot_result(Path("x.png"), wheel, "energy")
+    upper, lower = pages[0].axes
+    courses = {line.get_label(): line.get_ydata() for line in upper.lines}
+    assert courses["kinetic"] == pytest.approx(0.5 * 0.2 * 49.0, rel=1e-4)
+    assert courses["sum"] == pytest.approx(courses["kinetic"])
+    assert np.abs(lower.lines[0].get_ydata()).max() < 1e-4
+
+
+def test_long_labels_stay_beside_their_row() -> None:
+    """As high as the axes at most, and some: rows do not touch."""
+    t, labels = np.linspace(0.0, 1.0, 5), ["shoulder_motor.my [N m]", "a.x [m]"]
+    with styled():
+        page, rows = new_page(2, 1, (7.5, 3.5))
+        for axes, name in zip(rows, labels, strict=True):
+            draw(axes, t, [Curve(name, t)], name)
+        page.canvas.draw()
+        for axes in rows:
+            label, row = (part.get_window_extent() for part in (axes.yaxis.label, axes))
+            assert label.height < 1.05 * row.height
+    assert [axes.get_ylabel() for axes in rows] == [
+        "shoulder_motor.my\n[N m]",
+        "a.x [m]",
+    ]
+
+
+def test_groups_and_units() -> None:
+    names = ["rod.q1", "rod.q2", "piston.x", "rod.q10", "rod.tip.vx"]
+    assert grouped(names) == [
+        ["rod.q1", "rod.q2", "rod.q10"],
+        ["piston.x"],
+        ["rod.tip.vx"],
+    ]
+    assert label_of(["rod.q1", "rod.q2"]) == "rod.q"
+    assert label_of(["rod.tip.vx"]) == "rod.tip.vx [m/s]"
+    units = {
+        "a.x": "m",
+        "a.angle": "rad",
+        "a.wz": "rad/s",
+        "a.b.ax": "m/s\N{SUPERSCRIPT TWO}",
+        "a.b.uy": "m",
+        "a.vx_body": "m/s",
+        "a.b.von_mises": "Pa",
+        "a.peak_von_mises": "Pa",
+        "j.angle_rate": "rad/s",
+        "j.displacement_rate": "m/s",
+        "j.fx": "N",
+        "j.mz": "N m",
+        "j.f2": "",
+        "a.vq3": "",
+        "motor.value": "",
+        "motor.state.x": "",
+        "energy.kinetic": "J",
+        "constraint.position": "",
+    }
+    assert {name: unit_of(name) for name in units} == units
+
+
+@pytest.mark.parametrize("ending", STARTS)
+def test_the_command_draws_every_kind_of_file(
+    ending: str, wheel: Result, tmp_path: Path
+) -> None:
+    write_result(tmp_path / "r.h5", wheel)
+    sid, field = field_from_model(rod(QM6))
+    sidtool.write(tmp_path / "rod.SID_FEM", sid)
+    write_field(tmp_path / "rod.field.h5", field)
+    files = ["r.h5", "rod.SID_FEM", "rod.field.h5"] if ending == ".png" else ["r.h5"]
+    for source in (*(tmp_path / name for name in files), SLIDER_CRANK / "rod_q4.toml"):
+        target = tmp_path / f"{source.stem}{ending}"
+        assert run(["plot", str(source), "-o", str(target), "--force"]) == 0
+        assert target.read_bytes().startswith(STARTS[ending])
+
+
+def test_the_command_says_what_is_wrong(
+    wheel: Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.h5"
+    write_result(path, wheel)
+    sid = str(SLIDER_CRANK / "rod_q4.SID_FEM")
+    cases = [
+        ([str(path), "-o", "x.jpg"], "which the ending .jpg does not say"),
+        ([str(path), "-o", "x.csv"], "which the ending .csv does not say"),
+        ([str(path), "-o", "x.png", "--outputs", "wheel.q1"], "wheel is rigid"),
+        ([str(path), "-o", "x.png", "--field", sid], "says nothing of a result"),
+        ([sid, "-o", "x.png", "--kind", "drift"], "says nothing of a sid"),
+        ([str(SLIDER_CRANK / "slider_crank.toml"), "-o", "x.png"], "is a scene file"),
+    ]
+    for arguments, message in cases:
+        assert run(["plot", *arguments]) == 2, arguments
+        assert message in capsys.readouterr().err

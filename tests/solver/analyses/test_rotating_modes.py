@@ -1,0 +1,81 @@
+"""Natural modes of rotors at their speed, seen in axes that turn with them.
+
+On springs that are the same in all directions across the axis a rotor whirls at its
+frequency at rest, w0; turning at W, it sees that as |w0 - W| and w0 + W.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sidtool.solver import compile_scene, linearise
+from sidtool.solver.system.scene import System
+
+from ..scenes import polynomial, scene
+
+
+def table(spin: float, planar: bool, away: tuple[float, ...] = ()) -> dict[str, Any]:
+    """Where a body that turns about the origin is; its frame lies `away` [m]."""
+    place = np.zeros(3)
+    place[: len(away)] = away
+    velocity = np.cross([0.0, 0.0, spin], place)
+    size = 2 if planar else 3
+    return {
+        "position": place[:size].tolist(),
+        "velocity": velocity[:size].tolist(),
+        "angular_velocity": spin if planar else [0.0, 0.0, spin],
+    }
+
+
+def disc_on_springs(
+    spin: float, planar: bool, across: float, turning: float, away: tuple[float, ...]
+) -> System:
+    """A disc of 2 kg and 0.3 kg m2 on a hub that is driven; its frame lies `away`."""
+    centre = [-x for x in away]
+    body = {
+        "mass": 2.0,
+        "inertia": 0.3 if planar else [0.2, 0.2, 0.3],
+        "centre_of_mass": centre,
+        "markers": {"middle": {"position": centre}},
+        "initial": table(spin, planar, away),
+    }
+    hub = {"mass": 1.0, "inertia": 1.0 if planar else [1.0, 1.0, 1.0]}
+    hub["initial"] = table(spin, planar)
+    stiffness = [across, across, turning] if planar else [across] * 3 + [turning] * 3
+    described = scene(
+        {"hub": hub, "disc": body},
+        {"axle": {"type": "revolute", "markers": ["ground", "hub"]}},
+        {"spin": {"joint": "axle", "function": polynomial(0.0, spin)}},
+        dimension="planar" if planar else "spatial",
+        forces={
+            "mount": {
+                "type": "bushing",
+                "markers": ["hub", "disc.middle"],
+                "stiffness": stiffness,
+                "damping": [0.0] * len(stiffness),
+            }
+        },
+    )
+    return compile_scene(described, keep_joints=True)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rotor_sees_its_whirl_beside_its_speed(seed: int, planar: bool) -> None:
+    """Wherever the frame of the disc lies; tilting as Euler's equations say."""
+    random = np.random.default_rng(seed)
+    spin, across, turning = random.uniform([1.0, 50.0, 5.0], [9.0, 500.0, 50.0])
+    away = tuple(seed * random.normal(size=2 if planar else 3))
+    whirl = np.sqrt(across / 2.0)
+    expected = [abs(whirl - spin), whirl + spin, np.sqrt(turning / 0.3)]
+    if not planar:
+        # A t'' - i C W t' + k t = 0 of the tilt t = t1 + i t2, and along the axis
+        roots = np.roots([0.2, -0.3 * spin, -turning])
+        expected += [whirl, *np.abs(roots - spin)]
+    found = linearise(disc_on_springs(spin, planar, across, turning, away), "start")
+    seen = 2.0 * np.pi * found.frequencies
+    assert np.sort(seen) == pytest.approx(np.sort(expected), rel=1e-6, abs=1e-5)
+    assert found.notes == ()

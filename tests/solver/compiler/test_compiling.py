@@ -1,0 +1,125 @@
+"""Kernels on disk: found by other processes, and only while their code is the same."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba import float64
+from numba.extending import intrinsic
+
+from sidtool.solver import warmup
+from sidtool.solver.compiler import stored
+from sidtool.solver.compiler.compiling import entry
+from sidtool.solver.integrators import all_step_loops
+from tests.places import ROOT
+from tests.solver.compiler.small_kernels import scaled
+
+STAMPS = """
+from tests.solver.compiler.test_compiling import stamps
+for name, text in stamps().items():
+    print(name, text)
+"""
+
+
+def stamps() -> dict[str, str]:
+    """Of all entry kernels, by their names."""
+    found = {}
+    for name in (
+        name for group in warmup.all_groups(all_step_loops()) for name in group
+    ):
+        found[name] = warmup._find(name).stamp
+    return found
+
+
+def test_every_process_finds_the_same_kernels() -> None:
+    """Else each run would compile again what is on disk."""
+    run = subprocess.run(
+        [sys.executable, "-c", STAMPS],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    there = dict(line.split() for line in run.stdout.splitlines())
+    assert there == stamps()
+    assert len(set(there.values())) == len(there)
+
+
+def test_a_kernel_on_disk_is_used() -> None:
+    name = "integrators.radau.method:advance"
+    kernel = warmup._find(name)
+    for signature in kernel.signatures:
+        kernel.address(signature)
+        assert kernel.found(signature) is not None
+
+
+def test_every_kernel_has_a_file_of_its_own() -> None:
+    """Else two kernels would push each other out of the cache at every run."""
+    names = [name for group in warmup.all_groups(all_step_loops()) for name in group]
+    kernels = [warmup._find(name) for name in names]
+    files = [
+        kernel.place(signature)[0]
+        for kernel in kernels
+        for signature in kernel.signatures
+    ]
+    assert len(set(files)) == len(files) > len(names)
+
+
+def test_processes_help_only_where_kernels_can_be_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They hand over what they compile on disk; without one they would be in vain."""
+    here: list[str] = []
+    numbers: list[int] = []
+
+    @contextmanager
+    def helpers(queue: Any, number: int, *_: Any) -> Iterator[None]:
+        numbers.append(number)
+        yield
+
+    monkeypatch.setattr(stored, "_told", set())
+    monkeypatch.setattr(warmup, "_helpers", helpers)
+    monkeypatch.setattr(warmup, "_compile_here", here.append)
+    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    groups = [("a:a", "a:b"), ("b:a",), ("c:a",)]
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    warmup._compile(groups, None)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")
+    with pytest.warns(stored.KernelCacheWarning):
+        warmup._compile(groups, None)
+    assert numbers == [3, 0] and here == 2 * ["a:a", "a:b", "b:a", "c:a"]
+
+
+def test_another_constant_in_a_kernel_below_is_another_kernel() -> None:
+    two, three = scaled(2.0), scaled(3.0)
+    assert two(1.5) == 3.0 and three(1.5) == 4.5
+    ones = [kernel.stamp for kernel in (two, three, scaled(2.0))]
+    assert ones[0] == ones[2] != ones[1]
+
+
+def test_a_kernel_may_use_what_was_registered_after_another_was_compiled() -> None:
+    """As functions of numba may; the number is another one in every process, so that no
+    kernel is on disk.
+    """
+    number = float(os.getpid())
+    assert scaled(number)(2.0) == 2 * number
+
+    @intrinsic
+    def half(context, x):  # type: ignore[no-untyped-def]
+        def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+            return builder.fmul(arguments[0], arguments[0].type(0.5))
+
+        return float64(float64), generate
+
+    @entry(float64(float64))
+    def kernel(x):  # type: ignore[no-untyped-def]
+        return number * half(x)
+
+    assert kernel(3.0) == 1.5 * number

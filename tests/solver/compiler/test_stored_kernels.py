@@ -1,0 +1,243 @@
+"""Kernels on disk: whole and of this code, or compiled anew, whatever the disk does."""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba import float64
+from numba.extending import intrinsic
+
+from sidtool.solver.compiler import compiling, machine, stored
+from sidtool.solver.compiler.compiling import Entry, entry
+from tests.places import ROOT
+from tests.solver.compiler.small_kernels import scaled
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache, and no trouble told yet."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(stored, "_told", set())
+    return tmp_path / "cache"
+
+
+_made: list[Any] = []
+
+
+@pytest.fixture(autouse=True)
+def made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Notes the functions that are compiled."""
+
+    def compiled(function: Any, signature: Any) -> bytes:
+        _made.append(function)
+        return machine.compiled(function, signature)
+
+    _made.clear()
+    monkeypatch.setattr(compiling, "compiled", compiled)
+
+
+def from_disk(kernel: Entry) -> bool:
+    """Whether a kernel that was called did not have to be compiled."""
+    return kernel._function not in _made
+
+
+def entries(cache: Path) -> list[Path]:
+    return [path for path in cache.rglob("*") if path.is_file()]
+
+
+@contextmanager
+def files_up_to(size: int) -> Iterator[None]:
+    """What a full disk does: files cannot grow beyond a size."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_another_process_finds_a_whole_kernel(cache: Path) -> None:
+    assert scaled(2.0)(1.5) == 3.0
+    again = scaled(2.0)
+    assert again(1.5) == 3.0 and from_disk(again)
+    (file,) = entries(cache)
+    assert file.suffix == ".kernel"
+
+
+def test_versions_of_a_kernel_replace_each_other(cache: Path) -> None:
+    for factor in (2.0, 3.0, 2.0):
+        kernel = scaled(factor)
+        assert kernel(1.5) == 1.5 * factor and not from_disk(kernel)
+    assert len(entries(cache)) == 1
+
+
+@pytest.mark.parametrize("size", [0, 100, 1_000])
+def test_a_full_disk_leaves_no_kernel_of_older_code(size: int, cache: Path) -> None:
+    """What could not be written is not there, and nobody takes what was for it."""
+    assert scaled(2.0)(1.5) == 3.0
+    with files_up_to(size), pytest.warns(stored.KernelCacheWarning) as told:
+        assert scaled(3.0)(1.5) == 4.5
+    assert len(told) == 1 and "File too large" in str(told[0].message)
+    again = scaled(3.0)
+    assert again(1.5) == 4.5 and not from_disk(again)
+    assert len(entries(cache)) == 1
+
+
+def damages(content: bytes) -> dict[str, bytes]:
+    """Ways in which a file goes wrong on its way to the disk and back."""
+    found = {"empty": b"", "garbage": os.urandom(len(content)), "zeros": bytes(5_000)}
+    found["longer"] = content + b"\0"
+    for share in (1, 10, 50, 90, 99):
+        place = len(content) * share // 100
+        found[f"cut at {share} %"] = content[:place]
+        changed = bytearray(content)
+        changed[place] ^= 16
+        found[f"one bit at {share} %"] = bytes(changed)
+    return found
+
+
+def test_damaged_kernels_are_compiled_anew(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With one warning that names the file; then it is whole again."""
+    assert scaled(5.0)(1.5) == 7.5
+    (file,) = entries(cache)
+    good = file.read_bytes()
+    for kind, content in damages(good).items():
+        monkeypatch.setattr(stored, "_told", set())
+        file.write_bytes(content)
+        kernel = scaled(5.0)
+        with pytest.warns(stored.KernelCacheWarning) as told:
+            assert not kernel.is_cached(kernel.signatures[0]), kind
+        assert len(told) == 1 and str(file) in str(told[0].message)
+    assert kernel(1.5) == 7.5
+    assert file.read_bytes()[: len(stored.MAGIC)] == stored.MAGIC
+    again = scaled(5.0)
+    assert again(1.5) == 7.5 and from_disk(again)
+
+
+def test_a_whole_file_of_another_kernel_is_not_taken(cache: Path) -> None:
+    assert scaled(2.0)(1.5) == 3.0
+    (file,) = entries(cache)
+    other = file.read_bytes()
+    assert scaled(7.0)(1.5) == 10.5
+    file.write_bytes(other)
+    kernel = scaled(7.0)
+    assert kernel(1.5) == 10.5 and not from_disk(kernel)
+
+
+def test_another_compiler_makes_another_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = scaled(2.0)
+    assert kernel(1.5) == 3.0
+    monkeypatch.setattr(compiling, "machinery", lambda: "of the next version")
+    assert not scaled(2.0).is_cached(kernel.signatures[0])
+
+
+def with_intrinsic(factor: float) -> Entry:
+    @intrinsic
+    def times(context, x):  # type: ignore[no-untyped-def]
+        def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+            value = arguments[0]
+            return builder.fmul(value, value.type(factor))
+
+        return float64(float64), generate
+
+    @entry(float64(float64))
+    def kernel(x):  # type: ignore[no-untyped-def]
+        return times(x)
+
+    return kernel
+
+
+def test_an_intrinsic_is_part_of_the_code() -> None:
+    """Its body writes machine code: another one is another kernel."""
+    ones = [with_intrinsic(f) for f in (2.0, 3.0, 2.0)]
+    assert ones[0].stamp == ones[2].stamp != ones[1].stamp
+    assert [kernel(1.5) for kernel in ones] == [3.0, 4.5, 3.0]
+
+
+def unreachable(monkeypatch: pytest.MonkeyPatch, where: str) -> None:
+    """As in a container: nothing can be written, also not by its administrator."""
+    if where == "NUMBA_CACHE_DIR":
+        monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")
+        return
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr(stored, "HERE", Path("/dev/null/package"))
+    if where == "home":
+        monkeypatch.setenv("HOME", "/dev/null/home")
+        return
+    monkeypatch.delenv("HOME")
+
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", no_home)
+
+
+@pytest.mark.parametrize("where", ["NUMBA_CACHE_DIR", "home", "no home"])
+def test_without_a_cache_kernels_are_compiled_in_memory(
+    where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unreachable(monkeypatch, where)
+    with pytest.warns(stored.KernelCacheWarning) as told:
+        assert not stored.is_writable()
+        assert [scaled(f)(1.5) for f in (2.0, 3.0)] == [3.0, 4.5]
+    (warning,) = told
+    assert "NUMBA_CACHE_DIR may name another folder" in str(warning.message)
+
+
+def test_kernels_of_a_package_that_cannot_be_written_are_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What an administrator compiled serves all; others keep theirs at home."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(stored, "HERE", tmp_path / "package")
+    assert scaled(2.0)(1.5) == 3.0
+    made = tmp_path / "package" / "__pycache__"
+    (file,) = entries(tmp_path)
+    assert file.parent == made
+    write = stored.atomic_path
+
+    def read_only(path: Path) -> Any:
+        if path.parent == made:
+            raise OSError(30, "Read-only file system")
+        return write(path)
+
+    monkeypatch.setattr(stored, "atomic_path", read_only)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for factor in (2.0, 3.0, 3.0):
+            kernel = scaled(factor)
+            assert kernel(1.5) == 1.5 * factor
+        assert from_disk(kernel) and len(entries(tmp_path / "home")) == 1
+
+
+INTERPRETED = """
+from tests.solver.compiler.test_stored_kernels import scaled
+from tests.solver.compiler.test_tables import last_entries, pair
+print(scaled(2.0)(1.5), last_entries(pair(), 10))
+"""
+
+
+def test_kernels_are_compiled_where_jit_is_disabled() -> None:
+    """NUMBA_DISABLE_JIT is for the user's own functions."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERPRETED],
+        cwd=ROOT,
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.stdout == "3.0 82.0\n", done.stderr

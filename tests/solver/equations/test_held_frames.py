@@ -1,0 +1,67 @@
+"""A body whose frame is held vibrates as its Me, Ke and Ct say, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sidtool import simulate
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile, rotation
+from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.toml.reading import validated
+from sidtool.solver import compile_scene
+from tests.bodies import particle_body
+
+GRAVITY = np.array([1.0, -9.0, 4.0])
+
+
+def impossible(nq: int, seed: int) -> SID:
+    """Couplings beyond what the modal mass allows: no frame of it can float."""
+    body = particle_body(nq, 12, seed=seed)
+    still = {"De": Taylor(np.zeros((nq, nq))), "Ct": Taylor(10.0 * body.Ct.m0)}
+    return replace(body, **still)  # type: ignore[arg-type]
+
+
+def held_scene(planar: bool, body: dict[str, Any], nq: int) -> SceneFile:
+    data = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "planar" if planar else "spatial",
+        "gravity": list(GRAVITY[: 2 if planar else 3]),
+        "time": {"start": 0.0, "end": 0.02, "output_step": 0.002},
+        "bodies": {"blade": {"sid": "blade.SID_FEM", **body}},
+        "outputs": {"record": [f"blade.q{i + 1}" for i in range(nq)]},
+        "accuracy": {"rtol": 1e-9},
+    }
+    return validated(data, SceneFile)
+
+
+@pytest.mark.parametrize("planar", [False, True])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_held_body_swings_about_its_rest(planar: bool, seed: int) -> None:
+    """Me = 1 and Ke = w^2: q = Ct g (1 - cos w t) / w^2, g in the body frame."""
+    nq, sid = 2, impossible(2, seed)
+    place: dict[str, Any] = {"position": [0.3, -0.2], "angle": 0.7}
+    if not planar:
+        place = {"position": [0.3, -0.2, 0.5], "axis_angle": [0.4, -0.2, 0.9]}
+    scene = held_scene(planar, {"frame": "held", "initial": place}, nq)
+    found = simulate(scene, sids={"blade": sid})
+    turned = rotation(scene.bodies["blade"].initial)
+    weight = sid.Ct.m0 @ (turned.T @ (GRAVITY * [1, 1, not planar]))
+    squares = np.diag(sid.Ke.m0)
+    t = found.t[:, None]
+    expected = weight / squares * (1.0 - np.cos(np.sqrt(squares) * t))
+    assert_allclose(found.values, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_without_it_the_body_is_refused() -> None:
+    sid = impossible(2, 0)
+    with pytest.raises(InputError, match='frame = "held"'):
+        compile_scene(held_scene(False, {}, 2), sids={"blade": sid})
+    with pytest.raises(InputError, match=r"bodies\.blade\.frame"):
+        held_scene(False, {"frame": "still"}, 2)
