@@ -86,8 +86,8 @@ def compare(
     ------
     InputError : the reference cannot be read, or names what the SID does not have.
     """
-    from .compare.sids import compare_sids
-    from .compare.table import compare_table
+    from .comparisons.sids import compare_sids
+    from .comparisons.table import compare_table
 
     if not isinstance(reference, SID | ReferenceFile):
         reference = _read(Path(reference))
