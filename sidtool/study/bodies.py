@@ -96,11 +96,22 @@ class Bodies:
             if variant.frame and own:
                 frame = _frame_in_words(variant.frame, name, body)
                 sids[name] = _rereferenced(sids[name], frame)
-            bodies[name] = changed = _body(name, body, variant, sids[name], own)
+            rigid = variant.modes == 0 and not self._deforms(variant, name, sids[name])
+            bodies[name] = changed = _body(name, body, variant, sids[name], own, rigid)
             if variant.frame or variant.model:
                 shift = _shift(self.sids[name], sids[name])
                 bodies[name] = _moved(name, changed, shift, self.scene.dimension)
         return self.scene.model_copy(update={"bodies": bodies}), sids
+
+    def _deforms(self, variant: Variant, name: str, sid: SID) -> bool:
+        """Whether shape functions are left where no modes are wanted.
+
+        Those of interfaces stay; a SID and a model that has only modes keep none.
+        """
+        if name not in self.sources:
+            return False
+        own = self.sources[name][variant.model].model.reduction.method
+        return sid.nq > 0 and (variant.reduction or own) != "modal"
 
 
 def varied(
@@ -199,7 +210,9 @@ def _is_planar(model: ModelFile) -> bool:
     return model.discretisation.type in ("q4", "iga")
 
 
-def _body(name: str, body: SidBody, variant: Variant, sid: SID, own: bool) -> SidBody:
+def _body(
+    name: str, body: SidBody, variant: Variant, sid: SID, own: bool, rigid: bool
+) -> SidBody:
     """A body of a scene; its SID is `own` where it has no model."""
     changes: dict[str, Any] = {"sid": body.sid or f"({name})", "model": None}
     others = variant.reduction or variant.frame or not own
@@ -209,7 +222,7 @@ def _body(name: str, body: SidBody, variant: Variant, sid: SID, own: bool) -> Si
             place=f"bodies.{name}.initial.elastic",
             expected="a start without it where these are varied",
         )
-    if variant.modes == 0 and (own or not sid.nq):
+    if rigid:
         changes["rigid"] = True
     elif variant.modes is not None and own:
         numbers = body.numbers(sid.nq)[: variant.modes]

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import sidtool
 from sidtool.cli import run
@@ -71,6 +72,34 @@ def by_hand(scene: Any, level: int, modes: int, **how: Any) -> np.ndarray:
     assert finer is not None
     system = compile_scene(scene, Path("."), {"arm": sid_from_model(finer, str)})
     return np.asarray(simulate(system, **how).values)
+
+
+def test_no_modes_are_a_rigid_body(models: list[Path]) -> None:
+    """Of a model with modes alone the physical pendulum stays; interfaces deform."""
+    scene = swinging(0.4)
+    found = study(scene, {"modes": (0, 2)}, models={"arm": models[:1]}, settings=ONE)
+    rigid = next(p for p in found.points if p.choices["modes"] == "0")
+    assert rigid.size == 0
+    richest = by_hand(scene, 0, 2, integrator="dop853", rtol=1e-11)
+    turn = turned(np.linspace(0.0, 0.4, len(richest)))
+    for k, places in enumerate((np.cos(turn), np.sin(turn))):
+        error = np.abs(places - richest[:, k]).max() / np.ptp(richest[:, k])
+        told = rigid.errors[scene.outputs.record[k]]
+        assert told == pytest.approx(error, rel=1e-3, abs=1e-6)
+    axes = {"modes": (0, 2), "reduction": ("craig_bampton",)}
+    tied = study(scene, axes, models={"arm": models[:1]}, settings=ONE)
+    assert {p.size - int(p.choices["modes"]) for p in tied.points} == {3}
+
+
+def turned(times: np.ndarray) -> np.ndarray:
+    """The angle of a slender bar of length 1 that falls from level about its end."""
+    inertia = (1.0 + 0.01**2) / 12.0 + 0.25
+
+    def fall(_: float, y: np.ndarray) -> list[float]:
+        return [y[1], -0.15 * np.cos(y[0]) / inertia]
+
+    found = solve_ivp(fall, (0.0, times[-1]), [0.0, 0.0], t_eval=times, rtol=1e-10)
+    return np.asarray(found.y[0])
 
 
 def test_models_are_put_side_by_side(models: list[Path]) -> None:
