@@ -6,6 +6,7 @@ what they say and with something else.
 
 from __future__ import annotations
 
+import json
 import re
 from typing import Any
 
@@ -200,7 +201,7 @@ def test_a_result_holds_the_scene_that_it_was_made_with(seed: int) -> None:
 
 
 def test_a_function_that_a_program_gives_is_told() -> None:
-    """The scene in the result has another one; what is short may be missed."""
+    """What is short may be missed; the scene in the result has what was seen."""
     case = random_scene(next(s for s in range(40) if random_scene(s).table["drives"]))
     name, drive = next(iter(case.table["drives"].items()))
     from . import functions
@@ -211,6 +212,9 @@ def test_a_function_that_a_program_gives_is_told() -> None:
         sids=case.sids,
         drives=given,
     )
-    (note,) = [n for n in simulate(system).notes if "given by a program" in n]
-    assert note.startswith(f"{name}: ") and "the function that it replaces" in note
+    result = simulate(system)
+    (note,) = [n for n in result.notes if "given by a program" in n]
+    assert note.startswith(f"{name}: ") and "The result keeps what was seen" in note
+    kept = json.loads(result.scene)["drives"][name]["function"]
+    assert kept["type"] == "callable" != drive["function"]["type"]
     assert not any("program" in n for n in simulate(compiled(case)).notes)
