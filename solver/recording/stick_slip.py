@@ -43,6 +43,8 @@ from .sampling import sample
 AT_LIMIT = 1e-9
 #: Events without progress in time after which a run is given up.
 MOST_AT_ONCE = 100
+#: Progress in time that is none, relative to the time and the span of a run.
+ROUNDED = 4.0 * float(np.finfo(float).eps)
 #: A joint that was seen to break loose does so also where its limit seems so far.
 SEEN = 1e-6
 #: A joint turns round where to stop it would take so many times what its load holds.
@@ -256,7 +258,8 @@ class StickSlip:
         What slides goes on. What rests sticks if it can. They stand in `grips.now`.
         Returns why there is no choice, or nothing.
         """
-        self._count = self._count + 1 if t <= self._last else 0
+        progress = ROUNDED * max(abs(t), self.span)
+        self._count = self._count + 1 if t <= self._last + progress else 0
         self._last = t
         if self._count > MOST_AT_ONCE:
             count = self.flat.shape[1]
