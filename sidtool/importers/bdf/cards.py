@@ -14,6 +14,11 @@ from ..included import Included
 
 #: A real number whose exponent has no letter, as in 2.1+11.
 _EXPONENT = re.compile(r"^([+-]?(?:\d+\.?\d*|\.\d+))([+-]\d+)$")
+#: What stands for case control among the cards.
+CASE_CONTROL = "CASE CONTROL"
+_MPC = re.compile(r"MPC ?= ?(\d+)$")
+#: Commands of case control without an equals sign.
+_CONTROL = ("SUBCASE", "SUBCOM", "SUBSEQ", "SYM", "REPCASE", "OUTPUT", "ECHO")
 
 
 @dataclass
@@ -70,9 +75,9 @@ def read_cards(path: Path, included: Included | None = None) -> list[Card]:
     included = included or Included()
     included.enter(path)
     lines = list(enumerate(read_lines(path), start=1))
-    begins = [i for i, (_, text) in enumerate(lines) if _squeezed(text) == "BEGIN BULK"]
+    start, control = _control(lines)
     cards: list[Card] = []
-    for number, raw in lines[begins[0] + 1 if begins else 0 :]:
+    for number, raw in lines[start:]:
         text, place = raw.split("$")[0].rstrip().expandtabs(8), f"line {number}"
         if not text.strip():
             continue
@@ -91,7 +96,34 @@ def read_cards(path: Path, included: Included | None = None) -> list[Card]:
             continue
         _take(cards, text, place, path)
     included.open.pop()
-    return cards
+    return control + cards
+
+
+def _control(lines: list[tuple[int, str]]) -> tuple[int, list[Card]]:
+    """Where bulk data begin, and case control before them as a card.
+
+    They begin behind BEGIN BULK; without it behind the case control that follows CEND;
+    without that with the file. The card holds the sets that MPC names.
+    """
+    texts = [_squeezed(text.split("$")[0]) for _, text in lines]
+    begins = [i for i, text in enumerate(texts) if text == "BEGIN BULK"]
+    ends = [i for i, text in enumerate(texts) if text == "CEND"]
+    if begins:
+        start = begins[0]
+    elif ends:
+        rest = range(ends[0] + 1, len(texts))
+        start = next((i for i in rest if not _is_control(texts[i])), len(texts))
+    else:
+        return 0, []
+    if not any(texts[:start]):
+        return start + bool(begins), []
+    named = [_MPC.match(text) for text in texts[:start]]
+    words = [found.group(1) for found in named if found]
+    return start + bool(begins), [Card(CASE_CONTROL, f"line {start}", words)]
+
+
+def _is_control(text: str) -> bool:
+    return not text or "=" in text or text.split()[0] in _CONTROL
 
 
 def _squeezed(text: str) -> str:

@@ -1,5 +1,5 @@
-"""Nastran bulk data (.bdf, .nas, .dat): solids and plane elements, MAT1, sets,
-coordinate systems of nodes, RBE2, RBE3 and CONM2.
+"""Nastran bulk data (.bdf, .nas, .dat): solids and plane elements, MAT1, MAT9, sets,
+coordinate systems of nodes, RBE2, RBE3, MPC and CONM2.
 
 Every card is read, listed as without effect on a linear elastic body, or refused.
 """
@@ -7,24 +7,24 @@ Every card is read, listed as without effect on a linear elastic body, or refuse
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Material
 
 from ..imported import (
     EVERYTHING,
     ImportedMesh,
-    RawCoupling,
     RawElement,
-    RawMass,
     assembled_mesh,
     reading_notes,
 )
-from .cards import Card, members, read_cards
+from .cards import CASE_CONTROL, Card, members, read_cards
+from .content import BulkData, twice
 from .couplings import conm2, rbe2, rbe3
-from .systems import System, basic_places, systems_of
+from .equations import case_control, equations_of, mpc, mpcadd
+from .materials import mat1, mat9, material_name, materials_of
+from .properties import pshell, psolid
+from .systems import Frames, systems_of
 from .vocabulary import INSTEAD, WITHOUT_EFFECT
 
 #: Card -> our elements by their number of nodes.
@@ -43,25 +43,6 @@ _ORDERS = {
     "hex20": (*range(12), *range(16, 20), *range(12, 16)),
     "wedge15": (*range(9), *range(12, 15), *range(9, 12)),
 }
-
-
-@dataclass
-class BulkData:
-    """What bulk data says of a body; `shells` are asked for, or plane elements."""
-
-    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    elements: list[tuple[int, int, str, list[int], str]] = field(default_factory=list)
-    properties: dict[int, tuple[str, float | None]] = field(default_factory=dict)
-    materials: dict[str, Material | None] = field(default_factory=dict)
-    sets: dict[str, list[int]] = field(default_factory=dict)
-    said: dict[str, None] = field(default_factory=dict)
-    weight: float = 1.0
-    couplings: list[RawCoupling] = field(default_factory=list)
-    masses: list[RawMass] = field(default_factory=list)
-    systems: dict[int, System] = field(default_factory=dict)
-    local: dict[int, tuple[int, str]] = field(default_factory=dict)
-    system: int = 0
-    shells: bool = False
 
 
 def read_bdf(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
@@ -86,11 +67,12 @@ def bulk_data(path: Path, ignored: frozenset[str], *, shells: bool = False) -> B
     content = BulkData(shells=shells)
     for card in read_cards(path):
         _take(content, card, ignored)
-    given = {
+    systems = {
         n: (content.system if s < 0 else s, p) for n, (s, p) in content.local.items()
     }
-    local = {n: (system, place) for n, (system, place) in given.items() if system}
-    content.nodes.update(basic_places(content.nodes, local, content.systems))
+    local = {n: system for n, system in systems.items() if system[0]}
+    content.frames = Frames(dict(content.nodes), local, content.systems)
+    content.nodes.update({n: content.frames.node(n) for n in local})
     return content
 
 
@@ -115,11 +97,12 @@ def _take(content: BulkData, card: Card, ignored: frozenset[str]) -> None:
 def _grid(content: BulkData, card: Card) -> None:
     label = card.integer(0, "a node number")
     if label in content.nodes:
-        raise _twice("node", label, card)
+        raise twice("node", label, card)
     _only_zero(card, (7,), f"node {label} belongs to a superelement")
     x, y, z = (card.real(i, "a coordinate") for i in (2, 3, 4))
     content.nodes[label] = (x, y, z)
     content.local[label] = (card.integer(1, "a coordinate system", -1), card.place)
+    content.turned[label] = card.integer(5, "a coordinate system", -1)
     if card.word(6):
         content.said["PS of GRID (supports)"] = None
 
@@ -127,6 +110,7 @@ def _grid(content: BulkData, card: Card) -> None:
 def _grdset(content: BulkData, card: Card) -> None:
     _only_zero(card, (7,), "gives all nodes a superelement")
     content.system = card.integer(1, "a coordinate system", 0)
+    content.directions = card.integer(5, "a coordinate system", 0)
 
 
 def _only_zero(card: Card, places: tuple[int, ...], problem: str) -> None:
@@ -171,65 +155,6 @@ def _element(content: BulkData, card: Card) -> None:
     content.elements.append((label, property_, kind, listed, card.place))
 
 
-def _psolid(content: BulkData, card: Card) -> None:
-    _property(content, card, None)
-    chosen = [word for word in (card.word(3), card.word(5)) if word]
-    if chosen:
-        content.said[f"the integration {', '.join(chosen)} of PSOLID"] = None
-
-
-def _pshell(content: BulkData, card: Card) -> None:
-    if card.real(7, "a mass per area"):
-        raise InputError(
-            "has nonstructural mass",
-            place=card.place,
-            expected="densities that hold all mass",
-        )
-    _property(content, card, card.real(2, "a thickness") or None)
-    if content.shells:
-        _check_bending(card)
-    else:
-        content.said["bending of PSHELL: its elements are plane"] = None
-
-
-def _check_bending(card: Card) -> None:
-    """Whether a shell is one material through its thickness, which bends and shears."""
-    one, bending = card.integer(1, "a material"), card.integer(3, "a material", 0)
-    shear = card.integer(5, "a material", one)
-    if bending != one or shear != one or card.real(4, "a ratio", 1.0) != 1.0:
-        raise InputError(
-            f"PSHELL {card.word(0)} has MID1 {one}, MID2 {bending}, MID3 {shear} and "
-            f"12I/T3 {card.word(4) or 1}",
-            place=card.place,
-            expected="one material for membrane, bending and shear of a homogeneous "
-            "thickness",
-        )
-
-
-def _property(content: BulkData, card: Card, thickness: float | None) -> None:
-    label = card.integer(0, "a property")
-    if label in content.properties:
-        raise _twice("property", label, card)
-    content.properties[label] = (str(card.integer(1, "a material")), thickness)
-
-
-def _mat1(content: BulkData, card: Card) -> None:
-    name = str(card.integer(0, "a material"))
-    if name in content.materials:
-        raise _twice("material", name, card)
-    e, g, nu, rho = (card.real(i, "a constant") for i in (1, 2, 3, 4))
-    if not card.word(1):
-        e = 2 * g * (1 + nu)
-    elif not card.word(3) and g:
-        nu = e / (2 * g) - 1
-    if card.real(7, "a damping"):
-        content.said["GE of MAT1 (damping is that of the model file)"] = None
-    sound = e > 0 and rho > 0 and -1 < nu < 0.5
-    content.materials[name] = (
-        Material(youngs_modulus=e, poissons_ratio=nu, density=rho) if sound else None
-    )
-
-
 def _spc(content: BulkData, card: Card) -> None:
     for i in (1, 4):
         if card.word(i):
@@ -253,14 +178,14 @@ def _supported(
 def _set1(content: BulkData, card: Card) -> None:
     name = f"SET{card.integer(0, 'a set')}"
     if name in content.sets:
-        raise _twice("set", name, card)
+        raise twice("set", name, card)
     content.sets[name] = list(members(card.words[1:], card.place))
 
 
 def _system(content: BulkData, card: Card) -> None:
     for system in systems_of(card):
         if system.label in content.systems:
-            raise _twice("coordinate system", system.label, card)
+            raise twice("coordinate system", system.label, card)
         content.systems[system.label] = system
 
 
@@ -289,9 +214,13 @@ def _param(content: BulkData, card: Card) -> None:
 _READERS: dict[str, Callable[[BulkData, Card], None]] = {
     "GRID": _grid,
     "GRDSET": _grdset,
-    "PSOLID": _psolid,
-    "PSHELL": _pshell,
-    "MAT1": _mat1,
+    "PSOLID": psolid,
+    "PSHELL": pshell,
+    "MAT1": mat1,
+    "MAT9": mat9,
+    "MPC": mpc,
+    "MPCADD": mpcadd,
+    CASE_CONTROL: case_control,
     "SPC": _spc,
     "SPC1": _spc1,
     "SET1": _set1,
@@ -307,30 +236,21 @@ _READERS: dict[str, Callable[[BulkData, Card], None]] = {
 def _imported(content: BulkData) -> ImportedMesh:
     raw = []
     for label, property_, kind, nodes, place in content.elements:
-        material, depth = content.properties.get(property_, (None, None))
+        given = content.properties.get(property_)
+        material = material_name(content, given) if given else None
+        depth = given.thickness if given else None
         raw.append(RawElement(label, kind, nodes, place, material, depth))
+    equations = equations_of(content)
     notes = reading_notes(content.nodes, raw, len(content.elements))
     if content.weight != 1.0:
         notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
     if content.said:
         notes.append("without effect on the body: " + ", ".join(content.said))
-    materials = {
-        name: own.model_copy(update={"density": own.density * content.weight})
-        for name, own in content.materials.items()
-        if own is not None
-    }
-    mesh = assembled_mesh(content.nodes, raw, content.sets)
-    masses = [mass.scaled(content.weight) for mass in content.masses]
     return ImportedMesh(
-        mesh,
-        materials,
+        assembled_mesh(content.nodes, raw, content.sets),
+        materials_of(content),
         notes=tuple(notes),
         couplings=tuple(content.couplings),
-        masses=tuple(masses),
-    )
-
-
-def _twice(what: str, name: object, card: Card) -> InputError:
-    return InputError(
-        f"{what} {name} is defined twice", place=card.place, expected="one definition"
+        masses=tuple(mass.scaled(content.weight) for mass in content.masses),
+        equations=equations,
     )

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from sidtool.formats.errors import InputError
 
+from ...frontends.anisotropic import AnisotropicMaterial, ElasticMaterial
 from ..inp.elements import deck_type
-from .reading import BulkData, bulk_data
+from .content import BulkData
+from .equations import equations_of
+from .materials import material_name, materials_of
+from .reading import bulk_data
 
 _PER_LINE = 12
+#: Rows of a law in the order of CalculiX (11, 22, 33, 12, 13, 23) by ours.
+_ORDER = (0, 1, 2, 3, 5, 4)
 
 
 def deck_of_bulk(path: Path, ignored: frozenset[str]) -> str:
@@ -33,9 +41,10 @@ def deck_of_bulk(path: Path, ignored: frozenset[str]) -> str:
 def _nodes(content: BulkData) -> str:
     places = [held.place for held in content.couplings]
     places += [mass.place for mass in content.masses]
+    places += [equation.place for equation in equations_of(content)]
     if places:
         raise InputError(
-            "couplings and masses beside shells are not supported",
+            "couplings, masses and MPC beside shells are not supported",
             place=places[0],
             expected="shells and solids alone; geometry.ignore leaves cards out",
         )
@@ -63,31 +72,45 @@ def _elements(content: BulkData) -> str:
 
 
 def _sections(content: BulkData) -> str:
-    lines = []
-    for name, own in content.materials.items():
-        if own is not None:
-            lines.append(
-                f"*MATERIAL, NAME=M{name}\n*ELASTIC\n{own.youngs_modulus!r}, "
-                f"{own.poissons_ratio!r}\n*DENSITY\n{own.density * content.weight!r}\n"
-            )
+    materials = materials_of(content)
+    number = {name: i for i, name in enumerate(materials, 1)}
+    lines = [_material(number[name], own) for name, own in materials.items()]
     used = dict.fromkeys((k, p, place) for _, p, k, _, place in content.elements)
     done = set()
     for kind, property_, place in used:
-        material, depth = content.properties.get(property_, ("", None))
+        given = content.properties.get(property_)
+        name = material_name(content, given) if given else ""
         flat = kind.startswith(("quad", "tri"))
-        if content.materials.get(material) is None or (flat and depth is None):
+        depth = given.thickness if given else None
+        if name not in materials or (flat and depth is None):
             raise InputError(
                 f"property {property_} has no complete material and thickness",
                 place=place,
                 expected="PSHELL or PSOLID, and MAT1 with E, nu and RHO",
             )
+        if flat and isinstance(materials[name], AnisotropicMaterial):
+            raise InputError(
+                f"PSHELL {property_} has the MAT9 {name}",
+                place=place,
+                expected="MAT1 for shells",
+            )
         if (kind, property_) in done:
             continue
         done.add((kind, property_))
         section = "SHELL SECTION" if flat else "SOLID SECTION"
-        head = f"*{section}, ELSET=P{property_}{kind}, MATERIAL=M{material}\n"
+        head = f"*{section}, ELSET=P{property_}{kind}, MATERIAL=M{number[name]}\n"
         lines.append(head + (f"{depth!r}\n" if flat else "\n"))
     return "".join(lines)
+
+
+def _material(number: int, own: ElasticMaterial) -> str:
+    head, tail = f"*MATERIAL, NAME=M{number}\n", f"*DENSITY\n{own.density!r}\n"
+    if not isinstance(own, AnisotropicMaterial):
+        return f"{head}*ELASTIC\n{own.youngs_modulus!r}, {own.poissons_ratio!r}\n{tail}"
+    law = own.law[np.ix_(_ORDER, _ORDER)]
+    words = [repr(float(law[i, j])) for j in range(6) for i in range(j + 1)]
+    rows = [", ".join(words[i : i + 8]) + "\n" for i in range(0, len(words), 8)]
+    return f"{head}*ELASTIC, TYPE=ANISO\n{''.join(rows)}{tail}"
 
 
 def _listed(nodes: list[int]) -> str:

@@ -50,26 +50,9 @@ def systems_of(card: Card) -> list[System]:
     return found
 
 
-def basic_places(
-    nodes: Mapping[int, Point],
-    local: Mapping[int, tuple[int, str]],
-    systems: Mapping[int, System],
-) -> dict[int, Point]:
-    """The nodes that are given in a system, in the basic one.
+class Frames:
+    """Places and axes of systems in the basic one."""
 
-    Parameters
-    ----------
-    local : node -> its system, and where it stands
-
-    Raises
-    ------
-    InputError : a system is not defined, in terms of itself, or has no axes.
-    """
-    frames = _Frames(nodes, local, systems)
-    return {label: frames.node(label) for label in local}
-
-
-class _Frames:
     def __init__(
         self,
         nodes: Mapping[int, Point],
@@ -81,22 +64,59 @@ class _Frames:
         self._open: list[int] = []
 
     def node(self, label: int) -> Point:
+        """A node in the basic system."""
         place = self._nodes[label]
         if label in self._local:
             system, where = self._local[label]
             place = self._basic(place, system, where)
         return place
 
+    def direction(self, node: int, label: int, number: int) -> Array:
+        """The unit vector of a direction 1 to 3 that a system gives at a node.
+
+        Raises
+        ------
+        InputError : the node is on the axis of a cylindrical or spherical system.
+        """
+        if label == 0:
+            return np.asarray(np.eye(3)[number - 1])
+        place = self._local.get(node, (0, ""))[1]
+        origin, (x, y, z) = self.frame(label, place)
+        arm = np.array(self.node(node)) - origin
+        kind = self._systems[label].kind
+        if kind == "R":
+            return np.asarray((x, y, z)[number - 1])
+        across = arm - (arm @ z) * z
+        if np.linalg.norm(across) <= 1e-9 * np.linalg.norm(arm) or not arm.any():
+            raise InputError(
+                f"node {node} is on the axis of the system {label} of its directions",
+                place=place,
+                expected="directions that exist there",
+            )
+        r = across / np.linalg.norm(across)
+        around = np.cross(z, r)
+        if kind == "C":
+            return np.asarray((r, around, z)[number - 1])
+        out = arm / np.linalg.norm(arm)
+        return np.asarray((out, np.cross(around, out), around)[number - 1])
+
     def _basic(self, point: Point, label: int, place: str) -> Point:
         """A point of a system in the basic one."""
         if label == 0:
             return point
-        origin, axes = self._frame(label, place)
+        origin, axes = self.frame(label, place)
         x = origin + axes.T @ _rectangular(point, self._systems[label].kind)
         return float(x[0]), float(x[1]), float(x[2])
 
-    def _frame(self, label: int, place: str) -> tuple[Array, Array]:
-        """Origin, and rows x, y, z in the basic system."""
+    def frame(self, label: int, place: str) -> tuple[Array, Array]:
+        """Origin, and rows x, y, z in the basic system.
+
+        Raises
+        ------
+        InputError : the system is not defined, in terms of itself, or has no axes.
+        """
+        if label == 0:
+            return np.zeros(3), np.eye(3)
         if label in self._known:
             return self._known[label]
         if label not in self._systems or label in self._open:

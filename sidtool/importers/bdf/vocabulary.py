@@ -23,7 +23,9 @@ INSTEAD = {
         "a force in the scene between markers",
     ),
     **dict.fromkeys(("CMASS1", "CMASS2", "CMASS3", "CMASS4", "CONM1"), "CONM2"),
-    **dict.fromkeys(("MAT2", "MAT8", "MAT9"), "MAT1, or an .inp with *ELASTIC, TYPE"),
+    **dict.fromkeys(
+        ("MAT2", "MAT8"), "MAT1, MAT9 for solids, or an .inp with *ELASTIC, TYPE"
+    ),
     "CSHEAR": "shells",
 }
 WITHOUT_EFFECT = frozenset(_IDLE.split())

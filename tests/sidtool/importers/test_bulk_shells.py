@@ -96,7 +96,7 @@ def test_a_free_plate_has_the_frequencies_of_leissa(
             ("PSHELL,1,1,0.004,1,1.0", "PSHELL,2,1,0.004,1"),
             "no complete material",
         ),
-        (("ENDDATA", "CONM2,9000,1,,2.0\nENDDATA"), "masses beside shells"),
+        (("ENDDATA", "CONM2,9000,1,,2.0\nENDDATA"), "masses and MPC beside shells"),
         (("ENDDATA", "CBAR,9000,2,1,2,0.,1.,0.\nENDDATA"), "CBAR.*beams in an .inp"),
     ],
 )

@@ -1,0 +1,70 @@
+"""What bulk data says of a body, as its cards are read one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from sidtool.formats.errors import InputError
+
+from ...frontends.anisotropic import ElasticMaterial
+from ..imported import RawCoupling, RawMass
+from .cards import Card
+from .systems import Frames, System
+
+
+@dataclass(frozen=True)
+class Property:
+    """Of solids, plane elements and shells.
+
+    Attributes
+    ----------
+    system : the coordinate system of the material's axes
+    """
+
+    material: str
+    thickness: float | None
+    place: str
+    system: int = 0
+
+
+@dataclass
+class BulkData:
+    """What bulk data says of a body; `shells` are asked for, or plane elements.
+
+    Attributes
+    ----------
+    local : node -> the system it is given in, -1 for that of GRDSET, and where
+    turned : node -> the system of its directions, in which MPC counts, -1 likewise
+    multipoint, sums : set -> cards MPC, and sets of MPCADD with their cards
+    chosen : sets of MPC that case control names
+    controlled : whether there is case control
+    frames : the coordinate systems, with the nodes as the file gives them
+    """
+
+    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
+    elements: list[tuple[int, int, str, list[int], str]] = field(default_factory=list)
+    properties: dict[int, Property] = field(default_factory=dict)
+    materials: dict[str, ElasticMaterial | None] = field(default_factory=dict)
+    sets: dict[str, list[int]] = field(default_factory=dict)
+    said: dict[str, None] = field(default_factory=dict)
+    weight: float = 1.0
+    couplings: list[RawCoupling] = field(default_factory=list)
+    masses: list[RawMass] = field(default_factory=list)
+    systems: dict[int, System] = field(default_factory=dict)
+    local: dict[int, tuple[int, str]] = field(default_factory=dict)
+    turned: dict[int, int] = field(default_factory=dict)
+    system: int = 0
+    directions: int = 0
+    multipoint: dict[int, list[Card]] = field(default_factory=dict)
+    sums: dict[int, Card] = field(default_factory=dict)
+    chosen: dict[int, None] = field(default_factory=dict)
+    controlled: bool = False
+    shells: bool = False
+    frames: Frames = field(default_factory=lambda: Frames({}, {}, {}))
+
+
+def twice(what: str, name: object, card: Card) -> InputError:
+    """What is defined a second time."""
+    return InputError(
+        f"{what} {name} is defined twice", place=card.place, expected="one definition"
+    )

@@ -1,0 +1,65 @@
+"""PSOLID and PSHELL of Nastran bulk data."""
+
+from __future__ import annotations
+
+from sidtool.formats.errors import InputError
+
+from .cards import Card
+from .content import BulkData, Property, twice
+
+
+def psolid(content: BulkData, card: Card) -> None:
+    """PID, MID, CORDM, IN, STRESS, ISOP, FCTN.
+
+    Raises
+    ------
+    InputError : it is a fluid.
+    """
+    if card.word(6).upper() not in ("", "SMECH"):
+        raise InputError(
+            f"PSOLID {card.word(0)} is {card.word(6)}",
+            place=card.place,
+            expected="a structure (SMECH)",
+        )
+    _property(content, card, None, card.integer(2, "a coordinate system", 0))
+    chosen = [word for word in (card.word(3), card.word(5)) if word]
+    if chosen:
+        content.said[f"the integration {', '.join(chosen)} of PSOLID"] = None
+
+
+def pshell(content: BulkData, card: Card) -> None:
+    if card.real(7, "a mass per area"):
+        raise InputError(
+            "has nonstructural mass",
+            place=card.place,
+            expected="densities that hold all mass",
+        )
+    _property(content, card, card.real(2, "a thickness") or None)
+    if content.shells:
+        _check_bending(card)
+    else:
+        content.said["bending of PSHELL: its elements are plane"] = None
+
+
+def _check_bending(card: Card) -> None:
+    """Whether a shell is one material through its thickness, which bends and shears."""
+    one, bending = card.integer(1, "a material"), card.integer(3, "a material", 0)
+    shear = card.integer(5, "a material", one)
+    if bending != one or shear != one or card.real(4, "a ratio", 1.0) != 1.0:
+        raise InputError(
+            f"PSHELL {card.word(0)} has MID1 {one}, MID2 {bending}, MID3 {shear} and "
+            f"12I/T3 {card.word(4) or 1}",
+            place=card.place,
+            expected="one material for membrane, bending and shear of a homogeneous "
+            "thickness",
+        )
+
+
+def _property(
+    content: BulkData, card: Card, thickness: float | None, system: int = 0
+) -> None:
+    label = card.integer(0, "a property")
+    if label in content.properties:
+        raise twice("property", label, card)
+    material = str(card.integer(1, "a material"))
+    content.properties[label] = Property(material, thickness, card.place, system)
