@@ -67,7 +67,7 @@ def row(
     plan = planned(scene, sids, WANTED, compile_, keep=False)
     took = time.perf_counter() - began
     request = requested(scene, sids, WANTED)
-    runs = Runs(scene, sids, compile_, request.names, lambda _: None)
+    runs = Runs(scene, sids, compile_, request.names)
     reference = make_reference(runs, finest(scene, sids), request)
     best = oracle(runs, reference)
     found = cheapest(runs, reference, best, 1.0)

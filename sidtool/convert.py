@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.plausible import body_questions, material_questions
+from sidtool.formats.progress import Course, along, reached
 from sidtool.formats.sid import SID, Node, Taylor
 from sidtool.formats.sid_mass import skew
 from sidtool.formats.toml.files import located
@@ -41,6 +42,18 @@ Array = NDArray[np.float64]
 NOTE = "note: "
 #: What the sentence on the errors of the shape functions begins with.
 BASIS = "basis: "
+
+#: Parts of a conversion, and about how long they take beside each other.
+_LENGTHS = {
+    "discretising": 4.0,
+    "reducing": 5.0,
+    "measuring the shape functions": 1.0,
+    "prestress": 1.0,
+    "integrating the inertia": 0.5,
+    "geometric stiffening": 2.0,
+    "stress": 1.0,
+    "evaluating the full field": 2.0,
+}
 
 #: Clamped nodes lie on a line if their moment of inertia about it is below this share.
 _ON_A_LINE = 1e-12
@@ -89,18 +102,36 @@ def _made(
     tell = progress or _notes_only
     with running(engine, progress):
         content = model if isinstance(model, ModelFile) else read_model(model)
-        with located(content):
-            return _convert(content, tell, with_field)
+        lengths = _lengths(content, with_field)
+        with located(content), along(Course(lengths)) as parts:
+            return _convert(content, tell, with_field, parts)
+
+
+def _lengths(model: ModelFile, with_field: bool) -> dict[str, float]:
+    """About how much of the time each part of a conversion takes, of those it has."""
+    stiffening = model.stiffening
+    left_out = {
+        "prestress": not (stiffening and stiffening.prestress),
+        "geometric stiffening": not stiffening,
+        "stress": not model.stress,
+        "evaluating the full field": not with_field,
+    }
+    return {name: x for name, x in _LENGTHS.items() if not left_out.get(name)}
 
 
 def _convert(
-    model: ModelFile, progress: Callable[[str], None], with_field: bool
+    model: ModelFile, progress: Callable[[str], None], with_field: bool, parts: Course
 ) -> tuple[SID, Field | None]:
+    def begin(part: str, text: str = "") -> None:
+        parts.enter(part)
+        reached(text or part)
+        progress(text or part)
+
     if model.material is not None:
         material = model.material
         for text in material_questions(material.youngs_modulus, material.density):
             progress(NOTE + text)
-    progress("discretising")
+    begin("discretising")
     body = finite_element_model(model)
     for sentence in (*body.notes, *compared_with_geometry(body)):
         progress(NOTE + sentence)
@@ -108,25 +139,26 @@ def _convert(
     for sentence in _check_wanted(body, model):
         progress(NOTE + sentence)
     gigabytes = expected_gigabytes(body.ndof, body.dimension)
-    progress(
-        f"reducing {body.ndof} degrees of freedom, which may take {gigabytes:.1f} GB"
-    )
+    size = f"{body.ndof} degrees of freedom, which may take {gigabytes:.1f} GB"
+    begin("reducing", f"reducing {size}")
     for sentence in element_notes(body):
         progress(NOTE + sentence)
     basis = REDUCTIONS[model.reduction.method](body, frame, model.reduction)
     for sentence in basis.report:
         progress(sentence)
+    begin("measuring the shape functions")
     _tell_fidelity(body, frame, basis, model, progress)
     if told := held_sentence(body, frame, basis, model):
         progress(NOTE + told)
     basis = replace(basis, space=None)
     stiffening, initial = model.stiffening, None
     if stiffening and stiffening.prestress:
+        begin("prestress")
         initial = prestressed(
             body, frame, basis, stiffening.prestress, stiffening, model.frame
         )
         basis = initial.basis
-    progress("integrating the inertia")
+    begin("integrating the inertia")
     held = frame.held
     if frame.rows is None:
         held = clamped_dofs(body, frame, model.reduction.fixed_names)
@@ -134,16 +166,16 @@ def _convert(
     if initial is not None:
         sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
     if stiffening:
-        progress("geometric stiffening")
+        begin("geometric stiffening")
         sid = stiffened(sid, body, frame, basis, stiffening)
     if model.stress:
-        progress("stress")
+        begin("stress")
         sid = with_stress(sid, body, frame, basis, model.stress, initial)
     for text in body_questions(sid):
         progress(NOTE + text)
     if not with_field:
         return sid, None
-    progress("evaluating the full field")
+    begin("evaluating the full field")
     return sid, body_field(sid, body, frame, basis, initial)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -74,7 +74,6 @@ def trimmed(
     scene: SceneFile,
     folder: Path,
     accuracy: Any = None,
-    say: Callable[[str], None] | None = None,
 ) -> Trimmed:
     """The SID of a file with the shape functions and nodes that a scene needs.
 
@@ -98,7 +97,7 @@ def trimmed(
         accuracy = DEFAULT
     sid = read_sid(path)
     scene, made, _ = converted(scene, folder)
-    plan = plan_for(scene, folder, made, accuracy, {}, say=say)
+    plan = plan_for(scene, folder, made, accuracy, {})
     assert plan is not None
     kept: set[int] = set()
     for name in bodies:

@@ -12,7 +12,7 @@ from sidtool.formats.scene.wanted import LEAST, MOST
 from sidtool.formats.sid import SID
 
 from ..made import sources
-from .plan import Plan, Say, planned
+from .plan import Plan, planned
 from .wanted import Wanted
 
 
@@ -26,7 +26,6 @@ def plan_for(
     accept_defects: bool = False,
     drives: Mapping[str, Any] | None = None,
     forces: Mapping[str, Any] | None = None,
-    say: Say | None = None,
 ) -> Plan | None:
     """The plan of a scene, or None where no accuracy is asked for.
 
@@ -66,7 +65,7 @@ def plan_for(
 
     keep = not (drives or forces)
     models = sources(scene, folder)
-    return planned(scene, known, wanted, compiled, models=models, keep=keep, say=say)
+    return planned(scene, known, wanted, compiled, models=models, keep=keep)
 
 
 def with_wanted(scene: SceneFile, wanted: Wanted) -> SceneFile:

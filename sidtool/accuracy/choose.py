@@ -77,10 +77,15 @@ def choose(runs: Runs, reference: Reference) -> Chosen:
     InputError : no model and no integration keeps the request.
     """
     search = _Search(runs, reference)
+    runs.begin("plane")
     search.plane()
+    runs.begin("rigid bodies")
     choice = search.rigid_bodies(search.base)
+    runs.begin("shape functions")
     choice = search.fewer_shapes(choice)
+    runs.begin("terms")
     choice = search.fewer_terms(choice)
+    runs.begin("integration")
     found = cheapest(runs, reference, choice, ALL)
     if found is None:
         choice = reference.choice

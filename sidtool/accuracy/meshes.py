@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.progress import Steps, along
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
 
@@ -31,6 +32,8 @@ from .wanted import Request
 SHARE = 0.1
 #: Halvings of the mesh and doublings of the modes at most, and modes at most.
 HALVINGS, DOUBLINGS, MODES = 3, 3, 48
+#: Bodies that are made of one model, about.
+CHANGES = 4
 #: Of the last change by a halving of the mesh, what is left.
 LEFT = 0.5
 #: In all, from which on the search gives up.
@@ -70,7 +73,6 @@ def refined_meshes(
     sources: Mapping[str, Source],
     request: Request,
     compile_: Compile,
-    say: object,
 ) -> Meshes:
     """The bodies of models, one after the other.
 
@@ -78,9 +80,10 @@ def refined_meshes(
     ------
     InputError : a model cannot be made, or not as exactly as is asked for.
     """
-    search = _Search(scene, dict(sids), request, compile_, say)
-    for name, source in sources.items():
-        search.settle(name, source)
+    search = _Search(scene, dict(sids), request, compile_)
+    with along(Steps(CHANGES * len(sources))) as search.steps:
+        for name, source in sources.items():
+            search.settle(name, source)
     if sources and search.use() > TOO_MUCH:
         raise InputError(
             f"meshes cannot be made as fine as is asked for: {search.sentences[-1]}",
@@ -99,10 +102,10 @@ class _Search:
         sids: dict[str, SID],
         request: Request,
         compile_: Compile,
-        say: object,
     ) -> None:
         self.scene, self.sids, self.request = scene, sids, request
-        self.compile, self.say = compile_, say
+        self.compile = compile_
+        self.steps = Steps(1)
         self.made: dict[str, Made] = {}
         self.finenesses: dict[str, Fineness] = {}
         self.sentences: list[str] = []
@@ -115,6 +118,7 @@ class _Search:
 
     def settle(self, name: str, source: Source) -> None:
         """The mesh and the modes of one body."""
+        self.steps.next()
         self.made[name] = source.sid(Fineness())
         self.sids[name] = self.made[name].sid
         if self.reference is None:
@@ -184,13 +188,17 @@ class _Search:
         """What a finer body changes, (n,); from then on it is used."""
         assert self.reference is not None
         before = self.sids
-        made = source.sid(fineness)
-        after = {**before, name: made.sid}
         runs = []
-        for sids in (before, after):
-            whole = finest(self.scene, sids)
-            found = self._runs(sids)
-            runs.append((whole, found.attempt(whole, self.reference.setting)))
+        self.steps.next()
+        with along(Steps(3)) as parts:
+            parts.next()
+            made = source.sid(fineness)
+            after = {**before, name: made.sid}
+            for sids in (before, after):
+                parts.next()
+                whole = finest(self.scene, sids)
+                found = self._runs(sids)
+                runs.append((whole, found.attempt(whole, self.reference.setting)))
         self.made[name], self.sids = made, after
         return found.between(*runs)
 
@@ -206,4 +214,4 @@ class _Search:
         return f"{errors[row]:.1e} {self.reference.units[row]}".rstrip() + f" in {name}"
 
     def _runs(self, sids: Mapping[str, SID]) -> Runs:
-        return Runs(self.scene, sids, self.compile, self.request.names, self.say)  # type: ignore[arg-type]
+        return Runs(self.scene, sids, self.compile, self.request.names)

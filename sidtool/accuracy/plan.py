@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass, replace
 
+from sidtool.formats.progress import Course, along
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
 from sidtool.formats.result.rows import Columns, Rows
 from sidtool.formats.scene import SceneFile, expanded, unit_of
@@ -22,11 +23,12 @@ from .choose import Chosen, choose
 from .meshes import Meshes, as_made, refined_meshes
 from .outside import check_inside
 from .reference import Reference, make_reference
-from .runs import Compile, Runs
+from .runs import Compile, Runs, expected_runs
 from .sentences import decisions, remarks, told_bounds
 from .wanted import Request, Wanted, requested
 
-Say = Callable[[str], None]
+#: How long the search of meshes for one body takes beside that of all else, about.
+MESHES = 1.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,6 @@ def planned(
     *,
     models: Mapping[str, Source] | None = None,
     keep: bool = True,
-    say: Say | None = None,
 ) -> Plan:
     """The cheapest model and integration whose errors are within what is wanted.
 
@@ -88,7 +89,6 @@ def planned(
     compile_ : makes a system of a scene and SIDs
     models : of bodies that are made of them, whose meshes are refined as needed
     keep : False where the scene is not all that is simulated, as with callables
-    say : told what is being run
 
     Raises
     ------
@@ -97,7 +97,7 @@ def planned(
         be simulated.
     SimulationError : the finest model cannot be run to its end.
     """
-    models, say = models or {}, say or _silent
+    models = models or {}
     key = cached.key_of(scene, sids, wanted, models) if keep else ""
     kept = cached.read(key) if keep else None
     if kept is not None:
@@ -107,9 +107,12 @@ def planned(
         return Plan(_named(kept.scene, meshes.scene(scene)), report, meshes.sids(sids))
     began = time.perf_counter()
     request = requested(scene, sids, wanted)
-    meshes = refined_meshes(scene, sids, models, request, compile_, say)
-    scene, sids = meshes.scene(scene), meshes.sids(sids)
-    plan = _chosen(scene, sids, request, meshes, compile_, say)
+    with along(Course({"meshes": MESHES * len(models), "choices": 1.0})) as parts:
+        parts.enter("meshes")
+        meshes = refined_meshes(scene, sids, models, request, compile_)
+        scene, sids = meshes.scene(scene), meshes.sids(sids)
+        parts.enter("choices")
+        plan = _chosen(scene, sids, request, meshes, compile_)
     seconds = time.perf_counter() - began
     report = plan.report.model_copy(update={"wanted": told(wanted), "seconds": seconds})
     if keep:
@@ -124,17 +127,22 @@ def _chosen(
     request: Request,
     meshes: Meshes,
     compile_: Compile,
-    say: Say,
 ) -> Plan:
     """The search among what the SIDs have."""
-    runs = Runs(scene, sids, compile_, request.names, say)
-    reference = make_reference(runs, finest(scene, sids), request)
-    check_inside(reference.result)
-    reference = reference.with_meshes(meshes.errors)
-    chosen = choose(runs, reference)
-    terms = stiffened(scene, sids, chosen.choice.flat)
-    setting = chosen.found.setting
-    proven = bounds(runs, reference.choice, chosen.choice, setting)
+    whole = finest(scene, sids)
+    expected = expected_runs(whole, scene.dimension)
+    runs = Runs(scene, sids, compile_, request.names, expected)
+    with along(runs.parts):
+        runs.begin("reference")
+        reference = make_reference(runs, whole, request)
+        check_inside(reference.result)
+        reference = reference.with_meshes(meshes.errors)
+        chosen = choose(runs, reference)
+        terms = stiffened(scene, sids, chosen.choice.flat)
+        setting = chosen.found.setting
+        runs.begin("errors")
+        proven = bounds(runs, reference.choice, chosen.choice, setting)
+        lines = budget(runs, reference, chosen)
     made = decisions(request, reference, chosen)
     sentences = (
         *meshes.sentences,
@@ -146,7 +154,7 @@ def _chosen(
     report = AccuracyReport(
         wanted={},
         outputs=_outputs(request, reference, chosen, proven),
-        budget=budget(runs, reference, chosen),
+        budget=lines,
         decisions=made,
         sentences=sentences,
         runs=runs.count,
@@ -217,7 +225,3 @@ def _outputs(
         for name, error, variation, allowed in rows
         if name not in reference.left_out
     )
-
-
-def _silent(_: str) -> None:
-    return None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.progress import Course, Steps, along, is_heard, reached
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
@@ -33,12 +34,27 @@ class Setting:
     rtol: float
 
 
+def expected_runs(finest: Choice, dimension: str) -> dict[str, float]:
+    """About how many runs each part of a search makes."""
+    flexible = [kept for _, kept in finest.kept if kept]
+    return {
+        "reference": 2.0,
+        "plane": 1.0 if dimension == "spatial" else 0.0,
+        "rigid bodies": 2.0 * len(flexible),
+        "shape functions": sum(map(len, flexible)) + 4.0,
+        "terms": 2.0 * len(flexible),
+        "integration": 8.0,
+        "errors": 3.0,
+    }
+
+
 @dataclass
 class Runs:
     """Models of one scene, compiled and run at most once each.
 
     compile : makes a system of a scene and its SIDs
     names : outputs that are recorded
+    expected : about how many runs each part of a search makes, see `begin`
     count : runs so far
     """
 
@@ -46,11 +62,20 @@ class Runs:
     sids: Mapping[str, SID]
     compile: Compile
     names: tuple[str, ...]
-    say: Callable[[str], None]
+    expected: Mapping[str, float] = field(default_factory=dict)
     count: int = 0
     _systems: dict[Choice, System] = field(default_factory=dict)
     _results: dict[tuple[Choice, Setting], Result | None] = field(default_factory=dict)
     _seconds: dict[tuple[Choice, Setting], float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.parts = Course(self.expected)
+        self._steps = Steps(1)
+
+    def begin(self, part: str) -> None:
+        """A part of the search begins."""
+        self.parts.enter(part)
+        self._steps = Steps(self.expected[part])
 
     def tight(self, choice: Choice, setting: Setting) -> Result:
         """A run that has to succeed.
@@ -65,12 +90,16 @@ class Runs:
         key = choice, setting
         kept = self._results.get(key)
         if kept is None:
-            self.say(f"run {self.count + 1}: {setting.integrator} {setting.rtol:.0e}")
             self.count += 1
-            system = self._system(choice)
-            kept = simulate(
-                system, integrator=setting.integrator, rtol=setting.rtol, step=None
-            )
+            self._steps.next()
+            with along(self._steps):
+                kept = simulate(
+                    self._system(choice),
+                    integrator=setting.integrator,
+                    rtol=setting.rtol,
+                    step=None,
+                    progress=self._told(setting),
+                )
             self._results[key] = kept
             self._seconds[key] = float(kept.counters["seconds"])
         return kept
@@ -129,6 +158,15 @@ class Runs:
         zero = np.zeros(len(result.t))
         known = [result[n] if choice.knows(n) else zero for n in self.names]
         return np.column_stack(known)
+
+    def _told(self, setting: Setting) -> Callable[[float], None] | None:
+        """Tells how far a run is, if somebody listens."""
+        if not is_heard():
+            return None
+        begin, end = self.scene.time.start, self.scene.time.end
+        text = f"choosing: run {self.count}: {setting.integrator} {setting.rtol:.0e}"
+        reached(text)
+        return lambda t: reached(text, (t - begin) / (end - begin))
 
     def _system(self, choice: Choice) -> System:
         if choice not in self._systems:

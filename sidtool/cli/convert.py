@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from sidtool.formats.progress import is_heard, reached
+from sidtool.formats.progress import is_heard
 
 from .common import (
     Target,
@@ -327,8 +327,7 @@ def _rescaled(sid: Any, units: str, sigma: Any) -> Any:
 
 
 class _Stages:
-    """The present stage, see `progress`; where none is shown a line for each, with its
-    time."""
+    """A line for each stage, with its time, where no progress is shown."""
 
     def __init__(self) -> None:
         self._begin = time.monotonic()
@@ -338,7 +337,6 @@ class _Stages:
         if text.startswith(("note: ", "basis: ")):
             click.echo(text, err=True)
             return
-        reached(text)
         if is_quiet() or is_heard():
             return
         seconds = time.monotonic() - self._begin

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from sidtool.formats.progress import listening
+from sidtool.formats.progress import Pace, listening
 
 from .common import is_quiet
 
@@ -34,25 +34,37 @@ class Bar:
     """A line below all others, once work has lasted longer than `PATIENCE`.
 
     A share that is known is a bar with the time left; else there is the time passed.
+    Where the share falls other work has begun.
     """
 
     def __init__(self) -> None:
         self._begin: float | None = None
-        self._text = ""
+        self._share: float | None = None
+        self._pace = Pace()
         self._progress: Any = None
 
     def __call__(self, text: str, share: float | None) -> None:
         now = time.monotonic()
         self._begin = now if self._begin is None else self._begin
+        anew = share is None or self._share is None or share < self._share
+        self._share = share
+        if anew:
+            self._pace = Pace()
+        if share is not None:
+            self._pace.at(now, share)
         if is_quiet() or now - self._begin < PATIENCE:
             return
         if self._progress is None:
             self._open()
-        if text != self._text:
-            self._text = text
-            self._progress.reset(self._task, description=text, completed=0)
-        total = None if share is None else 1.0
-        self._progress.update(self._task, total=total, completed=share or 0.0)
+        elif anew:
+            self._progress.reset(self._task)
+        self._progress.update(
+            self._task,
+            description=text,
+            total=None if share is None else 1.0,
+            completed=share or 0.0,
+            left=_clock(self._pace.left()),
+        )
 
     def close(self) -> None:
         """Leaves nothing behind."""
@@ -68,7 +80,6 @@ class Bar:
             TaskProgressColumn,
             TextColumn,
             TimeElapsedColumn,
-            TimeRemainingColumn,
         )
 
         columns = (
@@ -76,10 +87,17 @@ class Bar:
             BarColumn(),
             TaskProgressColumn(),
             TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
+            TextColumn("left {task.fields[left]}"),
         )
         console = Console(stderr=True)
         self._progress = Progress(*columns, console=console, transient=True)
-        self._task = self._progress.add_task("", total=None)
+        self._task = self._progress.add_task("", total=None, left="")
         self._progress.start()
+
+
+def _clock(seconds: float | None) -> str:
+    """Hours, minutes and seconds, as of the time passed."""
+    if seconds is None:
+        return "-:--:--"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes // 60}:{minutes % 60:02}:{rest:02}"

@@ -241,7 +241,6 @@ def _run(
             model.accuracy,
             settings,
             accept_defects=defects,
-            say=lambda text: reached(f"choosing: {text}"),
         )
         if plan is not None:
             scene, told, files = plan.scene, [*told, *plan.told], Certified(files, plan)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model.reduction import Stiffening
+from sidtool.formats.progress import reached
 from sidtool.formats.sid import SID, Node, Taylor
 
 from ..frontends.elements.continuum import stress_from_gradient
@@ -33,6 +34,8 @@ from .marker_motion import excess_of_rows, work_in_rigid_pieces
 from .rotary import CENTRIFUGAL, centrifugal_loads
 
 Array = NDArray[np.float64]
+
+_ELEMENTS = "going through the elements"
 
 
 def stiffened(
@@ -253,6 +256,7 @@ def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
             step = max(1, points // ng)
             values = np.broadcast_to(batch.values, (ne, *batch.values.shape[1:]))
             for start in range(0, ne, step):
+                reached(_ELEMENTS, (number + start / ne) / len(body.continua))
                 cut = slice(start, start + step)
                 inner = _internal(batch, continuum.law, cut)
                 yield QuadraturePart(

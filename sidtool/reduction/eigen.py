@@ -14,7 +14,7 @@ from sidtool.formats.errors import InputError
 from ..frontends.elements.quadratic_fields import softest_deformation
 from ..frontends.finite_element_model import Indices
 from .factors import engine_name, symmetric_factors
-from .lanczos import BLOCK, FREE_BLOCK, dominant_vectors
+from .lanczos import BLOCK, FREE_BLOCK, dominant_vectors, usual_blocks
 from .pencil import Pencil
 from .running import Counter
 from .slepc import slepc_eigenvectors
@@ -155,7 +155,7 @@ def _invariant_space(
         return slepc_eigenvectors(pencil, count)
     known = pencil.rigid.shape[1]
     solve = static or symmetric_factors(pencil.shifted, places).solve
-    counter = Counter("eigenvectors: {} blocks of solutions")
+    counter = Counter("eigenvectors: {} blocks of solutions", usual_blocks(count))
 
     def counted(load: Array) -> Array:
         answer = solve(load)

@@ -32,6 +32,11 @@ _PASSES = 3
 _MECHANISM = "the stiffness does not resist every deformation"
 
 
+def usual_blocks(count: int) -> float:
+    """About how many blocks a search for so many vectors takes."""
+    return 2.0 * count + 12.0
+
+
 def dominant_vectors(
     operator: Callable[[Array], Array],
     mass: sp.csr_matrix,

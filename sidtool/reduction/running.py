@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
+from sidtool.formats.progress import reached
+
 Listener = Callable[[str], None]
 
 #: Counts of a loop are told no more often than this [s].
@@ -40,6 +42,11 @@ def asked_engine() -> str | None:
 
 def tell(text: str) -> None:
     """Tell the listener of this run, if there is one, what begins now."""
+    reached(text)
+    _call(text)
+
+
+def _call(text: str) -> None:
     listener = _LISTENER.get()
     if listener is not None:
         listener(text)
@@ -48,14 +55,16 @@ def tell(text: str) -> None:
 class Counter:
     """Tells how often something was done, from time to time."""
 
-    def __init__(self, text: str) -> None:
-        """`text` with a place ``{}`` for the count."""
-        self._text, self._count = text, 0
+    def __init__(self, text: str, expected: float) -> None:
+        """`text` with a place ``{}`` for the count; about how often it will be done."""
+        self._text, self._count, self._expected = text, 0, expected
         self._last = time.monotonic()
 
     def __call__(self) -> None:
         self._count += 1
+        text = self._text.format(self._count)
+        reached(text, self._count / self._expected)
         now = time.monotonic()
         if now - self._last > _INTERVAL:
             self._last = now
-            tell(self._text.format(self._count))
+            _call(text)

@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 #: Relative residual of the eigenpairs, before the Rayleigh-Ritz step.
 _TOLERANCE = 1e-12
+#: Of Krylov-Schur, about.
+_USUAL_RESTARTS = 10.0
 #: Parallel direct solvers of PETSc and the factorisation each offers, best first.
 _SOLVERS = {"mumps": "cholesky", "superlu_dist": "lu"}
 
@@ -162,7 +164,7 @@ def slepc_eigenvectors(pencil: Pencil, count: int) -> Array:
     known = [_own_part(a, np.append(vector, np.zeros(k))) for vector in rigid.T]
     eps.setInitialSpace(start)
     eps.setDeflationSpace(known)
-    counter = Counter("eigenvectors: {} restarts")
+    counter = Counter("eigenvectors: {} restarts", _USUAL_RESTARTS)
     eps.setMonitor(lambda *_: counter())
     eps.solve()
     wanted, converged = count - rigid.shape[1], eps.getConverged()

@@ -13,7 +13,15 @@ import pytest
 
 import sidtool
 from sidtool.cli import progress, run
-from sidtool.formats.progress import counted, listening, reached
+from sidtool.formats.progress import (
+    Course,
+    Pace,
+    Steps,
+    along,
+    counted,
+    listening,
+    reached,
+)
 from sidtool.solver import warmup
 from tests.places import SLIDER_CRANK
 
@@ -65,8 +73,10 @@ def test_every_long_command_tells(
         assert len(known) == len(shares) >= 2
         assert known == sorted(known) and 0 <= known[0] < 0.6 and known[-1] <= 1
     sid = tmp_path / "rod.SID_FEM"
+    told.clear()
     stages = heard(told, "convert", str(SLIDER_CRANK / "rod_q4.toml"), "-o", str(sid))
     assert sum("reducing" in text or "discretising" in text for text in stages) == 2
+    assert_one_way([share for _, share in told])
     assert "evaluating outputs" in heard(told, "outputs", "r.h5", "--add", "rod.vx")
 
 
@@ -76,6 +86,67 @@ def test_the_search_for_a_model_tells(
     monkeypatch.setattr("sidtool.accuracy.cached.folder", lambda: tmp_path / "kept")
     found = heard(told, "simulate", SCENE, *SHORT, "--accuracy", "piston.x=1e-2")
     assert sum(text.startswith("choosing: ") for text in found) > 1
+    assert_one_way([s for text, s in told if text.startswith("choosing: ")])
+
+
+def test_the_search_for_meshes_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
+) -> None:
+    """Conversions and runs of one search are one way, whatever turns up on it."""
+    monkeypatch.setattr("sidtool.accuracy.cached.folder", lambda: None)
+    folder = tmp_path / "beam"
+    assert run(["new", str(folder), "--from", "beam"]) == 0
+    scene = folder / "scene.toml"
+    text = scene.read_text().replace('sid = "beam.SID_FEM"', 'model = "beam.toml"')
+    scene.write_text(text.replace("end = 1.0", "end = 0.05"))
+    heard(told, "simulate", str(scene), "--accuracy", "bar.tip.y=1e-2")
+    texts = [text for text, _ in told]
+    first = next(k for k, text in enumerate(texts) if text.startswith("choosing"))
+    search = told[first : texts.index("simulating")]
+    assert "discretising" in [text for text, _ in search]
+    assert_one_way([s for text, s in search if text != "compiling, once"])
+
+
+def assert_one_way(shares: list[float | None]) -> None:
+    """Each share is known, none is below those before it; in the end most is done."""
+    known = [share for share in shares if share is not None]
+    assert len(known) == len(shares) > 4
+    assert known == sorted(known) and 0.0 <= known[0] < 0.3 and 0.7 < known[-1] <= 1.0
+    assert len(set(known)) > 4
+
+
+def test_parts_put_the_time_left_right() -> None:
+    """Whatever parts take, each ends where its estimate says; nothing falls."""
+    told: Told = []
+    with listening(lambda text, share: told.append((text, share))):
+        reached("before")
+        with along(Course({"mesh": 1.0, "modes": 3.0, "nothing": 0.0})) as parts:
+            reached("not begun")
+            parts.enter("mesh")
+            reached("mesh", 0.5)
+            parts.enter("modes")
+            with along(Steps(2)) as steps:
+                for _ in range(4):  # more than expected
+                    steps.next()
+                    reached("modes", 0.5)
+                    reached("modes")  # nobody knows
+            parts.enter("nothing")
+            reached("nothing")
+        reached("after", 0.1)
+    steps_ = [0.25 + 0.75 * s for s in (0.25, 0.75, 5 / 6, 7 / 8)]
+    assert [share for _, share in told] == pytest.approx(
+        [None, 0.0, 0.125, *(s for s in steps_ for _ in range(2)), 1.0, 0.1]
+    )
+
+
+def test_the_time_left_is_that_of_the_pace_so_far() -> None:
+    pace = Pace()
+    assert pace.left() is None
+    pace.at(10.0, 0.2)
+    assert pace.left() is None
+    for now, share, left in ((14.0, 0.4, 12.0), (16.0, 0.4, 12.0), (30.0, 1.0, 0.0)):
+        pace.at(now, share)
+        assert pace.left() == pytest.approx(left)
 
 
 def test_kernels_are_counted(monkeypatch: pytest.MonkeyPatch, told: Told) -> None:
