@@ -13,7 +13,7 @@ _HDF5 = (".h5", ".hdf5")
 
 @dataclass(frozen=True)
 class Written:
-    """A kind of file that is written.
+    """A kind of file that is written, or a folder, which has no endings.
 
     name : how messages call it
     endings : in small letters, the usual one first
@@ -33,6 +33,7 @@ WRITTEN = {
     "table": Written("a table (CSV)", (".csv", ".txt", ".dat")),
     "modes": Written("modes (JSON)", (".json",)),
     "study": Written("a study (JSON)", (".json",)),
+    "folder": Written("a folder", ()),
     "page": Written("a page (HTML)", (".html",), chooses=True),
     "film": Written("a film (GIF or MP4)", (".gif", ".mp4"), chooses=True),
     "picture": Written(
@@ -60,6 +61,13 @@ def check_ending(path: str | os.PathLike[str], kind: str, place: str = "") -> No
     written, ending = WRITTEN[kind], Path(path).suffix.lower()
     if ending in written.endings or not (written.chooses or ending in _KNOWN):
         return
+    if not written.endings:
+        raise InputError(
+            f"is to be {written.name}, and the ending {ending} is that of a file",
+            source=path,
+            place=place,
+            expected="a name without an ending, such as " + Path(path).stem,
+        )
     said = f"the ending {ending} does not say" if ending else "it has no ending to say"
     expected = f"an ending such as {written.endings[0]}"
     if written.chooses:

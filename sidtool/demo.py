@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sidtool.formats.endings import check_ending
 from sidtool.formats.errors import InputError
 from sidtool.formats.field import Field, write_field
 from sidtool.formats.reference import ReferenceFile, read_reference
@@ -55,6 +56,7 @@ def run_demo(folder: Path, say: Say) -> None:
     """
     examples = example_folder("slider_crank")
     begin = time.perf_counter()
+    check_ending(folder, "folder")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
+from sidtool.formats.endings import check_ending
 from sidtool.formats.errors import InputError
 
 #: What `sidtool new` offers, by the name of the folder of the example.
@@ -52,9 +53,10 @@ def begin(folder: Path, start: str) -> list[str]:
 
     Raises
     ------
-    InputError : the folder exists, or cannot be made.
+    InputError : the folder exists, cannot be made, or has the ending of a file.
     """
     source = example_folder(start)
+    check_ending(folder, "folder")
     if folder.is_symlink() or folder.exists():
         raise InputError(
             "exists already", source=folder, expected="the name of a new folder"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sidtool.formats.endings import check_ending
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import is_heard, reached
 
@@ -225,6 +226,7 @@ def _check(option: str, numbers: tuple[float, ...], least: float, most: float) -
 
 def _check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be made at the end, before any work is done."""
+    check_ending(folder, "folder", "-o")
     there = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     if not (there.is_dir() and os.access(there, os.W_OK)):
         raise InputError(
