@@ -22,6 +22,9 @@ PART = 0.05
 SHARPER, LOOSEST, TIGHTEST = 1e-2, 1e-4, 1e-11
 #: The reference may be as far off as the looser run.
 SAFETY = 2.0
+#: Of the variation: what rounding alone does between two tight runs of one motion,
+#: which different methods, factorisations and processors share in part.
+ROUNDING = 5e-12
 #: From one tolerance to the next, if it was not tight enough.
 NEXT = 1.0 / 30.0
 #: Two methods tell how far each is right; the second one is asked for this more.
@@ -39,7 +42,8 @@ class Reference:
     setting : how models are integrated to be compared with each other
     variation : (n,) greatest less least value of each output
     allowed : (n,) errors that are asked for, infinite where only rounding is seen
-    uncertainty : (n,) twice the difference of the run by `MEASURING` to the reference
+    uncertainty : (n,) twice the difference of the run by `MEASURING` to the reference,
+        and rounding
     left_out : outputs that hold rounding only
     units : (n,)
     meshes : (n,) what meshes of bodies and modes that they lack add
@@ -79,7 +83,7 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
     """The finest model, integrated as tightly as the request asks for.
 
     Its uncertainty is twice the difference of two methods of different order, of which
-    the tighter one is the reference.
+    the tighter one is the reference, and the part of rounding that these may share.
 
     Raises
     ------
@@ -94,7 +98,11 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
         coarse, fine = runs.tight(choice, setting), runs.tight(choice, tighter)
         values = runs.columns(choice, fine)
         variation = np.ptp(values, axis=0)
-        moving = moves(request.names, values, variation, fine.multipliers)
+        multipliers, velocities = (
+            float(np.abs(numbers).max(initial=0.0))
+            for numbers in (fine.multipliers, fine.velocities)
+        )
+        moving = moves(request.names, values, variation, multipliers, velocities)
         absolute = np.array([t.absolute for t in request.tolerances.values()])
         judged = moving | absolute
         if not judged.any():
@@ -104,7 +112,8 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
                 expected="outputs that move",
             )
         allowed = np.where(judged, request.allowed(variation), np.inf)
-        uncertainty = SAFETY * runs.between((choice, coarse), (choice, fine))
+        between = runs.between((choice, coarse), (choice, fine))
+        uncertainty = SAFETY * between + ROUNDING * variation
         found = Reference(
             choice=choice,
             result=fine,

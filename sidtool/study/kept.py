@@ -47,6 +47,7 @@ class Store:
         numbers = {
             "names": made.names,
             "force": made.force,
+            "rate": made.rate,
             "seconds": made.seconds,
             "steps": made.steps,
             "message": made.message,

@@ -30,6 +30,7 @@ class Course:
     names : outputs that the model has
     values : (nt, n) their course at output times
     force : the largest Lagrange multiplier
+    rate : the largest velocity of the state
     seconds : the least solve time of several runs
     message : why there is no run, and nothing else then
     """
@@ -37,6 +38,7 @@ class Course:
     names: tuple[str, ...]
     values: np.ndarray
     force: float = 0.0
+    rate: float = 0.0
     seconds: float = np.inf
     steps: int = 0
     message: str = ""
@@ -62,6 +64,7 @@ def course(result: Result, seconds: float | None = None) -> Course:
         result.names,
         np.asarray(result.values),
         float(np.abs(result.multipliers).max(initial=0.0)),
+        float(np.abs(result.velocities).max(initial=0.0)),
         float(result.counters["seconds"]) if seconds is None else seconds,
         int(result.counters["steps"]),
     )

@@ -31,10 +31,11 @@ TRUSTED, CONVERGED = 1e-3, 0.1
 #: Outputs that vary by less than these parts of their own values, or of the largest
 #: variation of an output of their kind, hold rounding only.
 CONSTANT, UNMOVED = 1e-12, 1e-9
-#: Of the largest force of a joint, the part that rounding leaves of its components.
-ROUNDED_FORCE = 1e-12
-#: Outputs that are forces and moments.
-FORCE = re.compile(r"[fm][xyz]|f\d+")
+#: Of the largest force of a joint, the part that rounding leaves of its components, and
+#: of the largest velocity that of others.
+ROUNDED = 1e-12
+#: Outputs that are forces and moments, and velocities.
+FORCE, RATE = re.compile(r"[fm][xyz]|f\d+"), re.compile(r"[vw][xyz]")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +137,7 @@ def reference_of(
     values, others = (c.columns(names)[:count] for c in (tight, check))
     scale = np.ptp(values, axis=0)
     differences = np.abs(values - others).max(axis=0)
-    moving = moves(names, values, scale, np.array([tight.force]))
+    moving = moves(names, values, scale, tight.force, tight.rate)
     models = sum(
         (
             part * np.abs(others - c.columns(names)[:count]).max(axis=0)
@@ -171,22 +172,29 @@ def reference_of(
 
 
 def moves(
-    names: Sequence[str], values: np.ndarray, scale: np.ndarray, forces: np.ndarray
+    names: Sequence[str],
+    values: np.ndarray,
+    scale: np.ndarray,
+    force: float,
+    rate: float,
 ) -> np.ndarray:
-    """Which outputs vary by more than rounding, (n,); forces, of joints and drives,
-    tell how large those are that cancel in some of their components."""
-    kinds = [name.rpartition(".")[2].rstrip("0123456789") for name in names]
-    largest = [
-        max(s for s, k in zip(scale, kinds, strict=True) if k[:-1] == kind[:-1])
-        for kind in kinds
-    ]
+    """Which outputs vary by more than rounding, (n,).
+
+    force, rate : the largest force of a joint or drive and the largest velocity of the
+        state, which may cancel in what is recorded
+    """
+    ends = [name.rpartition(".")[2] for name in names]
+    kinds = [end.rstrip("0123456789")[:-1] for end in ends]
+    largest = dict.fromkeys(kinds, 0.0)
+    for kind, s in zip(kinds, scale, strict=True):
+        largest[kind] = max(largest[kind], s)
     floor = np.maximum(
-        CONSTANT * np.abs(values).max(axis=0), UNMOVED * np.array(largest)
+        CONSTANT * np.abs(values).max(axis=0),
+        UNMOVED * np.array([largest[kind] for kind in kinds]),
     )
-    of_forces = [FORCE.fullmatch(name.rpartition(".")[2]) is not None for name in names]
-    floor[of_forces] = np.maximum(
-        floor[of_forces], ROUNDED_FORCE * np.abs(forces).max(initial=0.0)
-    )
+    for pattern, size in ((FORCE, force), (RATE, rate)):
+        of_kind = [pattern.fullmatch(end) is not None for end in ends]
+        floor[of_kind] = np.maximum(floor[of_kind], ROUNDED * size)
     return np.asarray(scale > floor)
 
 

@@ -158,6 +158,8 @@ class Sketch:
             b, mine = self.marker(second)
             ends = [self.poses[first].then(at).x, self.poses[second].then(mine).x]
             length = float(np.linalg.norm(ends[1] - ends[0]))
+            if not length:  # the two markers are one place: no rod fits between them
+                return
             table: Table = {"type": kind, "length": length}
             coordinates = {"length": length}
         else:

@@ -17,6 +17,7 @@ from sidtool.formats.result import read_result, write_result
 from sidtool.formats.scene import SceneFile, tolerance
 from sidtool.formats.sid import SID, Taylor
 from sidtool.formats.sid_files import write_sid
+from sidtool.study import moves
 from tests.bodies import particle_body
 
 from .arms import cantilever, spun, swinging
@@ -380,6 +381,15 @@ def test_what_does_not_move_is_not_told_of() -> None:
     assert set(found.error) == {"block.x"}
     assert any("rounding only: block.y" in s for s in found.accuracy.sentences)
     assert all(d.output == "block.x" and not d.kept for d in found.accuracy.decisions)
+
+
+def test_a_rate_of_rounding_alone_beside_fast_motion() -> None:
+    """Nothing else of its kind is recorded that would tell how small it is."""
+    course = np.linspace(0.0, 1.0, 5)
+    values = np.column_stack([1e-14 * np.sin(9.0 * course), course])
+    names, variation = ["b.wz", "b.x"], np.ptp(values, axis=0)
+    assert moves(names, values, variation, 1.0, 5.0).tolist() == [False, True]
+    assert moves(names, values, variation, 1.0, 1e-6).tolist() == [True, True]
 
 
 def test_shape_functions_of_little_energy_are_left_out_in_groups(
