@@ -36,6 +36,8 @@ SPEEDS = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 0.5, 1, 2, 5, 10, 30)
 #: Playing time that the speed at the beginning aims at [s].
 _LEAST, _LONGEST = 3.0, 90.0
 _BODY_COLOURS = COLOURS[:6]
+#: What plays the motion, in the order of the page.
+_SCRIPTS = ("body.js", "camera.js", "player.js")
 
 
 def page(
@@ -83,7 +85,6 @@ def page(
     content = {
         "t": _packed(motion.t, "<f8"),
         "size": motion.size,
-        "centre": motion.centre.tolist(),
         "up": upward(motion.scene).tolist(),
         "views": {name: view.tolist() for name, view in views(motion.scene).items()},
         "view": "front" if motion.scene.dimension == "planar" else "iso",
@@ -116,7 +117,7 @@ def page(
         plots=_plots(motion.t, columns),
         data=text.replace("<", "\\u003c"),
         library=three_js(),
-        player=_part("player.js"),
+        player="".join(map(_part, _SCRIPTS)),
     )
 
 

@@ -1,154 +1,14 @@
-"use strict";
 (function () {
   const data = JSON.parse(document.getElementById("data").textContent);
   const $ = (id) => document.getElementById(id);
 
-  // Arrays come as base64 of little-endian numbers.
-  function bytes(text) {
-    const raw = atob(text), found = new Uint8Array(raw.length);
-    for (let i = 0; i < raw.length; i++) found[i] = raw.charCodeAt(i);
-    return found.buffer;
-  }
-  const float32 = (text) => new Float32Array(bytes(text));
-  const whole = (text) => new Uint32Array(bytes(text));
-
-  // Shape functions are stored as shares of the largest entry of each mode.
-  function modes(text, sizes) {
-    const shares = new Int16Array(bytes(text)), n = shares.length / (sizes.length || 1);
-    return sizes.map((size, k) => Float32Array.from(
-      shares.subarray(k * n, (k + 1) * n), (x) => x * size / 32767));
-  }
-
   const times = new Float64Array(bytes(data.t));
   const palette = new Uint8Array(bytes(data.palette));
-  const state = { time: times[0], playing: false, speed: data.speed, scale: data.scale,
-    colour: "", thin: false, frame: 0, cost: 0 };
-
-  class Body {
-    constructor(told) {
-      this.name = told.name;
-      this.rest = float32(told.positions);
-      this.count = this.rest.length / 3;
-      this.shapes = modes(told.shapes, told.shape_sizes);
-      this.stress = told.stress ? modes(told.stress, told.stress_sizes) : null;
-      this.initial = told.initial_stress ? float32(told.initial_stress) : null;
-      this.places = float32(told.places);
-      this.turns = float32(told.turns);
-      this.elastic = float32(told.elastic);
-      this.q = new Float32Array(this.shapes.length);
-      this.full = new THREE.BufferAttribute(whole(told.triangles), 1);
-      this.coarse = told.coarse ? new THREE.BufferAttribute(whole(told.coarse), 1) : null;
-      this.active = this.coarse ? Uint32Array.from(new Set(this.coarse.array)) : null;
-      this.moved = new Float32Array(3 * this.count);
-      this.plain = new THREE.MeshPhongMaterial({ color: told.colour, flatShading: true,
-        side: THREE.DoubleSide, shininess: 20 });
-      this.coloured = new THREE.MeshPhongMaterial({ vertexColors: true, shininess: 10,
-        flatShading: true, side: THREE.DoubleSide });
-      this.geometry = new THREE.BufferGeometry();
-      this.positions = new THREE.BufferAttribute(this.rest.slice(), 3);
-      this.positions.setUsage(THREE.DynamicDrawUsage);
-      this.colours = new THREE.BufferAttribute(new Uint8Array(3 * this.count), 3, true);
-      this.geometry.setAttribute("position", this.positions);
-      this.geometry.setAttribute("color", this.colours);
-      this.geometry.setIndex(this.full);
-      this.mesh = new THREE.Mesh(this.geometry, this.plain);
-      this.lines = new THREE.Mesh(this.geometry, new THREE.MeshBasicMaterial({
-        wireframe: true, color: 0x000000, transparent: true, opacity: 0.25 }));
-      this.lines.visible = false;
-      this.axes = new THREE.AxesHelper(0.1 * data.size);
-      this.axes.visible = false;
-      this.group = new THREE.Group();
-      this.group.add(this.mesh, this.lines, this.axes);
-      this.mesh.frustumCulled = this.lines.frustumCulled = false;
-    }
-    thin(wanted) {
-      this.geometry.setIndex(wanted && this.coarse ? this.coarse : this.full);
-    }
-    get triangles() { return this.geometry.index.count / 3; }
-    place(i, s) {
-      const next = Math.min(i + 1, times.length - 1);
-      const from = new THREE.Vector3().fromArray(this.places, 3 * i);
-      const to = new THREE.Vector3().fromArray(this.places, 3 * next);
-      this.group.position.copy(from.lerp(to, s));
-      const first = new THREE.Quaternion().fromArray(this.turns, 4 * i);
-      const second = new THREE.Quaternion().fromArray(this.turns, 4 * next);
-      this.group.quaternion.copy(first.slerp(second, s));
-      const n = this.q.length;
-      for (let k = 0; k < n; k++) {
-        this.q[k] = (1 - s) * this.elastic[i * n + k] + s * this.elastic[next * n + k];
-      }
-    }
-    each(act) {
-      const some = this.geometry.index === this.coarse ? this.active : null;
-      const n = some ? some.length : this.count;
-      for (let j = 0; j < n; j++) act(some ? some[j] : j);
-    }
-    deform() {
-      const { rest, moved, q, shapes } = this, out = this.positions.array;
-      if (!q.length) return;
-      const scale = state.scale;
-      this.each((v) => {
-        for (let a = 3 * v; a < 3 * v + 3; a++) {
-          let sum = 0;
-          for (let k = 0; k < q.length; k++) sum += q[k] * shapes[k][a];
-          moved[a] = sum;
-          out[a] = rest[a] + scale * sum;
-        }
-      });
-      this.positions.needsUpdate = true;
-    }
-    colour() {
-      const range = data.colours[state.colour];
-      const stressed = state.colour === "stress";
-      const known = range && this.q.length && (!stressed || this.stress);
-      this.mesh.material = known ? this.coloured : this.plain;
-      if (!known) return;
-      const out = this.colours.array, { moved, stress, initial, q, count } = this;
-      const s = new Float64Array(6);
-      this.each((v) => {
-        let value;
-        if (stressed) {
-          for (let c = 0; c < 6; c++) {
-            let sum = initial ? initial[6 * v + c] : 0;
-            for (let k = 0; k < q.length; k++) sum += q[k] * stress[k][6 * v + c];
-            s[c] = sum;
-          }
-          value = Math.sqrt(((s[0] - s[1]) ** 2 + (s[1] - s[2]) ** 2 + (s[2] - s[0]) ** 2)
-            / 2 + 3 * (s[3] ** 2 + s[4] ** 2 + s[5] ** 2));
-        } else {
-          value = Math.hypot(moved[3 * v], moved[3 * v + 1], moved[3 * v + 2]);
-        }
-        const row = 3 * Math.max(0, Math.min(255, Math.round(255 * value / range.most)));
-        out[3 * v] = palette[row]; out[3 * v + 1] = palette[row + 1];
-        out[3 * v + 2] = palette[row + 2];
-      });
-      this.colours.needsUpdate = true;
-    }
-  }
-
-  class Joint {
-    constructor(told) {
-      this.body = bodies.find((body) => body.name === told.body);
-      this.rest = new THREE.Vector3().fromArray(told.position);
-      this.shapes = told.shapes;
-      const form = told.kind === "revolute" || told.kind === "spherical"
-        ? new THREE.SphereGeometry(0.012 * data.size, 16, 12)
-        : new THREE.BoxGeometry(...Array(3).fill(0.022 * data.size));
-      this.mesh = new THREE.Mesh(form, new THREE.MeshPhongMaterial({ color: 0xd55e00 }));
-      this.mesh.visible = false;
-      (this.body ? this.body.group : world).add(this.mesh);
-    }
-    move() {
-      this.mesh.position.copy(this.rest);
-      if (!this.body) return;
-      const { q } = this.body;
-      ["x", "y", "z"].forEach((axis, a) => {
-        for (let k = 0; k < q.length; k++) {
-          this.mesh.position[axis] += state.scale * q[k] * this.shapes[a][k];
-        }
-      });
-    }
-  }
+  const stage = { times, palette, size: data.size, scale: data.scale,
+    colours: data.colours };
+  // view: by its name, until it is left by hand.
+  const state = { time: times[0], playing: false, speed: data.speed, colour: "",
+    view: data.view, thin: false, frame: 0, cost: 0 };
 
   const world = new THREE.Scene();
   world.background = new THREE.Color(0xf4f6f8);
@@ -166,30 +26,41 @@
     $("notice").textContent = "This browser shows no WebGL: the mechanism cannot be drawn.";
     return;
   }
-  const bodies = data.bodies.map((told) => new Body(told));
+  const bodies = data.bodies.map((told) => new Body(told, stage));
   bodies.forEach((body) => world.add(body.group));
-  const joints = data.joints.map((told) => new Joint(told));
+  const joints = data.joints.map((told) => new Joint(told,
+    bodies.find((body) => body.name === told.body), world, stage));
+  const corners = (act) => [...bodies, ...joints].forEach((part) => part.corners(act));
   const orbit = new THREE.OrbitControls(camera, $("canvas"));
+  orbit.addEventListener("start", () => { state.view = ""; });
   orbit.addEventListener("change", () => { if (!state.playing) render(); });
 
-  const DIRECTIONS = { iso: data.views.iso, front: data.views.front, top: data.views.top,
-    side: data.views.side };
+  // Parts of the window: around what moves, and what a legend may take at most.
+  const RIM = 0.04, LEGEND = 0.3;
   function look(name) {
-    const target = new THREE.Vector3().fromArray(data.centre);
-    const direction = new THREE.Vector3().fromArray(DIRECTIONS[name]).normalize();
-    const half = Math.tan(camera.fov * Math.PI / 360) * Math.min(1, camera.aspect);
-    camera.position.copy(target).addScaledVector(direction, 0.55 * data.size / half);
+    state.view = name;
+    const above = (1 - 2 * RIM) * Math.tan(camera.fov * Math.PI / 360);
+    const right = above * camera.aspect;
+    const { clientHeight: height } = $("stage"), legend = $("legend");
+    const taken = legend.hidden ? 0 : (height - legend.offsetTop) / Math.max(height, 1);
+    const below = above - 2 * above * Math.min(taken, LEGEND);
+    const { position, target } = fitted(corners,
+      new THREE.Vector3().fromArray(data.views[name]), camera.up,
+      { left: right, right, below, above });
+    camera.position.copy(position);
     orbit.target.copy(target);
     orbit.update();
     render();
   }
+  const refit = () => { if (state.view) look(state.view); };
 
   function resize() {
     const { clientWidth: w, clientHeight: h } = $("stage");
     renderer.setPixelRatio(window.devicePixelRatio);
     renderer.setSize(w, h, false);
-    camera.aspect = w / Math.max(h, 1);
+    camera.aspect = Math.max(w, 1) / Math.max(h, 1);
     camera.updateProjectionMatrix();
+    refit();
     render();
   }
 
@@ -207,7 +78,11 @@
 
   function update() {
     const [i, s] = interval(state.time);
-    bodies.forEach((body) => { body.place(i, s); body.deform(); body.colour(); });
+    for (const body of bodies) {
+      body.place(i, s);
+      body.deform();
+      body.colour(state.colour);
+    }
     joints.forEach((joint) => joint.move());
     $("slider").value = state.time;
     $("clock").textContent = state.time.toPrecision(5) + " s";
@@ -287,15 +162,17 @@
         `rgb(${palette.slice(3 * row, 3 * row + 3)})`);
       $("legend-bar").style.background = `linear-gradient(90deg, ${stops})`;
     }
+    refit();
     update();
   }
   // The slider of the scale is logarithmic from its middle on: 0, 1, ... 10000.
   const toScale = (x) => (x < 10 ? x / 10 : Math.pow(10, (x - 10) / 22.5));
   const fromScale = (s) => (s < 1 ? 10 * s : 10 + 22.5 * Math.log10(s));
   function scale(value) {
-    state.scale = value;
+    stage.scale = value;
     $("scale").value = fromScale(value);
     $("scale-value").textContent = "x " + +value.toPrecision(2);
+    refit();
     update();
   }
 
@@ -310,7 +187,7 @@
     frames: (on) => bodies.forEach((b) => { b.axes.visible = on; }),
     edges: (on) => bodies.forEach((b) => { b.lines.visible = on; }) };
   for (const [id, show] of Object.entries(shown)) {
-    $(id).addEventListener("change", (e) => { show(e.target.checked); update(); });
+    $(id).addEventListener("change", (e) => { show(e.target.checked); refit(); update(); });
   }
   for (const button of document.querySelectorAll("[data-view]")) {
     button.addEventListener("click", () => look(button.dataset.view));
@@ -333,7 +210,9 @@
   window.addEventListener("resize", resize);
 
   // For scripts that look at the page.
-  window.player = { seek, play, look, colour, scale, state, triangles,
+  window.player = { seek, play, look, colour, scale, state, stage, triangles,
+    sight: () => ({ view: camera.matrixWorldInverse.toArray(),
+      projection: camera.projectionMatrix.toArray() }),
     bodies: () => Object.fromEntries(bodies.map((body) => [body.name, {
       place: body.group.position.toArray(), q: Array.from(body.q),
       point: (row) => new THREE.Vector3().fromArray(body.positions.array, 3 * row)
@@ -341,5 +220,4 @@
   resize();
   scale(data.scale);
   colour(data.colour);
-  look(data.view);
 })();

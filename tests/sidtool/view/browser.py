@@ -40,15 +40,21 @@ class Page:
         return self.page.evaluate(script)
 
 
-@contextmanager
-def opened(path: Path) -> Iterator[Page]:
-    """A page of a file in a headless Chromium that is installed here."""
+def needed() -> tuple[str, Any]:
+    """A Chromium and what drives it; without them a test is skipped."""
     found = next(filter(None, map(shutil.which, NAMES)), None)
     if found is None:
         pytest.skip("no Chromium is installed here (apt-get install chromium)")
     api = pytest.importorskip(
         "playwright.sync_api", reason="playwright is not installed (sidtool[pictures])"
     )
+    return found, api
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Page]:
+    """A page of a file in a headless Chromium that is installed here."""
+    found, api = needed()
     with api.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=found, args=list(FLAGS))
         try:

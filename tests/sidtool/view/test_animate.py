@@ -122,7 +122,7 @@ def test_a_point_of_the_page_is_where_its_elastic_motion_puts_it(
     with opened(motion) as page:
         page.run("player.seek(1.2)")
         points = [page.run(f"player.bodies().rod.point({row})") for row in ends]
-        assert page.run("player.state.scale") == 1
+        assert page.run("player.stage.scale") == 1
     row = int(np.abs(result.t - 1.2).argmin())
     middle = np.mean(points, axis=0)
     expected = [result[f"rod.piston_pin.{axis}"][row] for axis in "xy"]
