@@ -13,7 +13,7 @@ import numpy as np
 from sidtool.formats import result as stored
 from sidtool.formats.errors import InputError
 from sidtool.formats.html import html_table
-from sidtool.formats.scene import unit_of
+from sidtool.formats.result import units_in
 from sidtool.formats.sid import Array
 
 if TYPE_CHECKING:
@@ -53,13 +53,13 @@ class Result(stored.Result):
         return outputs(self, wanted)
 
     def unit(self, name: str) -> str:
-        """The unit of an output, "" where it has none or its SID decides."""
-        return unit_of(name)
+        """The unit of an output, "" where it has none, see `unit_of`."""
+        return units_in(self)(name)
 
     @property
     def units(self) -> dict[str, str]:
         """The units of the outputs that were recorded."""
-        return {name: unit_of(name) for name in self.names}
+        return {name: self.unit(name) for name in self.names}
 
     def said(self) -> Scene:
         """The scene that was simulated.
@@ -86,7 +86,7 @@ class Result(stored.Result):
         pandas = _installed("pandas")
         found = self.outputs(names)
         table = pandas.DataFrame(found, index=pandas.Index(self.t, name="t"))
-        table.attrs["units"] = {name: unit_of(name) for name in found} | {"t": "s"}
+        table.attrs["units"] = {name: self.unit(name) for name in found} | {"t": "s"}
         return table
 
     def to_xarray(self, names: Names | None = None) -> xarray.Dataset:
@@ -98,7 +98,7 @@ class Result(stored.Result):
         """
         xarray = _installed("xarray")
         found = self.outputs(names)
-        variables = {n: ("t", v, {"units": unit_of(n)}) for n, v in found.items()}
+        variables = {n: ("t", v, {"units": self.unit(n)}) for n, v in found.items()}
         times = {"t": ("t", self.t, {"units": "s"})}
         return xarray.Dataset(variables, times, {"title": self.title})
 
@@ -155,7 +155,7 @@ class Result(stored.Result):
         from .report.result import course
 
         rows = [
-            (name, f"{column.min():.6g}", f"{column.max():.6g}", unit_of(name))
+            (name, f"{column.min():.6g}", f"{column.max():.6g}", self.unit(name))
             for name, column in zip(self.names, self.values.T, strict=True)
             if len(column)
         ]

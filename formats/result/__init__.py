@@ -9,6 +9,7 @@ from .events import Event
 from .hdf5 import ResultFile, read_result, write_result
 from .rows import InMemory, Sink
 from .table import TableFile, write_csv
+from .units import units_in
 
 __all__ = [
     "AccuracyReport",
@@ -24,6 +25,7 @@ __all__ = [
     "Sink",
     "TableFile",
     "read_result",
+    "units_in",
     "write_csv",
     "write_result",
 ]

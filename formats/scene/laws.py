@@ -50,7 +50,9 @@ class Expression(Table):
     """
 
     type: Literal["expression"] = "expression"
-    value: str = Field(description="the formula [N] or [N m]")
+    value: str = Field(
+        description="the formula [N] or [N m]; of a point force the factor"
+    )
     parameters: dict[str, float] = Field(
         default_factory=dict,
         description="numbers by name, beside those of the scene",

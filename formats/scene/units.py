@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from .drives import driven_coordinate
+from .forces import PointForce
+from .joints import Coupling, Gear, coupled_coordinates
+from .laws import Pid
 from .outputs import (
     FRICTION_QUANTITIES,
     IN_BODY,
@@ -9,12 +15,16 @@ from .outputs import (
     MULTIPLIER,
     STATE,
     VALUE,
+    OutputName,
     coordinate_of,
     is_elastic,
     is_rate,
     is_stress,
     parse_output,
 )
+
+if TYPE_CHECKING:
+    from .file import SceneFile
 
 _KINDS = {"u": "m", "v": "m/s", "a": "m/s\N{SUPERSCRIPT TWO}", "w": "rad/s"}
 
@@ -26,12 +36,33 @@ _MOMENTA = {
 _WORDS = {**_MOMENTA, "quaternion": "", "rotation": "rad"}
 
 
-def unit_of(name: str) -> str:
-    """The unit of an output; empty where it has none that is known.
+#: Of the multipliers of a joint those that are forces, in the plane and in space: they
+#: come first, and the others are torques.
+FORCES = {
+    "fixed": (2, 3),
+    "revolute": (2, 3),
+    "prismatic": (1, 2),
+    "cylindrical": (0, 2),
+    "screw": (0, 2),
+    "spherical": (0, 3),
+    "universal": (0, 3),
+    "planar": (0, 1),
+    "point_on_line": (1, 2),
+    "point_on_plane": (0, 1),
+    "coincident": (2, 3),
+    "distance": (1, 1),
+}
+#: Of a screw the last one, which holds its thread, is a force.
+THREAD = 5
 
-    Elastic coordinates are measured in what their SID says, multipliers in what their
-    constraint needs, friction in N or N m as its joint moves, laws and their states in
-    what their formula makes of it.
+
+def unit_of(name: str, scene: SceneFile | None = None) -> str:
+    """The unit of an output; empty where it has none, or none that is known.
+
+    None have quaternions, what scales a force, and `sticking`; elastic coordinates are
+    measured in what their SID says, states of formulas in what these make of it, and
+    `constraint` is the largest of lengths and angles. Without their scene multipliers,
+    friction and what laws give are not known either.
 
     Raises
     ------
@@ -48,17 +79,78 @@ def unit_of(name: str) -> str:
     if "_" in quantity and quantity.rpartition("_")[0] in _WORDS:
         return _WORDS[quantity.rpartition("_")[0]]
     if quantity in FRICTION_QUANTITIES:
-        return ""
+        return _of_friction(parsed, scene)
     if is_stress(quantity):
         return "Pa"
-    if is_elastic(quantity) or MULTIPLIER.fullmatch(quantity):
+    if is_elastic(quantity):
         return ""
+    if MULTIPLIER.fullmatch(quantity):
+        return _of_multiplier(parsed, scene)
     if quantity in JOINT_QUANTITIES:
         return "N" if quantity[0] == "f" else "N m"
     if parsed.marker == STATE or quantity == VALUE:
-        return ""
+        return _of_law(parsed, scene)
     coordinate = coordinate_of(quantity)
     if coordinate:
         unit = "rad" if coordinate.startswith("angle") else "m"
         return f"{unit}/s" if is_rate(quantity) else unit
     return _KINDS[quantity[0]] if len(quantity) == 2 else "m"
+
+
+def _along(coordinate: str) -> str:
+    """What pushes along a coordinate."""
+    turns = coordinate.startswith("angle") or coordinate == "rotation"
+    return "N m" if turns else "N"
+
+
+def _of_friction(name: OutputName, scene: SceneFile | None) -> str:
+    if name.quantity == "normal_force":
+        return "N"
+    if scene is None or name.quantity == "sticking":
+        return ""
+    return _along(scene.joints[name.owner].coordinates[0])
+
+
+def _of_law(name: OutputName, scene: SceneFile | None) -> str:
+    if scene is None:
+        return ""
+    force = scene.forces[name.owner]
+    function = getattr(force, "function", None)
+    if name.marker != STATE:
+        if isinstance(force, PointForce):
+            return ""
+        joint, coordinate = (getattr(force, k, None) for k in ("joint", "coordinate"))
+        if joint is None:
+            return "N"
+        return _along(coordinate or scene.joints[joint].coordinates[0])
+    if not isinstance(function, Pid):
+        return ""
+    unit = unit_of(function.measured, scene)
+    if name.quantity == "derivative":
+        return f"{unit}\N{SUPERSCRIPT TWO}" if unit.endswith("/s") else f"{unit}/s"
+    return unit.removesuffix("/s") if unit.endswith("/s") else f"{unit} s"
+
+
+def _of_multiplier(name: OutputName, scene: SceneFile | None) -> str:
+    """That of fK; f* are several."""
+    if scene is None:
+        return ""
+    if name.owner in scene.drives:
+        return _along(driven_coordinate(scene.drives[name.owner], scene.joints))
+    joint = scene.joints[name.owner]
+    if isinstance(joint, Gear | Coupling):
+        return _of_coupling(joint, scene)
+    forces = FORCES[joint.type][scene.dimension == "spatial"]
+    if name.quantity == "f*":
+        return ""
+    number = int(name.quantity[1:])
+    is_thread = joint.type == "screw" and number == THREAD
+    return "N" if number <= forces or is_thread else "N m"
+
+
+def _of_coupling(joint: Gear | Coupling, scene: SceneFile) -> str:
+    """Of the last coordinate of a gear, whose ratio brings the first to it; of other
+    sums only if all coordinates are of one kind."""
+    terms = coupled_coordinates(joint, scene.joints)
+    units = [_along(coordinate) for _, coordinate, _ in terms]
+    return units[-1] if isinstance(joint, Gear) or len(set(units)) == 1 else ""

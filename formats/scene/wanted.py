@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from typing import Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from pydantic import Field, StringConstraints
 
 from ..errors import InputError
 from .units import unit_of
 from .wildcards import has_wildcard
+
+if TYPE_CHECKING:
+    from .file import SceneFile
 
 #: Relative errors that can be asked for; what is feasible is measured.
 LEAST, MOST = 1e-10, 0.5
@@ -41,7 +44,9 @@ class Tolerance(NamedTuple):
     absolute: bool
 
 
-def tolerance(name: str, wanted: float | str) -> Tolerance:
+def tolerance(
+    name: str, wanted: float | str, scene: SceneFile | None = None
+) -> Tolerance:
     """What is wanted of one output: 1e-3 and "0.1 %" of its variation, or "1e-6 m".
 
     Raises
@@ -55,14 +60,14 @@ def tolerance(name: str, wanted: float | str) -> Tolerance:
     value = _number(found[1]) if found else math.nan
     unit = (found[2] or "") if found else ""
     if not 0.0 < value < math.inf:
-        raise _refused(name, wanted)
+        raise _refused(name, wanted, scene)
     if unit == "%":
         if not LEAST <= value / 100.0 <= MOST:
-            raise _refused(name, wanted)
+            raise _refused(name, wanted, scene)
         return Tolerance(value / 100.0, False)
-    factor = _factors(unit_of(name)).get(_plain(unit))
+    factor = _factors(unit_of(name, scene)).get(_plain(unit))
     if factor is None:
-        raise _refused(name, wanted)
+        raise _refused(name, wanted, scene)
     return Tolerance(value * factor, True)
 
 
@@ -73,7 +78,9 @@ def told(wanted: float | Mapping[str, float | str]) -> dict[str, str]:
     return {n: w if isinstance(w, str) else f"{w:g}" for n, w in wanted.items()}
 
 
-def check_wanted(wanted: float | Mapping[str, float | str] | None) -> None:
+def check_wanted(
+    wanted: float | Mapping[str, float | str] | None, scene: SceneFile
+) -> None:
     """Those of outputs without wildcards, whose units are known.
 
     Raises
@@ -82,7 +89,7 @@ def check_wanted(wanted: float | Mapping[str, float | str] | None) -> None:
     """
     for name, amount in wanted.items() if isinstance(wanted, Mapping) else ():
         if not has_wildcard(name):
-            tolerance(name, amount)
+            tolerance(name, amount, scene)
 
 
 def _number(text: str) -> float:
@@ -104,8 +111,8 @@ def _factors(unit: str) -> dict[str, float]:
     return found | ({"deg": _DEGREE} if unit == "rad" else {})
 
 
-def _refused(name: str, wanted: str) -> InputError:
-    unit = unit_of(name)
+def _refused(name: str, wanted: str, scene: SceneFile | None) -> InputError:
+    unit = unit_of(name, scene)
     amount = f'"1e-6 {unit}"' if unit else '"1e-6"'
     return InputError(
         f"found {wanted!r}",

@@ -130,9 +130,10 @@ class _Search:
         sizes = dict(zip(names, np.abs(columns).max(axis=0), strict=True))
         kinds: dict[str, float] = {}
         for name, size in sizes.items():
-            kinds[unit_of(name)] = max(kinds.get(unit_of(name), 0.0), size)
+            unit = unit_of(name, scene)
+            kinds[unit] = max(kinds.get(unit, 0.0), size)
         return any(
-            size > IN_PLANE * kinds[unit_of(name)]
+            size > IN_PLANE * kinds[unit_of(name, scene)]
             for name, size in sizes.items()
             if is_across(name)
         )

@@ -148,12 +148,12 @@ def _chosen(
         *meshes.sentences,
         *(decision.sentence for decision in made),
         *remarks(scene, request, reference, sids, terms, meshes.made),
-        *told_bounds(proven),
+        *told_bounds(proven, scene),
         *_not_recorded(scene, sids, chosen),
     )
     report = AccuracyReport(
         wanted={},
-        outputs=_outputs(request, reference, chosen, proven),
+        outputs=_outputs(request, reference, chosen, proven, scene),
         budget=lines,
         decisions=made,
         sentences=sentences,
@@ -205,6 +205,7 @@ def _outputs(
     reference: Reference,
     chosen: Chosen,
     proven: Mapping[str, float],
+    scene: SceneFile,
 ) -> tuple[OutputError, ...]:
     rows = zip(
         request.names,
@@ -216,7 +217,7 @@ def _outputs(
     return tuple(
         OutputError(
             name=name,
-            unit=unit_of(name),
+            unit=unit_of(name, scene),
             error=float(error),
             variation=float(variation),
             allowed=float(allowed),

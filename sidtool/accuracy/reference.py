@@ -122,7 +122,7 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
             allowed=allowed,
             uncertainty=uncertainty,
             left_out=tuple(np.array(request.names)[~judged].tolist()),
-            units=tuple(map(unit_of, request.names)),
+            units=tuple(unit_of(name, runs.scene) for name in request.names),
             meshes=np.zeros(len(request.names)),
         )
         if found.use(uncertainty) <= PART:

@@ -161,11 +161,12 @@ def _static(names: Sequence[str], scene: SceneFile) -> str:
     return f", such as static ones for loads at {', '.join(places)}"
 
 
-def told_bounds(proven: Mapping[str, float]) -> Iterator[str]:
+def told_bounds(proven: Mapping[str, float], scene: SceneFile) -> Iterator[str]:
     """What errors cannot exceed, by output."""
     if proven:
         amounts = [
-            f"{n} {b:.1e} {unit_of(n)}".rstrip() for n, b in sorted(proven.items())
+            f"{n} {b:.1e} {unit_of(n, scene)}".rstrip()
+            for n, b in sorted(proven.items())
         ]
         yield (
             f"bounds of errors against all that the SIDs hold: {', '.join(amounts)}; "

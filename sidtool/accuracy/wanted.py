@@ -57,7 +57,7 @@ def requested(scene: SceneFile, sids: Mapping[str, SID], wanted: Wanted) -> Requ
         found = {}
         for text, amount in wanted.items():
             for name in _each(scene, sids, (text,), "accuracy.wanted"):
-                found[name] = tolerance(name, amount)
+                found[name] = tolerance(name, amount, scene)
         return Request(found)
     names = _each(scene, sids, scene.outputs.record, "outputs.record")
     ignored = tuple(n for n in names if n in _NO_QUANTITIES or n.endswith(".sticking"))

@@ -15,8 +15,7 @@ from sidtool import __version__
 from sidtool.formats.endings import check_ending
 from sidtool.formats.errors import InputError
 from sidtool.formats.html import html_table
-from sidtool.formats.result import Result
-from sidtool.formats.scene import unit_of
+from sidtool.formats.result import Result, units_in
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.solver.afterwards import scene_of
 
@@ -143,12 +142,12 @@ def _outputs(result: Result, told: list[str]) -> Iterator[str]:
     """A table of ranges with units, and curves."""
     if not result.names or not len(result.t):
         return
-    rows = []
+    rows, unit = [], units_in(result)
     for name, column in zip(result.names, result.values.T, strict=True):
         numbers = (column[0], np.min(column), np.max(column), column[-1])
         when = result.t[int(np.argmax(np.abs(column)))]
         cells = [f"{x:.6g}" for x in (*numbers, when)]
-        rows.append((name, unit_of(name), *cells))
+        rows.append((name, unit(name), *cells))
     header = ("output", "unit", "first", "least", "greatest", "last", "largest at [s]")
     yield "<h2>Outputs</h2>" + html_table(rows, header)
     if len(result.t) < 2:

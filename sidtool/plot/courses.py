@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from sidtool.formats.scene import unit_of
 
 from .figure import COLOURS, new_page, styled
 
@@ -51,7 +49,7 @@ def grouped(names: Sequence[str]) -> list[list[str]]:
     return list(groups.values())
 
 
-def label_of(names: Sequence[str]) -> str:
+def label_of(names: Sequence[str], unit_of: Callable[[str], str]) -> str:
     """What an axis says: the common name and the unit."""
     stem = re.sub(r"\d+$", "", names[0]) if len(names) > 1 else names[0]
     unit = unit_of(names[0])
@@ -77,7 +75,9 @@ def draw(axes: Any, t: Array, curves: Sequence[Curve], label: str) -> None:
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0)
 
 
-def drawn_svg(t: Array, columns: Mapping[str, Array]) -> tuple[str, float, float]:
+def drawn_svg(
+    t: Array, columns: Mapping[str, Array], unit_of: Callable[[str], str]
+) -> tuple[str, float, float]:
     """All outputs below each other as SVG, and where the axes begin and end across
     it, as shares of its width."""
     groups = grouped(list(columns))
@@ -87,7 +87,7 @@ def drawn_svg(t: Array, columns: Mapping[str, Array]) -> tuple[str, float, float
         rows = np.atleast_1d(axes)
         for place, names in zip(rows, groups, strict=True):
             curves = [Curve(name, columns[name]) for name in names]
-            draw(place, t, curves, label_of(names))
+            draw(place, t, curves, label_of(names, unit_of))
         rows[-1].set_xlabel("t [s]")
         page.draw_without_rendering()
         box = rows[0].get_position()

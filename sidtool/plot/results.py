@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.result import Result
-from sidtool.formats.scene import expanded, unit_of
+from sidtool.formats.result import Result, units_in
+from sidtool.formats.scene import expanded
 from sidtool.solver.afterwards import Replay, scene_of
 
 from ..afterwards import outputs, outputs_at, played_outputs
@@ -87,7 +87,12 @@ def drawn(
         page, axes = new_page(len(groups), 1, (7.5, 1.7 * len(groups) + 0.6))
         rows = np.atleast_1d(axes)
         for place, group in zip(rows, groups, strict=True):
-            draw(place, t, _curves(result, group, columns), label_of(group))
+            draw(
+                place,
+                t,
+                _curves(result, group, columns),
+                label_of(group, units_in(result)),
+            )
             if kind == "drift":
                 place.set_yscale("log")
         _finish(page, rows, result, "t [s]")
@@ -176,7 +181,7 @@ def _spectrum(result: Result, names: list[str]) -> tuple[Figure, list[str]]:
         for place, group in zip(rows, groups, strict=True):
             for name in group:
                 place.semilogy(frequencies, amplitudes(columns[name])[1:], label=name)
-            unit = unit_of(group[0])
+            unit = units_in(result)(group[0])
             place.set_ylabel(f"amplitude [{unit}]" if unit else "amplitude")
             place.legend(
                 loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sidtool.formats.result import Result
-from sidtool.formats.scene import unit_of
+from sidtool.formats.result import Result, units_in
 from sidtool.formats.sid import SID
 from sidtool.formats.toml.files import File
 
@@ -56,9 +55,10 @@ def result_data(
     if span is None:
         t = result.t
         span = (t[0], t[-1], len(t)) if len(t) else (math.nan, math.nan, 0)
+    unit = units_in(result)
     outputs = {
         name: {
-            "unit": unit_of(name),
+            "unit": unit(name),
             "first": column[0],
             "least": np.min(column),
             "greatest": np.max(column),

@@ -6,6 +6,7 @@ import base64
 import html
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib import resources
 from string import Template
 from typing import Any
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.scene import unit_of
 from sidtool.formats.sid import Array
 
 from ..plot.courses import drawn_svg
@@ -114,7 +116,7 @@ def page(
         told=html.escape("; ".join(sentences)),
         generator=html.escape(generator),
         style=_part("player.css"),
-        plots=_plots(motion.t, columns),
+        plots=_plots(motion, columns),
         data=text.replace("<", "\\u003c"),
         library=three_js(),
         player="".join(map(_part, _SCRIPTS)),
@@ -200,9 +202,10 @@ def _speed(duration: float) -> float:
     return min(SPEEDS, key=lambda speed: abs(np.log(speed / wanted)))
 
 
-def _plots(t: Array, columns: Mapping[str, Array]) -> str:
-    if not columns or len(t) < 2:
+def _plots(motion: Played, columns: Mapping[str, Array]) -> str:
+    if not columns or len(motion.t) < 2:
         return ""
-    svg, left, right = drawn_svg(t, columns)
+    units = partial(unit_of, scene=motion.scene)
+    svg, left, right = drawn_svg(motion.t, columns, units)
     mark = f'<div class="cursor" data-left="{left:.6f}" data-right="{right:.6f}"></div>'
     return f'<div class="plot">{svg}{mark}</div>'

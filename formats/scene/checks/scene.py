@@ -77,7 +77,7 @@ def _check_wanted(scene: SceneFile) -> None:
     for name in wanted if isinstance(wanted, dict) else ():
         if not has_wildcard(name):
             _check_output(name, "accuracy.wanted", scene)
-    check_wanted(wanted)
+    check_wanted(wanted, scene)
 
 
 def _check_names(scene: SceneFile) -> None:

@@ -211,8 +211,8 @@ def test_groups_and_units() -> None:
         ["piston.x"],
         ["rod.tip.vx"],
     ]
-    assert label_of(["rod.q1", "rod.q2"]) == "rod.q"
-    assert label_of(["rod.tip.vx"]) == "rod.tip.vx [m/s]"
+    assert label_of(["rod.q1", "rod.q2"], unit_of) == "rod.q"
+    assert label_of(["rod.tip.vx"], unit_of) == "rod.tip.vx [m/s]"
     units = {
         "a.x": "m",
         "a.angle": "rad",
