@@ -16,6 +16,7 @@ from sidtool.formats.errors import InputError
 from ..frontends.anisotropic import ElasticMaterial
 from ..frontends.elements.reference import reference_element
 from ..frontends.mesh.data import ElementBlock, Mesh
+from .imported_bars import RawBar
 from .imported_ties import RawEquation, RawTie
 
 #: Labels are held in 64 bits.
@@ -39,6 +40,7 @@ class RawCoupling:
     rigid : whether the nodes are one rigid piece; else the reference node takes their
         mean motion
     reference : label of the reference node, None where the file has none
+    turns : whether nodes that turn by themselves turn with the rigid piece
     """
 
     name: str
@@ -46,6 +48,7 @@ class RawCoupling:
     nodes: tuple[int, ...]
     reference: int | None
     place: str
+    turns: bool = True
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,7 @@ class ImportedMesh:
     notes : sentences on what was read, replaced and left out
     couplings, masses : what holds nodes together beside elements, and point masses
     equations, ties : between displacements, and of surfaces
+    bars : instead of elements of the mesh, which has nodes alone then
     """
 
     mesh: Mesh
@@ -94,6 +98,7 @@ class ImportedMesh:
     masses: tuple[RawMass, ...] = ()
     equations: tuple[RawEquation, ...] = ()
     ties: tuple[RawTie, ...] = ()
+    bars: tuple[RawBar, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -182,12 +187,7 @@ def assembled_mesh(
         )
     d = dimensions.pop()
     positions = np.array(list(nodes.values()), float).reshape(-1, 3)
-    lost = np.flatnonzero(~np.isfinite(positions).all(axis=1))
-    if lost.size:
-        raise InputError(
-            f"node {labels[lost[0]]} has no finite position",
-            expected="finite coordinates",
-        )
+    _check_finite(positions, labels)
     blocks = tuple(
         ElementBlock(
             kind,
@@ -207,15 +207,46 @@ def assembled_mesh(
                 expected="a plane mesh in the xy plane, or geometry.engine = "
                 '"calculix", which makes shells of those of an .inp or .bdf',
             )
-    members = {
+    return Mesh(positions[:, :d], blocks, _members(nodes, sets), labels)
+
+
+def points_mesh(
+    nodes: Mapping[int, tuple[float, float, float]],
+    sets: Mapping[str, Iterable[int]],
+) -> Mesh:
+    """Nodes and their sets without elements.
+
+    Raises
+    ------
+    InputError : a node has no finite position.
+    """
+    labels = np.fromiter(nodes, np.int64, len(nodes))
+    positions = np.array(list(nodes.values()), float).reshape(-1, 3)
+    _check_finite(positions, labels)
+    return Mesh(positions, (), _members(nodes, sets), labels)
+
+
+def _members(
+    nodes: Mapping[int, object], sets: Mapping[str, Iterable[int]]
+) -> dict[str, Indices]:
+    row = {label: i for i, label in enumerate(nodes)}
+    return {
         name: np.array(sorted({row[n] for n in group if n in row}), np.int64)
         for name, group in sets.items()
     }
-    return Mesh(positions[:, :d], blocks, members, labels)
+
+
+def _check_finite(positions: Array, labels: Indices) -> None:
+    lost = np.flatnonzero(~np.isfinite(positions).all(axis=1))
+    if lost.size:
+        raise InputError(
+            f"node {labels[lost[0]]} has no finite position",
+            expected="finite coordinates",
+        )
 
 
 def reading_notes(
-    nodes: Mapping[int, object], elements: Sequence[RawElement], given: int
+    nodes: Mapping[int, object], elements: Sequence[RawElement | RawBar], given: int
 ) -> list[str]:
     """What was read of how many elements and nodes of a file.
 
@@ -223,7 +254,9 @@ def reading_notes(
     ----------
     given : elements in the file, with those of lower dimension that only name nodes
     """
-    counts = Counter(element.kind for element in elements)
+    counts = Counter(
+        "bar" if isinstance(element, RawBar) else element.kind for element in elements
+    )
     listed = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     used = {node for element in elements for node in element.nodes}
     notes = [

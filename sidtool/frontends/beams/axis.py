@@ -117,13 +117,20 @@ def beam_axis(geometry: BeamGeometry) -> Axis:
         )
     twist = run(geometry.twist)
     if len(points) == 2:
-        return _line(points[0], points[1], float(steps[0]), geometry.y_axis, twist)
+        return line(points[0], points[1], geometry.y_axis, twist)
     return _curve(points, steps, geometry.y_axis, twist)
 
 
-def _line(
-    start: Array, end: Array, length: float, y_axis: Any, twist: Polynomial
+def line(
+    start: Array, end: Array, y_axis: Any, twist: Polynomial | None = None
 ) -> Axis:
+    """A straight axis between two places that differ.
+
+    Raises
+    ------
+    InputError : the y axis is parallel to it.
+    """
+    length = float(np.linalg.norm(end - start))
     x = (end - start) / length
     y = _across(np.array(y_axis, float), x)
     return Axis(
@@ -133,7 +140,7 @@ def _line(
         lambda f: start + np.multiply.outer(f * length, x),
         lambda f: (np.tile(x, (len(f), 1)), np.zeros((len(f), 3))),
         lambda f: np.tile(y, (len(f), 1)),
-        twist,
+        twist or Polynomial([0.0]),
     )
 
 

@@ -9,6 +9,7 @@ curved, twisted and tapered as the beam is, and thin ones do not lock.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -17,11 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model.geometry import BeamGeometry
 from sidtool.formats.sid_mass import skew
 
 from .axis import Axis, Frames
-from .section import Section, section_at
+from .section import Section
 
 Array = NDArray[np.float64]
 _X, _W = np.polynomial.legendre.leggauss(4)
@@ -36,11 +36,12 @@ class Beam:
 
     Attributes
     ----------
+    section : by the fraction of its length
     e, g : Young's and the shear modulus [Pa]
     shear : whether cross-sections shear (Timoshenko)
     """
 
-    geometry: BeamGeometry
+    section: Callable[[float], Section]
     axis: Axis
     e: float
     g: float
@@ -83,14 +84,14 @@ class Element:
     def section(self, place: float) -> Section:
         """At a fraction of the element."""
         fraction = self.first + place * (self.last - self.first)
-        return section_at(self.beam.geometry, fraction)
+        return self.beam.section(fraction)
 
     def rows(self, place: float) -> Rows:
         """At a fraction of the element."""
         frames = self.frames(np.array([place]))
-        back = _transport(frames.places[0] - self._ends[1])
+        back = transport(frames.places[0] - self._ends[1])
         motion = back @ self._covered(place) @ self._forces
-        motion[:, :6] += _transport(frames.places[0] - self._ends[0])
+        motion[:, :6] += transport(frames.places[0] - self._ends[0])
         resultants = self._resultants(frames, 0) @ self._forces
         strains = self._compliance(place, frames, 0) @ resultants
         return Rows(motion[:3], motion[3:], strains, resultants)
@@ -112,7 +113,7 @@ class Element:
     @cached_property
     def _relative(self) -> Array:
         """(6, 12) motion of the end relative to the start as a rigid body."""
-        return np.hstack([-_transport(self._ends[1] - self._ends[0]), np.eye(6)])
+        return np.hstack([-transport(self._ends[1] - self._ends[0]), np.eye(6)])
 
     @cached_property
     def _forces(self) -> Array:
@@ -143,7 +144,7 @@ class Element:
     def _resultants(self, frames: Frames, i: int) -> Array:
         """(6, 6) in the section, of forces and moments at the end."""
         turn = np.kron(np.eye(2), frames.axes[i])
-        return np.asarray(turn @ _transport(self._ends[1] - frames.places[i]).T)
+        return np.asarray(turn @ transport(self._ends[1] - frames.places[i]).T)
 
     def _compliance(self, place: float, frames: Frames, i: int) -> Array:
         """(6, 6) strains of resultants."""
@@ -172,7 +173,7 @@ def _compliance(
     return compliance
 
 
-def _transport(arm: Array) -> Array:
+def transport(arm: Array) -> Array:
     """(6, 6) motion of a point, rigidly, at an arm from one: of that one's motion."""
     result = np.eye(6)
     result[:3, 3:] = -skew(arm)

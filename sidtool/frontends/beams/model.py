@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
@@ -10,18 +12,18 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile, NodeMarker
 from sidtool.formats.model.discretisation import BeamDiscretisation
 from sidtool.formats.model.geometry import BeamGeometry
-from sidtool.formats.sid_mass import skew
 
-from ..elements.inertia_points import InertiaPoints
 from ..finite_element_model import FiniteElementModel, MarkerRows, Outline
-from ..patches.markers import at_marker, check_length, placed
+from ..patches.markers import at_marker, check_length
+from ..patches.markers import placed as with_places
 from .axis import Axis, beam_axis
-from .element import PLACES, WEIGHTS, Beam, Element, Rows
+from .element import Beam, Element
 from .mass import beam_mass
-from .material import BeamMaterial
+from .points import MaterialPoints, Particles, placed, turned
 from .section import section_at
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 #: Positions of markers this near to the axis, relative to its length, are on it: a
 #: spline follows a curve only so well.
 _ON_LINE, _ON_CURVE = 1e-9, 1e-4
@@ -40,26 +42,27 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     axis = beam_axis(geometry)
     e, g = material.youngs_modulus, material.youngs_modulus
     g /= 2 * (1 + material.poissons_ratio)
-    beam = Beam(geometry, axis, e, g, settings.theory == "timoshenko")
+    section = partial(section_at, geometry)
+    beam = Beam(section, axis, e, g, settings.theory == "timoshenko")
     ends = np.linspace(0, 1, settings.elements + 1)
     n, ndof = len(ends), 6 * len(ends)
     stiffness = sp.lil_matrix((ndof, ndof))
-    particles, points = _Particles(ndof), _MaterialPoints(ndof)
+    particles, points = Particles(ndof), MaterialPoints(ndof)
     for i in range(settings.elements):
         element = Element(beam, ends[i], ends[i + 1])
-        dofs = slice(6 * i, 6 * i + 12)
-        stiffness[dofs, dofs] += element.stiffness()
-        points.add(element, i)
+        part = slice(6 * i, 6 * i + 12)
+        stiffness[part, part] += element.stiffness()
+        points.add(element, _dofs(i))
         if settings.mass == "lumped":
-            particles.lump(element, i, material.density)
+            particles.lump(element, _dofs(i), material.density)
         else:
-            particles.distribute(element, i, material.density)
+            particles.distribute(element, _dofs(i), material.density)
     for lump in geometry.masses:
         frames = axis.at(np.array([lump.at]))
-        tensor = _turned(np.diag(np.array(lump.inertia, float)), frames.axes[0])
+        tensor = turned(np.diag(np.array(lump.inertia, float)), frames.axes[0])
         particles.add(frames.places[0], lump.mass, tensor, *_rows(beam, ends, lump.at))
     markers = []
-    for name, marker in placed(model.markers):
+    for name, marker in with_places(model.markers):
         with at_marker(name):
             at = _fraction(marker, axis)
             displacement, rotation = _rows(beam, ends, at)
@@ -92,146 +95,10 @@ def _outline(beam: Beam, ends: Array) -> Outline:
     """Sections as rectangles; of general ones with the same area and moments."""
     halves = []
     for fraction in ends:
-        section = section_at(beam.geometry, fraction)
+        section = beam.section(fraction)
         moments = np.array([section.iz, section.iy])
         halves.append(np.sqrt(3 * moments / section.area))
     return Outline(beam.axis.at(ends).axes[:, 1:], np.array(halves))
-
-
-class _Particles:
-    """Collects the points that carry the mass."""
-
-    def __init__(self, ndof: int) -> None:
-        self._ndof = ndof
-        self._where: list[Array] = []
-        self._masses: list[float] = []
-        self._inertias: list[Array] = []
-        self._displacement: list[sp.csr_matrix] = []
-        self._rotation: list[sp.csr_matrix] = []
-
-    def add(
-        self,
-        where: Array,
-        mass: float,
-        inertia: Array,
-        displacement: sp.csr_matrix,
-        rotation: sp.csr_matrix,
-    ) -> None:
-        self._where.append(where)
-        self._masses.append(mass)
-        self._inertias.append(inertia)
-        self._displacement.append(displacement)
-        self._rotation.append(rotation)
-
-    def distribute(self, element: Element, i: int, density: float) -> None:
-        """Slices of the beam at its Gauss points."""
-        slices = zip(*_slices(element, PLACES, WEIGHTS, density), strict=True)
-        places = element.frames(PLACES).places
-        for rows, place, piece in zip(element.gauss_rows, places, slices, strict=True):
-            self._carry(rows, i, place, *piece)
-
-    def lump(self, element: Element, i: int, density: float) -> None:
-        """The two halves of an element, each a rigid piece that its node carries."""
-        for end in (0.0, 1.0):
-            places = abs(end - PLACES / 2)
-            centres, masses, tensors = _slices(element, places, WEIGHTS / 2, density)
-            mass = masses.sum()
-            centre = masses @ centres / mass
-            spread = skew(centres - centre)
-            tensor = tensors.sum(axis=0) - np.einsum(
-                "p,pab,pbc->ac", masses, spread, spread
-            )
-            place = element.frames(np.array([end])).places[0]
-            self._carry(element.rows(end), i, place, centre, mass, tensor)
-
-    def _carry(
-        self,
-        rows: Rows,
-        i: int,
-        place: Array,
-        centre: Array,
-        mass: float,
-        tensor: Array,
-    ) -> None:
-        """A piece that is fixed to the section at a place of element i."""
-        arm = skew(centre - place)
-        moved = _placed(rows.displacement - arm @ rows.rotation, i, self._ndof)
-        self.add(centre, mass, tensor, moved, _placed(rows.rotation, i, self._ndof))
-
-    def points(self) -> InertiaPoints:
-        return InertiaPoints(
-            positions=np.array(self._where),
-            masses=np.array(self._masses),
-            inertias=np.array(self._inertias),
-            displacement=sp.vstack(self._displacement, format="csr"),
-            rotation=sp.vstack(self._rotation, format="csr"),
-        )
-
-
-def _slices(
-    element: Element, places: Array, weights: Array, density: float
-) -> tuple[Array, Array, Array]:
-    """Centres (p, 3), masses (p,) and central inertias (p, 3, 3) of slices."""
-    frames = element.frames(places)
-    centres, masses, tensors = [], [], []
-    for i, weight in enumerate(weights * element.length):
-        p = element.section(places[i])
-        arm = p.centre(frames.curvatures[i])
-        own = density * weight * np.diag([p.iy + p.iz, p.iy, p.iz])
-        mass = density * weight * p.area
-        own += mass * skew(arm) @ skew(arm)
-        centres.append(frames.places[i] + arm @ frames.axes[i])
-        masses.append(mass)
-        tensors.append(_turned(own, frames.axes[i]))
-    return np.array(centres), np.array(masses), np.array(tensors)
-
-
-class _MaterialPoints:
-    """Collects the points of `BeamMaterial`."""
-
-    def __init__(self, ndof: int) -> None:
-        self._ndof = ndof
-        self._rows: list[list[sp.csr_matrix]] = [[], [], []]
-        self._weights: list[float] = []
-        self._gyration: list[list[float]] = []
-        self._curvatures: list[Array] = []
-
-    def add(self, element: Element, i: int) -> None:
-        """The Gauss points of element i."""
-        frames = element.frames(PLACES)
-        for k, (place, rows) in enumerate(zip(PLACES, element.gauss_rows, strict=True)):
-            p = element.section(place)
-            turns = frames.axes[k] @ rows.rotation
-            for kept, some in zip(
-                self._rows, (rows.strains, turns, rows.resultants), strict=True
-            ):
-                kept.append(_placed(some, i, self._ndof))
-            self._gyration.append([p.iy / p.area, p.iz / p.area])
-        self._weights.extend(WEIGHTS * element.length)
-        self._curvatures.extend(frames.curvatures)
-
-    def material(self) -> BeamMaterial:
-        strains, turns, forces = (sp.vstack(rows, format="csr") for rows in self._rows)
-        return BeamMaterial(
-            weights=np.array(self._weights),
-            strains=strains,
-            turns=turns,
-            resultants=forces,
-            gyration=np.array(self._gyration),
-            curvatures=np.array(self._curvatures),
-        )
-
-
-def _turned(tensor: Array, axes: Array) -> Array:
-    return np.asarray(axes.T @ tensor @ axes)
-
-
-def _placed(rows: Array, i: int, ndof: int) -> sp.csr_matrix:
-    """(r, 12) for the degrees of freedom of element i as (r, ndof)."""
-    count = len(rows)
-    columns = np.tile(np.arange(6 * i, 6 * i + 12), count)
-    index = (np.repeat(np.arange(count), 12), columns)
-    return sp.csr_matrix((rows.ravel(), index), shape=(count, ndof))
 
 
 def _rows(beam: Beam, ends: Array, at: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -240,7 +107,13 @@ def _rows(beam: Beam, ends: Array, at: float) -> tuple[sp.csr_matrix, sp.csr_mat
     place = float((at - ends[i]) / (ends[i + 1] - ends[i]))
     rows = Element(beam, ends[i], ends[i + 1]).rows(place)
     ndof = 6 * len(ends)
-    return _placed(rows.displacement, i, ndof), _placed(rows.rotation, i, ndof)
+    dofs = _dofs(i)
+    return placed(rows.displacement, dofs, ndof), placed(rows.rotation, dofs, ndof)
+
+
+def _dofs(i: int) -> Indices:
+    """Of element i."""
+    return np.arange(6 * i, 6 * i + 12)
 
 
 def _pruned(rows: sp.csr_matrix) -> sp.csr_matrix:

@@ -26,6 +26,7 @@ from ..patches.contact import check_contact
 from ..patches.markers import at_marker, placed
 from ..solid_mesh import SolidMesh
 from ..solids import mesh_continua, mesh_matrices
+from .bars import bars_model
 from .calculix_body import calculix_model
 from .couplings import body_couplings, body_masses
 from .equations import body_equations, held_nodes, nodes_of
@@ -54,6 +55,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         return calculix_model(model, units)
     imported = read_mesh(geometry.file, geometry.ignore, geometry.part)
     try:
+        if imported.bars:
+            return bars_model(model, imported, units)
         whole = _scaled(imported.mesh, geometry, settings, units)
         mesh = without_free_nodes(whole)
         couplings = body_couplings(imported, whole, mesh, model)

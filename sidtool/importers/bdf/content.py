@@ -8,6 +8,7 @@ from sidtool.formats.errors import InputError
 
 from ...frontends.anisotropic import ElasticMaterial
 from ..imported import RawCoupling, RawMass
+from ..imported_bars import Course
 from .cards import Card
 from .systems import Frames, System
 
@@ -27,12 +28,28 @@ class Property:
     system: int = 0
 
 
+@dataclass(frozen=True)
+class BarProperty:
+    """Of bars and rods, which have no second moments; see `RawBar`."""
+
+    material: str
+    area: Course
+    iy: Course = ()
+    iz: Course = ()
+    torsion: Course = ()
+    extra: Course = ()
+    shear: tuple[float, float] = (1.0, 1.0)
+    place: str = ""
+
+
 @dataclass
 class BulkData:
     """What bulk data says of a body; `shells` are asked for, or plane elements.
 
     Attributes
     ----------
+    bars : cards of bars and rods
+    moduli : E, G and density of MAT1 as bars have them
     local : node -> the system it is given in, -1 for that of GRDSET, and where
     turned : node -> the system of its directions, in which MPC counts, -1 likewise
     multipoint, sums : set -> cards MPC, and sets of MPCADD with their cards
@@ -44,6 +61,9 @@ class BulkData:
     nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     elements: list[tuple[int, int, str, list[int], str]] = field(default_factory=list)
     properties: dict[int, Property] = field(default_factory=dict)
+    bars: list[Card] = field(default_factory=list)
+    bar_properties: dict[int, BarProperty] = field(default_factory=dict)
+    moduli: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     materials: dict[str, ElasticMaterial | None] = field(default_factory=dict)
     sets: dict[str, list[int]] = field(default_factory=dict)
     said: dict[str, None] = field(default_factory=dict)

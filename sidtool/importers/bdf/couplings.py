@@ -21,7 +21,8 @@ def rbe2(card: Card) -> RawCoupling:
     if words and "." in words[-1]:
         words.pop()
     nodes = tuple(members(words, card.place))
-    return RawCoupling(f"RBE2 {label}", True, nodes, node, card.place)
+    turns = set(card.word(2)) == set("123456")
+    return RawCoupling(f"RBE2 {label}", True, nodes, node, card.place, turns)
 
 
 def rbe3(card: Card) -> tuple[RawCoupling, bool]:

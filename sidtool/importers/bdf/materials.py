@@ -30,6 +30,8 @@ def mat1(content: BulkData, card: Card) -> None:
     elif not card.word(3) and g:
         nu = e / (2 * g) - 1
     _damping(content, card, 7)
+    shear = g if card.word(2) else e / (2 * (1 + nu)) if nu > -1 else 0.0
+    content.moduli[name] = (e, shear, rho)
     sound = e > 0 and rho > 0 and -1 < nu < 0.5
     content.materials[name] = (
         Material(youngs_modulus=e, poissons_ratio=nu, density=rho) if sound else None

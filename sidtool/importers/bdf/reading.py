@@ -16,8 +16,11 @@ from ..imported import (
     ImportedMesh,
     RawElement,
     assembled_mesh,
+    points_mesh,
     reading_notes,
 )
+from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
+from .bars import bar, bars_of
 from .cards import CASE_CONTROL, Card, members, read_cards
 from .content import BulkData, twice
 from .couplings import conm2, rbe2, rbe3
@@ -218,6 +221,12 @@ _READERS: dict[str, Callable[[BulkData, Card], None]] = {
     "PSHELL": pshell,
     "MAT1": mat1,
     "MAT9": mat9,
+    **dict.fromkeys(("CBAR", "CBEAM", "CROD", "CONROD"), bar),
+    "PBAR": pbar,
+    "PBARL": pbarl,
+    "PBEAM": pbeam,
+    "PBEAML": pbeaml,
+    "PROD": prod,
     "MPC": mpc,
     "MPCADD": mpcadd,
     CASE_CONTROL: case_control,
@@ -240,17 +249,27 @@ def _imported(content: BulkData) -> ImportedMesh:
         material = material_name(content, given) if given else None
         depth = given.thickness if given else None
         raw.append(RawElement(label, kind, nodes, place, material, depth))
-    equations = equations_of(content)
-    notes = reading_notes(content.nodes, raw, len(content.elements))
+    equations, bars = equations_of(content), bars_of(content)
+    notes = reading_notes(content.nodes, [*raw, *bars], len(raw) + len(bars))
     if content.weight != 1.0:
         notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
     if content.said:
         notes.append("without effect on the body: " + ", ".join(content.said))
+    if bars and raw:
+        raise InputError(
+            "holds bars beside solids or shells",
+            place=bars[0].place,
+            expected="bars alone, or geometry.ignore = "
+            f"{sorted({card.name for card in content.bars})}, which leaves them out",
+        )
     return ImportedMesh(
-        assembled_mesh(content.nodes, raw, content.sets),
+        points_mesh(content.nodes, content.sets)
+        if bars
+        else assembled_mesh(content.nodes, raw, content.sets),
         materials_of(content),
         notes=tuple(notes),
         couplings=tuple(content.couplings),
         masses=tuple(mass.scaled(content.weight) for mass in content.masses),
         equations=equations,
+        bars=bars,
     )

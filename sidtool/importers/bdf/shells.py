@@ -41,10 +41,11 @@ def deck_of_bulk(path: Path, ignored: frozenset[str]) -> str:
 def _nodes(content: BulkData) -> str:
     places = [held.place for held in content.couplings]
     places += [mass.place for mass in content.masses]
+    places += [card.place for card in content.bars]
     places += [equation.place for equation in equations_of(content)]
     if places:
         raise InputError(
-            "couplings, masses and MPC beside shells are not supported",
+            "bars, couplings, masses and MPC beside shells are not supported",
             place=places[0],
             expected="shells and solids alone; geometry.ignore leaves cards out",
         )

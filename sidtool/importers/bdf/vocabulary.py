@@ -15,8 +15,8 @@ _IDLE = """
 #: What would do instead of cards that are refused.
 INSTEAD = {
     **dict.fromkeys(
-        ("CBAR", "CBEAM", "CROD", "CONROD", "CTUBE", "CBEND"),
-        "solids or shells, or beams in an .inp for CalculiX",
+        ("CTUBE", "CBEND"),
+        "CROD or CBAR with the same section",
     ),
     **dict.fromkeys(
         ("CELAS1", "CELAS2", "CELAS3", "CELAS4", "CBUSH", "CDAMP1", "CDAMP2", "CVISC"),

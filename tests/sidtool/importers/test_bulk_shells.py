@@ -97,7 +97,10 @@ def test_a_free_plate_has_the_frequencies_of_leissa(
             "no complete material",
         ),
         (("ENDDATA", "CONM2,9000,1,,2.0\nENDDATA"), "masses and MPC beside shells"),
-        (("ENDDATA", "CBAR,9000,2,1,2,0.,1.,0.\nENDDATA"), "CBAR.*beams in an .inp"),
+        (
+            ("ENDDATA", "CBAR,9000,2,1,2,0.,1.,0.\nENDDATA"),
+            "bars, couplings.*beside shells",
+        ),
     ],
 )
 def test_what_shells_do_not_say_is_refused(

@@ -1,0 +1,140 @@
+"""Bars and rods between nodes, by the degrees of freedom that carry their ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid_mass import skew
+
+from ...importers.imported_bars import Course, RawBar
+from ...validate.units import UnitSystem
+from ..beams.axis import line
+from ..beams.element import PLACES, WEIGHTS, Beam, Element, Rows
+from ..beams.section import Section
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class BarElement(Element):
+    """A straight beam whose ends are fixed to nodes.
+
+    Attributes
+    ----------
+    ends : (12, k) motion of its ends by the degrees of freedom of the nodes
+    """
+
+    ends: Array
+
+    def rows(self, place: float) -> Rows:
+        """At a fraction of the element, by the degrees of freedom of the nodes."""
+        return Rows(*(rows @ self.ends for rows in super().rows(place)))
+
+    def stiffness(self) -> Array:
+        """(k, k) in the axes of the model."""
+        return np.asarray(self.ends.T @ super().stiffness() @ self.ends)
+
+
+@dataclass(frozen=True, eq=False)
+class RodElement(BarElement):
+    """A bar that resists stretch and twist alone and stays straight."""
+
+    def rows(self, place: float) -> Rows:
+        x = self.frames(np.array([place])).axes[0, 0]
+        section = self.section(place)
+        share, slope = np.array([1 - place, place]), np.array([-1.0, 1.0]) / self.length
+        move, turn = np.zeros((2, 3, 12))
+        change, twist = np.zeros((3, 12)), np.zeros(12)
+        for k, at in enumerate((0, 6)):
+            move[:, at : at + 3] = share[k] * np.eye(3)
+            change[:, at : at + 3] = slope[k] * np.eye(3)
+            turn[:, at + 3 : at + 6] = share[k] * np.outer(x, x)
+            twist[at + 3 : at + 6] = slope[k] * x
+        turn += skew(x) @ change
+        strains = np.zeros((6, 12))
+        strains[0], strains[3] = x @ change, twist
+        law = np.zeros(6)
+        law[0] = self.beam.e * section.area
+        law[3] = self.beam.g * section.torsion
+        found = Rows(move, turn, strains, law[:, None] * strains)
+        return Rows(*(rows @ self.ends for rows in found))
+
+    def stiffness(self) -> Array:
+        weights = WEIGHTS * self.length
+        parts = zip(self.gauss_rows, weights, strict=True)
+        total = sum(w * rows.resultants.T @ rows.strains for rows, w in parts)
+        return np.asarray(total)
+
+
+def element_of(
+    bar: RawBar, places: Array, ends: Array, units: UnitSystem
+) -> BarElement:
+    """The element of a bar in SI units.
+
+    Parameters
+    ----------
+    places : (2, 3) of its ends [m]
+    ends : (12, k) as in `BarElement`
+
+    Raises
+    ------
+    InputError : it has no length, or its y axis lies along it.
+    """
+    stress = units.mass / units.length / units.time**2
+    size = float(np.linalg.norm(places[1] - places[0]))
+    if size == 0:
+        raise InputError(
+            f"element {bar.label} has no length",
+            place=bar.place,
+            expected="two places",
+        )
+    y_axis = bar.y_axis
+    if y_axis is None:
+        y_axis = tuple(np.eye(3)[np.argmin(np.abs(places[1] - places[0]))].tolist())
+    try:
+        axis = line(places[0], places[1], y_axis)
+    except InputError:
+        raise InputError(
+            f"the y axis of element {bar.label} lies along it",
+            place=bar.place,
+            expected="a direction across it",
+        ) from None
+    section = section_of(bar, units.length)
+    beam = Beam(section, axis, bar.e * stress, bar.g * stress, True)
+    kind = RodElement if bar.y_axis is None else BarElement
+    return kind(beam, 0.0, 1.0, ends)
+
+
+def section_of(bar: RawBar, length: float) -> Callable[[float], Section]:
+    """The cross-section by the fraction of the length, `length` the unit in m."""
+
+    def section(fraction: float) -> Section:
+        return Section(
+            along(bar.area, fraction) * length**2,
+            along(bar.iy, fraction) * length**4,
+            along(bar.iz, fraction) * length**4,
+            along(bar.torsion, fraction) * length**4,
+            *bar.shear,
+        )
+
+    return section
+
+
+def along(course: Course, fraction: float) -> float:
+    """The value of a course, 0 of an empty one."""
+    if not course:
+        return 0.0
+    places, values = zip(*course, strict=True)
+    return float(np.interp(fraction, places, values))
+
+
+def extra_masses(bar: RawBar, element: BarElement, units: UnitSystem) -> Array:
+    """(p,) masses at `PLACES` of what a bar carries beside its own [kg]."""
+    values = np.array([along(bar.extra, float(at)) for at in PLACES])
+    return np.asarray(WEIGHTS * element.length * values * units.mass / units.length)

@@ -1,0 +1,170 @@
+"""Nodes of bars: rigid couplings, degrees of freedom, sets."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+
+from sidtool.formats.errors import InputError
+
+from ...importers.imported import ImportedMesh
+from ...importers.imported_bars import RawBar
+from ..beams.element import transport
+from ..mesh.data import Mesh
+from ..named_sets import NamedSets
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: A place of a marker this near to a node, of the body's size, is the node.
+_AT_NODE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class BarNodes:
+    """Places of nodes, and the degrees of freedom that move them.
+
+    Attributes
+    ----------
+    mesh : all nodes [m]
+    row : label -> row of the mesh
+    owner : node -> the node that it is fixed to
+    table : (n, 6) degrees of freedom, -1 for none
+    """
+
+    mesh: Mesh
+    row: Mapping[int, int]
+    owner: Mapping[int, int]
+    table: Indices
+
+    def place(self, label: int) -> Array:
+        """(3,) of a node [m]."""
+        return self.mesh.positions[self.row[label]]
+
+    def motion(self, label: int, place: Array) -> tuple[Array, Indices]:
+        """(6, k) motion of a place that is fixed to a node, and its (k,) dofs."""
+        base = self.owner.get(label, label)
+        dofs = self.table[self.row[base]]
+        there = dofs >= 0
+        return transport(place - self.place(base))[:, there], dofs[there]
+
+
+def bar_nodes(imported: ImportedMesh, mesh: Mesh) -> BarNodes:
+    """The nodes of bars and of rigid couplings.
+
+    Raises
+    ------
+    InputError : rigid couplings hold a node twice, or the bars fall apart.
+    """
+    row = {int(label): i for i, label in enumerate(mesh.labels)}
+    owner = _owners(imported, row)
+    table = np.full((len(row), 6), -1, np.int64)
+    ends = [(owner.get(n, n), b) for b in imported.bars for n in b.nodes]
+    turning = {n for n, bar in ends if bar.y_axis is not None} | set(owner.values())
+    used = sorted({row[n] for n, _ in ends} | {row[n] for n in owner.values()})
+    wide = {row[n] for n in turning}
+    count = 0
+    for i in used:
+        size = 6 if i in wide else 3
+        table[i, :size] = np.arange(count, count + size)
+        count += size
+    _check_connected(imported.bars, owner, row, used, mesh)
+    return BarNodes(mesh, row, owner, table)
+
+
+def _owners(imported: ImportedMesh, row: Mapping[int, int]) -> dict[int, int]:
+    """Nodes of rigid couplings -> the reference node at the end of their chain."""
+    direct: dict[int, int] = {}
+    for coupling in imported.couplings:
+        for node in (*coupling.nodes, coupling.reference):
+            if node not in row:
+                raise InputError(
+                    f"{coupling.name} names node {node}, which is not defined",
+                    place=coupling.place,
+                    expected="nodes of this file",
+                )
+        for node in coupling.nodes:
+            if node in direct or node == coupling.reference:
+                raise InputError(
+                    f"{coupling.name} holds node {node}, which is held already",
+                    place=coupling.place,
+                    expected="every node in one rigid piece",
+                )
+            assert coupling.reference is not None
+            direct[node] = coupling.reference
+    result = {}
+    for node in direct:
+        seen, base = {node}, direct[node]
+        while base in direct:
+            if base in seen:
+                raise InputError(
+                    f"node {node} is held by rigid couplings in a ring",
+                    expected="rigid couplings without rings",
+                )
+            seen.add(base)
+            base = direct[base]
+        result[node] = base
+    return result
+
+
+def _check_connected(
+    bars: tuple[RawBar, ...],
+    owner: Mapping[int, int],
+    row: Mapping[int, int],
+    used: list[int],
+    mesh: Mesh,
+) -> None:
+    number = {i: k for k, i in enumerate(used)}
+    pairs = [[number[row[owner.get(n, n)]] for n in bar.nodes] for bar in bars]
+    i, j = np.array(pairs).T
+    graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(len(used),) * 2)
+    count, part = connected_components(graph, directed=False)
+    if count > 1:
+        lost = int(np.flatnonzero(part == np.argmin(np.bincount(part)))[0])
+        raise InputError(
+            f"the bars fall into {count} unconnected parts; the smallest holds node "
+            f"{mesh.labels[used[lost]]}",
+            place="mesh",
+            expected="one connected body (are nodes at the same place merged?)",
+        )
+
+
+def node_sets(nodes: BarNodes, used: Indices) -> NamedSets:
+    """Node sets; the nodes of rigid pieces by what they are fixed to."""
+    number = {int(i): k for k, i in enumerate(used)}
+    sets = NamedSets()
+    for name, rows in nodes.mesh.node_sets.items():
+        labels = (int(nodes.mesh.labels[i]) for i in rows)
+        bases = {nodes.row[nodes.owner.get(n, n)] for n in labels}
+        sets[name] = np.array(sorted(number[i] for i in bases if i in number), np.int64)
+    return sets
+
+
+def nearest_node(nodes: BarNodes, where: Array) -> int:
+    """The label of the node at a place.
+
+    Raises
+    ------
+    InputError : there is none.
+    """
+    positions = nodes.mesh.positions
+    apart = np.linalg.norm(positions - where, axis=1)
+    moved = np.array(
+        [
+            (nodes.table[nodes.row[nodes.owner.get(int(n), int(n))]] >= 0).any()
+            for n in nodes.mesh.labels
+        ]
+    )
+    best = int(np.where(moved, apart, np.inf).argmin())
+    if apart[best] > _AT_NODE * np.ptp(positions, axis=0).max():
+        raise InputError(
+            "is not at a node of bars",
+            place="position",
+            expected=f"a node; the nearest is {nodes.mesh.labels[best]}",
+        )
+    return int(nodes.mesh.labels[best])

@@ -1,0 +1,272 @@
+"""Bodies of bars and rods that a mesh file holds: frames, trusses, shafts.
+
+Every bar is one beam element of Timoshenko's theory (`beams.element`) with the
+consistent mass of its sections, every rod one of linear displacements. Nodes of rigid
+couplings are arms of their reference node.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile
+from sidtool.formats.model.discretisation import MeshDiscretisation
+from sidtool.formats.model.geometry import MeshGeometry
+
+from ...importers.imported import ImportedMesh
+from ...importers.imported_bars import RawBar
+from ...validate.units import UnitSystem
+from ..beams.element import PLACES
+from ..beams.points import MaterialPoints, Particles, placed
+from ..finite_element_model import FiniteElementModel, MarkerRows, still
+from ..mesh.data import Mesh
+from ..mesh.points import position_of
+from ..patches.markers import at_marker
+from ..patches.markers import placed as with_places
+from .bar_elements import BarElement, element_of, extra_masses
+from .bar_nodes import BarNodes, bar_nodes, nearest_node, node_sets
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+#: A deformation of an eigenvalue below this share of the largest takes no energy.
+_MECHANISM = 1e-13
+#: Cosines of bars in one line differ from one by less.
+_PARALLEL = 1e-9
+_NOTE = (
+    "bars shear as their K1 and K2 say and have the consistent mass of their sections "
+    "with its rotary inertia; Nastran lumps it unless PARAM COUPMASS says otherwise"
+)
+_ARMS = (
+    "offsets and rigid couplings are arms that turn by small rotations: what they add "
+    "to the stiffening by loads is left out"
+)
+_TWIST = "the torsion of rods at nodes without bars has no effect"
+
+
+def bars_model(
+    model: ModelFile, imported: ImportedMesh, units: UnitSystem
+) -> FiniteElementModel:
+    """The body of bars.
+
+    Raises
+    ------
+    InputError : the bars fall apart or move without deforming, a marker is at no node,
+        or the model file asks for what only other elements have.
+    """
+    _check_choices(model, imported)
+    mesh = Mesh(
+        imported.mesh.positions * units.length,
+        (),
+        imported.mesh.node_sets,
+        imported.mesh.labels,
+    )
+    nodes = bar_nodes(imported, mesh)
+    ndof = int(nodes.table.max()) + 1
+    particles, points = Particles(ndof), MaterialPoints(ndof)
+    parts = []
+    for bar in imported.bars:
+        element, dofs = _element(bar, nodes, units)
+        parts.append((element.stiffness(), dofs))
+        points.add(element, dofs)
+        _carry(particles, bar, element, dofs, units)
+    _add_masses(particles, imported, nodes, units)
+    stiffness = _assembled(parts, ndof)
+    used = np.flatnonzero((nodes.table >= 0).any(axis=1))
+    body = FiniteElementModel(
+        positions=mesh.positions[used],
+        scalar_mass=None,
+        stiffness=stiffness,
+        node_sets=node_sets(nodes, used),
+        markers=_markers(model, imported.bars, nodes, ndof),
+        inertia_points=particles.points(),
+        dof_table=nodes.table[used],
+        beam_material=points.material(),
+        notes=(*imported.notes, _NOTE, *_limits(imported.bars, nodes)),
+    )
+    _check_mechanism(body)
+    return body
+
+
+def _check_choices(model: ModelFile, imported: ImportedMesh) -> None:
+    geometry, settings = model.geometry, model.discretisation
+    assert isinstance(geometry, MeshGeometry)
+    assert isinstance(settings, MeshDiscretisation)
+    for place, given in (
+        ("material", model.material),
+        ("geometry.thickness", geometry.thickness),
+        ("discretisation.formulation", settings.formulation),
+        ("discretisation.state", settings.state),
+    ):
+        if given is not None:
+            raise InputError(
+                "is not for bars", place=place, expected="what the file says of them"
+            )
+    held = [e.place for e in imported.equations]
+    held += [c.place for c in imported.couplings if not (c.rigid and c.turns)]
+    if held:
+        raise InputError(
+            "MPC, RBE3 and RBE2 without all six directions beside bars are not "
+            "supported",
+            place=held[0],
+            expected="RBE2 with CM = 123456; geometry.ignore leaves cards out",
+        )
+
+
+def _element(
+    bar: RawBar, nodes: BarNodes, units: UnitSystem
+) -> tuple[BarElement, Indices]:
+    places = np.array(
+        [
+            nodes.place(label) + units.length * np.array(offset)
+            for label, offset in zip(bar.nodes, bar.offsets, strict=True)
+        ]
+    )
+    moved = [nodes.motion(n, x) for n, x in zip(bar.nodes, places, strict=True)]
+    ends = scipy.linalg.block_diag(*(motion for motion, _ in moved))
+    dofs = np.concatenate([dofs for _, dofs in moved])
+    return element_of(bar, places, ends, units), dofs
+
+
+def _carry(
+    particles: Particles,
+    bar: RawBar,
+    element: BarElement,
+    dofs: Indices,
+    units: UnitSystem,
+) -> None:
+    """The mass of a bar, and what it carries beside it."""
+    particles.distribute(element, dofs, bar.density * units.mass / units.length**3)
+    masses = extra_masses(bar, element, units)
+    if not masses.any():
+        return
+    places = element.frames(PLACES).places
+    for rows, place, mass in zip(element.gauss_rows, places, masses, strict=True):
+        _add(particles, place, mass, np.zeros((3, 3)), rows[:2], dofs)
+
+
+def _add(
+    particles: Particles,
+    place: Array,
+    mass: float,
+    inertia: Array,
+    rows: tuple[Array, ...],
+    dofs: Indices,
+) -> None:
+    ndof = particles.ndof
+    move, turn = (placed(part, dofs, ndof) for part in rows)
+    particles.add(place, mass, inertia, move, turn)
+
+
+def _add_masses(
+    particles: Particles, imported: ImportedMesh, nodes: BarNodes, units: UnitSystem
+) -> None:
+    for mass in imported.masses:
+        if mass.node not in nodes.row:
+            raise InputError(
+                f"the mass at node {mass.node} has no node",
+                place=mass.place,
+                expected="a node of this file",
+            )
+        place = nodes.place(mass.node) + units.length * np.array(mass.offset)
+        motion, dofs = nodes.motion(mass.node, place)
+        bare = len(dofs) == 3 and (any(mass.offset) or any(mass.inertia))
+        if not len(dofs) or bare:
+            raise InputError(
+                f"the mass at node {mass.node} is held by no bar"
+                + (" that turns it" if bare else ""),
+                place=mass.place,
+                expected="a node of bars or of a rigid coupling to one",
+            )
+        xx, yy, zz, xy, yz, zx = mass.inertia
+        tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
+        tensor = tensor * (units.mass * units.length**2)
+        rows = (motion[:3], motion[3:])
+        _add(particles, place, mass.mass * units.mass, tensor, rows, dofs)
+
+
+def _assembled(parts: list[tuple[Array, Indices]], ndof: int) -> sp.csr_matrix:
+    i = np.concatenate([np.repeat(dofs, len(dofs)) for _, dofs in parts])
+    j = np.concatenate([np.tile(dofs, len(dofs)) for _, dofs in parts])
+    values = np.concatenate([(k + k.T).ravel() / 2 for k, _ in parts])
+    return sp.csr_matrix((values, (i, j)), shape=(ndof, ndof))
+
+
+def _tangent(bars: tuple[RawBar, ...], nodes: BarNodes, label: int) -> Array | None:
+    """The direction of the beam whose cross-section a node is, if there is one."""
+    arms = [
+        nodes.place(bar.nodes[1]) - nodes.place(bar.nodes[0])
+        for bar in bars
+        if label in bar.nodes and bar.y_axis is not None
+    ]
+    arms = [arm / np.linalg.norm(arm) for arm in arms if arm.any()]
+    if not arms or any(abs(arm @ arms[0]) < 1 - _PARALLEL for arm in arms):
+        return None
+    return np.asarray(arms[0])
+
+
+def _markers(
+    model: ModelFile, bars: tuple[RawBar, ...], nodes: BarNodes, ndof: int
+) -> tuple[MarkerRows, ...]:
+    markers = []
+    for name, marker in with_places(model.markers):
+        with at_marker(name):
+            where = position_of(nodes.mesh, marker)
+            if marker.tie is not None:
+                markers.append(still(name, marker.node, where, ndof))
+                continue
+            label = marker.mesh_node or nearest_node(nodes, where)
+            motion, dofs = nodes.motion(label, nodes.place(label))
+            if not len(dofs):
+                raise InputError(
+                    f"node {label} is held by no bar",
+                    place="mesh_node",
+                    expected="a node of bars",
+                )
+            move, turn = (placed(part, dofs, ndof) for part in (motion[:3], motion[3:]))
+            markers.append(
+                MarkerRows(name, marker.node, nodes.place(label), move, turn)
+            )
+    return tuple(markers)
+
+
+def _limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[str]:
+    lost = any(
+        bar.y_axis is None
+        and any(v for _, v in bar.torsion)
+        and any(len(nodes.motion(n, nodes.place(n))[1]) < 6 for n in bar.nodes)
+        for bar in bars
+    )
+    arms = bool(nodes.owner) or any(any(w) for b in bars for w in b.offsets)
+    return [_TWIST] * lost + [_ARMS] * arms
+
+
+def _check_mechanism(body: FiniteElementModel) -> None:
+    """Whether only rigid motion takes no energy."""
+    count = min(7, body.ndof)
+    k, m = body.stiffness, body.mass
+    largest = float((k.diagonal() / m.diagonal()).max())
+    if body.ndof <= 600:
+        values = scipy.linalg.eigh(
+            k.toarray(), m.toarray(), eigvals_only=True, subset_by_index=[0, count - 1]
+        )
+    else:
+        values = sp.linalg.eigsh(
+            k,
+            count,
+            m,
+            sigma=-1e-9 * largest,
+            return_eigenvectors=False,
+            v0=np.ones(body.ndof),
+        )
+    if max(values) < _MECHANISM * largest:
+        raise InputError(
+            "the bars move without deforming: the body is a mechanism, or lies on one "
+            "line that nothing twists",
+            place="mesh",
+            expected="bars that hold each other; rods alone need triangles in space",
+        )

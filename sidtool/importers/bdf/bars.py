@@ -1,0 +1,201 @@
+"""CBAR, CBEAM, CROD and CONROD of Nastran bulk data."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+
+from ..imported_bars import RawBar, Vector
+from .cards import Card
+from .content import BarProperty, BulkData
+
+_GLOBAL = ("", "GGG")
+
+
+def bar(content: BulkData, card: Card) -> None:
+    """CBAR, CBEAM, CROD, CONROD: kept until all nodes and properties are known."""
+    content.bars.append(card)
+
+
+def bars_of(content: BulkData) -> tuple[RawBar, ...]:
+    """The bars with their properties.
+
+    Raises
+    ------
+    InputError : one is not what own elements are.
+    """
+    readers = {"CBAR": _bar, "CBEAM": _bar, "CROD": _rod, "CONROD": _conrod}
+    found = tuple(readers[card.name](content, card) for card in content.bars)
+    labels = {label for label, *_ in content.elements}
+    for one in found:
+        if one.label in labels:
+            raise InputError(
+                f"element {one.label} is defined twice",
+                place=one.place,
+                expected="one definition",
+            )
+        labels.add(one.label)
+    return found
+
+
+def _bar(content: BulkData, card: Card) -> RawBar:
+    """EID, PID, GA, GB, X1, X2, X3, OFFT, PA, PB, W1A, W2A, W3A, W1B, W2B, W3B."""
+    label = card.integer(0, "an element number")
+    nodes = _nodes(content, card, 2)
+    if card.word(7).upper() not in _GLOBAL or any(card.words[8:10] + card.words[16:]):
+        raise InputError(
+            f"{card.name} {label} has OFFT {card.word(7) or 'GGG'}, pins "
+            f"{card.word(8) or 0} and {card.word(9) or 0}, and further fields "
+            f"{' '.join(card.words[16:]).strip() or '(none)'}",
+            place=card.place,
+            expected="OFFT = GGG, ends that are joined to their nodes without pins",
+        )
+    found = _property(content, card, card.integer(1, "a property", label))
+    offsets = [_turned(content, card, nodes[k], 10 + 3 * k) for k in (0, 1)]
+    if any(min(v for _, v in c) <= 0 for c in (found.iy, found.iz, found.torsion) if c):
+        raise InputError(
+            f"{card.name} {label} resists bending or torsion with nothing",
+            place=card.place,
+            expected="I1, I2 and J above zero, or CROD",
+        )
+    return _raw(
+        content,
+        card,
+        (label, nodes),
+        found,
+        _orientation(content, card, nodes[0]),
+        (offsets[0], offsets[1]),
+    )
+
+
+def _orientation(content: BulkData, card: Card, start: int) -> Vector:
+    """X1, X2, X3 in the directions of the first node, or from it to the node G0."""
+    words = card.words[4:7]
+    if words[0] and not any(words[1:]) and "." not in words[0]:
+        other = card.integer(4, "a node")
+        if other not in content.nodes:
+            raise _unknown(card, other)
+        arm = np.subtract(content.nodes[other], content.nodes[start])
+        return float(arm[0]), float(arm[1]), float(arm[2])
+    found = _turned(content, card, start, 4)
+    if not any(found):
+        raise InputError(
+            f"{card.name} {card.word(0)} has no direction of its y axis",
+            place=card.place,
+            expected="X1, X2, X3 or G0",
+        )
+    return found
+
+
+def _turned(content: BulkData, card: Card, node: int, at: int) -> Vector:
+    """A vector in the directions of a node, in the basic system."""
+    x, y, z = total = [card.real(at + i, "a component") for i in range(3)]
+    system = content.turned[node]
+    system = content.directions if system < 0 else system
+    if not system or not any(total):
+        return x, y, z
+    axes = [content.frames.direction(node, system, i) for i in (1, 2, 3)]
+    a, b, c = np.array(total) @ np.array(axes)
+    return float(a), float(b), float(c)
+
+
+def _rod(content: BulkData, card: Card) -> RawBar:
+    """EID, PID, G1, G2."""
+    label = card.integer(0, "an element number")
+    _no_more(card, 4)
+    found = _property(content, card, card.integer(1, "a property", label))
+    if found.iy:
+        raise InputError(
+            f"CROD {label} has a property of bars", place=card.place, expected="PROD"
+        )
+    return _raw(content, card, (label, _nodes(content, card, 2)), found)
+
+
+def _conrod(content: BulkData, card: Card) -> RawBar:
+    """EID, G1, G2, MID, A, J, C, NSM."""
+    _no_more(card, 8)
+    courses = (((0.0, card.real(i, "a number")),) for i in (4, 5, 7))
+    area, torsion, extra = courses
+    found = BarProperty(
+        str(card.integer(3, "a material")),
+        area,
+        torsion=torsion,
+        extra=extra,
+        place=card.place,
+    )
+    if card.word(6):
+        content.said["stress points of CONROD"] = None
+    label = card.integer(0, "an element number")
+    return _raw(content, card, (label, _nodes(content, card, 1)), found)
+
+
+def _raw(
+    content: BulkData,
+    card: Card,
+    ends: tuple[int, tuple[int, int]],
+    found: BarProperty,
+    y_axis: Vector | None = None,
+    offsets: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+) -> RawBar:
+    moduli = content.moduli.get(found.material)
+    if moduli is None or min(moduli) <= 0 or min(v for _, v in found.area) <= 0:
+        raise InputError(
+            f"{card.name} {ends[0]} has no complete material (E, G or nu, and RHO) or "
+            "no area",
+            place=card.place,
+            expected="MAT1 with E, nu and RHO, and an area above zero",
+        )
+    e, g, rho = moduli
+    weight = content.weight
+    return RawBar(
+        *ends,
+        card.place,
+        y_axis,
+        e,
+        g,
+        rho * weight,
+        found.area,
+        found.iy,
+        found.iz,
+        found.torsion,
+        tuple((at, weight * value) for at, value in found.extra),
+        found.shear,
+        offsets,
+    )
+
+
+def _property(content: BulkData, card: Card, label: int) -> BarProperty:
+    found = content.bar_properties.get(label)
+    if found is None or (card.name != "CROD" and not found.iy):
+        raise InputError(
+            f"{card.name} {card.word(0)} has the property {label}",
+            place=card.place,
+            expected="PROD for CROD; PBAR, PBARL, PBEAM or PBEAML for bars",
+        )
+    return found
+
+
+def _nodes(content: BulkData, card: Card, at: int) -> tuple[int, int]:
+    first, last = (card.integer(at + i, "a node") for i in (0, 1))
+    for node in (first, last):
+        if node not in content.nodes:
+            raise _unknown(card, node)
+    return first, last
+
+
+def _unknown(card: Card, node: int) -> InputError:
+    return InputError(
+        f"{card.name} {card.word(0)} names node {node}, which is not defined",
+        place=card.place,
+        expected="a node of this file",
+    )
+
+
+def _no_more(card: Card, at: int) -> None:
+    if any(card.words[at:]):
+        raise InputError(
+            f"{card.name} {card.word(0)} holds {' '.join(card.words[at:]).strip()}",
+            place=card.place,
+            expected=f"{at} fields",
+        )
