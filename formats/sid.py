@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .carried import Carried
 from .errors import InputError
 from .html import html_table
 
@@ -188,6 +189,9 @@ class SID:
     title : free text of the first line
     extra : Taylor blocks with names this project does not know, kept as read
     dialect : where the data came from
+    written_by : the program that wrote the file, "" if it is not ours or none
+    carried : what the shape functions have of the compliance of the full body, if it
+        is known
 
     Raises
     ------
@@ -211,6 +215,8 @@ class SID:
     title: str = ""
     extra: Mapping[str, Taylor] = field(default_factory=dict)
     dialect: Dialect = field(default_factory=Dialect)
+    written_by: str = ""
+    carried: Carried | None = None
 
     def __post_init__(self) -> None:
         for name in BLOCK_SHAPES:

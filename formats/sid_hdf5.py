@@ -15,6 +15,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from .carried import DIRECTIONS, Carried
 from .errors import InputError
 from .finite import check_finite
 from .sid import NODE_SHAPES, SID, Node, Taylor
@@ -121,6 +122,17 @@ def put_sid(file: h5py.Group, sid: SID) -> None:
         group.attrs["name"] = name
         _put_block(group, block)
     _put_nodes(file.create_group("nodes"), sid.nodes)
+    if sid.carried is not None:
+        _put_carried(file.create_group("carried"), sid.carried)
+
+
+def _put_carried(group: h5py.Group, carried: Carried) -> None:
+    """See `Carried`; what is not known is NaN."""
+    group.attrs["free"] = carried.free
+    group.attrs["lost"] = np.array(carried.lost, float)
+    _put_texts(group, "id", list(carried.shares))
+    rows = np.array(list(carried.shares.values()), float)  # None becomes NaN
+    group["shares"] = rows.reshape(-1, len(DIRECTIONS))
 
 
 def _put_texts(group: h5py.Group, name: str, texts: list[str]) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from .carried import Carried
 from .errors import InputError
 from .sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Dialect, Node, Taylor
 
@@ -41,8 +42,23 @@ class Reader:
             title=_text(file.attrs["title"]),
             extra=extra,
             dialect=_dialect(file.attrs["dialect"]),
+            written_by=_text(file.attrs.get("written_by", "sidtool")),
+            carried=self._carried(file),
             **blocks,
         )
+
+    def _carried(self, file: h5py.Group) -> Carried | None:
+        if "carried" not in file:
+            return None
+        group = file["carried"]
+        rows = self._numbers(group["shares"], 2).tolist()
+        told = [tuple(None if math.isnan(x) else x for x in row) for row in rows]
+        names = self._texts(group["id"])
+        lost = tuple(float(x) for x in group.attrs["lost"])
+        if {len(row) for row in told} - {6} or len(lost) not in (0, 6):
+            raise ValueError("shares are not told by direction")
+        shares = dict(zip(names, told, strict=True))
+        return Carried(bool(group.attrs["free"]), shares, lost)
 
     def _block(self, group: h5py.Group) -> Taylor:
         parts = {

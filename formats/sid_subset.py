@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .carried.compliance import still_carried
 from .errors import InputError
 from .sid import BLOCK_SHAPES, NODE_SHAPES, SID, Taylor
 
@@ -75,4 +76,5 @@ def with_shape_functions(sid: SID, kept: Sequence[int]) -> SID:
         nodes.append(replace(node, **entries))
     blocks: dict[str, Any] = {name: cut(b, name) for name, b in sid.blocks.items()}
     labels = tuple(sid.labels[k] for k in kept)
-    return replace(sid, labels=labels, nodes=tuple(nodes), extra={}, **blocks)
+    small = replace(sid, labels=labels, nodes=tuple(nodes), extra={}, **blocks)
+    return replace(small, carried=still_carried(sid, small))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.carried import Carried
 from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.plausible import body_questions, material_questions
@@ -28,7 +29,7 @@ from .field.body_field import body_field
 from .frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .frontends.geometry_mass import compared_with_geometry
 from .frontends.registry import finite_element_model
-from .reduction.fidelity import fidelity_sentence, held_sentence
+from .reduction.fidelity import held_sentence, judged
 from .reduction.frames import FRAMES, Frame, clamped_dofs
 from .reduction.memory import expected_gigabytes
 from .reduction.methods import REDUCTIONS, ReducedBasis
@@ -147,7 +148,7 @@ def _convert(
     for sentence in basis.report:
         progress(sentence)
     begin("measuring the shape functions")
-    _tell_fidelity(body, frame, basis, model, progress)
+    carried = _told_fidelity(body, frame, basis, model, progress)
     if told := held_sentence(body, frame, basis, model):
         progress(NOTE + told)
     basis = replace(basis, space=None)
@@ -163,6 +164,7 @@ def _convert(
     if frame.rows is None:
         held = clamped_dofs(body, frame, model.reduction.fixed_names)
     sid = assembled_sid(body, frame, basis, model.damping, title=model.title, held=held)
+    sid = replace(sid, carried=carried)
     if initial is not None:
         sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
     if stiffening:
@@ -187,20 +189,20 @@ def _check_wanted(body: FiniteElementModel, model: ModelFile) -> list[str]:
     return check_stress(body, model.stress) if model.stress else []
 
 
-def _tell_fidelity(
+def _told_fidelity(
     body: FiniteElementModel,
     frame: Frame,
     basis: ReducedBasis,
     model: ModelFile,
     progress: Callable[[str], None],
-) -> None:
+) -> Carried | None:
     """How good the basis is; a note where it is poor at the interfaces asked for."""
-    told = fidelity_sentence(body, frame, basis, model)
+    told = judged(body, frame, basis, model)
     if told is None:
-        return
-    sentence, poor = told
-    noted = poor and model.reduction.interface_names
-    progress(f"{NOTE if noted else ''}{BASIS}{sentence}")
+        return None
+    noted = told.poor and model.reduction.interface_names
+    progress(f"{NOTE if noted else ''}{BASIS}{told.text}")
+    return told.carried
 
 
 def assembled_sid(

@@ -3,19 +3,11 @@
 from __future__ import annotations
 
 import platform
-from functools import cache
-from importlib import metadata
+
+from sidtool.formats.storage.versions import version_of
 
 
 def versions() -> dict[str, str]:
     """Versions of this program and of what computes under it."""
     packages = ("sidtool", "numpy", "scipy", "numba")
-    return {"python": platform.python_version()} | {p: _version(p) for p in packages}
-
-
-@cache
-def _version(package: str) -> str:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "not installed"
+    return {"python": platform.python_version()} | {p: version_of(p) for p in packages}

@@ -44,7 +44,8 @@ def assemble(raw: RawFile, source: str) -> SID:
     InputError : a block is missing, or its entries do not fit.
     """
     notes = Notes()
-    title, tag, own = split_tag(raw.title)
+    marked = split_tag(raw.title)
+    tag, title = marked.layout, marked.text
     hint = tag or layout_from_words(title)
     nq = raw.reference.nq
     _note_counts(raw, notes)
@@ -70,7 +71,7 @@ def assemble(raw: RawFile, source: str) -> SID:
     _note_oe(blocks["Oe"], notes)
     _note_orientation(nodes, hint, tag, notes)
     dialect = Dialect(
-        writer=_writer(hint, tag, own),
+        writer=_writer(hint, tag, marked.by),
         gr_layout=gr,
         ge_layout=ge,
         m1_index=order,
@@ -87,6 +88,8 @@ def assemble(raw: RawFile, source: str) -> SID:
         title=title,
         extra=extra,
         dialect=dialect,
+        written_by=marked.by,
+        carried=marked.carried,
         **blocks,  # type: ignore[arg-type]
     )
 
@@ -197,11 +200,11 @@ def _layouts(
     return found["Gr"], found["Ge"]
 
 
-def _writer(hint: Layout | None, tag: Layout | None, own: bool) -> str:
+def _writer(hint: Layout | None, tag: Layout | None, by: str) -> str:
     if tag:
-        return f"sidtool in the layout of {tag.writer}"
-    if own:
-        return "sidtool"
+        return f"{by} in the layout of {tag.writer}"
+    if by:
+        return by
     return hint.writer if hint else "unknown"
 
 

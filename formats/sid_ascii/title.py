@@ -6,8 +6,13 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
+from ..carried import Carried, carried_from_text
+from ..storage.versions import written_by
+
 LONGEST = 400
 PREFIX = ":No. nodes, No. modes:"
+#: Room that is needed to tell what shape functions carry.
+LEAST = 30
 
 _PLAIN = re.compile(r"(\d+)\s+(\d+)\s*(.*)", re.ASCII)
 _GLUED = re.compile(r"\d+\s*(?=:)()()(.*)", re.ASCII)
@@ -15,9 +20,12 @@ _FEMBEAM = re.compile(
     r"(\d+)\s*nodes?\s*,\s*(\d+)\s*(?:modes?|coordinates?)\b\s*,?\s*(.*)",
     re.IGNORECASE | re.ASCII,
 )
-#: What our own files end their titles with, which other readers take for free text.
-OWN = "[sidtool]"
-_TAG = re.compile(r"\s*\[(?:layout (\w+)|sidtool)\]$", re.ASCII)
+#: What our own files end their titles with, which other readers take for free text:
+#: version and shares, see `formats.carried`; earlier files tell the layout alone.
+_OWN = re.compile(
+    r"\s*\[(?P<by>sidtool(?: [\w.+!-]+)?)(?:; (?P<carried>[^\[\]]+))?\]$", re.ASCII
+)
+_TAG = re.compile(r"\s*\[layout (\w+)\]$", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -37,6 +45,24 @@ class Layout:
     gr: str = "axis"
     ge: str = "axis"
     m1_index: str = "rlc"
+
+
+@dataclass(frozen=True)
+class Title:
+    """What the text of a title tells.
+
+    Attributes
+    ----------
+    text : without the marks that our own writer leaves
+    layout : the marked one, if it is not the canonical one beyond doubt
+    by : our own program, "" if there is no mark
+    carried : what the shape functions carry, if it is told
+    """
+
+    text: str
+    layout: Layout | None = None
+    by: str = ""
+    carried: Carried | None = None
 
 
 LAYOUTS = {
@@ -60,25 +86,26 @@ def split_title(line: str) -> tuple[tuple[int, int] | None, str] | None:
     return None
 
 
-def split_tag(text: str) -> tuple[str, Layout | None, bool]:
-    """The text without the mark that our own writer leaves, the marked layout, if it
-    is not the canonical one beyond doubt, and whether there is a mark."""
-    match = _TAG.search(text)
-    if not match:
-        return text, None, False
-    if match[1] is None:
-        return text[: match.start()], None, True
-    for layout in LAYOUTS.values():
-        if match[1] == layout.token:
-            return text[: match.start()], layout, True
-    return text, None, False
+def split_tag(text: str) -> Title:
+    """The text and the marks at its end."""
+    layout, by, carried = None, "", None
+    if match := _TAG.search(text):
+        tokens = {layout.token: layout for layout in LAYOUTS.values()}
+        layout = tokens.get(match[1])
+        if layout is None:
+            return Title(text)
+        text, by = text[: match.start()], "sidtool"
+    if match := _OWN.search(text):
+        text, by = text[: match.start()], match["by"]
+        carried = carried_from_text(match["carried"] or "")
+    return Title(text, layout, by, carried)
 
 
 def is_own(start: bytes) -> bool:
     """Whether a file that begins so has a title with the mark of our own writer."""
     line = start.partition(b"\n")[0].decode("ascii", "replace").strip()
     title = split_title(line)
-    return title is not None and split_tag(title[1])[2]
+    return title is not None and bool(split_tag(title[1]).by)
 
 
 def layout_from_words(text: str) -> Layout | None:
@@ -90,7 +117,11 @@ def layout_from_words(text: str) -> Layout | None:
 
 
 def title_line(
-    text: str, counts: tuple[int, int], fembeam: bool, tag: Layout | None
+    text: str,
+    counts: tuple[int, int],
+    fembeam: bool,
+    tag: Layout | None,
+    carried: Carried | None = None,
 ) -> str:
     """The first line of a file: 7-bit ASCII, at most 400 characters.
 
@@ -99,15 +130,20 @@ def title_line(
     text : free text; what is not ASCII is replaced, what is too long is cut
     counts : numbers of nodes and modes
     fembeam : in the words of FEMBeam instead of those of FEMBS
-    tag : the layout to mark at the end, so that no reader has to guess; without it the
-        mark tells our own files from those of others
+    tag : the layout to mark at the end, so that no reader has to guess
+    carried : what the shape functions carry, as far as it fits behind the text
     """
     start = "{:5d} {:3d}    ".format(*counts) + PREFIX
     if fembeam:
         start = "{} nodes, {} modes, ".format(*counts)
-    mark = f" {OWN}" if tag is None else f" [layout {tag.token}]"
-    room = LONGEST - len(start) - len(mark)
-    return f"{start}{ascii_text(text)[:room].rstrip()}{mark}"
+    layout = "" if tag is None else f" [layout {tag.token}]"
+    begin, end = f" [{written_by()}", f"]{layout}"
+    room = LONGEST - len(start) - len(begin) - len(end)
+    told = ascii_text(text)[:room].rstrip()
+    room -= len(told) + len("; ")
+    if carried is not None and room >= LEAST:
+        begin += f"; {carried.text(room)}"
+    return f"{start}{told}{begin}{end}"
 
 
 def ascii_text(text: str) -> str:

@@ -73,7 +73,7 @@ def _file(sid: SID, style: Style) -> Iterator[str]:
     """The file in pieces of whole lines."""
     counts = (len(sid.nodes), sid.nq)
     fembeam = style.layout is LAYOUTS["fembeam"]
-    yield title_line(sid.title, counts, fembeam, _tag(sid, style)) + "\n"
+    yield title_line(sid.title, counts, fembeam, _tag(sid, style), sid.carried) + "\n"
     yield _line(1, "part")
     yield _line(6, "new modal", "")
     yield _line(11, "refmod")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from ..errors import InputError
 from .growing import GrowingFile, undisturbed
+from .versions import written_by
 
 if TYPE_CHECKING:
     import h5py
@@ -25,6 +26,8 @@ SEAL_SIGNATURE = b"\x89SID\r\n\x1a\n"
 
 class SealedFile:
     """A sealed HDF5 file that is written piece by piece, wholly or not at all.
+
+    Its root names this program in the attribute written_by.
 
     Attributes
     ----------
@@ -41,6 +44,7 @@ class SealedFile:
         self.target = GrowingFile(path, elsewhere)
         with undisturbed():
             self._file = h5py.File(cast(Any, self.target), "w", userblock_size=BLOCK)
+            self._file.attrs["written_by"] = written_by()
 
     def put(self, fill: Callable[[h5py.File], None]) -> None:
         """Puts some content into the file.

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.carried import Carried
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import (
     J_INDICES,
@@ -155,7 +156,13 @@ def changed(sid: SID, change: FrameChange) -> SID:
     blocks = _blocks(sid, d_phi, d_phi_c, d_pairs, d_second, d_rigid)
     blocks["Me"] = _added(sid.Me, _modal_mass_difference(sid, change))
     nodes = tuple(_node(node, change, second) for node in sid.nodes)
-    return relabelled(kept_consistent(replace(sid, nodes=nodes, **blocks), sid))
+    moved = replace(sid, nodes=nodes, carried=_still_told(sid), **blocks)
+    return relabelled(kept_consistent(moved, sid))
+
+
+def _still_told(sid: SID) -> Carried | None:
+    """Displacements of a held body are those from its frame, and no longer known."""
+    return sid.carried if sid.carried is not None and sid.carried.free else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from sidtool.formats.carried import DIRECTIONS, Carried, Six
+from sidtool.formats.carried.compliance import lost_inertia
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.reduction import (
@@ -40,6 +42,9 @@ _ALIKE = 1e-6
 _ROUNDING = 1e-4
 #: Entries of the loads at markers above which nothing is measured.
 _LARGEST = 50_000_000
+#: The same for markers that are not among the interfaces.
+_LARGEST_BESIDE = 5_000_000
+_UNKNOWN: Six = (None,) * 6
 _TITLES = {
     "attachment": "attachment",
     "herting": "Herting",
@@ -83,10 +88,26 @@ class Fidelity:
         return float(np.abs(both).max(initial=0.0))
 
 
-def fidelity_sentence(
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What a basis errs by and what does better.
+
+    Attributes
+    ----------
+    text : a sentence
+    poor : whether it errs by per cents
+    carried : what it has of the compliance at all markers, for its SID
+    """
+
+    text: str
+    poor: bool = False
+    carried: Carried | None = None
+
+
+def judged(
     body: FiniteElementModel, frame: Frame, basis: ReducedBasis, model: ModelFile
-) -> tuple[str, bool] | None:
-    """What a basis errs by and what does better, and whether it errs by per cents.
+) -> Judged | None:
+    """How good a basis is.
 
     None where nothing can be measured: the method solved no equations, or the markers
     are too many.
@@ -100,15 +121,16 @@ def fidelity_sentence(
     try:
         full = _full(body, space, markers, settings, len(basis.labels))
         own = _measured(body, space, basis, full)
+        carried = _carried(body, frame, space, basis, own, settings)
         text = _said(own)
         if own.worst <= _POOR:
-            return text, False
+            return Judged(text, carried=carried)
         better = _advice(body, frame, space, full, markers, settings, own.worst)
-        return f"{text}; {better}", True
+        return Judged(f"{text}; {better}", True, carried)
     except InputError as error:
-        return f"its errors cannot be measured: {error.problem}", False
+        return Judged(f"its errors cannot be measured: {error.problem}")
     except np.linalg.LinAlgError:
-        return "its errors cannot be measured: rounding hides its mass matrix", False
+        return Judged("its errors cannot be measured: rounding hides its mass matrix")
 
 
 def held_sentence(
@@ -141,11 +163,16 @@ def _matrices(body: FiniteElementModel) -> tuple[Any, Any]:
 
 
 def _loaded(
-    body: FiniteElementModel, frame: Frame, settings: ReductionSettings
+    body: FiniteElementModel,
+    frame: Frame,
+    settings: ReductionSettings,
+    all_markers: bool = False,
 ) -> list[MarkerRows]:
     """The interfaces, or all markers that can move."""
     held = clamped_dofs(body, frame, settings.fixed_names)
-    chosen = settings.interface_names or [m.name for m in body.markers]
+    chosen = settings.interface_names
+    if all_markers or not chosen:
+        chosen = tuple(m.name for m in body.markers)
     return [
         marker
         for marker in map(body.marker, chosen)
@@ -199,6 +226,47 @@ def _measured(
         known,
         len(squares),
     )
+
+
+def _carried(
+    body: FiniteElementModel,
+    frame: Frame,
+    space: Space,
+    basis: ReducedBasis,
+    own: Fidelity,
+    settings: ReductionSettings,
+) -> Carried:
+    """The measured shares, those at the other markers and under its own inertia."""
+    rows: dict[str, list[float | None]] = {}
+    parts, known = [own], {marker.name for marker in _loaded(body, frame, settings)}
+    everywhere = _loaded(body, frame, settings, all_markers=True)
+    others = [marker for marker in everywhere if marker.name not in known]
+    if 6 * len(others) * body.ndof <= _LARGEST_BESIDE:
+        full = _full(body, space, others, settings, 0)
+        parts.append(_measured(body, space, basis, full))
+    for part in parts:
+        for name, error in zip(part.names, part.compliances.tolist(), strict=True):
+            marker, _, way = name.rpartition(" ")
+            row = rows.setdefault(str(body.marker(marker).node), list(_UNKNOWN))
+            row[DIRECTIONS.index(way)] = min(max(1.0 - error, 0.0), 1.0)
+    free = bool(space.rigid.shape[1])
+    lost = () if free else _lost_inertia(body, frame, space, basis)
+    return Carried(free, {name: tuple(row) for name, row in rows.items()}, lost)
+
+
+def _lost_inertia(
+    body: FiniteElementModel, frame: Frame, space: Space, basis: ReducedBasis
+) -> tuple[float, ...]:
+    """See `Carried.lost`."""
+    motions = body.rigid_body_modes(frame.origin)
+    loads = body.mass @ motions
+    stiffness = basis.shapes.T @ (body.stiffness @ basis.shapes)
+    felt = basis.shapes.T @ loads
+    ways = [0, 1, 5] if body.dimension == 2 else list(range(6))
+    full, own = np.zeros(6), np.zeros(6)
+    full[ways] = np.einsum("ij,ij->j", loads, space.static(loads))
+    own[ways] = np.einsum("ij,ij->j", felt, scipy.linalg.solve(stiffness, felt))
+    return lost_inertia(full, own)
 
 
 def _said(errors: Fidelity) -> str:

@@ -34,6 +34,7 @@ def sid_data(sid: SID) -> dict[str, Any]:
     """Sizes, mass properties, modes and nodes."""
     return {
         "title": sid.title,
+        "written_by": sid.written_by or None,
         "mass": sid.mass,
         "centre_of_mass": sid.mdCM.m0[:, 0] / sid.mass if sid.mass else None,
         "inertia": sid.J.m0[:, 0],

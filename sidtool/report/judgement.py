@@ -25,6 +25,7 @@ class Judgement:
     units: UnitGuess
     comparison: Comparison | None
     questions: tuple[str, ...] = ()
+    written_by: str = ""
 
     def good(self, *, strict: bool) -> bool:
         """True when nothing failed that counts; warnings and questions about units
@@ -49,9 +50,9 @@ def judge(
     checks, units = check(sid), guess_units(sid)
     asked = tuple(body_questions(sid))
     if reference is None:
-        return Judgement(checks, units, None, asked)
+        return Judgement(checks, units, None, asked, sid.written_by)
     comparison = compare(sid, reference, tolerance=tolerance)
-    return Judgement(checks, units, comparison, asked)
+    return Judgement(checks, units, comparison, asked, sid.written_by)
 
 
 def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
@@ -61,13 +62,15 @@ def judgement_as_json(judgement: Judgement, *, strict: bool) -> str:
         judgement.comparison,
         judgement.units,
         judgement.questions,
+        judgement.written_by,
         strict=strict,
     )
 
 
 def judgement_as_text(judgement: Judgement, *, strict: bool) -> str:
     """Tables, the meaning of each failure, and the verdict in the last line."""
-    parts = [_checks(judgement.checks), *_meanings(judgement.checks)]
+    by = [f"written by {judgement.written_by}"] if judgement.written_by else []
+    parts = [*by, _checks(judgement.checks), *_meanings(judgement.checks)]
     parts.append(_units(judgement.units))
     parts += [f"question: {text}" for text in judgement.questions]
     if judgement.comparison is not None:

@@ -116,8 +116,9 @@ def describe_result(result: Result) -> str:
     if result.names and len(result.t):
         parts.append(ranges(dict(zip(result.names, result.values.T, strict=True))))
     if result.versions:
-        made = ", ".join(f"{name} {text}" for name, text in result.versions.items())
-        parts.append(f"made with {made}")
+        own = f"sidtool {result.versions.get('sidtool', '')}".rstrip()
+        others = [f"{n} {v}" for n, v in result.versions.items() if n != "sidtool"]
+        parts.append(f"written by {own}, with {', '.join(others)}")
     return "\n\n".join(parts)
 
 

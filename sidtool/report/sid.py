@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.carried import DIRECTIONS
 from sidtool.formats.dead_nodes import dead_nodes
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.stiffening import has_stiffening
@@ -51,7 +52,7 @@ def _overview(sid: SID) -> str:
         *_abilities(sid),
         (
             "written by",
-            f"{dialect.writer}: Gr {dialect.gr_layout}-major, Ge "
+            f"{_writer(sid)}: Gr {dialect.gr_layout}-major, Ge "
             f"{dialect.ge_layout}-major, m1 {dialect.m1_index}, J {dialect.j_shape}",
         ),
         *(("note", note) for note in dialect.notes),
@@ -69,8 +70,35 @@ def _abilities(sid: SID) -> list[tuple[str, str]]:
     return [
         ("elastic forces", "quadratic in q (Ke m1)" if quadratic else "linear"),
         ("geom. stiffening", "carried" if has_stiffening(sid) else lacks),
+        ("carried", _carried(sid)),
         ("stress", f"at {plural(len(stressed), 'node')}" if stressed else "not told"),
     ]
+
+
+def _writer(sid: SID) -> str:
+    """The program that wrote the file, and of which program it had the body."""
+    by, first = sid.written_by, sid.dialect.writer
+    if not by or first.startswith(by):
+        return first
+    return by if first.startswith("sidtool") else f"{by} (the body by {first})"
+
+
+def _carried(sid: SID) -> str:
+    """What the shape functions have of the static compliance of the full body."""
+    if sid.carried is None:
+        return "which part of the static compliance, the file does not tell"
+    told = [
+        (share, f"{'along' if len(way) == 1 else 'about'} {way[-1]}", node)
+        for node, row in sid.carried.shares.items()
+        for way, share in zip(DIRECTIONS, row, strict=True)
+        if share is not None
+    ]
+    if not told:
+        return "of no node told"
+    least, way, node = min(told)
+    return (
+        f"of the static compliance at least {100 * least:.0f} % ({way} at node {node})"
+    )
 
 
 def _mode_row(number: int, mode: Mode, sid: SID) -> list[str]:

@@ -24,13 +24,14 @@ def to_json(
     comparison: Comparison | None = None,
     units: UnitGuess | None = None,
     questions: Sequence[str] = (),
+    written_by: str = "",
     *,
     strict: bool = False,
 ) -> str:
     """One JSON document; numbers that JSON cannot hold (nan, infinity) become null.
 
     Keys: ``passed`` (of all together), ``checks``, and, where given, ``comparison``,
-    ``units`` and ``questions``, which count as warnings.
+    ``units``, ``questions``, which count as warnings, and ``written_by`` of own files.
     """
     good = verdict(checks, strict=strict) and (comparison is None or comparison.passed)
     good = good and not (strict and questions)
@@ -40,6 +41,8 @@ def to_json(
     if units is not None:
         data["units"] = _plain(asdict(units))
         data["questions"] = list(questions)
+    if written_by:
+        data["written_by"] = written_by
     return json.dumps(data, indent=2, allow_nan=False)
 
 

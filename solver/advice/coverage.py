@@ -1,4 +1,4 @@
-"""Directions in which joints and forces load a flexible body that is rigid there.
+"""Directions in which a body is loaded that its shape functions lack, or have in part.
 
 A modal basis often lacks the shapes that stretch or twist a body: no shape function
 moves a marker in the direction of a load, which then meets a rigid body.
@@ -24,6 +24,7 @@ from ..start.conflicts import LARGEST, make_rigid, undeformed
 from ..start.consistent import State
 from ..system.bodies.embedded import matrices
 from ..system.scene import Row, System
+from .poor_shapes import is_poor, poor_directions, poor_inertia
 
 #: Shape functions move a marker when they do so by more than this part of what they
 #: move any node of the body.
@@ -31,23 +32,41 @@ MOVED = 1e-9
 #: A direction is that of an axis when its cosine is closer to one than this.
 ALONG = 1e-6
 
-Found = dict[tuple[str, str], dict[str, str]]
+#: Where a load acts: body and marker.
+Where = tuple[str, str]
+#: What loads a body: where, a force and a moment in body axes, and its name.
+Load = tuple[Where, Array, Array, str]
+Found = dict[Where, dict[str, str]]
 
 
-def rigid_directions(system: System, start: Start) -> Iterator[str]:
-    """One sentence for each body and marker that is rigid where it is loaded.
+def uncovered(system: System, start: Start) -> Iterator[str]:
+    """One sentence for each body and marker that is loaded where shapes are missing.
 
     start : the assembled start of the system
     """
-    if not any(_may_be_rigid(system, *end) for end in _loaded(system.scene)):
-        return
+    ends = _loaded(system.scene)
+    if any(_may_be_rigid(system, *end) or is_poor(system, *end) for end in ends):
+        loads = list(_loads(system, start))
+        yield from _rigid_directions(system, loads)
+        yield from poor_directions(system, loads)
+    yield from poor_inertia(system, start)
+
+
+def _loads(system: System, start: Start) -> Iterator[Load]:
+    """What joints and forces do to flexible bodies at the start."""
     if system.complete_scene.n_rows > LARGEST:
         return
     state = undeformed(system, system.scene.time.start, start.z, start.v)
     make_rigid(state)
+    yield from _of_joints(state)
+    yield from _of_forces(state)
+
+
+def _rigid_directions(system: System, loads: list[Load]) -> Iterator[str]:
+    """Of markers that no shape function moves where they are loaded."""
     found: Found = {}
-    _of_joints(state, found)
-    _of_forces(state, found)
+    for load in loads:
+        _check(system, *load, found)
     for (body, marker), directions in found.items():
         names = list(dict.fromkeys(directions.values()))
         yield (
@@ -88,7 +107,7 @@ def _may_be_rigid(system: System, body: str, marker: str) -> bool:
     )
 
 
-def _of_joints(state: State, found: Found) -> None:
+def _of_joints(state: State) -> Iterator[Load]:
     """Constraint forces: rows of C hold their directions, rigid and elastic."""
     system = state.system
     owner = {i: row.name for row in system.rows for i in range(row.first, _end(row))}
@@ -109,10 +128,10 @@ def _of_joints(state: State, found: Found) -> None:
             m = m - np.cross(body.node(marker).position, f)
             if np.linalg.norm(f) > MOVED:
                 m = np.zeros(3)
-            _check(state, (name, marker), f, m, owner[row], found)
+            yield (name, marker), f, m, owner[row]
 
 
-def _of_forces(state: State, found: Found) -> None:
+def _of_forces(state: State) -> Iterator[Load]:
     """Forces and torques at markers, by their directions at the start."""
     system = state.system
     for name, force in system.scene.forces.items():
@@ -132,20 +151,20 @@ def _of_forces(state: State, found: Found) -> None:
             if np.any(vector):
                 pair = [np.zeros(3), np.zeros(3)]
                 pair[kind] = vector
-                _check(state, (body, marker), pair[0], pair[1], name, found)
+                yield (body, marker), pair[0], pair[1], name
 
 
 def _check(
-    state: State,
-    where: tuple[str, str],
+    system: System,
+    where: Where,
     f: Array,
     m: Array,
     owner: str,
     found: Found,
 ) -> None:
     """Enters a force f or a moment m at a marker that does not deform its body."""
-    sid = state.system.bodies[state.system.index(where[0])].sid
-    node = state.system.bodies[state.system.index(where[0])].node(where[1])
+    body = system.bodies[system.index(where[0])]
+    sid, node = body.sid, body.node(where[1])
     turning = bool(np.any(m))
     largest = _largest(sid)
     sits = not node.position.any() and not turning

@@ -12,7 +12,7 @@ from ..start import assembly
 from ..start.loads import with_prescribed_friction
 from ..system.scene import System
 from .body_measures import expected_bodies
-from .coverage import rigid_directions
+from .coverage import uncovered
 from .questions import questions
 
 
@@ -43,7 +43,7 @@ def prepare(system: System) -> Prepared:
     asked = tuple(questions(system))
     system, start = _assembled(system, asked)
     system = with_prescribed_friction(system, start)
-    asked = (*asked, *rigid_directions(system, start))
+    asked = (*asked, *uncovered(system, start))
     return Prepared(system, start, asked, expected_bodies(system, start))
 
 

@@ -15,11 +15,12 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.sid import SID, Node, Taylor
 from sidtool.formats.sid_ascii.styles import STYLES
 from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.formats.storage.versions import written_by
 from tests.bodies import particle_body
 from tests.formats.sids import assert_same
 
 FRAGMENT = """\
-    1   2    :No. nodes, No. modes:example [sidtool]
+    1   2    :No. nodes, No. modes:example [OWN]
  part
       new modal                                 =
            refmod
@@ -78,7 +79,9 @@ def read_text(text: str, folder: Path) -> SID:
 
 
 def test_the_canonical_fragment(tmp_path: Path) -> None:
-    assert written(beam_end(), tmp_path).startswith(FRAGMENT)
+    assert written(beam_end(), tmp_path).startswith(
+        FRAGMENT.replace("OWN", written_by(), 1)
+    )
 
 
 def test_every_line_of_a_canonical_file(tmp_path: Path) -> None:

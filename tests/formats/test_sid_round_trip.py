@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from sidtool.formats.carried import Carried
 from sidtool.formats.sid import (
     BLOCK_SHAPES,
     NODE_SHAPES,
@@ -23,6 +24,7 @@ from sidtool.formats.sid import (
 from sidtool.formats.sid_ascii.styles import STYLES
 from sidtool.formats.sid_ascii.title import is_own
 from sidtool.formats.sid_files import FORMATS, read_sid, write_sid
+from sidtool.formats.storage.versions import written_by
 from tests.bodies import particle_body, skew
 from tests.formats.sids import assert_same
 
@@ -211,6 +213,40 @@ def test_files_of_our_own_say_so_and_stay_so_over_round_trips(tmp_path: Path) ->
         assert sid.dialect.writer.startswith("sidtool")
         assert is_own(path.read_bytes()[:400])
         assert path.read_text().partition("\n")[0].count("sidtool") <= 1
+        assert sid.written_by == written_by()
+
+
+@pytest.mark.parametrize("dialect", ["fembs", "pysid", "matmorembs", "fembeam"])
+def test_titles_carry_what_shape_functions_carry(tmp_path: Path, dialect: str) -> None:
+    """The poorest nodes first, in per cents, as far as a title of 400 has room."""
+    plain = particle_body(2, 5, planar=False, seed=3)
+    shares = {str(k): (k / 100, None, 1.0, None, None, 0.5) for k in range(99, 0, -1)}
+    told = Carried(False, shares, (0.0, 0.25, 1.0, 0.0, 0.0, 0.07))
+    sid = replace(plain, title="Arm", carried=told)
+    path = tmp_path / "arm.SID_FEM"
+    write_sid(path, sid, dialect)
+    assert len(path.read_text().partition("\n")[0]) <= 400
+    found = read_sid(path)
+    assert found.carried is not None and found.title == "Arm"
+    assert found.carried.lost == told.lost and not found.carried.free
+    assert 10 < len(found.carried.shares) < 60
+    assert found.carried.shares == {k: shares[k] for k in found.carried.shares}
+    assert set(found.carried.shares) == {
+        str(k) for k in range(1, 1 + len(found.carried.shares))
+    }
+    write_sid(tmp_path / "arm.h5", sid)
+    assert read_sid(tmp_path / "arm.h5").carried == told
+    assert read_sid(tmp_path / "arm.h5").written_by == written_by()
+
+
+@pytest.mark.parametrize("mark", ["[sidtool]", "[layout PY_SID]"])
+def test_marks_of_earlier_versions_are_known(tmp_path: Path, mark: str) -> None:
+    path = tmp_path / "arm.SID_FEM"
+    write_sid(path, replace(particle_body(2, 5, planar=False, seed=3), title="Arm"))
+    path.write_text(path.read_text().replace(f"[{written_by()}]", mark))
+    assert is_own(path.read_bytes()[:400])
+    sid = read_sid(path)
+    assert sid.written_by == "sidtool" and sid.title == "Arm" and sid.carried is None
 
 
 @pytest.mark.parametrize("title", ["Arm", "Arm of sidtool", "sidtool", "[sidtool] arm"])

@@ -55,7 +55,13 @@ def test_the_motion_is_that_of_the_reference(files: Path) -> None:
 def test_info_of_the_result(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["info", str(files / "r.h5")]) == 0
     text = capsys.readouterr().out
-    for word in ("radau9", "301 output times", "piston.x", "drift", "made with"):
+    for word in (
+        "radau9",
+        "301 output times",
+        "piston.x",
+        "drift",
+        "written by",
+    ):
         assert word in text
 
 

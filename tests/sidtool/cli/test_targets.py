@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import stat
 import subprocess
@@ -103,15 +104,16 @@ def test_a_sid_of_another_program_is_replaced_with_force_only(
     monkeypatch.chdir(folder)
     path = folder / "other.SID_FEM"
     own = (folder / "rod_q4.SID_FEM").read_text()
-    path.write_text(own.replace(" [sidtool]", "", 1))
+    foreign = re.sub(r" \[sidtool.*\]", "", own, count=1)
+    path.write_text(foreign)
     arguments = ["convert", "rod_q4.SID_FEM", "-o", "other.SID_FEM"]
     assert "is there and is not" in refused(arguments, folder, capsys)
     path.write_text(own)
     assert run([*arguments[:1], str(folder / arguments[1]), "-o", str(path)]) == 0
-    path.write_text(own.replace(" [sidtool]", "", 1))
+    path.write_text(foreign)
     again = ["convert", str(folder / "rod_q4.SID_FEM"), "-o", str(path), "--force"]
     assert run(again) == 0
-    assert "[sidtool]" in path.read_text()
+    assert "[sidtool" in path.read_text()
 
 
 def test_own_files_are_replaced_and_others_with_force(
