@@ -226,14 +226,20 @@ class QuadraturePart:
     def gradients(self, fields: Array) -> Array:
         """(p, n, d, d) displacement gradients [c, b] = du_c/dx_b of (ndof, n)."""
         at_nodes = fields[self.table][self.nodes]
-        result = np.einsum("pmb,pmcn->pncb", self.slopes, at_nodes, optimize=True)
+        p, m, d, n = at_nodes.shape
+        result = _by_slopes(self.slopes, at_nodes)
         if self.internal is None:
             return result
         assert self.amplitudes is not None
-        p, k, d = self.internal.shape
-        own = self.amplitudes[self.element] @ at_nodes.reshape(p, -1, fields.shape[1])
-        own = own.reshape(p, k, d, -1)
-        return result + np.einsum("pmb,pmcn->pncb", self.internal, own, optimize=True)
+        own = self.amplitudes[self.element] @ at_nodes.reshape(p, m * d, n)
+        return result + _by_slopes(self.internal, own.reshape(p, -1, d, n))
+
+
+def _by_slopes(slopes: Array, amplitudes: Array) -> Array:
+    """(p, n, d, d) gradients of functions, amplitudes (p, m, d, n)."""
+    p, m, d, n = amplitudes.shape
+    products = np.swapaxes(slopes, 1, 2) @ amplitudes.reshape(p, m, d * n)
+    return np.asarray(products.reshape(p, d, d, n).transpose(0, 3, 2, 1))
 
 
 def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:

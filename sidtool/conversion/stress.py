@@ -23,6 +23,8 @@ from .vectors import LEVI_CIVITA
 
 #: Random states of equal energy that the peak points are chosen from.
 _STATES = 400
+#: Quadrature points that are looked at together, in all states.
+_POINTS = 2_000
 _SILENT = (
     "no stress is told at {}: tied to node sets; a marker at a point of the material "
     "tells it"
@@ -164,11 +166,11 @@ def peak_points(
     energy = np.sqrt(np.maximum(np.diag(basis.stiffness), 1e-300))
     random = np.random.default_rng(0).standard_normal((nq, _STATES))
     states = np.hstack([np.eye(nq), random]) / energy[:, None]
-    parts = list(quadrature(body))
+    parts = list(quadrature(body, _POINTS))
     where, peaks = _peaks(parts, basis.shapes, states)
     candidates = list(dict.fromkeys(where))
     sigma = np.stack([_sigma(parts[i].only(j), basis.shapes)[0] for i, j in candidates])
-    mises = von_mises(np.einsum("cnk,ns->csk", sigma, states))
+    mises = _mises(sigma, states)
     covered = np.zeros(len(peaks))
     chosen: list[tuple[int, int]] = []
     while len(chosen) < min(count, len(candidates)):
@@ -187,12 +189,17 @@ def _peaks(
     best = np.full(states.shape[1], -1.0)
     where: list[tuple[int, int]] = [(0, 0)] * states.shape[1]
     for number, part in enumerate(parts):
-        mises = von_mises(np.einsum("pnk,ns->psk", _sigma(part, shapes), states))
+        mises = _mises(_sigma(part, shapes), states)
         rows = mises.argmax(axis=0)
         for state in np.flatnonzero(mises.max(axis=0) > best):
             best[state] = mises[rows[state], state]
             where[state] = (number, int(rows[state]))
     return where, best
+
+
+def _mises(sigma: Array, states: Array) -> Array:
+    """(p, s) of stresses (p, n, 6) per elastic coordinate in states (n, s)."""
+    return von_mises(np.moveaxis(np.moveaxis(sigma, 2, 0) @ states, 0, 2))
 
 
 def _sigma(part: QuadraturePart, shapes: Array) -> Array:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -39,6 +38,8 @@ def local_basis(knots: Array, degree: int, points: ArrayLike) -> LocalBasis:
     knots : open knot vector
     points : (npoints,) inside the range of the knots
     """
+    from scipy.interpolate import BSpline
+
     x = np.asarray(points, float)
     matrix = BSpline.design_matrix(x, knots, degree)
     first = matrix.indices.reshape(-1, degree + 1)[:, 0].astype(np.int64)

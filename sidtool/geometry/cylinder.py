@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from sidtool.formats.errors import InputError
 
@@ -123,6 +122,8 @@ def _refined(points: Array, turn: Array) -> tuple[Array, Array, float]:
         flat = points @ turned(unknowns[:2])[:, :2]
         distances: Array = np.linalg.norm(flat - unknowns[2:4], axis=1) - unknowns[4]
         return distances
+
+    from scipy.optimize import least_squares
 
     centre, radius = _circle(points @ turned(np.zeros(2))[:, :2])
     start = np.array([0, 0, *centre, radius])

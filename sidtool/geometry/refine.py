@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline
 from scipy.sparse.linalg import splu
 
 from sidtool.formats.errors import InputError
@@ -78,6 +77,8 @@ def check_holds(
 
 def _change_of_basis(knots: Array, degree: int, target: Array, new: int) -> Array:
     """(n_new, n_old) coefficients of the old basis functions in the new basis."""
+    from scipy.interpolate import BSpline
+
     points = greville_points(target, new)
     collocation = BSpline.design_matrix(points, target, new).tocsc()
     old = BSpline.design_matrix(points, knots, degree).toarray()

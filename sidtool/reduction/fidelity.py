@@ -29,13 +29,13 @@ from sidtool.formats.model.reduction import (
 from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .basis import ReducedBasis, hertz
 from .frames import Frame, clamped_dofs, motion_names, motion_rows
-from .methods import REDUCTIONS
+from .methods import COMPARED, REDUCTIONS
 from .space import Space
 
 Array = NDArray[np.float64]
 
-#: Frequencies that are compared; the error above which other methods are tried.
-_MODES, _POOR = 10, 0.01
+#: The error above which other methods are tried.
+_POOR = 0.01
 #: Errors below this are alike: the fewer shape functions, the better.
 _ALIKE = 1e-6
 #: Per cents that rounding may be.
@@ -201,7 +201,7 @@ def _full(
     compliances = np.einsum("ij,ji->i", loads, space.static(loads.T))
     felt = compliances > 0
     flat = np.array([name for group in names for name in group], object)
-    squares, _ = space.modes(min(_MODES, count))
+    squares, _ = space.modes(min(COMPARED, count))
     return _Full(hertz(squares), tuple(flat[felt]), loads[felt], compliances[felt])
 
 

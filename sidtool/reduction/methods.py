@@ -28,9 +28,12 @@ from .krylov import krylov_vectors
 from .space import Space, admissible
 from .user import user_shapes
 
-__all__ = ["REDUCTIONS", "ReducedBasis", "modal_truncation", "oriented"]
+__all__ = ["COMPARED", "REDUCTIONS", "ReducedBasis", "modal_truncation", "oriented"]
 
 Array = NDArray[np.float64]
+
+#: Frequencies of the full mesh by which a basis is judged after the reduction.
+COMPARED = 10
 
 
 def modal_truncation(
@@ -92,7 +95,7 @@ def attachment(
     Source: R. Craig, "Structural Dynamics", Wiley 1981, chapter 19.
     """
     space = space or admissible(model, frame, settings.fixed_names)
-    _, normal = space.modes(settings.modes)
+    _, normal = space.modes(settings.modes, COMPARED)
     rows, names = _interface_rows(model, settings.interfaces, settings.rotations)
     families = [
         Family("normal mode", normal),
@@ -119,7 +122,7 @@ def herting(
     """
     outer = space or admissible(model, frame, settings.fixed_names)
     inner, constraint = _constraint_modes(model, outer, settings)
-    _, normal = outer.modes(settings.modes)
+    _, normal = outer.modes(settings.modes, COMPARED)
     relief = _inertia_relief(model, frame, inner)
     families = [Family("free-interface mode", normal), constraint, relief]
     return replace(finished(model, frame, families, "Herting"), space=outer)

@@ -71,10 +71,14 @@ class Space:
             stopped=np.hstack([self.stopped, self.rigid @ stopped]),
         )
 
-    def modes(self, count: int) -> tuple[Array, Array]:
+    def modes(self, count: int, soon: int = 0) -> tuple[Array, Array]:
         """The lowest elastic modes: eigenvalues and displacements (ndof, count).
 
         Rigid motions are not among them.
+
+        Parameters
+        ----------
+        soon : how many will be asked for later; they are found together
 
         Raises
         ------
@@ -91,7 +95,7 @@ class Space:
         if count == 0:
             return np.zeros(0), np.zeros((self.transform.shape[0], 0))
         if not self._found or count > len(self._found[0][0]):
-            self._found[:] = [self._lowest(count)]
+            self._found[:] = [self._lowest(min(max(count, soon), available))]
         values, shapes = self._found[0]
         return values[:count], shapes[:, :count]
 

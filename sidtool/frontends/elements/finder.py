@@ -85,7 +85,7 @@ class ElementFinder:
         for i in np.array_split(np.arange(len(rows)), 1 + len(rows) // 20_000):
             nodes = self._mesh.positions[elements[rows[i]]]
             where, miss = _located(kind, nodes, points[i])
-            inside = _inside(kind, where, slack)
+            inside = reference_element(kind).excess(where) <= slack
             close = miss < 1e-6 * self.radii[block][rows[i]]
             held[i] = inside & close
         return held
@@ -95,27 +95,24 @@ def _located(kind: str, nodes: Array, points: Array) -> tuple[Array, Array]:
     """Parameters (k, d) of points (k, d) in elements (k, m, d), and what is missed."""
     element = reference_element(kind)
     where = np.tile(element.nodes.mean(axis=0), (len(points), 1))
+    values, gradients = element.at(where[:1])
     active = np.arange(len(points))
     for _ in range(_ITERATIONS):
-        if not active.size:
-            break
-        values, gradients = element.at(where[active])
         corners = nodes[active]
-        miss = points[active] - np.einsum("km,kmd->kd", values, corners)
-        jacobians = np.einsum("kmd,kme->kde", corners, gradients)
+        jacobians = np.swapaxes(corners, 1, 2) @ gradients
         safe = np.abs(np.linalg.det(jacobians)) > 0
         jacobians[~safe] = np.eye(nodes.shape[2])
+        miss = points[active] - _interpolated(values, corners)
         step = np.linalg.solve(jacobians, miss[..., None])[..., 0]
         where[active] = np.clip(where[active] + step, -0.5, 1.5)
         active = active[np.abs(step).max(axis=1) > 1e-10]
+        if not active.size:
+            break
+        values, gradients = element.at(where[active])
     values, _ = element.at(where)
-    miss = points - np.einsum("km,kmd->kd", values, nodes)
-    return where, np.linalg.norm(miss, axis=1)
+    return where, np.linalg.norm(points - _interpolated(values, nodes), axis=1)
 
 
-def _inside(kind: str, where: Array, slack: float) -> NDArray[np.bool_]:
-    element = reference_element(kind)
-    inside = np.asarray(((where >= -slack) & (where <= 1 + slack)).all(axis=1))
-    for i in np.flatnonzero(inside):
-        inside[i] = element.excess(where[i]) <= slack
-    return inside
+def _interpolated(values: Array, nodes: Array) -> Array:
+    """(k, d) of nodes (k, m, d) by shape functions (k or 1, m)."""
+    return np.asarray((values[:, None] @ nodes)[:, 0])

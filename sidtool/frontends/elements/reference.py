@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,19 +159,19 @@ class ReferenceElement:
         """Values (g, m) and gradients (g, m, d) at other points (g, d)."""
         return _tabulated(self.name, points)
 
-    def excess(self, point: Array) -> float:
-        """How far a reference point lies outside the element; at most 0 inside."""
-        shape = shape_of(self.name)
-        beyond = [-point.min()]
+    def excess(self, points: Array) -> Array:
+        """How far reference points (..., d) lie outside; at most 0 inside."""
+        shape, flat, last = shape_of(self.name), points[..., :2], points[..., -1]
+        beyond = [-points.min(axis=-1)]
         if shape in ("tri", "tet"):
-            beyond.append(point.sum() - 1)
+            beyond.append(points.sum(axis=-1) - 1)
         elif shape == "wedge":
-            beyond += [point[:2].sum() - 1, point[2] - 1]
+            beyond += [flat.sum(axis=-1) - 1, last - 1]
         elif shape == "pyramid":
-            beyond.append(point[:2].max() + point[2] - 1)
+            beyond.append(flat.max(axis=-1) + last - 1)
         else:
-            beyond.append(point.max() - 1)
-        return float(max(beyond))
+            beyond.append(points.max(axis=-1) - 1)
+        return np.max(beyond, axis=0)
 
     def clamped(self, point: Array) -> Array:
         """A reference point of the element near one outside."""
@@ -254,31 +255,31 @@ def _coefficients(kind: str) -> Array:
 def _tabulated(kind: str, points: Array) -> tuple[Array, Array]:
     values, slopes = _powers(kind, points)
     coefficients = _coefficients(kind)
-    return values @ coefficients, np.einsum("gki,kj->gji", slopes, coefficients)
+    return values @ coefficients, np.stack([s @ coefficients for s in slopes], axis=2)
 
 
-def _powers(kind: str, points: Array) -> tuple[Array, Array]:
-    """Products of powers (g, m) at points and their gradients (g, m, d).
+def _powers(kind: str, points: Array) -> tuple[Array, list[Array]]:
+    """Products of powers (g, m) at points and their d derivatives (g, m).
 
     At the apex of a pyramid, where the gradient depends on the direction, it is that
     on the line to the middle of the base.
     """
-    bases, sign = points, np.ones(points.shape[1])
+    bases, signs = points.T, np.ones(points.shape[1])
     if shape_of(kind) == "pyramid":
         height = np.maximum(1 - points[:, 2], 1e-14)
-        bases = np.column_stack([points[:, :2], height])
-        bases[height < 1e-12, :2] = 0.5e-14
-        sign = np.array([1.0, 1.0, -1.0])
-    exponents = _exponents(kind)
-    powers = bases[:, None, :] ** exponents.astype(float)
-    lowered = exponents * bases[:, None, :] ** np.where(
-        exponents == 0, 0.0, exponents - 1.0
-    )
-    slopes = np.stack(
-        [
-            np.where(np.arange(bases.shape[1]) == i, lowered, powers).prod(axis=2)
-            for i in range(bases.shape[1])
-        ],
-        axis=2,
-    )
-    return powers.prod(axis=2), slopes * sign
+        bases = np.array([*points[:, :2].T, height])
+        bases[:2, height < 1e-12] = 0.5e-14
+        signs = np.array([1.0, 1.0, -1.0])
+    exponents = _exponents(kind).T
+    powers = [_power(x, e) for x, e in zip(bases, exponents, strict=True)]
+    slopes = []
+    for i, e in enumerate(exponents):
+        lowered = signs[i] * e * _power(bases[i], np.where(e == 0, 0, e - 1))
+        slopes.append(np.asarray(prod([*powers[:i], lowered, *powers[i + 1 :]])))
+    return np.asarray(prod(powers)), slopes
+
+
+def _power(base: Array, exponents: NDArray[np.int64]) -> Array:
+    """(g, m); each power is raised once, which is what takes the time."""
+    distinct, place = np.unique(exponents, return_inverse=True)
+    return np.asarray((base[:, None] ** distinct.astype(float))[:, place])

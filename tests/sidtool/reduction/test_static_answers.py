@@ -11,7 +11,7 @@ from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validated
 from sidtool.reduction.frames import Frame, motion_rows
-from sidtool.reduction.space import admissible
+from sidtool.reduction.space import Space, admissible
 
 from ..bodies import volume_data
 from ..models import rod_data
@@ -72,8 +72,17 @@ def test_dense_algebra_agrees(
 
 @pytest.mark.parametrize("frame", ["tangent", "buckens"])
 @pytest.mark.parametrize("method", ["craig_bampton", "herting", "attachment"])
-def test_a_body_is_factored_once(method: str, frame: str) -> None:
-    """It held two factorisations at once."""
+def test_a_body_is_factored_once(
+    method: str, frame: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It held two factorisations at once, and sought the modes of one space twice."""
+    searched, search = [], Space._lowest
+
+    def counted(space: Space, count: int) -> tuple:
+        searched.append(space)  # kept, so that no other one gets its identity
+        return search(space, count)
+
+    monkeypatch.setattr(Space, "_lowest", counted)
     interfaces = ["piston_pin"] if frame == "tangent" else ["crank_pin", "piston_pin"]
     settings = {"method": method, "modes": 4, "interfaces": interfaces}
     data = rod_data(Q4, reduction=settings)
@@ -82,3 +91,4 @@ def test_a_body_is_factored_once(method: str, frame: str) -> None:
     told: list[str] = []
     sid_from_model(validated(data, ModelFile), told.append)
     assert len([text for text in told if text.startswith("factorising")]) == 1
+    assert searched and len(searched) == len({id(space) for space in searched})
