@@ -181,6 +181,18 @@ def _arm(kind: str, n: int, thick: float) -> Part:
     return _held(mesh, np.abs(angle) < 1e-9, end, 2, probe)
 
 
+def shaken_bar(kind: str, n: int, share: float) -> Part:
+    """A square bar of 20 mm, four times as long, pulled along x; its inner nodes are
+    off by a share of a cell, so that finer cells are as skew."""
+    points, cells = _box((4 * n, n, n))
+    shift = np.random.default_rng(5).uniform(-share, share, points.shape)
+    inner = (points > 1e-9) & (points < 1 - 1e-9)
+    points = points + inner * shift / [4 * n, n, n]
+    mesh = _meshed(points * [0.08, 0.02, 0.02], cells, kind)
+    ends = [np.isclose(mesh.positions[:, 0], x, atol=1e-9) for x in (0.0, 0.08)]
+    return _held(mesh, ends[0], ends[1], 0, np.array([0.08, 0.02, 0.02]))
+
+
 #: The parts by their names.
 PARTS: dict[str, Callable[[str, int], Part]] = {
     "rod": _rod,

@@ -6,14 +6,25 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from ..frontends.drawn_parts import drawn
-from .twins import ELEMENTS, by_calculix, by_sidtool
+from sidtool.frontends.elements.internal_modes import internal_slopes
+from sidtool.frontends.elements.reference import reference_element
+from sidtool.frontends.elements.solid import (
+    elasticity,
+    element_stiffness,
+    mapped_batch,
+)
+from sidtool.frontends.mesh.data import ElementBlock, Mesh
+
+from ...metamorphic.parts import STEEL
+from ..frontends.drawn_parts import Part, drawn
+from .twins import ELEMENTS, by_calculix, by_sidtool, calculix_matrices
 
 CASES = [
     ("bracket", "tet4"),
@@ -49,6 +60,40 @@ def test_no_element_is_stiffer_than_its_twin(
     assert own.frequencies[0] == pytest.approx(twin.frequencies[0], rel=0.01)
     if element not in OTHER_STRESS:
         assert own.von_mises == pytest.approx(twin.von_mises, rel=1e-3)
+
+
+@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_c3d8i_does_otherwise(seed: int, tmp_path: Path) -> None:
+    """It takes the slopes of the internal modes by the Jacobian at the centre alone,
+    without the ratio of determinants that makes uniform stress do no work on them, and
+    gives them inertia. Of one skewed element; reference: its own matrices."""
+    cube = reference_element("hex8")
+    shift = np.random.default_rng(seed).uniform(-0.15, 0.15, cube.nodes.shape)
+    positions, nodes = cube.nodes + shift, np.arange(8)[None]
+    mesh = Mesh(positions, (ElementBlock("hex8", nodes, np.array([1])),))
+    none, probe = np.zeros(0, np.int64), np.zeros(3)
+    part = Part(mesh, none, none, 0, probe)
+    whole, mass = calculix_matrices(part, "hex8", tmp_path)
+    inner = np.linalg.solve(whole[24:, 24:], whole[24:, :24])
+    theirs = whole[:24, :24] - whole[:24, 24:] @ inner
+    full, _ = calculix_matrices(part, "hex8 full", tmp_path)
+    assert np.abs(mass[24:, 24:]).max() > 0.1 * np.abs(mass[:24, :24]).max()
+
+    basis = cube.values[None], cube.gradients[None]
+    batch = mapped_batch(nodes, positions, *basis, cube.weights)
+    determinants = batch.measures / cube.weights
+    slopes = internal_slopes(cube, positions[nodes], cube.points, determinants)
+    centre = np.linalg.det(positions.T @ cube.at(np.full((1, 3), 0.5))[1][0])
+    unscaled = slopes * (determinants / centre)[..., None, None]
+    law, size = elasticity(STEEL, "solid"), np.abs(full).max()
+    linear = (positions @ np.random.default_rng(seed).normal(size=(3, 3))).ravel()
+    for used, expected in ((slopes, full @ linear), (unscaled, theirs @ linear)):
+        (own,) = element_stiffness(replace(batch, internal=used), law)
+        assert_allclose(own @ linear, expected, atol=1e-9 * size)
+    assert_allclose(own, theirs, atol=1e-9 * size)
+    forces = np.linalg.norm(full @ linear)
+    assert np.linalg.norm((theirs - full) @ linear) > 1e-3 * forces
 
 
 def test_inertia_is_that_of_the_geometry() -> None:

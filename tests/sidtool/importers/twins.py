@@ -76,6 +76,14 @@ def by_sidtool(part: Part, element: str) -> Found:
     )
 
 
+def calculix_matrices(part: Part, element: str, folder: Path) -> tuple[Array, Array]:
+    """Stiffness and mass by node and component, behind them the internal modes."""
+    (folder / "free.inp").write_text(_deck(part, ELEMENTS[element][1]))
+    free = computed(folder / "free.inp")
+    order = np.lexsort(free.dofs.T[::-1])
+    return tuple(a.toarray()[np.ix_(order, order)] for a in (free.stiffness, free.mass))
+
+
 def by_calculix(part: Part, element: str, folder: Path) -> Found:
     text = _deck(part, ELEMENTS[element][1])
     (folder / "free.inp").write_text(text)
