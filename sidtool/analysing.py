@@ -104,7 +104,7 @@ def inverse_dynamics(
 
     programs = drives, forces
     with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
-        return answering(analyse(system, quasi_static=quasi_static), forces)
+        return answering(analyse(system, quasi_static=quasi_static), drives, forces)
 
 
 @contextmanager

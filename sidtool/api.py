@@ -94,7 +94,8 @@ def simulate(
     accept_defects : simulate bodies whose mass matrix is impossible, and joints and
         forces on nodes that no shape function moves
     drives : functions of time f(t), or tuples of f and its first or first two
-        derivatives, that replace those of the scene's drives, by name
+        derivatives, that replace those of the scene's drives, by name; of one with
+        `of = "acceleration"` a `Law`
     forces : the same for functions that scale forces, or are actuators; a `Law` sees
         outputs of the motion as well
     unfinished : the result of a run with the same scene and settings that was ended, as
@@ -141,10 +142,10 @@ def simulate(
             result = run(system, progress=progress, told=told, **settings, **ends)
             if plan is not None:
                 result = plan.certified(result)
-        return answering(result, forces)
+        return answering(result, drives, forces)
     except SimulationError as error:
         if error.result is not None:
-            error.result = answering(error.result, forces)
+            error.result = answering(error.result, drives, forces)
         if asked.number:
             raise Interrupted(str(error), error.result) from None
         raise

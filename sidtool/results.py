@@ -163,10 +163,11 @@ class Result(stored.Result):
         return course(self).html + html_table(rows, header, self.title)
 
 
-def answering(result: stored.Result, forces: Mapping[str, Any] | None = None) -> Result:
+def answering(result: stored.Result, *programs: Mapping[str, Any] | None) -> Result:
     """The result as users have it, which knows the laws of a program in its run."""
     known = {f.name: getattr(result, f.name) for f in fields(stored.Result)}
-    return Result(**known | {"laws": dict(forces or {})})
+    laws = {name: law for each in programs for name, law in (each or {}).items()}
+    return Result(**known | {"laws": laws})
 
 
 def _installed(name: str) -> Any:

@@ -48,7 +48,7 @@ def compile_scene(
     base_folder: str | Path = ".",
     sids: Mapping[str, SID] | None = None,
     accept_defects: bool = False,
-    drives: Mapping[str, Derivatives] | None = None,
+    drives: Mapping[str, Derivatives | Law] | None = None,
     keep_joints: bool = False,
     forces: Mapping[str, Derivatives | Law] | None = None,
 ) -> System:
@@ -63,7 +63,8 @@ def compile_scene(
     drives : callables that replace the functions of the drives with these names:
         f(t), or a tuple of f and its first, or first two, derivatives, or one of these
         as `Timed(f, times=..., shortest=...)`: a feature that lasts less than 1/4096 of
-        the run may be missed unless that says where or how short it is
+        the run may be missed unless that says where or how short it is. A `Law` gives
+        what a drive with `of = "acceleration"` prescribes
     keep_joints : keep all joints as constraints, whose forces are then known, also
         those that prescribe a frame
     forces : callables f(t) that scale the forces, or are the actuators, with these

@@ -127,7 +127,7 @@ class Replay:
 def replay(
     result: Result,
     names: Iterable[str] = (),
-    drives: Mapping[str, Derivatives] | None = None,
+    drives: Programs | None = None,
     forces: Programs | None = None,
     between: bool = False,
 ) -> Replay:
@@ -144,15 +144,16 @@ def replay(
         output or of one that states do not tell (see `untold`), or rotations are too
         fast to be counted.
     """
-    forces = {**result.laws, **(forces or {})}
-    scene = _scene_of(result, tuple(names), forces, between)
+    laws = {**result.laws, **(drives or {}), **(forces or {})}
+    told = scene_of(result)
+    scene = _scene_of(result, tuple(names), laws, between)
     warmup.ensure(scene.dimension == "planar", (), tells_of_bodies(scene))
     system = compile_scene(
         scene,
         sids=dict(result.sids),
         accept_defects=True,
-        drives=drives,
-        forces=forces,
+        drives={n: law for n, law in laws.items() if n not in told.forces},
+        forces={n: law for n, law in laws.items() if n in told.forces},
         keep_joints="analysis" in result.settings,
     )
     system, start = assemble(system)
@@ -165,8 +166,7 @@ def replay(
         raise _unlike("positions")
     if np.isnan(z).any() and len(z):
         _count_turns(system, result.t, z, v)
-    told = scene_of(result)
-    whole = not lost_laws(told, forces) and not sampled_laws(told, forces)
+    whole = not lost_laws(told, laws) and not sampled_laws(told, laws)
     system = with_grips(with_prescribed_friction(system, start))
     return Replay(system, result.t, z, v, whole)
 
@@ -184,10 +184,10 @@ def scene_of(result: Result) -> SceneFile:
 
 
 def _scene_of(
-    result: Result, names: tuple[str, ...], forces: Programs, between: bool
+    result: Result, names: tuple[str, ...], laws: Programs, between: bool
 ) -> SceneFile:
-    """With these outputs and without events and forces whose laws are lost; without
-    names, no outputs at all."""
+    """With these outputs and without events and forces and drives whose laws are lost;
+    without names, no outputs at all."""
     scene = scene_of(result)
     missing = [name for name in scene.flexible if name not in result.sids]
     if missing:
@@ -196,12 +196,12 @@ def _scene_of(
             expected="a result of this version of sidtool; simulate again",
         )
     record = expanded(names, scene, result.sids)
-    for name, (why, expected) in untold(record, scene, forces, between).items():
+    for name, (why, expected) in untold(record, scene, laws, between).items():
         raise InputError(f"{name} {why}", expected=expected)
     content: dict[str, Any] = json.loads(result.scene)
     content.pop("events", None)
-    for name in lost_laws(scene, forces):
-        del content["forces"][name]
+    for name in lost_laws(scene, laws):
+        del content["drives" if name in scene.drives else "forces"][name]
     content["outputs"] = {"record": list(record)}
     return validated(content, SceneFile, source="scene of the result")
 

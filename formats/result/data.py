@@ -45,7 +45,8 @@ class Result:
     accuracy : how exact the numbers are, of a run that was asked for an accuracy
     versions : of this program and of the libraries under it
     notes : what a reader has to know of the numbers, one sentence each
-    laws : of the program that the run was made with, by force; files do not hold them
+    laws : of the program that the run was made with, by force or drive; files do not
+        hold them
     completed : False when the run stopped early, for the reason in `message`; True
         when an event of the scene ended it, which `message` then names
 

@@ -1,12 +1,14 @@
-"""Drives: a coordinate of a joint or of a marker as a function of time."""
+"""Drives: a coordinate of a joint or of a marker as a function of time or by a law."""
 
 from __future__ import annotations
+
+from typing import Literal
 
 from pydantic import Field
 
 from .base import Table, Vector3
 from .joints import Joint
-from .laws import ForceFunction
+from .laws import Expression, ForceFunction, Pid, states_of
 
 #: Coordinates of a marker that a drive may prescribe, by dimension of the scene.
 MARKER_COORDINATES = {
@@ -20,6 +22,13 @@ class Drive(Table):
 
     `rotation` of a marker in space is its whole orientation: that of the reference,
     turned about `axis` by the function of time.
+
+    The function may be a law of outputs of the motion, with states of its own: a servo
+    with a reference model. A motion has accelerations, so that with `of = "value"` the
+    formula has to have two derivatives that are known without accelerations: a state
+    x with x' = v, v' = ..., or a first-order lag of a position. With `of = "rate"` or
+    "acceleration" the law, or a function of time, gives these; what they add up to are
+    the states `value` and `rate` of the law, which it may read.
     """
 
     joint: str | None = Field(default=None, description="name of a joint")
@@ -33,7 +42,33 @@ class Drive(Table):
     axis: Vector3 | None = Field(
         default=None, description="of a rotation, in the axes of the reference"
     )
+    of: Literal["value", "rate", "acceleration"] = Field(
+        default="value", description="what the function gives of the coordinate"
+    )
+    start: float = Field(
+        default=0.0, description="of a rate or an acceleration: the value at the start"
+    )
+    start_rate: float = Field(
+        default=0.0, description="of an acceleration: the rate at the start"
+    )
     function: ForceFunction
+
+    @property
+    def has_law(self) -> bool:
+        """Whether the motion is not known before the run."""
+        return self.of != "value" or isinstance(self.function, Expression | Pid)
+
+    @property
+    def integrated(self) -> tuple[str, ...]:
+        """Names of the states that a rate or an acceleration adds up to."""
+        return {"value": (), "rate": ("value",), "acceleration": ("value", "rate")}[
+            self.of
+        ]
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of all states."""
+        return (*states_of(self.function), *self.integrated)
 
 
 def driven_coordinate(drive: Drive, joints: dict[str, Joint]) -> str:

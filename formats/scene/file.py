@@ -143,8 +143,8 @@ class SceneFile(File):
 
     @model_validator(mode="after")
     def _consistent(self) -> SceneFile:
-        for force in self.forces.values():
-            function = getattr(force, "function", None)
+        for owner in (*self.forces.values(), *self.drives.values()):
+            function = getattr(owner, "function", None)
             if isinstance(function, Expression):
                 function.share(self.parameters)
         check(self)

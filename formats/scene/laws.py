@@ -1,4 +1,4 @@
-"""Laws: what a force makes of outputs of the motion, as a formula or a controller."""
+"""Laws: what forces and drives make of outputs, as a formula or a controller."""
 
 from __future__ import annotations
 
@@ -43,15 +43,16 @@ class Expression(Table):
 
     Names are t, pi, parameters, states, and outputs that are positions or velocities:
     coordinates of joints and their rates, places and velocities of markers and rigid
-    bodies, elastic coordinates; states of other laws as FORCE.state.NAME. Names with a
-    hyphen stand in quotes. Operators are + - * / and **; functions are sin cos tan
-    asin acos atan atan2 sinh cosh tanh exp log sqrt abs sign min max and
-    clip(x, lower, upper).
+    bodies, elastic coordinates; states of other laws as FORCE.state.NAME or
+    DRIVE.state.NAME. Names with a hyphen stand in quotes. Operators are + - * / and **;
+    functions are sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt abs sign
+    min max and clip(x, lower, upper).
     """
 
     type: Literal["expression"] = "expression"
     value: str = Field(
-        description="the formula [N] or [N m]; of a point force the factor"
+        description="the formula [N] or [N m]; of a point force the factor, of a drive "
+        "what it prescribes"
     )
     parameters: dict[str, float] = Field(
         default_factory=dict,
@@ -102,7 +103,7 @@ class Pid(Table):
     sample_time: float | None = Field(default=None, gt=0, description=_SAMPLE)
 
 
-#: What scales a force: a function of time, or a law.
+#: What scales a force, or a drive prescribes: a function of time, or a law.
 ForceFunction = Annotated[
     Constant
     | Polynomial

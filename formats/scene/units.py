@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .drives import driven_coordinate
-from .forces import PointForce
+from .drives import Drive, driven_coordinate
+from .forces import Force, PointForce
 from .joints import Coupling, Gear, coupled_coordinates
 from .laws import Pid
 from .outputs import (
@@ -114,7 +114,14 @@ def _of_friction(name: OutputName, scene: SceneFile | None) -> str:
 def _of_law(name: OutputName, scene: SceneFile | None) -> str:
     if scene is None:
         return ""
-    force = scene.forces[name.owner]
+    force: Force | Drive | None = scene.forces.get(name.owner)
+    drive = scene.drives.get(name.owner)
+    if drive is not None and (force is None or drive.has_law):
+        if name.quantity in drive.integrated:
+            along = _along(driven_coordinate(drive, scene.joints))
+            unit = "rad" if along == "N m" else "m"
+            return unit if name.quantity == "value" else f"{unit}/s"
+        force = drive
     function = getattr(force, "function", None)
     if name.marker != STATE:
         if isinstance(force, PointForce):

@@ -117,6 +117,7 @@ def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:
     for name, drive in scene.drives.items():
         if drive.joint is None or marker_names(scene.joints[drive.joint]):
             yield from _named(name, _WRENCH[dimension])
+        yield from _named(f"{name}.{STATE}", drive.states)
     for name, force in scene.forces.items():
         yield from _named(name, _WRENCH[dimension])
         function = getattr(force, "function", None)

@@ -59,7 +59,7 @@ def check_outputs(system: System) -> None:
     """
     for text in watched(system.scene):
         name = parse_output(text)
-        if name.owner in system.scene.forces and name.marker == STATE:
+        if name.marker == STATE and name.owner not in system.scene.bodies:
             state_row(system, name)
             continue
         if is_stress(name.quantity):

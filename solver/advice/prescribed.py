@@ -54,7 +54,7 @@ def prescribed_frames(system: System, history: DriveHistory) -> dict[str, FrameH
     drives = {
         (drive.joint, driven_coordinate(drive, system.scene.joints)): name
         for name, drive in system.scene.drives.items()
-        if drive.joint is not None
+        if drive.joint is not None and name not in system.led
     }
     grown = True
     while grown:

@@ -10,6 +10,7 @@ import numpy as np
 from ..equations.drives import drive_value
 from ..equations.forces import programs
 from ..space import layout as at
+from ..system.forces.force_laws import Law, powers
 from ..system.scene import System
 
 
@@ -32,6 +33,33 @@ def held(system: System) -> System:
     constants = np.column_stack([np.zeros(len(values)), values]).ravel()
     pool = np.concatenate([arrays.pool, constants])
     return replace(system, arrays=arrays.replaced(drive=table, pool=pool))
+
+
+def with_held_drives(system: System) -> System:
+    """The system whose drives with laws keep their values at the start, too.
+
+    Places of states are asked, see `places_for_states`: those of drives are drawn to
+    where they start.
+    """
+    if not system.led:
+        return system
+    arrays = system.arrays
+    constraint, force = arrays.constraint.copy(), arrays.force.copy()
+    constraint[:, at.C_LAW] = -1
+    pool = [arrays.pool]
+    for k, element in enumerate(system.forces):
+        is_state = element.kind == at.COORDINATE and not element.is_read
+        if element.name in system.led and is_state:
+            start = system.bodies[force[k, at.F_B]].starts_at
+            spring = Law(rest=start, stiffness=powers((1.0,))).packed()
+            force[k, [at.F_CODE, at.F_LAW]] = -1, sum(map(len, pool))
+            pool.append(np.array(spring))
+    return replace(
+        system,
+        arrays=arrays.replaced(
+            constraint=constraint, force=force, pool=np.concatenate(pool)
+        ),
+    )
 
 
 def places_for_states(system: System) -> System:

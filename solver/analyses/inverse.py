@@ -94,7 +94,7 @@ def refuse_states(system: System) -> None:
         if is_state(system, b):
             raise InputError(
                 f"{data.name} is no function of the motion that is prescribed",
-                place="forces",
+                place="forces, drives",
                 expected="laws without states and sample time in inverse dynamics",
             )
 

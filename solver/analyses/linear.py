@@ -6,12 +6,13 @@ velocities consistent. Then, eq. (23),
 
     y' = N^T E N y + w,    w' = N^T (da/dz N + da/dv V) y + N^T da/dv N w,
 
-with E as in `kernels.coordinates`. The derivatives of the accelerations a follow from
-those of what eq. (3) leaves at the state's own accelerations and multipliers, by
-central differences: it is solved at the state only. Beside it a body with first-order
-terms of Ct and Cr may have no positive mass matrix. The state should be an equilibrium,
-or a steady motion such as a constant rotation, where these matrices do not depend on
-time.
+with E as in `kernels.coordinates`. States of the laws of drives, which are among w,
+move positions by Q x and velocities by V x as well, the smallest that keep the
+constraints. The derivatives of the accelerations a follow from those of what eq. (3)
+leaves at the state's own accelerations and multipliers, by central differences: it is
+solved at the state only. Beside it a body with first-order terms of Ct and Cr may have
+no positive mass matrix. The state should be an equilibrium, or a steady motion such as
+a constant rotation, where these matrices do not depend on time.
 """
 
 from __future__ import annotations
@@ -109,13 +110,19 @@ def linearise(
     t = system.scene.time.start if time is None else time
     mechanics = mechanics_at(system, t, z, v)
     mechanics.set_scale(z, stiffness=0.0)
-    matrix, motion = state_matrix(mechanics, z, v)
-    notes = (*_unsteady(mechanics, matrix, motion, z, v), *mechanics.notes(), *told)
-    return replace(_modes(mechanics, matrix, motion, z, v), notes=notes)
+    matrix, motion, moved = state_matrix(mechanics, z, v)
+    notes = _unsteady(mechanics, matrix, motion, moved, z, v)
+    notes += (*mechanics.notes(), *told)
+    return replace(_modes(mechanics, matrix, moved, z, v), notes=notes)
 
 
 def _unsteady(
-    mechanics: Mechanics, matrix: Array, motion: Array, z: Array, v: Array
+    mechanics: Mechanics,
+    matrix: Array,
+    motion: Array,
+    moved: Array,
+    z: Array,
+    v: Array,
 ) -> tuple[str, ...]:
     """Whether the state is far from rest and from steady motion, and what leaves it.
 
@@ -123,11 +130,10 @@ def _unsteady(
     """
     mechanics.evaluate(z, v)
     left = motion.T @ mechanics.accelerations()[0]
-    places = _places(matrix, motion)
-    forces = np.concatenate([np.zeros(places), -left])
+    forces = np.concatenate([np.zeros(len(matrix) - len(left)), -left])
     shift = np.linalg.lstsq(matrix, forces, rcond=1e-10)[0]
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
-    way = np.abs(motion[:, :places] @ shift[:places]) / sizes
+    way = np.abs(moved @ shift) / sizes
     rest = np.abs(matrix @ shift - forces).max(initial=0.0)
     if way.max(initial=0.0) < NEAR and rest <= STEADY * np.abs(left).max(initial=0.0):
         return ()
@@ -150,10 +156,13 @@ def _check_size(system: System, z: Array, v: Array) -> None:
         )
 
 
-def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array]:
-    """Matrix of (y, w) and the (n, d) scaled free directions N, states of laws last.
+def state_matrix(
+    mechanics: Mechanics, z: Array, v: Array
+) -> tuple[Array, Array, Array]:
+    """Matrix of (y, w), the (n, d) scaled free directions N, states of laws last, and
+    how (y, w) move the positions, (n, y and w).
 
-    They are among w only: what they add up to does not matter.
+    States are among w only: what they add up to does not matter.
     """
     mechanics.evaluate(z, v)
     mechanics.refuse_singular()
@@ -164,17 +173,22 @@ def state_matrix(mechanics: Mechanics, z: Array, v: Array) -> tuple[Array, Array
     inertia = Z.T @ M @ N
     a, multipliers = mechanics.accelerations()
     by_z, by_v = _derivatives(mechanics, z, v, a, multipliers)
-    follow = least_squares(C, -by_z.rate @ N)
+    states = np.zeros_like(N)
+    states[:, places:] = N[:, places:]
+    moved = np.hstack([N, least_squares(C, -by_v.value @ states)])
+    rates = by_z.rate @ moved
+    rates[:, d:] += by_v.rate @ states
+    driven = least_squares(C, -rates)
+    driven[:, d:] += N
     matrix = np.zeros((2 * d, 2 * d))
-    matrix[:d, :d] = N.T @ E @ N
-    matrix[:d, d:] = np.eye(d)
-    force = [by_z.force @ N + by_v.force @ follow, by_v.force @ N]
-    gamma = [by_z.gamma @ N + by_v.gamma @ follow, by_v.gamma @ N]
-    held = least_squares(C, np.hstack(gamma))
-    right = Z.T @ (np.hstack(force) - M @ held)
+    matrix[:d] = N.T @ E @ moved
+    matrix[:d, d:] += np.eye(d)
+    force = by_z.force @ moved + by_v.force @ driven
+    gamma = by_z.gamma @ moved + by_v.gamma @ driven
+    right = Z.T @ (force - M @ least_squares(C, gamma))
     matrix[d:] = mechanics.solve_inertia(inertia, right)
     kept = [*range(places), *range(d, 2 * d)]
-    return matrix[np.ix_(kept, kept)], N
+    return matrix[np.ix_(kept, kept)], N, moved[:, kept]
 
 
 def _free_directions(system: System, C: Array) -> tuple[Array, int]:
@@ -188,17 +202,13 @@ def _free_directions(system: System, C: Array) -> tuple[Array, int]:
     return N, moving.shape[1]
 
 
-def _places(matrix: Array, motion: Array) -> int:
-    """How many free directions are no states of laws."""
-    return len(matrix) - motion.shape[1]
-
-
 @dataclass(frozen=True, eq=False)
 class _Change:
     """By the n scaled coordinates: f + C^T lambda - M a (n, n), and of the constraints
-    their rates and gamma - C a (rows, n)."""
+    their values, rates and gamma - C a (rows, n)."""
 
     force: Array
+    value: Array
     rate: Array
     gamma: Array
 
@@ -211,7 +221,7 @@ def _derivatives(
     found = []
     deltas = PERTURBATION * coordinate_sizes(mechanics.system) / mechanics.scale
     for moves in (True, False):
-        change = _Change(np.zeros((n, n)), np.zeros((rows, n)), np.zeros((rows, n)))
+        change = _Change(np.zeros((n, n)), *(np.zeros((rows, n)) for _ in range(3)))
         for k, delta in enumerate(deltas):
             step = np.zeros(n)
             step[k] = delta
@@ -223,6 +233,8 @@ def _derivatives(
                 C, weight = mechanics.jacobian, sign / (2.0 * delta)
                 left = mechanics.force + C.T @ multipliers - mechanics.mass @ a
                 change.force[:, k] += weight * left
+                residual = mechanics.residual
+                change.value[: len(residual), k] += weight * residual
                 change.rate[:, k] += weight * mechanics.rates
                 change.gamma[:, k] += weight * (mechanics.gamma - C @ a)
         found.append(change)
@@ -256,13 +268,12 @@ def _skew(a: Array) -> Array:
 
 
 def _modes(
-    mechanics: Mechanics, matrix: Array, motion: Array, z: Array, v: Array
+    mechanics: Mechanics, matrix: Array, moved: Array, z: Array, v: Array
 ) -> Linearisation:
     values, vectors = np.linalg.eig(matrix)
     kept = [k for k in np.argsort(np.abs(values)) if values[k].imag >= 0.0]
     values = values[kept]
-    places = _places(matrix, motion)
-    shapes = (motion[:, :places] @ vectors[:places, kept]).T * mechanics.scale
+    shapes = (moved @ vectors[:, kept]).T * mechanics.scale
     for shape in shapes:
         largest = shape[np.argmax(np.abs(shape))] if len(shape) else 1.0
         shape /= largest if largest != 0.0 else 1.0

@@ -29,7 +29,13 @@ from ..start.assembly import assemble
 from ..start.consistent import widest_open
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
-from .held import held, places_for_states, state_entries, unsampled
+from .held import (
+    held,
+    places_for_states,
+    state_entries,
+    unsampled,
+    with_held_drives,
+)
 from .limits import at_limits
 from .mechanics import Mechanics, null_space, refuse_prescribed
 from .recorded import Found, recorded
@@ -85,7 +91,7 @@ def static_equilibrium(system: System) -> Equilibrium:
     """The static equilibrium nearest downhill from the start of a scene.
 
     Drives and functions of time hold their values at the start: nothing moves, and no
-    inertia of their rates is left.
+    inertia of their rates is left. So do the states of the laws of drives.
 
     Raises
     ------
@@ -97,7 +103,8 @@ def static_equilibrium(system: System) -> Equilibrium:
     system, told = unsampled(system)
     system, start = assemble(system)
     system, t = held(system), system.scene.time.start
-    mechanics = Mechanics(places_for_states(system), t, 0.5 * (t + system.breaks[0]))
+    at_rest = with_held_drives(places_for_states(system))
+    mechanics = Mechanics(at_rest, t, 0.5 * (t + system.breaks[0]))
     mechanics.set_scale(start.z)
     places, velocities = state_entries(system)
     start.z[places] = start.v[velocities]

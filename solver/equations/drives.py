@@ -92,6 +92,17 @@ def drive_value(system, drive, clock, t):
     return whole, whole_rate, whole_curvature
 
 
+@inner()
+def prescribed(system, work, con, t):
+    """What a drive gives a constraint, with two derivatives; laws were asked before."""
+    if con.law >= 0:
+        row = system.force[con.law]
+        return work.factor[con.law], work.factor[row.a], work.factor[row.b]
+    if con.drive >= 0:
+        return drive_value(system, con.drive, work.clock[0], t)
+    return 0.0, 0.0, 0.0
+
+
 @entry(types.void(SYSTEM, int64, F1, F1, F2))
 def drive_values(system, drive, clocks, times, found):
     """`drive_value` at many times, into the rows of `found`."""

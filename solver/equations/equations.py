@@ -55,9 +55,9 @@ def _evaluate_bodies(system, work, t, z, v):
 @inner()
 def _evaluate(system, work, t, z, v):
     _evaluate_bodies(system, work, t, z, v)
-    evaluate_constraints(system, work, t)
     count_turns(system, work, z)
     evaluate_forces(system, work, t, z, v)
+    evaluate_constraints(system, work, t)
 
 
 @entry(EVALUATE)

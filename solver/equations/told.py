@@ -51,7 +51,7 @@ def _tell_forces(system, work, told, state, t, z, lam, rub):
         )
         _tell_wrench(told, first + held + k, force, torque_a, torque_b)
     for k in range(forces):
-        if system.force[k].kind != COORDINATE:
+        if system.force[k].kind < COORDINATE:
             force, torque_a, torque_b = force_wrench(system, work, k)
             at = first + held + rubbing + k
             _tell_wrench(told, at, force, torque_a, torque_b)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -40,16 +40,18 @@ def of_time(parts: Parts) -> Callable[[float], float] | None:
     if not any(looks):
         return None
 
-    def value(t: float) -> float:
-        stack: list[Any] = []
-        for part in parts:
-            _run(part, stack, t)
-        return float(stack[0])
-
-    return value
+    return lambda t: value_at(parts, t, {})
 
 
-def _run(part: Any, stack: list[Any], t: float) -> None:
+def value_at(parts: Parts, t: float, known: Mapping[str, float]) -> float:
+    """The value of a law where all that it reads is one, but for what is known."""
+    stack: list[Any] = []
+    for part in parts:
+        _run(part, stack, t, known)
+    return float(stack[0])
+
+
+def _run(part: Any, stack: list[Any], t: float, known: Mapping[str, float]) -> None:
     if isinstance(part, Called):
         native = part.native
         values = np.array(stack[len(stack) - native.count :], float)
@@ -58,8 +60,10 @@ def _run(part: Any, stack: list[Any], t: float) -> None:
             stack.append(float(native.function(t, values)))
         except Exception as error:
             raise ValueError(str(error)) from None
-    elif not isinstance(part, Instruction) or part.kind == "name":
+    elif not isinstance(part, Instruction):
         stack.append(1.0)
+    elif part.kind == "name":
+        stack.append(known.get(str(part.value), 1.0))
     elif part.kind in ("number", "time"):
         stack.append(part.value if part.kind == "number" else t)
     elif part.kind in _TWO:

@@ -29,14 +29,16 @@ Slopes = Callable[[float, Array], Sequence[float]]
 class Law:
     """A force as a function of outputs of the motion, for `compile_scene(forces=...)`.
 
-    It replaces the function of a force or an actuator. Where numba can compile the
+    It replaces the function of a force or an actuator; among `drives`, that of a drive
+    with `of = "acceleration"`. Where numba can compile the
     callables they are called at the cost of compiled code, else through Python. They
     must depend on t and y alone: methods ask for trial states, and again after steps
     that fail. What a controller remembers are its `states`.
 
     Attributes
     ----------
-    function : f(t, y) [N] or [N m]; y holds what is read, then the states, in order
+    function : f(t, y) [N] or [N m], of a drive [m/s2] or [rad/s2]; y holds what is
+        read, then the states, in order
     reads : names of outputs, such as "elbow.angle": positions and velocities
     derivatives : of f by y, (len(y),); default by differences. Newton's iteration
         uses them, the motion does not depend on them
@@ -76,6 +78,8 @@ class RateOf:
     name: str
 
 
+#: State of a sampled law: what it holds. No name in a scene has a space.
+HELD = "held value"
 #: What a program is made of.
 Part = Instruction | Called | Timing | RateOf
 Parts = tuple[Part, ...]
@@ -96,11 +100,15 @@ class LawParts:
     value : what scales the force
     states : by name
     sample_time : [s], or None for a continuous law
+    led : of the law of a drive, what it prescribes and two derivatives of that
+    followed : states in which its value adds up, which no samples hold
     """
 
     value: Parts
     states: Mapping[str, Kept]
     sample_time: float | None
+    led: tuple[Parts, Parts, Parts] | None = None
+    followed: Mapping[str, Kept] = field(default_factory=dict)
 
 
 def continuous(law: Expression | Pid | Law, place: str) -> Expression | Pid | Law:
@@ -125,8 +133,8 @@ def continuous(law: Expression | Pid | Law, place: str) -> Expression | Pid | La
     return replace(law, sample_time=None)
 
 
-def law_parts(law: Expression | Pid | Law, place: str) -> LawParts:
-    """A law of a scene or of a program in instructions.
+def law_parts(law: Expression | Pid | Law | Function, place: str) -> LawParts:
+    """A law of a scene or of a program in instructions; a function of time is one.
 
     Raises
     ------
@@ -136,7 +144,9 @@ def law_parts(law: Expression | Pid | Law, place: str) -> LawParts:
         return _of_expression(law)
     if isinstance(law, Pid):
         return _of_pid(law)
-    return _of_program(law, place)
+    if isinstance(law, Law):
+        return _of_program(law, place)
+    return LawParts((Timing(law, 0),), {}, None)
 
 
 def _number(value: float) -> Part:

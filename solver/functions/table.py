@@ -188,14 +188,14 @@ class FunctionTable:
         function: ForceFunction,
         place: str,
         program: Derivatives | None = None,
-        smooth: bool = False,
+        joined: int = 0,
     ) -> int:
         """Row of a function of time; `place` is its key in the scene.
 
         Parameters
         ----------
         program : callables for value and derivatives that replace the function
-        smooth : the value and the rate must not jump
+        joined : 1 if the value must not jump, 2 if the rate must not, either
 
         Raises
         ------
@@ -203,13 +203,13 @@ class FunctionTable:
         """
         if isinstance(function, Sum) and program is None:
             parts = [
-                self._add(part, f"{place}.parts[{i}]", None, smooth)
+                self._add(part, f"{place}.parts[{i}]", None, joined)
                 for i, part in enumerate(function.parts)
             ]
             row = len(parts), 0, len(self._parts), at.SUM
             self._parts += parts
         else:
-            row = self._add(function, place, program, smooth)
+            row = self._add(function, place, program, joined)
         self._rows.append(row)
         return len(self._rows) - 1
 
@@ -218,19 +218,19 @@ class FunctionTable:
         function: ForceFunction,
         place: str,
         program: Derivatives | None,
-        smooth: bool,
+        joined: int,
     ) -> tuple[int, int, int, int]:
         """The row of a function that is no sum."""
         name = place.split(".")[1]
         if program is not None:
-            curve = Curve(*interpolate(program, self._span, place, smooth))
+            curve = Curve(*interpolate(program, self._span, place, joined == 2))
             self.given[place] = _as_given(curve)
             compiled: Compiled = curve
             self.seen[name] = shortest_seen(program, self._span)
         else:
             compiled = compile_function(function, place)
-        if smooth and isinstance(compiled, Pieces):
-            check_jumps(compiled, self._span, place)
+        if isinstance(compiled, Pieces):
+            check_jumps(compiled, self._span, place, joined)
         data = self._pool.add(compiled.data())
         self._features.setdefault(name, []).append(compiled.features(self._span))
         for t in compiled.breaks():
@@ -281,8 +281,11 @@ def compile_function(function: ForceFunction, place: str) -> Compiled:
     return _COMPILERS[type(function)](function, place)
 
 
-def check_jumps(pieces: Pieces, span: tuple[float, float], place: str) -> None:
-    """Refuses jumps of the value and of the rate inside a time span.
+def check_jumps(
+    pieces: Pieces, span: tuple[float, float], place: str, joined: int = 2
+) -> None:
+    """Refuses jumps of the value and of the rate, or (1) of the value alone, inside a
+    time span.
 
     A jump of a prescribed position cannot be followed; a jump of its rate would need
     an impact, which no smooth equation of motion describes.
@@ -292,7 +295,7 @@ def check_jumps(pieces: Pieces, span: tuple[float, float], place: str) -> None:
     InputError : names the time and the size of the jump.
     """
     curves = [np.polynomial.Polynomial(c) for c in pieces.terms]
-    for order, what in enumerate(("jumps", "jumps in its rate")):
+    for order, what in enumerate(("jumps", "jumps in its rate")[:joined]):
         ends = [*pieces.starts[1:], max(span[1], pieces.starts[-1])]
         values = [
             (float(p.deriv(order)(0.0)), float(p.deriv(order)(end - start)))

@@ -92,7 +92,7 @@ class History:
                 self._closed,
             )
             whole, motion = whole_motion(system, steps.t, samples)
-            drift = _drift(whole, steps.t, motion.z)
+            drift = _drift(whole, steps.t, motion.z, motion.v)
             told = Told(whole, motion, steps.t)
             powers.append((dissipation(told), supply(told, drift)))
             t.append(steps.t)
@@ -126,14 +126,18 @@ def history_between(
     return history
 
 
-def _drift(system: System, times: Array, z: Array) -> Array:
-    """What time alone changes in the constraints: their rates at zero velocity."""
+def _drift(system: System, times: Array, z: Array, v: Array) -> Array:
+    """What drives change in the constraints: their rates while all bodies rest, and
+    states of laws are what they are."""
     drift = np.zeros((len(times), system.n_rows))
     if not (system.arrays.constraint[:, at.C_DRIVE] >= 0).any():
         return drift
-    rest, work = np.zeros(system.n_velocities), new_work(system)
+    work = new_work(system)
+    states = [r[at.VEL] for r in system.arrays.body if r[at.FLAGS] & at.STATE]
+    rest = np.zeros_like(v)
+    rest[:, states] = v[:, states]
     for i, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
         work.clock[0] = clock
-        kernel_calls.evaluate(system, work, t, z[i], rest)
+        kernel_calls.evaluate(system, work, t, z[i], rest[i])
         drift[i] = work.row[:, at.C_RATE]
     return drift

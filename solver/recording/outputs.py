@@ -122,7 +122,7 @@ def _columns(told: Told, text: str) -> list[tuple[str, Array]]:
         return [(text, stress_column(system, samples, name))]
     if name.owner in system.scene.forces and name.quantity == VALUE:
         return [(text, samples.factors[:, _acting(system, name.owner)])]
-    if name.owner in system.scene.forces and name.marker == STATE:
+    if name.marker == STATE and name.owner not in system.scene.bodies:
         row = system.arrays.body[state_row(system, name)]
         return [(text, samples.v[:, row[at.VEL]])]
     if name.quantity in MOMENTA:

@@ -22,13 +22,13 @@ RECORDED = "to be recorded in the run: outputs.record of the scene"
 
 
 def lost_laws(scene: SceneFile, known: Mapping[str, Any]) -> tuple[str, ...]:
-    """Forces whose law only the program of the run had.
+    """Forces and drives whose law only the program of the run had.
 
-    known : laws of forces that are there again
+    known : laws of forces and drives that are there again
     """
     return tuple(
         name
-        for name, force in scene.forces.items()
+        for name, force in {**scene.drives, **scene.forces}.items()
         if isinstance(function := getattr(force, "function", None), Given)
         and not function.terms
         and name not in known
@@ -36,10 +36,9 @@ def lost_laws(scene: SceneFile, known: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def sampled_laws(scene: SceneFile, known: Mapping[str, Any]) -> tuple[str, ...]:
-    """Forces with a law that holds its value between samples."""
-    laws = {n: getattr(f, "function", None) for n, f in scene.forces.items()} | {
-        **known
-    }
+    """Forces and drives with a law that holds its value between samples."""
+    owners = {**scene.drives, **scene.forces}
+    laws = {n: getattr(f, "function", None) for n, f in owners.items()} | {**known}
     return tuple(n for n, law in laws.items() if getattr(law, "sample_time", None))
 
 
@@ -48,7 +47,7 @@ def untold(
 ) -> dict[str, tuple[str, str]]:
     """Of the names those that cannot be told afterwards: why, and what is expected.
 
-    known : laws of forces that are there again
+    known : laws of forces and drives that are there again
     between : at times between those of the result
     """
     lost = lost_laws(scene, known)
@@ -61,7 +60,10 @@ def untold(
             found[text] = why, RECORDED
         elif lost and _needs(name, scene, lost):
             why = f"depends on the law of {', '.join(lost)}, which a program gave"
-            found[text] = why, "it recorded in the run, or the law in `forces`"
+            found[text] = (
+                why,
+                "it recorded in the run, or the law in `forces`, `drives`",
+            )
         elif sampled and _needs(name, scene, sampled):
             laws = ", ".join(sampled)
             why = f"depends on what {laws} holds between samples, which is not kept"

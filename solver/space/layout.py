@@ -74,7 +74,8 @@ SEG_A = 4  # first segment of marker A and B, -1 where the body has no coordinat
 SEG_B = 5
 C_DATA = 6  # pool: direction or offset
 C_DRIVE = 7  # drive of the prescribed value, -1 for none
-N_CONSTRAINT = 8
+C_LAW = 8  # row of the table of forces whose law gives it instead, -1 for none
+N_CONSTRAINT = 9
 
 # --- kinds of primitive constraints between marker A and marker B ---------
 COINCIDENT = 0  # positions agree: planar 2 rows, spatial 3 rows
@@ -139,6 +140,8 @@ TWIST = 4  # torque about an axis fixed in marker A; the angle from A to B
 TILT = 5  # component of the rotation vector from A to B (spatial)
 LEAN = 6  # scalar product of a direction of A and one of B (spatial)
 COORDINATE = 7  # elastic coordinate F_DATA of the body F_B
+PRESCRIBED = 8  # no force: a law gives the value of a drive; the rows F_A and F_B are
+# its rate and its second derivative
 
 # --- columns of System.turn: rotations from marker A to B in space, of the kind TWIST,
 # TILT or LEAN. Orientations tell them up to full turns; those that are counted go on

@@ -31,8 +31,8 @@ BODY = _integers(
 )  # fmt: skip
 MARKER = _integers("Marker", "body", "data", "phi", "phi1", "psi1")
 CONSTRAINT = _integers(
-    "Constraint", "kind", "row", "a", "b", "seg_a", "seg_b", "data", "drive"
-)
+    "Constraint", "kind", "row", "a", "b", "seg_a", "seg_b", "data", "drive", "law",
+)  # fmt: skip
 SEGMENT = _integers("Segment", "row", "body", "offset")
 FORCE = _integers(
     "Force", "kind", "a", "b", "seg_a", "seg_b", "data", "law", "time", "turn", "code",

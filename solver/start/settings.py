@@ -57,6 +57,13 @@ def settings_of(
             place="accuracy.integrator",
             expected="auto, radau5, radau9, radau13, trapezoidal or dop853",
         )
+    if system.led and name == "generalised_alpha":
+        raise InputError(
+            f"generalised_alpha knows no drives with laws ({', '.join(system.led)}): "
+            "its equations hold positions to functions of time, not to states",
+            place="accuracy.integrator",
+            expected="auto, radau5, radau9, radau13, trapezoidal or dop853",
+        )
     rtol = accuracy.rtol if rtol is None else rtol
     step = accuracy.step if step is None else step
     if not 1e-13 <= rtol <= 0.1:

@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
     STATE,
+    Constant,
     Given,
     SceneFile,
     as_3d,
@@ -29,7 +31,8 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import SID, rigid_node, rigid_sid
 
 from ..functions.callables import Derivatives
-from ..functions.laws import Law
+from ..functions.law_drives import value_at_start
+from ..functions.laws import Law, LawParts
 from ..functions.pool import Pool
 from ..functions.table import FunctionTable
 from ..space import layout as at
@@ -55,7 +58,7 @@ from .turns import Coordinate, Turn, turn_table, with_turns
 def build_system(
     scene: SceneFile,
     sids: Mapping[str, SID],
-    drives: Mapping[str, Derivatives] | None = None,
+    drives: Mapping[str, Derivatives | Law] | None = None,
     keep_joints: bool = False,
     forces: Mapping[str, Derivatives | Law] | None = None,
     sampled: bool = True,
@@ -63,8 +66,7 @@ def build_system(
     """Flat tables of a scene, before its initial conditions are looked at.
 
     sids : of all bodies that have one; see `read_sids`
-    drives, forces : callables that replace functions of time, by name; of forces also
-        laws
+    drives, forces : callables and laws that replace functions, by name
     keep_joints : joints stay constraints even where they prescribe a frame
     sampled : False to let laws with a sample time act all the time
 
@@ -80,16 +82,18 @@ def build_system(
     }
     data[GROUND_NAME] = _ground(scene)
     functions = FunctionTable(pool, (scene.time.start, scene.time.end))
-    drive_index = _drive_functions(scene, functions, drives or {})
-    laws = laws_of(scene, forces or {}, sampled)
-    frames = eliminated_frames(scene, data)
+    _check_names(scene, drives or {})
+    laws = laws_of(scene, forces or {}, drives or {}, sampled)
+    drive_index = _drive_functions(scene, functions, drives or {}, laws)
+    frames = eliminated_frames(scene, data, laws)
     data |= state_bodies(laws)
     table = LawTable(scene, data, functions, laws)
     elements = compile_forces(scene, functions, planar, forces or {}, table.rows)
-    scene = _with_programs(scene, functions.given, forces or {})
+    led, elements = _with_led(elements, scene, table)
+    scene = _with_programs(scene, functions.given, forces or {}, drives or {})
     others = [name for name in scene.bodies if name not in frames]
     order = (GROUND_NAME, *frames, *others, *state_bodies(laws))
-    parts = Ingredients(scene, data, frames, order, drive_index, pool)
+    parts = Ingredients(scene, data, frames, order, drive_index, led, pool)
     cut = _system(parts, functions, elements)
     cut = replace(cut, sids=sids)
     if any(law.sample_time is not None for law in laws.values()):
@@ -111,14 +115,32 @@ def build_system(
     return replace(cut, every_joint=every_joint, whole=every_joint() if asked else None)
 
 
+def _with_led(
+    elements: tuple[Element, ...], scene: SceneFile, table: LawTable
+) -> tuple[dict[str, int], tuple[Element, ...]]:
+    """Where the laws of drives stand behind the rows of forces, and all rows."""
+    led = {}
+    for name in scene.drives:
+        if name in table.laws:
+            rows = table.rows_of_drive(name)
+            first = next(k for k, row in enumerate(rows) if row.rates is not None)
+            led[name] = len(elements) + first
+            elements += tuple(rows)
+    return led, elements
+
+
 def _with_programs(
-    scene: SceneFile, seen: Mapping[str, Given], forces: Mapping[str, object]
+    scene: SceneFile,
+    seen: Mapping[str, Given],
+    forces: Mapping[str, object],
+    drives: Mapping[str, object],
 ) -> SceneFile:
     """The scene with what a program gave in the place of what its file says.
 
     seen : of functions of time, by their places; laws can only be named
     """
-    given: dict[str, Given] = {f"forces.{name}.function": Given() for name in forces}
+    given = {f"forces.{name}.function": Given() for name in forces}
+    given |= {f"drives.{name}.function": Given() for name in drives}
     for place, function in (given | dict(seen)).items():
         table, name, _ = place.split(".")
         parts = dict(getattr(scene, table))
@@ -153,7 +175,9 @@ def _system(
     friction, sliding, pieces = friction_tables(
         rubbing, markers, body, marker, dims, parts.pool
     )
-    rows_of_newton = newton_rows(body, marker, tables.segment, pieces, dims, force)
+    rows_of_newton = newton_rows(
+        body, marker, tables.segment, pieces, dims, force, tables.constraint
+    )
     place_in_newton(friction, tables.segment, pieces, rows_of_newton.segment)
     arrays = at.System(
         body,
@@ -195,6 +219,7 @@ def _system(
         turns=turns,
         rubbing=rubbing,
         from_start=tables.from_start,
+        led=parts.led,
         features=functions.features(),
         seen=functions.seen,
     )
@@ -251,10 +276,8 @@ def _ground(scene: SceneFile) -> BodyData:
     return BodyData(GROUND_NAME, sid, False, False, {}, of_scene=False)
 
 
-def _drive_functions(
-    scene: SceneFile, functions: FunctionTable, programs: Mapping[str, Derivatives]
-) -> dict[str, int]:
-    """Row of the function of each drive."""
+def _check_names(scene: SceneFile, programs: Mapping[str, object]) -> None:
+    """Raises a callable for a drive that does not exist."""
     for name in programs:
         if name not in scene.drives:
             raise InputError(
@@ -262,12 +285,24 @@ def _drive_functions(
                 place="drives",
                 expected=", ".join(scene.drives) or "a drive in the scene",
             )
-    return {
-        name: functions.add(
-            drive.function, f"drives.{name}.function", programs.get(name), True
-        )
-        for name, drive in scene.drives.items()
-    }
+
+
+def _drive_functions(
+    scene: SceneFile,
+    functions: FunctionTable,
+    programs: Mapping[str, Any],
+    laws: Mapping[str, LawParts],
+) -> dict[str, int]:
+    """Row of the function of each drive; of one with a law, its value at the start."""
+    rows = {}
+    for name, drive in scene.drives.items():
+        place = f"drives.{name}.function"
+        if name in laws:
+            value = value_at_start(laws[name], scene.time.start, place)
+            rows[name] = functions.add(Constant(value=value), place)
+        else:
+            rows[name] = functions.add(drive.function, place, programs.get(name), 2)
+    return rows
 
 
 def _used_markers(
@@ -280,10 +315,10 @@ def _used_markers(
         ref
         for force in forces
         for ref in (force.a, force.b)
-        if ref is not None and force.kind != at.COORDINATE
+        if ref is not None and force.kind < at.COORDINATE
     }
     outputs = [parse_output(text) for text in watched(parts.scene)]
-    laws = parts.scene.forces
+    laws = {**parts.scene.forces, **parts.scene.drives}
     used |= {
         (name.owner, name.marker)
         for name in outputs

@@ -51,7 +51,7 @@ def constraint_tables(
         table[i, at.ROW] = first[i]
         table[i, [at.MARKER_A, at.MARKER_B]] = ends[i]
         table[i, at.C_DATA] = parts.pool.add(c.primitive.data)
-        table[i, at.C_DRIVE] = c.drive
+        table[i, [at.C_DRIVE, at.C_LAW]] = c.drive, c.law
     segment = _segments(table, counts, owners, body)
     rows = _rows(constraints, first, counts)
     return ConstraintTables(

@@ -31,6 +31,7 @@ class Constraint:
     """A primitive constraint of a joint or drive.
 
     drive : row of the function of time that it follows, -1 for none
+    law : row of the table of forces whose law it follows instead, -1 for none
     """
 
     owner: str
@@ -38,6 +39,7 @@ class Constraint:
     a: Reference
     b: Reference
     drive: int = -1
+    law: int = -1
 
 
 def constraints_of(parts: Ingredients) -> list[Constraint]:
@@ -77,7 +79,8 @@ def _joint(
         part = primitives.coordinates[coordinate]
         first, second = (b, a) if part.swapped else (a, b)
         index = parts.drive_index[drive]
-        found.append(Constraint(drive, part, first, second, index))
+        law = parts.led.get(drive, -1)
+        found.append(Constraint(drive, part, first, second, index, law))
     return found
 
 
@@ -96,10 +99,10 @@ def _coupling(
 def _marker_drive(parts: Ingredients, name: str, drive: Drive) -> list[Constraint]:
     assert drive.marker is not None
     a, b = marker_reference(drive.reference), marker_reference(drive.marker)
-    index = parts.drive_index[name]
+    index, law = parts.drive_index[name], parts.led.get(name, -1)
     if drive.axis is None:
         part = marker_coordinate(drive.coordinate or "", parts.planar)
-        return [Constraint(name, part, a, b, index)]
+        return [Constraint(name, part, a, b, index, law)]
     fixed, part = marker_rotation(drive.axis)
     held = [Constraint(name, other, a, b) for other in fixed]
-    return [*held, Constraint(name, part, a, b, index)]
+    return [*held, Constraint(name, part, a, b, index, law)]

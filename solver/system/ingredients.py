@@ -34,7 +34,10 @@ class Ingredients:
     data : data of all bodies, with the ground
     frames : bodies whose frame is prescribed
     order : bodies in the order of the tables
-    drive_index : row of the function of each drive
+    drive_index : row of the function of each drive; of one that follows a law, it is
+        the value at the start
+    led : row of the table of forces that has the law of a drive, of those that follow
+        one
     pool : where the numbers of all tables go
     """
 
@@ -43,6 +46,7 @@ class Ingredients:
     frames: Mapping[str, Frame]
     order: tuple[str, ...]
     drive_index: Mapping[str, int]
+    led: Mapping[str, int]
     pool: Pool
 
     @property

@@ -33,15 +33,18 @@ def newton_rows(
     sliding: IntTable,
     dims: IntTable,
     force: IntTable,
+    constraint: IntTable,
 ) -> NewtonRows:
     """Rows of constraints, forces and friction; fills the segments of the force table.
 
+    What the law of a drive reads belongs to the row of its constraint.
+
     sliding : segments of joints with friction
     """
-    pieces = _force_pieces(body, marker, dims, force)
     count = int(dims[at.N_ROWS])
+    pieces = _force_pieces(body, marker, dims, force, constraint)
     found = [(int(r), int(b), int(o)) for r, b, o in segment]
-    found += [(count + k, b, offset) for k, b, offset in pieces]
+    found += pieces
     last = count + len(force)
     found += [(last + int(j), int(b), int(o)) for j, b, o in sliding]
     owners: dict[int, set[int]] = {}
@@ -67,28 +70,39 @@ def newton_rows(
 
 
 def _force_pieces(
-    body: IntTable, marker: IntTable, dims: IntTable, force: IntTable
+    body: IntTable,
+    marker: IntTable,
+    dims: IntTable,
+    force: IntTable,
+    constraint: IntTable,
 ) -> list[tuple[int, int, int]]:
-    """Row of the force table, body and offset of each segment of a force.
+    """Row, body and offset of each segment of a force; rows of constraints come first.
 
-    What a law reads belongs to the row of its force.
+    What a law reads belongs to the row of its force, or of the constraint whose second
+    derivative it gives.
     """
+    row_of = {k: int(dims[at.N_ROWS]) + k for k in range(len(force))}
+    row_of |= dict.fromkeys(np.flatnonzero(force[:, at.F_KIND] == at.PRESCRIBED), -1)
+    for led in constraint[constraint[:, at.C_LAW] >= 0]:
+        row_of[int(force[led[at.C_LAW], at.F_B])] = int(led[at.ROW])
     pieces = []
     offset = int(dims[at.N_SLIDING])
     for k, row in enumerate(force):
         owner = k if row[at.F_OWNER] < 0 else int(row[at.F_OWNER])
-        if force[owner, at.F_SAMPLED]:
+        if force[owner, at.F_SAMPLED] or row_of[owner] < 0:
             continue
         for column, b in _ends(row, marker):
             if body[b, at.NV] > 0:
                 row[column] = offset
-                pieces.append((owner, b, offset))
+                pieces.append((row_of[owner], b, offset))
                 offset += int(body[b, at.NV])
     return pieces
 
 
 def _ends(row: Array, marker: IntTable) -> list[tuple[int, int]]:
     """Columns of the segments of a force, or of a measure of a law, and the bodies."""
+    if row[at.F_KIND] == at.PRESCRIBED:
+        return []
     if row[at.F_KIND] == at.COORDINATE:
         return [(at.F_SEG_B, int(row[at.F_B]))]
     end = (at.F_SEG_B, int(marker[row[at.F_B], at.M_BODY]))

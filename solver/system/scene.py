@@ -63,6 +63,7 @@ class System:
     grips : how they moved so far in a run
     from_start : (entry of the pool, constraint row) of constants that the assembled
         start decides
+    led : rows of the table of forces that have the laws of drives, by these
     redundant : constraint rows that follow from the others
     features : of functions of time, which no step may pass unseen, by drives and
         forces
@@ -98,6 +99,7 @@ class System:
     rubbing: tuple[Rubbing, ...] = field(default=())
     grips: Grips | None = None
     from_start: tuple[tuple[int, int], ...] = field(default=())
+    led: Mapping[str, int] = field(default_factory=dict)
     redundant: tuple[int, ...] = field(default=())
     features: Mapping[str, Features] = field(default_factory=dict)
     dropped: tuple[int, ...] = field(default=())

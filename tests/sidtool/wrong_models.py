@@ -344,6 +344,21 @@ def drive_jumps() -> str:
     return pendulum(drive={"type": "polynomial", "pieces": pieces})
 
 
+@mistake(
+    "drives.motor.function: what is prescribed needs the second derivative of pin",
+    "follows from all forces",
+    "a gear, a coupling",
+)
+def drive_follows_its_own_joint() -> str:
+    return pendulum(drive={"type": "expression", "value": "0.5*pin.angle + 0.1*t"})
+
+
+@mistake("a sampled law gives the value, which would jump", 'of = "acceleration"')
+def drive_holds_places_between_samples() -> str:
+    sampled = {"type": "expression", "value": "sin(t)", "sample_time": 0.01}
+    return pendulum(drive=sampled)
+
+
 # Loads ------------------------------------------------------------------------------
 
 

@@ -10,7 +10,7 @@ from ..base import as_3d
 from ..drives import MARKER_COORDINATES, Drive, driven_coordinate
 from ..joint_friction import JointFriction
 from ..joints import Coupling, Gear, Joint, Screw, Universal, marker_names
-from ..laws import Expression, Pid
+from ..laws import Expression
 from ..values import check_length
 from .failures import fail, known_names
 from .functions import check_function
@@ -132,11 +132,29 @@ def check_drives(scene: SceneFile) -> None:
             expected = "one drive for each coordinate"
             fail(f"{place}.{'joint' if drive.joint else 'marker'}", found, expected)
         driven[key] = name
-        if isinstance(drive.function, Expression | Pid):
-            found = "a drive prescribes a motion, which cannot follow the motion itself"
-            expected = "a function of time; or an actuator, whose force may"
-            fail(f"{place}.function", found, expected)
         check_function(drive.function, f"{place}.function", scene.time)
+        _check_law(drive, name, scene)
+
+
+def _check_law(drive: Drive, name: str, scene: SceneFile) -> None:
+    """Of a drive that follows a law, or a rate or an acceleration."""
+    place = f"drives.{name}"
+    needs = {"start": drive.integrated, "start_rate": drive.integrated[1:]}
+    for key, states in needs.items():
+        if getattr(drive, key) != 0.0 and not states:
+            found = f'stands beside of = "{drive.of}"'
+            fail(f"{place}.{key}", found, "a start that the function itself has")
+    if drive.has_law and name in scene.forces:
+        expected = "different names, as both may have states"
+        fail(place, "is also the name of one of the forces", expected)
+    law = drive.function
+    if not isinstance(law, Expression):
+        return
+    for state in drive.integrated:
+        for kind, names in (("state", law.states), ("parameter", law.known)):
+            if state in names:
+                found = f"{state} is a {kind} and what the {drive.of} adds up to"
+                fail(f"{place}.function", found, "another name")
 
 
 def _check_joint_drive(drive: Drive, place: str, scene: SceneFile) -> None:

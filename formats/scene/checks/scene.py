@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from ...errors import InputError
 from ..bodies import RigidBody
+from ..drives import Drive
 from ..events import check_quantity
 from ..functions import Given
 from ..laws import states_of
@@ -115,11 +116,11 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         raise InputError(error.problem, place=place, expected=error.expected) from None
     if name.owner in SCENE_QUANTITIES:
         return
-    if name.owner in scene.forces and name.marker == STATE:
+    if name.owner in {**scene.forces, **scene.drives} and name.marker == STATE:
         _check_state(name, place, scene)
         return
     if name.marker == STATE and not is_quantity(name.quantity, of_marker=True):
-        fail(place, f"found {text!r}", "a state of the law of a force")
+        fail(place, f"found {text!r}", "a state of the law of a force or a drive")
     if name.quantity == VALUE and not name.marker:
         if name.owner not in scene.forces:
             expected = known_names(name.owner, scene.forces, "force")
@@ -155,8 +156,9 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
 
 def _check_state(name: OutputName, place: str, scene: SceneFile) -> None:
     """A state that a law has; those of a law of a program are not known here."""
-    function = getattr(scene.forces[name.owner], "function", None)
-    known = states_of(function)
+    owner = scene.drives.get(name.owner) or scene.forces[name.owner]
+    function = getattr(owner, "function", None)
+    known = owner.states if isinstance(owner, Drive) else states_of(function)
     if name.quantity not in known and not isinstance(function, Given):
         found = f"the law of {name.owner} has no state {name.quantity!r}"
         fail(place, found, " or ".join(known) or "a law with states")

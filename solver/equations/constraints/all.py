@@ -12,7 +12,7 @@ from ...space.layout import (
     W_WEIGHT,
 )
 from ...space.spaces import BySpace
-from ..drives import drive_value
+from ..drives import prescribed
 from ..rows import add_jacobian, add_term, is_coupled, term_at, write_row
 from .along import evaluate as evaluate_along
 from .along import linearise as linearise_along
@@ -41,9 +41,7 @@ _linearise_turned = BySpace(plane=_linearise_angle, space=linearise_directions)
 def _evaluate_row(system, work, con, t):
     """Of a primitive of one row: value, rate, right-hand side and wrench."""
     kind = con.kind
-    s, sd, sdd = 0.0, 0.0, 0.0
-    if con.drive >= 0:
-        s, sd, sdd = drive_value(system, con.drive, work.clock[0], t)
+    s, sd, sdd = prescribed(system, work, con, t)
     if kind in (ALONG, COUPLED_ALONG):
         return evaluate_along(system, work, con, s, sd, sdd)
     if kind == DISTANCE:

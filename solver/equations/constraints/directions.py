@@ -21,7 +21,7 @@ from ...space.algebra import (
     zero,
 )
 from ...space.layout import PERPENDICULAR
-from ..drives import drive_value
+from ..drives import prescribed
 from ..marker_rows import marker_acceleration, vary_rotation
 from ..marker_stiffness import bending_stiffness
 
@@ -73,9 +73,7 @@ def _torque_stiffness(system, work, m, own, other, torque):
 
 @inner()
 def linearise(system, work, con, t, v, acc, lam):
-    s, sd, sdd = 0.0, 0.0, 0.0
-    if con.drive >= 0:
-        s, sd, sdd = drive_value(system, con.drive, work.clock[0], t)
+    s, sd, sdd = prescribed(system, work, con, t)
     A, B = work.point[con.a], work.point[con.b]
     u, ud, udd, b = _directions(system, work, con, s, sd, sdd)
     _, al_a = marker_acceleration(system, work, con.a, acc)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...compiler.compiling import inner
 from ...space.algebra import zero
-from ...space.layout import COORDINATE, FOLLOWING, N_SLIDING, SLIDE, SPAN
+from ...space.layout import COORDINATE, FOLLOWING, N_SLIDING, PRESCRIBED, SLIDE, SPAN
 from ..marker_rows import segment, vary_psi, vary_velocity
 from .coordinate import evaluate as evaluate_coordinate
 from .coordinate import linearise as linearise_coordinate
@@ -66,6 +66,8 @@ def evaluate_forces(system, work, t, z, v):
     for k in range(len(system.force)):
         row = system.force[k]
         set_factor(system, work, k, t)
+        if row.kind == PRESCRIBED:
+            continue
         if row.kind == COORDINATE:
             evaluate_coordinate(system, work, k, z, v)
             continue
@@ -126,5 +128,5 @@ def linearise_forces(system, work, t, v):
             linearise_given(system, work, k)
         elif system.force[k].kind == COORDINATE:
             linearise_coordinate(system, work, k)
-        else:
+        elif system.force[k].kind != PRESCRIBED:
             _linearise(system, work, k, v)

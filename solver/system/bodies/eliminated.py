@@ -6,7 +6,7 @@ What is recorded has no say in it: forces of such joints follow from the motion,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 
 import numpy as np
 
@@ -38,9 +38,12 @@ _OF_ALL_JOINTS = ("supplied", "balance")
 
 
 def eliminated_frames(
-    scene: SceneFile, data: Mapping[str, BodyData]
+    scene: SceneFile, data: Mapping[str, BodyData], led: Container[str]
 ) -> dict[str, Frame]:
-    """Bodies whose frame follows from the ground, each after its base."""
+    """Bodies whose frame follows from the ground, each after its base.
+
+    led : drives with laws, whose motion is not known before
+    """
     known: dict[str, Array | None] = {GROUND_NAME: np.eye(3)}
     frames: dict[str, Frame] = {}
     driven = driven_coordinates(scene)
@@ -54,7 +57,9 @@ def eliminated_frames(
             drive = next(iter(driven[name].values()), None)
             if a[0] not in known or b[0] in known:
                 continue
-            if not (_prescribes(joint, drive) and _is_rigid(data, a, b)):
+            if drive in led or not _prescribes(joint, drive):
+                continue
+            if not _is_rigid(data, a, b):
                 continue
             R = _constant_orientation(joint, known[a[0]], data, a, b)
             if data[b[0]].rotates or _is_close(R, scene.bodies[b[0]].initial):

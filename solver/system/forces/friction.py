@@ -140,7 +140,8 @@ def friction_tables(
         row, ends = table[j], (markers[rub.a], markers[rub.b])
         row[at.KIND], row[at.ROW] = rub.primitive.kind, j
         row[[at.MARKER_A, at.MARKER_B]] = ends
-        row[at.C_DATA], row[at.C_DRIVE] = pool.add(rub.primitive.data), -1
+        row[at.C_DATA] = pool.add(rub.primitive.data)
+        row[[at.C_DRIVE, at.C_LAW]] = -1
         for column, m in zip((at.SEG_A, at.SEG_B), ends, strict=True):
             b = int(marker[m, at.M_BODY])
             row[column] = -1

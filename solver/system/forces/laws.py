@@ -14,13 +14,22 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import STATE, Expression, Instruction, Pid, SceneFile
+from sidtool.formats.scene import (
+    STATE,
+    Drive,
+    Expression,
+    Instruction,
+    Pid,
+    SceneFile,
+)
 from sidtool.formats.sid import BLOCK_SHAPES, SID, Taylor, block_shape
 
 from ...equations.forces import programs as op
-from ...functions.callables import Derivatives
+from ...functions.callables import Derivatives, Timed
+from ...functions.law_drives import led_by
 from ...functions.law_times import of_time
 from ...functions.laws import (
+    HELD,
     Called,
     Kept,
     LawParts,
@@ -33,14 +42,18 @@ from ...functions.laws import (
 from ...functions.laws import Law as GivenLaw
 from ...functions.native import Native
 from ...functions.table import FunctionTable
+from ...space import layout as at
 from ..bodies.data import BodyData
 from .force_laws import Law
 from .rows import Element, Programmed
-from .sensors import Reading, coordinate, reading
+from .sensors import GROUND, Reading, coordinate, reading
 
-#: State of a sampled law: what it holds. No name in a scene has a space.
-HELD = "held value"
 MOST_SAMPLES = 1_000_000
+_POSITIONS = "d with a measured output and a reference that are positions or angles"
+_LAGGED = (
+    "a motion whose derivatives hold positions and velocities only: a state of the law "
+    'that follows with a lag, or of = "acceleration"'
+)
 _OPERATORS = {
     "+": op.ADD,
     "-": op.SUBTRACT,
@@ -74,9 +87,12 @@ def state_body(force: str, state: str) -> str:
 
 
 def laws_of(
-    scene: SceneFile, programs: Mapping[str, Derivatives | GivenLaw], sampled: bool
+    scene: SceneFile,
+    forces: Mapping[str, Derivatives | GivenLaw],
+    drives: Mapping[str, Derivatives | GivenLaw],
+    sampled: bool,
 ) -> dict[str, LawParts]:
-    """The laws of forces, of the scene and of a program, by the names of the forces.
+    """The laws of forces and drives, of the scene and of a program, by their names.
 
     sampled : whether laws with a sample time are sampled; else they act all the time
 
@@ -86,12 +102,37 @@ def laws_of(
     """
     found = {}
     for name, force in scene.forces.items():
-        law = programs.get(name, getattr(force, "function", None))
+        law = forces.get(name, getattr(force, "function", None))
         if isinstance(law, Expression | Pid | GivenLaw):
-            kept = law if sampled else continuous(law, _place(name))
-            found[name] = law_parts(kept, _place(name))
-            _check_sample_time(found[name], scene, _place(name))
+            found[name] = _compiled(law, scene, f"forces.{name}.function", sampled)
+    for name, drive in scene.drives.items():
+        moves = drives.get(name, drive.function)
+        if isinstance(moves, Expression | Pid | GivenLaw) or drive.of != "value":
+            place = f"drives.{name}.function"
+            _check_drive(moves, drive, name in found, place)
+            parts = _compiled(moves, scene, place, sampled)
+            found[name] = led_by(parts, drive.of, drive.start, drive.start_rate, place)
     return found
+
+
+def _check_drive(moves: Any, drive: Drive, is_force: bool, place: str) -> None:
+    if is_force:
+        fail = "is a law, as that of the force of the same name"
+        raise InputError(fail, place=place, expected="different names")
+    if callable(moves) or isinstance(moves, tuple | Timed):
+        raise InputError(
+            f"a callable of time cannot give the {drive.of} of a drive",
+            place=place,
+            expected='with of = "acceleration" a Law(lambda t, y: ..., reads=[])',
+        )
+
+
+def _compiled(law: Any, scene: SceneFile, place: str, sampled: bool) -> LawParts:
+    if not sampled and isinstance(law, Expression | Pid | GivenLaw):
+        law = continuous(law, place)
+    parts = law_parts(law, place)
+    _check_sample_time(parts, scene, place)
+    return parts
 
 
 def _check_sample_time(law: LawParts, scene: SceneFile, place: str) -> None:
@@ -122,10 +163,10 @@ def state_bodies(laws: Mapping[str, LawParts]) -> dict[str, BodyData]:
 
 
 def _kept(parts: LawParts) -> dict[str, Kept]:
-    """The states of a law, and of a sampled one what is held between samples."""
-    if parts.sample_time is None:
-        return dict(parts.states)
-    return {HELD: Kept(0.0, parts.value), **parts.states}
+    """The states of a law, of a sampled one what is held between samples, and of a
+    drive what it adds up to."""
+    held = {} if parts.sample_time is None else {HELD: Kept(0.0, parts.value)}
+    return {**held, **parts.states, **parts.followed}
 
 
 def _state_sid() -> SID:
@@ -161,24 +202,39 @@ class LawTable:
             return [element]
         sampled = parts.sample_time is not None
         value: Parts = (Instruction("name", HELD),) if sampled else parts.value
-        found = list(self._rows(element, value, force))
+        return [*self._rows(element, value, force), *self._states(force)]
+
+    def rows_of_drive(self, drive: str) -> list[Element]:
+        """The rows of a drive: what it prescribes, the first, its derivatives, and the
+        states of its law."""
+        led = self.laws[drive].led
+        assert led is not None
+        prescribed = Element(drive, at.PRESCRIBED, None, GROUND, (), Law())
+        value, rate, second = (
+            list(self._rows(prescribed, parts, drive)) for parts in led
+        )
+        rates = len(rate), len(rate) + len(second)
+        value[-1] = replace(value[-1], rates=rates)
+        return [*value, *rate, *second, *self._states(drive)]
+
+    def _states(self, force: str) -> Iterator[Element]:
+        """The rows that change the states of a law."""
+        parts = self.laws[force]
         for name, kept in _kept(parts).items():
+            sampled = 0.0 if name in parts.followed else parts.sample_time or 0.0
             pushed = replace(
                 coordinate(state_body(force, name), 0),
                 name=force,
                 law=Law(applied=0.0 if sampled else 1.0),
-                sampled=parts.sample_time or 0.0,
+                sampled=sampled,
             )
-            found += self._rows(pushed, kept.change, force)
-        if not sampled:
-            self._watch(
-                [value, *(kept.change for kept in parts.states.values())], force
-            )
-        return found
+            yield from self._rows(pushed, kept.change, force)
+        if parts.sample_time is None:
+            self._watch(parts, force)
 
-    def _watch(self, programs: list[Parts], force: str) -> None:
+    def _watch(self, law: LawParts, force: str) -> None:
         """Tells the table of functions what a law makes of time."""
-        for parts in programs:
+        for parts in (law.value, *(kept.change for kept in law.states.values())):
             program = of_time(parts)
             if program is not None:
                 self._functions.watch(program, force)
@@ -195,17 +251,20 @@ class LawTable:
         if name in _kept(self.laws[force]):
             return Reading(coordinate(state_body(force, name), 0), 1)
         owner, _, state = name.partition(f".{STATE}.")
-        if owner in self.laws and state in self.laws[owner].states:
+        if owner in self.laws and state in _kept(self.laws[owner]):
             return Reading(coordinate(state_body(owner, state), 0), 1)
-        return reading(name, self._scene, self._data, _place(force))
+        return reading(name, self._scene, self._data, self.place(force))
 
     def function(self, timing: Timing, force: str) -> int:
-        """The row of a function of time."""
-        return self._functions.add(timing.function, _place(force))
+        """The row of a function of time; a speed that it gives must not jump."""
+        is_speed = getattr(self._scene.drives.get(force), "of", "") == "rate"
+        place, joined = self.place(force), int(is_speed)
+        return self._functions.add(timing.function, place, None, joined)
 
-
-def _place(force: str) -> str:
-    return f"forces.{force}.function"
+    def place(self, owner: str) -> str:
+        """The key of a law in the scene."""
+        table = "forces" if self.laws[owner].led is None else "drives"
+        return f"{table}.{owner}.function"
 
 
 class _Program:
@@ -225,7 +284,7 @@ class _Program:
         if self.highest >= op.DEPTH - 1:
             raise InputError(
                 "the law has too many nested parts",
-                place=_place(force),
+                place=table.place(force),
                 expected="a simpler one",
             )
 
@@ -247,13 +306,13 @@ class _Program:
             self._word(op.FUNCTION, row, part.order, 1)
         elif isinstance(part, RateOf):
             found = self.table.read(part.name, self.force)
+            led = self.table.laws[self.force].led
             if found.order == 1:
                 raise InputError(
                     f"the rate of {part.name} is an acceleration or unknown, which a "
                     "law cannot read",
-                    place=_place(self.force),
-                    expected="d with a measured output and a reference that are "
-                    "positions or angles",
+                    place=self.table.place(self.force),
+                    expected=_POSITIONS if led is None else _LAGGED,
                 )
             self._measure(f"rate of {part.name}", found.element, 1)
         elif part.kind == "name":

@@ -65,6 +65,7 @@ class Element:
     turn : entry of Work.turn that is its measure, -1 for none, see `turns`
     code : instructions of its law, see `kernels.forces.programs`; empty for none
     programmed : what is known of that law
+    rates : of a drive, how many rows behind it those of its two derivatives are
     is_read : no force, but a measure for the next row that has a law
     sampled : time between samples of its law [s], 0 for one that acts all the time
     """
@@ -80,13 +81,15 @@ class Element:
     turn: int = -1
     code: tuple[float, ...] = ()
     programmed: Programmed | None = None
+    rates: tuple[int, int] | None = None
     is_read: bool = False
     sampled: float = 0.0
 
     @property
     def acts(self) -> bool:
-        """Whether it is a force on bodies; else a measure, or what changes a state."""
-        return not self.is_read and self.kind != at.COORDINATE
+        """Whether it is a force on bodies; else a measure, or a law of a state or a
+        drive."""
+        return not self.is_read and self.kind < at.COORDINATE
 
 
 def compile_forces(
@@ -280,6 +283,8 @@ def force_table(
         if element.kind == at.COORDINATE:
             row[at.F_B] = order.index(element.b[0])
             row[at.F_DATA] = int(element.data[0])
+        elif element.kind == at.PRESCRIBED:
+            row[[at.F_A, at.F_B]] = k + np.array(element.rates or (0, 0))
         else:
             row[at.F_A] = -1 if element.a is None else markers[element.a]
             row[at.F_B] = markers[element.b]

@@ -636,15 +636,6 @@ def test_laws_that_are_not_sound_are_refused(
         compile_scene(pendulum(force))
 
 
-def test_a_drive_cannot_follow_the_motion() -> None:
-    made = pendulum(SPRING).model_dump(by_alias=True, exclude_none=True)
-    made["drives"] = {
-        "turn": {"joint": "hinge", "function": expression("0.1*hinge.angle")}
-    }
-    with pytest.raises(InputError, match="cannot follow the motion itself"):
-        compile_scene(SceneFile.model_validate(made))
-
-
 PULSE = "1000*exp(-((t - 0.613)/0.002)**2) * (1 + 0*cart.x)"
 
 
