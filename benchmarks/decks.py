@@ -35,6 +35,7 @@ import numpy as np
 
 from sidtool.convert import sid_from_model
 from sidtool.formats.errors import InputError
+from sidtool.importers.bdf.bars import bars_of
 from sidtool.importers.bdf.reading import bulk_data
 from sidtool.importers.imported import EVERYTHING
 from sidtool.importers.inp.reading import read_deck
@@ -272,8 +273,9 @@ def _a_node(deck: Path) -> int:
         elements = read_deck(deck, frozenset((EVERYTHING,))).assembly.elements
         return next(iter(elements.values())).nodes[0] if elements else 1
     if deck.suffix.lower() in (".bdf", ".nas", ".dat"):
-        cards = bulk_data(deck, frozenset((EVERYTHING,))).elements
-        return cards[0][3][0] if cards else 1
+        content = bulk_data(deck, frozenset((EVERYTHING,)))
+        bars = [bar.nodes[0] for bar in bars_of(content)]
+        return [*(nodes[0] for _, _, _, nodes, _ in content.elements), *bars, 1][0]
     mesh = read_mesh(str(deck), (EVERYTHING,)).mesh
     return int(mesh.labels[mesh.blocks[0].nodes[0, 0]])
 

@@ -18,7 +18,7 @@ class RawBar:
     nodes, offsets : labels of the nodes of its ends, and the ends from them
     y_axis : a direction in the plane of its axes x and y; None for a rod, which has
         neither bending nor shear
-    e, g, density : of its material
+    e, g, density : of its material, zero where the file does not say them
     area, iy, iz, torsion, extra : course of the area, the second moments about y and z,
         the torsion constant and of further mass per length
     shear : shear areas by y and z divided by the area

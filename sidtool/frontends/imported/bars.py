@@ -7,13 +7,15 @@ couplings are arms of their reference node.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import ModelFile
+from sidtool.formats.model import Material, ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
 
@@ -69,7 +71,8 @@ def bars_model(
     ndof = int(nodes.table.max()) + 1
     particles, points = Particles(ndof), MaterialPoints(ndof)
     parts = []
-    for bar in imported.bars:
+    for given in imported.bars:
+        bar = _with_material(given, model.material, units)
         element, dofs = _element(bar, nodes, units)
         parts.append((element.stiffness(), dofs))
         points.add(element, dofs)
@@ -97,7 +100,6 @@ def _check_choices(model: ModelFile, imported: ImportedMesh) -> None:
     assert isinstance(geometry, MeshGeometry)
     assert isinstance(settings, MeshDiscretisation)
     for place, given in (
-        ("material", model.material),
         ("geometry.thickness", geometry.thickness),
         ("discretisation.formulation", settings.formulation),
         ("discretisation.state", settings.state),
@@ -115,6 +117,23 @@ def _check_choices(model: ModelFile, imported: ImportedMesh) -> None:
             place=held[0],
             expected="RBE2 with CM = 123456; geometry.ignore leaves cards out",
         )
+
+
+def _with_material(bar: RawBar, material: Material | None, units: UnitSystem) -> RawBar:
+    """With the material of the model file, if there is one, in units of the file."""
+    if material is not None:
+        e, density = material.youngs_modulus, material.density
+        stress = units.mass / units.length / units.time**2
+        g = e / (2 * (1 + material.poissons_ratio))
+        heavy = density * units.length**3 / units.mass
+        return replace(bar, e=e / stress, g=g / stress, density=heavy)
+    if min(bar.e, bar.g, bar.density) <= 0:
+        raise InputError(
+            f"element {bar.label} has no complete material (E, G or nu, and RHO)",
+            place=bar.place,
+            expected="MAT1 with E, nu and RHO, or a table [material]",
+        )
+    return bar
 
 
 def _element(

@@ -10,7 +10,8 @@ from ..imported_bars import RawBar, Vector
 from .cards import Card
 from .content import BarProperty, BulkData
 
-_GLOBAL = ("", "GGG")
+#: Whether the y axis, and the offsets of both ends, are in directions of the nodes.
+_GLOBAL = ("", "GGG", "BGG")
 
 
 def bar(content: BulkData, card: Card) -> None:
@@ -49,7 +50,7 @@ def _bar(content: BulkData, card: Card) -> RawBar:
             f"{card.word(8) or 0} and {card.word(9) or 0}, and further fields "
             f"{' '.join(card.words[16:]).strip() or '(none)'}",
             place=card.place,
-            expected="OFFT = GGG, ends that are joined to their nodes without pins",
+            expected="OFFT = GGG or BGG, ends joined to their nodes without pins",
         )
     found = _property(content, card, card.integer(1, "a property", label))
     offsets = [_turned(content, card, nodes[k], 10 + 3 * k) for k in (0, 1)]
@@ -78,7 +79,8 @@ def _orientation(content: BulkData, card: Card, start: int) -> Vector:
             raise _unknown(card, other)
         arm = np.subtract(content.nodes[other], content.nodes[start])
         return float(arm[0]), float(arm[1]), float(arm[2])
-    found = _turned(content, card, start, 4)
+    basic = card.word(7).upper().startswith("B")
+    found = _turned(content, card, None if basic else start, 4)
     if not any(found):
         raise InputError(
             f"{card.name} {card.word(0)} has no direction of its y axis",
@@ -88,11 +90,12 @@ def _orientation(content: BulkData, card: Card, start: int) -> Vector:
     return found
 
 
-def _turned(content: BulkData, card: Card, node: int, at: int) -> Vector:
-    """A vector in the directions of a node, in the basic system."""
+def _turned(content: BulkData, card: Card, node: int | None, at: int) -> Vector:
+    """A vector in the directions of a node, or basic ones, in the basic system."""
     x, y, z = total = [card.real(at + i, "a component") for i in range(3)]
-    system = content.turned[node]
-    system = content.directions if system < 0 else system
+    if node is None:
+        return x, y, z
+    system = content.direction_system(node)
     if not system or not any(total):
         return x, y, z
     axes = [content.frames.direction(node, system, i) for i in (1, 2, 3)]
@@ -138,15 +141,13 @@ def _raw(
     y_axis: Vector | None = None,
     offsets: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
 ) -> RawBar:
-    moduli = content.moduli.get(found.material)
-    if moduli is None or min(moduli) <= 0 or min(v for _, v in found.area) <= 0:
+    if min(v for _, v in found.area) <= 0:
         raise InputError(
-            f"{card.name} {ends[0]} has no complete material (E, G or nu, and RHO) or "
-            "no area",
+            f"{card.name} {ends[0]} has no area",
             place=card.place,
-            expected="MAT1 with E, nu and RHO, and an area above zero",
+            expected="an area above zero",
         )
-    e, g, rho = moduli
+    e, g, rho = content.moduli.get(found.material, (0.0, 0.0, 0.0))
     weight = content.weight
     return RawBar(
         *ends,

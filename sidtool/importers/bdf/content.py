@@ -48,7 +48,7 @@ class BulkData:
 
     Attributes
     ----------
-    bars : cards of bars and rods
+    bars, mass_cards : cards of bars and rods, and CONM2
     moduli : E, G and density of MAT1 as bars have them
     local : node -> the system it is given in, -1 for that of GRDSET, and where
     turned : node -> the system of its directions, in which MPC counts, -1 likewise
@@ -70,6 +70,7 @@ class BulkData:
     weight: float = 1.0
     couplings: list[RawCoupling] = field(default_factory=list)
     masses: list[RawMass] = field(default_factory=list)
+    mass_cards: list[Card] = field(default_factory=list)
     systems: dict[int, System] = field(default_factory=dict)
     local: dict[int, tuple[int, str]] = field(default_factory=dict)
     turned: dict[int, int] = field(default_factory=dict)
@@ -81,6 +82,15 @@ class BulkData:
     controlled: bool = False
     shells: bool = False
     frames: Frames = field(default_factory=lambda: Frames({}, {}, {}))
+
+    def direction_system(self, node: int) -> int:
+        """The system of the directions of a node."""
+        system = self.turned[node]
+        return self.directions if system < 0 else system
+
+    def direction_systems(self) -> dict[int, str]:
+        """Those of all nodes, with the place of one node."""
+        return {self.direction_system(n): p for n, (_, p) in self.local.items()}
 
 
 def twice(what: str, name: object, card: Card) -> InputError:

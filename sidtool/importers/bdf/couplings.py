@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sidtool.formats.errors import InputError
 
 from ..imported import RawCoupling, RawMass
 from .cards import Card, members
+from .systems import Frames
 
 
 def rbe2(card: Card) -> RawCoupling:
@@ -67,27 +70,32 @@ def _check_directions(card: Card, what: str, directions: str) -> None:
         )
 
 
-def conm2(card: Card) -> RawMass:
+def conm2(card: Card, frames: Frames) -> RawMass:
     """EID, G, CID, M, X1, X2, X3, blank, I11, I21, I22, I31, I32, I33.
 
-    Products of inertia are integrals of x y dm there.
+    Products of inertia are integrals of x y dm there; offset and inertia are along the
+    axes of the system CID.
 
     Raises
     ------
-    InputError : it is in a coordinate system.
+    InputError : the axes of its system turn from place to place, or it is -1.
     """
-    if card.integer(2, "a system", 0):
+    system = card.integer(2, "a system", 0)
+    if system < 0 or (system and not frames.is_rectangular(system, card.place)):
         raise InputError(
             f"CONM2 {card.word(0)} is given in the system {card.word(2)}",
             place=card.place,
-            expected="the basic system",
+            expected="the basic system or a rectangular one",
         )
-    x, y, z = (card.real(i, "an offset") for i in (4, 5, 6))
+    axes = frames.frame(system, card.place)[1]
+    x, y, z = axes.T @ [card.real(i, "an offset") for i in (4, 5, 6)]
     i11, i21, i22, i31, i32, i33 = (card.real(i, "an inertia") for i in range(8, 14))
+    own = np.array([[i11, -i21, -i31], [-i21, i22, -i32], [-i31, -i32, i33]])
+    i = (axes.T @ own @ axes).tolist()
     return RawMass(
         card.integer(1, "a node"),
         card.real(3, "a mass"),
         card.place,
-        (x, y, z),
-        (i11, i22, i33, -i21, -i32, -i31),
+        (float(x), float(y), float(z)),
+        (i[0][0], i[1][1], i[2][2], i[0][1], i[1][2], i[2][0]),
     )

@@ -97,8 +97,7 @@ def _equation(content: BulkData, card: Card) -> RawEquation:
                 place=card.place,
                 expected="nodes of this file and their directions 1, 2 and 3",
             )
-        system = content.turned[node]
-        system = content.directions if system < 0 else system
+        system = content.direction_system(node)
         axis = content.frames.direction(node, system, direction)
         share = card.real(i + 2, "a factor")
         x, y, z = (share * float(a) for a in axis)

@@ -76,6 +76,9 @@ def bulk_data(path: Path, ignored: frozenset[str], *, shells: bool = False) -> B
     local = {n: system for n, system in systems.items() if system[0]}
     content.frames = Frames(dict(content.nodes), local, content.systems)
     content.nodes.update({n: content.frames.node(n) for n in local})
+    for system, place in content.direction_systems().items():
+        content.frames.frame(system, place)
+    content.masses = [conm2(card, content.frames) for card in content.mass_cards]
     return content
 
 
@@ -114,6 +117,8 @@ def _grdset(content: BulkData, card: Card) -> None:
     _only_zero(card, (7,), "gives all nodes a superelement")
     content.system = card.integer(1, "a coordinate system", 0)
     content.directions = card.integer(5, "a coordinate system", 0)
+    if card.word(6):
+        content.said["PS of GRDSET (supports)"] = None
 
 
 def _only_zero(card: Card, places: tuple[int, ...], problem: str) -> None:
@@ -204,7 +209,17 @@ def _mean(content: BulkData, card: Card) -> None:
 
 
 def _mass(content: BulkData, card: Card) -> None:
-    content.masses.append(conm2(card))
+    content.mass_cards.append(card)
+
+
+def _mdlprm(content: BulkData, card: Card) -> None:
+    if card.word(0).upper() != "HDF5":
+        raise InputError(
+            f"MDLPRM {card.word(0)} is not supported",
+            place=card.place,
+            expected="MDLPRM HDF5, which only names results",
+        )
+    content.said["MDLPRM HDF5"] = None
 
 
 def _param(content: BulkData, card: Card) -> None:
@@ -237,6 +252,7 @@ _READERS: dict[str, Callable[[BulkData, Card], None]] = {
     "RBE2": _rigid,
     "RBE3": _mean,
     "CONM2": _mass,
+    "MDLPRM": _mdlprm,
     **dict.fromkeys(("CORD2R", "CORD2C", "CORD2S"), _system),
     **dict.fromkeys(("CORD1R", "CORD1C", "CORD1S"), _system),
 }

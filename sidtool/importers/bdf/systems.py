@@ -71,6 +71,11 @@ class Frames:
             place = self._basic(place, system, where)
         return place
 
+    def is_rectangular(self, label: int, place: str) -> bool:
+        """Whether the axes of a system are the same everywhere."""
+        self.frame(label, place)
+        return self._systems[label].kind == "R"
+
     def direction(self, node: int, label: int, number: int) -> Array:
         """The unit vector of a direction 1 to 3 that a system gives at a node.
 

@@ -411,9 +411,33 @@ def test_what_own_bars_are_not_is_refused(text: str, said: str, tmp_path: Path) 
         body(tmp_path, text)
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_a_material_of_the_model_file_and_directions(tmp_path: Path) -> None:
+    """[material] stands for MAT1; OFFT = BGG counts the y axis in basic directions,
+    offsets in those of the nodes, and CONM2 in its own."""
+    steel = {"youngs_modulus": E, "poissons_ratio": NU, "density": RHO}
+    text = frame(PBAR).replace(MATERIAL, "MAT1,1,1.,,0.")
+    with pytest.raises(InputError, match=r"table \[material\]"):
+        body(tmp_path, text)
+    found = frequencies(body(tmp_path, text, material=steel))
+    assert_allclose(found, by_textbook({}, {}), rtol=1e-8)
+    system = "CORD2R,5,,0.,0.,0.,1.,0.,0.\n,0.,1.,0."  # x, y, z are y, z, x
+    r, own = np.array([0.02, -0.03, 0.01]), np.array([2e-5, 3e-5, 4e-5])
+    whole = scipy.linalg.block_diag(0.02 * np.eye(3), np.diag(own[[2, 0, 1]]))
+    shift = r[[2, 0, 1]]
+    inertia = arm(shift).T @ whole @ arm(shift)
+    card = "CONM2,60,3,5,0.02,0.02,-0.03,0.01\n,2.-5,,3.-5,,,4.-5"
+    text = frame(PBAR, system, "GRDSET,,,,,,5", card, tail=",BGG")
+    expected = by_textbook({}, {2: inertia})
+    assert_allclose(frequencies(body(tmp_path, text)), expected, rtol=1e-8)
+    text = frame(PBAR, system, "GRDSET,,,,,,5", card)
+    turned = ",".join(repr(UP[i]) for i in (1, 2, 0))
+    text = text.replace(",".join(map(repr, UP)), turned)
+    assert_allclose(frequencies(body(tmp_path, text)), expected, rtol=1e-8)
+
+
 def test_choices_of_other_elements_are_refused(tmp_path: Path) -> None:
     for more in (
-        {"material": {"youngs_modulus": 1e9, "poissons_ratio": 0.3, "density": 1e3}},
         {"geometry": {"thickness": 0.1}},
         {"discretisation": {"type": "mesh", "state": "plane_stress"}},
     ):

@@ -71,7 +71,12 @@ def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> N
     ("name", "old", "new", "message"),
     [
         ("bdf", "CTETRA,1,7,", "CTETRA,1,7,1", "node 11, which is not defined"),
-        ("bdf", "CTETRA,1,7,1,2,3,4", "CBEAM,1,7,1,2,0.,0.,1.", "CBEAM is not"),
+        (
+            "bdf",
+            "CTETRA,1,7,1,2,3,4",
+            "CBEAM,1,7,1,2,0.,0.,1.",
+            "CBEAM 1 has the property 7",
+        ),
         ("bdf", "GRID,4,,", "GRID,4,6,", "coordinate system"),
         ("cdb", "1,185", "1,181", "of type 181"),
     ],
