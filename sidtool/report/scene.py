@@ -107,7 +107,10 @@ def _drive(drive: Drive, scene: SceneFile) -> list[str]:
     if isinstance(drive.function, Polynomial):
         function += f", {plural(len(drive.function.pieces), 'piece')}"
     of = drive.joint or drive.marker or ""
-    return [of, driven_coordinate(drive, scene.joints), function]
+    what = driven_coordinate(drive, scene.joints)
+    if drive.of != "value":
+        what = f"{drive.of} of {what}"
+    return [of, what, function]
 
 
 def _force(force: Force) -> list[str]:

@@ -74,7 +74,9 @@ def _angles(system: System) -> Iterator[str]:
         if not driven_coordinate(drive, scene.joints).startswith(ANGLES):
             continue
         ends: list[float] = []
-        if isinstance(function, SmoothStep):
+        if drive.of != "value":
+            ends = [drive.start]
+        elif isinstance(function, SmoothStep):
             ends = [function.start, function.end]
         elif isinstance(function, Polynomial):
             ends = [piece.end[0] for piece in function.pieces if piece.end]

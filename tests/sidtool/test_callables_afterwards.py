@@ -200,3 +200,35 @@ def test_sampled_laws_are_drawn_between_output_times(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["block.x"], 0.02 + a * t**2 / 2, atol=1e-9)
     with pytest.raises(InputError, match=r"pull.value depends on what pull holds"):
         outputs_at(result, ["pull.value"], t)
+
+
+def test_a_servo_by_a_law_is_known_afterwards(tmp_path: Path) -> None:
+    """x'' = 9 (1 - x) - 6 x', by a formula and by a law that a file does not hold:
+    between times without accelerations, of the third order."""
+    formula = {"type": "expression", "value": "9*(1 - value) - 6*rate"}
+    law = sidtool.Law(
+        lambda t, y: 9.0 * (1.0 - y[0]) - 6.0 * y[1],
+        ["slide.displacement", "slide.displacement_rate"],
+    )
+    for function, drives in ((formula, None), (LEFT, {"servo": law})):
+        described = block(["block.x"])
+        del described["forces"]
+        described["bodies"]["block"]["initial"] = {}
+        servo = {"joint": "slide", "of": "acceleration", "function": function}
+        described["drives"] = {"servo": servo}
+        result = sidtool.Scene(**described).simulate(drives=drives)
+        read = filed(result, tmp_path)
+        t = result.t
+        x = 1.0 - (1.0 + 3.0 * t) * np.exp(-3.0 * t)
+        force = MASS * 9.0 * (1.0 - 3.0 * t) * np.exp(-3.0 * t)
+        assert read["block.x"] == pytest.approx(x, abs=1e-5)
+        assert result["servo.fx"] == pytest.approx(force, abs=1e-3)
+        between = outputs_at(read, ["block.vx"], t[:-1] + 0.01)["block.vx"]
+        rate = 9.0 * (t + 0.01) * np.exp(-3.0 * (t + 0.01))
+        third = 9.0 * 9.0 * 3.0 * 0.02**3 / 6.0
+        assert between == pytest.approx(rate[:-1], abs=third if drives else 1e-6)
+        if drives is None:
+            assert read["servo.fx"] == pytest.approx(force, abs=1e-3)
+        else:
+            with pytest.raises(InputError, match="law of servo, which a program gave"):
+                read["servo.fx"]

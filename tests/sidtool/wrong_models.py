@@ -440,6 +440,18 @@ def drive_is_in_degrees() -> str:
     return pendulum(drive={"type": "smooth_step", "from": 0.0, "to": 1.0, "end": 360.0})
 
 
+@mistake("drive motor is 90 rad, 14.3 turns: is it in degrees")
+def servo_starts_in_degrees() -> str:
+    """Its speed of 360 rad/s is no angle."""
+    joints = {"pin": {"type": "revolute", "markers": ["ground", "rod.a"]}}
+    spin = {"type": "constant", "value": 360.0}
+    motor = {"joint": "pin", "of": "rate", "start": 90.0, "function": spin}
+    described = scene({"rod": slender_rod(1.0)}, joints, {"motor": motor}, end=0.01)
+    told = simulated(described)
+    assert "360 rad" not in told
+    return told
+
+
 @mistake("motor turns at 3e\\+03 rad/s", "are 314 rad/s")
 def drive_is_in_revolutions_per_minute() -> str:
     return pendulum(drive=polynomial(0.0, 3000.0), end=0.01)

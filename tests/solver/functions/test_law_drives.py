@@ -184,6 +184,55 @@ def test_flexible_rod_moves_as_with_the_function_of_time(space: bool) -> None:
         assert course == pytest.approx(found[1][name], abs=2e-6 * size), name
 
 
+def test_servo_turns_a_crank_past_its_dead_points() -> None:
+    """As with the function of time, by which the crank has no coordinates."""
+    far = {**SERVO, "parameters": {**MODEL, "wanted": 9.0}}
+    bodies: dict[str, Any] = {
+        "crank": slender_rod(0.5, 2.0),
+        "rod": slender_rod(1.3, 1.1, position=[0.5, 0.0]),
+        "slider": {
+            "mass": 1.0,
+            "inertia": 1.0,
+            "markers": {"m": {"position": [0.0, 0.0]}},
+            "initial": {"position": [1.8, 0.0]},
+        },
+    }
+    joints = {
+        "main": {"type": "revolute", "markers": ["ground", "crank.a"]},
+        "pin": {"type": "revolute", "markers": ["crank.b", "rod.a"]},
+        "wrist": {"type": "revolute", "markers": ["rod.b", "slider.m"]},
+        "guide": {"type": "prismatic", "markers": ["ground", "slider.m"]},
+    }
+    record = ["main.angle", "slider.x", "slider.vx", "servo.mz", "wrist.fx"]
+
+    def turning(t: float) -> float:
+        return float(step_response(np.array(t))[0]) * 9.0 / WANTED
+
+    found = []
+    for function, program in ((far, None), ({"type": "callable"}, {"servo": turning})):
+        drives = {"servo": {"joint": "main", "function": function}}
+        made = scene(bodies, joints, drives, record=record, gravity=[0.0, -GRAVITY])
+        system = compile_scene(made, drives=program)
+        found.append(simulate(system, integrator="radau9", rtol=1e-8).values)
+    size = np.ptp(found[1], axis=0)
+    assert (np.abs(found[0] - found[1]) / size).max() < 1e-7
+
+
+def test_a_servo_overcomes_friction_from_the_load_of_its_pin() -> None:
+    """The motion is the same; the torque is larger by mu r |F| with the motion."""
+    made = servo({"function": SERVO}).model_dump(by_alias=True, exclude_none=True)
+    made["joints"]["pin"]["friction"] = {"coefficient": 0.3, "radius": 0.02}
+    made["outputs"]["record"] = [*RECORD, "pin.fx", "pin.fy"]
+    system = compile_scene(SceneFile.model_validate(made))
+    result = simulate(system, integrator="radau9", rtol=1e-8)
+    found, (x, v, a) = values(result), step_response(result.t)
+    assert found["pin.angle"] == pytest.approx(x, abs=1e-7)
+    load = np.hypot(found["pin.fx"], found["pin.fy"])
+    resisted = torque(x, a) + 0.3 * 0.02 * load * np.sign(v)
+    assert found["servo.mz"][1:] == pytest.approx(resisted[1:], abs=1e-5)
+    assert np.ptp(found["energy.balance"]) < 1e-6
+
+
 # --- what follows the motion of others ---------------------------------------------
 
 HANGING, HUNG = 0.7, 0.4
@@ -245,6 +294,43 @@ def test_drive_that_follows_the_swing_of_its_load() -> None:
     a, da, dds, dda = exact[2], exact[3], rates[:, 1], rates[:, 3]
     force = 3.0 * dds + HUNG * (dds + HANGING * (dda * np.cos(a) - da * da * np.sin(a)))
     assert found["trolley_drive.fx"] == pytest.approx(force, abs=1e-5)
+
+
+def test_servos_and_forces_follow_the_states_of_a_servo() -> None:
+    """A servo that follows another's reference, and an actuator that follows it."""
+    arms = {"a": slender_rod(0.5), "b": slender_rod(0.4), "c": slender_rod(0.3)}
+    joints = {
+        f"j{k}": {"type": "revolute", "markers": ["ground", f"{k}.a"]} for k in arms
+    }
+    follow = formula("400*(first.state.x - value) + 40*(first.state.v - rate)")
+    drives = {
+        "first": {"joint": "ja", "function": SERVO},
+        "second": {"joint": "jb", "of": "acceleration", "function": follow},
+    }
+    pushed = formula("30*(second.state.value - jc.angle) - 2*jc.angle_rate")
+    made = scene(
+        arms,
+        joints,
+        drives,
+        record=["jb.angle", "jc.angle", "energy.balance"],
+        gravity=[0.0, -GRAVITY],
+        forces={"push": {"type": "actuator", "joint": "jc", "function": pushed}},
+    )
+
+    def rates(t: float, y: Array) -> list[float]:
+        q, dq, c, dc = y
+        x, v, _ = step_response(np.array(t))
+        moment = 30.0 * (q - c) - 2.0 * dc - 0.15 * GRAVITY * math.cos(c)
+        return [dq, 400.0 * (x - q) + 40.0 * (v - dq), dc, moment / 0.03]
+
+    result = simulate(compile_scene(made), integrator="radau9", rtol=1e-8)
+    found, times = values(result), (0.0, 1.0)
+    exact = solve_ivp(
+        rates, times, np.zeros(4), "DOP853", result.t, rtol=1e-11, atol=1e-12
+    ).y
+    assert found["jb.angle"] == pytest.approx(exact[0], abs=1e-8)
+    assert found["jc.angle"] == pytest.approx(exact[2], abs=1e-8)
+    assert np.ptp(found["energy.balance"]) < 1e-7
 
 
 def test_linearised_crane_is_the_closed_loop() -> None:
