@@ -264,7 +264,8 @@ class MeshGeometry(Table):
     ignore : keywords, cards or commands of the file that are left out on purpose
     engine : "calculix": CalculiX (ccx, which must be installed) discretises an .inp
         with all elements that it knows (shells, beams, composites), or shells of a .bdf
-    part : of an .inp, the instance or the set of elements that is the body; without it
+    part : of an .inp, the instance or the set of elements that is the body, of a .bdf
+        the number of a property, of a .cdb a component of elements; without it
         everything, which ties have to join
     """
 

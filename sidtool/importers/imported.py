@@ -88,6 +88,7 @@ class ImportedMesh:
     couplings, masses : what holds nodes together beside elements, and point masses
     equations, ties : between displacements, and of surfaces
     bars : instead of elements of the mesh, which has nodes alone then
+    parts : name -> labels of the elements of a part that may be chosen
     """
 
     mesh: Mesh
@@ -99,6 +100,7 @@ class ImportedMesh:
     equations: tuple[RawEquation, ...] = ()
     ties: tuple[RawTie, ...] = ()
     bars: tuple[RawBar, ...] = ()
+    parts: Mapping[str, Sequence[int]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from .cdb.reading import read_cdb
 from .imported import ImportedMesh
 from .inp.reading import read_inp
 from .msh import read_msh
+from .parts import part_of
 
 #: One line adds a format.
 MESH_READERS: dict[str, Callable[[str | Path, frozenset[str]], ImportedMesh]] = {
@@ -32,7 +33,8 @@ def read_mesh(
     Parameters
     ----------
     ignored : keywords, cards or commands that are left out on purpose
-    part : the instance, or the set of elements, that is the body; None for all
+    part : the instance, the set or component of elements, or the number of the
+        property, that is the body; None for all
 
     Raises
     ------
@@ -48,10 +50,10 @@ def read_mesh(
     words = frozenset(" ".join(word.upper().strip("*$").split()) for word in ignored)
     if part is None:
         return MESH_READERS[ending](path, words)
-    if ending != ".inp":
-        raise InputError(
-            f"parts of a file ending in {ending} cannot be chosen",
-            place="geometry.part",
-            expected="an .inp",
-        )
-    return read_inp(path, words, part)
+    if ending == ".inp":
+        return read_inp(path, words, part)
+    imported = MESH_READERS[ending](path, words)
+    try:
+        return part_of(imported, part)
+    except InputError as error:
+        raise error.located(path) from None

@@ -194,6 +194,6 @@ def _check_connected(mesh: Mesh, place: str, joined: Sequence[Indices]) -> None:
             f"the mesh falls into {count} unconnected parts; the smallest holds node "
             f"{_label(mesh, lost)}",
             place=place,
-            expected="one connected body (are nodes at the same place merged?); of an "
-            ".inp geometry.part chooses an instance or a set of elements",
+            expected="one connected body (are nodes at the same place merged?); "
+            "geometry.part chooses an instance, a set of elements or a property",
         )

@@ -258,6 +258,19 @@ _READERS: dict[str, Callable[[BulkData, Card], None]] = {
 }
 
 
+def _parts(content: BulkData) -> dict[str, list[int]]:
+    """Elements by the number of their property."""
+    parts: dict[str, list[int]] = {}
+    for label, property_, *_ in content.elements:
+        parts.setdefault(str(property_), []).append(label)
+    for card in content.bars:
+        if card.name != "CONROD":
+            label = card.integer(0, "an element number")
+            property_ = card.integer(1, "a property", label)
+            parts.setdefault(str(property_), []).append(label)
+    return parts
+
+
 def _imported(content: BulkData) -> ImportedMesh:
     raw = []
     for label, property_, kind, nodes, place in content.elements:
@@ -288,4 +301,5 @@ def _imported(content: BulkData) -> ImportedMesh:
         masses=tuple(mass.scaled(content.weight) for mass in content.masses),
         equations=equations,
         bars=bars,
+        parts=_parts(content),
     )

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Material
 
 from ..imported import (
     EVERYTHING,
@@ -23,13 +21,15 @@ from ..imported import (
     read_lines,
     reading_notes,
 )
+from .content import Content
 from .elements import collapsed, element_kind, plane_state
+from .materials import materials_of, read_property
 
 #: Supports, loads, output and names, which have no part in the body.
 _IDLE = """
     /COM /PREP7 /SOLU /POST1 /NOPR /GOPR /GO /TITLE /UNITS /VIEW /AUTO /NERR /WB /OUT
-    /CONFIG /BATCH /FILN /FILNAME *SET *GET FINI FINISH NUMOFF EXTOPT SHPP CSYS DSYS
-    ESYS LOCAL CLOCAL CSCIR DOF D DDELE DSYM F FDELE SF SFE SFL SFA SFDELE BF BFE BFUNIF
+    /CONFIG /BATCH /FILN /FILNAME *SET *GET FINI FINISH NUMOFF EXTOPT SHPP DSYS
+    ESYS CSCIR DOF D DDELE DSYM F FDELE SF SFE SFL SFA SFDELE BF BFE BFUNIF
     TUNIF TREF TOFFST ACEL OMEGA DOMEGA CGLOC CGOMGA DCGOMG IRLF ANTYPE NLGEOM NSUBST
     DELTIM AUTOTS TIME OUTRES OUTPR KBC NCNV ERESX ALPHAD BETAD DMPRAT DMPSTR LSWRITE
     LSCLEAR SOLVE SAVE MODOPT MXPAND EQSLV BFDELE MPTEMP MPTGEN NROPT LNSRCH PRED TINTP
@@ -39,43 +39,9 @@ _IDLE = """
 _WITHOUT_EFFECT = frozenset(_IDLE.split())
 #: What depends on a parameter must have no effect either way.
 _BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
-_CONSTANTS = {"EX": "e", "NUXY": "nu", "PRXY": "nu", "DENS": "rho", "GXY": "g"}
-#: Properties that a linear elastic isotropic body does not ask for.
-_OTHER_CONSTANTS = ("ALPX", "CTEX", "REFT", "KXX", "C", "MU", "DMPR", "DAMP", "BETD")
 _FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
 #: Integers before the nodes of an element: material, type, ..., nodes, unused, label.
 _HEAD = 11
-
-
-@dataclass
-class _Content:
-    lines: list[str]
-    at: int = 0
-    nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
-    types: dict[int, int] = field(default_factory=dict)
-    options: dict[tuple[int, int], int] = field(default_factory=dict)
-    elements: list[tuple[list[int], str]] = field(default_factory=list)
-    constants: dict[int, dict[str, float]] = field(default_factory=dict)
-    sets: dict[str, list[int]] = field(default_factory=dict)
-    current: dict[str, int] = field(default_factory=dict)
-    said: dict[str, None] = field(default_factory=dict)
-    branches: int = 0
-
-    @property
-    def place(self) -> str:
-        return f"line {self.at}"
-
-    def next(self) -> str:
-        """The next line.
-
-        Raises
-        ------
-        InputError : the file ends.
-        """
-        if self.at >= len(self.lines):
-            raise InputError("ends inside a block", expected="the rest of the block")
-        self.at += 1
-        return self.lines[self.at - 1]
 
 
 def read_cdb(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
@@ -90,7 +56,7 @@ def read_cdb(path: str | Path, ignored: frozenset[str] = frozenset()) -> Importe
     InputError : names file, line and expectation.
     """
     try:
-        content = _Content(read_lines(path))
+        content = Content(read_lines(path))
         while content.at < len(content.lines):
             _take(content, content.next(), ignored)
         return _imported(content)
@@ -98,7 +64,7 @@ def read_cdb(path: str | Path, ignored: frozenset[str] = frozenset()) -> Importe
         raise error.located(path) from None
 
 
-def _take(content: _Content, line: str, ignored: frozenset[str]) -> None:
+def _take(content: Content, line: str, ignored: frozenset[str]) -> None:
     words = [word.strip() for word in line.split("!")[0].split(",")]
     name = words[0].upper().split(" ")[0]
     if not name or name.startswith("C***"):
@@ -126,17 +92,17 @@ def _take(content: _Content, line: str, ignored: frozenset[str]) -> None:
         )
 
 
-def _type(content: _Content, words: list[str]) -> None:
+def _type(content: Content, words: list[str]) -> None:
     key, kind = integers(words[1:3], content.place, "ET, number, type")
     content.types[key] = kind
 
 
-def _keyopt(content: _Content, words: list[str]) -> None:
+def _keyopt(content: Content, words: list[str]) -> None:
     key, option, value = integers(words[1:4], content.place, "KEYOPT, type, key, value")
     content.options[key, option] = value
 
 
-def _types(content: _Content, words: list[str]) -> None:
+def _types(content: Content, words: list[str]) -> None:
     """ETBLOCK: number, type and keys 1, 2, ... of every element type."""
     for whole, keys in _rows(content):
         key, kind = integers(whole, content.place, "number and type")
@@ -146,7 +112,7 @@ def _types(content: _Content, words: list[str]) -> None:
                 content.options[key, i] = integers([word], content.place)[0]
 
 
-def _rows(content: _Content) -> Iterator[tuple[list[str], list[str]]]:
+def _rows(content: Content) -> Iterator[tuple[list[str], list[str]]]:
     """The integers and what follows them in the lines of a block, until its end."""
     found = _FORMAT.search(content.next())
     if found is None:
@@ -164,7 +130,7 @@ def _rows(content: _Content) -> Iterator[tuple[list[str], list[str]]]:
         yield [x for x in whole if x.strip()], reals
 
 
-def _nblock(content: _Content, words: list[str]) -> None:
+def _nblock(content: Content, words: list[str]) -> None:
     before, announced = len(content.nodes), _announced(words)
     for whole, reals in _rows(content):
         label = integers(whole[:1], content.place, "a node number")[0]
@@ -185,7 +151,7 @@ def _check_count(name: str, announced: int | None, found: int) -> None:
         )
 
 
-def _add_node(content: _Content, label: int, words: list[str]) -> None:
+def _add_node(content: Content, label: int, words: list[str]) -> None:
     if label in content.nodes:
         what = f"node {label} is defined twice"
         raise InputError(what, place=content.place, expected="one definition")
@@ -194,16 +160,24 @@ def _add_node(content: _Content, label: int, words: list[str]) -> None:
     content.nodes[label] = (x, y, z)
 
 
-def _node(content: _Content, words: list[str]) -> None:
+def _node(content: Content, words: list[str]) -> None:
     """N, number, x, y, z, or as written by NWRITE: N,R5.3,LOC, number, x, y, z."""
-    if words[1:2] and words[1].upper().startswith("R5"):
+    from_block = bool(words[1:2]) and words[1].upper().startswith("R5")
+    if from_block:
         words = ["N", *words[3:]] if words[2].upper() == "LOC" else ["N", "-1"]
     label = integers(words[1:2], content.place, "a node number")[0]
+    system = content.current.get("CSYS", 0)
+    if system and not from_block:
+        raise InputError(
+            f"node {label} is given in the coordinate system {system}",
+            place=content.place,
+            expected="N in the global Cartesian system (CSYS, 0)",
+        )
     if label > 0:
         _add_node(content, label, words[2:5])
 
 
-def _eblock(content: _Content, words: list[str]) -> None:
+def _eblock(content: Content, words: list[str]) -> None:
     if "SOLID" not in (word.upper() for word in words):
         raise InputError(
             "EBLOCK without SOLID is not supported",
@@ -227,14 +201,22 @@ def _eblock(content: _Content, words: list[str]) -> None:
     _check_count("EBLOCK", announced, len(content.elements) - before)
 
 
-def _now(name: str) -> Callable[[_Content, list[str]], None]:
-    def read(content: _Content, words: list[str]) -> None:
+def _now(name: str) -> Callable[[Content, list[str]], None]:
+    def read(content: Content, words: list[str]) -> None:
         content.current[name] = integers(words[1:2], content.place, name)[0]
 
     return read
 
 
-def _single(content: _Content, words: list[str]) -> None:
+def _system(content: Content, words: list[str]) -> None:
+    """CSYS, LOCAL and CLOCAL: the system that further nodes are given in."""
+    given = "5" if words[1:2] and words[1].upper().startswith("R5") else ""
+    at = 3 if given else 1
+    content.current["CSYS"] = integers(words[at : at + 1] or ["0"], content.place)[0]
+    content.said[words[0].upper()] = None
+
+
+def _single(content: Content, words: list[str]) -> None:
     """EN, number, nodes, of the type and material here; EN,R5.5,ATTR,-1 is the end."""
     if words[1].upper().startswith("R5") and words[3:4] == ["-1"]:
         return
@@ -244,7 +226,7 @@ def _single(content: _Content, words: list[str]) -> None:
     content.elements.append(([*head, *nodes], content.place))
 
 
-def _component(content: _Content, words: list[str]) -> None:
+def _component(content: Content, words: list[str]) -> None:
     """CMBLOCK, name, kind, count: numbers, of which a negative one ends a range."""
     name, kind = words[1], words[2].upper() if len(words) > 2 else ""
     members: list[int] = []
@@ -262,35 +244,13 @@ def _component(content: _Content, words: list[str]) -> None:
             members.extend(range(first, -value + 1) if value < 0 else [value])
     if kind.startswith("NODE"):
         content.sets[name] = members
+    elif kind.startswith("ELEM"):
+        content.parts[name] = members
     else:
         content.said[f"component {name} of {kind}"] = None
 
 
-def _property(content: _Content, words: list[str]) -> None:
-    """MP, name, material, value, or MPDATA, R5.0, n, name, material, start, values."""
-    if words[0].upper() == "MPDATA":
-        skip = 3 if words[1].upper().startswith("R5") else 1
-        name, number, _, *values = words[skip:]
-    else:
-        name, number, *values = words[1:]
-    name, given = name.upper(), [value for value in values if value]
-    material = integers([number], content.place, "a material")[0]
-    if name not in _CONSTANTS:
-        if name not in _OTHER_CONSTANTS:
-            raise InputError(
-                f"property {name} of material {material} is not supported",
-                place=content.place,
-                expected=f"one of {', '.join([*_CONSTANTS, *_OTHER_CONSTANTS])}",
-            )
-        content.said[f"property {name}"] = None
-        return
-    found = numbers(given, content.place, "a constant")
-    table = content.constants.setdefault(material, {})
-    if len(set(found)) == 1:
-        table[_CONSTANTS[name]] = found[0]
-
-
-_READERS: dict[str, Callable[[_Content, list[str]], None]] = {
+_READERS: dict[str, Callable[[Content, list[str]], None]] = {
     "ET": _type,
     "ETBLOCK": _types,
     "KEYOP": _keyopt,
@@ -302,17 +262,36 @@ _READERS: dict[str, Callable[[_Content, list[str]], None]] = {
     "TYPE": _now("TYPE"),
     "MAT": _now("MAT"),
     "REAL": _now("REAL"),
+    **dict.fromkeys(("CSYS", "LOCAL", "CLOCAL"), _system),
     "CMBLOCK": _component,
-    "MP": _property,
-    "MPDATA": _property,
+    "MP": read_property,
+    "MPDATA": read_property,
 }
 
 
-def _imported(content: _Content) -> ImportedMesh:
+def _check_element(values: list[int], place: str) -> None:
+    """Whether an element has the nodes that it announces, and is alive."""
+    given = len(values) - _HEAD
+    if given < values[8] or any(values[_HEAD + values[8] :]):
+        raise InputError(
+            f"element {values[10]} announces {values[8]} nodes and has {given}",
+            place=place,
+            expected="as many as it announces",
+        )
+    if values[5]:
+        raise InputError(
+            f"element {values[10]} is dead (EKILL)",
+            place=place,
+            expected="elements that are there",
+        )
+
+
+def _imported(content: Content) -> ImportedMesh:
     raw, replaced, states = [], dict[str, None](), set[str | None]()
     for values, place in content.elements:
         material, key, label = values[0], values[1], values[10]
         nodes = values[_HEAD : _HEAD + values[8]]
+        _check_element(values, place)
         given = content.types.get(key)
         keys = {i: value for (k, i), value in content.options.items() if k == key}
         kind, formulation, said = element_kind(given, keys, label, place)
@@ -330,18 +309,10 @@ def _imported(content: _Content) -> ImportedMesh:
     notes = [*reading_notes(content.nodes, raw, len(raw)), *replaced]
     if content.said:
         notes.append("without effect on the body: " + ", ".join(content.said))
-    return ImportedMesh(mesh, _materials(content), states.pop(), tuple(notes))
-
-
-def _materials(content: _Content) -> dict[str, Material]:
-    """The isotropic materials that are complete and constant."""
-    materials = {}
-    for number, table in content.constants.items():
-        e, nu, rho = (table.get(key, 0.0) for key in ("e", "nu", "rho"))
-        if "nu" not in table and "g" in table:
-            nu = e / (2 * table["g"]) - 1
-        if e > 0 and rho > 0 and -1 < nu < 0.5:
-            materials[str(number)] = Material(
-                youngs_modulus=e, poissons_ratio=nu, density=rho
-            )
-    return materials
+    return ImportedMesh(
+        mesh,
+        materials_of(content),
+        states.pop(),
+        tuple(notes),
+        parts={name: content.parts[name] for name in sorted(content.parts)},
+    )

@@ -338,3 +338,46 @@ def test_quadratic_elements_without_middle_nodes_are_linear(
     (block,) = read_mesh(path).mesh.blocks
     assert block.kind == kind != given
     assert (block.nodes == plain.blocks[0].nodes).all()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "EBLOCK",
+            "CSYS,1\nN,99,1.,2.,3.\nEBLOCK",
+            "99 is given in the coordinate system 1",
+        ),
+        ("EBLOCK", "LOCAL,11,1,0.,0.,0.\nN,99,1.,2.,3.\nEBLOCK", "system 11"),
+        (
+            "        8        0        1        1",
+            "        9        0        1        1",
+            "announces 9 nodes and has 8",
+        ),
+        (
+            "        0        0        0        8",
+            "        1        0        0        8",
+            "dead",
+        ),
+        ("EBLOCK", "MPDATA,R5.0, 3,EX, 1, 2, 7.0E10\nEBLOCK", "entry 2 behind 0"),
+    ],
+)
+def test_what_an_archive_says_of_nodes_and_elements(
+    old: str, new: str, said: str, tmp_path: Path
+) -> None:
+    text = cdb_text()
+    assert old in text
+    (tmp_path / "one.cdb").write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=said):
+        read_mesh(tmp_path / "one.cdb")
+
+
+def test_a_constant_that_depends_on_temperature_is_none(tmp_path: Path) -> None:
+    """Its table goes over several lines, each of which is constant."""
+    rows = ["MP,EX,1,2.0E11", "MP,NUXY,1,0.3", "MP,DENS,1,7850."]
+    hot = ["MPDATA,R5.0, 6,EX, 1, 1, 2.0E11, 2.0E11, 2.0E11"]
+    hot += ["MPDATA,R5.0, 6,EX, 1, 4, 1.0E11, 1.0E11, 1.0E11"]
+    for given, count in ((rows, 1), (rows + hot[:1], 1), (rows + hot, 0)):
+        text = cdb_text().replace("NBLOCK", "\n".join([*given, "NBLOCK"]), 1)
+        (tmp_path / "one.cdb").write_text(text)
+        assert len(read_mesh(tmp_path / "one.cdb").materials) == count
