@@ -19,6 +19,8 @@ _FASTEST, _LONGEST = 2e4, 150.0
 #: Weight on earth [m/s2], and the sag under it, in sizes of the body, that soft bodies
 #: without gravity may have.
 _EARTH, _SOFTEST = 9.81, 30.0
+#: Negative damping that is none, relative to the largest.
+_ROUNDING = 1e-9
 
 
 def material_questions(youngs_modulus: float, density: float) -> list[str]:
@@ -51,6 +53,11 @@ def body_questions(sid: SID, gravity: float | None = None) -> list[str]:
     texts = []
     if size > _LONGEST:
         texts.append(f"the body is {size:.3g} m long: are its lengths in mm?")
+    if _feeds(sid):
+        texts.append(
+            "its damping De is negative for some motions and feeds what it should "
+            "damp: is its sign meant?"
+        )
     omega, ratio = _first_mode(sid)
     if not omega > 0.0:
         return texts
@@ -74,6 +81,11 @@ def body_questions(sid: SID, gravity: float | None = None) -> list[str]:
             "damping and creeps instead of vibrating: 2 % of it are a ratio of 0.02"
         )
     return texts
+
+
+def _feeds(sid: SID) -> bool:
+    values = np.linalg.eigvalsh((sid.De.m0 + sid.De.m0.T) / 2)
+    return bool(values.size and values[0] < -_ROUNDING * np.abs(values).max())
 
 
 def first_frequency(sid: SID) -> float:

@@ -13,6 +13,8 @@ from .sid import SID, Array, by_mode
 _ZERO = (0.0, 0.0, 0.0)
 #: Below this share of the stiffness, a change of it is called small.
 MATTERS = 0.01
+#: Changes by so many times the stiffness are those of numbers that have gone wrong.
+WITHOUT_BOUND = 100.0
 #: What the SID lacks is made by this.
 REMEDY = "convert the body with a table [stiffening]"
 #: A SID without stiffening terms tells the centrifugal softening only.
@@ -216,6 +218,11 @@ class Stiffening:
         if self.condition and abs(self.ratio) >= MATTERS:
             lacks = " (the SID lacks geometric stiffening)" if lacking else ""
             return f"stiffening {share}, if it turns like {self.condition}{lacks}"
+        if self.diverges and abs(self.ratio) > WITHOUT_BOUND:
+            return (
+                "deformed without bound before the end, where loads and stiffness are "
+                "those of no body"
+            )
         if self.diverges and self.axial:
             return (
                 f"diverges, {share} about its long axis: between critical speeds of "

@@ -95,7 +95,7 @@ def failure_of(run: Run, code: int) -> str:
     text += (
         lost_inertia(system, work)
         or too_light(system, work)
-        or jammed(system, run.memory)
+        or jammed(system, run.memory, run.now, control)
         or near_singular(control)
     )
     if system.redundant:

@@ -15,6 +15,7 @@ from sidtool.formats.scene import OutputTimes
 
 from . import warmup
 from .account import failure_of, result_of
+from .advice.dead_points import undecided
 from .advice.prepared import Prepared, prepare
 from .advice.stopping import singular
 from .equations.pointers import kernels
@@ -359,6 +360,8 @@ class Run:
             return ""
         why, moments = self.stick.enter(self.now, self.control.z, self.control.v)
         self.breaks += moments
+        if why:
+            why += undecided(self.system, self.now, self.control.z, self.control.v)
         return f"stopped at t = {self.now:.9g} s: {why}" if why else ""
 
     def _begin(self) -> int:

@@ -21,6 +21,7 @@ from sidtool.formats.sid_mass import central_inertia
 from ..system.scene import System
 from ..system.sizes import diameter
 from .excitation import ANGLES, drive_history, fastest_rotation
+from .unlikely import unlikely
 
 #: Stronger than gravity on any planet or in a lift [m/s2].
 _STRONGEST = 100.0
@@ -54,6 +55,7 @@ def questions(system: System) -> Iterator[str]:
     yield from _sizes(system)
     yield from _inertias(system)
     yield from _forces(system)
+    yield from unlikely(system)
     yield from _span(system)
     rate, drive = fastest_rotation(system, system.once(drive_history))
     if rate * system.length > _SPEED:

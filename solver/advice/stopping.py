@@ -16,6 +16,7 @@ from ..space import layout as at
 from ..start.conflicts import conflict_soon
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
+from .dead_points import undecided
 
 #: Determinant of the equations of friction near a state without a solution.
 NEARLY_JAMMED = 1e-3
@@ -34,6 +35,8 @@ CAUSES = {
     "tolerance asks for: it cannot be met; ask for a larger one, or use radau9",
 }
 
+#: What is said where a body has deformed beyond what its inertia holds for.
+INERTIA_LOST = "has deformed so far that"
 #: Part of the smallest eigenvalue of a mass matrix that is left of a lost inertia.
 LOST = 1e-2
 #: Of the inertia of two bodies in a mechanism, the ratio that rounding begins to hide.
@@ -43,9 +46,13 @@ NEARLY_SINGULAR = 0.01
 
 
 def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
-    """The failure, and the bodies that deform without bound as its cause."""
-    if not failure:
-        return ""
+    """The failure, and the bodies that deform without bound as its cause.
+
+    Where the failure is that of lost inertia, loads and stiffness at the end are those
+    of no body, and nothing is told of them.
+    """
+    if not failure or INERTIA_LOST in failure:
+        return failure
     for name, body in bodies.items():
         for stage in (body.found, body.expected):
             if stage is not None and stage.diverges:
@@ -64,14 +71,14 @@ def lost_inertia(system: System, work: at.Work) -> str:
         M = work.M[first : first + n * n].reshape(n, n)
         if n and np.isneginf(M[-1, -1]):
             return (
-                f"; {body.name} has deformed so far that its moments of inertia are no "
+                f"; {body.name} {INERTIA_LOST} its moments of inertia are no "
                 "longer positive: J and Oe m1 of its SID hold for small deformations"
             )
         if n == 0 or body.sid.nq == 0 or not np.isfinite(M).all():
             continue
         if _least(M) < LOST * _least(_undeformed(system, body.sid, int(row[at.RD]))):
             text = (
-                f"; {body.name} has deformed so far that the inertia of its SID, which "
+                f"; {body.name} {INERTIA_LOST} the inertia of its SID, which "
                 "holds for small deformations, is no longer positive"
             )
             if (
@@ -140,7 +147,7 @@ def too_light(system: System, work: at.Work) -> str:
     )
 
 
-def jammed(system: System, memory: Memory) -> str:
+def jammed(system: System, memory: Memory, t: float, control: stepping.Control) -> str:
     """What to know where friction has hardly a solution, as evaluated last.
 
     The determinant of its equations, 1 without friction, passes zero there, and loads
@@ -156,6 +163,7 @@ def jammed(system: System, memory: Memory) -> str:
     return (
         f"; friction ({names}) has no solution here, or several: the load that it "
         "makes feeds it, and grows without bound"
+        f"{undecided(system, t, control.z, control.v)}"
     )
 
 

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from . import more_wrong_models
 from .wrong_models import MISTAKES
 
 
@@ -18,4 +19,8 @@ def test_a_mistake_gets_the_message_that_names_it(name: str) -> None:
 
 
 def test_the_gallery_is_not_small() -> None:
-    assert len(MISTAKES) >= 30
+    assert len(MISTAKES) >= 60
+    here = [
+        a for a, _ in MISTAKES.values() if a.__module__ == more_wrong_models.__name__
+    ]
+    assert len(here) >= 10

@@ -1,0 +1,52 @@
+"""Questions about friction and controllers that are hardly meant as they are said."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sidtool.formats.scene import Actuator, Pid, SceneFile
+
+from ..system.scene import System
+
+#: No pair of materials rubs as much.
+_ROUGHEST = 3.0
+#: A pin thicker than this many times the mechanism.
+_THICKEST = 1.0
+
+
+def unlikely(system: System) -> Iterator[str]:
+    """One sentence each."""
+    for name, joint in system.scene.joints.items():
+        friction = getattr(joint, "friction", None)
+        if friction is None:
+            continue
+        largest = max(friction.coefficient, friction.static or 0.0)
+        if largest > _ROUGHEST:
+            yield (
+                f"the friction of {name} has a coefficient of {largest:g}, more than "
+                "any pair of materials: is it in per cent?"
+            )
+        if (friction.radius or 0.0) > _THICKEST * system.length:
+            yield (
+                f"the pin of {name} has a radius of {friction.radius:g} m, in a "
+                f"mechanism of {system.length:.3g} m: is it in mm?"
+            )
+    yield from _gains(system.scene)
+
+
+def _gains(scene: SceneFile) -> Iterator[str]:
+    """Controllers that drive their own joint away from what they are to hold."""
+    for name, force in scene.forces.items():
+        law = getattr(force, "function", None)
+        if not isinstance(force, Actuator) or not isinstance(law, Pid):
+            continue
+        if force.joint is None or law.measured.partition(".")[0] != force.joint:
+            continue
+        for key in ("p", "d"):
+            gain = getattr(law, key)
+            if gain < 0.0:
+                yield (
+                    f"{name} drives {law.measured} away from its reference: its gain "
+                    f"{key} is {gain:g} and it acts on what it measures; is its sign "
+                    "meant?"
+                )
