@@ -24,6 +24,7 @@ MACHINERY = (
     "compiler.stamps",
     "compiler.tables",
     "compiler.views",
+    "compiler.lanes",
     "compiler.records",
     "compiler.values",
     "space.algebra",

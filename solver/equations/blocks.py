@@ -12,7 +12,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ..compiler.inner import inner
+from ..compiler.lanes import row_times
 from ..compiler.values import Symmetric, Vector, formula
+from ..space.algebra import load, size
 
 #: Numbers of components: of a translation, a rotation and a symmetric matrix.
 SIZES = {2: {"number": 1, "move": 2, "turn": 1, "pair": 1}}
@@ -31,6 +34,7 @@ SQUARES = {
     "Ke": "number",
     "De": "number",
     "Cr1": "turn",
+    "Ge": "turn",
     "Oe1": "pair",
     "Ct1": "move",
     "coupling": "turn",
@@ -87,6 +91,16 @@ def _square(name: str) -> Callable[..., Any]:
     return formula(read)
 
 
+def _start(name: str) -> Callable[..., Any]:
+    """Where row k of a square matrix begins, of its first component."""
+
+    def start(x: Any, o: Any, nq: Any, k: Any) -> Any:
+        head, rows, squares = _STARTS[len(x)]
+        return nq * nq * squares[name] + nq * rows[""] + (o + head[""] + k * nq)
+
+    return formula(start)
+
+
 @formula
 def cube_at(x: Any, o: Any, nq: Any) -> Any:
     """Where Ke1 stands."""
@@ -96,4 +110,16 @@ def cube_at(x: Any, o: Any, nq: Any) -> Any:
 
 mass, mdCM, J0, H0 = map(_head, HEAD)
 Ct0, Cr0, J1, Oe0, ksigma, tilt, slope = map(_row, ROWS)
-Ke, De, Cr1, Oe1, Ct1, coupling, bow, free_turning, free_mass = map(_square, SQUARES)
+Ke, De, Cr1, Ge, Oe1, Ct1, coupling, bow, free_turning, free_mass = map(
+    _square, SQUARES
+)
+MULTIPLIED = "Ke", "De", "Cr1", "Ge", "Oe1", "Ct1"
+Ke_row, De_row, Cr1_row, Ge_row, Oe1_row, Ct1_row = map(_start, MULTIPLIED)
+
+
+@inner()
+def row_product(like, work, pool, at, nq, x, first):
+    """A row of a square matrix times x[first:]; its entries are values like that."""
+    for c in range(size(like)):
+        work.scratch[c] = row_times(pool, at + c * nq * nq, x, first, nq)
+    return load(like, work.scratch, 0)

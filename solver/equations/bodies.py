@@ -7,6 +7,7 @@ Velocities and accelerations of a body frame are resolved in that frame.
 from __future__ import annotations
 
 from ..compiler.compiling import inner
+from ..compiler.lanes import row_times
 from ..space.algebra import (
     back,
     cross,
@@ -22,22 +23,34 @@ from ..space.algebra import (
     write_mass,
     zero,
 )
-from ..space.layout import HAS_CR1, HAS_CT1, HAS_KE1, HAS_OE1, HAS_QUADRATIC_J
+from ..space.layout import (
+    DIAGONAL_DE,
+    DIAGONAL_KE,
+    HAS_CR1,
+    HAS_CT1,
+    HAS_KE1,
+    HAS_OE1,
+    HAS_QUADRATIC_J,
+)
 from .blocks import (
     J0,
     J1,
     Cr0,
-    Cr1,
+    Cr1_row,
     Ct0,
-    Ct1,
+    Ct1_row,
     De,
+    De_row,
+    Ge_row,
     Ke,
+    Ke_row,
     Oe0,
-    Oe1,
+    Oe1_row,
     cube_at,
     ksigma,
     mass,
     mdCM,
+    row_product,
 )
 from .cubic import add_cubic_force
 
@@ -61,20 +74,18 @@ def body_state(system, work, row, w, z, v):
         ct, constant = Ct0(x, pool, o, nq, k), J1(x, pool, o, nq, k)
         cr, j1, mean = Cr0(x, pool, o, nq, k), constant, ct
         turned = cr
-        for i in range(nq):
-            qi, qdi = z[q + i], v[qd + i]
-            if flags & HAS_CR1:
-                c = Cr1(x, pool, o, nq, k, i)
-                cr = cr + qi * c
-                ge += qdi * dot(c - Cr1(x, pool, o, nq, i, k), w)
-            if flags & HAS_OE1:
-                square = Oe1(x, pool, o, nq, k, i)
-                oe += qi * omega_product(square, w)
-                if flags & HAS_QUADRATIC_J:
-                    j1 = j1 + qi * growth(square)
-            if flags & HAS_CT1:
-                bend = qi * Ct1(x, pool, o, nq, k, i)
-                mean, ct = mean + 0.5 * bend, ct + bend
+        if flags & HAS_CR1:
+            cr = cr + row_product(w, work, pool, Cr1_row(x, o, nq, k), nq, z, q)
+            swing = row_product(w, work, pool, Ge_row(x, o, nq, k), nq, v, qd)
+            ge = dot(swing, w)
+        if flags & HAS_OE1:
+            square = row_product(J, work, pool, Oe1_row(x, o, nq, k), nq, z, q)
+            oe += omega_product(square, w)
+            if flags & HAS_QUADRATIC_J:
+                j1 = j1 + growth(square)
+        if flags & HAS_CT1:
+            bend = row_product(x, work, pool, Ct1_row(x, o, nq, k), nq, z, q)
+            mean, ct = mean + 0.5 * bend, ct + bend
         if flags & HAS_QUADRATIC_J:
             turned = cr
         mode.ct, mode.cr, mode.j1, mode.turned = ct, cr, j1, turned
@@ -82,6 +93,19 @@ def body_state(system, work, row, w, z, v):
         md, flow, spin = md + qk * mean, flow + qdk * ct, spin + qdk * turned
         J, J_rate = J + (0.5 * qk) * (j1 + constant), J_rate + qdk * j1
     return md, J, J_rate, flow, spin
+
+
+@inner()
+def _resistance(row, x, pool, k, z, v):
+    """Row k of Ke q + De q'."""
+    nq, o, q, qd = row.nq, row.data, row.pos + row.np - row.nq, row.vel + row.rd
+    if row.flags & DIAGONAL_KE:
+        force = Ke(x, pool, o, nq, k, k) * z[q + k]
+    else:
+        force = row_times(pool, Ke_row(x, o, nq, k), z, q, nq)
+    if row.flags & DIAGONAL_DE:
+        return force + De(x, pool, o, nq, k, k) * v[qd + k]
+    return force + row_times(pool, De_row(x, o, nq, k), v, qd, nq)
 
 
 @inner()
@@ -108,10 +132,7 @@ def evaluate_body(system, work, b, z, v):
         ct, cr = mode.ct, mode.cr
         force = -mode.oe - mode.ge - dot(ct, a) - dot(cr, al)
         force -= ksigma(x, pool, o, nq, k)
-        for i in range(nq):
-            force -= Ke(x, pool, o, nq, k, i) * z[q + i]
-            force -= De(x, pool, o, nq, k, i) * v[qd + i]
-        f[qd + k] = force
+        f[qd + k] = force - _resistance(row, x, pool, k, z, v)
         if rd >= n:
             store(M, line, ct)
             store_column(M, block, nv, rd + k, ct)

@@ -20,7 +20,23 @@ from ..space.algebra import (
     zero,
 )
 from ..space.layout import HAS_CR1, HAS_CT1, HAS_KE1, HAS_OE1, HAS_QUADRATIC_J
-from .blocks import Cr1, Ct1, De, Ke, Oe0, Oe1, cube_at, mass
+from .blocks import (
+    J0,
+    Cr1,
+    Cr1_row,
+    Ct1,
+    Ct1_row,
+    De,
+    Ge,
+    Ge_row,
+    Ke,
+    Oe0,
+    Oe1,
+    Oe1_row,
+    cube_at,
+    mass,
+    row_product,
+)
 from .bodies import body_state, gravity_in
 from .cubic import add_cubic_stiffness
 
@@ -32,31 +48,36 @@ def _elastic(system, work, b, z, v, acc, a, al):
     nq, nv, rd, flags, o, n = row.nq, row.nv, row.rd, row.flags, row.data, size(a)
     pool, P, D, w, x = system.pool, work.Rp, work.Rv, frame.w, frame.x
     block, first, q = row.block, row.vel, row.pos + row.np - nq
-    qd, quadratic = first + rd, flags & HAS_QUADRATIC_J != 0
+    qd, quadratic, J = first + rd, flags & HAS_QUADRATIC_J != 0, J0(x, pool, o)
     for k in range(nq):
         line = block + (rd + k) * nv
         turn = omega_gradient(Oe0(x, pool, o, nq, k), w)
         follow, drag, sway = zero(w), zero(a), zero(w)
+        if flags & HAS_CR1:
+            c, ge = Cr1_row(x, o, nq, k), Ge_row(x, o, nq, k)
+            swing = row_product(w, work, pool, ge, nq, v, qd)
+            turn, sway = turn + swing, row_product(w, work, pool, c, nq, v, qd) - swing
+            follow = row_product(w, work, pool, c, nq, acc, qd)
+            follow = follow - row_product(w, work, pool, ge, nq, acc, qd)
+        if flags & HAS_OE1:
+            oe = Oe1_row(x, o, nq, k)
+            turn = turn + omega_gradient(row_product(J, work, pool, oe, nq, z, q), w)
+            if quadratic:
+                grown = growth(row_product(J, work, pool, oe, nq, v, qd))
+                follow = follow + inertia_times(grown, w)
+        if flags & HAS_CT1:
+            ct = Ct1_row(x, o, nq, k)
+            drag = 2.0 * cross(w, row_product(a, work, pool, ct, nq, v, qd))
+            drag = drag + row_product(a, work, pool, ct, nq, acc, qd)
         for i in range(nq):
             stiffness, damping = Ke(x, pool, o, nq, k, i), De(x, pool, o, nq, k, i)
             if flags & HAS_CR1:
-                c, swapped = Cr1(x, pool, o, nq, k, i), Cr1(x, pool, o, nq, i, k)
-                ge = c - swapped
-                stiffness += dot(c, al)
-                damping += dot(ge, w)
-                turn = turn + v[qd + i] * ge
-                follow = follow + acc[qd + i] * swapped
-                sway = sway + v[qd + i] * swapped
+                stiffness += dot(Cr1(x, pool, o, nq, k, i), al)
+                damping += dot(Ge(x, pool, o, nq, k, i), w)
             if flags & HAS_OE1:
-                oe = Oe1(x, pool, o, nq, k, i)
-                stiffness += omega_product(oe, w)
-                turn = turn + z[q + i] * omega_gradient(oe, w)
-                if quadratic:
-                    follow = follow + v[qd + i] * inertia_times(growth(oe), w)
+                stiffness += omega_product(Oe1(x, pool, o, nq, k, i), w)
             if flags & HAS_CT1:
-                bend = Ct1(x, pool, o, nq, k, i)
-                stiffness += dot(bend, a)
-                drag = drag + acc[qd + i] * bend + (2.0 * v[qd + i]) * cross(w, bend)
+                stiffness += dot(Ct1(x, pool, o, nq, k, i), a)
             P[line + rd + i] += stiffness
             D[line + rd + i] += damping
         if rd >= n:

@@ -22,7 +22,6 @@ from numba import float64, int64, types
 
 from ..compiler.compiling import inner
 from ..space.layout import (
-    BLOCK,
     C_VALUE,
     F1,
     I1,
@@ -35,6 +34,7 @@ from ..space.layout import (
     VEL,
     WORK,
 )
+from .mass import mass_row_times
 from .newton import FACTORISATIONS, MEMORY
 from .saddle import saddle_factor, saddle_solve
 
@@ -87,12 +87,9 @@ def index3_solve(system, memory, x, mu):
 def add_mass_times(system, M, x, weight, out):
     """out += weight M x, M in blocks."""
     for b in range(len(system.body)):
-        n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
+        n, first = system.body[b, NV], system.body[b, VEL]
         for i in range(n):
-            total = 0.0
-            for k in range(n):
-                total += M[o + i * n + k] * x[first + k]
-            out[first + i] += weight * total
+            out[first + i] += weight * mass_row_times(system, M, b, i, x)
 
 
 @inner(types.void(SYSTEM, WORK, I1, F1, F1, float64, F1, F1))

@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import math
 
-from numba import boolean, float64, int64, types
+from numba import boolean, complex128, float64, int64, types
 
 from ..compiler.compiling import inner
+from ..compiler.lanes import row_times
 from ..space.layout import (
     BANDWIDTH,
     BLOCK,
+    C1,
     DIAGONAL_ME,
     F1,
     F2,
@@ -91,6 +93,21 @@ def _backward(A, o, n, reach, x, at):
 def _reach(system, b):
     row = system.body[b]
     return row[RD] if row[FLAGS] & DIAGONAL_ME else row[NV]
+
+
+@inner(
+    *[float64(SYSTEM, F1, int64, int64, F1), complex128(SYSTEM, F1, int64, int64, C1)]
+)
+def mass_row_times(system, M, b, i, x):
+    """Row i of the block of a body in M, times x."""
+    n, first, reach = system.body[b, NV], system.body[b, VEL], _reach(system, b)
+    row = system.body[b, BLOCK] + i * n
+    if i < reach:
+        return row_times(M, row, x, first, n)
+    total = M[row + i] * x[first + i]
+    for k in range(reach):
+        total += M[row + k] * x[first + k]
+    return total
 
 
 @inner(types.void(SYSTEM, F1, F1, F1, F2, int64))

@@ -23,6 +23,7 @@ from numba import complex128, float64, int64, types
 from sidtool.formats.sid import Array
 
 from ..compiler.compiling import entry, inner
+from ..compiler.lanes import row_times
 from ..compiler.tables import Table, TableType
 from ..compiler.views import PointerType
 from ..space.coordinates import RATE, RETRACT, add_row_response, lift, resolve, respond
@@ -50,6 +51,7 @@ from ..space.layout import (
 )
 from .grips import sticks
 from .lapack import LAPACK, Lapack
+from .mass import mass_row_times
 from .saddle import saddle_factor, saddle_solve
 
 
@@ -256,11 +258,8 @@ def newton_solve(
     for b in range(len(system.body)):
         n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
         for i in range(n):
-            total = memory.M[o + i * n] * s[first] - work.Rp[o + i * n] * x[first]
-            for k in range(1, n):
-                entry = o + i * n + k
-                total += memory.M[entry] * s[first + k] - work.Rp[entry] * x[first + k]
-            p[first + i] = total
+            p[first + i] = mass_row_times(system, memory.M, b, i, s)
+            p[first + i] -= row_times(work.Rp, o + i * n, x, first, n)
     saddle_solve(system, lapack, A, G, Y, S, pivots, row_pivots, p, g)
     resolve(system, memory.frame, mu, r, x)
     for i in range(len(s)):

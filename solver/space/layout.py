@@ -56,6 +56,8 @@ DIAGONAL_ME = 32
 HAS_KE1 = 64
 STIFFENED = 128  # Ct and Cr have terms of a displacement field of second order
 STATE = 256  # no body: its velocity is a state of a law
+DIAGONAL_KE = 512
+DIAGONAL_DE = 1024
 
 # --- columns of System.marker ---------------------------------------------
 M_BODY = 0

@@ -35,6 +35,8 @@ from sidtool.formats.sid_subset import kept_indices, with_shape_functions
 
 from ...equations.blocks import HEAD, ROWS, SQUARES
 from ...space.layout import (
+    DIAGONAL_DE,
+    DIAGONAL_KE,
     DIAGONAL_ME,
     HAS_CR1,
     HAS_CT1,
@@ -52,7 +54,7 @@ from .mean_axes import MeanAxes, mean_axes
 from .rigid_bodies import rigid_part
 from .unstiffened import without_stiffening
 
-#: Couplings in Me below this part of its diagonal are rounding.
+#: Couplings in Me and De below this part of its diagonal are rounding.
 ROUNDING = 1e-13
 
 
@@ -222,6 +224,8 @@ def flags(sid: SID, quadratic_inertia: bool) -> int:
         HAS_KE1: sid.Ke.first_order(nq).any(),
         DIAGONAL_ME: is_diagonal(elastic_mass(sid)) and not stiffened,
         STIFFENED: stiffened,
+        DIAGONAL_KE: is_diagonal(sid.Ke.m0),
+        DIAGONAL_DE: is_diagonal(damping_matrix(sid)),
     }
     return sum(bit for bit, needed in applies.items() if needed)
 
@@ -245,6 +249,7 @@ def shapes_of_stiffened(sid: SID, planar: bool) -> tuple[MeanAxes, FreeShapes]:
 def pack(body: BodyData, planar: bool) -> Array:
     """The reals of a body in the order of `equations.blocks`."""
     sid, nq = without_turning(body.sid), body.sid.nq
+    turning = cr1(sid)
     axes, free = shapes_of_stiffened(body.sid, planar)
     pairs = [(2, 2)] if planar else J_INDICES
     move, turn = slice(2 if planar else 3), slice(2 if planar else 0, 3)
@@ -262,8 +267,9 @@ def pack(body: BodyData, planar: bool) -> Array:
         "tilt": axes.tilt.T[turn],
         "slope": [axes.slopes[:, a, b] for a, b in pairs],
         "Ke": sid.Ke.m0,
-        "De": sid.De.m0,
-        "Cr1": cr1(sid)[turn],
+        "De": damping_matrix(sid),
+        "Cr1": turning[turn],
+        "Ge": (turning - turning.transpose(0, 2, 1))[turn],
         "Oe1": oe1(sid)[pair],
         "Ct1": ct1(sid)[move],
         "coupling": axes.coupling[turn],
@@ -311,11 +317,19 @@ def pack_stiffening(shapes: Taylor, rows: slice) -> Array:
 
 def elastic_mass(sid: SID) -> Array:
     """Me, symmetric; diagonal where it is so but for rounding."""
-    mass = symmetric(sid.Me.m0)
-    diagonal = np.diag(mass)
+    return _without_rounding(symmetric(sid.Me.m0))
+
+
+def damping_matrix(sid: SID) -> Array:
+    """De; diagonal where it is so but for rounding."""
+    return _without_rounding(sid.De.m0)
+
+
+def _without_rounding(matrix: Array) -> Array:
+    diagonal = np.diag(matrix)
     size = np.sqrt(np.abs(np.outer(diagonal, diagonal)))
-    coupled = np.abs(mass - np.diag(diagonal)) > ROUNDING * size
-    return mass if coupled.any() else np.diag(diagonal)
+    coupled = np.abs(matrix - np.diag(diagonal)) > ROUNDING * size
+    return matrix if coupled.any() else np.diag(diagonal)
 
 
 def is_diagonal(matrix: Array) -> bool:
