@@ -18,7 +18,6 @@ from ..compiler.compiling import inner
 from ..compiler.quotients import quotient
 from ..space.layout import (
     BANDWIDTH,
-    BLOCK,
     C1,
     C2,
     F1,
@@ -36,8 +35,9 @@ from ..space.layout import (
     SYSTEM,
     VEL,
 )
+from .blocks import block_factor, block_solve
 from .grips import sticks
-from .lapack import LAPACK, LARGE, factor_large, solve_large
+from .lapack import LAPACK
 
 #: Added to the diagonal of the Schur complement, relative to it. Where constraints
 #: become dependent (a singular position) it stands in for what they leave open;
@@ -45,57 +45,6 @@ from .lapack import LAPACK, LARGE, factor_large, solve_large
 REGULARISATION = 1e-13
 #: The same for joints that stick and hold one motion together.
 SHARED_SLACK = 1e-7
-
-
-@inner(*[int64(LAPACK, A, int64, int64, I1, int64) for A in (F1, C1)])
-def lu_factor(lapack, A, o, n, pivots, first):
-    """LU with partial pivoting of the n x n block at o, in place; 1 if singular."""
-    if n >= LARGE:
-        return factor_large(lapack, A, o, n, pivots, first)
-    for j in range(n):
-        best = j
-        size = abs(A[o + j * n + j])
-        for i in range(j + 1, n):
-            candidate = abs(A[o + i * n + j])
-            if candidate > size:
-                best, size = i, candidate
-        pivots[first + j] = best
-        if not size > 0.0:
-            return 1
-        if best != j:
-            for k in range(n):
-                a, b = o + j * n + k, o + best * n + k
-                A[a], A[b] = A[b], A[a]
-        inverse = quotient(1.0, A[o + j * n + j])
-        for i in range(j + 1, n):
-            factor = A[o + i * n + j] * inverse
-            A[o + i * n + j] = factor
-            if factor != 0.0:
-                for k in range(j + 1, n):
-                    A[o + i * n + k] -= factor * A[o + j * n + k]
-    return 0
-
-
-@inner(*[types.void(LAPACK, A, int64, int64, I1, int64, A, int64) for A in (F1, C1)])
-def lu_solve(lapack, A, o, n, pivots, first, x, at):
-    """Solves with a factor of `lu_factor`; x[at:at+n] is overwritten."""
-    if n >= LARGE:
-        solve_large(lapack, A, o, n, pivots, first, x, at)
-        return
-    for j in range(n):
-        best = pivots[first + j]
-        if best != j:
-            x[at + j], x[at + best] = x[at + best], x[at + j]
-    for i in range(1, n):
-        total = x[at + i]
-        for k in range(i):
-            total -= A[o + i * n + k] * x[at + k]
-        x[at + i] = total
-    for i in range(n - 1, -1, -1):
-        total = x[at + i]
-        for k in range(i + 1, n):
-            total -= A[o + i * n + k] * x[at + k]
-        x[at + i] = quotient(total, A[o + i * n + i])
 
 
 @inner(*[int64(A, int64, int64, I1) for A in (F2, C2)])
@@ -149,7 +98,8 @@ def band_solve(S, m, width, pivots, x):
     ]
 )
 def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots, rubbing):
-    """Factors the system in place: A becomes its LU, Y = A^-1 C^T, S its band LU.
+    """Factors the system in place: A becomes its factors, see `blocks`, Y = A^-1 C^T
+    and S its band LU.
 
     rubbing : (frictions, .) how friction of sliding joints follows from multipliers
 
@@ -169,16 +119,16 @@ def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots, rubbing):
             for r in range(system.friction[j, R_COUNT]):
                 S[row, system.friction[j, R_NEWTON + 1 + r]] += rubbing[j, r]
     for b in range(len(system.body)):
-        n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
+        n = system.body[b, NV]
         if n == 0:
             continue
-        if lu_factor(lapack, A, o, n, pivots, first) != 0:
+        if block_factor(system, lapack, A, b, pivots) != 0:
             return 1
         for s in range(system.body[b, SEG0], system.body[b, SEG1]):
             at = segment[s, S_OFFSET]
             for k in range(at, at + n):
                 Y[k] = C[k]
-            lu_solve(lapack, A, o, n, pivots, first, Y, at)
+            block_solve(system, lapack, A, b, pivots, Y, at)
             column = segment[s, S_ROW]
             for r in range(system.body[b, SEG0], system.body[b, SEG1]):
                 g = segment[r, S_OFFSET]
@@ -210,7 +160,7 @@ def saddle_solve(system, lapack, A, G, Y, S, pivots, row_pivots, x, mu):
         n, first = system.body[b, NV], system.body[b, VEL]
         if n == 0:
             continue
-        lu_solve(lapack, A, system.body[b, BLOCK], n, pivots, first, x, first)
+        block_solve(system, lapack, A, b, pivots, x, first)
         for s in range(system.body[b, SEG0], system.body[b, SEG1]):
             at, row = segment[s, S_OFFSET], segment[s, S_ROW]
             for k in range(n):

@@ -98,14 +98,35 @@ def test_saddle_point_solution_is_that_of_the_dense_matrix(
     links: int, modes: int, mu: complex
 ) -> None:
     """[mu M + Rv, -C^T; mu C + Gv, 0] with blocks and segments of random numbers."""
-    system = mechanism("planar", links, modes)
-    rng = np.random.default_rng(links)
-    probe, memory = _moving(system, links), new_memory(system, 1)
+    _compare_with_dense(mechanism("planar", links, modes), links, mu, apart=False)
+
+
+@pytest.mark.parametrize("mu", [0.7, 0.6 + 1.3j])
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+@pytest.mark.parametrize("modes", [10, 30])
+def test_elastic_coordinates_that_do_not_couple_are_solved_alone(
+    modes: int, dimension: str, mu: complex
+) -> None:
+    """The elastic block is its diagonal, but for the first six coordinates."""
+    _compare_with_dense(mechanism(dimension, 3, modes), 5, mu, apart=True)
+
+
+def _compare_with_dense(system: System, seed: int, mu: complex, apart: bool) -> None:
+    rng = np.random.default_rng(seed)
+    probe, memory = _moving(system, seed), new_memory(system, 1)
     work = probe.work
     for array in (memory.M, memory.C, work.Rv, work.Gv):
         array[:] = rng.normal(size=array.shape)
     for array in (work.Rp, work.Gp):
         array[:] = 0.0
+    for row in system.arrays.body:
+        nv, start, rd = row[at.NV], row[at.BLOCK], row[at.RD]
+        for array, diagonal in ((memory.M, rd), (work.Rv, rd + 6 if apart else nv)):
+            if array is memory.M and not (row[at.FLAGS] & at.DIAGONAL_ME or apart):
+                continue
+            elastic = array[start : start + nv * nv].reshape(nv, nv)
+            elastic = elastic[diagonal:, diagonal:]
+            elastic[...] = np.diag(np.diag(elastic))
     M, Rv = probe.blocks(memory.M), probe.blocks(work.Rv)
     C, Gv = probe.rows(memory.C), probe.rows(work.Gv)
     m = system.n_rows
@@ -116,6 +137,9 @@ def test_saddle_point_solution_is_that_of_the_dense_matrix(
     r = np.zeros(system.n_positions)
     _, found = newton_step(system, probe, memory, mu, r, s)
     assert found == pytest.approx(expected[: len(s)], rel=1e-9, abs=1e-9)
+    pivots = memory.complex_pivots[0] if kind is complex else memory.real_pivots
+    whole = pivots[system.n_velocities :]
+    assert (whole < system.arrays.body[:, at.NV]).any() == apart
 
 
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
