@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .internal_modes import RELIEVED_KINDS
 from .quadrature_rules import prism_rule, quadrature_rule
 from .reference import ReferenceElement, reference_element
 from .solid import ElementBatch, mapped_batch
@@ -32,13 +33,18 @@ _FEWER = {"tet10": quadrature_rule("tet", 2), "wedge15": prism_rule(2, 4)}
 _LEFT = 1e-2
 
 
-def extrapolation(kind: str, where: Array) -> Array | None:
+def extrapolation(kind: str, where: Array, *, relieved: bool) -> Array | None:
     """(g,) weights of the stiffness' points for the strain at a reference point.
 
     Strains at these points are better than those elsewhere in the element. None for
     elements whose strains are as good anywhere.
+
+    Parameters
+    ----------
+    relieved : whether the element has internal modes: their slopes are right at its
+        points, where uniform stress does no work on them
     """
-    if kind not in (*_FEWER, "wedge6"):
+    if not relieved and kind not in (*_FEWER, "wedge6"):
         return None
     points = _FEWER[kind][0] if kind in _FEWER else reference_element(kind).points
     fields = np.vstack([_linear(kind, points), _linear(kind, where[None])])
@@ -46,7 +52,10 @@ def extrapolation(kind: str, where: Array) -> Array | None:
 
 
 def _linear(kind: str, points: Array) -> Array:
-    """Linear fields; along the axis of prisms as many powers as there are heights."""
+    """As many fields as points: linear ones; those of a linear element with internal
+    modes; along the axis of prisms as many powers as there are heights."""
+    if kind in RELIEVED_KINDS:
+        return reference_element(kind).at(points)[0]
     flat = np.column_stack([np.ones(len(points)), points])
     if kind == "tet10":
         return flat

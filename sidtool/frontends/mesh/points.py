@@ -10,7 +10,6 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import NodeMarker
 
 from ..elements.continuum import Continuum, half_curl
-from ..elements.internal_modes import internal_slopes
 from ..elements.reduced_integration import extrapolation
 from ..elements.reference import ReferenceElement, reference_element
 from ..elements.solid import internal_amplitudes
@@ -187,35 +186,23 @@ class MeshPoints:
         self, number: int, row: int, where: Array, plain: sp.csr_matrix
     ) -> sp.csr_matrix:
         """(9, ndof) gradient that the stiffness of one element sees."""
-        block = self.mesh.blocks[number]
-        shares = extrapolation(block.kind, where)
+        block, d = self.mesh.blocks[number], self.mesh.dimension
+        relieved = bool(self._continua) and self._continua[number].internal_modes
+        shares = extrapolation(block.kind, where, relieved=relieved)
         if shares is None:
-            return plain + self._internal_gradient(number, row, where)
-        nodes, d = block.nodes[row], self.mesh.dimension
+            return plain
+        nodes = block.nodes[row]
         alone = ElementBlock(block.kind, nodes[None], block.labels[[row]])
-        (one,) = element_batches(self.mesh, alone)
+        (one,) = element_batches(self.mesh, alone, relieved=relieved)
         slopes = np.einsum("g,gmd->md", shares, one.gradients[0])
         rows = np.zeros((3, 3, len(nodes), d))
         for axis in range(d):
             rows[axis, :d, :, axis] = slopes.T
-        return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
-
-    def _internal_gradient(self, number: int, row: int, where: Array) -> sp.csr_matrix:
-        """(9, ndof) share of the internal modes of one element."""
-        block, d = self.mesh.blocks[number], self.mesh.dimension
-        nodes = block.nodes[row]
-        if not self._continua or not self._continua[number].internal_modes:
-            return sp.csr_matrix((9, self.mesh.positions.size))
-        element, corners = reference_element(block.kind), self.mesh.positions[nodes]
-        alone = ElementBlock(block.kind, nodes[None], block.labels[[row]])
-        (one,) = element_batches(self.mesh, alone, relieved=True)
-        law = self._continua[number].law
-        _, gradients = element.at(where[None])
-        determinants = np.linalg.det(corners.T @ gradients)[None]
-        slopes = internal_slopes(element, corners[None], where[None], determinants)
-        by_node = internal_amplitudes(one, law)[0].reshape(-1, d, len(nodes), d)
-        rows = np.zeros((3, 3, len(nodes), d))
-        rows[:d, :d] = np.einsum("kb,kcmd->cbmd", slopes[0, 0], by_node)
+        if one.internal is not None:
+            amplitudes = internal_amplitudes(one, self._continua[number].law)[0]
+            by_node = amplitudes.reshape(-1, d, len(nodes), d)
+            inner = np.einsum("g,gkb->kb", shares, one.internal[0])
+            rows[:d, :d] += np.einsum("kb,kcmd->cbmd", inner, by_node)
         return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
 
 
