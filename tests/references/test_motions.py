@@ -29,6 +29,8 @@ def check(case: Case, integrator: str, *rtols: float) -> None:
         assert not [note for note in result.notes if "rounding hides" in note]
 
 
+#: What takes seconds at sharper tolerances, which the benchmark has.
+SLOW = "radau5"
 #: Independent solutions of longer ones take a minute; the benchmark has them all.
 TRIED = [case for case in CASES if "300 turns" not in case]
 
@@ -37,7 +39,7 @@ TRIED = [case for case in CASES if "300 turns" not in case]
 @pytest.mark.parametrize("case", TRIED)
 def test_methods_of_high_order_keep_what_is_asked(case: str, integrator: str) -> None:
     small = "1e-09" in case and not case.startswith("clamped")
-    tight = [] if small else [1e-6]
+    tight = [] if small else [1e-5 if integrator == SLOW else 1e-6]
     check(CASES[case], integrator, 1e-3, 1e-4, *tight)
 
 
@@ -71,7 +73,8 @@ def test_turns_of_a_free_body_may_be_many(
     spin: tuple[float, ...], integrator: str
 ) -> None:
     """About an axis near a stable and near the unstable principal one."""
-    check(free_body(*spin), integrator, 1e-3, 1e-5, 1e-7)
+    tight = 1e-6 if integrator == SLOW else 1e-7
+    check(free_body(*spin), integrator, 1e-3, 1e-5, tight)
 
 
 @pytest.mark.parametrize("turns", [100, 500, 1000])
@@ -114,11 +117,13 @@ def rubbed(width: float) -> Case:
 
 
 @pytest.mark.parametrize("integrator", ["dop853", "auto"])
-@pytest.mark.parametrize("width", [1e-4, 3e-3])
-def test_no_step_misses_a_kink_by_chance(width: float, integrator: str) -> None:
+@pytest.mark.parametrize(("width", "step"), [(1e-4, 0.75), (3e-3, 0.375)])
+def test_no_step_misses_a_kink_by_chance(
+    width: float, step: float, integrator: str
+) -> None:
     """One tolerance in ten met a step in which an error estimate was zero while
     friction changed its sign: 2 200 times as much as was asked."""
-    check(rubbed(width), integrator, *(10.0 ** -np.arange(5.0, 9.5, 0.375)))
+    check(rubbed(width), integrator, *(10.0 ** -np.arange(5.0, 9.0, step)))
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)

@@ -32,27 +32,34 @@ EVENTS = {
 STOP = {"quantity": "piston.x", "value": 0.97, "action": "stop", "count": 2}
 
 
-def described(rows: int, rtol: float = 1e-4, **more: object) -> SceneFile:
-    """The slider-crank with so many output steps, in half of its time."""
+def described(
+    rows: int, rtol: float = 1e-4, end: float = 2.1, **more: object
+) -> SceneFile:
+    """The slider-crank with so many output steps, in most of its time."""
     data = read_scene(SLIDER_CRANK / "slider_crank.toml").model_dump(exclude_none=True)
-    data["time"] = {"end": 2.1, "output_step": 2.1 / rows}
+    data["time"] = {"end": end, "output_step": end / rows}
     data["accuracy"] |= {"rtol": rtol}
     return SceneFile.model_validate(data | more)
 
 
 @pytest.mark.parametrize("stop", [{}, {"stop": STOP}])
 @pytest.mark.parametrize(
-    ("method", "rtol"), [("radau9", 1e-4), ("generalised_alpha", 1e-2)]
+    ("method", "rtol", "end"),
+    [("radau9", 1e-4, 2.1), ("generalised_alpha", 1e-2, 1.0)],
 )
 def test_blocks_of_rows_change_nothing(
-    method: str, rtol: float, stop: dict[str, object], monkeypatch: pytest.MonkeyPatch
+    method: str,
+    rtol: float,
+    end: float,
+    stop: dict[str, object],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Windows of two rows, which grow in every step, against all rows in one.
 
     Only energies that are integrals are summed up in other groups.
     """
     more = {"outputs": {"record": RECORD}, "events": EVENTS | stop, "title": "t"}
-    scene = described(150, rtol, **more)
+    scene = described(150, rtol, end, **more)
     system = compile_scene(scene, SLIDER_CRANK)
     monkeypatch.setattr(window, "BLOCK", 10_000)
     whole = simulate(system, integrator=method)
@@ -124,13 +131,13 @@ def peak(folder: Path, rows: int) -> float:
 
 def test_memory_does_not_grow_with_the_rows(tmp_path: Path) -> None:
     """24 MB of results took 246 MB more than 0.2 MB of them."""
-    few, many = peak(tmp_path, 1000), peak(tmp_path, 100_000)
-    assert (tmp_path / "r.h5").stat().st_size > 2.3e7
-    assert many - few < 30.0
+    few, many = peak(tmp_path, 1000), peak(tmp_path, 50_000)
+    assert (tmp_path / "r.h5").stat().st_size > 1.15e7
+    assert many - few < 20.0
     result = read_result(tmp_path / "r.h5")
-    assert len(result.t) == 100_001
+    assert len(result.t) == 50_001
     with (tmp_path / "r.csv").open() as lines:
-        assert sum(1 for _ in lines) == 100_002
+        assert sum(1 for _ in lines) == 50_002
 
 
 class Nowhere(InMemory):
