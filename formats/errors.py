@@ -1,9 +1,11 @@
-"""The one exception that bad input raises, wherever it is noticed."""
+"""The one exception that bad input raises, and warnings, wherever they arise."""
 
 from __future__ import annotations
 
+import inspect
 import os
 import re
+import warnings
 
 #: What a terminal obeys instead of showing it.
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
@@ -52,3 +54,15 @@ class InputError(Exception):
         return InputError(
             self.problem, source=source, place=self.place, expected=self.expected
         )
+
+
+def warn_caller(text: str, category: type[Warning] = UserWarning) -> None:
+    """Warn of the line outside of sidtool from which it was called."""
+    frame, level = inspect.currentframe(), 1
+    while frame is not None and _is_ours(frame.f_globals.get("__name__", "")):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, category, stacklevel=level)
+
+
+def _is_ours(module: str) -> bool:
+    return module.partition(".")[0] == "sidtool"

@@ -18,9 +18,9 @@ from .results import Result, answering
 from .swaps import swapped
 
 if TYPE_CHECKING:
-    from sidtool.solver.analyses.linear import Linearisation
-    from sidtool.solver.analyses.static import Equilibrium
     from sidtool.solver.system.scene import System
+
+    from .states import Equilibrium, Linearisation
 
 Path_ = str | os.PathLike[str]
 Sids = Mapping[str, SID | Path_]
@@ -48,9 +48,11 @@ def static_equilibrium(
     """
     from sidtool.solver.analyses.static import static_equilibrium as analyse
 
+    from .states import Equilibrium, for_users
+
     programs = drives, forces
     with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
-        return analyse(system)
+        return for_users(analyse(system), Equilibrium)
 
 
 def linearise(
@@ -74,9 +76,11 @@ def linearise(
     """
     from sidtool.solver.analyses.linear import linearise as analyse
 
+    from .states import Linearisation, for_users
+
     programs = drives, forces
     with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
-        return analyse(system, about)
+        return for_users(analyse(system, about), Linearisation)
 
 
 def inverse_dynamics(

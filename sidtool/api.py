@@ -120,7 +120,7 @@ def simulate(
     settings["spectral_radius"] = spectral_radius
     asked = Ending()
     try:
-        with located(content), ending("SIGINT") as asked:
+        with located(content):
             content, replaced, told = chosen(content, folder, sids or {}, rigid)
             plan = plan_for(
                 content,
@@ -139,7 +139,8 @@ def simulate(
                 content, folder, replaced, accept_defects, drives, forces=forces
             )
             ends: dict[str, Any] = {"stop": asked, "unfinished": unfinished}
-            result = run(system, progress=progress, told=told, **settings, **ends)
+            with ending("SIGINT", asked=asked):
+                result = run(system, progress=progress, told=told, **settings, **ends)
             if plan is not None:
                 result = plan.certified(result)
         return answering(result, drives, forces)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.carried import Carried
+from sidtool.formats.errors import warn_caller
 from sidtool.formats.field import Field
 from sidtool.formats.model import ModelFile, RayleighDamping, read_model
 from sidtool.formats.plausible import body_questions, material_questions
@@ -285,4 +285,4 @@ def _free_turns(
 def _notes_only(text: str) -> None:
     """Nobody listens to the stages, but notes are told."""
     if text.startswith(NOTE):
-        warnings.warn(text.removeprefix(NOTE), stacklevel=5)
+        warn_caller(text.removeprefix(NOTE))

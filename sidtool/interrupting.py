@@ -51,9 +51,12 @@ class Ending:
 
 
 @contextmanager
-def ending(*names: str) -> Iterator[Ending]:
-    """Signals inside ask instead of ending the program; ignored ones stay so."""
-    asked = Ending()
+def ending(*names: str, asked: Ending | None = None) -> Iterator[Ending]:
+    """Signals inside ask instead of ending the program; ignored ones stay so.
+
+    asked : what is told, default a new one
+    """
+    asked = asked or Ending()
     present = [getattr(signal, name) for name in names if hasattr(signal, name)]
     if threading.current_thread() is not threading.main_thread():
         present = []

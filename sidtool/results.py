@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sidtool.formats import result as stored
-from sidtool.formats.errors import InputError
+from sidtool.formats.errors import InputError, warn_caller
 from sidtool.formats.html import html_table
 from sidtool.formats.result import units_in
 from sidtool.formats.sid import Array
@@ -83,7 +82,7 @@ class Result(stored.Result):
         ------
         InputError : pandas is not installed, or there is no such output.
         """
-        pandas = _installed("pandas")
+        pandas = installed("pandas")
         found = self.outputs(names)
         table = pandas.DataFrame(found, index=pandas.Index(self.t, name="t"))
         table.attrs["units"] = {name: self.unit(name) for name in found} | {"t": "s"}
@@ -96,7 +95,7 @@ class Result(stored.Result):
         ------
         InputError : xarray is not installed, or there is no such output.
         """
-        xarray = _installed("xarray")
+        xarray = installed("xarray")
         found = self.outputs(names)
         variables = {n: ("t", v, {"units": self.unit(n)}) for n, v in found.items()}
         times = {"t": ("t", self.t, {"units": "s"})}
@@ -126,7 +125,7 @@ class Result(stored.Result):
             if path is not None:
                 saved(page, Path(path))
         for sentence in told:
-            warnings.warn(sentence, stacklevel=2)
+            warn_caller(sentence)
         return page
 
     def animate(self, path: str | Path, **settings: Any) -> list[str]:
@@ -170,7 +169,13 @@ def answering(result: stored.Result, *programs: Mapping[str, Any] | None) -> Res
     return Result(**known | {"laws": laws})
 
 
-def _installed(name: str) -> Any:
+def installed(name: str) -> Any:
+    """A package that only some need.
+
+    Raises
+    ------
+    InputError : it is not installed.
+    """
     from importlib import import_module
 
     try:

@@ -149,8 +149,19 @@ def _field_meaning(model: type[BaseModel], location: Location) -> str | None:
     for candidate in _models_at(model, location[:-1]):
         for name, info in candidate.model_fields.items():
             if location[-1] in (name, info.alias):
-                return info.description or type_in_words(info)
+                return info.description or type_in_words(info) or _kinds(info)
     return None
+
+
+def _kinds(info: FieldInfo) -> str | None:
+    """Of a table that may be of several kinds their types."""
+    kinds = [
+        kind
+        for table in get_args(info.annotation)
+        if (field := getattr(table, "model_fields", {}).get("type")) is not None
+        for kind in get_args(field.annotation)
+    ]
+    return f"a table with a type out of {', '.join(kinds)}" if kinds else None
 
 
 def type_in_words(info: FieldInfo) -> str | None:

@@ -12,7 +12,7 @@ import click
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import reached
 
-from ..interrupting import NAMES, ending
+from ..interrupting import NAMES, Ending, ending
 from .body_files import files_by_body
 from .common import (
     Target,
@@ -152,7 +152,8 @@ def simulate(
     if unfinished is not None and unfinished.completed:
         click.echo(f"{output}: is complete to t = {unfinished.t[-1]:.9g} s")
         return
-    with Outputs(output, csv) as files, ending(*NAMES) as asked:
+    asked = Ending()
+    with Outputs(output, csv) as files:
         try:
             ends = {"stop": asked, "unfinished": unfinished}
             model = Model(swaps, rigid, from_texts(accuracy), accept_defects)
@@ -246,16 +247,17 @@ def _run(
             scene, told, files = plan.scene, [*told, *plan.told], Certified(files, plan)
             sids = dict(plan.sids)
         system = compile_scene(scene, folder, sids=sids, accept_defects=defects)
-        result = run(
-            system,
-            progress=_share(scene.time),
-            foresee=_foresee,
-            tell=lambda text: click.echo(f"before the run: {text}"),
-            told=told,
-            into=files,
-            **settings,
-            **ends,
-        )
+        with ending(*NAMES, asked=ends["stop"]):
+            result = run(
+                system,
+                progress=_share(scene.time),
+                foresee=_foresee,
+                tell=lambda text: click.echo(f"before the run: {text}"),
+                told=told,
+                into=files,
+                **settings,
+                **ends,
+            )
         return result if plan is None else plan.certified(result)
 
 

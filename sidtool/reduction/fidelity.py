@@ -272,8 +272,8 @@ def _lost_inertia(
 def _said(errors: Fidelity) -> str:
     i = int(np.abs(errors.frequencies).argmax())
     text = (
-        f"its first {len(errors.frequencies)} frequencies err by at most "
-        f"{_percent(errors.frequencies[i])} (f{i + 1}, {errors.hertz[i]:.5g} Hz)"
+        f"its first {len(errors.frequencies)} frequencies err by "
+        f"{_at_most(errors.frequencies[i])} (f{i + 1}, {errors.hertz[i]:.5g} Hz)"
     )
     if not len(errors.names):
         return text
@@ -282,6 +282,11 @@ def _said(errors: Fidelity) -> str:
         f"{text}, its compliance at the markers by {_percent(errors.compliances[k])} "
         f"({errors.names[k]})"
     )
+
+
+def _at_most(share: float) -> str:
+    text = _percent(share)
+    return text if text.startswith("less") else f"at most {text}"
 
 
 def _percent(share: float) -> str:

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sidtool.formats.result import Result
+from sidtool.formats.result import Result, units_in
 
 from .tables import named, table
 
 if TYPE_CHECKING:
     from sidtool.solver.analyses.linear import Linearisation
-    from sidtool.solver.analyses.static import Equilibrium
+
+    from ..states import Equilibrium
 
 #: Coordinates named beside a mode: those that move most, if they move by more than a
 #: part of the most.
@@ -35,17 +36,31 @@ def describe_equilibrium(found: Equilibrium) -> str:
         )
     ]
     parts += _notes(result)
-    if result.names:
-        rows = zip(result.names, result.values[0], strict=True)
-        parts.append(table(["output", "value"], [[n, f"{x:.10g}"] for n, x in rows]))
-    if result.multiplier_names:
-        rows = zip(result.multiplier_names, result.multipliers[0], strict=True)
-        parts.append(table(["force", "N, N m"], [[n, f"{x:.10g}"] for n, x in rows]))
+    rows = found.rows()
+    if rows:
+        texts = [[name, f"{value:.10g}", unit] for name, value, unit in rows]
+        parts.append(table(["output", "value", "unit"], texts))
     return "\n\n".join(parts)
 
 
 def describe_modes(modes: Linearisation) -> str:
     """A table of the natural modes and the coordinates that lead each, and notes."""
+    rows = mode_rows(modes)
+    if not rows:
+        return "no natural modes: nothing can move"
+    text: str = table(["mode", "Hz", "damping ratio", "moved most by"], rows)
+    growing = np.flatnonzero(modes.damping_ratios < -GROWS) + 1
+    if len(growing):
+        which = ", ".join(map(str, growing))
+        told = f"mode {which} grows, its damping ratio is negative"
+        if len(growing) > 1:
+            told = f"modes {which} grow, their damping ratios are negative"
+        text += f"\n\nunstable: {told}"
+    return "\n\n".join([text, *_notes(modes)])
+
+
+def mode_rows(modes: Linearisation) -> list[list[str]]:
+    """Number, frequency, damping ratio and leading coordinates of each mode."""
     rows = []
     for k, (hertz, ratio) in enumerate(
         zip(modes.frequencies, modes.damping_ratios, strict=True)
@@ -61,17 +76,7 @@ def describe_modes(modes: Linearisation) -> str:
                 lead,
             ]
         )
-    if not rows:
-        return "no natural modes: nothing can move"
-    text: str = table(["mode", "Hz", "damping ratio", "moved most by"], rows)
-    growing = np.flatnonzero(modes.damping_ratios < -GROWS) + 1
-    if len(growing):
-        which = ", ".join(map(str, growing))
-        told = f"mode {which} grows, its damping ratio is negative"
-        if len(growing) > 1:
-            told = f"modes {which} grow, their damping ratios are negative"
-        text += f"\n\nunstable: {told}"
-    return "\n\n".join([text, *_notes(modes)])
+    return rows
 
 
 def modes_as_data(modes: Linearisation) -> dict[str, Any]:
@@ -95,13 +100,16 @@ def modes_as_data(modes: Linearisation) -> dict[str, Any]:
 
 def describe_inverse(result: Result) -> str:
     """The largest force of each constraint, and notes."""
+    unit = units_in(result)
     rows = [
-        [name, f"{np.min(column):.10g}", f"{np.max(column):.10g}"]
+        [name, f"{np.min(column):.10g}", f"{np.max(column):.10g}", unit(name)]
         for name, column in zip(
             result.multiplier_names, result.multipliers.T, strict=True
         )
     ]
-    return "\n\n".join([table(["force", "least", "greatest"], rows), *_notes(result)])
+    return "\n\n".join(
+        [table(["force", "least", "greatest", "unit"], rows), *_notes(result)]
+    )
 
 
 def _notes(result: Result | Linearisation) -> list[str]:

@@ -10,10 +10,9 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-import warnings
 from pathlib import Path
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.errors import InputError, warn_caller
 from sidtool.formats.storage.atomic import atomic_path
 
 MAGIC = b"sidtool kernel 1\n"
@@ -104,7 +103,7 @@ def tell(kind: str, text: str) -> None:
     """Warns once of each kind of trouble."""
     if kind not in _told:
         _told.add(kind)
-        warnings.warn(text, KernelCacheWarning, stacklevel=2)
+        warn_caller(text, KernelCacheWarning)
 
 
 def _tell_unkept(where: str) -> None:

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -159,3 +160,19 @@ def test_a_second_signal_is_answered_as_before() -> None:
         assert asked() == "ended by Ctrl-C"
         os.kill(os.getpid(), signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_ctrl_c_ends_the_search_for_a_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """There is nothing to keep yet: it was heard by the run after the search only."""
+
+    def search(*_: object, **__: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(5.0)
+
+    monkeypatch.setattr("sidtool.accuracy.plan_for", search)
+    path = tmp_path / "r.h5"
+    words = ["simulate", str(SLIDER_CRANK / "slider_crank.toml"), "--accuracy", "1e-2"]
+    assert run([*words, "-o", str(path)]) == 130
+    assert not path.exists() and "interrupted" in capsys.readouterr().err

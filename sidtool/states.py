@@ -1,0 +1,103 @@
+"""What analyses of a state find, for scripts and notebooks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from sidtool.formats.html import html_table
+from sidtool.solver.analyses import linear, static
+
+from .results import Result, answering, installed
+
+if TYPE_CHECKING:
+    import pandas
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Equilibrium(static.Equilibrium):
+    __doc__ = static.Equilibrium.__doc__
+
+    def result(self) -> Result:
+        """The scene's outputs in equilibrium, as a result of one time."""
+        return answering(super().result())
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A pandas table: a row per recorded output and multiplier, with its value and
+        its unit.
+
+        Raises
+        ------
+        InputError : pandas is not installed.
+        """
+        table = installed("pandas").DataFrame(
+            self.rows(), columns=["output", "value", "unit"]
+        )
+        return table.set_index("output")
+
+    def rows(self) -> list[tuple[str, float, str]]:
+        """Recorded outputs and all multipliers, with their values and units."""
+        result = self.result()
+        names = (*result.names, *result.multiplier_names)
+        values = [*result.values[0], *result.multipliers[0]]
+        found = dict(zip(names, map(float, values), strict=True))
+        return [(name, value, result.unit(name)) for name, value in found.items()]
+
+    def __repr__(self) -> str:
+        title = self.system.scene.title
+        return f"<Equilibrium {title!r}: unbalanced {self.residual:.1e} of the forces>"
+
+    def _repr_html_(self) -> str:
+        rows = [(name, f"{value:.6g}", unit) for name, value, unit in self.rows()]
+        notes = html_table([("note", text) for text in self.notes])
+        title = self.system.scene.title
+        return html_table(rows, ("output", "value", "unit"), title) + notes
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Linearisation(linear.Linearisation):
+    __doc__ = linear.Linearisation.__doc__
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A pandas table: a row per mode with its frequency [Hz], damping ratio and
+        eigenvalue [1/s]; shapes are in `shapes`.
+
+        Raises
+        ------
+        InputError : pandas is not installed.
+        """
+        pandas = installed("pandas")
+        columns = {
+            "frequency": self.frequencies,
+            "damping_ratio": self.damping_ratios,
+            "eigenvalue": self.eigenvalues,
+        }
+        numbers = pandas.RangeIndex(1, len(self.frequencies) + 1, name="mode")
+        table = pandas.DataFrame(columns, index=numbers)
+        units = {"frequency": "Hz", "damping_ratio": "", "eigenvalue": "1/s"}
+        table.attrs["units"] = units
+        return table
+
+    def __repr__(self) -> str:
+        from .report.tables import plural
+
+        if not len(self.frequencies):
+            return "<Linearisation: no natural modes>"
+        first = ", ".join(f"{hertz:.4g}" for hertz in self.frequencies[:3])
+        more = ", ..." if len(self.frequencies) > 3 else ""
+        count = plural(len(self.frequencies), "mode")
+        return f"<Linearisation: {count}, {first}{more} Hz>"
+
+    def _repr_html_(self) -> str:
+        from .report.analysis import mode_rows
+
+        header = ("mode", "Hz", "damping ratio", "moved most by")
+        notes = html_table([("note", text) for text in self.notes])
+        return html_table(mode_rows(self), header) + notes
+
+
+def for_users(found: Any, kind: type[Found]) -> Found:
+    """The same as users have it."""
+    return kind(**{f.name: getattr(found, f.name) for f in fields(found)})
