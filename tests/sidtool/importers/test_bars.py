@@ -327,6 +327,24 @@ def test_a_straight_bar_is_the_beam_of_a_model_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
+def test_a_closed_ring(tmp_path: Path) -> None:
+    """Two waves in its plane: omega^2 = 36/5 E I / (rho A R^4) (R. Hoppe, 1871), and
+    out of it less by what torsion gives (A. E. H. Love, Mathematical Theory, 293)."""
+    count, radius, nu = 24, 0.5, 0.3
+    angles = 2 * np.pi * np.arange(count) / count
+    # the polygon of the circle's length
+    places = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    places *= radius * (np.pi / count) / np.sin(np.pi / count)
+    bars = [f"CBAR,{i},1,{i},{i % count + 1},0.,0.,1." for i in range(1, count + 1)]
+    card = "PBARL,1,1,,ROD\n,0.005"
+    found = frequencies(body(tmp_path, bulk(*grids(places), *bars, card, MATERIAL)))
+    bend = E * 0.005**2 / 4 / (RHO * radius**4)
+    out = bend * 36 / (5 + nu)
+    expected = np.sqrt([out, out, 36 / 5 * bend, 36 / 5 * bend]) / (2 * np.pi)
+    assert_allclose(np.sort(found[:4]), np.sort(expected), rtol=1e-2)
+
+
+@pytest.mark.filterwarnings("ignore")
 def test_a_tapered_beam_has_its_mass_and_centre(tmp_path: Path) -> None:
     """A and B of PBEAML: area in the square of the place, as of a cone of bars."""
     x = np.linspace(0, 1, 41)
