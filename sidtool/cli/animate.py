@@ -61,7 +61,7 @@ def animate(
     plot goes to its time. It takes three.js from `pip install "sidtool[view]"`.
 
     Flexible bodies are drawn from their full field where it is known (see `sidtool
-    convert --field`), else as lines between the nodes of their SIDs; rigid bodies as
+    convert --field`), else as the hull of the nodes of their SIDs; rigid bodies as
     lines between their markers, or as boxes.
 
     \b

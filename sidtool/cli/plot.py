@@ -52,7 +52,7 @@ def plot(
 
     \b
     SID     the body and its shape functions with their frequencies, on the full
-            body where its field is known, else as lines between its nodes
+            body where its field is known, else on the hull of its nodes
     model   mesh, markers, what markers are tied to, control net of NURBS
     field   as the SID that it belongs to
     result  outputs over time, spectra, energies, residuals of constraints

@@ -4,21 +4,29 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sidtool.formats.result import Result
+
 from .figure import COLOURS, new_page, styled
+from .words import ROW, broken, legend, rows_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
 #: Curves in one pair of axes at most, each in a colour of its own.
 MOST_CURVES = len(COLOURS)
-#: Opacity of bands; letters of a label that are more than its row is high.
-_BAND, _LONG = 0.3, 20
+#: Opacity of bands.
+_BAND = 0.3
+#: Heights [inch]: of what a page has beside its axes, and between two of them.
+_BESIDE, _GAP = 0.6, 0.35
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +43,48 @@ class Curve:
     @property
     def label(self) -> str:
         return f"{self.name} ± {self.error:.1e}" if self.error else self.name
+
+
+def errors_of(result: Result) -> dict[str, float]:
+    """Estimated errors by output, where the run was asked for an accuracy."""
+    return {} if result.accuracy is None else result.accuracy.absolute()
+
+
+def curves_of(
+    names: Iterable[str],
+    columns: Mapping[str, Array],
+    errors: Mapping[str, float],
+    prefix: str = "",
+) -> list[Curve]:
+    """Curves without a common prefix of their names."""
+    return [
+        Curve(name.removeprefix(prefix), columns[name], errors.get(name, 0.0))
+        for name in names
+    ]
+
+
+def labels_of(curves: Sequence[Curve]) -> list[str]:
+    """Of the legend: several curves have one, and those with a band, which may be
+    narrower than the line."""
+    if len(curves) > 1 or curves[0].error:
+        return [curve.label for curve in curves]
+    return []
+
+
+def stacked(
+    labels: Sequence[Sequence[str]], width: float, row: float
+) -> tuple[Figure, list[Any]]:
+    """A page with axes below each other.
+
+    Parameters
+    ----------
+    labels : of the legend of each
+    width, row : of the page, and the height of one row without its legend [inch]
+    """
+    legends = ROW * sum(rows_of(part, width) for part in labels)
+    height = row * len(labels) + legends + _BESIDE
+    page, axes = new_page(len(labels), 1, (width, height))
+    return page, list(np.atleast_1d(axes))
 
 
 def grouped(names: Sequence[str]) -> list[list[str]]:
@@ -56,11 +106,12 @@ def label_of(names: Sequence[str], unit_of: Callable[[str], str]) -> str:
     return f"{stem} [{unit}]" if unit else stem
 
 
-def draw(axes: Any, t: Array, curves: Sequence[Curve], label: str) -> None:
+def draw(
+    axes: Any, t: Array, curves: Sequence[Curve], label: str, height: float = 1.2
+) -> None:
     """Curves over time, with the estimated error of each as a band around it.
 
-    Several curves have a legend above the axes, and those with a band, which may be
-    narrower than the line.
+    height : of the axes, for their label [inch]
     """
     for curve in curves:
         (line,) = axes.plot(t, curve.values, label=curve.label)
@@ -68,26 +119,42 @@ def draw(axes: Any, t: Array, curves: Sequence[Curve], label: str) -> None:
             edges = curve.values - curve.error, curve.values + curve.error
             colour = line.get_color()
             axes.fill_between(t, *edges, color=colour, alpha=_BAND, linewidth=0)
-    # A row has room for some twenty letters: the unit of a long name goes below it.
-    axes.set_ylabel(label if len(label) < _LONG else label.replace(" [", "\n["))
+    axes.set_ylabel(broken(label, height))
     axes.set_xlim(t[0], t[-1] if t[-1] > t[0] else t[0] + 1.0)
-    if len(curves) > 1 or curves[0].error:
-        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0)
+    if labels_of(curves):
+        legend(axes)
+
+
+def drawn(
+    t: Array,
+    groups: Sequence[Sequence[str]],
+    columns: Mapping[str, Array],
+    errors: Mapping[str, float],
+    unit_of: Callable[[str], str],
+    size: tuple[float, float],
+) -> tuple[Figure, list[Any]]:
+    """A page of outputs over time, and its axes, one for each group.
+
+    size : width of the page and height of a row [inch]
+    """
+    parts = [curves_of(group, columns, errors) for group in groups]
+    page, axes = stacked([labels_of(part) for part in parts], *size)
+    for place, group, curves in zip(axes, groups, parts, strict=True):
+        draw(place, t, curves, label_of(group, unit_of), size[1] - _GAP)
+    return page, axes
 
 
 def drawn_svg(
-    t: Array, columns: Mapping[str, Array], unit_of: Callable[[str], str]
+    t: Array,
+    columns: Mapping[str, Array],
+    errors: Mapping[str, float],
+    unit_of: Callable[[str], str],
 ) -> tuple[str, float, float]:
     """All outputs below each other as SVG, and where the axes begin and end across
     it, as shares of its width."""
-    groups = grouped(list(columns))
     with styled():
-        height = 1.5 * len(groups) + 0.5
-        page, axes = new_page(len(groups), 1, (5.2, height))
-        rows = np.atleast_1d(axes)
-        for place, names in zip(rows, groups, strict=True):
-            curves = [Curve(name, columns[name]) for name in names]
-            draw(place, t, curves, label_of(names, unit_of))
+        groups = grouped(list(columns))
+        page, rows = drawn(t, groups, columns, errors, unit_of, (5.2, 1.4))
         rows[-1].set_xlabel("t [s]")
         page.draw_without_rendering()
         box = rows[0].get_position()

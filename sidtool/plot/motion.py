@@ -9,6 +9,7 @@ from typing import Any
 from sidtool.formats.result import Result
 
 from .figure import COLOURS, figure
+from .words import legend
 
 _LINES = ("-", "--", ":", "-.")
 
@@ -50,7 +51,7 @@ def _overlay(axes: Any, results: Mapping[str, Result], name: str, label: str) ->
             label=run,
         )
     axes.set_ylabel(label)
-    _legend(axes)
+    legend(axes)
 
 
 def _difference(
@@ -69,9 +70,4 @@ def _difference(
         )
     axes.set_ylabel(f"difference\n{label}")
     axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3))
-    _legend(axes)
-
-
-def _legend(axes: Any) -> None:
-    """Above the axes, where no curve runs."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0)
+    legend(axes)

@@ -10,6 +10,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.study import StudyFile, StudyPoint
 
 from .figure import figure
+from .words import by_rows, columns_of, legend
 
 _MARKS = "osD^v"
 #: Costs of a study that are drawn, and how they are called.
@@ -37,7 +38,7 @@ def plot_precision(
         axes.invert_xaxis()
         axes.set_xlabel(label)
         axes.set_ylabel("wall time [s]")
-        axes.legend()
+        legend(axes)
 
 
 def plot_study(path: Path, content: StudyFile) -> None:
@@ -68,7 +69,7 @@ def _plot_fronts(
     """One panel for each cost that differs; colours tell the values of one axis."""
     costs = [c for c in _COSTS if len({getattr(p, c) for p in points}) > 1]
     kinds = list(dict.fromkeys(p.choices.get(axis, "") for p in points))
-    size = (4.2 * len(costs), 3.8)
+    size = (4.2 * max(len(costs), 1), 4.2)
     with figure(path, 1, len(costs), size=size) as panels:
         every = list(panels) if len(costs) > 1 else [panels]
         for panel, cost in zip(every, costs, strict=True):
@@ -89,7 +90,10 @@ def _plot_fronts(
             scale = "linear" if cost == "size" else "log"
             panel.set(xscale=scale, yscale="log", xlabel=_COSTS[cost])
         every[0].set_ylabel(f"relative error, {content.title}")
-        every[-1].legend()
+        handles, labels = every[-1].get_legend_handles_labels()
+        columns = columns_of(labels, size[0] - 0.4)
+        rows = by_rows(handles, labels, columns)
+        every[0].figure.legend(*rows, loc="outside upper left", ncols=columns)
 
 
 def _draw_front(panel: Any, pairs: list[tuple[float, float]]) -> None:

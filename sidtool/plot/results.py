@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +16,10 @@ from sidtool.formats.scene import expanded
 from sidtool.solver.afterwards import Replay, scene_of
 
 from ..afterwards import outputs, outputs_at, played_outputs
-from .courses import Curve, draw, grouped, label_of
-from .figure import new_page, saved, styled
+from . import courses
+from .courses import Curve, curves_of, draw, errors_of, grouped, labels_of
+from .figure import saved, styled
+from .words import broken, legend
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,6 +28,8 @@ Array = NDArray[np.float64]
 
 #: Points of a curve at least, and pairs of axes at most.
 _POINTS, _MOST = 2000, 12
+#: Width of a page, height of a row [inch], and letters in a line of its title.
+_WIDTH, _ROW, _LETTERS = 7.5, 1.55, 90
 #: Uncertainty between output times that is told of.
 _TOLD = 0.005
 ENERGIES = ("energy.kinetic", "energy.elastic", "energy.potential")
@@ -84,30 +89,12 @@ def drawn(
         return page, told + more
     t, columns, uncertain = _dense(result, wanted)
     with styled():
-        page, axes = new_page(len(groups), 1, (7.5, 1.7 * len(groups) + 0.6))
-        rows = np.atleast_1d(axes)
-        for place, group in zip(rows, groups, strict=True):
-            draw(
-                place,
-                t,
-                _curves(result, group, columns),
-                label_of(group, units_in(result)),
-            )
-            if kind == "drift":
-                place.set_yscale("log")
+        errors, units = errors_of(result), units_in(result)
+        page, rows = courses.drawn(t, groups, columns, errors, units, (_WIDTH, _ROW))
+        for place in rows if kind == "drift" else ():
+            place.set_yscale("log")
         _finish(page, rows, result, "t [s]")
     return page, told + uncertain
-
-
-def _curves(
-    result: Result, names: Iterable[str], columns: Mapping[str, Array], prefix: str = ""
-) -> list[Curve]:
-    """Curves without a common prefix of their names, with the errors of the run."""
-    errors = {} if result.accuracy is None else result.accuracy.absolute()
-    return [
-        Curve(name.removeprefix(prefix), columns[name], errors.get(name, 0.0))
-        for name in names
-    ]
 
 
 def _wanted(result: Result, names: str | Iterable[str] | None) -> list[str]:
@@ -156,12 +143,15 @@ def _energy(result: Result) -> tuple[Figure, list[str]]:
     t, columns, told = _dense(result, [*ENERGIES, *more])
     total = np.sum([columns[name] for name in ENERGIES], axis=0)
     with styled():
-        page, axes = new_page(2, 1, (7.5, 5.0))
-        curves = _curves(result, ENERGIES, columns, "energy.")
-        draw(axes[0], t, [*curves, Curve("sum", total)], "energy [J]")
-        shown = [Curve("change of the sum", total - total[0])]
-        shown += _curves(result, more, columns, "energy.")
-        draw(axes[1], t, shown, "energy [J]" if more else "change of the sum [J]")
+        errors = errors_of(result)
+        parts = curves_of(ENERGIES, columns, errors, "energy.")
+        parts.append(Curve("sum", total))
+        change = [Curve("change of the sum", total - total[0])]
+        change += curves_of(more, columns, errors, "energy.")
+        labels = [labels_of(parts), labels_of(change)]
+        page, axes = courses.stacked(labels, _WIDTH, 1.3 * _ROW)
+        draw(axes[0], t, parts, "energy [J]")
+        draw(axes[1], t, change, "energy [J]" if more else "change of the sum [J]")
         _finish(page, axes, result, "t [s]")
     return page, told
 
@@ -176,16 +166,15 @@ def _spectrum(result: Result, names: list[str]) -> tuple[Figure, list[str]]:
     step = t[1] - t[0]
     frequencies = np.fft.rfftfreq(count, step)[1:]
     with styled():
-        page, axes = new_page(len(groups), 1, (7.5, 1.9 * len(groups) + 0.6))
-        rows = np.atleast_1d(axes)
+        page, rows = courses.stacked(groups, _WIDTH, 1.1 * _ROW)
         for place, group in zip(rows, groups, strict=True):
             for name in group:
                 place.semilogy(frequencies, amplitudes(columns[name])[1:], label=name)
             unit = units_in(result)(group[0])
-            place.set_ylabel(f"amplitude [{unit}]" if unit else "amplitude")
-            place.legend(
-                loc="lower right", bbox_to_anchor=(1, 1), ncols=4, borderaxespad=0
+            place.set_ylabel(
+                broken(f"amplitude [{unit}]" if unit else "amplitude", 1.2)
             )
+            legend(place)
             place.set_xlim(0.0, frequencies[-1])
         _finish(page, rows, result, "frequency [Hz]")
     return page, [f"up to {frequencies[-1]:.4g} Hz, half the rate of the output times"]
@@ -202,4 +191,5 @@ def amplitudes(values: Array) -> Array:
 def _finish(page: Any, rows: Any, result: Result, label: str) -> None:
     rows[-1].set_xlabel(label)
     if result.title:
-        page.suptitle(result.title, fontsize="medium")
+        title = textwrap.fill(result.title, _LETTERS)
+        page.suptitle(title, fontsize="medium")

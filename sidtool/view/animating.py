@@ -16,6 +16,7 @@ from sidtool.formats.storage.atomic import atomic_path
 from sidtool.solver.afterwards import scene_of
 
 from ..afterwards import outputs_at
+from ..plot.courses import errors_of
 from .companions import Given, companions
 from .drawn_bodies import Drawn, drawn_bodies
 from .page import page
@@ -104,6 +105,7 @@ def animate(
         seen.motion,
         seen.bodies,
         columns,
+        errors=errors_of(result),
         title=result.title,
         colour=colour,
         scale=scale,

@@ -57,7 +57,8 @@ class Body {
     this.active = this.coarse ? Uint32Array.from(new Set(this.coarse.array)) : null;
     this.moved = new Float32Array(3 * this.count);
     this.plain = new THREE.MeshPhongMaterial({ color: told.colour, flatShading: true,
-      side: THREE.DoubleSide, shininess: 20 });
+      side: THREE.DoubleSide, shininess: 20, transparent: told.sketched,
+      opacity: told.sketched ? 0.6 : 1 });
     this.coloured = new THREE.MeshPhongMaterial({ vertexColors: true, shininess: 10,
       flatShading: true, side: THREE.DoubleSide });
     this.geometry = new THREE.BufferGeometry();

@@ -13,10 +13,14 @@ from sidtool.formats.scene import RigidBody, SceneFile
 from sidtool.formats.sid import SID, Array
 from sidtool.solver.system.bodies.data import BodyData
 
-from .sketch import boxed, skeleton
+from .sketch import boxed, hull, skeleton
 from .surface import plate
 
 Indices = NDArray[np.int64]
+
+#: What pictures say of a flexible body of which nodes alone are known.
+_UNKNOWN = "(its surface is not known)"
+_BARS = f"joined to their neighbours {_UNKNOWN}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +49,11 @@ class Drawn:
     def nq(self) -> int:
         """Number of elastic coordinates."""
         return self.shapes.shape[2]
+
+    @property
+    def sketched(self) -> bool:
+        """The surface of a flexible body is not known."""
+        return self.source.endswith(_UNKNOWN)
 
 
 def drawn_bodies(
@@ -96,17 +105,18 @@ def of_field(name: str, content: Field, elastic: bool = True) -> Drawn:
 
 
 def _points(name: str, content: Field) -> Drawn:
-    """A body that came as matrices: lines between its nodes."""
+    """A body that came as matrices: bars between its nodes."""
     size = float(np.ptp(content.positions, axis=0).max())
     turns = np.zeros_like(content.shapes)
     lines = skeleton(content.positions, content.shapes, turns, 0.01 * size)
-    return Drawn(name, *lines, source="the nodes of its field, joined by lines")
+    return Drawn(name, *lines, source=f"the nodes of its field, {_BARS}")
 
 
 def of_sid(name: str, sid: SID, width: float) -> Drawn:
-    """Lines between the nodes of a SID, which bend with their rotations.
+    """The hull of the nodes of a SID; where they fill no volume, bars between
+    neighbours, which bend with their rotations.
 
-    width : of the lines [m]
+    width : of the bars [m]
     """
     places = np.array([node.position for node in sid.nodes]).reshape(-1, 3)
     if len(places) < 2:
@@ -115,8 +125,13 @@ def of_sid(name: str, sid: SID, width: float) -> Drawn:
         phi, psi = (np.concatenate([zero, part]) for part in sid.shapes)
     else:
         phi, psi = sid.shapes
+    solid = hull(places, phi)
+    if solid is not None:
+        return Drawn(
+            name, *solid, source=f"the hull of the nodes of its SID {_UNKNOWN}"
+        )
     lines = skeleton(places, phi, psi, width)
-    return Drawn(name, *lines, source="the nodes of its SID, joined by lines")
+    return Drawn(name, *lines, source=f"the nodes of its SID, {_BARS}")
 
 
 def _rigid(data: BodyData, size: float) -> Drawn:

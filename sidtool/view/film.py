@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shutil
 import tempfile
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -63,6 +64,7 @@ def film(
         chosen = np.round(rows).astype(int).tolist()
         stage = Stage(motion, bodies, parts, ranges.get(colour), colour, scale)
         stage.fit(chosen)
+        stage.say(bodies)
         whole = Path(folder) / path.name
         with writer.saving(stage.page, str(whole), _DPI):
             for row in counted(chosen, "drawing pictures"):
@@ -228,6 +230,13 @@ class Stage:
         self.page.colorbar(
             ScalarMappable(scale, "viridis"), cax=bar, orientation="horizontal"
         ).set_label(f"{found.title} [{found.unit}]")
+
+    def say(self, bodies: Sequence[Drawn]) -> None:
+        """Below the picture, which bodies are sketches."""
+        unknown = ", ".join(body.name for body in bodies if body.sketched)
+        if unknown:
+            told = textwrap.shorten(f"surface not known: {unknown}", 90)
+            self.page.text(0.02, 0.01, told, fontsize="small", color="0.4")
 
     def show(self, row: int) -> None:
         """Draws one time."""

@@ -47,6 +47,7 @@ def page(
     bodies: Sequence[Drawn],
     columns: Mapping[str, Array],
     *,
+    errors: Mapping[str, float] | None = None,
     title: str,
     colour: str = "",
     scale: float = 1.0,
@@ -58,6 +59,7 @@ def page(
     Parameters
     ----------
     columns : outputs at the times of the motion, drawn beside it
+    errors : estimated, of some of these: bands around their curves
     colour : what colours bodies at the beginning: "", "displacement" or "stress"
     scale : magnification of deformations at the beginning
     told : sentences for its head
@@ -116,7 +118,7 @@ def page(
         told=html.escape("; ".join(sentences)),
         generator=html.escape(generator),
         style=_part("player.css"),
-        plots=_plots(motion, columns),
+        plots=_plots(motion, columns, errors or {}),
         data=text.replace("<", "\\u003c"),
         library=three_js(),
         player="".join(map(_part, _SCRIPTS)),
@@ -139,6 +141,7 @@ def _body(
         "positions": _packed(body.positions[used], "<f4"),
         "triangles": _packed(rows, "<u4"),
         "coarse": None,
+        "sketched": body.sketched,
         "shapes": shapes,
         "shape_sizes": sizes,
         "stress": None,
@@ -202,10 +205,12 @@ def _speed(duration: float) -> float:
     return min(SPEEDS, key=lambda speed: abs(np.log(speed / wanted)))
 
 
-def _plots(motion: Played, columns: Mapping[str, Array]) -> str:
+def _plots(
+    motion: Played, columns: Mapping[str, Array], errors: Mapping[str, float]
+) -> str:
     if not columns or len(motion.t) < 2:
         return ""
     units = partial(unit_of, scene=motion.scene)
-    svg, left, right = drawn_svg(motion.t, columns, units)
+    svg, left, right = drawn_svg(motion.t, columns, errors, units)
     mark = f'<div class="cursor" data-left="{left:.6f}" data-right="{right:.6f}"></div>'
     return f'<div class="plot">{svg}{mark}</div>'

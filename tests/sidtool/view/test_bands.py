@@ -13,6 +13,7 @@ from matplotlib.collections import PolyCollection
 import sidtool
 from sidtool.formats.result import AccuracyReport, OutputError, Result
 from sidtool.plot.results import drawn
+from sidtool.view import library
 
 NAMES = ("bob.x", "bob.y", "pin.angle", "energy.kinetic")
 #: Tables of a pendulum whose error is that of a loose tolerance.
@@ -73,6 +74,20 @@ def test_the_true_motion_runs_inside_the_bands(certified: sidtool.Result) -> Non
         assert (low[rows] <= truth[name]).all() and (truth[name] <= high[rows]).all()
         relative = (high - low) / 2 / np.ptp(truth[name])
         assert np.allclose(relative, certified.error[name], rtol=1e-2)
+
+
+def test_the_page_tells_the_errors_of_its_curves(
+    certified: sidtool.Result, tmp_path: Path
+) -> None:
+    pytest.importorskip(library.PACKAGE, reason="three.js is not installed")
+    for result in (certified, pendulum()):
+        result.animate(tmp_path / "m.html")
+        text = (tmp_path / "m.html").read_text()
+        report = result.accuracy
+        told = {} if report is None else report.absolute()
+        assert text.count('id="FillBetweenPolyCollection') == len(told)
+        for name, error in told.items():
+            assert f"{name} ± {error:.1e}" in text
 
 
 @pytest.mark.parametrize("errors", [(0.25, 0.0), (3e-4, 0.5)])

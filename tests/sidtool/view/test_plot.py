@@ -20,8 +20,7 @@ from sidtool.formats.result import Result, write_result
 from sidtool.formats.scene import SceneFile, read_scene, unit_of
 from sidtool.formats.toml.reading import validated
 from sidtool.plot import bodies, results
-from sidtool.plot.courses import Curve, draw, grouped, label_of
-from sidtool.plot.figure import new_page, styled
+from sidtool.plot.courses import grouped, label_of
 from tests.places import SLIDER_CRANK
 
 from ..bodies import volume
@@ -93,19 +92,11 @@ def test_shapes_are_named_by_number_and_frequency(pages: list[Any]) -> None:
     told = bodies.plot_sid(Path("x.png"), sid)
     titles = [axes.get_title(loc="left") for axes in pages[0].axes]
     assert titles[1].startswith("q1, 31.7 Hz") and "3.14 kg" in titles[0]
-    assert told == ["drawn from the nodes of the SID"]
-
-
-def test_names_of_near_nodes_do_not_cover_each_other() -> None:
-    """22 nodes along a bar: the first is named, of the others those that have room."""
-    places = np.linspace(0.0, 2.0, 22)
-    marks = {str(k + 1): np.array([x, 0.0, 0.0]) for k, x in enumerate(places)}
-    picture = bodies.Picture(
-        "bar", np.zeros((0, 3)), np.zeros((0, 3), int), marks=marks
-    )
-    kept = bodies.named(picture)
-    assert kept[0][0] == "1" and 5 <= len(kept) <= 9
-    assert np.diff([point[0] for _, point in kept]).min() > 0.2
+    assert told == [
+        "drawn from the nodes of its SID, joined to their neighbours (its surface is "
+        "not known)"
+    ]
+    assert told[0] == pages[0].get_suptitle()
 
 
 def test_a_field_of_another_body_is_refused() -> None:
@@ -124,7 +115,8 @@ def test_models_show_mesh_markers_net_and_ties(pages: list[Any]) -> None:
     (axes,) = pages[0].axes
     texts = [text.get_text().strip() for text in axes.texts]
     assert texts == ["crank_pin", "piston_pin"]
-    assert axes.get_legend().get_texts()[0].get_text() == "piston_pin: rigid tie"
+    (legend,) = pages[0].legends
+    assert legend.get_texts()[0].get_text() == "piston_pin: rigid tie"
     lines = [line for line in axes.lines if line.get_linewidth() == 0.5]
     assert len(lines) == 13 + 4  # of 13 x 4 control points
 
@@ -185,23 +177,6 @@ def test_energies_are_drawn_with_their_sum(wheel: Result, pages: list[Any]) -> N
     assert courses["kinetic"] == pytest.approx(0.5 * 0.2 * 49.0, rel=1e-4)
     assert courses["sum"] == pytest.approx(courses["kinetic"])
     assert np.abs(lower.lines[0].get_ydata()).max() < 1e-4
-
-
-def test_long_labels_stay_beside_their_row() -> None:
-    """As high as the axes at most, and some: rows do not touch."""
-    t, labels = np.linspace(0.0, 1.0, 5), ["shoulder_motor.my [N m]", "a.x [m]"]
-    with styled():
-        page, rows = new_page(2, 1, (7.5, 3.5))
-        for axes, name in zip(rows, labels, strict=True):
-            draw(axes, t, [Curve(name, t)], name)
-        page.canvas.draw()
-        for axes in rows:
-            label, row = (part.get_window_extent() for part in (axes.yaxis.label, axes))
-            assert label.height < 1.05 * row.height
-    assert [axes.get_ylabel() for axes in rows] == [
-        "shoulder_motor.my\n[N m]",
-        "a.x [m]",
-    ]
 
 
 def test_groups_and_units() -> None:

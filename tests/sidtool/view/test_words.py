@@ -1,0 +1,216 @@
+"""Words in pictures do not cover each other, and none is cut off."""
+
+from __future__ import annotations
+
+import re
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import unit_of
+from sidtool.formats.study import StudyFile, StudyPoint
+from sidtool.formats.toml.reading import validated
+from sidtool.plot import bodies, courses, figure, precision, results
+from sidtool.plot.figure import styled
+from sidtool.plot.pictures import Picture, drawn
+from sidtool.plot.words import broken
+
+from ..models import IGA, rod_data
+
+
+def words(page: Any) -> list[Any]:
+    """Those that are drawn: ticks beyond the ends of an axis are not."""
+    found: list[Any] = []
+    draw = Text.draw
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            Text, "draw", lambda self, to: (found.append(self), draw(self, to))[1]
+        )
+        page.draw_without_rendering()
+    return [text for text in found if text.get_visible() and text.get_text().strip()]
+
+
+def crossing(page: Any) -> list[tuple[str, ...]]:
+    """Words that meet others or leave the page, by more than a pixel."""
+    found = []
+    every = [(text.get_text(), text.get_window_extent()) for text in words(page)]
+    for (one, first), (other, second) in combinations(every, 2):
+        across = min(first.x1, second.x1) - max(first.x0, second.x0)
+        up = min(first.y1, second.y1) - max(first.y0, second.y0)
+        if min(across, up) > 1:
+            found.append((one, other))
+    for name, box in every:
+        whole = page.bbox.padded(1)
+        if not (whole.contains(*box.min) and whole.contains(*box.max)):
+            found.append((name,))
+    return found
+
+
+@pytest.fixture
+def pages(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    kept: list[Any] = []
+    for module in (bodies, results, figure):
+        monkeypatch.setattr(module, "saved", lambda page, path: kept.append(page))
+    return kept
+
+
+NAMES = [
+    *(f"connecting_rod.q{k}" for k in range(1, 12)),
+    "wheel_bearing_of_the_left_side.angle_rate",
+    "angular_momentum.x",
+    "shoulder_motor.my",
+    "upper.peak_von_mises",
+    "a.x",
+]
+
+
+@pytest.mark.parametrize("error", [0.0, 1.25e-5])
+@pytest.mark.parametrize("width", [5.2, 7.5])
+def test_legends_and_labels_of_many_outputs(error: float, width: float) -> None:
+    t = np.linspace(0.0, 1.0, 50)
+    columns = {name: np.sin(k * t) for k, name in enumerate(NAMES)}
+    errors = dict.fromkeys(NAMES, error)
+    groups = courses.grouped(NAMES)
+    with styled():
+        page, axes = courses.drawn(t, groups, columns, errors, unit_of, (width, 1.4))
+        assert not crossing(page)
+        heights = [place.get_window_extent().height for place in axes]
+        assert min(heights) > 70  # legends leave room for the curves
+        for place, height in zip(axes, heights, strict=True):
+            label = place.yaxis.label.get_window_extent().height
+            assert label < 1.4 * height
+    told = [text.get_text() for text in words(page)]
+    for name in NAMES[:11]:
+        assert (f"{name} ± {error:.1e}" if error else name) in told
+    boxes = [
+        (
+            round(text.get_window_extent().y0),
+            text.get_window_extent().x0,
+            text.get_text(),
+        )
+        for text in axes[0].get_legend().get_texts()
+    ]
+    # from left to right, then down
+    read = [name for _, _, name in sorted(boxes, key=lambda box: (-box[0], box[1]))]
+    assert read == sorted(read)
+    assert len(read) == 7 and len({y for y, _, _ in boxes}) < (8 if error else 5)
+
+
+@pytest.mark.parametrize("label", [*NAMES, "rod.tip.vx [m/s]", "__a__.b [N m]", "x"])
+def test_broken_labels_lose_no_letter(label: str) -> None:
+    for room in (0.3, 1.2, 9.0):
+        lines = broken(label, room)
+        assert lines.replace("\n", "").replace(" ", "") == label.replace(" ", "")
+    assert broken(label, 9.0) == label
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [
+        (0.8, 0.05, 0.05),
+        (10.0, 0.4, 0.1),
+        (0.3, 0.3, 0.3),
+        (0.0, 0.0, 2.0),
+        (1.0, 0.2, 0.0),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("count", [1, 3])
+def test_names_numbers_and_labels_of_bodies(
+    ends: tuple[float, float, float], count: int
+) -> None:
+    """22 markers in a body of any shape: what has no room is told by name."""
+    rng = np.random.default_rng(3)
+    low, high = -0.1 * np.array(ends), 0.9 * np.array(ends)
+    marks = {f"marker_{k}": rng.uniform(low, high) for k in range(22)}
+    corners = np.array([low, high, [low[0], high[1], (low[2] + high[2]) / 2]])
+    picture = Picture("a body", corners, np.array([[0, 1, 2]]), marks=marks)
+    with styled():
+        page, left = drawn([picture] * count, "drawn from something")
+        assert not crossing(page)
+    told = [text.get_text() for text in words(page)]
+    assert sorted([*left, *(name for name in told if "marker" in name)]) == sorted(
+        [*marks] * count
+    )
+    assert len(left) < 16 * count
+
+
+def test_names_of_many_markers_of_a_model(pages: list[Any]) -> None:
+    data = rod_data(IGA)
+    at = data["markers"]["piston_pin"]
+    for k in range(30):
+        data["markers"][f"gauge_{k}"] = {**at, "node": k + 10}
+    told = bodies.plot_model(Path("x.png"), validated(data, ModelFile))
+    assert not crossing(pages[0])
+    names = {text.get_text() for text in words(pages[0])}
+    assert "crank_pin" in names  # those of one place have one name
+    left = 32 - len(names & set(data["markers"]))
+    assert left > 20
+    assert f"{left} of 32 names of markers have no room in the picture" in told
+
+
+@pytest.mark.parametrize("over", ["integrator", "modes"])
+def test_studies_of_many_points(over: str, pages: list[Any]) -> None:
+    rng = np.random.default_rng(1)
+    points = [
+        StudyPoint(
+            integrator=f"method_{k % 12}",
+            rtol=1e-6,
+            error=float(10 ** rng.uniform(-8, -2)),
+            seconds=float(10 ** rng.uniform(-2, 2)),
+            steps=3,
+            choices={"modes": str(k % 12)},
+            size=int(rng.integers(1, 40)),
+        )
+        for k in range(120)
+    ]
+    content = StudyFile(
+        title="a study with a long title of its own",
+        outputs=("a.x",),
+        uncertainty=1e-9,
+        varied=("integrator",) if over == "integrator" else ("integrator", over),
+        points=tuple(points),
+    )
+    precision.plot_study(Path("x.png"), content)
+    (page,) = pages
+    assert not crossing(page)
+    boxes = [legend.get_window_extent() for legend in page.findobj(_is_legend)]
+    assert boxes
+    for axes in page.axes:  # no point lies behind a legend
+        inside = axes.get_window_extent()
+        assert not any(inside.padded(-2).overlaps(box) for box in boxes)
+
+
+def _is_legend(artist: Any) -> bool:
+    return type(artist).__name__ == "Legend"
+
+
+def test_errors_of_a_result_are_bands_in_its_page() -> None:
+    t = np.linspace(0.0, 2.0, 40)
+    columns = {"a.x": np.sin(t), "a.y": np.cos(t), "a.z": t}
+    errors = {"a.x": 0.25, "a.z": 0.0, "b.x": 3.0}
+    text, left, right = courses.drawn_svg(t, columns, errors, unit_of)
+    assert 0 < left < right < 1
+    assert text.count('id="FillBetweenPolyCollection') == 1
+    assert "a.x ± 2.5e-01" in text and "a.z ±" not in text
+    axes = text[text.index('id="axes_1"') : text.index('id="axes_2"')]
+    band = _height(axes, "FillBetweenPolyCollection")
+    line = _height(axes, "line2d")
+    assert band / line == pytest.approx(1 + 0.5 / np.ptp(columns["a.x"]), rel=1e-3)
+
+
+def _height(axes: str, kind: str) -> float:
+    """Of the curve that is drawn as this kind of thing [pt]."""
+    groups = [part for part in axes.split("<g id=") if kind in part[:60]]
+    paths = [re.findall(r'<path[^>]* d="([^"]*)"[^>]*', part) for part in groups]
+    wide = [
+        np.array(re.findall(r"[ML] -?[\d.]+ (-?[\d.]+)", path), float)
+        for found in paths
+        for path in found
+    ]
+    return float(max(np.ptp(y) for y in wide if len(y) > 20))
