@@ -1,0 +1,113 @@
+"""Every command that prints numbers gives JSON alone, or nothing, when asked."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+import pytest
+
+import sidtool
+from sidtool.cli import cli, run
+from tests.places import EXAMPLES
+
+#: Words of each command, and a key of its data.
+COMMANDS = {
+    "convert": ("beam.toml -o c.SID_FEM", "modes"),
+    "simulate": ("scene.toml -o s.h5", "outputs"),
+    "info": ("r.h5", "outputs"),
+    "analyse static": ("scene.toml", "outputs"),
+    "analyse modes": ("scene.toml", "modes"),
+    "analyse inverse": ("rigid.toml", "outputs"),
+    "validate": ("beam.SID_FEM", "checks"),
+    "outputs": ("r.h5 --add bar.tip.vy -o o.h5", "bar.tip.vy"),
+    "trim": ("beam.SID_FEM scene.toml -o t.SID_FEM --accuracy bar.tip.y=1e-2", "nodes"),
+    "study": ("rigid.toml --integrator radau9 --rtol 1e-2 --jobs 1", "points"),
+}
+#: Commands that say where files are, and no numbers.
+FILES = {
+    "plot": "r.h5 -o p.png",
+    "animate": "r.h5 -o a.html",
+    "export": "r.h5 -o e.vtkhdf",
+    "report": "r.h5 -o r.html",
+}
+#: Commands that make a start, show themselves or a schema, or prepare.
+OTHERS = {"new", "demo", "schema", "warmup"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The beam on a wall, for 20 ms, its result, and a rigid bar that a drive turns."""
+    place = tmp_path_factory.mktemp("files")
+    text = (EXAMPLES / "beam/beam.toml").read_text().replace("modes = 8", "modes = 2")
+    (place / "beam.toml").write_text(text)
+    sid = sidtool.Model.load(place / "beam.toml").convert()
+    sidtool.write(place / "beam.SID_FEM", sid)
+    text = (EXAMPLES / "beam/scene.toml").read_text().replace("end = 1.0", "end = 0.02")
+    (place / "scene.toml").write_text(text)
+    result = sidtool.Scene.load(place / "scene.toml").simulate()
+    result.save(place / "r.h5")
+    turning = {"from": 0.0, "coefficients": [0.0, 1.0, 1.0]}
+    sidtool.Scene(
+        dimension="planar",
+        time=sidtool.Time(end=0.1, output_step=0.05),
+        bodies={"bar": sidtool.RigidBody(mass=1.0, inertia=0.1)},
+        joints={"pin": sidtool.Revolute(markers=["ground", "bar"])},
+        drives={
+            "motor": sidtool.Drive(
+                joint="pin", function={"type": "polynomial", "pieces": [turning]}
+            )
+        },
+        outputs=sidtool.Outputs(record=["bar.angle", "motor.mz"]),
+    ).save(place / "rigid.toml")
+    return place
+
+
+def leaves(group: click.Group, before: str = "") -> dict[str, click.Command]:
+    found: dict[str, click.Command] = {}
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            found |= leaves(command, f"{before}{name} ")
+        else:
+            found[f"{before}{name}"] = command
+    return found
+
+
+def test_every_command_is_tried() -> None:
+    everything = leaves(cli)
+    assert set(everything) == {*COMMANDS, *FILES, *OTHERS}
+    options = {n: {o for p in c.params for o in p.opts} for n, c in everything.items()}
+    assert {n for n in options if "--json" in options[n]} >= set(COMMANDS)
+    silent = {name for name in options if "--quiet" in options[name]}
+    assert silent >= {*COMMANDS, *FILES} - {"info"}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_numbers_are_json_or_nothing(
+    command: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("sidtool.accuracy.cached.folder", lambda: folder / "kept")
+    words, key = COMMANDS[command]
+    assert run([*command.split(), *words.split(), "--json"]) == 0
+    data = json.loads(capfd.readouterr().out)
+    assert key in data, list(data)
+    if command != "info":
+        assert run([*command.split(), *words.split(), "--quiet"]) == 0
+        assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize("command", FILES)
+def test_files_are_written_without_a_word(
+    command: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    assert run([command, *FILES[command].split(), "--quiet"]) == 0
+    assert capfd.readouterr().out == ""
