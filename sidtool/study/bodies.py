@@ -97,11 +97,20 @@ class Bodies:
                 frame = _frame_in_words(variant.frame, name, body)
                 sids[name] = _rereferenced(sids[name], frame)
             rigid = variant.modes == 0 and not self._deforms(variant, name, sids[name])
-            bodies[name] = changed = _body(name, body, variant, sids[name], own, rigid)
+            changed = _body(name, body, variant, sids[name], own, rigid)
+            if variant.terms:
+                stiffened = own or self._is_prestressed(variant, name)
+                changed = _with_terms(changed, variant.terms, sids[name], stiffened)
+            bodies[name] = changed
             if variant.frame or variant.model:
                 shift = _shift(self.sids[name], sids[name])
                 bodies[name] = _moved(name, changed, shift, self.scene.dimension)
         return self.scene.model_copy(update={"bodies": bodies}), sids
+
+    def _is_prestressed(self, variant: Variant, name: str) -> bool:
+        """Whether the model stiffens its body whatever the terms of the variant."""
+        stiffening = self.sources[name][variant.model].model.stiffening
+        return stiffening is not None and bool(stiffening.prestress)
 
     def _deforms(self, variant: Variant, name: str, sid: SID) -> bool:
         """Whether shape functions are left where no modes are wanted.
@@ -228,12 +237,18 @@ def _body(
         numbers = body.numbers(sid.nq)[: variant.modes]
         whole = len(numbers) == sid.nq
         changes["shape_functions"] = None if whole else numbers
-    if variant.terms:
-        changes["quadratic_inertia"] = variant.terms in ("all", "quadratic")
-        changes["geometric_stiffening"] = not has_stiffening(sid) or variant.terms in (
-            "all",
-            "stiffening",
-        )
+    return body.model_copy(update=changes)
+
+
+def _with_terms(body: SidBody, terms: str, sid: SID, stiffened: bool) -> SidBody:
+    """With the terms of its SID that are wanted.
+
+    stiffened : False for a SID that was converted without geometric stiffening if none
+        is wanted, from which nothing is to be taken out
+    """
+    bare = terms not in ("all", "stiffening") and stiffened and has_stiffening(sid)
+    quadratic = terms in ("all", "quadratic")
+    changes = {"quadratic_inertia": quadratic, "geometric_stiffening": not bare}
     return body.model_copy(update=changes)
 
 

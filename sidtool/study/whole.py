@@ -232,7 +232,11 @@ class _Study:
         return found
 
     def _sid(self, model: ModelFile) -> SID:
-        made = self.made[digest_of(model)]
+        """Converted by now, or now: the reference may need what no point has."""
+        key = digest_of(model)
+        if key not in self.made:
+            self.made |= self.doing.convert({key: model})
+        made = self.made[key]
         if made.sid is None:
             raise InputError(made.message)
         return made.sid

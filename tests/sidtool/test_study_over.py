@@ -15,7 +15,9 @@ from scipy.integrate import solve_ivp
 import sidtool
 from sidtool.cli import run
 from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
 from sidtool.formats.model.refine import refined
+from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene, simulate
 from sidtool.study import Ended, Point, Setting, front, study
 from sidtool.study import whole as whole_module
@@ -288,3 +290,110 @@ def test_a_cluster_of_two_workers_tells_the_same(
     for one, other in zip(here.points, there.points, strict=True):
         assert other.error == pytest.approx(one.error, rel=1e-6, abs=1e-9)
         assert other.steps == one.steps
+
+
+SIX = {
+    "mesh": (-1, 0),
+    "modes": (1, 2),
+    "reduction": ("modal", "craig_bampton"),
+    "frame": ("tangent", "chord"),
+    "terms": ("all", "none"),
+}
+
+
+def test_all_axes_together(models: list[Path]) -> None:
+    """One choice at a time: the reference is converted although no point is like it."""
+    settings = (*ONE, Setting("radau9", rtol=1e-8))
+    given = {"arm": models[:1]}
+    found = study(swinging(0.2), SIX, models=given, settings=settings, differ=1)
+    assert found.varied == (*SIX, "integrator") and found.whole == 2**6
+    assert len(found.points) == 7
+    assert not any(p.message for p in found.points)
+    assert all(set(p.choices) == set(SIX) for p in found.points)
+
+
+def test_a_twisting_bar_is_studied_without_terms(tmp_path: Path) -> None:
+    """Its rotary inertia turns with it; that is no geometric stiffening to take out."""
+    path = tmp_path / "bar.json"
+    path.write_text(json.dumps(bar()))
+    scene = turning_bar()
+    axes = {"reduction": ("craig_bampton",), "terms": ("none", "quadratic")}
+    found = study(scene, axes, models={"bar": [path]}, settings=ONE)
+    assert [p.message for p in found.points] == [""] * 2
+
+
+def test_meshes_and_reductions_in_space(tmp_path: Path) -> None:
+    """Against runs of the same models that are made by hand."""
+    path = tmp_path / "bar.json"
+    path.write_text(json.dumps(bar()))
+    scene = turning_bar()
+    axes = {"mesh": (-1, 0), "reduction": ("modal", "craig_bampton")}
+    found = study(scene, axes, models={"bar": [path]}, settings=ONE, differ=2)
+    assert not any(p.message for p in found.points)
+    names = found.reference.names
+    size = {(p.choices["mesh"], p.choices["reduction"]): p.size for p in found.points}
+    assert size["0", "craig_bampton"] > size["0", "modal"] == size["-1", "modal"] == 4
+    richest = bar_by_hand(scene, names, 8, "craig_bampton")
+    scale = np.ptp(richest, axis=0)
+    for point in found.points:
+        elements = 8 if point.choices["mesh"] == "0" else 4
+        values = bar_by_hand(scene, names, elements, point.choices["reduction"])
+        expected = np.abs(values - richest).max(axis=0) / scale
+        assert list(point.errors.values()) == pytest.approx(expected, abs=2e-5)
+
+
+def bar(elements: int = 8, method: str = "modal") -> dict[str, Any]:
+    """Bends in two directions and twists; clamped at its root."""
+    reduction: dict[str, Any] = {"method": method, "modes": 4}
+    if method != "modal":
+        reduction["interfaces"] = ["tip"]
+    return {
+        "format": "sidtool model",
+        "version": 1,
+        "material": {
+            "youngs_modulus": 2e9,
+            "poissons_ratio": 0.3,
+            "density": 2000.0,
+        },
+        "geometry": {
+            "type": "beam",
+            "start": [0.0, 0.0, 0.0],
+            "end": [0.5, 0.0, 0.0],
+            "section": {"shape": "rectangle", "height": 0.02, "width": 0.01},
+        },
+        "discretisation": {"type": "beam", "elements": elements},
+        "frame": {"type": "tangent", "marker": "root", "clamp": "start"},
+        "markers": {
+            "root": {"node": 1, "parameters": [0.0]},
+            "tip": {"node": 2, "parameters": [1.0]},
+        },
+        "reduction": reduction,
+        "damping": {"type": "rayleigh", "beta": 1e-4},
+    }
+
+
+def turning_bar() -> SceneFile:
+    """On a hinge across both axes of bending, let go from level."""
+    hinge = {"type": "revolute", "markers": ["ground", "bar.root"]}
+    return SceneFile.model_validate(
+        {
+            "format": "sidtool scene",
+            "version": 1,
+            "dimension": "spatial",
+            "gravity": [0.0, 0.0, -9.81],
+            "time": {"end": 0.1, "output_step": 0.01},
+            "bodies": {"bar": {"sid": "bar", "markers": {"root": 1, "tip": 2}}},
+            "joints": {"hinge": hinge | {"axis": [0.0, 1.0, 0.3]}},
+            "outputs": {"record": ["bar.tip.x", "bar.tip.y", "bar.tip.z"]},
+        }
+    )
+
+
+def bar_by_hand(
+    scene: SceneFile, names: tuple[str, ...], elements: int, method: str
+) -> np.ndarray:
+    model = ModelFile.model_validate(bar(elements, method))
+    sids = {"bar": sid_from_model(model, lambda _: None)}
+    system = compile_scene(scene, ".", sids)
+    result = simulate(system, integrator="radau13", rtol=1e-10)
+    return np.column_stack([result[name] for name in names])
