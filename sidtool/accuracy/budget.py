@@ -33,6 +33,7 @@ def budget(runs: Runs, reference: Reference, chosen: Chosen) -> tuple[BudgetLine
     tight = runs.seconds(whole, reference.setting)
     method = f"{setting.integrator}, rtol {setting.rtol:.2g}"
     meshes = (lines.line("mesh", "of models", reference.meshes, None),)
+    digits = (lines.line("digits", "of files", reference.digits, None),)
     return (
         *(meshes if reference.meshes.any() else ()),
         *(lines.plane() if whole.flat else ()),
@@ -40,6 +41,7 @@ def budget(runs: Runs, reference: Reference, chosen: Chosen) -> tuple[BudgetLine
         lines.switched("terms", _terms_told(whole, reference), terms),
         lines.line("integration", method, loose + reference.uncertainty, tight),
         lines.line("reference", "two methods", reference.uncertainty, None),
+        *(digits if reference.digits.any() else ()),
         lines.line("all together", "as run", chosen.errors, None),
     )
 

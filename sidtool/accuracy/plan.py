@@ -20,6 +20,7 @@ from .bounds import bounds
 from .budget import budget
 from .candidates import as_scene, finest, recording, stiffened
 from .choose import Chosen, choose
+from .digits import with_digits
 from .meshes import Meshes, as_made, refined_meshes
 from .outside import check_inside
 from .reference import Reference, make_reference
@@ -137,6 +138,7 @@ def _chosen(
         reference = make_reference(runs, whole, request)
         check_inside(reference.result)
         reference = reference.with_meshes(meshes.errors)
+        reference, digits = with_digits(runs, reference)
         chosen = choose(runs, reference)
         terms = stiffened(scene, sids, chosen.choice.flat)
         setting = chosen.found.setting
@@ -148,6 +150,7 @@ def _chosen(
         *meshes.sentences,
         *(decision.sentence for decision in made),
         *remarks(scene, request, reference, sids, terms, meshes.made),
+        *digits,
         *told_bounds(proven, scene),
         *_not_recorded(scene, sids, chosen),
     )

@@ -47,6 +47,7 @@ class Reference:
     left_out : outputs that hold rounding only
     units : (n,)
     meshes : (n,) what meshes of bodies and modes that they lack add
+    digits : (n,) what the digits of files leave open
     """
 
     choice: Choice
@@ -58,6 +59,7 @@ class Reference:
     left_out: tuple[str, ...]
     units: tuple[str, ...]
     meshes: Array
+    digits: Array
 
     def worst(self, errors: Array) -> int:
         """The output of which errors use most."""
@@ -71,7 +73,7 @@ class Reference:
     @property
     def doubt(self) -> Array:
         """What a difference to the reference does not show, (n,)."""
-        return self.uncertainty + self.meshes
+        return self.uncertainty + self.meshes + self.digits
 
     def use(self, errors: Array) -> float:
         """The largest share of what is allowed, 1 for all of it."""
@@ -124,6 +126,7 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
             left_out=tuple(np.array(request.names)[~judged].tolist()),
             units=tuple(unit_of(name, runs.scene) for name in request.names),
             meshes=np.zeros(len(request.names)),
+            digits=np.zeros(len(request.names)),
         )
         if found.use(uncertainty) <= PART:
             return found

@@ -77,6 +77,12 @@ class Runs:
         self.parts.enter(part)
         self._steps = Steps(self.expected[part])
 
+    def elsewhere(self, sids: Mapping[str, SID]) -> Runs:
+        """The same scene with other SIDs, as a part of the same search."""
+        found = Runs(self.scene, sids, self.compile, self.names, self.expected)
+        found.parts, found._steps = self.parts, self._steps
+        return found
+
     def tight(self, choice: Choice, setting: Setting) -> Result:
         """A run that has to succeed.
 

@@ -1,0 +1,159 @@
+"""What the digits of a SID file leave open, against the body with all digits."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.accuracy import cached, digits
+from sidtool.accuracy.candidates import finest
+from sidtool.accuracy.digits import Printed, printed, with_digits
+from sidtool.accuracy.reference import make_reference
+from sidtool.accuracy.runs import Runs
+from sidtool.accuracy.wanted import requested
+from sidtool.cli import run
+from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import NODE_SHAPES, SID, Array, Node, Taylor
+from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.solver import compile_scene
+from sidtool.solver.system.scene import System
+from tests.bodies import particle_body
+
+from .arms import cantilever, spun, swinging
+
+
+@pytest.fixture(autouse=True)
+def _apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+
+
+def reprinted(sid: SID, text: str) -> SID:
+    """A SID whose numbers were printed with this format, by nothing of sidtool."""
+
+    def part(values: Array | None) -> Array | None:
+        if values is None:
+            return None
+        return np.array([float(text % v) for v in values.ravel()]).reshape(values.shape)
+
+    def block(one: Taylor | None) -> Taylor | None:
+        if one is None:
+            return None
+        return replace(one, m0=part(one.m0), m1=part(one.m1), mn=part(one.mn))
+
+    def node(one: Node) -> Node:
+        return replace(one, **{name: block(getattr(one, name)) for name in NODE_SHAPES})
+
+    blocks = {name: block(one) for name, one in sid.blocks.items()}
+    nodes = tuple(map(node, sid.nodes))
+    return replace(sid, mass=float(text % sid.mass), nodes=nodes, **blocks)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("%.5e", Printed(6, False)),
+        ("%.8e", Printed(9, False)),
+        ("%.6f", Printed(6, True)),
+        ("%.16e", None),
+    ],
+)
+def test_digits_are_seen_in_the_numbers(text: str, expected: Printed | None) -> None:
+    for sid in (cantilever(3), cantilever(3, stiffened=True)):
+        assert printed(reprinted(sid, text)) == expected
+
+
+def test_files_of_ours_have_twelve_digits_also_as_copies(tmp_path: Path) -> None:
+    write_sid(tmp_path / "arm.SID_FEM", cantilever(3))
+    once = read_sid(tmp_path / "arm.SID_FEM")
+    write_sid(tmp_path / "arm.h5", once)
+    assert printed(once) == printed(read_sid(tmp_path / "arm.h5")) == Printed(12, False)
+
+
+@pytest.mark.parametrize("case", ["falls", "spins", "particles"])
+def test_what_digits_change_is_not_above_what_is_told(case: str) -> None:
+    """Nor told far above it: of roundings the signs are not known."""
+    scene, sid = swinging(0.6), cantilever(3)
+    if case == "spins":
+        scene, sid = spun(1.0, 4.0), cantilever(3, stiffened=True)
+    elif case == "particles":
+        sid = particle_body(4, 9, planar=True, seed=5)
+        Ke = np.diag([4e3, 9e3, 6e5, 5e6])
+        sid = replace(sid, Ke=Taylor(Ke), De=Taylor(2e-4 * Ke))
+    exact = columns(scene, sid)
+    ratios = []
+    for text in ("%.4e", "%.5e", "%.6e", "%.8e", "%.6f", "%.8f"):
+        poor = reprinted(sid, text)
+        changes = np.abs(columns(scene, poor) - exact).max(axis=0)
+        told = digits_told(scene, poor)
+        judged = told > 0.0
+        assert judged.any()
+        ratios += (told[judged] / changes[judged]).tolist()
+    assert min(ratios) >= 1.0 and np.median(ratios) < 40.0
+
+
+def columns(scene: SceneFile, sid: SID) -> Array:
+    """Outputs of a tight run, (nt, n)."""
+    found = sidtool.simulate(scene, sids={"arm": sid}, integrator="radau13", rtol=1e-11)
+    return np.column_stack([found[name] for name in scene.outputs.record])
+
+
+def digits_told(scene: SceneFile, sid: SID) -> Array:
+    """What the search says of the digits, (n,)."""
+
+    def compiled(content: SceneFile, sids: Mapping[str, SID]) -> System:
+        return compile_scene(content, ".", sids)
+
+    sids = {"arm": sid}
+    request = requested(scene, sids, 1e-4)
+    runs = Runs(scene, sids, compiled, request.names)
+    reference = make_reference(runs, finest(scene, sids), request)
+    reference = replace(reference, allowed=1e9 * reference.allowed)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(digits, "MAGNIFIED", 1e30)
+        return with_digits(runs, reference)[0].digits
+
+
+def test_all_digits_are_no_part_of_the_budget() -> None:
+    found = sidtool.simulate(swinging(0.4), sids={"arm": cantilever(3)}, accuracy=1e-3)
+    assert "digits" not in [line.part for line in found.accuracy.budget]
+    assert not any("digits" in text for text in found.accuracy.sentences)
+
+
+def test_twelve_digits_cost_no_run(tmp_path: Path) -> None:
+    write_sid(tmp_path / "arm.SID_FEM", cantilever(3))
+    poor = read_sid(tmp_path / "arm.SID_FEM")
+    scene = swinging(0.4)
+    found = sidtool.simulate(scene, sids={"arm": poor}, accuracy=1e-3)
+    whole = sidtool.simulate(scene, sids={"arm": cantilever(3)}, accuracy=1e-3)
+    assert found.accuracy.runs == whole.accuracy.runs
+    told = [text for text in found.accuracy.sentences if "digits" in text]
+    assert told == ["12 digits of arm: far below what is asked for"]
+
+
+def test_three_digits_do_not_tell_six() -> None:
+    poor = reprinted(cantilever(3), "%.3e")
+    with pytest.raises(InputError, match="4 digits of arm tell") as refused:
+        sidtool.simulate(swinging(0.4), sids={"arm": poor}, accuracy=1e-6)
+    assert "files with more digits" in str(refused.value)
+
+
+def test_the_table_has_a_line_of_digits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_sid(tmp_path / "arm.h5", reprinted(cantilever(3), "%.5e"))
+    content = swinging(0.4).model_dump(mode="json", by_alias=True, exclude_none=True)
+    content["bodies"]["arm"]["sid"] = "arm.h5"
+    (tmp_path / "scene.json").write_text(json.dumps(content))
+    result = str(tmp_path / "result.h5")
+    command = ["simulate", str(tmp_path / "scene.json"), "--accuracy", "1e-1"]
+    assert run([*command, "-o", result]) == 0
+    assert run(["info", result]) == 0
+    text = capsys.readouterr().out
+    assert "digits" in text and "6 digits of arm: leave" in " ".join(text.split())
