@@ -137,7 +137,8 @@ def varied(
     markers = _markers(found, scene.sid_bodies[name])
     if variant.frame and variant.frame != found.frame.type:
         frame = _frame(variant.frame, _origin_first(found, markers), name)
-        found = found.model_copy(update={"frame": frame})
+        reduction = _released(found)
+        found = found.model_copy(update={"frame": frame, "reduction": reduction})
     if variant.reduction and variant.reduction != found.reduction.method:
         reduction = _reduction(found, variant.reduction, markers)
         found = found.model_copy(update={"reduction": reduction})
@@ -157,6 +158,18 @@ def _markers(model: ModelFile, body: SidBody) -> list[str]:
     return [nodes[node] for node in body.markers.values() if node in nodes] or list(
         model.markers
     )
+
+
+def _released(model: ModelFile) -> Any:
+    """The reduction where the frame clamps nothing: what it held is an interface then.
+
+    The shape functions are the same but for rigid motions.
+    """
+    own, held = model.reduction, model.frame.marker_names[:1]
+    if not own.interface_names or model.frame.type != "tangent":
+        return own
+    interfaces = dict.fromkeys((*held, *own.interface_names))
+    return own.model_copy(update={"interfaces": tuple(interfaces)})
 
 
 def _origin_first(model: ModelFile, markers: list[str]) -> list[str]:
@@ -203,7 +216,7 @@ def _reduction(model: ModelFile, method: str, markers: Sequence[str]) -> Any:
     count = modes_of(model) or 1
     if method == "modal":
         return ModalReduction(modes=max(1, count), fix=own.fix)
-    held = model.frame.marker_names[:1]
+    held = model.frame.marker_names[:1] if model.frame.type == "tangent" else ()
     interfaces = own.interface_names or tuple(m for m in markers if m not in held)
     interfaces = interfaces or tuple(markers)
     if method == "krylov":

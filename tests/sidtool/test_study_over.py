@@ -268,7 +268,7 @@ def test_wrong_wishes_are_refused(
     assert "expected" in capsys.readouterr().err
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
     distributed = pytest.importorskip(
         "distributed", reason="dask and distributed are not installed"
@@ -290,6 +290,27 @@ def test_a_cluster_of_two_workers_tells_the_same(
     for one, other in zip(here.points, there.points, strict=True):
         assert other.error == pytest.approx(one.error, rel=1e-6, abs=1e-9)
         assert other.steps == one.steps
+
+
+def test_the_command_computes_on_the_cluster(
+    cluster: str, models: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing is left to do for this process, which tells the same."""
+    command = [
+        "study",
+        str(written(tmp_path)),
+        "--over",
+        "modes=1:2,terms=none:quadratic",
+    ]
+    command += ["--rtol", "1e-6", "--json", "-o", str(tmp_path / "out")]
+    assert run([*command, "--dask", cluster]) == 0
+    there = json.loads(capsys.readouterr().out)
+    points = sorted((tmp_path / "out" / "points").iterdir())
+    assert run([*command, "--jobs", "1"]) == 0
+    here = json.loads(capsys.readouterr().out)
+    assert sorted((tmp_path / "out" / "points").iterdir()) == points
+    assert len(there["points"]) == 4
+    assert [p["error"] for p in there["points"]] == [p["error"] for p in here["points"]]
 
 
 SIX = {
@@ -397,3 +418,17 @@ def bar_by_hand(
     system = compile_scene(scene, ".", sids)
     result = simulate(system, integrator="radau13", rtol=1e-10)
     return np.column_stack([result[name] for name in names])
+
+
+def test_frames_of_models_keep_their_interfaces(tmp_path: Path) -> None:
+    """What a tangent frame clamps is an interface of others: the same shape functions.
+
+    Without it the base of a chord would move as modes that are held at the tip allow.
+    """
+    path = tmp_path / "bar.json"
+    path.write_text(json.dumps(bar(method="craig_bampton")))
+    axes = {"frame": ("tangent", "chord", "buckens")}
+    found = study(turning_bar(), axes, models={"bar": [path]}, settings=ONE)
+    assert [p.message for p in found.points] == [""] * 3
+    assert len({p.size for p in found.points}) == 1
+    assert max(p.error for p in found.points) < 1e-2
