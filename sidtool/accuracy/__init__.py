@@ -6,6 +6,7 @@ candidates    what can be left out; models as scenes
 runs          models, each compiled and run once, and how much two differ
 reference     every choice at its finest, integrated tightly
 digits        what the digits of SID files leave open
+frames        what small deformations leave out, seen in other frames
 outside       where the theory of a SID ends
 integration   integrator and tolerance of a model
 choose        the search

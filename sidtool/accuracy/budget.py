@@ -15,12 +15,20 @@ from .reference import Reference
 from .runs import Runs
 
 
-def budget(runs: Runs, reference: Reference, chosen: Chosen) -> tuple[BudgetLine, ...]:
+def budget(
+    runs: Runs, reference: Reference, chosen: Chosen, frames: Array
+) -> tuple[BudgetLine, ...]:
     """One line for each kind of choice, one for the reference, one for all together.
 
     Each is switched alone: the chosen model against the one that has this choice at
     its finest, both integrated tightly; the chosen integration against a tight one.
-    The last line is the chosen run against the reference, with its uncertainty.
+    The line of all together is the chosen run against the reference, with its
+    uncertainty. What other frames change stands below it, as it is not known which
+    frame is right: small deformations leave it out.
+
+    Parameters
+    ----------
+    frames : (n,) what other frames change, zero where that was not measured
     """
     lines = _Lines(runs, reference, chosen)
     whole, setting = chosen.choice, chosen.found.setting
@@ -33,6 +41,7 @@ def budget(runs: Runs, reference: Reference, chosen: Chosen) -> tuple[BudgetLine
     tight = runs.seconds(whole, reference.setting)
     method = f"{setting.integrator}, rtol {setting.rtol:.2g}"
     meshes = (lines.line("mesh", "of models", reference.meshes, None),)
+    theory = (lines.line("frames", "small deformations", frames, None),)
     digits = (lines.line("digits", "of files", reference.digits, None),)
     return (
         *(meshes if reference.meshes.any() else ()),
@@ -43,6 +52,7 @@ def budget(runs: Runs, reference: Reference, chosen: Chosen) -> tuple[BudgetLine
         lines.line("reference", "two methods", reference.uncertainty, None),
         *(digits if reference.digits.any() else ()),
         lines.line("all together", "as run", chosen.errors, None),
+        *(theory if frames.any() else ()),
     )
 
 

@@ -167,16 +167,22 @@ def loaded_nodes(scene: SceneFile, name: str) -> dict[str, str]:
 
     The origin of its frame is no node.
     """
+    known = scene.sid_bodies[name].markers
+    return {m: known.get(m, m) for m in _markers(scene, name) if m}
+
+
+def holds_frame(scene: SceneFile, name: str) -> bool:
+    """Whether joints, drives or forces act at the frame of a body itself."""
+    return "" in _markers(scene, name)
+
+
+def _markers(scene: SceneFile, name: str) -> list[str]:
+    """Markers of a body where joints, drives and forces act, empty for its frame."""
     parts = (*scene.joints.values(), *scene.forces.values(), *scene.drives.values())
     texts = [text for part in parts for text in getattr(part, "markers", None) or ()]
     texts += [text for part in parts if (text := getattr(part, "marker", None))]
-    body = scene.sid_bodies[name]
-    found = {}
-    for text in texts:
-        owner, _, marker = text.partition(".")
-        if owner == name and marker:
-            found[marker] = body.markers.get(marker, marker)
-    return found
+    named = (text.partition(".") for text in texts)
+    return [marker for owner, _, marker in named if owner == name]
 
 
 def shape_functions(choice: Choice) -> list[Candidate]:

@@ -85,13 +85,14 @@ def moved(sid: SID, how: Printed, draw: int) -> SID:
     def part(values: Array | None) -> Array | None:
         return None if values is None else _moved(values, how, draw)
 
-    def block(one: Taylor | None) -> Taylor | None:
-        if one is None:
-            return None
-        return replace(one, m0=part(one.m0), m1=part(one.m1), mn=part(one.mn))
+    def block(one: Taylor) -> Taylor:
+        m0 = _moved(one.m0, how, draw)
+        return replace(one, m0=m0, m1=part(one.m1), mn=part(one.mn))
 
     def node(one: Node) -> Node:
-        return replace(one, **{name: block(getattr(one, name)) for name in NODE_SHAPES})
+        entries = {name: getattr(one, name) for name in NODE_SHAPES}
+        found = {n: block(entry) for n, entry in entries.items() if entry is not None}
+        return replace(one, **found)  # type: ignore[arg-type]
 
     return replace(
         sid,

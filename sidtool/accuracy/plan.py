@@ -21,6 +21,7 @@ from .budget import budget
 from .candidates import as_scene, finest, recording, stiffened
 from .choose import Chosen, choose
 from .digits import with_digits
+from .frames import measured
 from .meshes import Meshes, as_made, refined_meshes
 from .outside import check_inside
 from .reference import Reference, make_reference
@@ -139,18 +140,20 @@ def _chosen(
         check_inside(reference.result)
         reference = reference.with_meshes(meshes.errors)
         reference, digits = with_digits(runs, reference)
+        frames = measured(runs, reference)
         chosen = choose(runs, reference)
         terms = stiffened(scene, sids, chosen.choice.flat)
         setting = chosen.found.setting
         runs.begin("errors")
         proven = bounds(runs, reference.choice, chosen.choice, setting)
-        lines = budget(runs, reference, chosen)
+        lines = budget(runs, reference, chosen, frames.errors)
     made = decisions(request, reference, chosen)
     sentences = (
         *meshes.sentences,
         *(decision.sentence for decision in made),
         *remarks(scene, request, reference, sids, terms, meshes.made),
         *digits,
+        *frames.sentences,
         *told_bounds(proven, scene),
         *_not_recorded(scene, sids, chosen),
     )

@@ -170,6 +170,7 @@ def told_bounds(proven: Mapping[str, float], scene: SceneFile) -> Iterator[str]:
         ]
         yield (
             f"bounds of errors against all that the SIDs hold: {', '.join(amounts)}; "
-            "frames are prescribed and the equations linear. They hold the energy of all "
-            "errors together, and are loose for what hardly errs. All else is an estimate"
+            "frames are prescribed and the equations linear. They hold the energy of "
+            "all errors together, and are loose for what hardly errs. All else is an "
+            "estimate"
         )
