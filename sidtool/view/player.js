@@ -114,7 +114,7 @@
   }
   const triangles = () => bodies.reduce((sum, body) => sum + body.triangles, 0);
 
-  let last = 0, count = 0;
+  let last = 0, count = 0, watched = 0;
   function step(now) {
     if (!state.playing) return;
     const passed = last ? now - last : 0;
@@ -123,7 +123,10 @@
       state.cost = state.cost ? 0.9 * state.cost + 0.1 * passed : passed;
       count += 1;
     }
-    const slow = count > 8 && state.cost > data.slowest;
+    // The first picture may take long for once; two of a second tell enough.
+    watched += passed;
+    const enough = count > 8 || (count > 1 && watched > 1000);
+    const slow = enough && state.cost > data.slowest;
     if (slow && !state.thin && bodies.some((body) => body.coarse)) thin(true);
     const end = times[times.length - 1];
     const next = state.time + state.speed * passed / 1000;
@@ -134,7 +137,7 @@
     if (wanted === state.playing) return;
     state.playing = wanted;
     $("play").textContent = wanted ? "Pause" : "Play";
-    last = count = state.cost = 0;
+    last = count = watched = state.cost = 0;
     if (!wanted) { thin(false); update(); } else requestAnimationFrame(step);
   }
 
