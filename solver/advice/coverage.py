@@ -93,7 +93,7 @@ def _may_be_rigid(system: System, body: str, marker: str) -> bool:
     if not data.of_scene or not data.sid.nq:
         return False
     node = data.node(marker)
-    if not node.phi.m0.any() and not node.psi.m0.any():
+    if _rests(data.sid, node):
         return False
     move, turn = (slice(2), slice(2, 3)) if system.planar else (slice(3), slice(3))
     least = MOVED * data.sid.nq**0.5
@@ -167,9 +167,9 @@ def _check(
     sid, node = body.sid, body.node(where[1])
     turning = bool(np.any(m))
     largest = _largest(sid)
-    sits = not node.position.any() and not turning
-    if _still(node.phi.m0, largest) and (sits or not node.psi.m0.any()):
-        return  # the body frame rests there
+    sits = not node.position.any() and not turning and _still(node.phi.m0, largest)
+    if sits or _rests(sid, node):
+        return
     vector = m if turning else _along_chord(sid, node, f, largest)
     if turning:
         largest = _largest_turn(sid)
@@ -190,6 +190,12 @@ def _largest(sid: SID) -> float:
 
 def _largest_turn(sid: SID) -> float:
     return max(float(np.abs(n.psi.m0).max(initial=0.0)) for n in sid.nodes) or 1.0
+
+
+def _rests(sid: SID, node: Node) -> bool:
+    """Whether the body frame moves with a node: no shape function does."""
+    moved, turned = _still(node.phi.m0, _largest(sid)), _largest_turn(sid)
+    return moved and _still(node.psi.m0, turned)
 
 
 def _still(shapes: Array, largest: float) -> bool:

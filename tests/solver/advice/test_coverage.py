@@ -101,3 +101,24 @@ def test_where_a_chord_frame_sits_it_hides_nothing(reduction: Any) -> None:
     assert [note.partition(",")[0] for note in told] == (
         ["bar is rigid along x at b"] if reduction is MODAL else []
     )
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-14])
+def test_a_joint_where_the_body_frame_sits_is_no_missing_shape(rounding: float) -> None:
+    """A hinge holds two rotations there; what conversion leaves of them is rounding."""
+    sid = particle_body(4, 12, nodes=3)
+
+    def held(n: Any) -> Any:
+        if n.id != "1":
+            return n
+        phi, psi = (Taylor(rounding * block.m0) for block in (n.phi, n.psi))
+        return replace(n, phi=phi, psi=psi)
+
+    sid = replace(sid, nodes=tuple(held(n) for n in sid.nodes))
+    body = {"sid": "-", "markers": {"a": 1, "b": 2}}
+    joints = {"hinge": {"type": "revolute", "markers": ["ground", "body.a"]}}
+    place = [-float(x) for x in sid.node("1").position]
+    body["initial"] = {"position": place}
+    described = scene({"body": body}, joints, end=1e-5, steps=1, dimension="spatial")
+    notes = simulate(compiled(described, body=sid)).notes
+    assert not any("is rigid" in note for note in notes), notes
