@@ -220,8 +220,8 @@ class Stiffening:
             return f"stiffening {share}, if it turns like {self.condition}{lacks}"
         if self.diverges and abs(self.ratio) > WITHOUT_BOUND:
             return (
-                "deformed without bound before the end, where loads and stiffness are "
-                "those of no body"
+                f"diverges{when}: deformed without bound, where loads and stiffness "
+                "are those of no body"
             )
         if self.diverges and self.axial:
             return (

@@ -37,7 +37,8 @@ def skeleton(places: Array, phi: Array, psi: Array, width: float) -> Parts:
     Parameters
     ----------
     places : (k, 3)
-    phi, psi : (k, 3, nq) displacement and rotation of each point, 0 where not known
+    phi, psi : (k, 3, nq) displacement and rotation of each point; a rotation of 0 is
+        not known, but where the displacement is 0, too
     width : of the bars [m]
 
     Returns
@@ -45,7 +46,9 @@ def skeleton(places: Array, phi: Array, psi: Array, width: float) -> Parts:
     positions (n, 3), triangles (m, 3), shapes (n, 3, nq)
     """
     nq = phi.shape[2]
-    turning = np.asarray(psi.any(axis=(1, 2)))
+    turned = np.asarray(psi.any(axis=(1, 2)))
+    resting = ~turned & ~np.asarray(phi.any(axis=(1, 2)))
+    turning = turned | (resting & turned.any())  # the body frame turns with the latter
     positions, triangles, shapes, count = [], [], [], 0
     for i, j in _neighbours(places):
         bent = bool(turning[i] and turning[j])

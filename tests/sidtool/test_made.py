@@ -215,11 +215,12 @@ def test_commands_take_a_body_that_is_its_model(
     assert run(["convert", str(folder / "arm.json"), "-o", str(sid)]) == 0
     capsys.readouterr()
     assert run(["validate", str(sid)]) == 0
-    judged = capsys.readouterr().out
+    writer, _, judged = capsys.readouterr().out.partition("\n\n")
+    assert writer.startswith("written by sidtool")
     assert run(["validate", str(folder / "arm.json")]) == 0
     assert capsys.readouterr().out == judged
     assert run(["validate", str(path)]) == 0
-    assert capsys.readouterr().out == f"body arm\n\n{judged}"
+    assert capsys.readouterr().out == f"body arm\n\n{writer}\n\n{judged}"
     assert run(["validate", str(path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["passed"] and told["bodies"]["arm"]["passed"]
