@@ -139,12 +139,7 @@ def _change(
 ) -> Array:
     """What other numbers that are printed alike change, (n,)."""
     others = {n: moved(runs.sids[n], how, draw) for n, how in found.items()}
-    sids = {**runs.sids, **others}
-    again = runs.elsewhere(sids)
-    choice, setting = reference.choice, reference.setting
-    one, other = runs.attempt(choice, setting), again.attempt(choice, setting)
-    runs.count += again.count
-    return runs.between((choice, one), (choice, other))
+    return runs.changed_by(others, reference.choice, reference.setting)
 
 
 def _is_nothing(runs: Runs, reference: Reference, found: Mapping[str, Printed]) -> bool:

@@ -69,7 +69,9 @@ def measured(runs: Runs, reference: Reference) -> Frames:
     if not others or not names:
         told = "other frames would change what bodies and outputs mean"
         return Frames(nothing, (f"frames: not searched, as {told}",))
-    errors = np.where(np.isin(runs.names, names), _change(runs, reference, others), 0.0)
+    sids = {name: other.sid for name, other in others.items()}
+    changes = runs.changed_by(sids, reference.choice, reference.setting)
+    errors = np.where(np.isin(runs.names, names), changes, 0.0)
     counts = np.isfinite(reference.allowed)
     if not np.isfinite(errors[counts]).all():
         told = "the scene does not run in others"
@@ -156,12 +158,3 @@ def _deforms(sid: SID, change: FrameChange, q: Array) -> float:
     turned = np.cross(change.turn[None], places[:, None, :])
     phi = phi - np.moveaxis(change.shift[None] + turned, 1, 2)
     return float(np.linalg.norm(phi @ q.T, axis=1).max(initial=0.0))
-
-
-def _change(runs: Runs, reference: Reference, others: dict[str, Other]) -> Array:
-    sids = {**runs.sids, **{name: other.sid for name, other in others.items()}}
-    again = runs.elsewhere(sids)
-    choice, setting = reference.choice, reference.setting
-    one, other = runs.attempt(choice, setting), again.attempt(choice, setting)
-    runs.count += again.count
-    return runs.between((choice, one), (choice, other))

@@ -77,11 +77,17 @@ class Runs:
         self.parts.enter(part)
         self._steps = Steps(self.expected[part])
 
-    def elsewhere(self, sids: Mapping[str, SID]) -> Runs:
-        """The same scene with other SIDs, as a part of the same search."""
-        found = Runs(self.scene, sids, self.compile, self.names, self.expected)
-        found.parts, found._steps = self.parts, self._steps
-        return found
+    def changed_by(
+        self, others: Mapping[str, SID], choice: Choice, setting: Setting
+    ) -> Array:
+        """What other SIDs of some bodies change (n,), run as a part of the same search;
+        infinite where there is no run."""
+        sids = {**self.sids, **others}
+        again = Runs(self.scene, sids, self.compile, self.names, self.expected)
+        again.parts, again._steps = self.parts, self._steps
+        one, other = self.attempt(choice, setting), again.attempt(choice, setting)
+        self.count += again.count
+        return self.between((choice, one), (choice, other))
 
     def tight(self, choice: Choice, setting: Setting) -> Result:
         """A run that has to succeed.
