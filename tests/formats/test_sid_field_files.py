@@ -11,6 +11,7 @@ import pytest
 from sidtool.formats.sid import SID, Node, Taylor, by_mode, symmetric_3x3
 from sidtool.formats.sid_ascii.styles import STYLES
 from sidtool.formats.sid_files import read_sid, write_sid
+from sidtool.formats.stiffening import has_stiffening
 from tests.formats.sids import assert_same
 
 FILES = ("Beam_3m.SID_FEM", "balken1m.SID_FEM", "beam.SID_FEM", "example.sid_fem")
@@ -170,3 +171,9 @@ def test_hdf5_and_back(field_data: Path, tmp_path: Path, name: str) -> None:
     found = read_sid(path)
     assert_same(found, sid, 0.0)
     assert found.dialect == sid.dialect
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_none_of_them_has_stiffening(field_data: Path, name: str) -> None:
+    """Four titles promise it; the integrals of the shape functions fill all blocks."""
+    assert not has_stiffening(sid_of(field_data, name))

@@ -17,7 +17,8 @@ from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.trim import used_nodes
 from tests.bodies import particle_body
 
-from .accuracy.test_accuracy import TIGHT, finest, particles
+from .accuracy.arms import particles
+from .accuracy.test_accuracy import TIGHT, finest
 
 
 @pytest.fixture(autouse=True)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
+import numpy as np
+
+import sidtool
 from sidtool.convert import sid_from_model
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
+from sidtool.formats.sid import SID, Taylor
+from tests.bodies import particle_body
 
 from ..beams import beam
 
@@ -61,3 +66,34 @@ def swinging(end: float = 0.8, **changes: Any) -> SceneFile:
         "outputs": {"record": ["arm.tip.x", "arm.tip.y", "pin.fx"]},
     }
     return SceneFile.model_validate(content | changes)
+
+
+def simulated(scene: SceneFile, sid: SID, **more: Any) -> sidtool.Result:
+    return sidtool.simulate(scene, sids={"arm": sid}, **more)
+
+
+def particles(spatial: bool) -> tuple[SceneFile, SID]:
+    """A cloud of particles, soft and stiff shape functions, thrown about a pin."""
+    sid = particle_body(4, 9, planar=not spatial, seed=5)
+    Ke = np.diag([4e3, 9e3, 6e5, 5e6])
+    sid = replace(sid, Ke=Taylor(Ke), De=Taylor(2e-4 * Ke))
+    spin = [0.5, 1.0, 3.0] if spatial else 3.0
+    scene = swinging(
+        0.4,
+        dimension="spatial" if spatial else "planar",
+        gravity=[0.0, -9.81, 0.0] if spatial else [0.0, -9.81],
+        bodies={
+            "arm": {
+                "sid": "arm",
+                "markers": {"root": 1, "tip": 2},
+                "initial": {"angular_velocity": spin},
+            }
+        },
+        joints={
+            "pin": {
+                "type": "spherical" if spatial else "revolute",
+                "markers": ["ground", "arm.root"],
+            }
+        },
+    )
+    return scene, sid

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import OutsideTheory, cached
+from sidtool.accuracy import cached
 from sidtool.cli import run
 from sidtool.formats.result import read_result, write_result
 from sidtool.formats.scene import SceneFile, tolerance
@@ -20,7 +20,7 @@ from sidtool.formats.sid_files import write_sid
 from sidtool.study import moves
 from tests.bodies import particle_body
 
-from .arms import cantilever, spun, swinging
+from .arms import cantilever, particles, simulated, spun, swinging
 
 TIGHT = {"integrator": "dop853", "rtol": 1e-12}
 
@@ -39,37 +39,6 @@ def finest(scene: SceneFile) -> SceneFile:
         for n, b in scene.bodies.items()
     }
     return scene.model_copy(update={"bodies": bodies})
-
-
-def simulated(scene: SceneFile, sid: SID, **more: Any) -> sidtool.Result:
-    return sidtool.simulate(scene, sids={"arm": sid}, **more)
-
-
-def particles(spatial: bool) -> tuple[SceneFile, SID]:
-    """A cloud of particles, soft and stiff shape functions, thrown about a pin."""
-    sid = particle_body(4, 9, planar=not spatial, seed=5)
-    Ke = np.diag([4e3, 9e3, 6e5, 5e6])
-    sid = replace(sid, Ke=Taylor(Ke), De=Taylor(2e-4 * Ke))
-    spin = [0.5, 1.0, 3.0] if spatial else 3.0
-    scene = swinging(
-        0.4,
-        dimension="spatial" if spatial else "planar",
-        gravity=[0.0, -9.81, 0.0] if spatial else [0.0, -9.81],
-        bodies={
-            "arm": {
-                "sid": "arm",
-                "markers": {"root": 1, "tip": 2},
-                "initial": {"angular_velocity": spin},
-            }
-        },
-        joints={
-            "pin": {
-                "type": "spherical" if spatial else "revolute",
-                "markers": ["ground", "arm.root"],
-            }
-        },
-    )
-    return scene, sid
 
 
 @pytest.mark.parametrize("spatial", [False, True])
@@ -203,31 +172,6 @@ def test_what_leaves_the_plane_is_solved_in_space(
         scene = scene.model_copy(update={"ground": ground})
     found = simulated(scene, sid, accuracy=1e-3)
     assert json.loads(found.scene)["dimension"] == "spatial"
-
-
-@pytest.mark.parametrize(
-    ("scene", "message"),
-    [
-        (swinging(gravity=[0.0, -3.0]), "of its length.*joints of type fixed"),
-        (spun(2.5, 20.0), "stiffening matters and the SID lacks it.*convert"),
-    ],
-)
-def test_what_leaves_the_theory_is_refused_with_what_would_do(
-    scene: SceneFile, message: str
-) -> None:
-    with pytest.raises(OutsideTheory, match=message):
-        simulated(scene, cantilever(2), accuracy=1e-2)
-
-
-def test_elastic_rotations_count_as_well() -> None:
-    """Shape functions that turn much and move little."""
-    scene, sid = particles(False)
-    turned = tuple(
-        replace(node, psi=Taylor(np.outer([0.0, 0.0, 1.0], [30.0, 0.0, 0.0, 0.0])))
-        for node in sid.nodes
-    )
-    with pytest.raises(OutsideTheory, match="turns elastically by .* rad"):
-        simulated(scene, replace(sid, nodes=turned), accuracy=1e-2)
 
 
 def test_the_second_time_nothing_is_searched(
