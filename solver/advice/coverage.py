@@ -24,7 +24,8 @@ from ..start.conflicts import LARGEST, make_rigid, undeformed
 from ..start.consistent import State
 from ..system.bodies.embedded import matrices
 from ..system.scene import Row, System
-from .poor_shapes import is_poor, poor_directions, poor_inertia
+from .poor_shapes import Load, is_poor, poor_directions, poor_inertia, remedy
+from .unjudged import is_unjudged, unjudged
 
 #: Shape functions move a marker when they do so by more than this part of what they
 #: move any node of the body.
@@ -34,8 +35,6 @@ ALONG = 1e-6
 
 #: Where a load acts: body and marker.
 Where = tuple[str, str]
-#: What loads a body: where, a force and a moment in body axes, and its name.
-Load = tuple[Where, Array, Array, str]
 Found = dict[Where, dict[str, str]]
 
 
@@ -45,10 +44,12 @@ def uncovered(system: System, start: Start) -> Iterator[str]:
     start : the assembled start of the system
     """
     ends = _loaded(system.scene)
-    if any(_may_be_rigid(system, *end) or is_poor(system, *end) for end in ends):
+    doubted = (_may_be_rigid, is_poor, is_unjudged)
+    if any(doubt(system, *end) for doubt in doubted for end in ends):
         loads = list(_loads(system, start))
         yield from _rigid_directions(system, loads)
         yield from poor_directions(system, loads)
+        yield from unjudged(system, loads)
     yield from poor_inertia(system, start)
 
 
@@ -69,11 +70,11 @@ def _rigid_directions(system: System, loads: list[Load]) -> Iterator[str]:
         _check(system, *load, found)
     for (body, marker), directions in found.items():
         names = list(dict.fromkeys(directions.values()))
+        shapes = remedy(system.bodies[system.index(body)].sid)
         yield (
             f"{body} is rigid {' and '.join(directions)} at {marker}, where "
             f"{', '.join(names)} {'load' if names[1:] else 'loads'} it: no shape "
-            "function moves that; attachment modes or Craig-Bampton with this marker "
-            "among the interfaces have one"
+            f"function moves that; {shapes} with this marker among the interfaces do"
         )
 
 

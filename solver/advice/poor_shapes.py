@@ -12,7 +12,7 @@ import numpy as np
 
 from sidtool.formats.carried import DIRECTIONS
 from sidtool.formats.carried.compliance import compliances, full_inertia
-from sidtool.formats.sid import Array
+from sidtool.formats.sid import SID, Array
 
 from ..start.assembly import Start
 from ..system.bodies.data import BodyData
@@ -33,35 +33,40 @@ MISSING = 1e-12
 
 _FORCES, _MOMENTS = slice(0, 3), slice(3, 6)
 
+#: What loads a body: body and marker, force and moment in body axes, what exerts them.
+Load = tuple[tuple[str, str], Array, Array, str]
+
 
 def is_poor(system: System, body: str, marker: str) -> bool:
     """Whether shape functions are poor in some direction at a marker."""
     return bool(_shares(system, system.bodies[system.index(body)], marker))
 
 
-def poor_directions(
-    system: System, loads: Iterable[tuple[tuple[str, str], Array, Array, str]]
-) -> Iterator[str]:
-    """One sentence for each body and marker.
-
-    loads : body and marker, force and moment in body axes, and what exerts them
-    """
-    felt: dict[tuple[str, str], list[tuple[Array, str]]] = {}
-    for where, force, moment, name in loads:
-        felt.setdefault(where, []).append((np.concatenate([force, moment]), name))
-    for (body, marker), acting in felt.items():
+def poor_directions(system: System, loads: Iterable[Load]) -> Iterator[str]:
+    """One sentence for each body and marker."""
+    for (body, marker), acting in felt_at(loads).items():
         data = system.bodies[system.index(body)]
         poor = _shares(system, data, marker)
-        spanned = _spanned(np.array([vector for vector, _ in acting]))
-        poor = {k: share for k, share in poor.items() if spanned[k] > LOADED}
+        there = spanned(np.array([vector for vector, _ in acting]))
+        poor = {k: share for k, share in poor.items() if there[k] > LOADED}
         if not poor:
             continue
         names = dict.fromkeys(name for v, name in acting if v[list(poor)].any())
         yield (
             f"the shape functions of {body} carry {_told(poor)} at {marker}, where "
             f"{', '.join(names)} {'load' if len(names) > 1 else 'loads'} it: "
-            f"{_remedy(data)} with this marker among the interfaces carry all of it"
+            f"{remedy(data.sid)} with this marker among the interfaces carry all of it"
         )
+
+
+def felt_at(
+    loads: Iterable[Load],
+) -> dict[tuple[str, str], list[tuple[Array, str]]]:
+    """Forces and moments (6,) with what exerts them, by body and marker."""
+    felt: dict[tuple[str, str], list[tuple[Array, str]]] = {}
+    for where, force, moment, name in loads:
+        felt.setdefault(where, []).append((np.concatenate([force, moment]), name))
+    return felt
 
 
 def _shares(system: System, data: BodyData, marker: str) -> dict[int, float]:
@@ -77,24 +82,22 @@ def _shares(system: System, data: BodyData, marker: str) -> dict[int, float]:
     own = compliances(data.sid, carried.free)[0][node]
     full = own / np.maximum(known, MISSING)
     found: dict[int, float] = {}
-    for kind in (_FORCES, _MOMENTS):
-        ways = _ways(system, kind)
-        full[ways] = np.where(known[ways] > MISSING, full[ways], 0.0)
-        largest = np.nanmax(full[ways], initial=0.0)
-        for k in ways:
+    for kind in ways(system):
+        full[kind] = np.where(known[kind] > MISSING, full[kind], 0.0)
+        largest = np.nanmax(full[kind], initial=0.0)
+        for k in kind:
             small = full[k] - own[k] <= SMALL * largest
             if MISSING < known[k] < (HALF if small else POOR):
                 found[k] = float(known[k])
     return found
 
 
-def _ways(system: System, kind: slice) -> list[int]:
-    """The directions of loads of a kind, in the plane or in space."""
-    ways = [0, 1, 5] if system.planar else range(6)
-    return [k for k in ways if kind.start <= k < kind.stop]
+def ways(system: System) -> tuple[list[int], list[int]]:
+    """The directions of forces and of moments, in the plane or in space."""
+    return ([0, 1], [5]) if system.planar else ([0, 1, 2], [3, 4, 5])
 
 
-def _spanned(vectors: Array) -> Array:
+def spanned(vectors: Array) -> Array:
     """(6,) how much of a unit force or moment lies in what vectors (n, 6) span."""
     shares = np.zeros(6)
     for kind in (_FORCES, _MOMENTS):
@@ -106,13 +109,13 @@ def _spanned(vectors: Array) -> Array:
 
 def _told(poor: dict[int, float]) -> str:
     """ "83 % of its compliance along x"."""
-    parts = [f"{_percent(share)} {_along(k)}" for k, share in poor.items()]
+    parts = [f"{_percent(share)} {along(k)}" for k, share in poor.items()]
     first, *rest = parts
     first = first.replace("%", "% of its compliance", 1)
     return " and ".join([first, *rest])
 
 
-def _along(k: int) -> str:
+def along(k: int) -> str:
     return f"{'along' if k < 3 else 'about'} {DIRECTIONS[k].removeprefix('r')}"
 
 
@@ -120,9 +123,15 @@ def _percent(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
 
-def _remedy(data: BodyData) -> str:
-    free = data.sid.carried is not None and data.sid.carried.free
-    return "attachment or Herting's modes" if free else "attachment or Craig-Bampton"
+def remedy(sid: SID) -> str:
+    """Which shape functions hold the static answer to a load at a marker.
+
+    Those of Craig-Bampton hold it of a body that is held; of a free one they hold its
+    inertia in place of its reaction, unless it is loaded where it is held only.
+    """
+    if sid.carried is None:
+        return "attachment modes"
+    return f"attachment or {'Herting' if sid.carried.free else 'Craig-Bampton'} modes"
 
 
 def poor_inertia(system: System, start: Start) -> Iterator[str]:
@@ -161,9 +170,9 @@ def _lost_under(system: System, data: BodyData, size: Array) -> dict[int, float]
     own = compliances(data.sid, carried.free)[1]
     full = full_inertia(carried.lost, own)
     found = {}
-    for kind in (_FORCES, _MOMENTS):
+    for kind, directions in zip((_FORCES, _MOMENTS), ways(system), strict=True):
         largest = size[kind].max()
-        for k in _ways(system, kind):
+        for k in directions:
             loaded = largest > 0.0 and size[k] > LOADED * largest
             if loaded and carried.lost[k] > 1.0 - POOR:
                 found[k] = float(own[k] / full[k]) if full[k] else 0.0
