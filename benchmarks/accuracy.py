@@ -104,7 +104,7 @@ def compared(case: Case, scene: SceneFile, wanted: float, seed: int = 0) -> Verd
     except Exception as stop:
         return Verdict(seed, wanted, f"{type(stop).__name__}: {stop}")
     took = time.perf_counter() - began
-    found = simulate(compiled(plan.scene, case.sids))
+    found = simulate(compiled(plan.scene, plan.sids))
     whole = as_scene(scene, finest(scene, case.sids), case.sids)
     exact = simulate(compiled(whole, case.sids), integrator=METHOD, rtol=TIGHT)
     kept = [d.kept for d in plan.report.decisions if d.what == "shape function"]

@@ -82,7 +82,7 @@ def table_of(
     rows = []
     for wanted in REQUESTS:
         plan = planned(scene, sids, wanted, compile_, keep=False)
-        found = simulate(compile_(plan.scene, sids))
+        found = simulate(compile_(plan.scene, plan.sids))
         line = plan.report.budget[-1]
         rows.append(
             [

@@ -97,7 +97,7 @@ def trimmed(
         accuracy = DEFAULT
     sid = read_sid(path)
     scene, made, _ = converted(scene, folder)
-    plan = plan_for(scene, folder, made, accuracy, {})
+    plan = plan_for(scene, folder, made, accuracy, {}, frames=False)
     assert plan is not None
     kept: set[int] = set()
     for name in bodies:

@@ -22,6 +22,12 @@ class OutputError(Table):
         description="what the error against all that the SIDs hold cannot exceed, in "
         "that unit; none where nothing of the kind is known",
     )
+    theory: float | None = Field(
+        default=None,
+        description="estimate of what small deformations leave out, in that unit, from "
+        "a run in another body frame; it is no part of the error; none where that was "
+        "not measured",
+    )
 
     @property
     def relative(self) -> float:

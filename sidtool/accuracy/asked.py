@@ -26,6 +26,7 @@ def plan_for(
     accept_defects: bool = False,
     drives: Mapping[str, Any] | None = None,
     forces: Mapping[str, Any] | None = None,
+    frames: bool = True,
 ) -> Plan | None:
     """The plan of a scene, or None where no accuracy is asked for.
 
@@ -37,6 +38,7 @@ def plan_for(
     sids : that replace files of the scene
     accuracy : given beside the scene, replaces what it asks for
     settings : integrator, rtol, step, ... that are given
+    frames : False where bodies must stay in the frames that their SIDs have
 
     Raises
     ------
@@ -65,7 +67,9 @@ def plan_for(
 
     keep = not (drives or forces)
     models = sources(scene, folder)
-    return planned(scene, known, wanted, compiled, models=models, keep=keep)
+    return planned(
+        scene, known, wanted, compiled, models=models, keep=keep, frames=frames
+    )
 
 
 def with_wanted(scene: SceneFile, wanted: Wanted) -> SceneFile:

@@ -16,19 +16,18 @@ from .runs import Runs
 
 
 def budget(
-    runs: Runs, reference: Reference, chosen: Chosen, frames: Array
+    runs: Runs, reference: Reference, chosen: Chosen, theory: Array
 ) -> tuple[BudgetLine, ...]:
     """One line for each kind of choice, one for the reference, one for all together.
 
     Each is switched alone: the chosen model against the one that has this choice at
     its finest, both integrated tightly; the chosen integration against a tight one.
-    The line of all together is the chosen run against the reference, with its
-    uncertainty. What other frames change stands below it, as it is not known which
-    frame is right: small deformations leave it out.
+    The line of all together is the chosen run against the reference, with all that is
+    not known of it. What small deformations leave out stands below it.
 
     Parameters
     ----------
-    frames : (n,) what other frames change, zero where that was not measured
+    theory : (n,) what small deformations leave out, zero where that was not measured
     """
     lines = _Lines(runs, reference, chosen)
     whole, setting = chosen.choice, chosen.found.setting
@@ -41,7 +40,8 @@ def budget(
     tight = runs.seconds(whole, reference.setting)
     method = f"{setting.integrator}, rtol {setting.rtol:.2g}"
     meshes = (lines.line("mesh", "of models", reference.meshes, None),)
-    theory = (lines.line("frames", "small deformations", frames, None),)
+    frames = (lines.line("frames", "not their own", reference.frames, None),)
+    left_out = (lines.line("theory", "small deformations", theory, None),)
     digits = (lines.line("digits", "of files", reference.digits, None),)
     return (
         *(meshes if reference.meshes.any() else ()),
@@ -51,8 +51,9 @@ def budget(
         lines.line("integration", method, loose + reference.uncertainty, tight),
         lines.line("reference", "two methods", reference.uncertainty, None),
         *(digits if reference.digits.any() else ()),
+        *(frames if reference.frames.any() else ()),
         lines.line("all together", "as run", chosen.errors, None),
-        *(theory if frames.any() else ()),
+        *(left_out if theory.any() else ()),
     )
 
 

@@ -25,11 +25,13 @@ class Kept(Table):
 
     models : level of the mesh, modes and nodes with static shape functions, by bodies
         that are made of models
+    frames : that bodies were put in
     """
 
     scene: SceneFile
     report: AccuracyReport
     models: dict[str, tuple[int, int | None, tuple[int, ...]]] = {}
+    frames: dict[str, str] = {}
 
 
 def folder() -> Path | None:

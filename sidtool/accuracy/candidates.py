@@ -163,26 +163,13 @@ def _body(body: SidBody, name: str, numbers: Numbers, choice: Choice, nq: int) -
 
 
 def loaded_nodes(scene: SceneFile, name: str) -> dict[str, str]:
-    """Nodes of a body where joints, drives and forces act, by what they call them.
-
-    The origin of its frame is no node.
-    """
+    """Nodes of a body where joints, drives and forces act, by what they call them."""
     known = scene.sid_bodies[name].markers
-    return {m: known.get(m, m) for m in _markers(scene, name) if m}
-
-
-def holds_frame(scene: SceneFile, name: str) -> bool:
-    """Whether joints, drives or forces act at the frame of a body itself."""
-    return "" in _markers(scene, name)
-
-
-def _markers(scene: SceneFile, name: str) -> list[str]:
-    """Markers of a body where joints, drives and forces act, empty for its frame."""
     parts = (*scene.joints.values(), *scene.forces.values(), *scene.drives.values())
     texts = [text for part in parts for text in getattr(part, "markers", None) or ()]
     texts += [text for part in parts if (text := getattr(part, "marker", None))]
     named = (text.partition(".") for text in texts)
-    return [marker for owner, _, marker in named if owner == name]
+    return {m: known.get(m, m) for owner, _, m in named if owner == name and m}
 
 
 def shape_functions(choice: Choice) -> list[Candidate]:

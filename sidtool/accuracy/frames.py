@@ -1,91 +1,136 @@
-"""What small deformations leave out, seen by saying a body in another frame.
+"""The frames of bodies: which are used, and what small deformations leave out.
 
 The elastic coordinates are the same in every body frame, and so is the motion, but for
 what the theory of small deformations leaves out: terms of second order in them, of
 third where a body has geometric stiffening. They are smallest in the frame in which the
-body deforms least. So the richest model is run once more with each flexible body in
-another frame, that of mean axes or at its loaded nodes, where a body deforms so much
-that this could be seen; theory, section 16.
+body deforms least. So the richest model is run once more with each flexible body in the
+frame in which it deforms most differently from its own. Bodies without geometric
+stiffening are put in the frame in which they deform least where that changes more than
+a small part of what is allowed, and not so much that the request could not be kept
+against their own frames; theory, section 16.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
-from sidtool.formats.scene import SceneFile
+from sidtool.formats.scene import expanded, parse_output
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.stiffening import has_second_order_field
 
-from ..conversion.rereference import FrameChange, changed, frame_change
-from ..study.plan import comparable
-from .candidates import holds_frame, loaded_nodes
+from ..conversion.rereference import FrameChange
+from .candidates import loaded_nodes
+from .elsewhere import (
+    RELATIVE,
+    change_to,
+    depends_on_frame,
+    in_frame,
+    in_frames,
+    is_free,
+    is_told_there,
+    named_there,
+    node_of,
+    with_node,
+)
 from .outside import elastic_coordinates, elastic_rotation
-from .reference import Reference
-from .runs import Runs
+from .reference import Reference, make_reference
+from .runs import Runs, apart
+from .wanted import Request
 
 #: How many times what is left out may change an output, relative to its variation, and
 #: from which share of what is allowed on that is looked at.
 FACTOR, LOOKED_AT = 100.0, 0.05
 #: Frames are the same if they move by less than this part of what the body deforms.
 SAME = 1e-6
+#: Of what is allowed: from which share on another frame is used, and up to which.
+CHOSEN, TOO_MUCH = 0.1, 0.5
+#: A frame is better in which bodies deform by less than this part of what they do.
+BETTER = 0.8
+#: Over the difference of two frames, what may be left out in the better one, and in one
+#: that is not known to be better; measured were 1.3 and 2.1 at most.
+SAFETY, UNKNOWN = 2.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class Other:
-    """A body in another frame, in words, and how far it deforms there [m]."""
+    """A body in another frame, in words and as `rereferenced` takes it.
+
+    share : how far the body deforms there, of how far it does in its own frame
+    bare : whether it has no displacements of second order
+    """
 
     words: str
-    sid: SID
-    deforms: float
+    frame: str
+    share: float
+    bare: bool
+
+    @property
+    def better(self) -> bool:
+        """Whether less is left out there; with terms of second order none is better."""
+        return self.bare and self.share < BETTER
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """What other frames change, (n,), nothing where it was not measured; in words."""
+    """The search in the frames that are used.
 
-    errors: Array
-    sentences: tuple[str, ...]
+    theory : (n,) what small deformations leave out, zero where that was not measured
+    chosen : other frames that bodies were put in
+    sentences : reasons
+    """
+
+    runs: Runs
+    reference: Reference
+    theory: Array
+    chosen: Mapping[str, str] = field(default_factory=dict)
+    sentences: tuple[str, ...] = ()
 
 
-def measured(runs: Runs, reference: Reference) -> Frames:
-    """How far the richest model in other frames is from the reference."""
-    nothing = np.zeros(len(runs.names))
+def with_frames(
+    runs: Runs, reference: Reference, request: Request, *, fixed: bool = False
+) -> Frames:
+    """The richest model in the frames in which its bodies leave least out.
+
+    Parameters
+    ----------
+    fixed : True where bodies must stay in their own frames
+    """
+    as_is = Frames(runs, reference, np.zeros(len(runs.names)))
     bodies = [n for n, kept in reference.choice.kept if kept]
-    expected = {n: left_out(n, reference.result) for n in bodies}
     if not bodies:
-        return Frames(nothing, ())
+        return as_is
+    expected = {n: left_out(n, reference.result) for n in bodies}
     worst = max(expected, key=expected.__getitem__)
     least = float((reference.allowed / np.maximum(reference.variation, 1e-300)).min())
     if FACTOR * expected[worst] < LOOKED_AT * least:
         told = f"{worst} deforms so little that others change {expected[worst]:.0e}"
-        return Frames(nothing, (f"frames: not searched, as {told} of the outputs",))
+        return _told(as_is, f"their own, not searched, as {told} of the outputs")
     others = dict(_others(runs, reference, bodies))
-    names, _ = comparable(runs.names, runs.scene, ("frame",), named=True)
-    if not others or not names:
-        told = "other frames would change what bodies and outputs mean"
-        return Frames(nothing, (f"frames: not searched, as {told}",))
-    sids = {name: other.sid for name, other in others.items()}
-    changes = runs.changed_by(sids, reference.choice, reference.setting)
-    errors = np.where(np.isin(runs.names, names), changes, 0.0)
-    counts = np.isfinite(reference.allowed)
-    if not np.isfinite(errors[counts]).all():
-        told = "the scene does not run in others"
-        return Frames(nothing, (f"frames: not searched, as {told}",))
-    row = reference.worst(errors)
-    seen = f"{errors[row]:.1e} {reference.units[row]}".rstrip()
-    listed = ", ".join(f"{other.words} of {n}" for n, other in others.items())
-    return Frames(
-        errors,
-        (
-            f"frames: {seen} in {runs.names[row]} with {listed}; that is what small "
-            f"deformations leave out, {_verdict(errors[row], reference, row, others)}",
-        ),
-    )
+    missing = ", ".join(n for n in bodies if n not in others)
+    more = f"; those of {missing} belong to what the scene says" if missing else ""
+    if not others:
+        return _told(as_is, f"not judged{more}")
+    errors = _changes(runs, reference, others)
+    if not np.isfinite(errors[np.isfinite(reference.allowed)]).all():
+        return _told(as_is, f"not judged, as the scene does not run in others{more}")
+    better = {n: o.frame for n, o in others.items() if o.better}
+    pinned = fixed or any(parse_output(n).owner in better for n in _of_frames(runs))
+    use, seen = reference.use(errors), _seen(errors, runs, reference)
+    if better and not pinned and CHOSEN < use <= TOO_MUCH:
+        words = " and ".join(f"{others[n].words} of {n}" for n in better)
+        found = _moved(runs, reference, request, better, errors)
+        told = f"{words}, in which bodies deform least; that changes {seen}"
+        return replace(_told(found, f"{told}{more}"), theory=SAFETY * errors)
+    unknown = any(o.better or not o.bare for o in others.values())
+    found = replace(as_is, theory=(UNKNOWN if unknown else SAFETY) * errors)
+    words = " and ".join(f"{o.words} of {n}" for n, o in others.items())
+    remedy = _remedy(others) if reference.use(found.theory) > 1.0 else ""
+    return _told(found, f"their own; {words} would change {seen}{remedy}{more}")
 
 
 def left_out(name: str, result: Result) -> float:
@@ -95,38 +140,95 @@ def left_out(name: str, result: Result) -> float:
     return float(size ** (2 if has_second_order_field(sid) else 1))
 
 
-def _verdict(
-    error: float, reference: Reference, row: int, others: dict[str, Other]
-) -> str:
-    if error <= reference.allowed[row]:
-        return "and no part of the errors, which are those against this theory"
-    bare = [n for n, other in others.items() if not has_second_order_field(other.sid)]
+def _told(found: Frames, text: str) -> Frames:
+    return replace(found, sentences=(f"frames: {text}",))
+
+
+def _seen(errors: Array, runs: Runs, reference: Reference) -> str:
+    """The output that sees most of it."""
+    row = reference.worst(errors)
+    seen = f"{errors[row]:.1e} {reference.units[row]}".rstrip()
+    return f"{seen} in {runs.names[row]}"
+
+
+def _remedy(others: dict[str, Other]) -> str:
+    """What to do where small deformations leave out more than was asked for."""
+    bare = [n for n, other in others.items() if other.bare]
     less = "bodies cut into several by joints of type fixed leave"
     if bare:
         less = f"a SID of {', '.join(bare)} with geometric stiffening leaves"
+    better = " and ".join(f"{o.words} of {n}" for n, o in others.items() if o.better)
+    also = f", {better} too" if better else ""
     return (
-        "more than was asked for: the errors are those against this theory, of which "
-        f"{less} less out"
+        ". Errors are those against small deformations in the frames that the SIDs "
+        f"have, which leave out more than was asked for; {less} less out{also}"
     )
+
+
+def _changes(runs: Runs, reference: Reference, others: dict[str, Other]) -> Array:
+    """What other frames of these bodies change (n,); infinite where there is no run."""
+    nodes = {n: node_of(runs.sids[n]) for n in others}
+    sids = {n: in_frame(with_node(runs.sids[n]), o.frame) for n, o in others.items()}
+    names = named_there(runs.names, nodes)
+    again = runs.elsewhere(sids, names)
+    choice, setting = reference.choice, reference.setting
+    one, other = runs.attempt(choice, setting), again.attempt(choice, setting)
+    runs.count = again.count
+    if one is None or other is None:
+        return np.full(len(names), np.inf)
+    a, b = runs.columns(choice, one), again.columns(choice, other)
+    for row, name in enumerate(runs.names):
+        body, marker, quantity = parse_output(name)
+        if body in others and quantity in RELATIVE:
+            a[:, row] = _displacement(runs, body, marker, quantity, one)
+            b[:, row] = _displacement(runs, body, marker, quantity, other)
+    return apart((one.t, a), (other.t, b))
+
+
+def _displacement(
+    runs: Runs, body: str, marker: str, quantity: str, result: Result
+) -> Array:
+    """(nt,) of first order in the body's own frame, with elastic coordinates of a run
+    in any."""
+    node = runs.sids[body].node(runs.scene.sid_bodies[body].markers.get(marker, marker))
+    q = elastic_coordinates(body, result)
+    return np.asarray(q @ node.phi.m0[RELATIVE.index(quantity)])
+
+
+def _moved(
+    runs: Runs,
+    reference: Reference,
+    request: Request,
+    frames: Mapping[str, str],
+    errors: Array,
+) -> Frames:
+    """The search with bodies in other frames; what was seen before stays known."""
+    again = runs.elsewhere(in_frames(runs.sids, frames), runs.names)
+    found = make_reference(again, reference.choice, request)
+    found = replace(
+        found, meshes=reference.meshes, digits=reference.digits, frames=errors
+    )
+    return Frames(again, found, errors, frames)
+
+
+def _of_frames(runs: Runs) -> list[str]:
+    """Outputs, recorded or asked for, that mean something else in other frames."""
+    scene = runs.scene
+    names = expanded(scene.outputs.record, scene, runs.sids, "outputs.record")
+    both = dict.fromkeys([*names, *runs.names])
+    known = scene.sid_bodies
+    return [n for n in both if parse_output(n).owner in known and depends_on_frame(n)]
 
 
 def _others(
     runs: Runs, reference: Reference, bodies: list[str]
 ) -> Iterator[tuple[str, Other]]:
+    """Each body in the frame in which it deforms most differently from its own."""
     for name in bodies:
-        if is_free(runs.scene, name):
+        if is_free(runs.scene, name) and is_told_there(name, runs.names):
             found = list(other_frames(name, runs, reference.result))
             if found:
-                yield name, min(found, key=lambda other: other.deforms)
-
-
-def is_free(scene: SceneFile, name: str) -> bool:
-    """Whether another frame of a body changes nothing of what a scene says."""
-    body = scene.sid_bodies[name]
-    start = body.initial.elastic, body.initial.elastic_velocity
-    return (
-        body.frame != "held" and start == (None, None) and not holds_frame(scene, name)
-    )
+                yield name, max(found, key=lambda other: abs(np.log(other.share)))
 
 
 def other_frames(name: str, runs: Runs, result: Result) -> Iterator[Other]:
@@ -140,14 +242,17 @@ def other_frames(name: str, runs: Runs, result: Result) -> Iterator[Other]:
         words[f"the chord of {nodes[0]} and {nodes[1]}"] = (
             f"chord:{nodes[0]},{nodes[1]}"
         )
+    none = FrameChange(np.zeros(3), np.zeros((sid.nq, 3)), np.zeros((sid.nq, 3)))
+    own, bare = _deforms(sid, none, q), not has_second_order_field(sid)
     for told, frame in words.items():
         try:
-            change = replace(frame_change(sid, frame), origin=np.zeros(3))
-            moves = np.abs(change.at(np.zeros(3))).max() + np.abs(change.turn).max()
-            if moves > SAME * max(sid.largest_shapes):
-                yield Other(told, changed(sid, change), _deforms(sid, change, q))
+            change = change_to(sid, frame)
         except InputError:
             continue
+        moves = np.abs(change.at(np.zeros(3))).max() + np.abs(change.turn).max()
+        share = _deforms(sid, change, q) / own if own else 0.0
+        if moves > SAME * max(sid.largest_shapes) and share > 0.0:
+            yield Other(told, frame, share, bare)
 
 
 def _deforms(sid: SID, change: FrameChange, q: Array) -> float:

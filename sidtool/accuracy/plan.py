@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass, field, replace
 
 from sidtool.formats.progress import Course, along
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
 from sidtool.formats.result.rows import Columns, Rows
 from sidtool.formats.scene import SceneFile, expanded, unit_of
 from sidtool.formats.scene.wanted import told
-from sidtool.formats.sid import SID
+from sidtool.formats.sid import SID, Array
 
 from ..made import Fineness, Source
 from ..rigid import told_left_out, told_rigid
@@ -21,12 +21,13 @@ from .budget import budget
 from .candidates import as_scene, finest, recording, stiffened
 from .choose import Chosen, choose
 from .digits import with_digits
-from .frames import measured
+from .elsewhere import in_frames
+from .frames import with_frames
 from .meshes import Meshes, as_made, refined_meshes
 from .outside import check_inside
 from .reference import Reference, make_reference
 from .runs import Compile, Runs, expected_runs
-from .sentences import decisions, remarks, told_bounds
+from .sentences import decisions, remarks, told_bounds, told_theory
 from .wanted import Request, Wanted, requested
 
 #: How long the search of meshes for one body takes beside that of all else, about.
@@ -38,16 +39,19 @@ class Plan:
     """What is simulated: the scene with its integrator, and what it came to.
 
     sids : of all bodies that have one
+    frames : that bodies were put in, of those whose SIDs are not in their own
     """
 
     scene: SceneFile
     report: AccuracyReport
     sids: Mapping[str, SID]
+    frames: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def told(self) -> list[str]:
         """Sentences for the notes of the result."""
-        return [*told_rigid(self.scene), *told_left_out(self.scene)]
+        theory = told_theory(self.report)
+        return [*told_rigid(self.scene), *told_left_out(self.scene), *theory]
 
     def certified(self, result: Result) -> Result:
         """The result of the run with its errors."""
@@ -78,6 +82,7 @@ def planned(
     *,
     models: Mapping[str, Source] | None = None,
     keep: bool = True,
+    frames: bool = True,
 ) -> Plan:
     """The cheapest model and integration whose errors are within what is wanted.
 
@@ -91,6 +96,7 @@ def planned(
     compile_ : makes a system of a scene and SIDs
     models : of bodies that are made of them, whose meshes are refined as needed
     keep : False where the scene is not all that is simulated, as with callables
+    frames : False where bodies must stay in the frames that their SIDs have
 
     Raises
     ------
@@ -100,13 +106,14 @@ def planned(
     SimulationError : the finest model cannot be run to its end.
     """
     models = models or {}
-    key = cached.key_of(scene, sids, wanted, models) if keep else ""
+    key = cached.key_of(scene, sids, (wanted, frames), models) if keep else ""
     kept = cached.read(key) if keep else None
     if kept is not None:
         found = {n: Fineness(*kept.models[n]) for n in models}
         meshes = as_made(models, found)
         report = kept.report.model_copy(update={"searched": False})
-        return Plan(_named(kept.scene, meshes.scene(scene)), report, meshes.sids(sids))
+        there = in_frames(meshes.sids(sids), kept.frames)
+        return Plan(_named(kept.scene, meshes.scene(scene)), report, there)
     began = time.perf_counter()
     request = requested(scene, sids, wanted)
     with along(Course({"meshes": MESHES * len(models), "choices": 1.0})) as parts:
@@ -114,13 +121,16 @@ def planned(
         meshes = refined_meshes(scene, sids, models, request, compile_)
         scene, sids = meshes.scene(scene), meshes.sids(sids)
         parts.enter("choices")
-        plan = _chosen(scene, sids, request, meshes, compile_)
+        plan = _chosen(scene, sids, request, meshes, compile_, frames)
     seconds = time.perf_counter() - began
     report = plan.report.model_copy(update={"wanted": told(wanted), "seconds": seconds})
     if keep:
         levels = {n: astuple(f) for n, f in meshes.finenesses.items()}
-        cached.write(key, cached.Kept(scene=plan.scene, report=report, models=levels))
-    return Plan(plan.scene, report, sids)
+        kept = cached.Kept(
+            scene=plan.scene, report=report, models=levels, frames=dict(plan.frames)
+        )
+        cached.write(key, kept)
+    return replace(plan, report=report)
 
 
 def _chosen(
@@ -129,8 +139,9 @@ def _chosen(
     request: Request,
     meshes: Meshes,
     compile_: Compile,
+    free: bool,
 ) -> Plan:
-    """The search among what the SIDs have."""
+    """The search among what the SIDs have, in other frames if these are `free`."""
     whole = finest(scene, sids)
     expected = expected_runs(whole, scene.dimension)
     runs = Runs(scene, sids, compile_, request.names, expected)
@@ -140,13 +151,14 @@ def _chosen(
         check_inside(reference.result)
         reference = reference.with_meshes(meshes.errors)
         reference, digits = with_digits(runs, reference)
-        frames = measured(runs, reference)
+        frames = with_frames(runs, reference, request, fixed=not free)
+        runs, reference = frames.runs, frames.reference
         chosen = choose(runs, reference)
         terms = stiffened(scene, sids, chosen.choice.flat)
         setting = chosen.found.setting
         runs.begin("errors")
         proven = bounds(runs, reference.choice, chosen.choice, setting)
-        lines = budget(runs, reference, chosen, frames.errors)
+        lines = budget(runs, reference, chosen, frames.theory)
     made = decisions(request, reference, chosen)
     sentences = (
         *meshes.sentences,
@@ -159,14 +171,15 @@ def _chosen(
     )
     report = AccuracyReport(
         wanted={},
-        outputs=_outputs(request, reference, chosen, proven, scene),
+        outputs=_outputs(request, reference, chosen, proven, frames.theory, scene),
         budget=lines,
         decisions=made,
         sentences=sentences,
         runs=runs.count,
         seconds=0.0,
     )
-    return Plan(chosen_scene(scene, sids, chosen), report, sids)
+    found = chosen_scene(runs.scene, runs.sids, chosen)
+    return Plan(found, report, runs.sids, frames.chosen)
 
 
 def chosen_scene(
@@ -211,6 +224,7 @@ def _outputs(
     reference: Reference,
     chosen: Chosen,
     proven: Mapping[str, float],
+    theory: Array,
     scene: SceneFile,
 ) -> tuple[OutputError, ...]:
     rows = zip(
@@ -218,6 +232,7 @@ def _outputs(
         chosen.errors,
         reference.variation,
         reference.allowed,
+        theory,
         strict=True,
     )
     return tuple(
@@ -228,7 +243,8 @@ def _outputs(
             variation=float(variation),
             allowed=float(allowed),
             bound=proven.get(name),
+            theory=float(left_out) if left_out else None,
         )
-        for name, error, variation, allowed in rows
+        for name, error, variation, allowed, left_out in rows
         if name not in reference.left_out
     )

@@ -48,6 +48,7 @@ class Reference:
     units : (n,)
     meshes : (n,) what meshes of bodies and modes that they lack add
     digits : (n,) what the digits of files leave open
+    frames : (n,) what the frames change that bodies were put in
     """
 
     choice: Choice
@@ -60,6 +61,7 @@ class Reference:
     units: tuple[str, ...]
     meshes: Array
     digits: Array
+    frames: Array
 
     def worst(self, errors: Array) -> int:
         """The output of which errors use most."""
@@ -73,7 +75,7 @@ class Reference:
     @property
     def doubt(self) -> Array:
         """What a difference to the reference does not show, (n,)."""
-        return self.uncertainty + self.meshes + self.digits
+        return self.uncertainty + self.meshes + self.digits + self.frames
 
     def use(self, errors: Array) -> float:
         """The largest share of what is allowed, 1 for all of it."""
@@ -127,6 +129,7 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
             units=tuple(unit_of(name, runs.scene) for name in request.names),
             meshes=np.zeros(len(request.names)),
             digits=np.zeros(len(request.names)),
+            frames=np.zeros(len(request.names)),
         )
         if found.use(uncertainty) <= PART:
             return found

@@ -80,14 +80,18 @@ class Runs:
     def changed_by(
         self, others: Mapping[str, SID], choice: Choice, setting: Setting
     ) -> Array:
-        """What other SIDs of some bodies change (n,), run as a part of the same search;
-        infinite where there is no run."""
-        sids = {**self.sids, **others}
-        again = Runs(self.scene, sids, self.compile, self.names, self.expected)
-        again.parts, again._steps = self.parts, self._steps
+        """What other SIDs of some bodies change (n,); infinite without a run."""
+        again = self.elsewhere(others, self.names)
         one, other = self.attempt(choice, setting), again.attempt(choice, setting)
-        self.count += again.count
+        self.count = again.count
         return self.between((choice, one), (choice, other))
+
+    def elsewhere(self, others: Mapping[str, SID], names: tuple[str, ...]) -> Runs:
+        """Runs of the same search with other SIDs of some bodies."""
+        sids = {**self.sids, **others}
+        again = Runs(self.scene, sids, self.compile, names, self.expected, self.count)
+        again.parts, again._steps = self.parts, self._steps
+        return again
 
     def tight(self, choice: Choice, setting: Setting) -> Result:
         """A run that has to succeed.
@@ -157,13 +161,7 @@ class Runs:
         (first, a), (second, b) = one, other
         if a is None or b is None:
             return np.full(len(self.names), np.inf)
-        span = self.scene.time.end - self.scene.time.start
-        count = min(len(a.t), len(b.t))
-        same = np.abs(a.t[:count] - b.t[:count]) <= SAME_TIME * span
-        if abs(len(a.t) - len(b.t)) > 1 or not same[:-1].all():
-            return np.full(len(self.names), np.inf)
-        columns = self.columns(first, a)[:count] - self.columns(second, b)[:count]
-        return np.asarray(np.abs(columns[same]).max(axis=0, initial=0.0))
+        return apart((a.t, self.columns(first, a)), (b.t, self.columns(second, b)))
 
     def columns(self, choice: Choice, result: Result) -> Array:
         """Outputs (nt, n); zero where the model has none."""
@@ -186,3 +184,14 @@ class Runs:
             content = recording(as_scene(self.scene, choice, self.sids), names)
             self._systems[choice] = self.compile(content, self.sids)
         return self._systems[choice]
+
+
+def apart(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
+    """Largest differences (n,) of two motions, each times (nt,) and outputs (nt, n);
+    infinite where one of them ended early."""
+    (t, a), (u, b) = one, other
+    count = min(len(t), len(u))
+    same = np.abs(t[:count] - u[:count]) <= SAME_TIME * max(np.ptp(t), np.ptp(u))
+    if abs(len(t) - len(u)) > 1 or not same[:-1].all():
+        return np.full(a.shape[1], np.inf)
+    return np.asarray(np.abs((a[:count] - b[:count])[same]).max(axis=0, initial=0.0))

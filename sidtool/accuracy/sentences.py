@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from sidtool.formats.result import Decision
+from sidtool.formats.result import AccuracyReport, Decision
 from sidtool.formats.scene import SceneFile, unit_of
 from sidtool.formats.sid import SID
 
@@ -173,4 +173,18 @@ def told_bounds(proven: Mapping[str, float], scene: SceneFile) -> Iterator[str]:
             "frames are prescribed and the equations linear. They hold the energy of "
             "all errors together, and are loose for what hardly errs. All else is an "
             "estimate"
+        )
+
+
+def told_theory(report: AccuracyReport) -> Iterator[str]:
+    """Outputs of which small deformations leave out more than was asked for."""
+    left = [(o, o.theory) for o in report.outputs if (o.theory or 0.0) > o.allowed]
+    if left:
+        worst, most = max(left, key=lambda pair: (pair[1] or 0.0) / pair[0].allowed)
+        size, asked = (f"{e:.1e} {worst.unit}".rstrip() for e in (most, worst.allowed))
+        more = f" ({len(left) - 1} others likewise)" if len(left) > 1 else ""
+        yield (
+            f"small deformations leave out about {size} of {worst.name}, more than the "
+            f"{asked} that was asked for{more}; this is no part of result.error, see "
+            "the line theory of its budget"
         )

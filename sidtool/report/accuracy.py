@@ -23,22 +23,24 @@ def describe_accuracy(report: AccuracyReport) -> str:
 
 
 def error_table(report: AccuracyReport) -> Block:
-    """Outputs with their error, in their unit and of their variation, and bounds."""
-    some = any(o.bound is not None for o in report.outputs)
+    """Outputs with their error, in their unit and of their variation; where they are
+    known bounds, and what small deformations leave out."""
+    found = {
+        "bound": [o.bound for o in report.outputs],
+        "theory": [o.theory for o in report.outputs],
+    }
+    known = {n: values for n, values in found.items() if any(values)}
     rows = [
-        [o.name, f"{o.error:.1e}", *_bound(o, some), f"{o.allowed:.1e}", o.unit]
-        + [_relative(o)]
-        for o in report.outputs
+        [o.name, f"{o.error:.1e}", *(_number(values[k]) for values in known.values())]
+        + [f"{o.allowed:.1e}", o.unit, _relative(o)]
+        for k, o in enumerate(report.outputs)
     ]
-    bound = ["bound"] if some else []
-    header = ["output", "error", *bound, "allowed", "unit", "of its variation"]
+    header = ["output", "error", *known, "allowed", "unit", "of its variation"]
     return table(header, rows)
 
 
-def _bound(output: OutputError, some: bool) -> list[str]:
-    if not some:
-        return []
-    return ["" if output.bound is None else f"{output.bound:.1e}"]
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.1e}"
 
 
 def budget_table(report: AccuracyReport) -> Block:
