@@ -17,9 +17,9 @@ Counts = tuple[Count, Count] | tuple[Count, Count, Count]
 class Q4Discretisation(Table):
     """Bilinear quadrilaterals that sample the geometry at equal parameter steps.
 
-    `incompatible_modes` adds the four internal modes of QM6 (Taylor, Beresford &
-    Wilson 1976) to 2 x 2 Gauss points, which remove the shear locking in bending;
-    `full_integration` does without them.
+    `incompatible_modes` adds four internal modes (Taylor, Beresford & Wilson 1976;
+    Wilson & Ibrahimbegovic 1990) to 2 x 2 Gauss points, which remove the shear locking
+    in bending; `full_integration` does without them.
     """
 
     type: Literal["q4"] = "q4"

@@ -78,8 +78,12 @@ def body_inertia(
     nq, d = shapes.shape[1], body.dimension
     total = _no_moments(nq)
     if body.scalar_mass is not None:
-        solid = body.by_node(shapes)[:, :d]
-        total += moments(body.scalar_mass, body.positions - origin[:d], solid)
+        mass, solid = body.scalar_mass, body.by_node(shapes)[:, :d]
+        if body.internal_inertia is not None:
+            mass = body.internal_inertia.scalar_mass(mass)
+            inner = body.internal_inertia.fields(shapes, d)
+            solid = np.concatenate([solid, inner])
+        total += moments(mass, body.positions - origin[:d], solid)
     points = body.inertia_points
     if points is None:
         return total.mass, inertia_blocks(total)
@@ -95,7 +99,8 @@ def moments(mass: sp.csr_matrix, positions: Array, shapes: Array) -> Moments:
     Parameters
     ----------
     mass : (n, n) integral of rho N_i N_j dV [kg]
-    positions : (n, d) relative to the body frame, d = 2 or 3 [m]
+    positions : (n', d) relative to the body frame, d = 2 or 3 [m]; functions behind
+        the first n' are zero in rigid motion
     shapes : (n, d, nq) shape functions by node and component
 
     Returns
@@ -104,7 +109,9 @@ def moments(mass: sp.csr_matrix, positions: Array, shapes: Array) -> Moments:
     """
     n, d, nq = shapes.shape
     by_mode = np.swapaxes(shapes, 1, 2).reshape(n, nq * d)
-    columns = np.hstack([np.ones((n, 1)), positions, by_mode])
+    rigid = np.zeros((n, 1 + d))
+    rigid[: len(positions)] = np.column_stack([np.ones(len(positions)), positions])
+    columns = np.hstack([rigid, by_mode])
     gram = columns.T @ (mass @ columns)
     gram = (gram + gram.T) / 2
     c = slice(1, 1 + d)

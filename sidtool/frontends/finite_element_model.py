@@ -18,6 +18,7 @@ from .couplings import Coupling, PointMass
 from .elements.continuum import Continuum
 from .elements.inertia_points import InertiaPoints
 from .equations import Equations
+from .internal_inertia import InternalInertia
 from .surface import Surface
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ class FiniteElementModel:
     point of the body is sum_i N_i X_i, its displacement sum_i N_i u_i.
 
     The mass is `full_mass` if that is given (an imported matrix), and otherwise the
-    sum of `scalar_mass` and `inertia_points`.
+    sum of `scalar_mass`, `internal_inertia` and `inertia_points`.
 
     Attributes
     ----------
@@ -107,6 +108,8 @@ class FiniteElementModel:
     node_sets : name -> node numbers; the edges and faces among them
     markers : in the order of the model file
     full_mass : (ndof, ndof) sparse, symmetric
+    internal_inertia : displacements inside elements that follow the nodes, whose field
+        then has more functions than nodes
     inertia_points : particles with rotary inertia: lumped masses, quadrature points of
         beams
     dof_table : (n, 6) number of the degree of freedom that is the displacement along
@@ -136,6 +139,7 @@ class FiniteElementModel:
     node_sets: Mapping[str, Indices]
     markers: tuple[MarkerRows, ...]
     full_mass: sp.csr_matrix | None = None
+    internal_inertia: InternalInertia | None = None
     inertia_points: InertiaPoints | None = None
     dof_table: Indices | None = None
     internal: NDArray[np.bool_] | None = None
@@ -179,7 +183,9 @@ class FiniteElementModel:
             return self.full_mass
         if self.scalar_mass is None:
             return sp.csr_matrix((self.ndof, self.ndof))
-        return self._spread(self.scalar_mass)
+        spread = self._spread(self.scalar_mass)
+        inner = self.internal_inertia
+        return spread if inner is None else sp.csr_matrix(spread + inner.added)
 
     @cached_property
     def table(self) -> Indices:

@@ -54,6 +54,7 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         internal_modes=relieved,
     )
     elements, sets = _mesh(mesh.points, quads), edge_sets(geometry, mesh)
+    solids = SolidMesh(elements, {None: material}, settings.state, thickness, relieved)
     points = MeshPoints(elements, (continuum,))
     mass, stiffness = q4_matrices(
         mesh.points,
@@ -69,9 +70,8 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         node_sets=sets,
         markers=sampled_markers(model, exact, points),
         continua=(continuum,),
-        solids=SolidMesh(
-            elements, {None: material}, settings.state, thickness, relieved
-        ),
+        internal_inertia=solids.internal_inertia(),
+        solids=solids,
         surface=named_surface(elements, sets),
         geometry_mass=lambda: patch_mass(
             [exact], material.density * thickness, sampled=True
@@ -114,7 +114,7 @@ def q4_matrices(
     quads : (ne, 4) counter-clockwise
     density : mass per area [kg/m^2]
     law : (3, 3) elasticity matrix times thickness [N/m]
-    incompatible_modes : whether to add the internal modes of QM6
+    incompatible_modes : whether to add the internal modes
 
     Raises
     ------

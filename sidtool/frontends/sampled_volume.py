@@ -47,6 +47,7 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
         mesh, materials, "solid", incompatible_modes=relieved
     )
     continua = mesh_continua(mesh, materials, "solid", incompatible_modes=relieved)
+    solids = SolidMesh(mesh, materials, "solid", incompatible_modes=relieved)
     return FiniteElementModel(
         positions=mesh.positions,
         scalar_mass=mass,
@@ -54,7 +55,8 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
         node_sets=sets,
         markers=sampled_markers(model, exact, MeshPoints(mesh, continua)),
         continua=continua,
-        solids=SolidMesh(mesh, materials, "solid", incompatible_modes=relieved),
+        internal_inertia=solids.internal_inertia(),
+        solids=solids,
         surface=named_surface(mesh, sets),
         geometry_mass=lambda: patch_mass([exact], material.density, sampled=True),
     )

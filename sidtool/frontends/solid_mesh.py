@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from .anisotropic import ElasticMaterial
 from .elements.reference import LINEAR_KINDS, edge_nodes, raised_kind
+from .internal_inertia import InternalInertia, internal_inertia
 from .mesh.data import ElementBlock, Mesh
 from .solids import has_internal_modes, mesh_matrices
 
@@ -48,9 +49,20 @@ class SolidMesh:
             incompatible_modes=self.incompatible_modes,
             same_points=True,
         )
-        return sp.csr_matrix(
-            sp.kron(mass, sp.eye_array(self.mesh.dimension))
-        ), stiffness
+        spread = sp.kron(mass, sp.eye_array(self.mesh.dimension))
+        inner = self.internal_inertia()
+        total = spread if inner is None else spread + inner.added
+        return sp.csr_matrix(total), stiffness
+
+    def internal_inertia(self) -> InternalInertia | None:
+        """Of the internal modes of its elements, if they have some."""
+        return internal_inertia(
+            self.mesh,
+            self.materials,
+            self.state,
+            thickness=self.thickness,
+            incompatible_modes=self.incompatible_modes,
+        )
 
 
 def with_internal_modes(solids: SolidMesh) -> SolidMesh:

@@ -46,7 +46,8 @@ def mesh_matrices(
     state : "plane_stress", "plane_strain" or "solid"
     thickness : of plane elements whose block does not say it [m]
     incompatible_modes : whether quad4 and hex8 get the internal modes of Taylor,
-        Beresford & Wilson (1976), where their block does not say it
+        Beresford & Wilson (1976), where their block does not say it; what these add
+        to the mass is `internal_inertia`
     same_points : whether the mass is integrated at the points of stresses, which is
         cheaper, and exact where edges are straight and the Jacobian is constant
 

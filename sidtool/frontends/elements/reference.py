@@ -108,7 +108,7 @@ _SPACES = {
 _DEFINITIONS: dict[str, tuple[int, int, int]] = {
     "tri3": (1, 2, 2),
     "tri6": (2, 4, 6),
-    "quad4": (1, 3, 3),
+    "quad4": (1, 3, 5),
     "quad8": (2, 5, 7),
     "tet4": (1, 2, 2),
     "tet10": (2, 5, 7),

@@ -269,7 +269,7 @@ def assembled(
         are others
     """
     d = dimension
-    masses, stiffnesses = _Sum(count, 1), _Sum(count, d)
+    masses, stiffnesses = MatrixSum(count, 1), MatrixSum(count, d)
     for batch in batches:
         if mass_batches is None:
             masses.add(element_mass(batch, density), batch.nodes)
@@ -279,7 +279,7 @@ def assembled(
     return masses.total(), stiffnesses.total()
 
 
-class _Sum:
+class MatrixSum:
     """Element matrices added up in a sparse one, in blocks (d, d) by pairs of nodes.
 
     Batches are small, so that they stay in the cache, and are scattered together;

@@ -76,6 +76,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     except InputError as error:
         raise error.located(geometry.file) from None
     continua = mesh_continua(mesh, materials, state, incompatible_modes=True)
+    solids = SolidMesh(mesh, materials, state, incompatible_modes=True)
     points = MeshPoints(mesh, continua)
     markers = []
     apart = {name for coupling in couplings for name in coupling.markers}
@@ -95,7 +96,8 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         surface=named_surface(mesh, mesh.node_sets),
         markers=tuple(markers),
         continua=continua,
-        solids=SolidMesh(mesh, materials, state, incompatible_modes=True),
+        internal_inertia=solids.internal_inertia(),
+        solids=solids,
         couplings=couplings,
         point_masses=masses,
         equations=equations,

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import subprocess
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.sid_mass import skew
+from sidtool.frontends.anisotropic import ElasticMaterial
 from sidtool.frontends.elements.continuum import stress_rows
+from sidtool.frontends.elements.quadrature_rules import prism_rule, quadrature_rule
+from sidtool.frontends.elements.reference import reference_element
+from sidtool.frontends.elements.solid import MatrixSum, element_mass, mapped_batch
 from sidtool.frontends.finite_element_model import FiniteElementModel
+from sidtool.frontends.mesh.data import Mesh
 from sidtool.frontends.mesh.points import MeshPoints
 from sidtool.frontends.mesh.surface import named_surface
+from sidtool.frontends.solid_mesh import SolidMesh
 from sidtool.frontends.solids import mesh_continua, mesh_matrices
 from sidtool.importers.calculix.engine import computed
 from sidtool.reduction.frames import Frame
@@ -34,6 +42,12 @@ ELEMENTS = {
     "hex8": ("hex8", "C3D8I"),
     "hex20": ("hex20", "C3D20"),
 }
+#: Elements whose mass CalculiX integrates by fewer points than are exact.
+FEW = {
+    "tet4": quadrature_rule("tet", 1),
+    "tet10": quadrature_rule("tet", 2),
+    "wedge15": prism_rule(2, 4),
+}
 MODES, FORCE = 6, 100.0
 
 
@@ -50,11 +64,16 @@ class Found:
     inertia: Array
 
 
-def by_sidtool(part: Part, element: str) -> Found:
+def by_sidtool(part: Part, element: str, *, few: bool = False) -> Found:
+    """With `few` the mass is integrated as CalculiX does, see `mass_by_few_points`."""
     mesh, materials = part.mesh, {None: STEEL}
     relieved = element == "hex8"
     mass, k = mesh_matrices(mesh, materials, "solid", incompatible_modes=relieved)
-    body = FiniteElementModel(mesh.positions, mass, k, {}, ())
+    if few:
+        mass = mass_by_few_points(mesh, materials)
+    solids = SolidMesh(mesh, materials, "solid", incompatible_modes=relieved)
+    inner = solids.internal_inertia()
+    body = FiniteElementModel(mesh.positions, mass, k, {}, (), internal_inertia=inner)
     held = np.zeros(body.ndof, bool)
     held[body.dofs(part.fixed)] = True
     space = admissible(body, Frame(np.zeros(3), held))
@@ -74,6 +93,21 @@ def by_sidtool(part: Part, element: str) -> Found:
         float(gram[0, 0]),
         np.diag(gram)[3:],
     )
+
+
+def mass_by_few_points(
+    mesh: Mesh, materials: Mapping[str | None, ElasticMaterial]
+) -> sp.csr_matrix:
+    """(n, n) by the points of the stiffness, as CalculiX integrates the mass of FEW."""
+    total = MatrixSum(len(mesh.positions), 1)
+    for block in mesh.blocks:
+        points, weights = FEW[block.kind]
+        values, gradients = reference_element(block.kind).at(points)
+        batch = mapped_batch(
+            block.nodes, mesh.positions, values[None], gradients[None], weights
+        )
+        total.add(element_mass(batch, materials[block.material].density), block.nodes)
+    return total.total()
 
 
 def calculix_matrices(part: Part, element: str, folder: Path) -> tuple[Array, Array]:
