@@ -18,14 +18,12 @@ import multiprocessing
 import os
 import re
 import shutil
-import subprocess
 import tempfile
 import time
 import traceback
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -41,11 +39,12 @@ from sidtool.importers.imported import EVERYTHING
 from sidtool.importers.inp.reading import read_deck
 from sidtool.importers.meshes import read_mesh
 
+from .deck_twins import ELEMENT, beside_calculix
 from .machine import describe_machine, use_one_thread
 from .report import Report, Table, save
 
 ENDINGS = (".inp", ".bdf", ".nas", ".dat", ".cdb")
-MODES, CCX_LIMIT = 6, 40
+MODES = 6
 STEEL = {"youngs_modulus": 2.1e11, "poissons_ratio": 0.3, "density": 7850.0}
 #: What a free structure of solids or plane elements is made of, in capitals.
 _SOLID = re.compile(r"(C3D|CPS|CPE)\d+\w*$")
@@ -55,14 +54,15 @@ _MORE = re.compile(
     r"DASHPOT|GAP|MODEL CHANGE|FLUID|SUBMODEL|DISTRIBUTING COUPLING|CFD)",
     re.IGNORECASE | re.MULTILINE,
 )
-_ELEMENT = re.compile(r"^\*ELEMENT\s*,.*TYPE\s*=\s*(\w+)", re.IGNORECASE | re.MULTILINE)
 
 
 REMARK = (
     "Mass and frequencies: relative difference from CalculiX, of frequencies the "
-    "largest among the first six elastic ones of the free body. CalculiX integrates "
-    "C3D20R, CPS8R and tetrahedra with fewer points, which convert says: 1e-3 to 1e-2 "
-    "on coarse meshes, more on few elements, whose reduced integration leaves modes "
+    "largest among the first six elastic ones of the free body. CalculiX takes the "
+    "mass of tetrahedra and of C3D15 by the points of their stiffness: where *same "
+    "points* stands, the frequencies with such a mass. It integrates the stiffness of "
+    "C3D20R and CPS8R by fewer points, which convert says: 1e-3 to 1e-2 "
+    "on coarse meshes, more on few elements, where it leaves modes "
     "without stiffness (inf; achtel2 with C3D20 differs by 4e-8). Ties of sides that "
     "do not match are mortar ties here and nodes on faces there: on cubef2f3 either "
     "side as the slave gives the same to 2e-4, CalculiX 7.6e-2 less. Of shells, beams "
@@ -71,6 +71,9 @@ REMARK = (
     "and TACS are kept with shortened case control and lists of PARAM; their bars have "
     "no twin in CalculiX, tests compare such bars with textbook matrices and Nastran."
 )
+
+
+_HEADER = ["deck", "what became of it", "mass", "frequencies", "same points", "reason"]
 
 
 @dataclass
@@ -85,6 +88,7 @@ class Verdict:
         without contact, ties and equations
     mass, frequency : relative difference from CalculiX, the largest of the first
         elastic frequencies
+    same_points : that of frequencies with the mass integrated by CalculiX's points
     """
 
     name: str
@@ -94,6 +98,7 @@ class Verdict:
     engine: str = "own elements"
     mass: float | None = None
     frequency: float | None = None
+    same_points: float | None = None
     seconds: float = 0.0
 
 
@@ -120,7 +125,7 @@ def main(folder: Path, limit: float, output: Path | None, match: str) -> None:
 
 
 def _line(v: Verdict) -> str:
-    numbers = f" {_size(v.mass)} {_size(v.frequency)}"
+    numbers = f" {_size(v.mass)} {_size(v.frequency)} {_size(v.same_points)}"
     kind = "solid" if v.solid else "-"
     by = f"{v.outcome} {v.engine[0]} {kind}{numbers} {v.seconds:.1f} s"
     return f"{v.name}: {by} {v.reason[:150]}"
@@ -155,9 +160,12 @@ def _child(path: Path, name: str, place: Path) -> None:
         deck = _prepared(path, place)
         sid, data = _converted(deck, place)
         verdict.engine = data["geometry"].get("engine", verdict.engine)
-        modes = data["reduction"]["modes"]
         verdict.seconds = time.perf_counter() - start
-        _compare(verdict, deck, place, sid, modes)
+        if deck.suffix.lower() == ".inp" and shutil.which("ccx") is not None:
+            found = beside_calculix(deck, sid, data)
+            verdict.reason = verdict.reason or found.reason
+            verdict.mass, verdict.frequency = found.mass, found.frequency
+            verdict.same_points = found.same_points
     except InputError as error:
         verdict.outcome = "refused"
         verdict.reason = str(error).replace(str(place), "").replace("\n", " ")
@@ -173,7 +181,7 @@ def _is_solid(path: Path) -> bool:
     if path.suffix.lower() != ".inp":
         return False
     text = path.read_text("latin-1")
-    kinds = [k.upper() for k in _ELEMENT.findall(text)]
+    kinds = [k.upper() for k in ELEMENT.findall(text)]
     elastic = re.search(r"^\*ELASTIC", text, re.IGNORECASE | re.MULTILINE)
     whole = bool(kinds and elastic) and not _MORE.search(text)
     return whole and all(_SOLID.match(k) for k in kinds)
@@ -282,56 +290,6 @@ def _a_node(deck: Path) -> int:
     return int(mesh.labels[mesh.blocks[0].nodes[0, 0]])
 
 
-def _compare(verdict: Verdict, deck: Path, place: Path, sid: Any, modes: int) -> None:
-    """Mass and elastic frequencies of the free body beside CalculiX's."""
-    if deck.suffix.lower() != ".inp" or shutil.which("ccx") is None:
-        return
-    text = deck.read_text("latin-1")
-    found = free_frequencies(text, deck.parent, modes)
-    if found is None:
-        verdict.reason = verdict.reason or "ccx gives no frequencies of the free body"
-        return
-    mass, values = found
-    own = np.sqrt(np.diag(sid.Ke.m0) / np.diag(sid.Me.m0)) / (2 * np.pi)
-    count = min(len(own), len(values))
-    if mass and not {"B31", "S4", "C3D8I", "S3", "M3D4"} & {
-        *_ELEMENT.findall(text.upper())
-    }:
-        verdict.mass = abs(sid.mass / mass - 1)
-    if count:
-        verdict.frequency = float(np.abs(own[:count] / values[:count] - 1).max())
-
-
-def free_frequencies(
-    text: str, folder: Path, modes: int
-) -> tuple[float, np.ndarray] | None:
-    """Mass and frequencies [Hz] of the deck without supports and steps, by ccx."""
-    head = re.split(r"(?im)^\*STEP\b", text)[0]
-    head = re.sub(r"(?im)^\*BOUNDARY.*\n(?:(?!\*).*\n)*", "", head)
-    plane = all(k.upper().startswith("CP") for k in _ELEMENT.findall(head))
-    rigid = 3 if plane else 6
-    step = f"\n*STEP\n*FREQUENCY\n{modes + rigid}\n*NODE FILE\nU\n*END STEP\n"
-    (folder / "free.inp").write_text(head + step, "latin-1")
-    with suppress(subprocess.TimeoutExpired), (folder / "log").open("w") as log:
-        subprocess.run(
-            ["ccx", "free"],
-            cwd=folder,
-            stdout=log,
-            stderr=log,
-            check=False,
-            timeout=CCX_LIMIT,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
-        )
-    output = folder / "free.dat"
-    lines = output.read_text("latin-1").splitlines() if output.exists() else []
-    rows = [w for w in map(str.split, lines) if len(w) in (4, 5) and w[0].isdigit()]
-    values = np.array([float(w[3]) for w in rows if len(w) == 5])
-    total = [w for w in map(str.split, lines) if w and w[0] == "TOTAL"]
-    if len(values) <= rigid or not total or not values.any():
-        return None
-    return max(map(float, total[-1][1:4])), values[rigid : modes + rigid]
-
-
 def _median(values: Sequence[float | None]) -> float | None:
     return float(np.median(np.array(values, float))) if values else None
 
@@ -365,6 +323,7 @@ def _report(verdicts: Sequence[Verdict]) -> Report:
             v.engine if v.outcome == "body" else v.outcome,
             _size(v.mass),
             _size(v.frequency),
+            _size(v.same_points),
             v.reason.replace("|", "/")[:160],
         ]
         for v in verdicts
@@ -373,7 +332,7 @@ def _report(verdicts: Sequence[Verdict]) -> Report:
         Table("What became of them:", header, rows),
         Table(
             "Every deck:",
-            ["deck", "what became of it", "mass", "frequencies", "reason"],
+            _HEADER,
             each,
         ),
     ]
