@@ -119,9 +119,9 @@ def with_frames(
     if not np.isfinite(errors[np.isfinite(reference.allowed)]).all():
         return _told(as_is, f"not judged, as the scene does not run in others{more}")
     better = {n: o.frame for n, o in others.items() if o.better}
-    pinned = fixed or any(parse_output(n).owner in better for n in _of_frames(runs))
+    pinned = [n for n in _of_frames(runs) if parse_output(n).owner in better]
     use, seen = reference.use(errors), _seen(errors, runs, reference)
-    if better and not pinned and CHOSEN < use <= TOO_MUCH:
+    if better and not (fixed or pinned) and CHOSEN < use <= TOO_MUCH:
         words = " and ".join(f"{others[n].words} of {n}" for n in better)
         found = _moved(runs, reference, request, better, errors)
         told = f"{words}, in which bodies deform least; that changes {seen}"
@@ -129,8 +129,9 @@ def with_frames(
     unknown = any(o.better or not o.bare for o in others.values())
     found = replace(as_is, theory=(UNKNOWN if unknown else SAFETY) * errors)
     words = " and ".join(f"{o.words} of {n}" for n, o in others.items())
+    means = f" and what {pinned[0]} means" if pinned else ""
     remedy = _remedy(others) if reference.use(found.theory) > 1.0 else ""
-    return _told(found, f"their own; {words} would change {seen}{remedy}{more}")
+    return _told(found, f"their own; {words} would change {seen}{means}{remedy}{more}")
 
 
 def left_out(name: str, result: Result) -> float:

@@ -114,7 +114,8 @@ def test_outputs_that_mean_the_frame_keep_it(seen: str) -> None:
     if seen.endswith("_body"):
         assert not left and "those of arm belong to what the scene says" in told
         return
-    assert "their own" in told and left["arm.q1"] > 0.0
+    assert "their own" in told and f"and what {seen} means" in told
+    assert left["arm.q1"] > 0.0
     rows = {o.name: o.variation for o in found.accuracy.outputs}
     assert 0.0 < left[seen] < 0.2 * rows[seen]
 
