@@ -14,6 +14,7 @@ from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import watched
 
 from .advice import notes
+from .advice.asked.carried_away import carried_away
 from .advice.bifurcations import crossings
 from .advice.far_starts import far_starts
 from .advice.stopping import (
@@ -136,6 +137,11 @@ def _notes(run: Run) -> Iterator[str]:
     yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)
     yield from _forced(run)
+    ends = (system.scene.time.start, run.now)
+    start, control = run.start, run.control
+    yield from carried_away(
+        system, ends, np.array([start.z, control.z]), np.array([start.v, control.v])
+    )
     bodies = recorder.bodies
     if bodies and run.now > system.scene.time.start:
         yield from far_starts(system, _first(run), bodies)

@@ -45,6 +45,7 @@ def result_of(folder: Path) -> Result:
     result = sidtool.read(folder / "result.h5")
     assert isinstance(result, Result) and result.completed
     assert result.drift["position"] < 1e-10
+    assert not any(note.rstrip().endswith("?") for note in result.notes), result.notes
     return result
 
 

@@ -11,9 +11,9 @@ from sidtool.formats.result import FlexibleBody
 from ..start import assembly
 from ..start.loads import with_prescribed_friction
 from ..system.scene import System
+from .asked.questions import questions
 from .body_measures import expected_bodies
 from .coverage import uncovered
-from .questions import questions
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ from sidtool.formats.result import Result
 from sidtool.formats.result.bodies import LARGE
 from sidtool.formats.sid import Array
 
+from ..advice.asked.questions import questions
 from ..advice.body_measures import deflection
-from ..advice.questions import questions
 from ..advice.stopping import lost_inertia
 from ..errors import SimulationError
 from ..recording.outputs import velocity_names

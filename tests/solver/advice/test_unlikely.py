@@ -8,8 +8,8 @@ import pytest
 
 from sidtool.formats.result import FlexibleBody
 from sidtool.formats.stiffening import Stiffening
+from sidtool.solver.advice.asked.unlikely import unlikely
 from sidtool.solver.advice.stopping import explained
-from sidtool.solver.advice.unlikely import unlikely
 from tests.solver.scenes import compiled, scene, slender_rod
 
 

@@ -1,7 +1,4 @@
-"""More physical mistakes: spatial loops, arms, controllers, friction, imported bodies.
-
-They enter themselves in `wrong_models.MISTAKES`.
-"""
+"""Mechanisms: spatial loops, arms, controllers, friction, imported bodies."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from sidtool.formats.sid import Taylor
 from sidtool.validate.units import convert_units
 from tests.solver.scenes import polynomial, scene, slender_rod
 
-from .wrong_models import (
+from .gallery import (
     FLEXIBLE,
     bar,
     clamped,

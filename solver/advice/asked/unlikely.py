@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from sidtool.formats.scene import Actuator, Pid, SceneFile
 
-from ..system.scene import System
+from ...system.scene import System
 
 #: No pair of materials rubs as much.
 _ROUGHEST = 3.0

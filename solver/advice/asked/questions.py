@@ -18,9 +18,10 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import Array
 from sidtool.formats.sid_mass import central_inertia
 
-from ..system.scene import System
-from ..system.sizes import diameter
-from .excitation import ANGLES, drive_history, fastest_rotation
+from ...system.scene import System
+from ...system.sizes import diameter
+from ..excitation import ANGLES, drive_history, fastest_rotation
+from .stiffness import too_stiff
 from .unlikely import unlikely
 
 #: Stronger than gravity on any planet or in a lift [m/s2].
@@ -56,6 +57,7 @@ def questions(system: System) -> Iterator[str]:
     yield from _inertias(system)
     yield from _forces(system)
     yield from unlikely(system)
+    yield from too_stiff(system)
     yield from _span(system)
     rate, drive = fastest_rotation(system, system.once(drive_history))
     if rate * system.length > _SPEED:
