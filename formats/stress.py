@@ -11,6 +11,11 @@ from .sid import SID, Array, Taylor
 #: Components in the order of sigma rows.
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")
 
+#: (5, 6) the equivalent stress is the length of this times xx, yy, zz, xy, yz, xz.
+MISES = np.zeros((5, 6))
+MISES[:2, :3] = [[np.sqrt(0.75), -np.sqrt(0.75), 0], [0.5, 0.5, -1]]
+MISES[2:, 3:] = np.sqrt(3) * np.eye(3)
+
 
 def node_stress(sid: SID, node_id: str | int, q: ArrayLike) -> Array:
     """Stress xx, yy, zz, xy, yz, xz at a node, (..., 6) for q (..., nq) [Pa].
@@ -59,6 +64,4 @@ def _stress(sigma: Taylor, q: ArrayLike) -> Array:
 
 def von_mises(stress: ArrayLike) -> Array:
     """Equivalent stress of (..., 6): xx, yy, zz, xy, yz, xz."""
-    xx, yy, zz, xy, yz, xz = np.moveaxis(np.asarray(stress, float), -1, 0)
-    normal = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
-    return np.sqrt(normal / 2 + 3 * (xy**2 + yz**2 + xz**2))
+    return np.linalg.norm(np.asarray(stress, float) @ MISES.T, axis=-1)

@@ -11,8 +11,8 @@ from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from ..damping import RayleighDamping
 from ..errors import InputError
-from ..scene.damping import RayleighDamping
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File, relocate
 from ..toml.tables import Table

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from ..damping import RayleighDamping
 from .base import Table
 
 Values = tuple[Annotated[float, Field(ge=0)], ...]
@@ -15,14 +16,6 @@ class SidDamping(Table):
     """The matrix De of the SID."""
 
     type: Literal["sid"] = "sid"
-
-
-class RayleighDamping(Table):
-    """alpha Me + beta Ke."""
-
-    type: Literal["rayleigh"] = "rayleigh"
-    alpha: float = Field(default=0.0, ge=0, description="of the mass [1/s]")
-    beta: float = Field(default=0.0, ge=0, description="of the stiffness [s]")
 
 
 def _numbers(value: Any) -> Any:

@@ -181,10 +181,14 @@ def _write_field(path: Path, field: Any) -> None:
 def _written(output: Path, sid: Any, dialect: str) -> None:
     from sidtool.formats.sid_files import write_sid
 
+    write_sid(output, sid, dialect)
+    tell(f"{output}: {_summary(sid)}", lambda: _data(sid))
+
+
+def _data(sid: Any) -> Any:
     from ..report.data import sid_data
 
-    write_sid(output, sid, dialect)
-    tell(f"{output}: {_summary(sid)}", lambda: sid_data(sid))
+    return sid_data(sid)
 
 
 class _Alone:

@@ -11,7 +11,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model.reduction import StressRecovery
 from sidtool.formats.sid import SID, Array, Node, Taylor
 from sidtool.formats.sid_mass import skew
-from sidtool.formats.stress import von_mises
+from sidtool.formats.stress import MISES
 
 from ..frontends.elements.continuum import stress_from_gradient, stress_rows, stress_six
 from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
@@ -199,7 +199,8 @@ def _peaks(
 
 def _mises(sigma: Array, states: Array) -> Array:
     """(p, s) of stresses (p, n, 6) per elastic coordinate in states (n, s)."""
-    return von_mises(np.moveaxis(np.moveaxis(sigma, 2, 0) @ states, 0, 2))
+    parts = np.moveaxis(sigma @ MISES.T, 2, 0) @ states
+    return np.sqrt(np.einsum("cps,cps->ps", parts, parts))
 
 
 def _sigma(part: QuadraturePart, shapes: Array) -> Array:

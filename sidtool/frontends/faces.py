@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from .elements.reference import reference_element
 
@@ -110,6 +109,8 @@ def clamped(kind: str, parameters: Array) -> Array:
 
 def nearest_faces(groups: list[Faces], points: Array) -> tuple[Indices, Indices, Array]:
     """For points (p, d) the group, the row and the parameters of the nearest face."""
+    from scipy.spatial import cKDTree
+
     samples, owners = [], []
     for number, group in enumerate(groups):
         for place in _samples(group.kind):

@@ -1,7 +1,7 @@
 """B-spline bases of one parametric direction.
 
-Values come from `scipy.interpolate.BSpline.design_matrix`; derivatives from the values
-of one degree less (Piegl & Tiller, The NURBS Book, eq. 2.7).
+Values by the recursion of Cox and de Boor, derivatives from the values of one degree
+less (Piegl & Tiller, The NURBS Book, eq. 2.5 and 2.7).
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
@@ -38,18 +39,30 @@ def local_basis(knots: Array, degree: int, points: ArrayLike) -> LocalBasis:
     knots : open knot vector
     points : (npoints,) inside the range of the knots
     """
-    from scipy.interpolate import BSpline
+    x = np.asarray(points, float)[:, None]
+    last = len(knots) - degree - 2
+    span = np.searchsorted(knots, x[:, 0], side="right") - 1
+    span = np.clip(span, degree, last)[:, None]
+    values = derivatives = np.ones((len(x), 1))
+    for p in range(1, degree + 1):
+        start = span + np.arange(1 - p, 1)
+        left, right = knots[start], knots[start + p]
+        share = values / (right - left)
+        values, derivatives = np.zeros((2, len(x), p + 1))
+        values[:, 1:] += (x - left) * share
+        values[:, :-1] += (right - x) * share
+        derivatives[:, 1:] += p * share
+        derivatives[:, :-1] -= p * share
+    return LocalBasis(span[:, 0] - degree, values, derivatives)
 
-    x = np.asarray(points, float)
-    matrix = BSpline.design_matrix(x, knots, degree)
-    first = matrix.indices.reshape(-1, degree + 1)[:, 0].astype(np.int64)
-    lower = BSpline.design_matrix(x, knots[1:-1], degree - 1).data
-    start = first[:, None] + 1 + np.arange(degree)
-    slopes = degree * lower.reshape(-1, degree) / (knots[start + degree] - knots[start])
-    derivatives = np.zeros((len(x), degree + 1))
-    derivatives[:, 1:] += slopes
-    derivatives[:, :-1] -= slopes
-    return LocalBasis(first, matrix.data.reshape(-1, degree + 1), derivatives)
+
+def collocation(knots: Array, degree: int, points: ArrayLike) -> sp.csr_matrix:
+    """(npoints, n) values of all functions."""
+    basis = local_basis(knots, degree, points)
+    columns = basis.first[:, None] + np.arange(degree + 1)
+    starts = np.arange(0, columns.size + 1, degree + 1)
+    shape = (len(columns), len(knots) - degree - 1)
+    return sp.csr_matrix((basis.values.ravel(), columns.ravel(), starts), shape=shape)
 
 
 def local_basis_from_left(knots: Array, degree: int, points: ArrayLike) -> LocalBasis:

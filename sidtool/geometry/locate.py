@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from sidtool.formats.errors import InputError
 
@@ -50,6 +49,8 @@ def nearest_parameters(
     targets : (n, d)
     side : direction and end of the side that the points are on, if they are on one
     """
+    from scipy.spatial import cKDTree
+
     axes = [np.linspace(0, 1, _GRID) for _ in patch.degrees]
     if side is not None:
         axes[side[0]] = np.array([float(side[1])])

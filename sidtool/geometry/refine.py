@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 
 from sidtool.formats.errors import InputError
 
-from .bspline import breakpoints, greville_points
+from .bspline import breakpoints, collocation, greville_points
 from .patch import NurbsPatch
 
 Array = NDArray[np.float64]
@@ -77,9 +77,6 @@ def check_holds(
 
 def _change_of_basis(knots: Array, degree: int, target: Array, new: int) -> Array:
     """(n_new, n_old) coefficients of the old basis functions in the new basis."""
-    from scipy.interpolate import BSpline
-
     points = greville_points(target, new)
-    collocation = BSpline.design_matrix(points, target, new).tocsc()
-    old = BSpline.design_matrix(points, knots, degree).toarray()
-    return splu(collocation).solve(old)
+    old = collocation(knots, degree, points).toarray()
+    return splu(collocation(target, new, points).tocsc()).solve(old)

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from importlib import import_module
 from pathlib import Path
 
 from sidtool.formats.errors import InputError
 
-from .bdf.reading import read_bdf
-from .cdb.reading import read_cdb
 from .imported import ImportedMesh
-from .inp.reading import read_inp
-from .msh import read_msh
 from .parts import part_of
 
-#: One line adds a format.
-MESH_READERS: dict[str, Callable[[str | Path, frozenset[str]], ImportedMesh]] = {
-    ".inp": read_inp,
-    ".msh": read_msh,
-    ".bdf": read_bdf,
-    ".nas": read_bdf,
-    ".dat": read_bdf,
-    ".cdb": read_cdb,
+Reader = Callable[..., ImportedMesh]
+
+#: Ending -> module and function; one line adds a format. Only the reader that a file
+#: needs is imported.
+MESH_READERS = {
+    ".inp": ("inp.reading", "read_inp"),
+    ".msh": ("msh", "read_msh"),
+    ".bdf": ("bdf.reading", "read_bdf"),
+    ".nas": ("bdf.reading", "read_bdf"),
+    ".dat": ("bdf.reading", "read_bdf"),
+    ".cdb": ("cdb.reading", "read_cdb"),
 }
 
 
@@ -48,11 +48,13 @@ def read_mesh(
             expected=", ".join(MESH_READERS),
         )
     words = frozenset(" ".join(word.upper().strip("*$").split()) for word in ignored)
+    module, name = MESH_READERS[ending]
+    reader: Reader = getattr(import_module(f".{module}", __package__), name)
     if part is None:
-        return MESH_READERS[ending](path, words)
+        return reader(path, words)
     if ending == ".inp":
-        return read_inp(path, words, part)
-    imported = MESH_READERS[ending](path, words)
+        return reader(path, words, part)
+    imported = reader(path, words)
     try:
         return part_of(imported, part)
     except InputError as error:

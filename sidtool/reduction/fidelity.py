@@ -305,13 +305,20 @@ def _advice(
     settings: ReductionSettings,
     worst: float,
 ) -> str:
-    """The best of some other methods, measured; `worst` is what the chosen one has."""
+    """The best of some other methods, measured; `worst` is what the chosen one has.
+
+    Those with fewer shape functions come first, so that the first without an error is
+    the best.
+    """
     tried = []
     for other in _others(settings, markers, len(full.frequencies)):
         basis = REDUCTIONS[other.method](body, frame, other, space)
         with suppress(np.linalg.LinAlgError):  # shapes that rounding makes dependent
-            tried.append((_measured(body, space, basis, full), other))
-    tried = [pair for pair in tried if pair[0].worst < worst]
+            found = _measured(body, space, basis, full)
+            if found.worst < worst:
+                tried.append((found, other))
+            if found.worst <= _ALIKE:
+                break
     if not tried:
         return "no other method does better"
     best, other = min(
@@ -329,18 +336,20 @@ def _advice(
 def _others(
     settings: ReductionSettings, markers: list[MarkerRows], count: int
 ) -> Iterator[AttachmentReduction | HertingReduction | CraigBamptonReduction]:
-    """Other methods, with modes for as many frequencies as are compared."""
+    """Other methods, with modes for as many frequencies as are compared; the same
+    method where it has fewer modes."""
     if not markers:
         return
-    modes = max(getattr(settings, "modes", 0), count)
+    own = getattr(settings, "modes", 0)
+    modes = max(own, count)
     common: dict[str, Any] = {
         "fix": settings.fix,
         "interfaces": tuple(marker.name for marker in markers),
         "rotations": all(_turns(marker, settings) for marker in markers),
     }
-    if settings.method != "attachment":
+    if settings.method != "attachment" or own < modes:
         yield AttachmentReduction(method="attachment", modes=modes, **common)
-    if settings.method != "herting":
+    if settings.method != "herting" or own < modes:
         yield HertingReduction(method="herting", modes=modes, **common)
     if settings.interface_names:
         more = CraigBamptonReduction(method="craig_bampton", modes=2 * modes, **common)

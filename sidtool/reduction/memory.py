@@ -10,7 +10,7 @@ from .factors import engine_name
 #: log2(n), in space times n^(1/3). Fitted to benchmarks/scale.py.
 _MATRICES = {2: 1100.0, 3: 1900.0}
 _FACTORS = {
-    "superlu": {2: 100.0, 3: 330.0},
+    "superlu": {2: 100.0, 3: 410.0},
     "cholmod": {2: 50.0, 3: 180.0},
     "pardiso": {2: 75.0, 3: 190.0},
     "slepc": {2: 70.0, 3: 180.0},

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..mesh.data import Mesh
 from .reference import reference_element
@@ -16,6 +15,11 @@ Indices = NDArray[np.int64]
 Asked = Callable[[Indices, Indices], NDArray[np.bool_]]
 
 _ITERATIONS = 12
+#: A point is in an element if it is found there but for this share of its radius.
+_CLOSE = 1e-6
+#: A bound for how much further an element is from affine than its nodes are, in any
+#: parameter or sum of them.
+_BENT = 30.0
 #: Pairs of points and elements that are looked at together.
 _PAIRS = 200_000
 
@@ -27,18 +31,14 @@ class ElementFinder:
         self._mesh = mesh
         self.centres: list[Array] = []
         self.radii: list[Array] = []
-        self.boxes: list[tuple[Array, Array]] = []
+        self._affine: list[_Affine] = []
         for block in mesh.blocks:
             corners = mesh.positions[block.nodes]
             centre = corners.mean(axis=1)
-            low, high = corners.min(axis=1), corners.max(axis=1)
-            extent = high - low
-            margin = 0.1 * extent + 1e-5 * extent.max(axis=1, keepdims=True)
-            self.boxes.append((low - margin, high + margin))
             self.centres.append(centre)
-            self.radii.append(
-                np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
-            )
+            radii = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+            self.radii.append(radii)
+            self._affine.append(_Affine(block.kind, corners, _CLOSE * radii))
 
     def holders(
         self, points: Array, block: int, rows: Indices, slack: float, asked: Asked
@@ -51,6 +51,8 @@ class ElementFinder:
         slack : in the parameters of the element, below zero for its inside only
         asked : which pairs of points and elements need an answer
         """
+        from scipy.spatial import cKDTree
+
         if not len(rows) or not len(points):
             return
         tree = cKDTree(points)
@@ -61,20 +63,12 @@ class ElementFinder:
         point = np.fromiter((i for x in near for i in x), np.int64, counts.sum())
         for start in range(0, len(point), _PAIRS):
             i, row = point[start : start + _PAIRS], element[start : start + _PAIRS]
-            boxed = self._boxed(points[i], block, row)
-            i, row = i[boxed], row[boxed]
+            near = self._affine[block].near(points[i], row, slack)
+            i, row = i[near], row[near]
             kept = asked(i, row)
             i, row = i[kept], row[kept]
             held = self._held(points[i], block, row, slack)
             yield i[held], row[held]
-
-    def _boxed(self, points: Array, block: int, rows: Indices) -> NDArray[np.bool_]:
-        low, high = self.boxes[block]
-        boxed = np.ones(len(rows), bool)
-        for axis in range(points.shape[1]):
-            x = points[:, axis]
-            boxed &= (x >= low[rows, axis]) & (x <= high[rows, axis])
-        return boxed
 
     def _held(
         self, points: Array, block: int, rows: Indices, slack: float
@@ -86,9 +80,37 @@ class ElementFinder:
             nodes = self._mesh.positions[elements[rows[i]]]
             where, miss = _located(kind, nodes, points[i])
             inside = reference_element(kind).excess(where) <= slack
-            close = miss < 1e-6 * self.radii[block][rows[i]]
+            close = miss < _CLOSE * self.radii[block][rows[i]]
             held[i] = inside & close
         return held
+
+
+class _Affine:
+    """The affine maps that touch elements of a kind at their centres.
+
+    A point of an element is as far from them as its nodes are, but for a factor.
+    """
+
+    def __init__(self, kind: str, nodes: Array, close: Array) -> None:
+        """Of nodes (k, m, d), for points that may be `close` (k,) to their elements."""
+        self._element = reference_element(kind)
+        self._centre = self._element.nodes.mean(axis=0)
+        values, gradients = self._element.at(self._centre[None])
+        self._middle = _interpolated(values, nodes)
+        jacobians = np.swapaxes(nodes, 1, 2) @ gradients
+        flat = ~(np.abs(np.linalg.det(jacobians)) > 0)
+        jacobians[flat] = np.eye(nodes.shape[2])
+        self._inverses = np.linalg.inv(jacobians)
+        seen = (nodes - self._middle[:, None]) @ np.swapaxes(self._inverses, 1, 2)
+        off = np.abs(seen + self._centre - self._element.nodes).max(axis=(1, 2))
+        off += close * np.linalg.norm(self._inverses, axis=(1, 2))
+        self._margins = np.where(flat, np.inf, _BENT * off)
+
+    def near(self, points: Array, rows: Indices, slack: float) -> NDArray[np.bool_]:
+        """Whether points (k, d) may lie in elements (k,); False if they cannot."""
+        arms = points - self._middle[rows]
+        where = self._centre + (self._inverses[rows] @ arms[..., None])[..., 0]
+        return np.asarray(self._element.excess(where) <= slack + self._margins[rows])
 
 
 def _located(kind: str, nodes: Array, points: Array) -> tuple[Array, Array]:

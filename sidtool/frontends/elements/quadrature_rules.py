@@ -18,7 +18,6 @@ from math import factorial, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import roots_jacobi
 
 Array = NDArray[np.float64]
 Rule = tuple[Array, Array]
@@ -97,6 +96,8 @@ def _product(first: Rule, second: Rule) -> Rule:
 def _cone(base: Rule, degree: int) -> Rule:
     """A rule on the points ((1 - z) x, z) with x in the base and z from 0 to 1."""
     k = base[0].shape[1]
+    from scipy.special import roots_jacobi
+
     roots, weights = roots_jacobi(degree // 2 + 1, k, 0)
     points, products = _product(
         base, ((roots[:, None] + 1) / 2, weights / 2 ** (k + 1))

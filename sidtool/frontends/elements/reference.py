@@ -282,4 +282,4 @@ def _powers(kind: str, points: Array) -> tuple[Array, list[Array]]:
 def _power(base: Array, exponents: NDArray[np.int64]) -> Array:
     """(g, m); each power is raised once, which is what takes the time."""
     distinct, place = np.unique(exponents, return_inverse=True)
-    return np.asarray((base[:, None] ** distinct.astype(float))[:, place])
+    return np.column_stack([base ** float(e) for e in distinct])[:, place]

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 #: Entries of element matrices that are scattered into a sparse matrix at a time.
-_SCATTERED = 8_000_000
+_SCATTERED = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,7 +294,10 @@ class MatrixSum:
 
     def add(self, matrices: Array, nodes: Indices) -> None:
         """Element matrices (ne, d m, d m) at their nodes (ne, m)."""
-        self._waiting.append((matrices, nodes))
+        (ne, m), d = nodes.shape, self._d
+        blocks = matrices.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
+        pairs = nodes[:, :, None] * self._count + nodes[:, None, :]
+        self._waiting.append((blocks, pairs.ravel()))
         self._entries += matrices.size
         if self._entries > _SCATTERED:
             self._scatter()
@@ -310,24 +313,23 @@ class MatrixSum:
     def _scatter(self) -> None:
         if not self._waiting:
             return
-        matrices, nodes = (np.concatenate(x) for x in zip(*self._waiting, strict=True))
+        blocks, pairs = (np.concatenate(x) for x in zip(*self._waiting, strict=True))
         self._waiting, self._entries = [], 0
-        part, rank = _scattered(matrices, nodes, self._count, self._d), 0
+        part, rank = _scattered(blocks, pairs, self._count, self._d), 0
         while self._parts and self._parts[-1][0] == rank:
             part = self._parts.pop()[1] + part
             rank += 1
         self._parts.append((rank, part))
 
 
-def _scattered(matrices: Array, nodes: Indices, count: int, d: int) -> sp.bsr_matrix:
-    ne, m = nodes.shape
-    pairs = (nodes[:, :, None] * count + nodes[:, None, :]).ravel()
-    known, place = np.unique(pairs, return_inverse=True)
-    blocks, values = np.empty((len(known), d, d)), matrices.reshape(ne, m, d, m, d)
-    for a in range(d):
-        for b in range(d):
-            weights = values[:, :, a, :, b].ravel()
-            blocks[:, a, b] = np.bincount(place.ravel(), weights, len(known))
-    rows, columns = np.divmod(known, count)
+def _scattered(blocks: Array, pairs: Indices, count: int, d: int) -> sp.bsr_matrix:
+    """Blocks (p, d d) added up by pairs (p,) of nodes: count times row + column."""
+    order = np.argsort(pairs)
+    inside = pairs[order]
+    firsts = np.flatnonzero(np.diff(inside, prepend=-1))
+    entries = (np.ones(len(order)), order, np.append(firsts, len(order)))
+    sums = sp.csr_matrix(entries, shape=(len(firsts), len(order))) @ blocks
+    rows, columns = np.divmod(inside[firsts], count)
     starts = np.searchsorted(rows, np.arange(count + 1))
-    return sp.bsr_matrix((blocks, columns, starts), shape=(d * count, d * count))
+    parts = (sums.reshape(-1, d, d), columns, starts)
+    return sp.bsr_matrix(parts, shape=(d * count, d * count))

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ..elements.quadrature_rules import quadrature_rule
 from ..faces import Faces
@@ -30,6 +29,8 @@ def common_parts(slave: Faces, master: Faces) -> Iterator[tuple[int, int, Array]
 
     These are in the parameters of the slave; edges of the master are straight there.
     """
+    from scipy.spatial import cKDTree
+
     centres = (slave.points.mean(axis=1), master.points.mean(axis=1))
     reach = slave.radii.max() + master.radii.max()
     near = cKDTree(centres[0]).query_ball_tree(cKDTree(centres[1]), reach)

@@ -11,6 +11,7 @@ import scipy.sparse.linalg
 from numpy.testing import assert_allclose
 from scipy.special import beta
 
+from sidtool.frontends.elements.finder import ElementFinder
 from sidtool.frontends.elements.quadrature_rules import quadrature_rule
 from sidtool.frontends.elements.reference import (
     ELEMENT_KINDS,
@@ -125,6 +126,25 @@ def test_mass_centre_and_inertia_of_a_distorted_block(kind: str, seed: int) -> N
     assert_allclose(ones @ mass @ x, box * np.array(size) / 2, rtol=1e-12)
     second = box * (np.outer(size, size) / 4 + np.diag(np.square(size)) / 12)
     assert_allclose(x.T @ mass @ x, second, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ELEMENT_KINDS)
+def test_points_are_found_in_bent_elements(kind: str) -> None:
+    """The block bent to an arc, so that no element is affine."""
+    mesh, _ = distorted(kind, 3)
+    x, y = mesh.positions[:, 0], 1 + 0.4 * mesh.positions[:, 1]
+    bent = np.column_stack([y * np.sin(x), y * np.cos(x), *mesh.positions.T[2:]])
+    elements = mesh.blocks[0].nodes
+    element = reference_element(kind)
+    samples = 0.999 * element.points + 0.001 * element.nodes[: element.corners].mean(0)
+    points = np.einsum("gm,emd->egd", element.at(samples)[0], bent[elements])
+    points = points.reshape(-1, mesh.dimension)
+    finder = ElementFinder(Mesh(bent, mesh.blocks))
+    rows = np.arange(len(elements))
+    every = finder.holders(points, 0, rows, 1e-9, lambda i, row: np.ones(len(i), bool))
+    found = {pair for i, row in every for pair in zip(i, row, strict=True)}
+    owners = np.repeat(rows, len(samples))
+    assert found == set(enumerate(owners))
 
 
 @pytest.mark.parametrize(("kind", "relieved"), CASES)

@@ -160,3 +160,20 @@ def test_sides_are_where_their_names_say() -> None:
     assert_allclose(points[side_nodes(patch, 0, 1)][:, 0], 1)
     assert (points[side_nodes(patch, 1, 1)][:, 1] >= 0).all()
     assert (points[side_nodes(patch, 1, 0)][:, 1] <= 0).all()
+
+
+@pytest.mark.parametrize("degree", [1, 2, 4])
+def test_basis_functions_are_those_of_scipy(degree: int) -> None:
+    knots = np.array([0.0] * (degree + 1) + [0.2, 0.5] + [0.7] * degree)
+    knots = np.append(knots, [1.0] * (degree + 1))
+    points = np.append(np.linspace(0, 1, 37), 0.2)
+    splines = BSpline(knots, np.eye(len(knots) - degree - 1), degree)
+    basis = local_basis(knots, degree, points)
+    own = basis.first[:, None] + np.arange(degree + 1)
+    for found, expected in (
+        (basis.values, splines(points)),
+        (basis.derivatives, splines.derivative()(points)),
+    ):
+        whole = np.zeros_like(expected)
+        np.put_along_axis(whole, own, found, 1)
+        assert_allclose(whole, expected, atol=1e-12)

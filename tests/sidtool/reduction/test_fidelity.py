@@ -116,6 +116,15 @@ def test_what_is_advised_does_better() -> None:
     assert "err by less than" in said(better)
 
 
+def test_more_modes_are_advised_where_they_suffice() -> None:
+    """Natural modes and static answers leave no error; other methods have some."""
+    sentence = said(part(False, FREE, method="attachment", modes=3, interfaces=PINS))
+    name, modes = re.search(r"; (\w+) with (\d+) modes", sentence).groups()
+    assert name == "attachment"
+    better = part(False, FREE, method=name, modes=int(modes), interfaces=PINS)
+    assert max(measured(better)) < 1e-6
+
+
 @pytest.mark.parametrize("method", ["attachment", "herting"])
 @pytest.mark.parametrize("plane", [True, False])
 def test_a_good_basis_has_no_advice(method: str, plane: bool) -> None:

@@ -31,10 +31,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from .errors import InputError
-from .reference_csv import read_rows
-from .sid import BLOCK_SHAPES, NODE_SHAPES
-from .toml.reading import load, validated
+from ..errors import InputError
+from ..sid import BLOCK_SHAPES, NODE_SHAPES
+from ..toml.reading import load, validated
+from .csv import read_rows
 
 _SHARED = ("source", "tolerance")
 
