@@ -32,6 +32,7 @@ BENCHMARKS = (
     "requests",
     "economy",
     "latency",
+    "repeated",
     "faults",
 )
 #: Also on the page: `python -m benchmarks.decks FOLDER -o benchmarks/results`.

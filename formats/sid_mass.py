@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .sid import SID, Array, symmetric_3x3
+from .storage.kept import kept
 
 #: Rigid coordinates of a body that moves in space: x, y, z and rotations about them.
 SPATIAL = (0, 1, 2, 3, 4, 5)
@@ -94,6 +95,7 @@ def central_inertia(sid: SID) -> Array:
     return symmetric_3x3(sid.J.m0[:, 0]) + sid.mass * offset @ offset
 
 
+@kept
 def body_size(sid: SID) -> float:
     """The length of a body [m]: of a bar with its largest moment of inertia, or the
     extent of its nodes if that is more. The place of its frame does not count."""
@@ -122,6 +124,7 @@ def free_modal_mass(sid: SID, rigid: tuple[int, ...] = SPATIAL) -> Array:
     return sid.Me.m0 - coupling @ np.linalg.solve(body, coupling.T)
 
 
+@kept
 def free_motion(sid: SID, rigid: tuple[int, ...] = SPATIAL) -> FreeMotion:
     """Is the coupled mass matrix positive definite when these rigid coordinates move?
 

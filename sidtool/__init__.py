@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .api import simulate as simulate
     from .api import validate as validate
     from .api import write as write
+    from .compiled import CompiledScene as CompiledScene
     from .conversion.building import sid_from_blocks as sid_from_blocks
     from .conversion.building import sid_from_shapes as sid_from_shapes
     from .interrupting import Interrupted as Interrupted
@@ -74,6 +75,7 @@ _TABLES = """
 """.split()  # noqa: SIM905
 _HOME = {
     **dict.fromkeys(_TABLES, "sidtool.vocabulary"),
+    "CompiledScene": "sidtool.compiled",
     "InputError": "sidtool.formats.errors",
     "Interrupted": "sidtool.interrupting",
     "Model": "sidtool.scenes",

@@ -17,9 +17,8 @@ from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.toml.files import located
 
 from .chosen import chosen
-from .interrupting import Ending, Interrupted, ending
 from .kinds import read
-from .results import Result, answering
+from .results import Result
 from .validate import check, compare, repair
 
 __all__ = ["compare", "convert", "read", "repair", "simulate", "validate", "write"]
@@ -109,44 +108,32 @@ def simulate(
     sidtool.SimulationError : the run stopped; its `result` holds what there is.
     """
     from sidtool.solver import compile_scene
-    from sidtool.solver import simulate as run
-    from sidtool.solver.errors import SimulationError
 
     from .accuracy import plan_for
+    from .interrupting import answered, ran
 
     content = scene if isinstance(scene, SceneFile) else read_scene(Path(scene))
     folder = Path(base_folder or content.folder)
     settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
-    asked = Ending()
-    try:
-        with located(content):
-            content, replaced, told = chosen(content, folder, sids or {}, rigid)
-            plan = plan_for(
-                content,
-                folder,
-                replaced,
-                accuracy,
-                settings,
-                accept_defects=accept_defects,
-                drives=drives,
-                forces=forces,
-            )
-            if plan is not None:
-                content, told = plan.scene, [*told, *plan.told]
-                replaced = dict(plan.sids)
-            system = compile_scene(
-                content, folder, replaced, accept_defects, drives, forces=forces
-            )
-            ends: dict[str, Any] = {"stop": asked, "unfinished": unfinished}
-            with ending("SIGINT", asked=asked):
-                result = run(system, progress=progress, told=told, **settings, **ends)
-            if plan is not None:
-                result = plan.certified(result)
-        return answering(result, drives, forces)
-    except SimulationError as error:
-        if error.result is not None:
-            error.result = answering(error.result, drives, forces)
-        if asked.number:
-            raise Interrupted(str(error), error.result) from None
-        raise
+    with located(content), answered(drives, forces) as asked:
+        content, replaced, told = chosen(content, folder, sids or {}, rigid)
+        plan = plan_for(
+            content,
+            folder,
+            replaced,
+            accuracy,
+            settings,
+            accept_defects=accept_defects,
+            drives=drives,
+            forces=forces,
+        )
+        if plan is not None:
+            content, told = plan.scene, [*told, *plan.told]
+            replaced = dict(plan.sids)
+        system = compile_scene(
+            content, folder, replaced, accept_defects, drives, forces=forces
+        )
+        settings |= {"progress": progress, "unfinished": unfinished, "told": told}
+        result = ran(system, asked, drives, forces, **settings)
+        return result if plan is None else plan.certified(result)

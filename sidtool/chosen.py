@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid
 
 from .made import converted
 from .other_shapes import other_shapes
@@ -32,7 +33,15 @@ def chosen(
     plain = as_rigid(scene, rigid)
     content, replaced = swapped(plain, sids, folder)
     content, made, notes = converted(content, folder)
-    told = [*other_shapes(plain, folder, replaced), *told_rigid(plain), *notes]
-    replaced |= made
-    told += told_left_out(plain)
-    return content, replaced, told
+    lines = [line for of_body in notes.values() for line in of_body]
+    told = [*told_of_others(plain, folder, replaced), *told_rigid(plain), *lines]
+    return content, replaced | made, [*told, *told_left_out(plain)]
+
+
+def told_of_others(
+    scene: SceneFile, folder: Path, sids: Mapping[str, SID]
+) -> Iterator[str]:
+    """What other SIDs change of the meaning of a scene, see `other_shapes`."""
+    return other_shapes(
+        scene, sids, lambda name: read_sid(folder / scene.sid_bodies[name].sid)
+    )

@@ -6,10 +6,17 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sidtool.solver.system.scene import System
+
+    from .results import Result
+
+Programs = Mapping[str, Any] | None
 
 #: Signals that end a run, and what they are called.
 NAMES = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "the end of its terminal"}
@@ -70,3 +77,40 @@ def ending(*names: str, asked: Ending | None = None) -> Iterator[Ending]:
     finally:
         for number, handler in asked.before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def answered(*programs: Programs) -> Iterator[Ending]:
+    """Errors inside carry results as users have them.
+
+    programs : drives and forces of a program, by name
+
+    Raises
+    ------
+    sidtool.Interrupted : Ctrl-C; its `result` holds what there is.
+    sidtool.SimulationError : the run stopped; its `result` holds what there is.
+    """
+    from sidtool.solver.errors import SimulationError
+
+    from .results import answering
+
+    asked = Ending()
+    try:
+        yield asked
+    except SimulationError as error:
+        if error.result is not None:
+            error.result = answering(error.result, *programs)
+        if asked.number:
+            raise Interrupted(str(error), error.result) from None
+        raise
+
+
+def ran(system: System, asked: Ending, *programs: Programs, **settings: Any) -> Result:
+    """The result of a run, with the settings of `sidtool.solver.simulate`."""
+    from sidtool.solver import simulate
+
+    from .results import answering
+
+    with ending("SIGINT", asked=asked):
+        result = simulate(system, stop=asked, **settings)
+    return answering(result, *programs)

@@ -159,8 +159,8 @@ def sources(scene: SceneFile, folder: Path) -> dict[str, Source]:
 
 def converted(
     scene: SceneFile, folder: Path
-) -> tuple[SceneFile, dict[str, SID], list[str]]:
-    """The scene with the SIDs that its models make, these, and sentences.
+) -> tuple[SceneFile, dict[str, SID], dict[str, list[str]]]:
+    """The scene with the SIDs that its models make, these, and sentences, by body.
 
     Models beside a SID are not converted.
 
@@ -169,7 +169,8 @@ def converted(
     InputError : a model cannot be read or converted.
     """
     bodies: dict[str, Any] = dict(scene.bodies)
-    found, told = {}, []
+    found: dict[str, SID] = {}
+    told: dict[str, list[str]] = {}
     for name, source in sources(scene, folder).items():
         if bodies[name].sid:
             continue
@@ -177,9 +178,9 @@ def converted(
         text = made.file or f"(made of {source.path.name})"
         bodies[name] = bodies[name].model_copy(update={"sid": text})
         found[name] = made.sid
-        told += [f"{name} is made of {bodies[name].model}", *made.notes]
+        told[name] = [f"{name} is made of {bodies[name].model}", *made.notes]
     if not found:
-        return scene, {}, []
+        return scene, {}, {}
     return scene.model_copy(update={"bodies": bodies}), found, told
 
 

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.kinds_of_motion import kinds_of
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
-from sidtool.formats.sid_files import read_sid
 
 #: Elastic coordinates that are told of.
 MOST = 3
 
 
 def other_shapes(
-    scene: SceneFile, folder: Path, sids: Mapping[str, SID]
+    scene: SceneFile, sids: Mapping[str, SID], former_of: Callable[[str], SID]
 ) -> Iterator[str]:
     """A sentence for each body whose elastic coordinates name other shapes.
 
@@ -24,13 +22,14 @@ def other_shapes(
     SIDs have. Where the file of the scene cannot be read there is nothing to compare.
 
     sids : SIDs that replace the files of the bodies with these names
+    former_of : gives the SID of a body that the scene names, or raises an InputError
     """
     for name, sid in sids.items():
         body = scene.sid_bodies.get(name)
         if body is None or not body.sid:
             continue
         try:
-            former = kinds_of(read_sid(folder / body.sid))
+            former = kinds_of(former_of(name))
         except InputError:
             continue
         pairs = enumerate(zip(kinds_of(sid), former, strict=False), 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -164,9 +164,10 @@ class Result(stored.Result):
 
 def answering(result: stored.Result, *programs: Mapping[str, Any] | None) -> Result:
     """The result as users have it, which knows the laws of a program in its run."""
-    known = {f.name: getattr(result, f.name) for f in fields(stored.Result)}
+    made = Result.__new__(Result)
     laws = {name: law for each in programs for name, law in (each or {}).items()}
-    return Result(**known | {"laws": laws})
+    made.__dict__.update(result.__dict__, laws=laws)
+    return made
 
 
 def installed(name: str) -> Any:

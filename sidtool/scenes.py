@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from sidtool.solver.analyses.linear import Linearisation
     from sidtool.solver.analyses.static import Equilibrium
 
+    from .compiled import CompiledScene
     from .results import Result
 
 Sids = Mapping[str, SID | str | os.PathLike[str]]
@@ -102,6 +103,33 @@ class Scene(SceneFile):
             drives=drives,
             forces=forces,
             unfinished=unfinished,
+        )
+
+    def compile(
+        self,
+        *,
+        sids: Sids | None = None,
+        rigid: Iterable[str] = (),
+        accept_defects: bool = False,
+        drives: Programs | None = None,
+        forces: Programs | None = None,
+    ) -> CompiledScene:
+        """The scene with its files read and its tables made, for many runs.
+
+            compiled = scene.compile()
+            results = [compiled.run({"crank.mass": m}) for m in (0.3, 0.4)]
+
+        Arguments as of `sidtool.simulate`, errors as of `CompiledScene`.
+        """
+        from .compiled import CompiledScene
+
+        return CompiledScene(
+            self,
+            sids=sids,
+            rigid=rigid,
+            accept_defects=accept_defects,
+            drives=drives,
+            forces=forces,
         )
 
     def static_equilibrium(self, **settings: Any) -> Equilibrium:

@@ -51,6 +51,7 @@ def compile_scene(
     drives: Mapping[str, Derivatives | Law] | None = None,
     keep_joints: bool = False,
     forces: Mapping[str, Derivatives | Law] | None = None,
+    before: System | None = None,
 ) -> System:
     """Compiles a scene into the tables that the kernels integrate.
 
@@ -70,6 +71,8 @@ def compile_scene(
     forces : callables f(t) that scale the forces, or are the actuators, with these
         names; their value must be continuous, their rate may jump. A `Law` sees
         outputs of the motion as well
+    before : a system of this scene with other numbers, whose SIDs are taken where the
+        files have the same names, and bodies where they are the same objects
 
     Raises
     ------
@@ -87,7 +90,7 @@ def compile_scene(
     from .system.building import build_system
 
     def checked(scene: SceneFile, keep_joints: bool) -> System:
-        system = build_system(scene, known, drives, keep_joints, forces)
+        system = build_system(scene, known, drives, keep_joints, forces, before=before)
         check_outputs(system)
         if not accept_defects:
             check_masses(system)
@@ -95,6 +98,8 @@ def compile_scene(
         return system
 
     check_replaced(scene, sids or {})
+    if before is not None:
+        sids = _same_files(before, scene) | dict(sids or {})
     known = read_sids(scene, Path(base_folder), sids or {})
     if scene.initial.state != "static":
         return checked(scene, keep_joints)
@@ -105,6 +110,16 @@ def compile_scene(
     spun, more = spinning(checked(rested, True))
     made = checked(spun, keep_joints).with_states(states)
     return replace(made, told=(*told, *more))
+
+
+def _same_files(before: System, scene: SceneFile) -> dict[str, SID]:
+    """The SIDs of a system of bodies that still name the same files."""
+    was = before.scene.sid_bodies
+    return {
+        name: before.sids[name]
+        for name, body in scene.sid_bodies.items()
+        if name in was and (body.sid, body.model) == (was[name].sid, was[name].model)
+    }
 
 
 _ELSEWHERE = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -51,33 +51,46 @@ COUNTERS = {
 }
 
 
-def result_of(run: Run, seconds: dict[str, float], failure: str) -> Result:
-    """All but the tables, which are empty."""
+def result_of(
+    run: Run, seconds: dict[str, float], failure: str, rows: Mapping[str, Any]
+) -> Result:
+    """What a run found; what is told of it waits until somebody looks at it.
+
+    rows : t and the tables, where they are known; default they are empty
+    """
     system, recorder, real = run.system, run.recorder, run.control.real
-    bodies, columns = recorder.bodies, recorder.columns
-    tables: dict[str, Any] = {
-        table: np.zeros((0, len(names))) for table, names in columns.items()
-    }
+    columns = recorder.columns
+    tables: dict[str, Any] = {"t": np.zeros(0)}
+    tables |= {table: np.zeros((0, len(names))) for table, names in columns.items()}
     tables |= {TABLES[table]: names for table, names in columns.items()}
-    return Result(
+    known = Result(
         title=system.scene.title,
-        t=np.zeros(0),
-        **tables,
+        **tables | dict(rows),
         counters=_counters(run) | seconds,
         drift={
             "position": float(real[stepping.DRIFT]),
             "velocity": float(real[stepping.DRIFT_RATE]),
         },
         settings=_settings(run),
-        bodies=bodies,
         events=tuple(sorted(recorder.events, key=lambda event: event.t)),
         scene=made_with(system.scene, run.settings),
         sids=system.sids,
-        notes=(*_notes(run), *recorder.remarks.sentences(watched(system.scene))),
         versions=versions(),
         completed=not failure,
-        message=explained(failure, bodies) or _event_at_the_end(run),
+        message=explained(failure, recorder.bodies)
+        if failure
+        else _event_at_the_end(run),
     )
+    return known.late(lambda: _told(run), "bodies", "notes")
+
+
+def _told(run: Run) -> dict[str, Any]:
+    """What is known of a run beside its numbers."""
+    scene, remarks = run.system.scene, run.recorder.verdicts.remarks
+    return {
+        "bodies": run.recorder.bodies,
+        "notes": (*_notes(run), *remarks.sentences(watched(scene))),
+    }
 
 
 def failure_of(run: Run, code: int) -> str:
@@ -123,7 +136,7 @@ def _notes(run: Run) -> Iterator[str]:
     """What a reader has to know of the numbers."""
     system, recorder, rtol = run.system, run.recorder, run.settings.rtol
     steps = int(run.memory.counters[newton.STEPS])
-    yield from run.told
+    yield from dict.fromkeys((*run.told, *run.ready.asked))
     yield from crossings(system, run.kernels, run.control, rtol, run.start.z)
     yield from told_displacements(system, recorder.work, run.start, rtol)
     if run.now >= system.scene.time.end and not _event_at_the_end(run):
@@ -132,7 +145,7 @@ def _notes(run: Run) -> Iterator[str]:
     yield from notes.of_sampled_loops(system, run.control, run.start.z)
     if run.control.whole[stepping.FIXED_STEP] != 1:
         span = run.now - system.scene.time.start
-        yield from recorder.vibrations.sentences(steps, span)
+        yield from recorder.verdicts.vibrations.sentences(steps, span)
     yield from notes.hidden_errors(system, run.control, rtol, steps)
     yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)

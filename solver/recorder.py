@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -12,16 +12,13 @@ from sidtool.formats.result import Event, FlexibleBody
 from sidtool.formats.result.rows import BLOCK, Rows, Sink
 from sidtool.formats.sid import Array
 
-from .advice.body_measures import Reached
-from .advice.notes import Remarks
-from .advice.vibrations import Vibrations
+from .advice.verdicts import Verdicts
 from .linear.newton import Kernels
 from .recording import outputs
 from .recording.dense import Steps, joined
 from .recording.energy_history import History
 from .recording.events import Moment, events_of
 from .recording.sampling import sample
-from .recording.visited import Visited
 from .system.scene import System
 from .system.storage import new_memory, new_work
 
@@ -44,19 +41,18 @@ class Recorder:
         system: System,
         kernels: Kernels,
         closed: Array,
-        expected: Mapping[str, FlexibleBody],
+        expect: Callable[[], Mapping[str, FlexibleBody]],
         history: History | None,
         sink: Sink,
         most: int,
     ) -> None:
-        """most : rows that there may be"""
+        """expect : what is said of flexible bodies before the run
+        most : rows that there may be
+        """
         self.system, self.kernels, self.closed = system, kernels, closed
         self.work, self.memory = new_work(system), new_memory(system, 0)
         self.history, self.sink = history, sink
-        self.reached, self.remarks = Reached(system, expected), Remarks(system)
-        self.vibrations = Vibrations(system)
-        worst = [body.expected.time for body in expected.values()]
-        self.visited = Visited(system, worst) if expected else None
+        self.verdicts, self._bends = Verdicts(system, expect), bool(system.flexible)
         self.events: list[Event] = []
         self.seconds, self._waiting = 0.0, list[Steps]()
         self._last = -np.inf
@@ -74,13 +70,13 @@ class Recorder:
         z, v = (rows.tables[name].copy() for name in ("positions", "velocities"))
         if len(rows.t) and not self.system.rubbing:
             found = self._record(rows.t.copy(), z, v)
-            self.reached.add(found.samples, rows.t)
+            self.verdicts.recall(found.samples, rows.t)
         self._last = float(rows.t[-1]) if len(rows.t) else self._last
 
     def visit(self, ends: Steps) -> None:
         """Ends of some steps."""
-        if self.visited is not None and len(ends.t):
-            self.visited.add(ends)
+        if self._bends and len(ends.t):
+            self.verdicts.visit(ends)
             self._waiting.append(ends)
 
     @property
@@ -95,6 +91,8 @@ class Recorder:
     def take(self, t: Array, z: Array, v: Array, moments: Sequence[Moment]) -> None:
         """All rows and events until now; z and v are projected."""
         began = time.perf_counter()
+        if self.verdicts.waits:
+            t, z, v = t.copy(), z.copy(), v.copy()
         for first in range(0, len(t), BLOCK):  # a step may hold any number of rows
             rows = [table[first : first + BLOCK] for table in (t, z, v)]
             self._add(self._record(*rows), *rows)
@@ -129,14 +127,12 @@ class Recorder:
             "multipliers": found.multipliers,
         }
         self.sink.add(Rows(t, tables))
-        self.remarks.add(t, found)
-        self.vibrations.add(found.samples)
-        self.reached.add(found.samples, t)
+        self.verdicts.add(found, t)
         self._last = float(t[-1])
 
     def _go_on(self, t: Array, z: Array, v: Array) -> None:
         """Rows and ends of steps together, for what is meant over time."""
-        if self.visited is None:
+        if not self._bends:
             return
         ends = joined(self._waiting) if self._waiting else Steps(t[:0], z[:0], v[:0])
         self._waiting = []
@@ -144,18 +140,19 @@ class Recorder:
         order = np.argsort(times, kind="stable")
         for first in range(0, len(order), BLOCK):
             rows = order[first : first + BLOCK]
-            self.reached.go_on(times[rows], states[rows])
+            self.verdicts.go_on(times[rows], states[rows])
 
     @cached_property
     def bodies(self) -> dict[str, FlexibleBody]:
         """What flexible bodies met in the run, which has ended, at output times and at
         the ends of steps."""
-        if self.visited is not None and np.isfinite(self._last):
+        reached = self.verdicts.reached
+        if self._bends and np.isfinite(self._last):
             parts = self.system, self.kernels, self.work, self.memory
-            for ends in self.visited.until(self._last):
+            for ends in self.verdicts.visited.until(self._last):
                 samples = sample(*parts, ends.t, ends.z, ends.v, self.closed)
-                self.reached.add(samples, ends.t)
-        return self.reached.all()
+                reached.add(samples, ends.t)
+        return reached.all()
 
 
 def _until(steps: Steps, end: float) -> Steps:

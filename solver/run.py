@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -98,7 +98,7 @@ def simulate(
     if foresee is not None:
         foresee(ready.expected)
     kept = InMemory()
-    told = tuple(dict.fromkeys((*system.told, *told, *ready.asked)))
+    told = chain(system.told, told)
     past = None if unfinished is None else past_of(ready.system, settings, unfinished)
     run = Run(ready, settings, told, into or kept, past)
     assembled = time.perf_counter()
@@ -106,12 +106,10 @@ def simulate(
     solved = time.perf_counter() - assembled - run.recorder.seconds
     run.end(bool(failure))
     seconds = {"seconds_assembly": assembled - began, "seconds": solved}
-    result = result_of(run, seconds, failure)
+    result = result_of(run, seconds, failure, kept.arrays() if into is None else {})
     if past is not None:
         result = past.joined(result)
-    if into is None:
-        result = replace(result, **kept.arrays())
-    else:
+    if into is not None:
         into.finish(result)
     if failure:
         raise SimulationError(result.message, result)
@@ -125,13 +123,13 @@ class Run:
         self,
         ready: Prepared,
         settings: Settings,
-        told: tuple[str, ...],
+        told: Iterable[str],
         sink: Sink,
         past: Past | None,
     ) -> None:
-        system, expected = with_grips(ready.system), ready.expected
+        system = with_grips(ready.system)
         self.system, self.settings, self.start = system, settings, ready.start
-        self.told = told
+        self.ready, self.told = ready, told
         methods = [INTEGRATORS[name] for name in settings.possible]
         self.method, self.switched = methods[0], math.nan
         self.work: Work = new_work(system)
@@ -155,12 +153,18 @@ class Run:
         self.inside = not (self.watch is self.stick is history is None)
         most = len(self.times) + 1
         self.recorder = Recorder(
-            system, self.kernels, self.closed, expected, history, sink, most
+            system,
+            self.kernels,
+            self.closed,
+            lambda: ready.expected,
+            history,
+            sink,
+            most,
         )
         shares, self.limit = np.zeros(0), CHUNK
         if self.inside:
             shares, self.limit = points.wanted(), dense.CHUNK
-        elif expected:
+        elif system.flexible:
             shares = dense.wanted_ends(fixed=settings.step is not None)
             self.limit = dense.END_CHUNK
         self.points = points

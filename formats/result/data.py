@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from threading import Lock
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,11 +74,42 @@ class Result:
     scene: str = ""
     sids: Mapping[str, SID] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)
     completed: bool = True
     message: str = ""
     accuracy: AccuracyReport | None = None
     laws: Mapping[str, Any] = field(default_factory=dict)
+
+    def late(self, find: Callable[[], Mapping[str, Any]], *names: str) -> Self:
+        """The same, of which some fields are found once somebody looks at one of them.
+
+        names : of fields without a default value in the class
+        """
+        made = object.__new__(type(self))
+        made.__dict__.update(self.__dict__, _late=find, _lock=Lock())
+        for name in names:
+            del made.__dict__[name]
+        return made
+
+    def _found(self) -> None:
+        """Finds the fields that are still to be found."""
+        with self.__dict__.get("_lock", Lock()):
+            find = self.__dict__.pop("_late", None)
+            if find is not None:
+                self.__dict__.update(find())
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name in type(self).__dataclass_fields__:
+                self._found()
+            if name in self.__dict__:
+                return self.__dict__[name]
+            raise AttributeError(f"a result has no {name!r}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        self._found()
+        return {k: v for k, v in self.__dict__.items() if k != "_lock"}
 
     def __post_init__(self) -> None:
         for table, names in TABLES.items():

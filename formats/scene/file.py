@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from ..errors import InputError
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File
 from .base import Table, Vector
@@ -18,6 +19,7 @@ from .events import Event
 from .forces import Force
 from .joints import Joint
 from .laws import Expression
+from .numbers import with_numbers
 from .wanted import Wanted
 
 
@@ -141,8 +143,23 @@ class SceneFile(File):
         """Names of the bodies with a SID."""
         return list(self.sid_bodies)
 
+    def with_(self, changes: Mapping[str, Any] | None = None, **more: Any) -> Self:
+        made = with_numbers(self, {**(changes or {}), **more})
+        if made is not None:
+            try:
+                return made._agreeing()
+            except (InputError, ValueError):
+                pass  # the whole scene, read again, says what is wrong
+        return super().with_(changes, **more)
+
+    with_.__doc__ = File.with_.__doc__
+
     @model_validator(mode="after")
     def _consistent(self) -> SceneFile:
+        return self._agreeing()
+
+    def _agreeing(self) -> Self:
+        """The scene, whose parts are checked against each other."""
         for owner in (*self.forces.values(), *self.drives.values()):
             function = getattr(owner, "function", None)
             if isinstance(function, Expression):

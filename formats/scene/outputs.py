@@ -35,6 +35,7 @@ the constraints.
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import NamedTuple
 
 from ..errors import InputError
@@ -105,6 +106,7 @@ class OutputName(NamedTuple):
     quantity: str
 
 
+@lru_cache(maxsize=4096)
 def parse_output(name: str) -> OutputName:
     """Split an output name.
 

@@ -163,17 +163,33 @@ def changed(
     """The data of a file with other values at dotted keys, see `File.with_`."""
     data = plain(data)
     for key, value in changes.items():
-        *above, last = _place(key, data, file)
-        table: Any = data
-        for part in above:
-            table = _entered(table, part, key)
-        _entered(table, last, key)
-        table[last] = plain(value)
+        put(data, place_of(key, data, file), value, key)
     return dict(data)
 
 
-def _place(key: str, data: Mapping[str, Any], file: type[File]) -> list[str | int]:
-    """The parts of a key, from the top of the file."""
+def put(table: Any, place: list[str | int], value: Any, key: str) -> None:
+    """Puts a value at a place in tables and lists.
+
+    Raises
+    ------
+    InputError : there is no such place.
+    """
+    *above, last = place
+    for part in above:
+        table = _entered(table, part, key)
+    _entered(table, last, key)
+    table[last] = plain(value)
+
+
+def place_of(key: str, data: Mapping[str, Any], file: type[File]) -> list[str | int]:
+    """The parts of a key, from the top of the file.
+
+    data : of the file, at least the names in its tables with names
+
+    Raises
+    ------
+    InputError : it has another form, or nothing has this name.
+    """
     parts: list[str | int] = []
     at = 0
     while at < len(key):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, replace
+from typing import TypeVar
 
 from sidtool.formats.progress import Course, along
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
@@ -30,6 +31,8 @@ from .runs import Compile, Runs, expected_runs
 from .sentences import decisions, remarks, told_bounds, told_theory
 from .wanted import Request, Wanted, requested
 
+Kind = TypeVar("Kind", bound=Result)
+
 #: How long the search of meshes for one body takes beside that of all else, about.
 MESHES = 1.0
 
@@ -53,7 +56,7 @@ class Plan:
         theory = told_theory(self.report)
         return [*told_rigid(self.scene), *told_left_out(self.scene), *theory]
 
-    def certified(self, result: Result) -> Result:
+    def certified(self, result: Kind) -> Kind:
         """The result of the run with its errors."""
         return replace(result, accuracy=self.report)
 

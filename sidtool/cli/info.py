@@ -78,7 +78,14 @@ def _scene(content: Any, path: Path) -> str:
         lines = describe(compile_scene(whole, folder, made, accept_defects=True))
     except InputError as error:
         raise error.located(path) from None
-    return "\n".join([describe_scene(content), "", *told, *lines])
+    return "\n".join(
+        [
+            describe_scene(content),
+            "",
+            *(line for of_body in told.values() for line in of_body),
+            *lines,
+        ]
+    )
 
 
 def _result(content: Any, _: Path) -> str:

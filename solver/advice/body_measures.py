@@ -35,15 +35,14 @@ def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
 
     start : the assembled start of the system
     """
-    flexible = [data for data in system.bodies if data.of_scene and data.sid.nq]
-    if not flexible:
+    if not system.flexible:
         return {}
     history = system.once(drive_history)
     excited = excitation(system, history)
     frames = prescribed_frames(system, history)
     rate, drive = fastest_rotation(system, history)
     found: dict[str, FlexibleBody] = {}
-    for data in flexible:
+    for data in system.flexible:
         frame = frames.get(data.name)
         if frame is None:
             frame = start_frame(system, start.z, start.v, data.name)

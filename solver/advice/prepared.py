@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import FlexibleBody
@@ -20,16 +21,24 @@ from .coverage import uncovered
 class Prepared:
     """A system at its start.
 
+    given : the system as it was compiled
     system : with redundant constraints marked
     start : positions and velocities that meet the constraints
-    asked : sentences for the one who wrote the scene
-    expected : what runs will ask of each flexible body
     """
 
+    given: System
     system: System
     start: assembly.Start
-    asked: tuple[str, ...]
-    expected: Mapping[str, FlexibleBody]
+
+    @cached_property
+    def asked(self) -> tuple[str, ...]:
+        """Sentences for the one who wrote the scene."""
+        return (*questions(self.given), *uncovered(self.system, self.start))
+
+    @cached_property
+    def expected(self) -> Mapping[str, FlexibleBody]:
+        """What runs will ask of each flexible body."""
+        return expected_bodies(self.system, self.start)
 
 
 def prepare(system: System) -> Prepared:
@@ -40,18 +49,16 @@ def prepare(system: System) -> Prepared:
     InputError : no start position meets the constraints, or friction that the joints
         do not determine.
     """
-    asked = tuple(questions(system))
-    system, start = _assembled(system, asked)
-    system = with_prescribed_friction(system, start)
-    asked = (*asked, *uncovered(system, start))
-    return Prepared(system, start, asked, expected_bodies(system, start))
+    assembled, start = _assembled(system)
+    return Prepared(system, with_prescribed_friction(assembled, start), start)
 
 
-def _assembled(system: System, asked: tuple[str, ...]) -> tuple[System, assembly.Start]:
+def _assembled(system: System) -> tuple[System, assembly.Start]:
     """An error that numbers in other units may explain ends with the questions."""
     try:
         return assembly.assemble(system)
     except InputError as error:
+        asked = tuple(questions(system))
         if not asked:
             raise
         problem = "; ".join((error.problem, *asked))

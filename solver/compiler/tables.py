@@ -9,6 +9,7 @@ shape, for a kernel or another table its address.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any, ClassVar, NoReturn, Self
 
 import numpy as np
@@ -23,6 +24,8 @@ from .records import RowsType, constant_word
 from .views import PointerType, ViewType, array_words, make_view
 
 _WORD = ir.IntType(64)
+#: Bytes of which the addresses of arrays that are made together are multiples.
+ALIGNED = 64
 
 
 class TableType(types.Type):
@@ -76,6 +79,31 @@ class TableType(types.Type):
         return _kind_of, (self.owner, self.seen_as)
 
 
+@lru_cache(maxsize=64)
+def _places(kind: TableType, shapes: tuple[tuple[int, ...] | None, ...]) -> Any:
+    """Where arrays of some shapes lie one after the other.
+
+    Field, shape, type and place of each; which words are addresses, and the words where
+    the first array is at 0; the bytes of all.
+    """
+    views: list[tuple[str, tuple[int, ...], np.dtype[Any], int]] = []
+    addresses, words = np.zeros((2, kind.words), np.int64)
+    size = 0
+    for field, shape in zip(kind.fields, shapes, strict=True):
+        if shape is None:
+            continue
+        member: Any = kind.members[field]
+        word = kind.offsets[field]
+        if len(shape) != member.ndim:
+            raise TypeError(f"not the shape of {member}: {shape}")
+        views.append((field, shape, member.numbers, size))
+        addresses[word] = 1
+        words[word : word + 1 + member.ndim] = size, *shape
+        bytes_ = member.numbers.itemsize * int(np.prod(shape, dtype=np.int64))
+        size += -(-bytes_ // ALIGNED) * ALIGNED
+    return views, addresses, words, size
+
+
 def _kind_of(owner: type[Table], name: str) -> TableType:
     return owner.kinds[name]
 
@@ -108,6 +136,29 @@ class Table:
         self._set(
             dict(zip(self.kind.fields, values, strict=True)), [0] * self.kind.words
         )
+
+    @classmethod
+    def zeros(cls, *values: Any) -> Self:
+        """A table of zeros: one after the other in memory, made at once.
+
+        values : of the fields in their order; tuples are shapes of arrays of zeros
+        """
+        shapes = tuple(value if type(value) is tuple else None for value in values)
+        views, addresses, words, size = _places(cls.kind, shapes)
+        memory = np.zeros(size + ALIGNED, np.uint8)
+        base = memory.__array_interface__["data"][0]
+        gap = -base % ALIGNED
+        table = cls.__new__(cls)
+        fields = {
+            field: np.ndarray(shape, kind, memory, gap + start)
+            for field, shape, kind, start in views
+        }
+        known = words + (base + gap) * addresses
+        rest = zip(cls.kind.fields, values, shapes, strict=True)
+        others = {field: value for field, value, shape in rest if shape is None}
+        table.__dict__.update(fields)
+        table._set(others, known.tolist())
+        return table
 
     def _set(self, fields: Mapping[str, Any], words: list[int]) -> None:
         """Takes the values of some fields; words of the others are known."""

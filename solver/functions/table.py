@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
@@ -225,17 +227,15 @@ class FunctionTable:
         if program is not None:
             curve = Curve(*interpolate(program, self._span, place, joined == 2))
             self.given[place] = _as_given(curve)
-            compiled: Compiled = curve
+            found = _parts(curve, self._span)
             self.seen[name] = shortest_seen(program, self._span)
         else:
-            compiled = compile_function(function, place)
-        if isinstance(compiled, Pieces):
-            check_jumps(compiled, self._span, place, joined)
-        data = self._pool.add(compiled.data())
-        self._features.setdefault(name, []).append(compiled.features(self._span))
-        for t in compiled.breaks():
+            found = _checked(function, self._span, place, joined)
+        data = self._pool.add(found.data)
+        self._features.setdefault(name, []).append(found.features)
+        for t in found.breaks:
             self._breaks.setdefault(t, []).append(name)
-        return (*compiled.shape, data, compiled.kind)
+        return (*found.shape, data, found.kind)
 
     def watch(self, program: Callable[[float], float], name: str) -> None:
         """Has steps look at what a law makes of time; what jumps is left to them."""
@@ -269,6 +269,32 @@ class FunctionTable:
         start, end = self._span
         inside = sorted(t for t in self._breaks if start < t < end)
         return {t: tuple(self._breaks[t]) for t in inside}
+
+
+class _Parts(NamedTuple):
+    """What becomes of a function of time in a scene."""
+
+    shape: tuple[int, int]
+    kind: int
+    data: Array
+    features: Features
+    breaks: list[float]
+
+
+def _parts(compiled: Compiled, span: tuple[float, float]) -> _Parts:
+    shape, kind, data = compiled.shape, compiled.kind, compiled.data()
+    return _Parts(shape, kind, data, compiled.features(span), compiled.breaks())
+
+
+@lru_cache(maxsize=64)
+def _checked(
+    function: ForceFunction, span: tuple[float, float], place: str, joined: int
+) -> _Parts:
+    """Of a function of the scene; known where a scene is compiled again."""
+    compiled = compile_function(function, place)
+    if isinstance(compiled, Pieces):
+        check_jumps(compiled, span, place, joined)
+    return _parts(compiled, span)
 
 
 def compile_function(function: ForceFunction, place: str) -> Compiled:

@@ -14,6 +14,7 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..space import layout as at
+from ..space.layout import Work
 from ..system import kernel_calls
 from ..system.forces.rows import Element
 from ..system.scene import System
@@ -32,7 +33,9 @@ def with_whole_turns(system: System) -> System:
         return system
     pool = system.arrays.pool.copy()
     system = replace(system, arrays=system.arrays.replaced(pool=pool))
-    pairs = _of_frames(system, pool) | _of_constraints(system, pool)
+    work = new_work(system)
+    work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
+    pairs = _of_frames(system, work, pool) | _of_constraints(system, work, pool)
     forces = tuple(_counted(system, pairs, element) for element in system.forces)
     for con in system.arrays.constraint:
         if con[at.KIND] == at.COUPLED_ANGLE:
@@ -49,13 +52,11 @@ def with_whole_turns(system: System) -> System:
     return replace(system, forces=forces, coordinates=known)
 
 
-def _of_frames(system: System, pool: Array) -> Pairs:
+def _of_frames(system: System, work: Work, pool: Array) -> Pairs:
     """Keeps carried bodies in their turns, each after its base."""
     prescribing = carrying(system)
     body, pairs = prescribing.arrays.body, {}
-    work = new_work(system)
     start, z = system.scene.time.start, np.zeros(system.n_positions)
-    work.clock[0] = 0.5 * (start + system.breaks[0])
     for b in carried_rows(body):
         kernel_calls.evaluate(
             prescribing, work, start, z, np.zeros(system.n_velocities)
@@ -67,11 +68,12 @@ def _of_frames(system: System, pool: Array) -> Pairs:
     return pairs
 
 
-def _of_constraints(system: System, pool: Array) -> Pairs:
+def _of_constraints(system: System, work: Work, pool: Array) -> Pairs:
     """Lets angles that are held or driven count from the turns of the start."""
     pairs: Pairs = {}
-    start, work = guess(system), new_work(system)
-    work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
+    if at.ANGLE not in system.arrays.constraint[:, at.KIND]:
+        return pairs
+    start = guess(system)
     kernel_calls.evaluate(system, work, system.scene.time.start, start.z, start.v)
     for con in system.arrays.constraint:
         if con[at.KIND] == at.ANGLE:

@@ -62,6 +62,7 @@ def build_system(
     keep_joints: bool = False,
     forces: Mapping[str, Derivatives | Law] | None = None,
     sampled: bool = True,
+    before: System | None = None,
 ) -> System:
     """Flat tables of a scene, before its initial conditions are looked at.
 
@@ -69,6 +70,8 @@ def build_system(
     drives, forces : callables and laws that replace functions, by name
     keep_joints : joints stay constraints even where they prescribe a frame
     sampled : False to let laws with a sample time act all the time
+    before : a system of another such scene, whose bodies are taken where they are the
+        same objects
 
     Raises
     ------
@@ -77,10 +80,12 @@ def build_system(
     original = scene
     scene = _with_all_names(with_held_frames(without_elasticity(scene)), sids)
     planar, pool = scene.dimension == "planar", Pool()
+    known = {} if before is None else _unchanged(before, scene, sids)
     data = {
-        name: body_data(name, body, sids, planar) for name, body in scene.bodies.items()
+        name: known.get(name) or body_data(name, body, sids, planar)
+        for name, body in scene.bodies.items()
     }
-    data[GROUND_NAME] = _ground(scene)
+    data[GROUND_NAME] = known.get(GROUND_NAME) or _ground(scene)
     functions = FunctionTable(pool, (scene.time.start, scene.time.end))
     _check_names(scene, drives or {})
     laws = laws_of(scene, forces or {}, drives or {}, sampled)
@@ -98,7 +103,14 @@ def build_system(
     cut = replace(cut, sids=sids)
     if any(law.sample_time is not None for law in laws.values()):
         again = partial(
-            build_system, original, sids, drives, keep_joints, forces, sampled=False
+            build_system,
+            original,
+            sids,
+            drives,
+            keep_joints,
+            forces,
+            sampled=False,
+            before=before,
         )
         cut = replace(cut, unsampled=again)
     if not frames:
@@ -113,6 +125,24 @@ def build_system(
         return every_joint()
     asked = asks_for_joints(scene, cut.eliminated)
     return replace(cut, every_joint=every_joint, whole=every_joint() if asked else None)
+
+
+def _unchanged(
+    before: System, scene: SceneFile, sids: Mapping[str, SID]
+) -> dict[str, BodyData]:
+    """The data of bodies and of the ground that are still the same objects."""
+    known = {data.name: data for data in before.bodies}
+    was = before.scene
+    if was.dimension != scene.dimension:
+        return {}
+    same = {
+        name
+        for name, body in scene.bodies.items()
+        if body is was.bodies.get(name) and sids.get(name) is before.sids.get(name)
+    }
+    if scene.ground is was.ground:
+        same.add(GROUND_NAME)
+    return {name: known[name] for name in same}
 
 
 def _with_led(

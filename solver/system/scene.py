@@ -160,6 +160,11 @@ class System:
         return found
 
     @property
+    def flexible(self) -> tuple[BodyData, ...]:
+        """The bodies of the scene that have elastic coordinates."""
+        return tuple(data for data in self.bodies if data.of_scene and data.sid.nq)
+
+    @property
     def planar(self) -> bool:
         return self.scene.dimension == "planar"
 

@@ -12,7 +12,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from sidtool.formats.scene import SceneFile, as_3d
-from sidtool.formats.sid import Array
+from sidtool.formats.sid import SID, Array
+from sidtool.formats.storage.kept import kept
 
 from ..space import layout as at
 from .bodies.data import BodyData, amplitudes
@@ -52,13 +53,24 @@ def mechanism_size(
     ground = [name for body, name in markers if body == GROUND_NAME]
     places = [data[GROUND_NAME].node(name).position for name in ground]
     for name, body in scene.bodies.items():
-        sid = data[name].sid
-        points = [node.position for node in sid.nodes]
-        points += [np.zeros(3), sid.mdCM.m0[:, 0] / (sid.mass or 1.0)]
-        sizes.append(diameter(np.array(points)))
+        sizes.append(_extent(data[name].sid))
         places.append(as_3d(body.initial.position))
     sizes.append(diameter(np.array(places)))
     return max(sizes) or _travel(scene) or 1.0
+
+
+@kept
+def _extent(sid: SID) -> float:
+    """Largest distance between nodes, frame and centre of mass of a body [m]."""
+    points = [node.position for node in sid.nodes]
+    points += [np.zeros(3), sid.mdCM.m0[:, 0] / (sid.mass or 1.0)]
+    return diameter(np.array(points))
+
+
+@kept
+def _reach(sid: SID) -> float:
+    """How far the nodes of a body lie from its frame [m]."""
+    return max((float(np.linalg.norm(n.position)) for n in sid.nodes), default=0.0)
 
 
 def _travel(scene: SceneFile) -> float:
@@ -73,11 +85,7 @@ def _travel(scene: SceneFile) -> float:
 def extents(system: System) -> Array:
     """How far each body reaches from its frame, (bodies,) [m]; of one that has no
     extent, the size of the mechanism."""
-    reach = [
-        max((float(np.linalg.norm(n.position)) for n in body.sid.nodes), default=0.0)
-        for body in system.bodies
-    ]
-    return np.array([r or system.length for r in reach])
+    return np.array([_reach(body.sid) or system.length for body in system.bodies])
 
 
 def coordinate_sizes(system: System) -> Array:

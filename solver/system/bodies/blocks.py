@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.storage.kept import kept
 
 #: A symmetric part of Cr m1 below this part of it is rounding in a file.
 FIRST_ORDER = 1e-9
@@ -38,6 +39,7 @@ def ct1(sid: SID) -> Array:
     return 0.5 * (term + term.transpose(0, 2, 1))
 
 
+@kept
 def has_second_order(sid: SID) -> bool:
     """Do Ct and Cr have terms of a displacement field of second order?
 

@@ -35,7 +35,7 @@ def body_table(parts: Ingredients, markers: dict[Reference, int]) -> IntTable:
         row[at.FLAGS] = packing.flags(data.sid, data.quadratic_inertia)
         if not data.of_scene and nq:
             row[at.FLAGS] |= at.STATE
-        row[at.DATA] = parts.pool.add(_packed(parts, data))
+        row[at.DATA] = parts.pool.add(packing.pack(data.sid, parts.planar))
         row[at.FRAME], row[at.MOTION] = _frame_data(parts, name)
         row[at.DRIVE] = _frame_drive(parts, name)
         frame = parts.frames.get(name)
@@ -52,10 +52,6 @@ def with_prescribed_frames(whole: IntTable, cut: IntTable) -> IntTable:
     table = whole.copy()
     table[:, PRESCRIBING] = cut[:, PRESCRIBING]
     return table
-
-
-def _packed(parts: Ingredients, data: BodyData) -> Array:
-    return packing.pack(data, parts.planar)
 
 
 def _rigid_coordinates(parts: Ingredients, data: BodyData) -> tuple[int, int]:

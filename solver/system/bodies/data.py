@@ -32,6 +32,7 @@ from sidtool.formats.sid import (
 )
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_subset import kept_indices, with_shape_functions
+from sidtool.formats.storage.kept import kept
 
 from ...equations.blocks import HEAD, ROWS, SQUARES
 from ...space.layout import (
@@ -213,6 +214,7 @@ def _tensor(inertia: object) -> Array:
     return np.diag(values) if values.ndim == 1 else values
 
 
+@kept
 def flags(sid: SID, quadratic_inertia: bool) -> int:
     """Which optional terms the equations of a SID have, and shapes of its matrices."""
     plain, nq, stiffened = without_turning(sid), sid.nq, has_second_order(sid)
@@ -246,11 +248,12 @@ def shapes_of_stiffened(sid: SID, planar: bool) -> tuple[MeanAxes, FreeShapes]:
     return axes, FreeShapes(np.zeros(n), np.zeros((3, *n)))
 
 
-def pack(body: BodyData, planar: bool) -> Array:
+@kept
+def pack(whole: SID, planar: bool) -> Array:
     """The reals of a body in the order of `equations.blocks`."""
-    sid, nq = without_turning(body.sid), body.sid.nq
+    sid, nq = without_turning(whole), whole.nq
     turning = cr1(sid)
-    axes, free = shapes_of_stiffened(body.sid, planar)
+    axes, free = shapes_of_stiffened(whole, planar)
     pairs = [(2, 2)] if planar else J_INDICES
     move, turn = slice(2 if planar else 3), slice(2 if planar else 0, 3)
     pair = slice(2, 3) if planar else slice(6)
@@ -267,7 +270,7 @@ def pack(body: BodyData, planar: bool) -> Array:
         "tilt": axes.tilt.T[turn],
         "slope": [axes.slopes[:, a, b] for a, b in pairs],
         "Ke": sid.Ke.m0,
-        "De": damping_matrix(sid),
+        "De": damping_matrix(whole),
         "Cr1": turning[turn],
         "Ge": (turning - turning.transpose(0, 2, 1))[turn],
         "Oe1": oe1(sid)[pair],
@@ -315,11 +318,13 @@ def pack_stiffening(shapes: Taylor, rows: slice) -> Array:
     return (0.5 * (term + term.transpose(0, 2, 1))).ravel()
 
 
+@kept
 def elastic_mass(sid: SID) -> Array:
     """Me, symmetric; diagonal where it is so but for rounding."""
     return _without_rounding(symmetric(sid.Me.m0))
 
 
+@kept
 def damping_matrix(sid: SID) -> Array:
     """De; diagonal where it is so but for rounding."""
     return _without_rounding(sid.De.m0)
@@ -341,6 +346,7 @@ def symmetric(matrix: Array) -> Array:
     return 0.5 * (matrix + matrix.T)
 
 
+@kept
 def amplitudes(sid: SID, axes: int) -> Array:
     """Largest displacement that is known per unit of each elastic coordinate, (nq,).
 
@@ -360,6 +366,7 @@ def frequencies(sid: SID) -> Array:
     return np.sqrt(np.maximum(np.diag(sid.Ke.m0), 0.0) / mass)
 
 
+@kept
 def modal_squares(sid: SID) -> Array:
     """Squares of the angular frequencies of the modes of (Ke, Me), growing, (nq,)
     [rad2/s2]; of single coordinates if Me is no mass matrix."""

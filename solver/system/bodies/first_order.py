@@ -16,6 +16,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array
+from sidtool.formats.storage.kept import kept
 
 #: Relative difference of the entries of K1 that rounding in a file makes.
 ROUNDING = 1e-9
@@ -44,6 +45,7 @@ def cubic_energies(sid: SID, q: Array) -> Array:
     return q * force / 3
 
 
+@kept
 def missing_energy(sid: SID) -> float:
     """The part of the force of m1 of Ke that has no energy, relative to the largest."""
     force = _force(sid)

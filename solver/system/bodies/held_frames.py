@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.scene import Fixed, Marker, Placement, SceneFile, SidBody
+from sidtool.formats.scene import Fixed, Marker, Placement, SceneFile
 from sidtool.formats.sid import SID, Node, Taylor
 
 #: Name of the added node.
@@ -21,15 +21,16 @@ NODE = "held frame"
 def with_held_frames(scene: SceneFile) -> SceneFile:
     """The scene with a fixed joint "NAME held" for each body whose frame is held."""
     markers, joints = dict(scene.ground.markers), dict(scene.joints)
-    for body, content in scene.bodies.items():
-        if not (isinstance(content, SidBody) and content.frame == "held"):
-            continue
+    held = {n: body for n, body in scene.sid_bodies.items() if body.frame == "held"}
+    for body, content in held.items():
         name = f"{body} held"
         start = content.initial
         place: dict[str, Any] = {k: getattr(start, k) for k in Placement.model_fields}
         markers[name] = Marker(**place)
         ends = (f"ground.{name}", f"{body}.{NODE}")
         joints[name] = Fixed(type="fixed", markers=ends)
+    if not held:
+        return scene
     ground = scene.ground.model_copy(update={"markers": markers})
     return scene.model_copy(update={"ground": ground, "joints": joints})
 

@@ -85,3 +85,18 @@ def test_arrays_of_another_kind_are_refused(numbers: np.ndarray) -> None:
 def test_fields_that_do_not_exist_are_refused() -> None:
     with pytest.raises(TypeError, match="weight"):
         Pair(numbers=np.zeros(1), grid=np.zeros((1, 1)), other=None, weight=1.0)
+
+
+def test_arrays_of_zeros_are_made_together() -> None:
+    inner = Pair(np.array([1.0, 2.0]), np.arange(6.0).reshape(2, 3), None)
+    table = Pair.zeros((3,), (2, 5), inner)
+    assert table.numbers.shape == (3,) and table.grid.shape == (2, 5)
+    assert not table.numbers.any() and not table.grid.any()
+    table.numbers[2], table.grid[1, 4] = 5.0, 7.0
+    assert last_entries(table, 10) == (50.0 + 7.0) + (20.0 + 5.0)
+    other = Pair.zeros((3,), (2, 5), inner)
+    assert not other.numbers.any() and not other.grid.any()
+    empty = Pair.zeros((0,), (0, 4), None)
+    assert empty.numbers.size == 0 and empty.grid.shape == (0, 4)
+    with pytest.raises(TypeError, match="shape"):
+        Pair.zeros((3, 3), (2, 5), None)

@@ -1,0 +1,92 @@
+"""Runs of one scene with other numbers: what they cost beside the solution."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import sidtool
+from sidtool.solver.run import Run
+
+from .latency import EXAMPLE
+from .machine import describe_machine
+from .report import Report, Table
+
+RUNS = 40
+
+
+def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
+    """The founding scene, `simulate` and `CompiledScene.run` by turns.
+
+    Processor time of the thread; the solution is all step loops with what they keep,
+    and whatever is recorded of its rows.
+    """
+    scene = sidtool.Scene.load(EXAMPLE)
+    compiled = scene.compile()
+    kinds: dict[str, Callable[[int], Mapping[str, Any]]] = {
+        "the same numbers": lambda k: {},
+        "a mass": lambda k: {"crank.mass": 0.3 + 1e-3 * k},
+        "a place in a body": lambda k: {"crank.markers.pin.position": [0.1, 1e-6 * k]},
+        "an initial position": lambda k: {"rod.initial.position": [0.1, 1e-6 * k]},
+        "the end of a drive": lambda k: {
+            "crank_angle.function.pieces[0].end[0]": 37.69911184307752 + 1e-13 * k
+        },
+    }
+    rows = []
+    for kind, numbers in kinds.items():
+        anew, again = [], []
+        for k in range(RUNS):
+            changes = numbers(k)
+            anew.append(_beside(lambda c=changes: scene.with_(c).simulate().notes))
+            again.append(_beside(lambda c=changes: compiled.run(c)))
+        one, other = (min(column[0] for column in part) for part in (anew, again))
+        solved = min(total - beside for beside, total in again)
+        cells = [f"{1e3 * x:.2f}" for x in (solved, one, other)]
+        rows.append([kind, *cells, f"{one / other:.1f}"])
+        say(f"  {kind}: {cells[1]} and {cells[2]} ms beside {cells[0]} ms")
+    header = ["what changes", "solution", "simulate", "compiled", "ratio"]
+    caption = (
+        "Processor milliseconds of a run: its solution, and what it costs beside that "
+        "by `simulate` with its notes and by `CompiledScene.run` "
+        f"(least of {RUNS}, by turns)."
+    )
+    return Report(
+        title="Repeated runs of the founding slider-crank from Python",
+        tables=[Table(caption, header, rows, True)],
+        machine=describe_machine(),
+    )
+
+
+def _beside(work: Callable[[], Any]) -> tuple[float, float]:
+    """Seconds beside the solution, and all of them."""
+    with _solutions() as spent:
+        began = time.thread_time()
+        work()
+        total = time.thread_time() - began
+    return total - sum(spent), total
+
+
+@contextmanager
+def _solutions() -> Iterator[list[float]]:
+    """The processor seconds of the solutions inside."""
+    spent: list[float] = []
+    known = Run.go, Run.end
+
+    def timed(work: Callable[..., Any]) -> Callable[..., Any]:
+        def measured(*arguments: Any) -> Any:
+            began = time.thread_time()
+            try:
+                return work(*arguments)
+            finally:
+                spent.append(time.thread_time() - began)
+
+        return measured
+
+    Run.go, Run.end = map(timed, known)  # type: ignore[method-assign, assignment]
+    try:
+        yield spent
+    finally:
+        Run.go, Run.end = known  # type: ignore[method-assign]
