@@ -10,6 +10,30 @@ Course = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
+class BarSection:
+    """Cross-sections of a bar or rod, which has no second moments.
+
+    Attributes
+    ----------
+    area, iy, iz, torsion, extra : course of the area, the second moments about y and z,
+        the torsion constant and of further mass per length
+    shear : shear areas by y and z divided by the area
+    """
+
+    area: Course
+    iy: Course = ()
+    iz: Course = ()
+    torsion: Course = ()
+    extra: Course = ()
+    shear: tuple[float, float] = (1.0, 1.0)
+
+    @property
+    def uniform(self) -> bool:
+        """Whether all but the further mass is the same everywhere."""
+        return all(len(c) < 2 for c in (self.area, self.iy, self.iz, self.torsion))
+
+
+@dataclass(frozen=True)
 class RawBar:
     """A straight bar, in the units of the file.
 
@@ -19,9 +43,6 @@ class RawBar:
     y_axis : a direction in the plane of its axes x and y; None for a rod, which has
         neither bending nor shear
     e, g, density : of its material, zero where the file does not say them
-    area, iy, iz, torsion, extra : course of the area, the second moments about y and z,
-        the torsion constant and of further mass per length
-    shear : shear areas by y and z divided by the area
     """
 
     label: int
@@ -31,10 +52,5 @@ class RawBar:
     e: float
     g: float
     density: float
-    area: Course
-    iy: Course = ()
-    iz: Course = ()
-    torsion: Course = ()
-    extra: Course = ()
-    shear: tuple[float, float] = (1.0, 1.0)
+    section: BarSection
     offsets: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

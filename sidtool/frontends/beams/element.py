@@ -88,18 +88,29 @@ class Element:
 
     def rows(self, place: float) -> Rows:
         """At a fraction of the element."""
-        frames = self.frames(np.array([place]))
-        back = transport(frames.places[0] - self._ends[1])
-        motion = back @ self._covered(place) @ self._forces
-        motion[:, :6] += transport(frames.places[0] - self._ends[0])
-        resultants = self._resultants(frames, 0) @ self._forces
-        strains = self._compliance(place, frames, 0) @ resultants
-        return Rows(motion[:3], motion[3:], strains, resultants)
+        (found,) = self.rows_at(np.array([place]), self.frames(np.array([place])))
+        return found
+
+    def rows_at(self, places: Array, frames: Frames) -> tuple[Rows, ...]:
+        """At fractions (n,) of the element, whose frames are given."""
+        covered = np.stack([self._covered(place) for place in places])
+        back = transport(frames.places - self._ends[1])
+        motion = back @ covered @ self._forces
+        motion[:, :, :6] += transport(frames.places - self._ends[0])
+        resultants = self._resultants(frames) @ self._forces
+        strains = self._compliances(places, frames) @ resultants
+        parts = (motion[:, :3], motion[:, 3:], strains, resultants)
+        return tuple(map(Rows, *parts))
+
+    @cached_property
+    def gauss_frames(self) -> Frames:
+        """At `PLACES`."""
+        return self.frames(PLACES)
 
     @cached_property
     def gauss_rows(self) -> tuple[Rows, ...]:
         """At `PLACES`."""
-        return tuple(self.rows(place) for place in PLACES)
+        return self.rows_at(PLACES, self.gauss_frames)
 
     def stiffness(self) -> Array:
         """(12, 12) in the axes of the model."""
@@ -123,33 +134,42 @@ class Element:
     @cached_property
     def _parts(self) -> Array:
         """(6, 6, 6) flexibilities of what lies before `_CUTS`."""
-        parts = [self._flexibility(*_CUTS[i : i + 2]) for i in range(len(_CUTS) - 1)]
+        parts = self._flexibilities(_CUTS[:-1], _CUTS[1:])
         return np.concatenate([np.zeros((1, 6, 6)), np.cumsum(parts, axis=0)])
 
     def _covered(self, place: float) -> Array:
         """(6, 6) flexibility of what lies before a fraction of the element."""
         at = np.flatnonzero(place == _CUTS)
-        return self._parts[at[0]] if at.size else self._flexibility(0.0, place)
+        if at.size:
+            return np.asarray(self._parts[at[0]])
+        return np.asarray(self._flexibilities(np.zeros(1), np.array([place]))[0])
 
-    def _flexibility(self, start: float, end: float) -> Array:
-        """(6, 6) of a part: motion of the end by forces and moments there."""
-        places = start + (end - start) * PLACES
+    def _flexibilities(self, starts: Array, ends: Array) -> Array:
+        """(n, 6, 6) of n parts: motion of the end by forces and moments there."""
+        sizes = (ends - starts)[:, None]
+        places = (starts[:, None] + sizes * PLACES).ravel()
         frames = self.frames(places)
-        total = np.zeros((6, 6))
-        for i, weight in enumerate(WEIGHTS * (end - start) * self.length):
-            b = self._resultants(frames, i)
-            total += weight * b.T @ self._compliance(float(places[i]), frames, i) @ b
-        return total
+        weights = (sizes * WEIGHTS * self.length).reshape(-1, 1, 1)
+        b = self._resultants(frames)
+        work = b.swapaxes(1, 2) @ (weights * self._compliances(places, frames)) @ b
+        return np.asarray(work.reshape(len(starts), -1, 6, 6).sum(axis=1))
 
-    def _resultants(self, frames: Frames, i: int) -> Array:
-        """(6, 6) in the section, of forces and moments at the end."""
-        turn = np.kron(np.eye(2), frames.axes[i])
-        return np.asarray(turn @ transport(self._ends[1] - frames.places[i]).T)
+    def _resultants(self, frames: Frames) -> Array:
+        """(n, 6, 6) in the sections, of forces and moments at the end."""
+        moved = transport(self._ends[1] - frames.places).swapaxes(1, 2)
+        turned = frames.axes @ moved[:, :3], frames.axes @ moved[:, 3:]
+        return np.concatenate(turned, axis=1)
 
-    def _compliance(self, place: float, frames: Frames, i: int) -> Array:
-        """(6, 6) strains of resultants."""
-        beam, curvatures = self.beam, tuple(frames.curvatures[i].tolist())
-        return _compliance(self.section(place), beam.e, beam.g, curvatures, beam.shear)
+    def _compliances(self, places: Array, frames: Frames) -> Array:
+        """(n, 6, 6) strains of resultants."""
+        beam = self.beam
+        found = [
+            _compliance(self.section(place), beam.e, beam.g, tuple(bent), beam.shear)
+            for place, bent in zip(
+                places.tolist(), frames.curvatures.tolist(), strict=True
+            )
+        ]
+        return np.stack(found)
 
 
 @lru_cache(maxsize=4096)
@@ -174,7 +194,7 @@ def _compliance(
 
 
 def transport(arm: Array) -> Array:
-    """(6, 6) motion of a point, rigidly, at an arm from one: of that one's motion."""
-    result = np.eye(6)
-    result[:3, 3:] = -skew(arm)
+    """(..., 6, 6) motion of points fixed at arms (..., 3) from one: of its motion."""
+    result = np.tile(np.eye(6), (*arm.shape[:-1], 1, 1))
+    result[..., :3, 3:] = -skew(arm)
     return result

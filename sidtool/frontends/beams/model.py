@@ -17,7 +17,7 @@ from ..finite_element_model import FiniteElementModel, MarkerRows, Outline
 from ..patches.markers import at_marker, check_length
 from ..patches.markers import placed as with_places
 from .axis import Axis, beam_axis
-from .element import Beam, Element
+from .element import Beam, Element, Rows
 from .mass import beam_mass
 from .points import MaterialPoints, Particles, placed, turned
 from .section import section_at
@@ -60,20 +60,22 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     for lump in geometry.masses:
         frames = axis.at(np.array([lump.at]))
         tensor = turned(np.diag(np.array(lump.inertia, float)), frames.axes[0])
-        particles.add(frames.places[0], lump.mass, tensor, *_rows(beam, ends, lump.at))
+        rows, dofs = _rows(beam, ends, lump.at)
+        move = (rows.displacement, rows.rotation, dofs)
+        particles.add(frames.places[0], lump.mass, tensor, *move)
     markers = []
     for name, marker in with_places(model.markers):
         with at_marker(name):
             at = _fraction(marker, axis)
-            displacement, rotation = _rows(beam, ends, at)
+            rows, dofs = _rows(beam, ends, at)
             frames = axis.at(np.array([at]))
             markers.append(
                 MarkerRows(
                     name=name,
                     node=marker.node,
                     position=frames.places[0],
-                    displacement=_pruned(displacement),
-                    rotation=_pruned(rotation),
+                    displacement=_pruned(rows.displacement, dofs, ndof),
+                    rotation=_pruned(rows.rotation, dofs, ndof),
                     tangent=frames.axes[0, 0],
                 )
             )
@@ -101,14 +103,11 @@ def _outline(beam: Beam, ends: Array) -> Outline:
     return Outline(beam.axis.at(ends).axes[:, 1:], np.array(halves))
 
 
-def _rows(beam: Beam, ends: Array, at: float) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Displacement and rotation at a fraction of the length."""
+def _rows(beam: Beam, ends: Array, at: float) -> tuple[Rows, Indices]:
+    """At a fraction of the length, and the degrees of freedom there."""
     i = min(int(np.searchsorted(ends, at, side="right")) - 1, len(ends) - 2)
     place = float((at - ends[i]) / (ends[i + 1] - ends[i]))
-    rows = Element(beam, ends[i], ends[i + 1]).rows(place)
-    ndof = 6 * len(ends)
-    dofs = _dofs(i)
-    return placed(rows.displacement, dofs, ndof), placed(rows.rotation, dofs, ndof)
+    return Element(beam, ends[i], ends[i + 1]).rows(place), _dofs(i)
 
 
 def _dofs(i: int) -> Indices:
@@ -116,7 +115,8 @@ def _dofs(i: int) -> Indices:
     return np.arange(6 * i, 6 * i + 12)
 
 
-def _pruned(rows: sp.csr_matrix) -> sp.csr_matrix:
+def _pruned(dense: Array, dofs: Indices, ndof: int) -> sp.csr_matrix:
+    rows = placed(dense, dofs, ndof)
     rows.data[np.abs(rows.data) < 1e-14] = 0
     rows.eliminate_zeros()
     return rows

@@ -9,11 +9,40 @@ from numpy.typing import NDArray
 from sidtool.formats.sid_mass import skew
 
 from ..elements.inertia_points import InertiaPoints
+from .axis import Frames
 from .element import PLACES, WEIGHTS, Element, Rows
 from .material import BeamMaterial
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+
+class Stack:
+    """Rows of a matrix, a few at a time, by the degrees of freedom that they hold."""
+
+    def __init__(self, ndof: int) -> None:
+        self._ndof = ndof
+        self._rows: list[Array] = []
+        self._dofs: list[Indices] = []
+
+    def add(self, rows: Array, dofs: Indices) -> None:
+        """Rows (r, k) of degrees of freedom (k,), of which some may be the same."""
+        self._rows.append(rows)
+        self._dofs.append(dofs)
+
+    def matrix(self) -> sp.csr_matrix:
+        """All of them, (n, ndof)."""
+        counts = np.concatenate([np.full(*rows.shape) for rows in self._rows])
+        columns = [
+            np.tile(dofs, len(rows))
+            for rows, dofs in zip(self._rows, self._dofs, strict=True)
+        ]
+        values = np.concatenate([rows.ravel() for rows in self._rows])
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        shape = (len(counts), self._ndof)
+        found = sp.csr_matrix((values, np.concatenate(columns), starts), shape=shape)
+        found.sum_duplicates()
+        return found
 
 
 class Particles:
@@ -24,27 +53,29 @@ class Particles:
         self._where: list[Array] = []
         self._masses: list[float] = []
         self._inertias: list[Array] = []
-        self._displacement: list[sp.csr_matrix] = []
-        self._rotation: list[sp.csr_matrix] = []
+        self._displacement, self._rotation = Stack(ndof), Stack(ndof)
 
     def add(
         self,
         where: Array,
         mass: float,
         inertia: Array,
-        displacement: sp.csr_matrix,
-        rotation: sp.csr_matrix,
+        displacement: Array,
+        rotation: Array,
+        dofs: Indices,
     ) -> None:
+        """A piece, by rows (3, k) of its motion by degrees of freedom (k,)."""
         self._where.append(where)
         self._masses.append(mass)
         self._inertias.append(inertia)
-        self._displacement.append(displacement)
-        self._rotation.append(rotation)
+        self._displacement.add(displacement, dofs)
+        self._rotation.add(rotation, dofs)
 
     def distribute(self, element: Element, dofs: Indices, density: float) -> None:
         """Slices of the beam at its Gauss points."""
-        pieces = zip(*slices(element, PLACES, WEIGHTS, density), strict=True)
-        places = element.frames(PLACES).places
+        frames = element.gauss_frames
+        pieces = zip(*slices(element, frames, PLACES, WEIGHTS, density), strict=True)
+        places = frames.places
         for rows, place, piece in zip(element.gauss_rows, places, pieces, strict=True):
             self._carry(rows, dofs, place, *piece)
 
@@ -52,7 +83,8 @@ class Particles:
         """The two halves of an element, each a rigid piece that its node carries."""
         for end in (0.0, 1.0):
             places = abs(end - PLACES / 2)
-            centres, masses, tensors = slices(element, places, WEIGHTS / 2, density)
+            frames, half = element.frames(places), WEIGHTS / 2
+            centres, masses, tensors = slices(element, frames, places, half, density)
             mass = masses.sum()
             centre = masses @ centres / mass
             spread = skew(centres - centre)
@@ -73,24 +105,28 @@ class Particles:
     ) -> None:
         """A piece that is fixed to the section at a place of an element."""
         arm = skew(centre - place)
-        moved = placed(rows.displacement - arm @ rows.rotation, dofs, self.ndof)
-        self.add(centre, mass, tensor, moved, placed(rows.rotation, dofs, self.ndof))
+        moved = rows.displacement - arm @ rows.rotation
+        self.add(centre, mass, tensor, moved, rows.rotation, dofs)
 
     def points(self) -> InertiaPoints:
         return InertiaPoints(
             positions=np.array(self._where),
             masses=np.array(self._masses),
             inertias=np.array(self._inertias),
-            displacement=sp.vstack(self._displacement, format="csr"),
-            rotation=sp.vstack(self._rotation, format="csr"),
+            displacement=self._displacement.matrix(),
+            rotation=self._rotation.matrix(),
         )
 
 
 def slices(
-    element: Element, places: Array, weights: Array, density: float
+    element: Element, frames: Frames, places: Array, weights: Array, density: float
 ) -> tuple[Array, Array, Array]:
-    """Centres (p, 3), masses (p,) and central inertias (p, 3, 3) of slices."""
-    frames = element.frames(places)
+    """Centres (p, 3), masses (p,) and central inertias (p, 3, 3) of slices.
+
+    Parameters
+    ----------
+    frames : of the element at its fractions `places` (p,)
+    """
     centres, masses, tensors = [], [], []
     for i, weight in enumerate(weights * element.length):
         p = element.section(places[i])
@@ -108,28 +144,27 @@ class MaterialPoints:
     """Collects the points of `BeamMaterial`."""
 
     def __init__(self, ndof: int) -> None:
-        self._ndof = ndof
-        self._rows: list[list[sp.csr_matrix]] = [[], [], []]
+        self._rows = [Stack(ndof) for _ in range(3)]
         self._weights: list[float] = []
         self._gyration: list[list[float]] = []
         self._curvatures: list[Array] = []
 
     def add(self, element: Element, dofs: Indices) -> None:
         """The Gauss points of an element."""
-        frames = element.frames(PLACES)
+        frames = element.gauss_frames
         for k, (place, rows) in enumerate(zip(PLACES, element.gauss_rows, strict=True)):
             p = element.section(place)
             turns = frames.axes[k] @ rows.rotation
             for kept, some in zip(
                 self._rows, (rows.strains, turns, rows.resultants), strict=True
             ):
-                kept.append(placed(some, dofs, self._ndof))
+                kept.add(some, dofs)
             self._gyration.append([p.iy / p.area, p.iz / p.area])
         self._weights.extend(WEIGHTS * element.length)
         self._curvatures.extend(frames.curvatures)
 
     def material(self) -> BeamMaterial:
-        strains, turns, forces = (sp.vstack(rows, format="csr") for rows in self._rows)
+        strains, turns, forces = (rows.matrix() for rows in self._rows)
         return BeamMaterial(
             weights=np.array(self._weights),
             strains=strains,

@@ -13,7 +13,7 @@ from sidtool.formats.sid_mass import skew
 
 from ...importers.imported_bars import Course, RawBar
 from ...validate.units import UnitSystem
-from ..beams.axis import line
+from ..beams.axis import Frames, line
 from ..beams.element import PLACES, WEIGHTS, Beam, Element, Rows
 from ..beams.section import Section
 
@@ -32,9 +32,10 @@ class BarElement(Element):
 
     ends: Array
 
-    def rows(self, place: float) -> Rows:
-        """At a fraction of the element, by the degrees of freedom of the nodes."""
-        return Rows(*(rows @ self.ends for rows in super().rows(place)))
+    def rows_at(self, places: Array, frames: Frames) -> tuple[Rows, ...]:
+        """By the degrees of freedom of the nodes."""
+        found = super().rows_at(places, frames)
+        return tuple(Rows(*(part @ self.ends for part in rows)) for rows in found)
 
     def stiffness(self) -> Array:
         """(k, k) in the axes of the model."""
@@ -45,8 +46,10 @@ class BarElement(Element):
 class RodElement(BarElement):
     """A bar that resists stretch and twist alone and stays straight."""
 
-    def rows(self, place: float) -> Rows:
-        x = self.frames(np.array([place])).axes[0, 0]
+    def rows_at(self, places: Array, frames: Frames) -> tuple[Rows, ...]:
+        return tuple(map(self._rows, places.tolist(), frames.axes[:, 0]))
+
+    def _rows(self, place: float, x: Array) -> Rows:
         section = self.section(place)
         share, slope = np.array([1 - place, place]), np.array([-1.0, 1.0]) / self.length
         move, turn = np.zeros((2, 3, 12))
@@ -113,16 +116,20 @@ def element_of(
 
 def section_of(bar: RawBar, length: float) -> Callable[[float], Section]:
     """The cross-section by the fraction of the length, `length` the unit in m."""
+    given = bar.section
 
     def section(fraction: float) -> Section:
         return Section(
-            along(bar.area, fraction) * length**2,
-            along(bar.iy, fraction) * length**4,
-            along(bar.iz, fraction) * length**4,
-            along(bar.torsion, fraction) * length**4,
-            *bar.shear,
+            along(given.area, fraction) * length**2,
+            along(given.iy, fraction) * length**4,
+            along(given.iz, fraction) * length**4,
+            along(given.torsion, fraction) * length**4,
+            *given.shear,
         )
 
+    if given.uniform:
+        constant = section(0.0)
+        return lambda fraction: constant
     return section
 
 
@@ -136,5 +143,5 @@ def along(course: Course, fraction: float) -> float:
 
 def extra_masses(bar: RawBar, element: BarElement, units: UnitSystem) -> Array:
     """(p,) masses at `PLACES` of what a bar carries beside its own [kg]."""
-    values = np.array([along(bar.extra, float(at)) for at in PLACES])
+    values = np.array([along(bar.section.extra, float(at)) for at in PLACES])
     return np.asarray(WEIGHTS * element.length * values * units.mass / units.length)

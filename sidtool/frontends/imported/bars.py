@@ -22,7 +22,6 @@ from sidtool.formats.model.geometry import MeshGeometry
 from ...importers.imported import ImportedMesh
 from ...importers.imported_bars import RawBar
 from ...validate.units import UnitSystem
-from ..beams.element import PLACES
 from ..beams.points import MaterialPoints, Particles, placed
 from ..finite_element_model import FiniteElementModel, MarkerRows, still
 from ..mesh.data import Mesh
@@ -163,22 +162,10 @@ def _carry(
     masses = extra_masses(bar, element, units)
     if not masses.any():
         return
-    places = element.frames(PLACES).places
+    places = element.gauss_frames.places
     for rows, place, mass in zip(element.gauss_rows, places, masses, strict=True):
-        _add(particles, place, mass, np.zeros((3, 3)), rows[:2], dofs)
-
-
-def _add(
-    particles: Particles,
-    place: Array,
-    mass: float,
-    inertia: Array,
-    rows: tuple[Array, ...],
-    dofs: Indices,
-) -> None:
-    ndof = particles.ndof
-    move, turn = (placed(part, dofs, ndof) for part in rows)
-    particles.add(place, mass, inertia, move, turn)
+        move = (rows.displacement, rows.rotation, dofs)
+        particles.add(place, mass, np.zeros((3, 3)), *move)
 
 
 def _add_masses(
@@ -204,8 +191,8 @@ def _add_masses(
         xx, yy, zz, xy, yz, zx = mass.inertia
         tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
         tensor = tensor * (units.mass * units.length**2)
-        rows = (motion[:3], motion[3:])
-        _add(particles, place, mass.mass * units.mass, tensor, rows, dofs)
+        heavy = mass.mass * units.mass
+        particles.add(place, heavy, tensor, motion[:3], motion[3:], dofs)
 
 
 def _assembled(parts: list[tuple[Array, Indices]], ndof: int) -> sp.csr_matrix:
@@ -256,7 +243,7 @@ def _markers(
 def _limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[str]:
     lost = any(
         bar.y_axis is None
-        and any(v for _, v in bar.torsion)
+        and any(v for _, v in bar.section.torsion)
         and any(len(nodes.motion(n, nodes.place(n))[1]) < 6 for n in bar.nodes)
         for bar in bars
     )

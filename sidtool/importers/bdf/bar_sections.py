@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from sidtool.formats.errors import InputError
 
-from ..imported_bars import Course
+from ..imported_bars import BarSection, Course
 from .cards import Card
 from .content import BarProperty, BulkData, twice
 
@@ -37,40 +37,20 @@ def prod(content: BulkData, card: Card) -> None:
     area, torsion = card.real(2, "an area"), card.real(3, "a torsion constant")
     extra = card.real(5, "a mass per length")
     _stress_points(content, card, 4, 1)
-    _kept(
-        content,
-        card,
-        BarProperty(
-            str(card.integer(1, "a material")),
-            _constant(area),
-            torsion=_constant(torsion),
-            extra=_constant(extra),
-            place=card.place,
-        ),
-    )
+    constant, twist, more = map(_constant, (area, torsion, extra))
+    _kept(content, card, BarSection(constant, torsion=twist, extra=more))
 
 
 def pbar(content: BulkData, card: Card) -> None:
     """PID, MID, A, I1, I2, J, NSM, blank, C1 to F2, K1, K2, I12."""
     _zero(card, (7, 18), "I12")
-    area, iz, iy, torsion, extra = (card.real(i, "a number") for i in range(2, 7))
+    area, iz, iy, torsion, extra = (
+        _constant(card.real(i, "a number")) for i in range(2, 7)
+    )
     _stress_points(content, card, 8)
     shear = (_shear(card, 16, 0.0), _shear(card, 17, 0.0))
     _ends_at(card, 19)
-    _kept(
-        content,
-        card,
-        BarProperty(
-            str(card.integer(1, "a material")),
-            _constant(area),
-            _constant(iy),
-            _constant(iz),
-            _constant(torsion),
-            _constant(extra),
-            shear,
-            card.place,
-        ),
-    )
+    _kept(content, card, BarSection(area, iy, iz, torsion, extra, shear))
 
 
 def pbarl(content: BulkData, card: Card) -> None:
@@ -78,7 +58,7 @@ def pbarl(content: BulkData, card: Card) -> None:
     kind, count = _kind(card)
     sections = [(0.0, *_section(card, kind, 8, count))]
     _ends_at(card, 9 + count)
-    _kept(content, card, _of_shapes(card, sections))
+    _kept(content, card, _of_shapes(sections))
 
 
 def pbeaml(content: BulkData, card: Card) -> None:
@@ -94,7 +74,7 @@ def pbeaml(content: BulkData, card: Card) -> None:
         sections.append((place, *found))
         at += 3 + count
     _ends_at(card, at)
-    _kept(content, card, _of_shapes(card, sections))
+    _kept(content, card, _of_shapes(sections))
 
 
 def pbeam(content: BulkData, card: Card) -> None:
@@ -119,26 +99,20 @@ def pbeam(content: BulkData, card: Card) -> None:
         raise _refused(card, "I12")
     shear = (_shear(card, at, 1.0), _shear(card, at + 1, 1.0))
     area, iz, iy, torsion, extra = (tuple(sorted(c)) for c in courses.values())
-    material = str(card.integer(1, "a material"))
-    found = BarProperty(material, area, iy, iz, torsion, extra, shear, card.place)
-    _kept(content, card, found)
+    _kept(content, card, BarSection(area, iy, iz, torsion, extra, shear))
 
 
-def _of_shapes(
-    card: Card, sections: Sequence[tuple[float, Shape, float]]
-) -> BarProperty:
+def _of_shapes(sections: Sequence[tuple[float, Shape, float]]) -> BarSection:
     def course(name: str) -> Course:
         return tuple(sorted((at, getattr(s, name)) for at, s, _ in sections))
 
-    return BarProperty(
-        str(card.integer(1, "a material")),
+    return BarSection(
         course("area"),
         course("iy"),
         course("iz"),
         course("torsion"),
         tuple(sorted((at, extra) for at, _, extra in sections)),
         sections[0][1].shear,
-        card.place,
     )
 
 
@@ -247,8 +221,9 @@ def _ends_at(card: Card, at: int) -> None:
         )
 
 
-def _kept(content: BulkData, card: Card, found: BarProperty) -> None:
+def _kept(content: BulkData, card: Card, section: BarSection) -> None:
     label = card.integer(0, "a property")
     if label in content.bar_properties or label in content.properties:
         raise twice("property", label, card)
-    content.bar_properties[label] = found
+    material = str(card.integer(1, "a material"))
+    content.bar_properties[label] = BarProperty(material, section, card.place)

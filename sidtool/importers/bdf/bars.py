@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sidtool.formats.errors import InputError
 
-from ..imported_bars import RawBar, Vector
+from ..imported_bars import BarSection, RawBar, Vector
 from .cards import Card
 from .content import BarProperty, BulkData
 
@@ -54,7 +56,8 @@ def _bar(content: BulkData, card: Card) -> RawBar:
         )
     found = _property(content, card, card.integer(1, "a property", label))
     offsets = [_turned(content, card, nodes[k], 10 + 3 * k) for k in (0, 1)]
-    if any(min(v for _, v in c) <= 0 for c in (found.iy, found.iz, found.torsion) if c):
+    own = found.section
+    if any(min(v for _, v in c) <= 0 for c in (own.iy, own.iz, own.torsion) if c):
         raise InputError(
             f"{card.name} {label} resists bending or torsion with nothing",
             place=card.place,
@@ -108,7 +111,7 @@ def _rod(content: BulkData, card: Card) -> RawBar:
     label = card.integer(0, "an element number")
     _no_more(card, 4)
     found = _property(content, card, card.integer(1, "a property", label))
-    if found.iy:
+    if found.section.iy:
         raise InputError(
             f"CROD {label} has a property of bars", place=card.place, expected="PROD"
         )
@@ -120,13 +123,8 @@ def _conrod(content: BulkData, card: Card) -> RawBar:
     _no_more(card, 8)
     courses = (((0.0, card.real(i, "a number")),) for i in (4, 5, 7))
     area, torsion, extra = courses
-    found = BarProperty(
-        str(card.integer(3, "a material")),
-        area,
-        torsion=torsion,
-        extra=extra,
-        place=card.place,
-    )
+    section = BarSection(area, torsion=torsion, extra=extra)
+    found = BarProperty(str(card.integer(3, "a material")), section, card.place)
     if card.word(6):
         content.said["stress points of CONROD"] = None
     label = card.integer(0, "an element number")
@@ -141,34 +139,22 @@ def _raw(
     y_axis: Vector | None = None,
     offsets: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
 ) -> RawBar:
-    if min(v for _, v in found.area) <= 0:
+    section, weight = found.section, content.weight
+    if min(v for _, v in section.area) <= 0:
         raise InputError(
             f"{card.name} {ends[0]} has no area",
             place=card.place,
             expected="an area above zero",
         )
     e, g, rho = content.moduli.get(found.material, (0.0, 0.0, 0.0))
-    weight = content.weight
-    return RawBar(
-        *ends,
-        card.place,
-        y_axis,
-        e,
-        g,
-        rho * weight,
-        found.area,
-        found.iy,
-        found.iz,
-        found.torsion,
-        tuple((at, weight * value) for at, value in found.extra),
-        found.shear,
-        offsets,
-    )
+    heavy = tuple((at, weight * value) for at, value in section.extra)
+    section = replace(section, extra=heavy)
+    return RawBar(*ends, card.place, y_axis, e, g, rho * weight, section, offsets)
 
 
 def _property(content: BulkData, card: Card, label: int) -> BarProperty:
     found = content.bar_properties.get(label)
-    if found is None or (card.name != "CROD" and not found.iy):
+    if found is None or (card.name != "CROD" and not found.section.iy):
         raise InputError(
             f"{card.name} {card.word(0)} has the property {label}",
             place=card.place,

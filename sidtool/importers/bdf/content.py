@@ -8,7 +8,7 @@ from sidtool.formats.errors import InputError
 
 from ...frontends.anisotropic import ElasticMaterial
 from ..imported import RawCoupling, RawMass
-from ..imported_bars import Course
+from ..imported_bars import BarSection
 from .cards import Card
 from .systems import Frames, System
 
@@ -30,16 +30,11 @@ class Property:
 
 @dataclass(frozen=True)
 class BarProperty:
-    """Of bars and rods, which have no second moments; see `RawBar`."""
+    """Of bars and rods."""
 
     material: str
-    area: Course
-    iy: Course = ()
-    iz: Course = ()
-    torsion: Course = ()
-    extra: Course = ()
-    shear: tuple[float, float] = (1.0, 1.0)
-    place: str = ""
+    section: BarSection
+    place: str
 
 
 @dataclass
