@@ -27,8 +27,8 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.system.scene import System
-from tests.metamorphic.case import Case, scene_of
-from tests.metamorphic.scenes import random_scene
+from tests.metamorphic.generator.case import Case, scene_of
+from tests.metamorphic.generator.scenes import random_scene
 
 from .machine import describe_machine
 from .report import Report, Table

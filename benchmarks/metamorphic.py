@@ -2,7 +2,7 @@
 
 The generator and the ways are those of `tests/metamorphic`, which takes 40 scenes and a
 quarter of the ways. `python -m benchmarks.metamorphic FIRST LAST` judges the scenes of
-these seeds alone; with `rubbing` behind them those of `tests/metamorphic/rubbing.py`,
+these seeds alone; with `rubbing` behind them those of `generator/rubbing.py`, there,
 trees with friction in their joints and laws of outputs. What was judged is kept in a
 file beside the result, by seed, and is not judged again as long as no source has
 changed.
@@ -20,12 +20,12 @@ from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from tests.metamorphic.case import run as run_case
-from tests.metamorphic.differences import promised, variation
+from tests.metamorphic.generator.case import run as run_case
+from tests.metamorphic.generator.differences import promised, variation
+from tests.metamorphic.generator.rubbing import rubbing_scene
+from tests.metamorphic.generator.scenes import random_scene
 from tests.metamorphic.invariants import violations
-from tests.metamorphic.rubbing import rubbing_scene
-from tests.metamorphic.scenes import random_scene
-from tests.metamorphic.transformations import TRANSFORMATIONS, compared
+from tests.metamorphic.ways.transformations import TRANSFORMATIONS, compared
 
 from .machine import describe_machine, use_one_thread
 from .report import Report, Table

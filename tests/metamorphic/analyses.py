@@ -9,12 +9,19 @@ import numpy as np
 from sidtool.formats.sid import Array
 from sidtool.solver import inverse_dynamics, linearise, static_equilibrium
 from sidtool.solver.errors import SimulationError
-
-from . import functions
-from .case import Case, Table, Values, compiled, measured, run, times
-from .said import copied, kind, with_table
-from .scenes import settled
-from .states import started_at, with_corners
+from tests.metamorphic.generator import functions
+from tests.metamorphic.generator.case import (
+    Case,
+    Table,
+    Values,
+    compiled,
+    measured,
+    run,
+    times,
+)
+from tests.metamorphic.generator.said import copied, kind, with_table
+from tests.metamorphic.generator.scenes import settled
+from tests.metamorphic.generator.states import started_at, with_corners
 
 #: Speeds of a small motion [m/s], [rad/s], and its length [s].
 SMALL, SPAN, ROWS = 1e-4, 1.0, 300

@@ -14,13 +14,12 @@ from scipy.interpolate import CubicSpline
 from sidtool.formats.scene import as_3d
 from sidtool.formats.sid import Array
 from tests.bodies import Cloud
-
-from .case import Case, Values, run, times
-from .differences import LOOSER, WITHIN
-from .poses import Pose
-from .rewritten_bodies import inertia_3d
-from .said import copied, with_table
-from .states import rotations, with_corners
+from tests.metamorphic.generator.case import Case, Values, run, times
+from tests.metamorphic.generator.differences import LOOSER, WITHIN
+from tests.metamorphic.generator.poses import Pose
+from tests.metamorphic.generator.said import copied, with_table
+from tests.metamorphic.generator.states import rotations, with_corners
+from tests.metamorphic.ways.rewritten_bodies import inertia_3d
 
 #: Name, first and second marker of what acts between bodies.
 Load = tuple[str, str | None, str]

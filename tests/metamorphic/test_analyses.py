@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 from sidtool.formats.sid import Array
-
-from . import analyses
-from .case import Case, Values, run
-from .differences import WITHIN, difference
-from .scenes import driven_scene, random_scene, with_measures
-from .transformations import TRANSFORMATIONS, said
+from tests.metamorphic import analyses
+from tests.metamorphic.generator.case import Case, Values, run
+from tests.metamorphic.generator.differences import WITHIN, difference
+from tests.metamorphic.generator.scenes import driven_scene, random_scene, with_measures
+from tests.metamorphic.ways.transformations import TRANSFORMATIONS, said
 
 SEEDS = range(12)
 RTOL = 1e-8

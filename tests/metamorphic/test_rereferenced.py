@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from . import damping
-from .case import run
-from .differences import difference
-from .rereferenced import elsewhere, slowed
-from .scenes import random_scene
+from tests.metamorphic.generator.case import run
+from tests.metamorphic.generator.differences import difference
+from tests.metamorphic.generator.scenes import random_scene
+from tests.metamorphic.ways import damping
+from tests.metamorphic.ways.rereferenced import elsewhere, slowed
 
 
 def test_undeformed_bodies_accelerate_the_same_in_every_frame() -> None:

@@ -10,11 +10,11 @@ from functools import cache
 
 import pytest
 
-from .case import Case, Values, run
-from .differences import promised
-from .invariants import violations
-from .rubbing import rubbing_scene
-from .transformations import TRANSFORMATIONS, compared
+from tests.metamorphic.generator.case import Case, Values, run
+from tests.metamorphic.generator.differences import promised
+from tests.metamorphic.generator.rubbing import rubbing_scene
+from tests.metamorphic.invariants import violations
+from tests.metamorphic.ways.transformations import TRANSFORMATIONS, compared
 
 SEEDS = (0, 1, 3)
 RTOL = 1e-7

@@ -10,11 +10,11 @@ from functools import cache
 
 import pytest
 
-from .case import Case, Values, run
-from .differences import LOOSER, WITHIN
-from .invariants import violations
-from .scenes import random_scene
-from .transformations import TRANSFORMATIONS, compared
+from tests.metamorphic.generator.case import Case, Values, run
+from tests.metamorphic.generator.differences import LOOSER, WITHIN
+from tests.metamorphic.generator.scenes import random_scene
+from tests.metamorphic.invariants import violations
+from tests.metamorphic.ways.transformations import TRANSFORMATIONS, compared
 
 SEEDS = range(40)
 #: Scenes that pass positions in which bodies have to deform for loops to close.

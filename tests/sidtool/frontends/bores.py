@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.frontends.mesh.data import ElementBlock, Mesh
-
-from ...metamorphic.parts import block, dimension
+from tests.metamorphic.parts.meshes import block, dimension
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from sidtool.frontends.elements.reference import edge_nodes, shape_of
 from sidtool.frontends.mesh.data import ElementBlock, Mesh
-
-from ...metamorphic.parts import split, with_middles
+from tests.metamorphic.parts.meshes import split, with_middles
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

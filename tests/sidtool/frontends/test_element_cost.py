@@ -11,8 +11,8 @@ import pytest
 from sidtool.conversion import element_cost
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.formats.model import ModelFile
+from tests.metamorphic.parts.meshes import block, dimension
 
-from ...metamorphic.parts import block, dimension
 from .bores import pinned
 
 #: Length, height and thickness of a free bar, E and density: first bending frequency.

@@ -24,8 +24,7 @@ from sidtool.frontends.elements.reference import (
 from sidtool.frontends.elements.solid import elasticity
 from sidtool.frontends.mesh.data import Mesh, check_mesh
 from sidtool.frontends.solids import mesh_matrices
-
-from ...metamorphic.parts import STEEL, block, dimension, state, turned
+from tests.metamorphic.parts.meshes import STEEL, block, dimension, state, turned
 
 #: Kinds with and, where there are any, incompatible modes.
 CASES = [(kind, False) for kind in ELEMENT_KINDS] + [("quad4", True), ("hex8", True)]

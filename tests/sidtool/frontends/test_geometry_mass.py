@@ -20,8 +20,7 @@ from sidtool.frontends.mesh.moments import mesh_moments
 from sidtool.frontends.solids import mesh_matrices
 from sidtool.geometry.measure import patch_moments
 from sidtool.geometry.patch import patch_from_model
-
-from ...metamorphic.parts import (
+from tests.metamorphic.parts.meshes import (
     STEEL,
     block,
     dimension,
@@ -30,6 +29,7 @@ from ...metamorphic.parts import (
     state,
     turned,
 )
+
 from ..models import rod_data
 
 

@@ -21,8 +21,8 @@ from sidtool.frontends.elements.continuum import (
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.reduction.frames import FRAMES
 from sidtool.reduction.space import admissible
+from tests.metamorphic.parts.meshes import quarter_ring
 
-from ...metamorphic.parts import quarter_ring
 from ..bodies import volume_data
 from ..importers.twins import by_sidtool
 from ..models import rod_data

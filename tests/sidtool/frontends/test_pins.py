@@ -21,8 +21,8 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile, read_model
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.frontends.mesh.data import Mesh
+from tests.metamorphic.parts.meshes import block
 
-from ...metamorphic.parts import block
 from .bores import DEPTH, PLANE, RADIUS, REFERENCE, SOLID, bored, pinned
 from .test_weak_ties import box, model_of
 

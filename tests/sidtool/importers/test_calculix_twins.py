@@ -22,8 +22,8 @@ from sidtool.frontends.elements.solid import (
 )
 from sidtool.frontends.mesh.data import ElementBlock, Mesh
 from sidtool.frontends.solid_mesh import SolidMesh
+from tests.metamorphic.parts.meshes import STEEL
 
-from ...metamorphic.parts import STEEL
 from ..frontends.drawn_parts import Part, drawn
 from .twins import ELEMENTS, by_calculix, by_sidtool, calculix_matrices
 

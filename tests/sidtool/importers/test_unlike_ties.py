@@ -9,8 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sidtool.frontends.elements.reference import shape_of
+from tests.metamorphic.parts.meshes import split, with_middles
 
-from ...metamorphic.parts import split, with_middles
 from .decks import MATERIAL, STEEL, Block, body, frequencies, listed
 from .test_import_ties import AWAY, SECTIONS, SIZE, discretised, stretched
 

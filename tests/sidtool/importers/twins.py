@@ -26,8 +26,8 @@ from sidtool.frontends.solids import mesh_continua, mesh_matrices
 from sidtool.importers.calculix.engine import computed
 from sidtool.reduction.frames import Frame
 from sidtool.reduction.space import admissible
+from tests.metamorphic.parts.meshes import STEEL
 
-from ...metamorphic.parts import STEEL
 from ..frontends.drawn_parts import Part
 
 Array = NDArray[np.float64]
