@@ -20,7 +20,7 @@ from sidtool.solver import (
 )
 from sidtool.solver.errors import SimulationError
 from sidtool.solver.integrators import INTEGRATORS
-from tests.solver.functions.test_laws import GIVEN, expression, pid
+from tests.solver.functions.loops import GIVEN, expression, pid
 from tests.solver.scenes import scene
 
 MASS, STIFFNESS, LOAD = 1.4, 30.0, 2.2

@@ -10,8 +10,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.reading import validated
 from sidtool.solver import compile_scene, run
 from sidtool.solver.errors import SimulationError
-
-from . import test_driven_friction as driven
+from tests.solver.equations.friction import test_driven as driven
 
 
 def released(speed: float, end: float, coefficient: float, without: str = "") -> Result:

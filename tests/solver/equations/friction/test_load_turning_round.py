@@ -15,8 +15,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from sidtool.formats.result import Result
-
-from .test_joint_friction import simulate
+from tests.solver.equations.friction.rubbed import simulate
 
 MASS, MU, SPEED, END = 1.3, 0.35, 2.0, 3.0
 RTOL = 1e-7

@@ -13,8 +13,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.reading import validated
 from sidtool.solver import compile_scene, run
 from sidtool.solver.analyses.inverse import inverse_dynamics
-
-from .joint_scenes import scene
+from tests.solver.equations.joint_scenes import scene
 
 G = 9.81
 MU, RADIUS, VISCOUS = 0.3, 0.05, 0.02
