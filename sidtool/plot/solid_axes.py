@@ -96,7 +96,6 @@ class SolidAxes:
         """The box as large as it should be, in the middle of its place [inch]."""
         size = self.high - self.low
         axes.set_box_aspect(tuple(size), zoom=1.0)  # it changes arrays
-        axes.figure.draw_without_rendering()
         wanted = np.linalg.norm(self.sight @ size) * self.scale
         zoom = wanted / np.linalg.norm(np.diff(self._ends(axes), axis=0))
         axes.set_box_aspect(tuple(size), zoom=float(zoom))
