@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from sidtool.formats.errors import InputError
 
-from .locate import nearest_parameters
+from .locate import may_be_inside, nearest_parameters
 from .multipatch import (
     Joined,
     Side,
@@ -23,7 +23,7 @@ from .multipatch import (
     size_of,
     unlike,
 )
-from .patch import NurbsPatch, evaluate_points, scattered_basis
+from .patch import NurbsPatch, evaluate_grid, scattered_basis
 
 Array = NDArray[np.float64]
 
@@ -90,11 +90,13 @@ def check_overlaps(patches: Mapping[str, NurbsPatch]) -> None:
     InputError : points of one patch lie inside another.
     """
     size = size_of(patches)
+    slack = _NEAR * size
+    every = {name: evaluate_grid(p, _axes(p)) for name, p in patches.items()}
     for a, b in permutations(patches, 2):
         low, high = patches[b].points.min(axis=0), patches[b].points.max(axis=0)
-        points = evaluate_points(patches[a], _grid(patches[a], None))
-        slack = _NEAR * size
+        points = every[a].reshape(-1, len(low))
         points = points[((points > low + slack) & (points < high - slack)).all(axis=1)]
+        points = points[may_be_inside(patches[b], points)]
         if not len(points):
             continue
         parameters, nearest = nearest_parameters(patches[b], points)
@@ -139,13 +141,16 @@ def check_one_part(numbering: Joined, ties: list[Tie]) -> None:
         )
 
 
-def _grid(patch: NurbsPatch, side: Side | None) -> Array:
-    """Parameters (n, k) all over a patch and its sides, or inside one side."""
+def _axes(patch: NurbsPatch) -> tuple[Array, ...]:
+    """Parameters all over a patch, by direction."""
     count = _SAMPLES[len(patch.degrees)]
-    axes = [np.linspace(0, 1, count) for _ in patch.degrees]
-    if side is not None:
-        axes = [axis[1:-1] for axis in axes]
-        axes[side.direction] = np.array([float(side.end)])
+    return tuple(np.linspace(0, 1, count) for _ in patch.degrees)
+
+
+def _grid(patch: NurbsPatch, side: Side) -> Array:
+    """Parameters (n, k) inside one side."""
+    axes = [axis[1:-1] for axis in _axes(patch)]
+    axes[side.direction] = np.array([float(side.end)])
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(axes))
 
 

@@ -36,6 +36,21 @@ def locate(patch: NurbsPatch, position: ArrayLike) -> Array:
     return np.asarray(parameters[0], float)
 
 
+def may_be_inside(patch: NurbsPatch, points: Array) -> NDArray[np.bool_]:
+    """Which points (n, d) are not too far from a coarse grid to be in the patch (n,).
+
+    What is inside is at most half a cell from a point of the grid; a whole one is
+    allowed for, as cells of curved patches are not even.
+    """
+    axes = tuple(np.linspace(0, 1, _GRID) for _ in patch.degrees)
+    grid = evaluate_grid(patch, axes)
+    cell = sum(
+        np.linalg.norm(np.diff(grid, axis=i), axis=-1).max() for i in range(len(axes))
+    )
+    distances, _ = cKDTree(grid.reshape(-1, grid.shape[-1])).query(points)
+    return np.asarray(distances <= cell)
+
+
 def nearest_parameters(
     patch: NurbsPatch, targets: Array, side: tuple[int, int] | None = None
 ) -> tuple[Array, Array]:

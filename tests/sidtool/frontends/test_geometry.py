@@ -17,7 +17,7 @@ from sidtool.geometry.bspline import (
     local_basis_from_left,
     open_uniform_knots,
 )
-from sidtool.geometry.locate import locate
+from sidtool.geometry.locate import locate, may_be_inside
 from sidtool.geometry.patch import (
     NurbsPatch,
     evaluate_grid,
@@ -146,6 +146,12 @@ def test_locate_inverts_the_map(name: str, u: float, v: float) -> None:
     found = locate(patch, target)
     again = evaluate_grid(patch, (found[:1], found[1:]))[0, 0]
     assert_allclose(again, target, atol=1e-9)
+    assert may_be_inside(patch, target[None]).all()
+
+
+def test_points_in_the_bore_are_far_from_the_ring() -> None:
+    bore = np.array([[0.0, 0.0], [0.5, 0.5], [0.85, 0.0]])
+    assert not may_be_inside(patches()["annulus"], bore).any()
 
 
 def test_locate_names_the_nearest_point_of_the_body() -> None:
