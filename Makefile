@@ -3,19 +3,22 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.installed
 
-.PHONY: demo test lint bench docs clean
+.PHONY: demo test lint kernels bench docs clean
 
 demo: $(READY)
 	$(BIN)/sidtool demo
 
-test: $(READY) lint
-	$(BIN)/sidtool warmup
+test: $(READY)
+	@$(MAKE) --no-print-directory --jobs=2 lint kernels
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+kernels: $(READY)
+	$(BIN)/sidtool warmup
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks
@@ -28,8 +31,8 @@ docs: $(READY)
 $(READY): pyproject.toml
 	@echo "setting up .venv (once)"
 	@$(PYTHON) -m venv .venv
-	@$(BIN)/python -m pip install --quiet --upgrade pip
-	@$(BIN)/python -m pip install --quiet --editable '.[dev]' 2> .venv/install.log \
+	@$(BIN)/python -m pip install --quiet --no-compile --editable '.[dev]' \
+		2> .venv/install.log \
 		|| (cat .venv/install.log; exit 1)
 	@touch $@
 

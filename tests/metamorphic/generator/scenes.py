@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,8 +28,11 @@ DRIVEN = {
 #: that tell; a loop is blocked where its constraints are hardly independent.
 HALVINGS, RTOL, BLOCKED = 6, 1e-7, 1e-3
 FORCED = "joints and drives deform"
+#: Scenes that a process keeps; whoever changes one changes a copy.
+KEPT = 100
 
 
+@lru_cache(KEPT)
 def random_scene(seed: int) -> Case:
     """A scene of one to six bodies; even seeds are planar.
 

@@ -24,7 +24,8 @@ from tests.solver.scenes import compiled as compiled_scene
 from tests.solver.scenes import scene, slender_rod, soft_body, with_cubic_energy
 
 #: Random scenes with flexible bodies.
-SOFT = [s for s in range(30) if random_scene(s).sids][:5]
+#: Random scenes with flexible bodies.
+SOFT = (1, 2, 3, 4, 5)
 
 
 @pytest.mark.parametrize("seed", SOFT)
@@ -33,6 +34,7 @@ def test_amplitudes_deflections_and_energies_do_not_depend_on_output_times(
 ) -> None:
     """Random scenes with two output times, and the same with 400."""
     case = random_scene(seed)
+    assert case.sids
     bodies = [
         simulate(compiled(with_steps(case, n)), rtol=1e-7).bodies for n in (1, 400)
     ]

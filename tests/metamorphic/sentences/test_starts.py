@@ -16,6 +16,7 @@ import pytest
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import compile_scene, simulate
+from tests.metamorphic.generator import functions
 from tests.metamorphic.generator.case import Case, compiled, measured
 from tests.metamorphic.generator.said import as_spin, copied, with_table
 from tests.metamorphic.generator.scenes import random_scene
@@ -203,8 +204,6 @@ def test_a_function_that_a_program_gives_is_told() -> None:
     """What is short may be missed; the scene in the result has what was seen."""
     case = random_scene(next(s for s in range(40) if random_scene(s).table["drives"]))
     name, drive = next(iter(case.table["drives"].items()))
-    from . import functions
-
     given = {name: functions.value(drive["function"])}
     system = compile_scene(
         SceneFile.model_validate(case.table | {"outputs": {"record": []}}),

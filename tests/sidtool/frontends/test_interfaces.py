@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,7 @@ SOLIDS = {
 }
 
 
+@cache
 def bodies() -> dict[str, tuple[FiniteElementModel, str]]:
     found = {}
     for kind, tie in (("rbe2", RBE2), ("rbe3", RBE3)):
