@@ -42,6 +42,8 @@ def may_be_inside(patch: NurbsPatch, points: Array) -> NDArray[np.bool_]:
     What is inside is at most half a cell from a point of the grid; a whole one is
     allowed for, as cells of curved patches are not even.
     """
+    from scipy.spatial import cKDTree
+
     axes = tuple(np.linspace(0, 1, _GRID) for _ in patch.degrees)
     grid = evaluate_grid(patch, axes)
     cell = sum(

@@ -15,8 +15,8 @@ from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.frontends.mesh.data import ElementBlock, Mesh
 from sidtool.frontends.solid_mesh import SolidMesh
 from sidtool.frontends.solids import mesh_matrices
+from tests.metamorphic.parts.meshes import STEEL
 
-from ...metamorphic.parts import STEEL
 from ..frontends.drawn_parts import _box
 from .test_gram import assert_defined, definitions
 
