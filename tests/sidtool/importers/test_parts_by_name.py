@@ -10,9 +10,9 @@ import pytest
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import SID
 
+from .bars.decks import body as bars_body
+from .bars.decks import bulk, grids
 from .decks import STEEL, Block
-from .test_bars import body as bars_body
-from .test_bars import bulk, grids
 from .test_import_couplings import body
 
 SMALL, LARGE = Block((2, 1, 1), (0.2, 0.05, 0.04)), Block((3, 1, 1), (0.4, 0.06, 0.05))

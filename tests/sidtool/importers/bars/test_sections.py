@@ -1,0 +1,124 @@
+"""Sections of bars and their materials, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.testing import assert_allclose
+
+from sidtool.formats.errors import InputError
+from sidtool.importers.bdf.bar_sections import section_of
+from tests.sidtool.importers.bars.decks import (
+    AREA,
+    IY,
+    IZ,
+    MATERIAL,
+    NU,
+    PBAR,
+    RHO,
+    UP,
+    E,
+    body,
+    frame,
+)
+from tests.sidtool.importers.bars.test_textbook import PBEAM, arm, by_textbook
+from tests.sidtool.importers.bars.test_theory import RODS, truss
+from tests.sidtool.importers.decks import frequencies
+
+
+@pytest.mark.parametrize(
+    ("kind", "sizes", "area", "i"),
+    [
+        ("ROD", (0.02,), np.pi * 4e-4, np.pi / 4 * 1.6e-7),
+        ("TUBE", (0.02, 0.01), np.pi * 3e-4, np.pi / 4 * 1.5e-7),
+        ("TUBE2", (0.02, 0.01), np.pi * 3e-4, np.pi / 4 * 1.5e-7),
+        ("BAR", (0.02, 0.03), 6e-4, 0.02 * 0.03**3 / 12),
+        (
+            "BOX",
+            (0.06, 0.04, 0.002, 0.003),
+            6e-2 * 4e-2 - 0.054 * 0.036,
+            (0.06 * 0.04**3 - 0.054 * 0.036**3) / 12,
+        ),
+    ],
+)
+def test_sections(kind: str, sizes: Any, area: float, i: float) -> None:
+    found = section_of(kind, sizes)
+    assert_allclose([found.area, found.iz], [area, i], rtol=1e-12)
+    if kind.startswith(("ROD", "TUBE")):
+        assert found.torsion == pytest.approx(2 * i)
+    if kind == "BOX":  # Bredt: 4 A^2 / sum of s / t
+        around = 2 * 0.057 / 0.002 + 2 * 0.038 / 0.003
+        assert found.torsion == pytest.approx(4 * (0.057 * 0.038) ** 2 / around)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (frame(PBAR, tail="\n,4"), "pins 4 and 0"),
+        (frame(PBAR, tail=",GGO"), "OFFT GGO"),
+        (frame(PBAR + ",,,\n,\n,,,1.-13"), "holds I12"),
+        (frame(f"PBAR,1,1,{AREA!r},{IZ!r},{IY!r}"), "torsion with nothing"),
+        (frame("PBARL,1,1,,CHAN\n,1.,1.,1.,1."), "is a CHAN"),
+        (frame("PBARL,1,1,,TUBE\n,0.01,0.02"), "is no TUBE"),
+        (frame("PROD,1,1,1.-4"), "CBAR 1 has the property 1"),
+        (frame(PBAR).replace("CBAR,2,1,2,3", "CBAR,2,1,2,77"), "node 77"),
+        (frame(PBAR).replace("CBAR,2,1,2,3", "CBAR,1,1,2,3"), "1 is defined twice"),
+        (frame(PBAR, "RBE2,9,1,123,4"), "RBE2 without all six"),
+        (frame(PBAR, "MPC,9,1,1,1.,2,1,-1."), "MPC, RBE3"),
+        (frame(PBAR, "GRID,9,,1.,1.,1.", "CONM2,8,9,,2."), "held by no bar"),
+        (
+            frame(PBAR, "GRID,9,,1.,1.,1.", "RBE2,8,9,123456,2,3", "RBE2,7,1,123456,2"),
+            "held already",
+        ),
+        (truss(rods=RODS[:-1]), "is a mechanism"),
+        (truss(rods=((0, 1), (2, 3))), "2 unconnected parts"),
+        (truss("CONM2,8,5,,2.,0.1"), "that turns it"),
+        (frame(PBAR, "CTETRA,90,90,1,2,3,4", "PSOLID,90,1"), "bars beside solids"),
+        (frame(PBAR, "CBAR,9,1,1,4,0.1,0.5,0.7"), "lies along it"),
+        (frame(PBAR, "CBAR,9,1,1,4"), "no direction"),
+        (frame(PBEAM + "\n,\n,NO,1.0\n,1.,1.,0.1", card="CBEAM"), "S1, S2"),
+        (frame(PBEAM + "\n,\n,NO,1.0\n,1.,1.\n,,,,,0.01", card="CBEAM"), "N1 or N2"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore")
+def test_what_own_bars_are_not_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        body(tmp_path, text)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_material_of_the_model_file_and_directions(tmp_path: Path) -> None:
+    """[material] stands for MAT1; OFFT = BGG counts the y axis in basic directions,
+    offsets in those of the nodes, and CONM2 in its own."""
+    steel = {"youngs_modulus": E, "poissons_ratio": NU, "density": RHO}
+    text = frame(PBAR).replace(MATERIAL, "MAT1,1,1.,,0.")
+    with pytest.raises(InputError, match=r"table \[material\]"):
+        body(tmp_path, text)
+    found = frequencies(body(tmp_path, text, material=steel))
+    assert_allclose(found, by_textbook({}, {}), rtol=1e-8)
+    system = "CORD2R,5,,0.,0.,0.,1.,0.,0.\n,0.,1.,0."  # x, y, z are y, z, x
+    r, own = np.array([0.02, -0.03, 0.01]), np.array([2e-5, 3e-5, 4e-5])
+    whole = scipy.linalg.block_diag(0.02 * np.eye(3), np.diag(own[[2, 0, 1]]))
+    shift = r[[2, 0, 1]]
+    inertia = arm(shift).T @ whole @ arm(shift)
+    card = "CONM2,60,3,5,0.02,0.02,-0.03,0.01\n,2.-5,,3.-5,,,4.-5"
+    text = frame(PBAR, system, "GRDSET,,,,,,5", card, tail=",BGG")
+    expected = by_textbook({}, {2: inertia})
+    assert_allclose(frequencies(body(tmp_path, text)), expected, rtol=1e-8)
+    text = frame(PBAR, system, "GRDSET,,,,,,5", card)
+    turned = ",".join(repr(UP[i]) for i in (1, 2, 0))
+    text = text.replace(",".join(map(repr, UP)), turned)
+    assert_allclose(frequencies(body(tmp_path, text)), expected, rtol=1e-8)
+
+
+def test_choices_of_other_elements_are_refused(tmp_path: Path) -> None:
+    for more in (
+        {"geometry": {"thickness": 0.1}},
+        {"discretisation": {"type": "mesh", "state": "plane_stress"}},
+    ):
+        with pytest.raises(InputError, match="not for bars"):
+            body(tmp_path, frame(PBAR), **more)
