@@ -63,6 +63,18 @@ def skew(vectors: ArrayLike) -> Array:
     return matrix
 
 
+def mean_axes_motion(sid: SID) -> Array:
+    """(6, nq) rigid motion with the momenta of each elastic coordinate.
+
+    Translation of the point at the origin, and rotation; mean axes move so relative to
+    the frame of the SID. Of a body that cannot tell a rotation (a line of mass) it has
+    none.
+    """
+    mass = coupled_mass_matrix(sid)
+    found = np.linalg.lstsq(mass[:6, :6], mass[:6, 6:], rcond=1e-12)[0]
+    return found.astype(np.float64)
+
+
 def coupled_mass_matrix(sid: SID, q: ArrayLike | None = None) -> Array:
     """[[m I, -md~, Ct^T], [md~, J, Cr^T], [Ct, Cr, Me]], (6 + nq, 6 + nq).
 

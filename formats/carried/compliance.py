@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..sid import SID, Array
-from ..sid_mass import coupled_mass_matrix, skew
+from ..sid_mass import coupled_mass_matrix, mean_axes_motion, skew
 from .shares import Carried
 
 #: Forces and moments.
@@ -30,12 +30,10 @@ def compliances(sid: SID, free: bool) -> tuple[dict[str, Array], Array]:
     numpy.linalg.LinAlgError : Ke is singular.
     """
     inverse = np.linalg.inv(np.linalg.cholesky(sid.Ke.m0))
-    mass = coupled_mass_matrix(sid)
-    inertia: Array = mass[:6, 6:]
-    rigid: Array = np.zeros_like(inertia)
+    inertia = coupled_mass_matrix(sid)[:6, 6:]
+    rigid = np.zeros_like(inertia)
     if free:
-        found = np.linalg.lstsq(mass[:6, :6], inertia, rcond=1e-12)[0]
-        rigid, inertia = found.astype(np.float64), rigid
+        rigid, inertia = mean_axes_motion(sid), rigid
 
     def work(rows: Array) -> Array:
         return np.asarray(((rows @ inverse.T) ** 2).sum(axis=1))

@@ -35,7 +35,12 @@ from sidtool.formats.sid import (
     axis_major,
     symmetric_3x3,
 )
-from sidtool.formats.sid_mass import centre_of_mass, coupled_mass_matrix, skew
+from sidtool.formats.sid_mass import (
+    centre_of_mass,
+    coupled_mass_matrix,
+    mean_axes_motion,
+    skew,
+)
 from sidtool.formats.stiffening import has_second_order_field
 
 from .consistent import kept_consistent
@@ -132,9 +137,7 @@ def _chord(first: Node, second: Node) -> FrameChange:
 
 
 def _buckens(sid: SID, node: Node | None) -> FrameChange:
-    mass = coupled_mass_matrix(sid)
-    found = np.linalg.lstsq(mass[_RIGID, _RIGID], mass[_RIGID, 6:], rcond=1e-12)[0]
-    motion: Array = found.T.astype(np.float64)
+    motion = mean_axes_motion(sid).T
     origin = centre_of_mass(sid) if node is None else node.position
     return FrameChange(origin, motion[:, :3], motion[:, 3:])
 
