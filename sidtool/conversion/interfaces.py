@@ -134,10 +134,10 @@ def _place(body: FiniteElementModel, settings: NodeMarker, held: _Held) -> _Plac
         return _Place(np.pad(settings.position, (0, 3 - d)), "as given")
     if settings.at == "axis":
         cylinder = _cylinder(body, held)
-        return _Place(
-            np.pad(cylinder.centre, (0, 3 - d)),
-            f"on the axis of a cylinder of radius {cylinder.radius:.6g} m",
-        )
+        reason = f"on the axis of a cylinder of radius {cylinder.radius:.6g} m"
+        if cylinder.miss > _OFF_AXIS * cylinder.radius:
+            reason += f", which they miss by up to {cylinder.miss:.2g} m"
+        return _Place(np.pad(cylinder.centre, (0, 3 - d)), reason)
     what = "nodes" if held.surface is None else "surface"
     return _Place(held.centre, f"in the centre of its {what}")
 

@@ -27,11 +27,13 @@ class Cylinder:
     centre : (d,) on the axis, half-way between its ends [m]
     radius : [m]
     arc : the angle over which there are points [rad]
+    miss : how far the farthest of the points is from it [m]
     """
 
     centre: Array
     radius: float
     arc: float
+    miss: float
 
 
 def fitted_cylinder(points: Array, normals: Array) -> Cylinder:
@@ -55,14 +57,15 @@ def fitted_cylinder(points: Array, normals: Array) -> Cylinder:
         centre, radius = _circle(scaled)
     else:
         turn, centre, radius = _refined(scaled, _first_axis(scaled, normals))
-    arc = _checked_arc(scaled @ turn[:, :2] - centre, radius, size)
+    arc, miss = _checked_arc(scaled @ turn[:, :2] - centre, radius, size)
     heights = scaled @ turn[:, 2:]
     amid = (heights.max(axis=0) + heights.min(axis=0)) / 2
     place = turn[:, :2] @ centre + turn[:, 2:] @ amid
-    return Cylinder(middle + size * place, size * radius, arc)
+    return Cylinder(middle + size * place, size * radius, arc, miss)
 
 
-def _checked_arc(arms: Array, radius: float, size: float) -> float:
+def _checked_arc(arms: Array, radius: float, size: float) -> tuple[float, float]:
+    """The angle over which there are points, and how far they miss the circle [m]."""
     off = np.abs(np.linalg.norm(arms, axis=1) - radius).max()
     if not off <= _ROUND * radius:
         raise _unlike(
@@ -73,7 +76,7 @@ def _checked_arc(arms: Array, radius: float, size: float) -> float:
     gap = float(np.diff(angles, append=angles[0] + 2 * np.pi).max())
     if gap > 2 * np.pi * (1 - _ARC):
         raise _unlike("they lie on less than a sixth of a circle")
-    return 2 * np.pi - gap
+    return 2 * np.pi - gap, size * float(off)
 
 
 def _unlike(why: str) -> InputError:

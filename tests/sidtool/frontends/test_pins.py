@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -298,3 +299,45 @@ def test_info_prints_where_every_marker_is(tmp_path: Path) -> None:
 def read_nodes(folder: Path) -> Array:
     body = finite_element_model(read_model(folder / "model.json"))
     return body.positions
+
+
+@pytest.mark.parametrize("kind", ["hex20", "tet4"])
+def test_half_bores_rims_and_two_eyes_have_one_axis(tmp_path: Path, kind: str) -> None:
+    """Half a turn, half the depth, one rim, and both rims of an eye on one pin."""
+    mesh, bore = bored(kind, 12)
+    x = mesh.positions[bore]
+    half, low = x[:, 1] > -1e-9, x[:, 2] < 1e-9
+    parts = {
+        "half": ([half], DEPTH / 2),
+        "lower": ([x[:, 2] < DEPTH / 2 + 1e-9], DEPTH / 4),
+        "rim": ([low], 0.0),
+        "eyes": ([low, x[:, 2] > DEPTH - 1e-9], DEPTH / 2),
+    }
+    for chosen, height in parts.values():
+        sets = {f"S{i}": bore[own] for i, own in enumerate(chosen)}
+        moved, exact = carried(mesh, np.array([0, 0, height]), 5)
+        tie = {"type": "distributing", "to": list(sets)}
+        model = pinned(
+            tmp_path, moved, sets, {"pin": {"node": 1, "at": "axis", "tie": tie}}
+        )
+        body = finite_element_model(model)
+        assert_allclose(body.marker("pin").position, exact, atol=1e-9 * RADIUS)
+
+
+def test_a_bore_that_is_nearly_round_is_told_to_be(tmp_path: Path) -> None:
+    """A cone, or a slot: its axis is found, and how far the nodes are off is told."""
+    mesh, bore = bored("hex8", 12)
+    widened = mesh.positions.copy()
+    widened[:, :2] *= 1 + 0.01 * widened[:, 2:] / DEPTH
+    slot = mesh.positions.copy()
+    slot[:, 0] += 0.008 * RADIUS * np.sign(np.round(slot[:, 0], 9))
+    for positions in (widened, slot):
+        pin = {"pin": {"node": 1, "at": "axis", "tie": BORE}}
+        model = pinned(
+            tmp_path, replace(mesh, positions=positions), {"BORE": bore}, pin
+        )
+        body = finite_element_model(model)
+        (note,) = [n for n in body.notes if n.startswith("marker pin")]
+        (miss,) = re.findall(r"which they miss by up to (\S+) m", note)
+        assert 0.004 * RADIUS < float(miss) < 0.01 * RADIUS
+        assert np.abs(body.marker("pin").position - [0, 0, DEPTH / 2]).max() < 2e-5
