@@ -163,7 +163,7 @@ def _way(
 
 
 def _slide(system: System, element: Element, a: int, now: _Moment) -> Array:
-    data = np.array(element.data)
+    data = np.array(element.data[:3])
     if system.planar:
         data = np.array([np.cos(data[0]), np.sin(data[0]), 0.0])
     way: Array = now.R[a] @ data

@@ -14,17 +14,28 @@ from tests.solver.scenes import compiled, scene, slender_rod
 GRAVITY = [0.0, -9.81]
 
 
-def hung(stiffness: float, end: float, spatial: bool, mass: float = 10.0) -> Any:
-    """A body on a spring, which it stretches when it is let go."""
+def hung(
+    stiffness: float,
+    end: float,
+    spatial: bool,
+    mass: float = 10.0,
+    guide: dict[str, Any] | None = None,
+) -> Any:
+    """A body on a spring, which it stretches when it is let go, in a joint if any."""
     places = [0.0, -0.5, 0.0] if spatial else [0.0, -0.5]
     gravity = [*GRAVITY, 0.0] if spatial else GRAVITY
     inertia: Any = [0.1, 0.1, 0.1] if spatial else 0.1
     body = {"mass": mass, "inertia": inertia, "initial": {"position": places}}
-    spring = {"type": "spring_damper", "markers": ["ground", "body"], "rest": 0.5}
-    spring["stiffness"] = stiffness
+    spring = {"type": "spring_damper", "stiffness": stiffness, "rest": 0.5}
+    spring |= {"joint": "guide"} if guide else {"markers": ["ground", "body"]}
     more = {"dimension": "spatial"} if spatial else {}
     described = scene(
-        {"body": body}, {}, forces={"spring": spring}, gravity=gravity, end=end, **more
+        {"body": body},
+        {"guide": guide} if guide else {},
+        forces={"spring": spring},
+        gravity=gravity,
+        end=end,
+        **more,
     )
     return compiled(described)
 
@@ -55,6 +66,22 @@ def test_a_spring_that_lets_its_load_fall(
     if slip:
         period = 2.0 * np.pi * np.sqrt(mass / stiffness)
         assert f"its period of {period:.2g} s" in found[0]
+
+
+@pytest.mark.parametrize("stiffness", [2e3, 20.0])
+@pytest.mark.parametrize("spatial", [False, True])
+def test_a_spring_in_a_guide_is_asked_about_as_a_free_one(
+    spatial: bool, stiffness: float
+) -> None:
+    """The same fall, along a prismatic joint in place of a line of markers."""
+    guide = {
+        "type": "prismatic",
+        "markers": ["ground", "body"],
+        "axis": [0.0, -1.0, 0.0] if spatial else [0.0, -1.0],
+    }
+    free, guided = (asked(hung(stiffness, 1.5, spatial, guide=g)) for g in ({}, guide))
+    assert guided == free
+    assert len(free) == int(stiffness < 1e3)
 
 
 def test_weak_springs_of_driven_and_resting_parts_are_sound() -> None:
