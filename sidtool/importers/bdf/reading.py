@@ -25,6 +25,7 @@ from .cards import CASE_CONTROL, Card, members, read_cards
 from .content import BulkData, twice
 from .couplings import conm2, rbe2, rbe3
 from .equations import case_control, equations_of, mpc, mpcadd
+from .handedness import count_right_handed
 from .materials import mat1, mat9, material_name, materials_of
 from .properties import pshell, psolid
 from .systems import Frames, systems_of
@@ -272,6 +273,7 @@ def _parts(content: BulkData) -> dict[str, list[int]]:
 
 
 def _imported(content: BulkData) -> ImportedMesh:
+    turned = count_right_handed(content)
     raw = []
     for label, property_, kind, nodes, place in content.elements:
         given = content.properties.get(property_)
@@ -280,6 +282,7 @@ def _imported(content: BulkData) -> ImportedMesh:
         raw.append(RawElement(label, kind, nodes, place, material, depth))
     equations, bars = equations_of(content), bars_of(content)
     notes = reading_notes(content.nodes, [*raw, *bars], len(raw) + len(bars))
+    notes += turned
     if content.weight != 1.0:
         notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
     if content.said:

@@ -88,8 +88,20 @@ FORMATS: dict[str, tuple[str, Callable[[Mesh], str]]] = {
 }
 
 
-NASTRAN = {"hex8": "CHEXA", "hex20": "CHEXA", "tet4": "CTETRA", "tet10": "CTETRA"}
-NASTRAN_HEX20 = [*range(12), *range(16, 20), *range(12, 16)]
+NASTRAN = {
+    "hex8": "CHEXA",
+    "hex20": "CHEXA",
+    "tet4": "CTETRA",
+    "tet10": "CTETRA",
+    "wedge6": "CPENTA",
+    "wedge15": "CPENTA",
+    "pyramid5": "CPYRAM",
+}
+#: Nastran has the upright edges before those of the top.
+NASTRAN_ORDERS = {
+    "hex20": [*range(12), *range(16, 20), *range(12, 16)],
+    "wedge15": [*range(9), *range(12, 15), *range(9, 12)],
+}
 ANSYS = {"hex8": 185, "hex20": 186, "tet4": 285, "tet10": 187}
 
 
@@ -112,7 +124,7 @@ def bdf_text(mesh: Mesh) -> str:
     lines = ["BEGIN BULK", "PSOLID,7,5", "MAT1,5,2.1+11,,0.3,7850."]
     for i, x in enumerate(mesh.positions):
         lines.append(f"GRID,{i + 10},," + ",".join(f"{v:.10f}" for v in x))
-    order = NASTRAN_HEX20 if block.kind == "hex20" else range(block.nodes.shape[1])
+    order = NASTRAN_ORDERS.get(block.kind, range(block.nodes.shape[1]))
     for label, row in zip(block.labels, block.nodes, strict=True):
         words = [str(label), "7", *(str(row[k] + 10) for k in order)]
         groups = [words[k : k + 8] for k in range(0, len(words), 8)]

@@ -14,9 +14,11 @@ from sidtool.convert import sid_from_model
 from sidtool.formats.errors import InputError
 from sidtool.frontends.elements.reference import edge_nodes, reference_element
 from sidtool.frontends.mesh.data import ElementBlock, Mesh, check_mesh
+from sidtool.frontends.solids import mesh_matrices
 from sidtool.importers.cdb.elements import collapsed
 from sidtool.importers.meshes import read_mesh
 
+from ...metamorphic.parts import STEEL
 from .mesh_files import BDF, bdf_text, cdb_mesh, cdb_text, mesh_model, msh_2, rod_mesh
 
 
@@ -381,3 +383,32 @@ def test_a_constant_that_depends_on_temperature_is_none(tmp_path: Path) -> None:
         text = cdb_text().replace("NBLOCK", "\n".join([*given, "NBLOCK"]), 1)
         (tmp_path / "one.cdb").write_text(text)
         assert len(read_mesh(tmp_path / "one.cdb").materials) == count
+
+
+SOLIDS = ["hex8", "hex20", "wedge6", "wedge15", "tet4", "tet10", "pyramid5"]
+
+
+@pytest.mark.parametrize("kind", SOLIDS)
+def test_solids_of_nastran_counted_left_handed(tmp_path: Path, kind: str) -> None:
+    """They were refused as inverted. A skew element whose nodes are counted as those of
+    its mirror image, x and y exchanged, is the same body: mass and stiffness."""
+    reference = reference_element(kind).nodes
+    skew = np.eye(3) + np.random.default_rng(5).uniform(-0.2, 0.2, (3, 3))
+    count = len(reference)
+    exchanged = reference[:, [1, 0, 2]]
+    gaps = np.linalg.norm(exchanged[:, None] - reference, axis=2)
+    left = gaps.argmin(axis=1)
+    assert gaps.min(axis=1).max() == 0 and not np.array_equal(left, range(count))
+    found = []
+    for name, nodes in (("right", np.arange(count)), ("left", left)):
+        block = ElementBlock(kind, nodes[None], np.array([1]))
+        path = tmp_path / f"{name}.bdf"
+        mesh = Mesh(reference @ skew, (block,), {"0.0": nodes[:1]})
+        path.write_text(bdf_text(mesh))
+        imported = read_mesh(path)
+        check_mesh(imported.mesh)
+        assert any("left-handed" in note for note in imported.notes) == (name == "left")
+        found.append(mesh_matrices(imported.mesh, {"5": STEEL}, "solid"))
+    for right, turned in zip(*found, strict=True):
+        size = np.abs(right).max()
+        assert_allclose(turned.toarray(), right.toarray(), atol=1e-9 * size)
