@@ -7,20 +7,36 @@ import re
 import subprocess
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import LinAlgError, eigh
 
 from sidtool.convert import finite_element_model
+from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validated
+from sidtool.frontends.elements.reference import reference_element
+from sidtool.frontends.elements.solid import (
+    MatrixSum,
+    elasticity,
+    element_mass,
+    element_stiffness,
+    mapped_batch,
+)
 from sidtool.frontends.finite_element_model import FiniteElementModel
+from sidtool.frontends.solid_mesh import SolidMesh
+from sidtool.importers.calculix.engine import computed
 from sidtool.reduction.frames import Frame
 from sidtool.reduction.space import admissible
 from tests.sidtool.importers.twins import FEW, mass_by_few_points
 
-CCX_LIMIT = 40
+CCX_LIMIT, SMALL = 40, 600
+#: Elements that CalculiX integrates by two points along an edge, and the unknowns up
+#: to which that is done here.
+_REDUCED, _DENSE = ("hex20", "quad8"), 4_000
 ELEMENT = re.compile(r"^\*ELEMENT\s*,.*TYPE\s*=\s*(\w+)", re.IGNORECASE | re.MULTILINE)
 
 
@@ -47,7 +63,7 @@ def beside_calculix(deck: Path, sid: Any, data: dict[str, Any]) -> Difference:
     """
     result, modes = Difference(), data["reduction"]["modes"]
     text = deck.read_text("latin-1")
-    found = free_frequencies(text, deck.parent, modes)
+    found = free_frequencies(text, deck.parent, modes) or _by_matrices(deck, modes)
     if found is None:
         result.reason = "ccx gives no frequencies of the free body"
         return result
@@ -61,24 +77,85 @@ def beside_calculix(deck: Path, sid: Any, data: dict[str, Any]) -> Difference:
     if not count:
         return result
     result.frequency = float(np.abs(own[:count] / values[:count] - 1).max())
-    few = _by_few_points(data, count)
-    if few is not None:
+    few = _by_few_points(text, data, count)
+    if few is not None and len(few) == count:
         result.same_points = float(np.abs(few / values[:count] - 1).max())
     return result
 
 
-def _by_few_points(data: dict[str, Any], modes: int) -> np.ndarray | None:
-    """Frequencies [Hz] of meshes whose mass CalculiX integrates by few points, so."""
+def _by_few_points(text: str, data: dict[str, Any], modes: int) -> np.ndarray | None:
+    """Frequencies [Hz] of meshes that CalculiX integrates by few points, so.
+
+    Of tetrahedra and C3D15 the mass, of C3D20R, CPS8R and CPE8R all. Modes of reduced
+    integration that have neither stiffness nor mass make a pencil singular: None.
+    """
     body = finite_element_model(validated(data, ModelFile))
     if body.solids is None or body.equations is not None or body.couplings:
         return None
-    mesh, materials = body.solids.mesh, body.solids.materials
-    if body.point_masses or not {block.kind for block in mesh.blocks} <= set(FEW):
+    if body.point_masses:
         return None
-    mass = mass_by_few_points(mesh, materials)
-    bare = FiniteElementModel(mesh.positions, mass, body.stiffness, {}, ())
-    free = admissible(bare, Frame(np.zeros(3), np.zeros(bare.ndof, bool)))
-    return np.sqrt(free.modes(modes)[0]) / (2 * np.pi)
+    kinds = {block.kind for block in body.solids.mesh.blocks}
+    types = set(ELEMENT.findall(text.upper()))
+    if kinds <= set(FEW):
+        mass = mass_by_few_points(body.solids.mesh, body.solids.materials)
+        bare = FiniteElementModel(body.positions, mass, body.stiffness, {}, ())
+        free = admissible(bare, Frame(np.zeros(3), np.zeros(bare.ndof, bool)))
+        return np.sqrt(free.modes(modes)[0]) / (2 * np.pi)
+    if kinds <= set(_REDUCED) and all(kind.endswith("R") for kind in types):
+        return _reduced(body.solids, modes)
+    return None
+
+
+def _reduced(solids: SolidMesh, modes: int) -> np.ndarray | None:
+    """Of quadratic squares and cubes by two points along each edge."""
+    mesh, ends = solids.mesh, np.array([0.5 - 12**-0.5, 0.5 + 12**-0.5])
+    n, d = mesh.positions.shape
+    points = np.array(list(product(ends, repeat=d)))
+    stiffness, mass = MatrixSum(n, d), MatrixSum(n, 1)
+    for block in mesh.blocks:
+        values, slopes = reference_element(block.kind).at(points)
+        weights, material = np.full(len(points), 2.0**-d), solids.materials
+        batch = mapped_batch(
+            block.nodes, mesh.positions, values[None], slopes[None], weights
+        )
+        own, depth = material[block.material], block.thickness or solids.thickness
+        law = elasticity(own, solids.state) * depth
+        stiffness.add(element_stiffness(batch, law), block.nodes)
+        mass.add(element_mass(batch, own.density * depth), block.nodes)
+    k, m = stiffness.total(), mass.total()
+    if k.shape[0] > _DENSE:
+        return None
+    whole = np.kron(m.toarray(), np.eye(d))
+    return _frequencies(k.toarray(), whole, 3 if d == 2 else 6, modes)
+
+
+def _frequencies(k: np.ndarray, m: np.ndarray, rigid: int, modes: int) -> Any:
+    """Of a free body [Hz]; None of a pencil that is singular but for these."""
+    shift = 1e-3 * np.trace(k) / np.trace(m)
+    try:
+        inverse = eigh(m, k + shift * m, eigvals_only=True)[::-1]
+    except LinAlgError:
+        return None
+    squares = 1 / inverse[: rigid + modes] - shift
+    if (np.abs(squares[:rigid]) > 1e-6 * squares[rigid]).any():
+        return None
+    return np.sqrt(squares[rigid:]) / (2 * np.pi)
+
+
+def _by_matrices(deck: Path, modes: int) -> tuple[float, np.ndarray] | None:
+    """The same from CalculiX's matrices: its eigenvalues fail for few unknowns."""
+    try:
+        found = computed(deck)
+    except InputError:
+        return None
+    k, m = found.stiffness.toarray(), found.mass.toarray()
+    if len(k) > SMALL:
+        return None
+    dofs, along = found.dofs[:, 1], np.zeros((len(k), 3))
+    along[range(len(k)), dofs - 1] = found.dofs[:, 0] <= found.nodes.max()
+    values = _frequencies(k, m, 6, modes)
+    total = np.einsum("ia,ij,ja->a", along, m, along).max()
+    return None if values is None else (float(total), values)
 
 
 def free_frequencies(
