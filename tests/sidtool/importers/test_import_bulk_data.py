@@ -17,8 +17,8 @@ from sidtool.frontends.mesh.data import ElementBlock, Mesh, check_mesh
 from sidtool.frontends.solids import mesh_matrices
 from sidtool.importers.cdb.elements import collapsed
 from sidtool.importers.meshes import read_mesh
+from tests.metamorphic.parts.meshes import STEEL
 
-from ...metamorphic.parts import STEEL
 from .mesh_files import BDF, bdf_text, cdb_mesh, cdb_text, mesh_model, msh_2, rod_mesh
 
 
