@@ -177,16 +177,19 @@ class State:
     def _smallest_of_many(
         self, right: Array, independent: float
     ) -> tuple[Array, Array] | None:
-        """The same with sparse matrices; None unless rows are clearly independent."""
+        """The same with sparse matrices; None where that is not clear."""
         from scipy.sparse import block_diag
 
         C = sparse_jacobian(self.system, self.work.C)
         roots = [block * self.free[part, None] for part, block in self.roots()]
         N = block_diag(roots, "csr")
         rows = IndependentRows(C @ N)
+        without = None
         if rows.least <= independent:
-            return None
-        x = N @ rows.smallest(right)
+            without = rows.small(independent)
+            if without is None:
+                return None
+        x = N @ rows.smallest(right, without)
         return x, C @ x - right
 
     def scaled_jacobian(self) -> Array:
@@ -196,10 +199,20 @@ class State:
     def is_clear(self, independent: float) -> bool:
         """Whether the rows of a large scene are known to be independent: the singular
         values of the scaled Jacobian are larger. False where that is not clear."""
+        rows = self._large_rows()
+        return rows is not None and rows.least > independent
+
+    def stands_apart(self, rounded: float) -> bool:
+        """Whether more than rounding is left of each row of a large scene without the
+        others, see `IndependentRows.stand_apart`."""
+        rows = self._large_rows()
+        return rows is not None and rows.stand_apart(rounded)
+
+    def _large_rows(self) -> IndependentRows | None:
         if len(self.ignored) < MANY or self.ignored.any():
-            return False
+            return None
         C = large_scenes.scaled_jacobian(self.system, self.work.C)
-        return IndependentRows(C).least > independent
+        return IndependentRows(C)
 
     def roots(self) -> Iterator[tuple[slice, Array]]:
         """The blocks of N with N N^T = W^-1 of all bodies, and their coordinates.

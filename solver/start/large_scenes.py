@@ -1,14 +1,16 @@
 """Constraints of large scenes, whose Jacobian is sparse.
 
 Rows that are clearly independent, as those of most mechanisms are, need no dense
-matrix: with G = B B^T of the rows B, factored sparsely, inverse iteration bounds their
-least singular value, and B^T G^-1 b is the smallest solution of B x = b. Whatever is
-not clear is left to dense matrices, which see dependencies down to rounding.
+matrix: with the factor R^T R = G = B B^T of the rows B, which has the digits of B,
+inverse iteration bounds their least singular value, and B^T G^-1 b is the smallest
+solution of B x = b. Whatever is not clear is left to dense matrices, which see
+dependencies down to rounding.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,15 +19,18 @@ from sidtool.formats.sid import Array
 from ..space import layout as at
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
+from .orthogonal import OrthogonalFactor
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 #: Rows from which on scenes are large.
 MANY = 300
-#: G keeps half of the digits: singular values below this part of the largest one are
-#: not told from those of dependent rows.
-CLEAR = 1e-5
+#: Singular values below this part of the largest one are not told from those of
+#: dependent rows.
+CLEAR = 1e-11
+#: How many of the least singular values are looked at.
+COUNTS = (6, 12, 24, 48)
 #: Inverse iteration ends when the least singular value changes by less than this part,
 #: which is known then up to a factor.
 SETTLED, MOST, FACTOR = 0.01, 50, 1.5
@@ -92,43 +97,96 @@ class IndependentRows:
     """
 
     def __init__(self, B: csr_array) -> None:
-        from scipy.sparse import diags_array
-        from scipy.sparse.linalg import splu
-
         lengths = np.sqrt(B.multiply(B).sum(axis=1))
         self.least = 0.0
         if not (lengths > 0.0).all():
             return
         self._scale = 1.0 / lengths
-        self._B = (diags_array(self._scale) @ B).tocsr()
-        G = (self._B @ self._B.T).tocsc()
-        try:
-            self._lu = splu(G, "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True})
-        except RuntimeError:  # exactly singular
-            return
-        self.least = self._least_singular_value(G)
+        self._B = of_length_one(B)
+        self._factor = OrthogonalFactor(self._B)
+        if self._factor.diagonal.min(initial=1.0) > CLEAR:
+            self.least = self._least_singular_value()
 
-    def _least_singular_value(self, G: Any) -> float:
-        x = np.random.default_rng(0).standard_normal(G.shape[0])
+    def _least_singular_value(self) -> float:
+        x = np.random.default_rng(0).standard_normal(self._B.shape[0])
         least = 0.0
         for _ in range(MOST):
             x /= np.linalg.norm(x)
-            x, before = self._lu.solve(x), least
+            x, before = self._factor.solve(x), least
             square = 1.0 / max(float(np.linalg.norm(x)), 1e-300)
             least = square**0.5
             if abs(least - before) <= SETTLED * least:
                 break
-        largest = float(abs(G).sum(axis=1).max()) ** 0.5
+        largest = float(abs(self._B @ self._B.T).sum(axis=1).max()) ** 0.5
         found = least / FACTOR / max(1.0, largest)
         return found if found > CLEAR else 0.0
 
-    def smallest(self, right: Array) -> Array:
-        """The x of least length with B x = right."""
-        right = self._scale * right
+    def smallest(self, right: Array, without: Array | None = None) -> Array:
+        """The x of least length with B x = right.
+
+        without : directions (rows, n) in which the rows need not be met, see `small`
+        """
+        if without is None:
+            without = np.zeros((len(right), 0))
+
+        def wanted(rows: Array) -> Array:
+            return np.asarray(rows - without @ (without.T @ rows))
+
+        right = wanted(self._scale * right)
         x = np.zeros(self._B.shape[1])
         for _ in range(REFINEMENTS):
-            left = right - self._B @ x
+            left = wanted(right - self._B @ x)
             if np.abs(left).max(initial=0.0) <= MET * np.abs(right).max(initial=0.0):
                 break
-            x += self._B.T @ self._lu.solve(left)
+            x += self._B.T @ wanted(self._factor.solve(left))
         return x
+
+    def small(self, bound: float) -> Array | None:
+        """Left singular vectors (rows, n) of values below a part of the largest one;
+        None where they are many, or not clear."""
+        if self.least == 0.0:
+            return None
+        largest = self._largest()
+        for squares, directions in self._smallest_values():
+            if squares.max() > (bound * largest) ** 2:
+                return directions[:, squares < (bound * largest) ** 2]
+        return None
+
+    def stand_apart(self, bound: float) -> bool:
+        """Whether of each row more than a part is left without the others.
+
+        That is 1 / sqrt((G^-1)_ii). Long mechanisms have small singular values in
+        which all of their rows have a part, and which tell nothing of any of them.
+        False where it is not clear.
+        """
+        if self.least > bound:
+            return True
+        if self.least == 0.0:
+            return False
+        for squares, directions in self._smallest_values():
+            found = (directions**2 / squares).sum(axis=1).max()
+            if found + 1.0 / squares.max() < bound**-2:
+                return True
+            if found > bound**-2:
+                return False
+        return False
+
+    def _largest(self) -> float:
+        from scipy.sparse.linalg import eigsh
+
+        G, begin = self._B @ self._B.T, np.ones(self._B.shape[0])
+        squares = eigsh(G, 1, tol=SETTLED, v0=begin, return_eigenvectors=False)
+        return float(np.sqrt(squares[-1]))
+
+    def _smallest_values(self) -> Iterator[tuple[Array, Array]]:
+        """Squares of more and more of the least singular values; their directions."""
+        from scipy.sparse.linalg import LinearOperator, eigsh
+
+        rows = self._B.shape[0]
+        inverse = LinearOperator((rows, rows), matvec=self._factor.solve, dtype=float)
+        begin = np.random.default_rng(0).standard_normal(rows)
+        for count in COUNTS:
+            if count >= rows:
+                return
+            inverses, directions = eigsh(inverse, count, tol=DIRECTED**2, v0=begin)
+            yield 1.0 / inverses, directions

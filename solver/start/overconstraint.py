@@ -67,11 +67,7 @@ def relax(state: State, guessed: Array) -> bool:
 
     guessed : positions before they were moved onto the constraints
     """
-    if state.opening <= MET and state.is_clear(ROUNDED):
-        return False
-    _, sizes, _ = _decomposed(state)
-    small = (sizes > EXACT) & (sizes < ROUNDED)
-    if state.opening <= MET and not small.any():
+    if state.opening <= MET and not _hardly_differ(state):
         return False
     kept = state.z.copy()
     state.z[:] = guessed
@@ -81,6 +77,14 @@ def relax(state: State, guessed: Array) -> bool:
     state.z[:] = kept
     state.evaluate()
     return False
+
+
+def _hardly_differ(state: State) -> bool:
+    """Whether constraints nearly follow from others, as rounding makes it."""
+    if state.stands_apart(ROUNDED):
+        return False
+    _, sizes, _ = _decomposed(state)
+    return bool(((sizes > EXACT) & (sizes < ROUNDED)).any())
 
 
 def complete(system: System) -> System:

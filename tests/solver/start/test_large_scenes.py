@@ -17,12 +17,16 @@ from sidtool.solver.start import assembly, consistent, large_scenes
 from sidtool.solver.start.assembly import assemble
 from sidtool.solver.start.large_scenes import (
     CLEAR,
+    FACTOR,
     IndependentRows,
     least_independent,
 )
+from sidtool.solver.start.orthogonal import OrthogonalFactor
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import band
 from tests.solver.scenes import compiled, polynomial, scene, slender_rod
+
+from .networks import ladder, network
 
 ENDS = {"a": {"position": [0.0, 0.0]}, "b": {"position": [0.7, 0.1]}}
 #: Constraints.
@@ -108,7 +112,7 @@ def test_an_open_chain_that_falls_passes_nothing_singular(
 
     monkeypatch.setattr(account, "crossings", crossings)
     system = chain(250, gravity=[0.0, -9.81], end=0.01)
-    simulate(system, integrator="radau5", rtol=1e-4)
+    assert not simulate(system, integrator="radau5", rtol=1e-4).notes
     assert told == [[]]
 
 
@@ -155,6 +159,93 @@ def test_the_least_independent_rows_but_for_redundant_ones() -> None:
     direction, size = least_independent(csr_array(B), 4)
     assert size == pytest.approx(sizes[25], rel=1e-5)
     assert abs(direction @ left[:, 25]) == pytest.approx(1.0, abs=1e-5)
+
+
+def of_sizes(rng: np.random.Generator, sizes: list[float]) -> csr_array:
+    """Rows of a band with some left singular vectors that have these values, times
+    lengths of rows that nothing depends on."""
+    count = 40
+    left = np.linalg.qr(rng.standard_normal((count, count)))[0]
+    right = np.linalg.qr(rng.standard_normal((70, count)))[0]
+    values = np.concatenate([np.linspace(0.5, 1.5, count - len(sizes)), sizes])
+    return csr_array(left * values @ right.T)
+
+
+def unit(B: csr_array) -> np.ndarray:
+    return B.toarray() / np.linalg.norm(B.toarray(), axis=1)[:, None]
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e-6, 1e-9])
+def test_the_factor_has_the_digits_of_the_rows(size: float) -> None:
+    """The least singular value; a factor of B B^T would lose half of its digits."""
+    B = of_sizes(np.random.default_rng(3), [size])
+    sizes = np.linalg.svd(unit(B), compute_uv=False)
+    rows = IndependentRows(B)
+    least = rows.least * FACTOR * max(1.0, abs(unit(B) @ unit(B).T).sum(1).max() ** 0.5)
+    assert least == pytest.approx(sizes[-1], rel=0.05)
+    G = unit(B) @ unit(B).T
+    right = G @ np.ones(40)
+    solved = OrthogonalFactor(csr_array(unit(B))).solve(right)
+    assert G @ solved == pytest.approx(right, rel=1e-6, abs=1e-8)
+
+
+@pytest.mark.parametrize("sizes", [[1e-6], [3e-5, 1e-7, 2e-9], [1e-5] * 9])
+def test_what_hardly_differs_need_not_be_met(sizes: list[float]) -> None:
+    """Smallest solutions without the singular values below a bound, as of lstsq."""
+    rng = np.random.default_rng(8)
+    B, right = of_sizes(rng, sizes), rng.standard_normal(40)
+    lengths = np.linalg.norm(B.toarray(), axis=1)
+    rows = IndependentRows(B)
+    without = rows.small(1e-4)
+    assert without is not None and without.shape == (40, len(sizes))
+    expected = np.linalg.lstsq(unit(B), right / lengths, rcond=1e-4)[0]
+    assert rows.smallest(right, without) == pytest.approx(expected, abs=1e-8)
+    assert rows.small(1e-12) is None or rows.small(1e-12).shape == (40, 0)
+
+
+@pytest.mark.parametrize("cells", [15, 80])
+def test_rows_of_a_long_ladder_stand_apart(cells: int) -> None:
+    """Its singular values fall with the square of its length, below what counts as
+    rounding, but no constraint nearly follows from the others: each keeps more."""
+    system = ladder(cells)
+    state = consistent.State(system, consistent.guess(system))
+    C = large_scenes.scaled_jacobian(system, state.work.C)
+    rows, inverse = IndependentRows(C), np.linalg.inv(unit(C) @ unit(C).T)
+    kept = 1.0 / np.sqrt(np.diag(inverse).max())
+    assert rows.stand_apart(0.9 * kept) and not rows.stand_apart(1.1 * kept)
+    assert kept > 5.0 * rows.least
+
+
+def test_no_constraint_of_a_long_ladder_is_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """100 cells have a singular value of 8e-5, which was taken for rounding of data."""
+    forbid_dense(monkeypatch)
+    found, start = assembly.assemble(ladder(100))
+    assert found.dropped == () and found.redundant == ()
+    assert np.abs(start.v).max() == 0.0
+
+
+@pytest.mark.parametrize("space", [False, True])
+def test_random_networks_have_the_verdicts_of_dense_matrices(
+    monkeypatch: pytest.MonkeyPatch, space: bool
+) -> None:
+    """What is redundant, left out or refused, and where they start."""
+
+    def verdict(seed: int) -> tuple[Any, ...]:
+        try:
+            found, start = assembly.assemble(network(seed, space))
+        except InputError as error:
+            return (str(error),)
+        return found.redundant, found.dropped, start.z.round(9), start.v.round(9)
+
+    monkeypatch.setattr(consistent, "MANY", 1)
+    sparse = [verdict(seed) for seed in range(15)]
+    dense(monkeypatch)
+    for seed in range(15):
+        np.testing.assert_equal(sparse[seed], verdict(seed))
+    redundant = [bool(found[0]) and len(found) > 1 for found in sparse]
+    assert any(redundant) and not all(redundant)
 
 
 @pytest.mark.parametrize("share", [0.0, 1e-12, 0.1 * CLEAR])

@@ -1,0 +1,85 @@
+"""Random mechanisms with closed loops and redundant constraints, that fit together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sidtool.solver.system.scene import System
+from tests.solver.scenes import compiled, scene
+
+
+def network(seed: int, space: bool) -> System:
+    """A tree of links, loops that leave it at least one motion, and joints that are
+    said twice, at random. In space all axes are parallel: each loop has three
+    constraints too many."""
+    rng = np.random.default_rng(seed)
+    count, axes = int(rng.integers(5, 11)), 3 if space else 2
+    places = rng.uniform(-1.0, 1.0, (count, axes))
+    markers: list[dict[str, Any]] = [{} for _ in range(count)]
+    ground: dict[str, Any] = {}
+    joints: dict[str, Any] = {}
+
+    def marker(body: int, place: np.ndarray) -> str:
+        own = ground if body < 0 else markers[body]
+        here = place if body < 0 else place - places[body]
+        own[f"m{len(own)}"] = {"position": here.tolist()}
+        return f"{'ground' if body < 0 else f'b{body}'}.m{len(own) - 1}"
+
+    def pin(a: int, b: int) -> None:
+        place = rng.uniform(-1.0, 1.0, axes)
+        found = {"type": "revolute", "markers": [marker(a, place), marker(b, place)]}
+        joints[f"j{len(joints)}"] = found
+
+    for body in range(count):
+        pin(int(rng.integers(-1, body)), body)
+    for _ in range(int(rng.integers(0, 1 + (count - 1) // 2))):
+        pin(*(int(b) for b in rng.choice(count, 2, replace=False)))
+    for name in rng.choice(list(joints), int(rng.integers(0, 3)), replace=False):
+        joints[f"again_{name}"] = joints[str(name)]
+    bodies = {
+        f"b{k}": {
+            "mass": float(rng.uniform(0.5, 2.0)),
+            "inertia": [0.1, 0.2, 0.3] if space else 0.1,
+            "markers": markers[k],
+            "initial": {"position": places[k].tolist()},
+        }
+        for k in range(count)
+    }
+    table = {"markers": ground}
+    return compiled(
+        scene(bodies, joints, ground=table, dimension="spatial" if space else "planar")
+    )
+
+
+def ladder(cells: int) -> System:
+    """Two rails of links that are pinned to each other, and rungs between them."""
+    bodies: dict[str, Any] = {}
+    joints: dict[str, Any] = {}
+    half = {"a": {"position": [-0.5, 0.0]}, "b": {"position": [0.5, 0.0]}}
+
+    def bar(name: str, x: float, y: float, angle: float = 0.0) -> None:
+        initial = {"position": [x, y], "angle": angle}
+        bodies[name] = {
+            "mass": 1.0,
+            "inertia": 1 / 12,
+            "markers": half,
+            "initial": initial,
+        }
+
+    def pin(a: str, b: str) -> None:
+        joints[f"p{len(joints)}"] = {"type": "revolute", "markers": [a, b]}
+
+    low, up = "ground.low", "ground.up"
+    for k in range(cells):
+        bar(f"low{k}", k + 0.5, 0.0)
+        bar(f"up{k}", k + 0.5, 1.0)
+        bar(f"rung{k}", k + 1.0, 0.5, np.pi / 2)
+        pin(low, f"low{k}.a")
+        pin(up, f"up{k}.a")
+        low, up = f"low{k}.b", f"up{k}.b"
+        pin(low, f"rung{k}.a")
+        pin(up, f"rung{k}.b")
+    ends = {"low": {"position": [0.0, 0.0]}, "up": {"position": [0.0, 1.0]}}
+    return compiled(scene(bodies, joints, ground={"markers": ends}))
