@@ -187,7 +187,7 @@ def test_names_may_be_as_long_as_before(tmp_path: Path) -> None:
 
 
 STUDY = ["study", "slider_crank.toml", "-o", "deep/study", "--integrator", "radau9"]
-STUDY += ["--rtol", "1e-3"]
+STUDY += ["--rtol", "1e-3", "--jobs", "1", "--set", "time.end=0.1"]
 
 
 @pytest.mark.parametrize(
