@@ -126,6 +126,39 @@ def test_sides_on_a_part_of_a_side_are_tied(tmp_path: Path, name: str) -> None:
     assert errors[1] < errors[0]
 
 
+def sector(inner: float, outer: float, start: float, end: float) -> NurbsPatch:
+    """A part of a ring between two radii and two angles [deg]."""
+    middle, half = np.deg2rad((start + end) / 2), np.deg2rad((end - start) / 2)
+    angles = middle + half * np.array([-1.0, 0.0, 1.0])
+    weights = np.array([1.0, np.cos(half), 1.0])
+    arc = np.column_stack([np.cos(angles), np.sin(angles)]) / weights[:, None]
+    knots = (np.array([0.0, 0, 1, 1]), np.array([0.0, 0, 0, 1, 1, 1]))
+    return NurbsPatch(
+        (1, 2), knots, np.stack([inner * arc, outer * arc]), np.stack([weights] * 2)
+    )
+
+
+def test_an_arc_on_a_part_of_an_arc_is_tied(tmp_path: Path) -> None:
+    """A lug on a curved arm; the mass is that of the sectors."""
+    lug = sector(1.3, 1.7, 25, 55)
+    whole = {"a": sector(1, 1.3, 0, 90), "b": lug}
+    split = {f"a{i}": sector(1, 1.3, *ends) for i, ends in enumerate(_CUTS)}
+    errors = []
+    exact = sid_from_model(model_of(tmp_path, split | {"b": lug}, 10, ["a0.bottom"]))
+    for elements in (5, 10):
+        with pytest.warns(UserWarning, match="b.left lies on a part of a.right: tied"):
+            sid = sid_from_model(model_of(tmp_path, whole, elements, ["a.bottom"]))
+        squares = np.diag(sid.Ke.m0) / np.diag(exact.Ke.m0)
+        errors.append(np.abs(np.sqrt(squares) - 1).max())
+    area = np.pi / 4 * (1.3**2 - 1) + np.pi / 12 * (1.7**2 - 1.3**2)
+    assert sid.mass == pytest.approx(7850 * 0.1 * area, rel=1e-12)
+    assert errors[1] < 0.035
+    assert errors[1] < 0.6 * errors[0]
+
+
+_CUTS = ((0, 25), (25, 55), (55, 90))
+
+
 @pytest.mark.parametrize("name", PARTS)
 @pytest.mark.parametrize("turn", [0.0, 0.7])
 def test_ties_pass_the_patch_test(tmp_path: Path, name: str, turn: float) -> None:
