@@ -38,9 +38,9 @@ HYPOTHESIS = settings(
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 
-printable = st.text(
-    st.characters(min_codepoint=32, max_codepoint=126), max_size=60
-).map(str.strip)
+ascii_characters = st.characters(min_codepoint=32, max_codepoint=126)
+words = st.from_regex(r"\A[A-Za-z0-9_=.]{1,8}\Z", alphabet=ascii_characters)
+printable = st.text(ascii_characters, max_size=60).map(str.strip)
 numbers = st.one_of(
     st.just(0.0),
     st.floats(1e-90, 1e90),
@@ -68,9 +68,7 @@ def expansions(draw: st.DrawFn, shape: tuple[int, int], nq: int) -> Taylor:
 def arbitrary_sids(draw: st.DrawFn) -> SID:
     """Any SID that the data model allows, with numbers that mean nothing."""
     nq = draw(st.integers(0, 4))
-    ids = draw(
-        st.lists(st.from_regex(r"\A[A-Za-z0-9_=.]{1,8}\Z"), max_size=3, unique=True)
-    )
+    ids = draw(st.lists(words, max_size=3, unique=True))
     blocks = {
         name: draw(expansions(block_shape(name, nq), nq)) for name in BLOCK_SHAPES
     }
