@@ -1,4 +1,4 @@
-"""How far a basis is from the full mesh: frequencies, and compliance where loads act.
+"""What the user hears of how far a basis is from the full mesh, and its SID keeps.
 
 Both follow from the factors that the reduction made. Where the basis is poor, others
 are measured as well, so that what is advised is known to do better.
@@ -28,8 +28,9 @@ from sidtool.formats.model.reduction import (
 
 from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .basis import ReducedBasis, hertz
-from .frames import Frame, clamped_dofs, motion_names, motion_rows
-from .methods import COMPARED, REDUCTIONS
+from .frames import Frame, clamped_dofs
+from .measured import Fidelity, Full, full_mesh, measured, turns
+from .methods import REDUCTIONS
 from .space import Space
 
 Array = NDArray[np.float64]
@@ -50,42 +51,6 @@ _TITLES = {
     "herting": "Herting",
     "craig_bampton": "Craig-Bampton",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class _Full:
-    """The full mesh: frequencies [Hz], loads (k, ndof) and their compliances (k,)."""
-
-    frequencies: Array
-    names: tuple[str, ...]
-    rows: Array
-    compliances: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Fidelity:
-    """Relative errors of a basis.
-
-    Attributes
-    ----------
-    frequencies : (n,) of the first ones; positive if too high
-    compliances : (k,) displacement along unit loads at markers; positive if too small
-    names : k texts
-    hertz : (n,) the frequencies of the full mesh
-    count : of shape functions
-    """
-
-    frequencies: Array
-    compliances: Array
-    names: tuple[str, ...]
-    hertz: Array
-    count: int
-
-    @property
-    def worst(self) -> float:
-        """The largest of all errors."""
-        both = np.concatenate([self.frequencies, self.compliances])
-        return float(np.abs(both).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +84,8 @@ def judged(
     if 6 * len(markers) * body.ndof > _LARGEST:
         return None
     try:
-        full = _full(body, space, markers, settings, len(basis.labels))
-        own = _measured(body, space, basis, full)
+        full = full_mesh(body, space, markers, settings, len(basis.labels))
+        own = measured(body, space, basis, full)
         carried = _carried(body, frame, space, basis, own, settings)
         text = _said(own)
         if own.worst <= _POOR:
@@ -142,7 +107,9 @@ def held_sentence(
     """
     if basis.space is None or frame.rows is None or model.frame.type != "tangent":
         return None
-    stiffness, mass = (basis.shapes.T @ (a @ basis.shapes) for a in _matrices(body))
+    stiffness, mass = (
+        basis.shapes.T @ (a @ basis.shapes) for a in (body.stiffness, body.mass)
+    )
     squares, _ = basis.space.with_constraints(frame.rows).modes(1)
     own = float(hertz(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))[0])
     true = float(hertz(squares)[0])
@@ -156,10 +123,6 @@ def held_sentence(
         f"({_percent(own / true - 1)}); clamp in [frame], or Craig-Bampton with "
         f"{marker} among the interfaces, has the modes of the held body"
     )
-
-
-def _matrices(body: FiniteElementModel) -> tuple[Any, Any]:
-    return body.stiffness, body.mass
 
 
 def _loaded(
@@ -181,53 +144,6 @@ def _loaded(
     ]
 
 
-def _turns(marker: MarkerRows, settings: ReductionSettings) -> bool:
-    """Whether moments are loads: as chosen, or where a marker has its own rotation."""
-    return bool(getattr(settings, "rotations", marker.gradient is None))
-
-
-def _full(
-    body: FiniteElementModel,
-    space: Space,
-    markers: list[MarkerRows],
-    settings: ReductionSettings,
-    count: int,
-) -> _Full:
-    turns = [_turns(marker, settings) for marker in markers]
-    pairs = list(zip(markers, turns, strict=True))
-    rows = [motion_rows(body, marker, rotations=turn) for marker, turn in pairs]
-    names = [motion_names(body, marker, rotations=turn) for marker, turn in pairs]
-    loads = np.vstack([np.zeros((0, body.ndof)), *rows])
-    compliances = np.einsum("ij,ji->i", loads, space.static(loads.T))
-    felt = compliances > 0
-    flat = np.array([name for group in names for name in group], object)
-    squares, _ = space.modes(min(COMPARED, count))
-    return _Full(hertz(squares), tuple(flat[felt]), loads[felt], compliances[felt])
-
-
-def _measured(
-    body: FiniteElementModel, space: Space, basis: ReducedBasis, full: _Full
-) -> Fidelity:
-    shapes = basis.shapes
-    if space.rigid.shape[1]:
-        rigid = space.displacements(space.rigid)
-        momenta = body.mass @ rigid
-        shapes = shapes - rigid @ np.linalg.solve(momenta.T @ rigid, momenta.T @ shapes)
-    stiffness, mass = (shapes.T @ (a @ shapes) for a in _matrices(body))
-    squares, vectors = scipy.linalg.eigh(stiffness, mass)
-    motions = full.rows @ (shapes @ vectors)
-    compliances = (motions**2 / squares).sum(axis=1)
-    found = hertz(squares)[: len(full.frequencies)]
-    known = full.frequencies[: len(found)]
-    return Fidelity(
-        found / known - 1,
-        1 - compliances / full.compliances,
-        full.names,
-        known,
-        len(squares),
-    )
-
-
 def _carried(
     body: FiniteElementModel,
     frame: Frame,
@@ -242,8 +158,8 @@ def _carried(
     everywhere = _loaded(body, frame, settings, all_markers=True)
     others = [marker for marker in everywhere if marker.name not in known]
     if 6 * len(others) * body.ndof <= _LARGEST_BESIDE:
-        full = _full(body, space, others, settings, 0)
-        parts.append(_measured(body, space, basis, full))
+        full = full_mesh(body, space, others, settings, 0)
+        parts.append(measured(body, space, basis, full))
     for part in parts:
         for name, error in zip(part.names, part.compliances.tolist(), strict=True):
             marker, _, way = name.rpartition(" ")
@@ -300,7 +216,7 @@ def _advice(
     body: FiniteElementModel,
     frame: Frame,
     space: Space,
-    full: _Full,
+    full: Full,
     markers: list[MarkerRows],
     settings: ReductionSettings,
     worst: float,
@@ -314,7 +230,7 @@ def _advice(
     for other in _others(settings, markers, len(full.frequencies)):
         basis = REDUCTIONS[other.method](body, frame, other, space)
         with suppress(np.linalg.LinAlgError):  # shapes that rounding makes dependent
-            found = _measured(body, space, basis, full)
+            found = measured(body, space, basis, full)
             if found.worst < worst:
                 tried.append((found, other))
             if found.worst <= _ALIKE:
@@ -345,7 +261,7 @@ def _others(
     common: dict[str, Any] = {
         "fix": settings.fix,
         "interfaces": tuple(marker.name for marker in markers),
-        "rotations": all(_turns(marker, settings) for marker in markers),
+        "rotations": all(turns(marker, settings) for marker in markers),
     }
     if settings.method != "attachment" or own < modes:
         yield AttachmentReduction(method="attachment", modes=modes, **common)
