@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from .results import Result as Result
     from .scenes import Model as Model
     from .scenes import Scene as Scene
+    from .study.asked import study as study
     from .view.animating import animate as animate
     from .view.peaks import peak_stresses as peak_stresses
     from .vocabulary import *  # noqa: F403
@@ -98,6 +99,7 @@ _HOME = {
     "sid_from_shapes": "sidtool.conversion.building",
     "simulate": "sidtool.api",
     "static_equilibrium": "sidtool.analysing",
+    "study": "sidtool.study.asked",
     "validate": "sidtool.api",
     "write": "sidtool.api",
 }

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from .compiled import CompiledScene
     from .results import Result
+    from .study import Study
 
 Sids = Mapping[str, SID | str | os.PathLike[str]]
 Programs = Mapping[str, Any]
@@ -131,6 +132,12 @@ class Scene(SceneFile):
             drives=drives,
             forces=forces,
         )
+
+    def study(self, over: Any = (), **settings: Any) -> Study:
+        """Error against time and size of its variants, see `sidtool.study`."""
+        from .study.asked import study
+
+        return study(self, over, **settings)
 
     def static_equilibrium(self, **settings: Any) -> Equilibrium:
         """Where it comes to rest, see `sidtool.static_equilibrium`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -31,7 +32,8 @@ def progress_shown() -> Iterator[None]:
 
 
 class Bar:
-    """A line below all others, once work has lasted longer than `PATIENCE`.
+    """A line below all others, once work has lasted longer than `PATIENCE`, even where
+    it tells nothing on its way, as one factorisation.
 
     A share that is known is a bar with the time left; else there is the time passed.
     Where the share falls other work has begun.
@@ -42,6 +44,9 @@ class Bar:
         self._share: float | None = None
         self._pace = Pace()
         self._progress: Any = None
+        self._told: dict[str, Any] = {}
+        self._lock, self._closed = threading.Lock(), False
+        self._timer: threading.Timer | None = None
 
     def __call__(self, text: str, share: float | None) -> None:
         now = time.monotonic()
@@ -52,25 +57,33 @@ class Bar:
             self._pace = Pace()
         if share is not None:
             self._pace.at(now, share)
-        if is_quiet() or now - self._begin < PATIENCE:
+        self._told = {
+            "description": text,
+            "total": None if share is None else 1.0,
+            "completed": share or 0.0,
+            "left": _clock(self._pace.left()),
+        }
+        if is_quiet():
             return
-        if self._progress is None:
-            self._open()
-        elif anew:
-            self._progress.reset(self._task)
-        self._progress.update(
-            self._task,
-            description=text,
-            total=None if share is None else 1.0,
-            completed=share or 0.0,
-            left=_clock(self._pace.left()),
-        )
+        if self._timer is None:
+            self._timer = threading.Timer(PATIENCE, self._open)
+            self._timer.daemon = True
+            self._timer.start()
+        with self._lock:
+            if self._progress is not None:
+                if anew:
+                    self._progress.reset(self._task)
+                self._progress.update(self._task, **self._told)
 
     def close(self) -> None:
         """Leaves nothing behind."""
-        if self._progress is not None:
-            self._progress.stop()
-            self._progress = None
+        if self._timer is not None:
+            self._timer.cancel()
+        with self._lock:
+            self._closed = True
+            if self._progress is not None:
+                self._progress.stop()
+                self._progress = None
 
     def _open(self) -> None:
         from rich.console import Console
@@ -89,10 +102,15 @@ class Bar:
             TimeElapsedColumn(),
             TextColumn("left {task.fields[left]}"),
         )
-        console = Console(stderr=True)
-        self._progress = Progress(*columns, console=console, transient=True)
-        self._task = self._progress.add_task("", total=None, left="")
-        self._progress.start()
+        with self._lock:
+            if self._closed:
+                return
+            console = Console(stderr=True)
+            progress = Progress(*columns, console=console, transient=True)
+            self._task = progress.add_task("", total=None, left="")
+            progress.update(self._task, **self._told)
+            progress.start()
+            self._progress = progress
 
 
 def _clock(seconds: float | None) -> str:

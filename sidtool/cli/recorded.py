@@ -49,6 +49,7 @@ def outputs(
       sidtool outputs result.h5 --add "rod.*.ux" -o tip.csv
     """
     from sidtool.formats.errors import InputError
+    from sidtool.formats.result import units_in
 
     from ..afterwards import outputs as evaluated
     from ..afterwards import with_outputs
@@ -70,7 +71,7 @@ def outputs(
         columns = {"t": content.t, **found}
         click.echo(json.dumps({name: c.tolist() for name, c in columns.items()}))
     else:
-        click.echo(ranges(found))
+        click.echo(ranges(found, units_in(content)))
     if output is None:
         return
     write(output, with_outputs(content, found))

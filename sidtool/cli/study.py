@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -19,7 +19,7 @@ from ..interrupting import NAMES, ending
 from .common import changes, existing, is_quiet, read_changed, target, tell
 
 if TYPE_CHECKING:
-    from ..study import Setting, Study
+    from ..study import Study
 
 #: Lines of progress where there is no terminal come this often at most [s].
 PATIENCE = 10.0
@@ -148,34 +148,31 @@ def study(
     Exit status: 0 done; 1 the reference could not be run; 130 or 143 a signal ended it
     (finished points are kept); 2 the input is wrong.
     """
-    from sidtool.formats.toml.files import located
+    from ..study import Ended
+    from ..study.asked import study as asked_study
 
-    from ..study import Ended, parsed
-    from ..study import study as run
-
-    for option, numbers in (("--wanted", wanted), ("--rtol", tolerances)):
-        _check(option, numbers, 1e-13, 1.0 if option == "--wanted" else 0.1)
-    _check("--step", steps, 1e-12, 1e12)
-    axes = parsed(over)
-    settings = _settings(axes, integrators, tolerances, steps)
+    _check_wanted(wanted)
     if output is not None:
         _check_folder(output)
     content = read_changed(scene, changes)
-    with ending(*NAMES) as asked, located(content):
+    with ending(*NAMES) as asked:
         try:
             with _progress() as say:
-                result = run(
+                result = asked_study(
                     content,
-                    axes,
+                    over,
                     models=_by_body(models),
-                    settings=settings,
+                    integrators=integrators,
+                    rtol=tolerances,
+                    step=steps,
                     outputs=outputs,
                     differ=differ,
-                    keep=None if output is None else output / "points",
+                    folder=output,
                     jobs=jobs or len(os.sched_getaffinity(0)),
                     dask=dask,
+                    title=scene.stem,
                     stop=asked,
-                    say=say,
+                    progress=say,
                 )
         except Ended as why:
             rest = "nothing is kept without -o"
@@ -183,25 +180,7 @@ def study(
                 rest = f"finished points are in {output}; the same command goes on"
             click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
             raise click.exceptions.Exit(128 + asked.number) from None
-    _tell(result, wanted or (1e-3, 1e-6, 1e-9), output, scene.stem)
-
-
-def _settings(
-    axes: dict[str, tuple[Any, ...]],
-    integrators: tuple[str, ...],
-    tolerances: tuple[float, ...],
-    steps: tuple[float, ...],
-) -> list[Setting] | None:
-    """Those of the options; with other axes only where options ask for them."""
-    from ..study import default_settings
-
-    names = (*axes.get("integrator", ()), *integrators)
-    if axes and not (integrators or tolerances or steps):
-        default_settings(names)
-        return None
-    if names or not axes or "integrator" in axes:
-        return default_settings(names, tolerances, steps)
-    return default_settings(("radau9",), tolerances, steps)
+    _tell(result, wanted, output)
 
 
 def _by_body(texts: tuple[str, ...]) -> dict[str, list[str]]:
@@ -216,11 +195,11 @@ def _by_body(texts: tuple[str, ...]) -> dict[str, list[str]]:
     return found
 
 
-def _check(option: str, numbers: tuple[float, ...], least: float, most: float) -> None:
-    for number in numbers:
-        if not least <= number <= most:
+def _check_wanted(wanted: tuple[float, ...]) -> None:
+    for number in wanted:
+        if not 1e-13 <= number <= 1.0:
             raise InputError(
-                f"found {number:g}", place=option, expected=f"{least:g} to {most:g}"
+                f"found {number:g}", place="--wanted", expected="1e-13 to 1"
             )
 
 
@@ -270,33 +249,12 @@ def _duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _tell(
-    result: Study, wanted: tuple[float, ...], folder: Path | None, title: str
-) -> None:
-    from ..study.tables import report, study_file
+def _tell(result: Study, wanted: tuple[float, ...], folder: Path | None) -> None:
+    from ..study.outcome import WANTED
+    from ..study.tables import study_file, write_all
 
-    text = report(result, wanted)
-    tell(text, lambda: study_file(result, title).model_dump(mode="json"))
+    wanted = wanted or WANTED
+    tell(result.report(wanted), lambda: study_file(result).model_dump(mode="json"))
     if folder is not None:
-        _write(folder, result, wanted, title)
-
-
-def _write(folder: Path, result: Study, wanted: tuple[float, ...], title: str) -> None:
-    """The text takes its place last: where it stands, nothing is missing."""
-    from sidtool.formats.storage.atomic import atomic_path
-    from sidtool.formats.study import write_study
-
-    from ..plot.precision import plot_study
-    from ..study.tables import study_file, whole_report, write_table
-
-    folder.mkdir(parents=True, exist_ok=True)
-    names = [f"study.{end}" for end in ("txt", "csv", "json", "png", "svg")]
-    table, numbers, data, *pictures = (folder / name for name in names)
-    content = study_file(result, title)
-    with atomic_path(table) as temporary:
-        temporary.write_text(whole_report(result, wanted) + "\n")
-        for picture in pictures:
-            plot_study(picture, content)
-        write_table(numbers, content)
-        write_study(data, content)
-    click.echo(f"{', '.join(names)} written to {folder}")
+        names = write_all(folder, result, wanted)
+        click.echo(f"{', '.join(names)} written to {folder}")

@@ -115,6 +115,9 @@ def _pictures(
         yield f"<figure><img alt='mechanism' src='data:image/png;base64,{data}'>"
         yield f"<figcaption>t = {seen.motion.t[row]:.6g} s</figcaption></figure>"
     yield "</div>"
+    for body in seen.bodies:
+        if body.sketched:
+            yield f"<p>{escape(body.name)} is drawn from {escape(body.source)}.</p>"
     if scale != 1:
         yield f"<p>Deformations are drawn {scale:g} times as large.</p>"
 

@@ -30,9 +30,10 @@ _STYLE: dict[Any, Any] = {
 
 @contextmanager
 def figure(
-    path: Path, rows: int = 1, columns: int = 1, *, size: tuple[float, float]
+    path: Path | None, rows: int = 1, columns: int = 1, *, size: tuple[float, float]
 ) -> Iterator[Any]:
-    """Yield the axes of a new figure; it is saved to `path` (by its ending) afterwards.
+    """Yield the axes of a new figure; it is saved to `path` (by its ending) afterwards,
+    if there is one.
 
     Parameters
     ----------
@@ -42,7 +43,8 @@ def figure(
     with styled():
         page, axes = new_page(rows, columns, size)
         yield axes
-        saved(page, path)
+        if path is not None:
+            saved(page, path)
 
 
 def saved(page: Figure, path: Path) -> None:

@@ -22,8 +22,8 @@ _COSTS = {
 
 
 def plot_precision(
-    path: Path, points: Mapping[str, Iterable[tuple[float, float]]], label: str
-) -> None:
+    path: Path | None, points: Mapping[str, Iterable[tuple[float, float]]], label: str
+) -> Any:
     """Draw one line per method through its (error, seconds).
 
     Parameters
@@ -39,11 +39,12 @@ def plot_precision(
         axes.set_xlabel(label)
         axes.set_ylabel("wall time [s]")
         legend(axes)
+    return axes.figure
 
 
-def plot_study(path: Path, content: StudyFile) -> None:
+def plot_study(path: Path | None, content: StudyFile) -> Any:
     """Work against precision, a line per integrator; or error over time and size, with
-    the Pareto fronts, where more than integrators vary.
+    the Pareto fronts, where more than integrators vary; the figure.
 
     Raises
     ------
@@ -54,18 +55,17 @@ def plot_study(path: Path, content: StudyFile) -> None:
         raise InputError("holds no errors to draw", expected="a study with runs")
     others = [name for name in content.varied if name != "integrator"]
     if others:
-        _plot_fronts(path, content, good, others[0])
-        return
+        return _plot_fronts(path, content, good, others[0])
     lines: dict[str, list[tuple[float, float]]] = {}
     for p in good:
         name = p.integrator + ("" if p.step is None else ", fixed step")
         lines.setdefault(name, []).append((float(p.error or 0), float(p.seconds or 0)))
-    plot_precision(path, lines, f"relative error, {content.title}")
+    return plot_precision(path, lines, f"relative error, {content.title}")
 
 
 def _plot_fronts(
-    path: Path, content: StudyFile, points: list[StudyPoint], axis: str
-) -> None:
+    path: Path | None, content: StudyFile, points: list[StudyPoint], axis: str
+) -> Any:
     """One panel for each cost that differs; colours tell the values of one axis."""
     costs = [c for c in _COSTS if len({getattr(p, c) for p in points}) > 1]
     kinds = list(dict.fromkeys(p.choices.get(axis, "") for p in points))
@@ -94,6 +94,7 @@ def _plot_fronts(
         columns = columns_of(labels, size[0] - 0.4)
         rows = by_rows(handles, labels, columns)
         every[0].figure.legend(*rows, loc="outside upper left", ncols=columns)
+    return every[0].figure
 
 
 def _draw_front(panel: Any, pairs: list[tuple[float, float]]) -> None:

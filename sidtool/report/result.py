@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from sidtool.formats.result import Event, FlexibleBody, Result
+from sidtool.formats.result import Event, FlexibleBody, Result, units_in
 
 from .accuracy import describe_accuracy
 from .tables import Block, named, plural, table
@@ -114,7 +114,8 @@ def describe_result(result: Result) -> str:
     parts = [named([("title", result.title or "(none)")]) + "\n" + summary(result)]
     parts += [_contributions(name, body) for name, body in result.bodies.items()]
     if result.names and len(result.t):
-        parts.append(ranges(dict(zip(result.names, result.values.T, strict=True))))
+        columns = dict(zip(result.names, result.values.T, strict=True))
+        parts.append(ranges(columns, units_in(result)))
     if result.versions:
         own = f"sidtool {result.versions.get('sidtool', '')}".rstrip()
         others = [f"{n} {v}" for n, v in result.versions.items() if n != "sidtool"]
@@ -122,15 +123,18 @@ def describe_result(result: Result) -> str:
     return "\n\n".join(parts)
 
 
-def ranges(columns: Mapping[str, np.ndarray]) -> str:
-    """A table of the first, least, greatest and last value of each output."""
+def ranges(columns: Mapping[str, np.ndarray], unit: Callable[[str], str]) -> str:
+    """A table of the first, least, greatest and last value of each output.
+
+    unit : of an output by its name
+    """
     rows = [
         [name, f"{column[0]:.10g}", *(f"{f(column):.10g}" for f in (np.min, np.max))]
-        + [f"{column[-1]:.10g}"]
+        + [f"{column[-1]:.10g}", unit(name)]
         for name, column in columns.items()
         if len(column)
     ]
-    return table(["output", "first", "least", "greatest", "last"], rows)
+    return table(["output", "first", "least", "greatest", "last", "unit"], rows)
 
 
 def _contributions(name: str, body: FlexibleBody) -> str:

@@ -12,6 +12,8 @@ kept        finished points, by content
 pool        all cores, or a cluster
 finest      the richest variant
 whole       all of it
+outcome     what was found, with its fronts, tables and pictures
+asked       all of it as a command line or a script asks for it
 tables      as text, as CSV and as a file
 """
 
@@ -19,11 +21,12 @@ from __future__ import annotations
 
 from .axes import parsed
 from .measuring import Course, is_hopeless, timed
+from .outcome import Study
 from .points import Point, front, measure, point_of, recommended
 from .pool import Ended
 from .reference import Reference, make_reference, moves
 from .settings import Setting, default_settings
-from .whole import Study, study
+from .whole import study
 
 __all__ = [
     "Course",

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.storage.atomic import atomic_path
-from sidtool.formats.study import StudyFile, StudyPoint
+from sidtool.formats.study import StudyFile, StudyPoint, write_study
 
 from ..report.tables import table
+from .outcome import Study
 from .points import Point, front, recommended
 from .reference import changing, differing
-from .whole import Study
 
 #: What the columns of costs are called.
 COSTS = ("size", "dofs", "conversion")
@@ -149,7 +149,7 @@ def remarks(result: Study) -> list[str]:
     return parts
 
 
-def study_file(result: Study, title: str) -> StudyFile:
+def study_file(result: Study) -> StudyFile:
     """A study as it is kept."""
     points = tuple(
         StudyPoint(
@@ -171,7 +171,7 @@ def study_file(result: Study, title: str) -> StudyFile:
     )
     reference = result.reference
     return StudyFile(
-        title=title,
+        title=result.title,
         outputs=reference.names,
         uncertainty=reference.uncertainty,
         reference=reference.model,
@@ -180,19 +180,45 @@ def study_file(result: Study, title: str) -> StudyFile:
     )
 
 
-def write_table(path: Path, content: StudyFile) -> None:
-    """All points as CSV, with the error of each output."""
+def columns(content: StudyFile) -> dict[str, list[object]]:
+    """All points by columns, with the error of each output; seconds, steps in s."""
     axes = [name for name in content.varied if name != "integrator"]
-    header = [*axes, "integrator", "rtol", "step", *COSTS, "steps", "seconds", "error"]
-    header += ["told", "message", *(f"error {name}" for name in content.outputs)]
+    found: dict[str, list[object]] = {
+        name: [p.choices.get(name, "") for p in content.points] for name in axes
+    }
+    names = ["integrator", "rtol", "step", *COSTS, "steps", "seconds", "error"]
+    for name in [*names, "told", "message"]:
+        found[name] = [getattr(p, name) for p in content.points]
+    for name in content.outputs:
+        found[f"error {name}"] = [p.errors.get(name) for p in content.points]
+    return found
+
+
+def write_table(path: Path, content: StudyFile) -> None:
+    """All points as CSV."""
+    found = columns(content)
+    found["told"] = [int(bool(told)) for told in found["told"]]
     with atomic_path(path) as temporary, temporary.open("w", newline="") as stream:
         writer = csv.writer(stream)
-        writer.writerow(header)
-        for p in content.points:
-            row: list[object] = [
-                *(p.choices.get(name, "") for name in axes),
-                p.integrator,
-            ]
-            row += [p.rtol, p.step, p.size, p.dofs, p.conversion, p.steps, p.seconds]
-            row += [p.error, int(p.told), p.message]
-            writer.writerow([*row, *(p.errors.get(n, "") for n in content.outputs)])
+        writer.writerow(found)
+        writer.writerows(zip(*found.values(), strict=True))
+
+
+def write_all(folder: Path, result: Study, wanted: Sequence[float]) -> list[str]:
+    """Writes text, CSV, the study and pictures; their names.
+
+    The text takes its place last: where it stands, nothing is missing.
+    """
+    from ..plot.precision import plot_study
+
+    folder.mkdir(parents=True, exist_ok=True)
+    names = [f"study.{end}" for end in ("txt", "csv", "json", "png", "svg")]
+    text, numbers, data, *pictures = (folder / name for name in names)
+    content = study_file(result)
+    with atomic_path(text) as temporary:
+        temporary.write_text(whole_report(result, wanted) + "\n")
+        for picture in pictures:
+            plot_study(picture, content)
+        write_table(numbers, content)
+        write_study(data, content)
+    return names

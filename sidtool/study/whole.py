@@ -25,6 +25,7 @@ from .bodies import Bodies, absolute, elastic_size, known
 from .finest import best_reference
 from .kept import Store
 from .measuring import Course, is_hopeless
+from .outcome import Study
 from .plan import Plan, comparable, planned
 from .points import Point, point_of, skipped
 from .pool import each, pool
@@ -34,31 +35,6 @@ from .tasks import Converted, Run, convert, run
 
 #: Told what is done: a text, points that are done and all, and seconds that are left.
 Say = Callable[[str, int, int, float | None], None]
-
-
-@dataclass(frozen=True)
-class Study:
-    """All points of a scene and their reference.
-
-    Attributes
-    ----------
-    varied : axes with several values
-    dropped : outputs that do not mean the same in all variants
-    differ : in how many choices points differ from the scene at most
-    whole : points that the whole grid has
-    """
-
-    points: tuple[Point, ...]
-    reference: Reference
-    varied: tuple[str, ...] = ("integrator",)
-    dropped: tuple[str, ...] = ()
-    differ: int = 1
-    whole: int = 0
-
-    @property
-    def of_integrators(self) -> bool:
-        """Whether nothing but integrators and tolerances vary."""
-        return not set(self.varied) - {"integrator"}
 
 
 def study(
@@ -217,7 +193,14 @@ class _Study:
         names, dropped = self._names()
         reference = best_reference(plan, names, self.run_of, self._tight)
         points = self._points(names, reference)
-        return Study(points, reference, plan.varied, dropped, plan.differ, plan.whole)
+        return Study(
+            points=points,
+            reference=reference,
+            varied=plan.varied,
+            dropped=dropped,
+            differ=plan.differ,
+            whole=plan.whole,
+        )
 
     def _models(self) -> dict[str, ModelFile]:
         """All models that are converted, by their digests."""

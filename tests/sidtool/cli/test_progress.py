@@ -201,6 +201,21 @@ def test_what_has_no_known_share_shows_the_time_passed(
     assert "first [x]" in seen and "then" in seen and "%" not in seen
 
 
+def test_work_that_is_silent_on_its_way_shows_the_time_passed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One factorisation says what it is when it begins, and nothing until its end."""
+
+    def work() -> None:
+        reached("factorising")
+        time.sleep(1.5)
+
+    seen = shown(work, monkeypatch, patience=0.1)
+    assert "factorising" in seen and {"0:00:00", "0:00:01"} <= set(
+        re.findall(r"\d:\d\d:\d\d", seen)
+    )
+
+
 @pytest.mark.parametrize("quiet", [True, False])
 def test_quiet_silences_it(
     quiet: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

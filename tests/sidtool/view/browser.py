@@ -20,6 +20,9 @@ FLAGS = (
     "--ignore-gpu-blocklist",
 )
 
+#: What a browser has time for [ms]: busy machines may take minutes to open a page.
+PATIENCE = 300_000
+
 
 class Page:
     """A page that was opened, with all that its console and the network said."""
@@ -56,9 +59,12 @@ def opened(path: Path) -> Iterator[Page]:
     """A page of a file in a headless Chromium that is installed here."""
     found, api = needed()
     with api.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=found, args=list(FLAGS))
+        browser = driver.chromium.launch(
+            executable_path=found, args=list(FLAGS), timeout=PATIENCE
+        )
         try:
             page = browser.new_page(viewport={"width": 900, "height": 600})
+            page.set_default_timeout(PATIENCE)
             watched = Page(page)
             page.goto(path.as_uri())
             yield watched

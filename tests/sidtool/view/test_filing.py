@@ -121,6 +121,20 @@ def test_pictures_are_as_large_as_the_mechanism(
     ink = np.any([(p[..., :3] < 0.97).any(axis=2) for p in pictures], axis=0)
     for edge in (ink, ink[::-1], ink.T, ink.T[::-1]):
         assert edge[:14].any() and not edge[:10].any()
+    assert re.search(r"<p>rod is drawn from [^<]*\(its surface is not known\)", text)
+
+
+def test_tables_of_outputs_have_units(
+    filed: tuple[sidtool.Result, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = str(filed[1].with_suffix(".h5"))
+    assert run(["info", path]) == 0
+    assert run(["outputs", path, "--add", "piston.vx,crank_pin.fy"]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line]
+    units = {row[0]: row[-1] for row in rows if len(row) == 6}
+    wanted = {"piston.x": "m", "piston.vx": "m/s", "crank_pin.fx": "N"}
+    assert wanted.items() <= units.items()
+    assert (units["output"], units["crank_pin.fy"]) == ("unit", "N")
 
 
 def test_a_browser_prints_it(filed: tuple[sidtool.Result, Path]) -> None:
