@@ -11,12 +11,13 @@ import os
 import subprocess
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from queue import Empty, Queue
+from queue import Queue
 
 from sidtool.formats.progress import is_heard, reached
 
@@ -25,8 +26,9 @@ from .compiler import stored
 Say = Callable[[str], None]
 
 #: Entry kernels as module:name, in groups that one process compiles, as they share
-#: inner kernels; the slowest groups first.
+#: inner kernels.
 Group = tuple[str, ...]
+Groups = deque[Group]
 NEWTON: Group = ("linear.newton:newton_factor", "linear.newton:newton_solve")
 PLANAR: list[Group] = [
     ("equations.equations:linearise_in_plane",),
@@ -113,7 +115,7 @@ def warm_up(step_loops: Iterable[str], say: Say | None = None) -> int:
     """Compiles all kernels, with these step loops; how many had to be compiled."""
     missing = _missing(all_groups(step_loops))
     _compile(missing, say, at_least=1)
-    _work(_queue(_missing(missing)), [])  # what another process could not keep
+    _work(deque(_missing(missing)), [])  # what another process could not keep
     return sum(map(len, missing))
 
 
@@ -123,9 +125,9 @@ def all_groups(step_loops: Iterable[str]) -> list[Group]:
 
 
 def _groups(step_loops: Iterable[str], equations: list[Group]) -> list[Group]:
-    """The slowest first."""
+    """Neighbours share inner kernels; the slowest stand at the ends."""
     loops = [(loop,) for loop in step_loops]
-    return [*loops, NEWTON, *equations, MASS, RECORDING, COORDINATES]
+    return [*equations, RECORDING, COORDINATES, MASS, NEWTON, *loops]
 
 
 def _missing(groups: Iterable[Group]) -> list[Group]:
@@ -142,7 +144,7 @@ def _compile(
     many = count >= max(at_least, 1)
     if many and say is not None and not is_heard():
         say(f"compiling {count} kernels, once (half a minute or less)")
-    queue, done = _queue(groups), list[Group]()
+    queue, done = deque(groups), list[Group]()
     processors = os.cpu_count() or 1 if many and stored.is_writable() else 0
 
     def tell() -> None:
@@ -154,23 +156,16 @@ def _compile(
     _work(queue, done, tell)
 
 
-def _queue(groups: Iterable[Group]) -> Queue[Group]:
-    queue: Queue[Group] = Queue()
-    for group in groups:
-        queue.put(group)
-    return queue
-
-
 def _work(
-    queue: Queue[Group], done: list[Group], tell: Callable[[], None] | None = None
+    queue: Groups, done: list[Group], tell: Callable[[], None] | None = None
 ) -> None:
     """Compiles here until no group is left."""
     while True:
         if tell is not None:
             tell()
         try:
-            group = queue.get_nowait()
-        except Empty:
+            group = queue.popleft()
+        except IndexError:
             return
         for name in group:
             _compile_here(name)
@@ -179,15 +174,16 @@ def _work(
 
 @contextmanager
 def _helpers(
-    queue: Queue[Group], number: int, done: list[Group], tell: Callable[[], None]
+    queue: Groups, number: int, done: list[Group], tell: Callable[[], None]
 ) -> Iterator[None]:
     """Other processes that compile what is in the queue; none outlives the block."""
     processes: list[subprocess.Popen[str]] = []
     threads = []
     try:
-        for _ in range(number):
+        for k in range(number):
             processes.append(_new_process())
-            feeding = (queue, processes[-1], done)
+            take = queue.pop if k % 2 else queue.popleft
+            feeding = (take, processes[-1], done)
             threads.append(threading.Thread(target=_feed, args=feeding))
             threads[-1].start()
         yield
@@ -218,22 +214,24 @@ def _new_process() -> subprocess.Popen[str]:
 
 
 def _feed(
-    queue: Queue[Group], process: subprocess.Popen[str], done: list[Group]
+    take: Callable[[], Group], process: subprocess.Popen[str], done: list[Group]
 ) -> None:
     """Gives another process names until none is left.
 
-    A process that dies is no harm: what it did not compile is compiled at first use.
+    Half of the processes begin at one end and half at the other, so that each gets
+    groups that share inner kernels. A process that dies is no harm: what it did not
+    compile is compiled at first use.
     """
     assert process.stdin is not None and process.stdout is not None
     try:
         while True:
-            group = queue.get_nowait()
+            group = take()
             process.stdin.write(" ".join(group) + "\n")
             process.stdin.flush()
             if not process.stdout.readline():
                 return
             done.append(group)
-    except (Empty, BrokenPipeError):
+    except (IndexError, BrokenPipeError):
         return
 
 

@@ -100,7 +100,7 @@ def _jitted(function: FunctionType) -> Any:
     settings: Any = numba.config
     disabled, settings.DISABLE_JIT = settings.DISABLE_JIT, 0
     try:
-        return numba.njit(**OPTIONS, **quick.options())(function)
+        return numba.njit(**OPTIONS)(function)
     finally:
         settings.DISABLE_JIT = disabled
 
@@ -110,19 +110,29 @@ def unit_of(function: FunctionType, signature: Any) -> Unit:
     with lock:
         _calls.append([])
         try:
-            jitted = _jitted(function)
-            jitted.compile(signature)
+            made = _lowered(function, signature)
         finally:
             calls = _calls.pop()
+    calls += [Unit(name, text, None, []) for name, text in made.linked]
+    llvm.add_symbol(made.name, _NEVER_CALLED)
+    return Unit(made.name, made.text, made.returns, calls)
+
+
+def _lowered(function: FunctionType, signature: Any) -> quick.Lowered:
+    if quick.is_tried():
+        try:
+            return quick.lowered(function, signature, **OPTIONS)
+        except (NotImplementedError, numba.core.errors.NumbaError):
+            _calls[-1].clear()  # it knows less than all of numba, which also tells why
+    jitted = _jitted(function)
+    jitted.compile(signature)
     (arguments,) = jitted.signatures
     (known,) = jitted.nopython_signatures
     # numba forbids to put a function in line where it is called as by C
     text = jitted.inspect_llvm(arguments).replace("noinline", "nounwind")
     found = C_NAME.search(text)
     assert found is not None
-    name = found.group(1)
-    llvm.add_symbol(name, _NEVER_CALLED)
-    return Unit(name, text, known.return_type, calls)
+    return quick.Lowered(found.group(1), text, known.return_type)
 
 
 class InnerType(types.Callable, types.Opaque):  # type: ignore[misc]

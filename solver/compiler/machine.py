@@ -79,9 +79,13 @@ def _together(entry: Unit) -> Any:
 
 
 def _optimise(module: Any) -> None:
-    """Loops here are short: to vectorise them takes longer, to compile and to run."""
+    """Loops here are short: to vectorise them takes longer, to compile and to run.
+
+    To unroll them doubles the machine code and its cost, and saves no time in a step.
+    """
     options = llvm.create_pipeline_tuning_options(speed_level=3)
     options.loop_vectorization = options.slp_vectorization = False
+    options.loop_unrolling = False
     builder = llvm.create_pass_builder(_target(), options)
     builder.getModulePassManager().run(module, builder)
 

@@ -1,29 +1,131 @@
-"""The one acceleration beyond numba's public side: fewer passes of its compiler.
+"""The one acceleration beyond numba's public side: less of its compiler.
 
-Kernels need no closures inlined, no dead branches pruned, no generators, no counts of
-references, and nobody in Python calls them by numba. Without what serves these numba
-takes two thirds of the time. Nothing of it is replaced: it is given options, with a
-list of its own passes, in the versions that this was tried with. Others compile kernels
-as they compile everything, with equal results.
+Kernels compute with numbers, values and views, are called by kernels, and what numba
+makes of them is only read. So these steps of numba are left out, which takes half of
+its time: closures put in line, dead branches pruned, references counted; operators
+tried on arrays, lists and strings; wrappers for Python, and errors told there; machine
+code. Nothing of numba is replaced: its parts are put together otherwise, in contexts of
+their own, in the versions that this was tried with. Others compile kernels as they
+compile everything, with equal results.
 """
 
 from __future__ import annotations
 
-from functools import cache
+import operator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cache, reduce
+from types import FunctionType
 from typing import Any
 
 import numba
+from llvmlite import ir
+from numba import types
 
-#: Versions of numba that the passes below were tried with.
+#: Versions of numba that this was tried with.
 FIRST, LAST = (0, 63), (0, 68)
+#: What a function would call that may fail; see `machine`.
+FAILED = "Python error"
+ARITHMETIC = operator.add, operator.sub, operator.mul
+COMPARED = operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne
+EXTREMES = {min: operator.lt, max: operator.gt}
 
 
-def options() -> dict[str, Any]:
-    """Options for numba's `njit`; none where this version has not been tried."""
+@dataclass
+class Lowered:
+    """A function in LLVM's language.
+
+    name : what it is called by, with arguments as in C
+    linked : name and text of what numba itself puts to it
+    """
+
+    name: str
+    text: str
+    returns: Any
+    linked: list[tuple[str, str]] = field(default_factory=list)
+
+
+@cache
+def is_tried() -> bool:
+    """Whether this has been tried with the version of numba."""
     version = tuple(int(part) for part in numba.__version__.split(".")[:2])
-    if not FIRST <= version <= LAST:
-        return {}
-    return {"pipeline_class": _pipeline(), "no_cpython_wrapper": True, "_nrt": False}
+    return FIRST <= version <= LAST
+
+
+def lowered(function: FunctionType, signature: Any, **options: Any) -> Lowered:
+    """What numba makes of a function for these arguments."""
+    from numba.core.compiler import Flags, compile_extra
+    from numba.core.compiler_lock import global_compiler_lock
+    from numba.core.sigutils import normalize_signature
+
+    flags: Any = Flags()
+    flags.no_cpython_wrapper = flags.no_cfunc_wrapper = flags.no_compile = True
+    for option, value in options.items():
+        setattr(flags, option, value)
+    args, returns = normalize_signature(signature)
+    with global_compiler_lock:
+        typing, target = _contexts()
+        library = _library()(target.codegen(), function.__qualname__)
+        made = compile_extra(
+            typing, target, function, args, returns, flags, {}, library, _pipeline()
+        )
+        linked = [(f"{one.name} {id(one)}", _text(one)) for one in library.linked]
+    _called_as_in_c(target, made.fndesc, library.module)
+    name, returned = made.fndesc.llvm_cfunc_wrapper_name, made.signature.return_type
+    return Lowered(name, str(library.module), returned, linked)
+
+
+def _called_as_in_c(context: Any, description: Any, module: Any) -> None:
+    """Adds the function that calls it by value."""
+    convention = context.call_conv
+    returned, given = description.restype, description.argtypes
+    kinds = [context.get_value_type(kind) for kind in given]
+    kind = ir.FunctionType(context.get_value_type(returned), kinds)
+    function = ir.Function(module, kind, description.llvm_cfunc_wrapper_name)
+    builder = ir.IRBuilder(function.append_basic_block("entry"))
+    called = module.globals[description.llvm_func_name]
+    status, result = convention.call_function(
+        builder, called, returned, given, function.args
+    )
+    with builder.if_then(status.is_error, likely=False):
+        failed = ir.FunctionType(ir.VoidType(), [])
+        builder.call(ir.Function(module, failed, FAILED), [])
+    builder.ret(result)
+
+
+def _text(library: Any) -> str:
+    """Of a library of numba's, with all that it calls."""
+    with suppress(RuntimeError):  # where it is final
+        library.finalize()
+    return str(library.get_llvm_str())
+
+
+@cache
+def _library() -> Any:
+    from numba.core.codegen import CodeLibrary
+
+    class Library(CodeLibrary):  # type: ignore[misc]
+        """Holds the module of a function; nothing is made of it here."""
+
+        def __init__(self, codegen: Any, name: str) -> None:
+            super().__init__(codegen, name)
+            self.linked: list[Any] = []
+
+        def add_ir_module(self, module: Any) -> None:
+            self.module = module
+
+        def add_linking_library(self, library: Any) -> None:
+            self.linked.append(library)
+
+        def finalize(self) -> None:
+            pass
+
+        def get_function(self, name: Any) -> None:
+            pass
+
+        get_llvm_str = get_asm_str = finalize
+
+    return Library
 
 
 @cache
@@ -49,3 +151,111 @@ def _pipeline() -> Any:
             return [manager]
 
     return Pipeline
+
+
+@cache
+def _contexts() -> tuple[Any, Any]:
+    """What numba knows about types, and about machine code, without arrays."""
+    from numba.core.cpu import CPUContext
+    from numba.core.typing import BaseContext, cmathdecl, mathdecl
+    from numba.cpython import (  # noqa: F401
+        builtins,
+        cmathimpl,
+        mathimpl,
+        numbers,
+        rangeobj,
+        tupleobj,
+    )
+
+    kinds, code = _plain()
+
+    class Typing(BaseContext):  # type: ignore[misc]
+        def load_additional_registries(self) -> None:
+            for registry in (kinds, mathdecl.registry, cmathdecl.registry):
+                self.install_registry(registry)
+
+    class Target(CPUContext):  # type: ignore[misc]
+        def load_additional_registries(self) -> None:
+            for registry in (code, mathimpl.registry, cmathimpl.registry):
+                self.install_registry(registry)
+
+        def post_lowering(self, module: Any, library: Any) -> None:
+            """Would link what counts references."""
+
+    typing = Typing()
+    return typing, Target(typing, "cpu")
+
+
+def _plain() -> tuple[Any, Any]:
+    """Operators on equal kinds of numbers, and what numba makes closures for."""
+    from numba.core.imputils import Registry as Code
+    from numba.core.typing.templates import AbstractTemplate, Registry, signature
+
+    kinds, code = Registry(), Code("kernels")
+    numbers = types.float64, types.int64, types.complex128
+
+    class Operator(AbstractTemplate):  # type: ignore[misc]
+        key: Any
+
+        def generic(self, args: Any, kws: Any) -> Any:
+            if len(args) != 2 or args[0] != args[1] or args[0] not in numbers:
+                return None
+            if self.key in ARITHMETIC:
+                return signature(args[0], *args)
+            real = args[0] is not types.complex128
+            return signature(types.boolean, *args) if real else None
+
+    class Extreme(AbstractTemplate):  # type: ignore[misc]
+        def generic(self, args: Any, kws: Any) -> Any:
+            if len(args) < 2 or not all(isinstance(a, types.Number) for a in args):
+                return None
+            return signature(self.context.unify_types(*args), *args)
+
+    class Whole(AbstractTemplate):  # type: ignore[misc]
+        def generic(self, args: Any, kws: Any) -> Any:
+            return signature(types.int64, *args) if args == (types.float64,) else None
+
+    class Part(AbstractTemplate):  # type: ignore[misc]
+        def generic(self, args: Any, kws: Any) -> Any:
+            whole, index = args
+            if isinstance(whole, types.UniTuple) and isinstance(index, types.Literal):
+                return signature(whole.dtype, *args)
+            return None
+
+    kinds.register_global(operator.getitem)(Part)
+    for key in (*ARITHMETIC, *COMPARED):
+        kinds.register_global(key)(Operator)
+    kinds.register_global(int)(Whole)
+    for key in EXTREMES:
+        kinds.register_global(key)(Extreme)
+        code.lower(key, types.VarArg(types.Number))(_extreme(EXTREMES[key]))
+
+    @code.lower(int, types.Float)
+    def whole(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return context.cast(builder, args[0], sig.args[0], sig.return_type)
+
+    @code.lower(operator.getitem, types.UniTuple, types.IntegerLiteral)
+    def part(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind, index = sig.args
+        return builder.extract_value(args[0], index.literal_value % kind.count)
+
+    return kinds, code
+
+
+def _extreme(better: Any) -> Any:
+    """As in Python: a later number counts where it is better than those before."""
+    from numba.core.typing.templates import signature
+
+    def write(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = sig.return_type
+        compare = context.get_function(better, signature(types.boolean, kind, kind))
+        cast = [
+            context.cast(builder, value, given, kind)
+            for value, given in zip(args, sig.args, strict=True)
+        ]
+        return reduce(
+            lambda best, new: builder.select(compare(builder, (new, best)), new, best),
+            cast,
+        )
+
+    return write
