@@ -51,7 +51,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
             outputs=OUTPUTS,
             differ=3,
             keep=Path(kept),
-            jobs=2,
+            jobs=1,
             say=lambda text, done, count, _: say(f"{done} of {count}: {text}"),
         )
     reference = motion.reference
@@ -70,7 +70,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
             "is what these digits tell). Motion: the worst of "
             f"{', '.join(OUTPUTS)} over 3 s, `sidtool study --over mesh,modes`, beside "
             f"{reference.model}, good to {reference.uncertainty:.0e}. Conversion: all "
-            "of it, two processes of one BLAS thread at a time."
+            "of it, in seconds of the processor, one BLAS thread."
         ],
         machine=describe_machine(),
     )

@@ -27,7 +27,7 @@ class Point:
     choices : value by axis
     size : elastic coordinates of all bodies
     dofs : degrees of freedom of the meshes of models
-    conversion : seconds that these took to convert
+    conversion : processor seconds that these took to convert
     errors : of single outputs, as found
     """
 
