@@ -112,7 +112,11 @@ class SceneFile(File):
         "events",
         PARAMETERS,
     )
-    paths: ClassVar[tuple[tuple[str, ...], ...]] = (("bodies", "*", "sid"),)
+    either: ClassVar[tuple[tuple[str, str], ...]] = (("sid", "model"),)
+    paths: ClassVar[tuple[tuple[str, ...], ...]] = (
+        ("bodies", "*", "sid"),
+        ("bodies", "*", "model"),
+    )
 
     format: Literal["sidtool scene"] = "sidtool scene"
     version: Literal[1] = 1

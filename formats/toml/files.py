@@ -29,6 +29,8 @@ class File(Table):
 
     #: tables whose entries may be named alone in changes: `crank.mass`
     named: ClassVar[tuple[str, ...]] = (PARAMETERS,)
+    #: keys of one table that say the same in two ways: changes of one replace the other
+    either: ClassVar[tuple[tuple[str, str], ...]] = ()
     #: places of paths of other files, `*` for any key
     paths: ClassVar[tuple[tuple[str, ...], ...]] = ()
     _formulas: Formulas = PrivateAttr(default_factory=dict)
@@ -163,8 +165,19 @@ def changed(
     """The data of a file with other values at dotted keys, see `File.with_`."""
     data = plain(data)
     for key, value in changes.items():
-        put(data, place_of(key, data, file), value, key)
+        place = place_of(key, data, file)
+        put(data, place, value, key)
+        for other in _said_otherwise(file, place):
+            if not any(place_of(k, data, file) == other for k in changes):
+                _at(data, other[:-1]).pop(other[-1], None)
     return dict(data)
+
+
+def _said_otherwise(file: type[File], place: list[str | int]) -> list[list[str | int]]:
+    """Places of keys that say the same in another way."""
+    *above, last = place
+    pairs = [pair for pair in file.either if last in pair]
+    return [[*above, other] for pair in pairs for other in pair if other != last]
 
 
 def put(table: Any, place: list[str | int], value: Any, key: str) -> None:

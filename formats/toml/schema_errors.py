@@ -7,7 +7,7 @@ type names that pydantic adds; a misspelt key is answered with the nearest known
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -79,15 +79,19 @@ def _described(
         known = _known_keys(model, location[:-1])
         return place, "is not a known key", nearest(str(location[-1]), known)
     if kind.startswith("union_tag"):
-        return _wrong_tag(error, place)
+        return _wrong_tag(error, place, model)
     return place, f"found {shortened(error['input'])}", _expectation(error)
 
 
-def _wrong_tag(error: ErrorDetails, place: str) -> tuple[str, str, str]:
+def _wrong_tag(
+    error: ErrorDetails, place: str, model: type[BaseModel]
+) -> tuple[str, str, str]:
     context = error["ctx"]
-    place = f"{place}.{context['discriminator'].strip(QUOTE)}"
+    key = context["discriminator"].strip(QUOTE)
+    place = f"{place}.{key}"
     if error["type"] == "union_tag_not_found":
-        return place, "is missing", "a text that says which kind this is"
+        kinds = _values(_models_at(model, error["loc"]), key)
+        return place, "is missing", f"one of {', '.join(map(repr, kinds))}"
     return place, f"found {context['tag']!r}", f"one of {context['expected_tags']}"
 
 
@@ -155,13 +159,14 @@ def _field_meaning(model: type[BaseModel], location: Location) -> str | None:
 
 def _kinds(info: FieldInfo) -> str | None:
     """Of a table that may be of several kinds their types."""
-    kinds = [
-        kind
-        for table in get_args(info.annotation)
-        if (field := getattr(table, "model_fields", {}).get("type")) is not None
-        for kind in get_args(field.annotation)
-    ]
+    kinds = _values(get_args(info.annotation), "type")
     return f"a table with a type out of {', '.join(kinds)}" if kinds else None
+
+
+def _values(tables: Iterable[Any], key: str) -> list[str]:
+    """What a key of some tables may say."""
+    fields = [getattr(table, "model_fields", {}).get(key) for table in tables]
+    return [kind for f in fields if f is not None for kind in get_args(f.annotation)]
 
 
 def type_in_words(info: FieldInfo) -> str | None:

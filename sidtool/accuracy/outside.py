@@ -87,6 +87,6 @@ def _too_far(place: str, what: str, times: float) -> OutsideTheory:
         f"outside of the theory of small deformations: {what}",
         place=place,
         expected=f"the body cut into {parts} or more, each a SID of its own, tied by "
-        "joints of type fixed, so that none deforms that far; or no `wanted`, and "
-        "numbers whose error is not known",
+        "joints of type fixed, so that none deforms that far; `simulate` without "
+        "`wanted` gives numbers whose error is not known",
     )

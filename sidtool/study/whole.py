@@ -21,6 +21,7 @@ from ..accuracy.wanted import requested
 from ..made import Source, digest_of
 from ..swaps import swapped
 from .axes import Values, Variant
+from .base import check_base
 from .bodies import Bodies, absolute, elastic_size, known
 from .finest import best_reference
 from .kept import Store
@@ -183,14 +184,12 @@ class _Study:
     made: dict[str, Converted] = field(default_factory=dict)
 
     def whole(self) -> Study:
-        plan = self.plan
-        self.made = self.doing.convert(self._models())
-        base = {n: self._sid(m) for n, m in plan.bodies.to_convert(Variant()).items()}
-        plan = self.plan = replace(
-            plan,
-            bodies=replace(plan.bodies, sids={**plan.bodies.sids, **base}),
-        )
+        sids = {**self.plan.bodies.sids, **self._sids(Variant())}
+        bodies = replace(self.plan.bodies, sids=sids)
+        plan = self.plan = replace(self.plan, bodies=bodies)
         names, dropped = self._names()
+        check_base(plan, names, self.run_of)
+        self.made |= self.doing.convert(self._models())
         reference = best_reference(plan, names, self.run_of, self._tight)
         points = self._points(names, reference)
         return Study(
@@ -203,7 +202,7 @@ class _Study:
         )
 
     def _models(self) -> dict[str, ModelFile]:
-        """All models that are converted, by their digests."""
+        """All models that are still to be converted, by their digests."""
         found: dict[str, ModelFile] = {}
         variants = dict.fromkeys(v for v, _ in self.plan.points)
         for variant in (Variant(), *variants, *self.plan.richest()):
@@ -212,7 +211,7 @@ class _Study:
             except InputError:
                 continue
             found |= {digest_of(model): model for model in models.values()}
-        return found
+        return {key: model for key, model in found.items() if key not in self.made}
 
     def _sid(self, model: ModelFile) -> SID:
         """Converted by now, or now: the reference may need what no point has."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from typing import Any
 
 import pytest
@@ -109,6 +110,27 @@ def test_a_mistake_is_named_with_its_key(
     assert error.place is not None and error.place.startswith(place)
     assert problem in error.problem
     assert error.expected
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "kinds"),
+    [
+        ("discretisation", "type", "one of 'q4', 'iga', 'hex8', .*'matrices'"),
+        ("geometry", "type", "one of 'nurbs', .*'beam'"),
+        ("frame", "type", "one of 'tangent', 'chord', 'buckens'"),
+        ("reduction", "method", "one of 'modal', 'craig_bampton', .*'krylov'"),
+    ],
+)
+def test_a_table_without_its_kind_hears_which_there_are(
+    table: str, key: str, kinds: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        validated(changed(table, {}), ModelFile)
+    assert (caught.value.place, caught.value.problem) == (
+        f"{table}.{key}",
+        "is missing",
+    )
+    assert re.match(kinds, caught.value.expected or "")
 
 
 @pytest.mark.parametrize(

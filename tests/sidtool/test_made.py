@@ -76,6 +76,33 @@ def test_a_model_is_converted_once(
     assert np.abs(heavier["arm.tip.uy"]).max() > 1.5 * np.abs(first["arm.tip.uy"]).max()
 
 
+@pytest.mark.parametrize("name", ["bodies.arm", "arm"])
+def test_a_change_of_the_model_replaces_the_sid(folder: Path, name: str) -> None:
+    """And back: what is not meant any more is not looked for, nor used in silence."""
+    path = written(folder, spun(0.3, 0.5), COARSE, 2)
+    made = sidtool.Scene.load(path)
+    other = made.with_({f"{name}.sid": "gone.SID_FEM"})
+    assert other.bodies["arm"].model is None
+    back = other.with_({f"{name}.model": "arm.json"})
+    assert not back.bodies["arm"].sid and back == made
+    both = other.with_({f"{name}.model": "arm.json", f"{name}.sid": "kept.h5"})
+    assert (both.bodies["arm"].sid, both.bodies["arm"].model) == ("kept.h5", "arm.json")
+    command = ["simulate", str(path), "--set", f"{name}.sid=gone.SID_FEM"]
+    assert run(command) == 2
+    assert run([*command, "--set", f"{name}.model=gone.toml"]) == 2
+    assert run(["simulate", str(path), "--set", f"{name}.model=arm.json"]) == 0
+
+
+def test_a_scene_saved_elsewhere_finds_its_models(folder: Path) -> None:
+    scene = sidtool.Scene.load(written(folder, spun(0.3, 0.5), COARSE, 2))
+    (folder / "runs").mkdir()
+    scene.save(folder / "runs" / "scene.toml")
+    again = sidtool.Scene.load(folder / "runs" / "scene.toml")
+    model = again.bodies["arm"].model
+    assert model and (folder / "runs" / model).resolve() == folder / "arm.json"
+    assert again.simulate().completed
+
+
 def pressed(folder: Path, modes: int) -> Path:
     """A clamped arm that is pressed in its middle, slowly, with 0.02 N in the end."""
     end = 40.0

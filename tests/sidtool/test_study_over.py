@@ -175,7 +175,7 @@ def test_what_the_last_modes_change_is_not_called_converged() -> None:
 
 def test_a_spin_needs_its_geometric_stiffening() -> None:
     """Ten times the first frequency: without it the tip leaves (diverges or errs)."""
-    scene = spun(2.5, 4.0, outputs={"record": ["arm.tip.x", "arm.tip.y", "hub.mz"]})
+    scene = spun(2.5, 12.0, outputs={"record": ["arm.tip.x", "arm.tip.y", "hub.mz"]})
     found = study(
         scene,
         {"terms": ()},
@@ -196,6 +196,31 @@ def test_nothing_dominates_the_front() -> None:
         (3.0, 1e-3),
         (4.0, 1e-6),
     ]
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        (spun(2.5, 4.0), "outside of"),
+        (swinging(gravity=[0.0, -3.0]), "the scene as it is stopped"),
+    ],
+)
+def test_what_is_outside_is_said_before_anything_is_compared(
+    scene: SceneFile, message: str, models: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After one run of the scene, and one of its richest variant: no reference."""
+    asked: list[Any] = []
+    monkeypatch.setattr(
+        whole_module, "best_reference", lambda *rest: asked.append(rest)
+    )
+    with pytest.raises(sidtool.InputError, match=message):
+        study(
+            scene,
+            {"mesh": (-1, 0, 1), "modes": (1, 2)},
+            models={"arm": models[:1]},
+            settings=ONE,
+        )
+    assert not asked
 
 
 def test_elements_can_be_larger() -> None:
