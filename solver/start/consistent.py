@@ -184,12 +184,15 @@ class State:
         roots = [block * self.free[part, None] for part, block in self.roots()]
         N = block_diag(roots, "csr")
         rows = IndependentRows(C @ N)
-        without = None
-        if rows.least <= independent:
-            without = rows.small(independent)
-            if without is None:
-                return None
-        x = N @ rows.smallest(right, without)
+        if rows.least > independent:
+            x = rows.smallest(right)
+        elif (without := rows.small(independent)) is not None:
+            x = rows.smallest(right, without)
+        elif (found := rows.smallest_if_met(right, independent)) is not None:
+            x = found
+        else:
+            return None
+        x = N @ x
         return x, C @ x - right
 
     def scaled_jacobian(self) -> Array:

@@ -29,6 +29,9 @@ MANY = 300
 #: Singular values below this part of the largest one are not told from those of
 #: dependent rows.
 CLEAR = 1e-11
+#: Rows of length 1 follow from others exactly when less is left of them, and right
+#: sides do when they are met up to this part.
+EXACT, ALSO_MET = 1e-13, 1e-12
 #: How many of the least singular values are looked at.
 COUNTS = (6, 12, 24, 48)
 #: Inverse iteration ends when the least singular value changes by less than this part,
@@ -94,18 +97,35 @@ class IndependentRows:
     """Rows B, factored, if they are clearly independent.
 
     least : of their singular values, those of rows of length 1, relative to the largest
+    dependent : (rows,) whether a row follows from those before it up to rounding
     """
 
     def __init__(self, B: csr_array) -> None:
         lengths = np.sqrt(B.multiply(B).sum(axis=1))
-        self.least = 0.0
+        self.least, self.dependent = 0.0, np.zeros(B.shape[0], bool)
         if not (lengths > 0.0).all():
             return
         self._scale = 1.0 / lengths
         self._B = of_length_one(B)
         self._factor = OrthogonalFactor(self._B)
+        self.dependent = self._factor.diagonal <= EXACT
         if self._factor.diagonal.min(initial=1.0) > CLEAR:
             self.least = self._least_singular_value()
+
+    def others(self) -> IndependentRows:
+        """The rows without those that follow from others."""
+        return IndependentRows(self._B[~self.dependent])
+
+    def smallest_if_met(self, right: Array, independent: float) -> Array | None:
+        """The x of least length with B x = right, where some rows follow from others
+        that are independent by more than a part, and right does so, too; else None."""
+        others = self.others() if self.dependent.any() else None
+        if others is None or others.least <= independent:
+            return None
+        right = self._scale * right
+        x = others.smallest(right[~self.dependent])
+        left = np.abs(self._B @ x - right).max(initial=0.0)
+        return x if left <= ALSO_MET * np.abs(right).max(initial=0.0) else None
 
     def _least_singular_value(self) -> float:
         x = np.random.default_rng(0).standard_normal(self._B.shape[0])
@@ -157,8 +177,12 @@ class IndependentRows:
 
         That is 1 / sqrt((G^-1)_ii). Long mechanisms have small singular values in
         which all of their rows have a part, and which tell nothing of any of them.
-        False where it is not clear.
+        Rows that follow from others exactly are no matter of rounding. False where it
+        is not clear.
         """
+        if self.dependent.any():
+            others = self.others()
+            return not others.dependent.any() and others.stand_apart(bound)
         if self.least > bound:
             return True
         if self.least == 0.0:

@@ -13,7 +13,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.solver import account, compile_scene, simulate
 from sidtool.solver.advice import bifurcations, notes
 from sidtool.solver.integrators import stepping
-from sidtool.solver.start import assembly, consistent, large_scenes
+from sidtool.solver.start import assembly, consistent, large_scenes, overconstraint
 from sidtool.solver.start.assembly import assemble
 from sidtool.solver.start.large_scenes import (
     CLEAR,
@@ -201,6 +201,51 @@ def test_what_hardly_differs_need_not_be_met(sizes: list[float]) -> None:
     expected = np.linalg.lstsq(unit(B), right / lengths, rcond=1e-4)[0]
     assert rows.smallest(right, without) == pytest.approx(expected, abs=1e-8)
     assert rows.small(1e-12) is None or rows.small(1e-12).shape == (40, 0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_rows_that_follow_from_others_are_met_with_them(seed: int) -> None:
+    """Smallest solutions as of lstsq where there are any; of others nothing is said."""
+    rng = np.random.default_rng(seed)
+    B = random_array((40, 90), density=0.1, rng=rng).toarray() + np.eye(40, 90)
+    B[7], B[30] = -2.0 * B[3], B[11] + 0.5 * B[20]
+    rows, right = IndependentRows(csr_array(B)), B @ rng.standard_normal(90)
+    assert rows.least == 0.0 and np.flatnonzero(rows.dependent).tolist() == [7, 30]
+    expected = np.linalg.lstsq(B, right)[0]
+    assert rows.smallest_if_met(right, 1e-9) == pytest.approx(
+        expected, rel=1e-8, abs=1e-9
+    )
+    right[30] += 1e-6
+    assert rows.smallest_if_met(right, 1e-9) is None
+    B[30, 5] += 1e-6
+    nearly = IndependentRows(csr_array(B))
+    assert nearly.smallest_if_met(B @ np.ones(90), 1e-4) is None
+
+
+def test_a_stretched_loop_at_its_dead_point_hides_no_rounding(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A straight chain between two pins: what depends there is no matter of rounding,
+    and the message that of dense matrices."""
+    count = SOME // 2 + 5
+    pin = {"position": [count * LINK, 0.0]}
+    end = {"type": "revolute", "markers": ["ground.pin", f"l{count - 1}.b"]}
+    made = hanging_chain(count, joints={"end": end}, ground={"markers": {"pin": pin}})
+    told = []
+    for prepare in (refuse_svds, dense):
+        with monkeypatch.context() as changed:
+            prepare(changed)
+            with pytest.raises(InputError, match="rests in a singular pos") as error:
+                assemble(compile_scene(made))
+            told.append(str(error.value))
+    assert told[0] == told[1]
+
+
+def refuse_svds(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Any) -> None:
+        raise AssertionError("singular values of all constraints")
+
+    monkeypatch.setattr(overconstraint, "_decomposed", refuse)
 
 
 @pytest.mark.parametrize("cells", [15, 80])
