@@ -156,6 +156,11 @@ def motion_names(
     return [f"{marker.name} {name}" for name in names]
 
 
+def _sets(model: FiniteElementModel) -> str:
+    names = ", ".join(model.node_sets)
+    return f"one of {names}" if names else "none here, as the body has no sets of nodes"
+
+
 def set_nodes(model: FiniteElementModel, name: str, place: str) -> Indices:
     """The nodes of an edge or node set.
 
@@ -167,7 +172,7 @@ def set_nodes(model: FiniteElementModel, name: str, place: str) -> Indices:
         raise InputError(
             f"there is no edge or node set {name!r}",
             place=place,
-            expected=f"one of {', '.join(model.node_sets) or 'none at all'}",
+            expected=_sets(model),
         )
     nodes = model.node_sets[name]
     if not nodes.size:

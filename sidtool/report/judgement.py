@@ -92,8 +92,9 @@ def _meanings(checks: tuple[Check, ...]) -> Iterator[str]:
 
 def _units(guess: UnitGuess) -> str:
     """A SID has no unit field: the most plausible system, and doubts about it."""
-    surely = "" if guess.certain else " (a guess that others nearly equal)"
-    lines = [f"units: {guess.system or 'unknown'}{surely}"]
+    others = " or ".join(guess.nearly)
+    doubt = f" (a guess; nearly as plausible: {others})" if others else ""
+    lines = [f"units: {guess.system or 'unknown'}{doubt}"]
     return "\n".join([*lines, *(f"warning: {text}" for text in guess.warnings)])
 
 

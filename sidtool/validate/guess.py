@@ -65,6 +65,12 @@ class UnitGuess:
         """Name of the best system, if any."""
         return self.candidates[0].system if self.candidates else None
 
+    @property
+    def nearly(self) -> list[str]:
+        """Names of the others that are nearly as plausible, the best first."""
+        best, *others = self.candidates or (None,)
+        return [c.system for c in others if best and c.misfit - best.misfit <= _LEAD]
+
 
 @dataclass(frozen=True)
 class _Evidence:

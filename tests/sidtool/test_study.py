@@ -21,6 +21,7 @@ from sidtool.study import (
     default_settings,
     is_hopeless,
     make_reference,
+    measuring,
     recommended,
     study,
 )
@@ -106,8 +107,8 @@ def test_what_is_far_too_slow_gets_no_tighter_tolerances(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Slower at all than another one that errs no more, where that is what counts."""
-    monkeypatch.setattr("sidtool.study.measuring.LONG", 0.0)
-    monkeypatch.setattr("sidtool.study.measuring.HOPELESS", 1.0)
+    monkeypatch.setattr(measuring, "LONG", 0.0)
+    monkeypatch.setattr(measuring, "HOPELESS", 1.0)
     wanted = default_settings(["radau9", "trapezoidal"], [1e-4, 1e-5, 1e-6])
     found = study(pendulum(), settings=wanted).points
     assert [p.setting for p in found] == wanted

@@ -181,6 +181,7 @@ def test_inches_are_certain_only_with_frequencies_in_the_labels() -> None:
     )
     assert told.system == untold.system == "in-lbf-s"
     assert told.certain and not untold.certain
+    assert told.nearly == [] and untold.nearly[0] in UNIT_SYSTEMS
 
 
 def test_a_mixture_is_noticed() -> None:
