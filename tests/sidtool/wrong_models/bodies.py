@@ -45,7 +45,7 @@ def mesh_locks() -> str:
 @mistake(
     "modes are those of the free body",
     "held at root",
-    "26 %",
+    "27 %",
     "clamp",
     "Craig-Bampton",
 )
