@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from .figure import figure
 from .words import by_rows, columns_of, legend
 
 _MARKS = "osD^v"
+#: Axes that span less are labelled between powers of ten, or at even distances.
+FEW, NARROW = 100.0, 5.0
 #: Costs of a study that are drawn, and how they are called.
 _COSTS = {
     "seconds": "wall time [s]",
@@ -38,6 +41,7 @@ def plot_precision(
         axes.invert_xaxis()
         axes.set_xlabel(label)
         axes.set_ylabel("wall time [s]")
+        _label_few(axes)
         legend(axes)
     return axes.figure
 
@@ -89,6 +93,7 @@ def _plot_fronts(
             panel.axhline(content.uncertainty, color="0.5", linestyle=":")
             scale = "linear" if cost == "size" else "log"
             panel.set(xscale=scale, yscale="log", xlabel=_COSTS[cost])
+            _label_few(panel)
         every[0].set_ylabel(f"relative error, {content.title}")
         handles, labels = every[-1].get_legend_handles_labels()
         columns = columns_of(labels, size[0] - 0.4)
@@ -105,3 +110,26 @@ def _draw_front(panel: Any, pairs: list[tuple[float, float]]) -> None:
     panel.step(
         *zip(*best, strict=True), where="post", color="0.2", label="Pareto front"
     )
+
+
+def _label_few(axes: Any) -> None:
+    """Numbers at 1, 2 and 5 of each decade where there are few, else at powers of ten:
+    those at every minor tick run into each other."""
+    from matplotlib.ticker import (
+        LogFormatterSciNotation,
+        LogLocator,
+        MaxNLocator,
+        NullFormatter,
+    )
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() != "log":
+            continue
+        low, high = sorted(axis.get_view_interval())
+        if high < FEW * low:
+            near = high < NARROW * low
+            some = MaxNLocator(3) if near else LogLocator(subs=(1.0, 2.0, 5.0))
+            axis.set_major_locator(some)
+            every = LogFormatterSciNotation(minor_thresholds=(math.inf, math.inf))
+            axis.set_major_formatter(every)
+        axis.set_minor_formatter(NullFormatter())

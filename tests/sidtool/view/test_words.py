@@ -154,15 +154,16 @@ def test_names_of_many_markers_of_a_model(pages: list[Any]) -> None:
     assert f"{left} of 32 names of markers have no room in the picture" in told
 
 
+@pytest.mark.parametrize("decades", [0.4, 1.5, 4.0])
 @pytest.mark.parametrize("over", ["integrator", "modes"])
-def test_studies_of_many_points(over: str, pages: list[Any]) -> None:
+def test_studies_of_many_points(over: str, decades: float, pages: list[Any]) -> None:
     rng = np.random.default_rng(1)
     points = [
         StudyPoint(
             integrator=f"method_{k % 12}",
             rtol=1e-6,
             error=float(10 ** rng.uniform(-8, -2)),
-            seconds=float(10 ** rng.uniform(-2, 2)),
+            seconds=float(0.15 * 10 ** rng.uniform(0.0, decades)),
             steps=3,
             choices={"modes": str(k % 12)},
             size=int(rng.integers(1, 40)),
