@@ -264,7 +264,7 @@ def test_rows_of_a_long_ladder_stand_apart(cells: int) -> None:
 def test_no_constraint_of_a_long_ladder_is_left_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """100 cells have a singular value of 8e-5, which was taken for rounding of data."""
+    """100 cells have a singular value of 8e-5, and yet no constraint too many."""
     forbid_dense(monkeypatch)
     found, start = assembly.assemble(ladder(100))
     assert found.dropped == () and found.redundant == ()
