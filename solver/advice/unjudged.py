@@ -21,6 +21,8 @@ from .poor_shapes import HALF, POOR, SMALL, Load, along, felt_at, spanned, ways
 _STATIC = ("attachment", "constraint", "static", "relief", "at 0 hz")
 #: A compliance smaller by as much than the largest one of its kind is rounding.
 _NONE = 1e-18
+#: Squares of natural frequencies that are closer (relative) are those of a pair.
+_EQUAL = 1e-6
 #: By node, compliances (6,) of the lower half of the natural modes, and of all.
 Halves = dict[str, tuple[Array, Array]]
 
@@ -97,7 +99,8 @@ def _of_natural_modes(sid: SID) -> Halves | None:
     if not squares[0] > 0.0:
         return None
     modes = inverse.T @ vectors / np.sqrt(squares)
-    half = sid.nq // 2
+    # Of modes of one frequency none is lower: which comes first is rounding.
+    half = int(np.searchsorted(squares, (1.0 - _EQUAL) * squares[sid.nq // 2]))
     found = {}
     for node in sid.nodes:
         parts = (np.vstack([node.phi.m0, node.psi.m0]) @ modes) ** 2

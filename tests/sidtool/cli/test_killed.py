@@ -21,8 +21,10 @@ from tests.places import SLIDER_CRANK
 #: The command line, stopped in the midst of writing its output.
 STOPPED = """
 import os, sys, time
-import {module} as module
+from importlib import import_module
 from sidtool.cli import main
+
+module = import_module({module!r})
 
 def stop(*arguments, **more):
     print("writing", flush=True)
@@ -192,7 +194,7 @@ STUDY += ["--rtol", "1e-3", "--jobs", "1", "--set", "time.end=0.1"]
 
 @pytest.mark.parametrize(
     ("module", "stop"),
-    [("sidtool.study", "study"), ("sidtool.plot.precision", "plot_study")],
+    [("sidtool.study.asked", "study"), ("sidtool.plot.precision", "plot_study")],
 )
 def test_a_killed_study_leaves_no_folder_half_filled(
     module: str, stop: str, folder: Path

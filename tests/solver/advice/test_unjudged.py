@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sidtool.formats.sid import SID
@@ -65,6 +66,24 @@ def test_the_first_modes_of_bending_are_missed() -> None:
     assert "along y" in known
     (unknown,) = told(older(), [0.0, 1e3, 0.0], numbers[:2])
     assert "cannot be judged" in unknown and "along y" in unknown
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.3, 0.8, 1.5])
+def test_modes_of_one_frequency_may_be_any_of_their_plane(turned: float) -> None:
+    """Both bend the square bar: what is said does not depend on their directions."""
+    sid, c, s = older(), np.cos(turned), np.sin(turned)
+    turn = np.eye(sid.nq)
+    turn[2:4, 2:4] = [[c, -s], [s, c]]
+    nodes = tuple(
+        replace(
+            node,
+            phi=replace(node.phi, m0=node.phi.m0 @ turn),
+            psi=replace(node.psi, m0=node.psi.m0 @ turn),
+        )
+        for node in sid.nodes
+    )
+    (note,) = told(replace(sid, nodes=nodes), [0.0, 1e3, 0.0], [3, 4])
+    assert "100 % of that along y" in note
 
 
 @pytest.mark.parametrize("force", [[1e3, 0.0, 0.0], [0.0, 1e3, 1e3]])
