@@ -12,7 +12,7 @@ from sidtool.formats.model import NodeMarker
 from ..elements.continuum import Continuum, half_curl
 from ..elements.reduced_integration import extrapolation
 from ..elements.reference import ReferenceElement, reference_element
-from ..elements.solid import internal_amplitudes
+from ..elements.solid import ElementBatch, internal_amplitudes
 from ..finite_element_model import MarkerRows, carried
 from ..patches.markers import check_length
 from ..solids import element_batches
@@ -70,8 +70,13 @@ class MeshPoints:
         self._boxes = [_boxes(mesh.positions[block.nodes]) for block in mesh.blocks]
 
     def rows(self, name: str, node: int, position: ArrayLike) -> MarkerRows:
-        """The rows of a marker: displacement there, and half the curl of the
-        displacement, averaged over the elements that meet there.
+        """The rows of a marker: displacement there, by the nodes, and half the curl of
+        the displacement, averaged over the elements that meet there.
+
+        Internal modes turn the marker, too: where only one element is, as at a loaded
+        end, rotations without them would be of first order in its size. What they move
+        a point inside is of second order, and not there: beside clamped nodes nothing
+        moves.
 
         Raises
         ------
@@ -175,35 +180,63 @@ class MeshPoints:
                 "the geometry degenerates here, so that a rotation is not defined",
                 expected="a place where the edges of the element cross at an angle",
             )
-        slopes = gradients[0] @ np.linalg.inv(jacobian)
-        d = self.mesh.dimension
-        rows = np.zeros((3, 3, len(nodes), d))
-        for axis in range(d):
-            rows[axis, :d, :, axis] = slopes.T
-        return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
+        inverse, inside = np.linalg.inv(jacobian), None
+        if self._relieved(number):
+            one = self._element(number, row)
+            inside = np.diag(1 - 2 * where) @ inverse, self._amplitudes(number, one)
+        rows = _gradient_rows(gradients[0] @ inverse, inside)
+        return _sparse(rows, nodes, self.mesh.positions.size)
 
     def _strain_gradient(
         self, number: int, row: int, where: Array, plain: sp.csr_matrix
     ) -> sp.csr_matrix:
         """(9, ndof) gradient that the stiffness of one element sees."""
-        block, d = self.mesh.blocks[number], self.mesh.dimension
-        relieved = bool(self._continua) and self._continua[number].internal_modes
+        block, relieved = self.mesh.blocks[number], self._relieved(number)
         shares = extrapolation(block.kind, where, relieved=relieved)
         if shares is None:
             return plain
-        nodes = block.nodes[row]
-        alone = ElementBlock(block.kind, nodes[None], block.labels[[row]])
-        (one,) = element_batches(self.mesh, alone, relieved=relieved)
-        slopes = np.einsum("g,gmd->md", shares, one.gradients[0])
-        rows = np.zeros((3, 3, len(nodes), d))
-        for axis in range(d):
-            rows[axis, :d, :, axis] = slopes.T
+        one, inside = self._element(number, row), None
         if one.internal is not None:
-            amplitudes = internal_amplitudes(one, self._continua[number].law)[0]
-            by_node = amplitudes.reshape(-1, d, len(nodes), d)
-            inner = np.einsum("g,gkb->kb", shares, one.internal[0])
-            rows[:d, :d] += np.einsum("kb,kcmd->cbmd", inner, by_node)
-        return _sparse(rows.reshape(9, -1, d), nodes, self.mesh.positions.size)
+            slopes = np.einsum("g,gkb->kb", shares, one.internal[0])
+            inside = slopes, self._amplitudes(number, one)
+        slopes = np.einsum("g,gmd->md", shares, one.gradients[0])
+        rows = _gradient_rows(slopes, inside)
+        return _sparse(rows, block.nodes[row], self.mesh.positions.size)
+
+    def _relieved(self, number: int) -> bool:
+        """Whether the elements of a block have internal modes."""
+        return bool(self._continua) and self._continua[number].internal_modes
+
+    def _element(self, number: int, row: int) -> ElementBatch:
+        """One element at the points of its stiffness."""
+        block = self.mesh.blocks[number]
+        alone = ElementBlock(block.kind, block.nodes[[row]], block.labels[[row]])
+        relieved = self._relieved(number)
+        (one,) = element_batches(self.mesh, alone, relieved=relieved)
+        return one
+
+    def _amplitudes(self, number: int, one: ElementBatch) -> Array:
+        """(k, d, m, d) internal modes of an element by its nodes."""
+        flat = internal_amplitudes(one, self._continua[number].law)[0]
+        *_, m, d = one.gradients.shape
+        return flat.reshape(-1, d, m, d)
+
+
+def _gradient_rows(slopes: Array, inside: tuple[Array, Array] | None) -> Array:
+    """(9, m, d) gradient by the displacements of the nodes.
+
+    Parameters
+    ----------
+    slopes : (m, d) of the functions of the nodes [1/m]
+    inside : (k, d) slopes of internal modes, and (k, d, m, d) what these are
+    """
+    m, d = slopes.shape
+    rows = np.zeros((3, 3, m, d))
+    for axis in range(d):
+        rows[axis, :d, :, axis] = slopes.T
+    if inside is not None:
+        rows[:d, :d] += np.einsum("kb,kcmd->cbmd", *inside)
+    return rows.reshape(9, m, d)
 
 
 def _boxes(corners: Array) -> tuple[Array, Array]:
