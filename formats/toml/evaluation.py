@@ -8,7 +8,7 @@ in the name of an output, it stays one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -143,7 +143,13 @@ def _fits(model: type[BaseModel], data: Mapping[str, Any]) -> bool:
 
 def _fields(model: type[BaseModel], key: str) -> list[Any]:
     fields = model.model_fields
-    return [i.annotation for n, i in fields.items() if key in (n, i.alias)]
+    return [
+        Annotated[(info.annotation, *info.metadata)]
+        if info.metadata
+        else info.annotation
+        for name, info in fields.items()
+        if key in (name, info.alias)
+    ]
 
 
 def _check_tags(model: type[BaseModel], data: Mapping[str, Any], place: Place) -> None:

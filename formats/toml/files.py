@@ -102,7 +102,8 @@ class File(Table):
         for place, text in self._formulas.items():
             try:
                 table: Any = _at(data, place[:-1])
-                holds = number_of(text, numbers) == table[place[-1]]
+                value = number_of(text, numbers)
+                holds = table[place[-1]] in (value, [value])
             except (InputError, LookupError, TypeError):
                 continue  # somebody has changed what it stood for
             if holds:

@@ -12,12 +12,14 @@ from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
-from pydantic_core import ErrorDetails
+from pydantic_core import ErrorDetails, PydanticUndefined
 
 from ..errors import InputError
 
 Location = tuple[str | int, ...]
 QUOTE = "'"
+#: Of a validator that takes other values than the field has: what these are.
+_SAID = "json_schema_input_type"
 
 _EXPECTED = {
     "float_type": "a number",
@@ -196,9 +198,11 @@ def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseMode
 
 
 def alternatives(annotation: Any) -> list[Any]:
-    """The members of a union, without Annotated wrappings."""
+    """The members of a union, without Annotated wrappings: of what files may say."""
     if hasattr(annotation, "__metadata__"):
-        return alternatives(annotation.__origin__)
+        said = [getattr(m, _SAID, PydanticUndefined) for m in annotation.__metadata__]
+        said = [kind for kind in said if kind is not PydanticUndefined]
+        return alternatives(said[0] if said else annotation.__origin__)
     if type(annotation).__name__ in ("Union", "UnionType", "_UnionGenericAlias"):
         return [a for member in get_args(annotation) for a in alternatives(member)]
     return [annotation]

@@ -86,6 +86,32 @@ def test_changed_parameters_change_all_that_follows(tmp_path: Path) -> None:
     assert drive.pieces[0].coefficients == (0, 3)
 
 
+def test_formulas_where_one_number_stands_for_a_list(tmp_path: Path) -> None:
+    """They were refused there: `stiffness = "10*n"`, `ratio = "n/100"`."""
+    more = """
+[bodies.boom]
+sid = "boom.SID_FEM"
+damping = { type = "modal", ratio = "n/100" }
+
+[forces.spring]
+type = "spring_damper"
+joint = "pin"
+stiffness = "10*n"
+damping = ["n", 0, "2*n"]
+"""
+    scene = SceneFile.load(written(tmp_path, SCENE + more))
+    for n, found in ((3, scene), (5, scene.with_({"n": 5}))):
+        spring: Any = found.forces["spring"]
+        assert spring.stiffness == (10.0 * n,)
+        assert spring.damping == (n, 0, 2 * n)
+        damping: Any = found.bodies["boom"].damping  # type: ignore[union-attr]
+        assert damping.ratio == (n / 100,)
+    scene.save(tmp_path / "same.toml")
+    assert SceneFile.load(tmp_path / "same.toml") == scene
+    with pytest.raises(InputError, match="spring.stiffness.*a number, or a formula"):
+        scene.with_({"spring.stiffness": "10*unknown"})
+
+
 def test_saved_files_keep_formulas_that_still_hold(tmp_path: Path) -> None:
     scene = SceneFile.load(written(tmp_path))
     scene.save(tmp_path / "same.toml")
