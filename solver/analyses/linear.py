@@ -45,6 +45,10 @@ STATES = ("static", "start")
 #: A state is near another one that differs by less than this part of the sizes; what is
 #: left of the accelerations there, relative to them.
 NEAR, STEADY = 0.05, 1e-6
+#: Ways below this share of the sizes lead nowhere; frequencies that differ by less than
+#: this share are the same, and those below this share of the square of the highest are
+#: rounding.
+AT_REST, SAME, ROUNDING = 1e-12, 0.01, 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +130,8 @@ def _unsteady(
 ) -> tuple[str, ...]:
     """Whether the state is far from rest and from steady motion, and what leaves it.
 
-    Near is where the equations, taken as linear, have such a state.
+    Near is where the equations, taken as linear, have such a state. It may be near and
+    have other modes: a column that nothing compresses yet accelerates, and is stiff.
     """
     mechanics.evaluate(z, v)
     left = motion.T @ mechanics.accelerations()[0]
@@ -135,13 +140,35 @@ def _unsteady(
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
     way = np.abs(moved @ shift) / sizes
     rest = np.abs(matrix @ shift - forces).max(initial=0.0)
-    if way.max(initial=0.0) < NEAR and rest <= STEADY * np.abs(left).max(initial=0.0):
-        return ()
     names = velocity_names(mechanics.system)
     first = names[int(np.argmax(np.abs(motion @ left) / sizes))]
+    if way.max(initial=0.0) < NEAR and rest <= STEADY * np.abs(left).max(initial=0.0):
+        if way.max(initial=0.0) < AT_REST:
+            return ()
+        there, *_ = state_matrix(mechanics, mechanics.moved(z, moved @ shift), v)
+        mechanics.evaluate(z, v)
+        return _changed_modes(matrix, there, first)
     return (
         f"the state is neither near rest nor near a steady motion, {first} "
         "accelerates: modes tell of small motions about such states only",
+    )
+
+
+def _changed_modes(here: Array, there: Array, first: str) -> tuple[str, ...]:
+    """Whether the matrix of the state of rest beside the own has other frequencies."""
+    own, other = (np.sort(np.abs(np.linalg.eigvals(m))) for m in (here, there))
+    if own.shape != other.shape:
+        return ()
+    apart = np.abs(own**2 - other**2)
+    change = apart / np.maximum(own**2, ROUNDING * own.max(initial=0.0) ** 2)
+    k = int(np.argmax(change > 2 * SAME)) if len(change) else 0
+    if not len(change) or change[k] <= 2 * SAME:
+        return ()
+    f, g = (values[k] / (2.0 * np.pi) for values in (own, other))
+    return (
+        f"the state is near rest or steady motion, but {first} accelerates, so that "
+        f"loads which stiffen or soften are not there yet: {f:.4g} Hz here is {g:.4g} "
+        'Hz in that state; look about it, by initial = { state = "static" }',
     )
 
 
