@@ -19,7 +19,7 @@ from ..system.sizes import coordinate_sizes
 from .dead_points import undecided
 
 #: Determinant of the equations of friction near a state without a solution.
-NEARLY_JAMMED = 1e-3
+NEARLY_JAMMED = 0.1
 CAUSES = {
     stepping.TOO_SMALL: "the step size fell below what the time resolves: the motion "
     "is not smooth here, or a body is blocked",
@@ -161,8 +161,8 @@ def jammed(system: System, memory: Memory, t: float, control: stepping.Control) 
         return ""
     names = ", ".join(rub.joint for rub in system.rubbing)
     return (
-        f"; friction ({names}) has no solution here, or several: the load that it "
-        "makes feeds it, and grows without bound"
+        f"; friction ({names}) has no solution here or close by, or several: the load "
+        "that it makes feeds it, and grows without bound"
         f"{undecided(system, t, control.z, control.v)}"
     )
 

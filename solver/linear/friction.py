@@ -29,10 +29,12 @@ from ..space.layout import (
     L_SPEED,
     L_STATIC,
     L_VISCOUS,
+    N_ROWS,
     NV,
     R_COUNT,
     R_LAW,
     R_LOAD,
+    R_NEWTON,
     R_PLACES,
     R_ROWS,
     S_BODY,
@@ -197,6 +199,45 @@ def _share(system, work, multiplier, P):
         P[j, n + 1] *= SHARE / max(stiffest, 1e-300)
 
 
+@inner(float64(SYSTEM, WORK, int64, F1))
+def _opposed(system, work, j, multiplier):
+    """sense mu(rate) N(lambda) + viscous rate of a joint that slides, with its
+    derivatives by the multipliers in `work.rubbing`."""
+    rate = work.sliding.row[j, C_RATE]
+    size, _ = limit(system, j, rate)
+    size *= sense_of(system, work, j)
+    for r in range(system.friction[j, R_COUNT]):
+        work.rubbing[j, r] = size * load_by(system, j, multiplier, r)
+    viscous = system.pool[system.friction[j, R_LAW] + L_VISCOUS]
+    return size * load_of(system, j, multiplier) + viscous * rate
+
+
+@inner(types.void(SYSTEM, WORK, F1, float64, F1, F1))
+def friction_residual(system, work, forces, scale, p, g):
+    """Right-hand sides where multipliers and forces of friction t are both unknowns.
+
+    Adds t, scaled, along the coordinates to p. Into the rows of friction in g: of what
+    sticks how far it is from where it is held, of what slides t + sense mu(rate)
+    N(lambda) + viscous rate, scaled; both with the sign of a correction.
+
+    forces : the multipliers, and behind them t
+    """
+    first = system.dims[N_ROWS]
+    for j in range(len(system.friction)):
+        row, t = system.friction[j, R_NEWTON], forces[first + j]
+        g[row] = -work.sliding.row[j, C_VALUE]
+        if not sticks(system, j):
+            work.load[j] = load_of(system, j, forces)
+            g[row] = -scale * (t + _opposed(system, work, j, forces))
+    table = system.sliding.segment
+    for k in range(len(table)):
+        t = scale * forces[first + table[k, S_ROW]]
+        at, b = table[k, S_OFFSET], table[k, S_BODY]
+        start = system.body[b, VEL]
+        for i in range(system.body[b, NV]):
+            p[start + i] += work.C[at + i] * t
+
+
 @inner(float64(SYSTEM, WORK, int64, F1, F2, F2, F2))
 def _equation(system, work, i, multiplier, L, P, A):
     """What is left of the equation of joint i, and its derivatives in row i of A.
@@ -211,18 +252,14 @@ def _equation(system, work, i, multiplier, L, P, A):
             A[i, k] = P[i, k] / P[i, i]
         A[i, i] += P[i, n + 1]
         return (P[i, n] - work.sliding.row[i, C_GAMMA]) / P[i, i]
-    rate = work.sliding.row[i, C_RATE]
-    size, _ = limit(system, i, rate)
-    size *= sense_of(system, work, i)
+    opposed = _opposed(system, work, i, multiplier)
     for k in range(n):
         A[i, k] = 1.0 if i == k else 0.0
     for r in range(system.friction[i, R_COUNT]):
-        change = size * load_by(system, i, multiplier, r)
-        work.rubbing[i, r] = change
+        change = work.rubbing[i, r]
         for k in range(n):
             A[i, k] += change * L[k, system.friction[i, R_ROWS + r]]
-    viscous = system.pool[system.friction[i, R_LAW] + L_VISCOUS]
-    return size * load_of(system, i, multiplier) + viscous * rate
+    return opposed
 
 
 @inner(types.void(SYSTEM, WORK, F1, F2, F1))
@@ -268,6 +305,16 @@ def _iterate(system, work, multiplier, L, P, A, lam, dt, pivots):
     return JAMMED
 
 
+@inner(float64(F2, I1))
+def solvability(A, pivots):
+    """Determinant of the equations of friction from their factor: 1 without friction,
+    not positive where they have no solution, or not one alone."""
+    whole = 1.0
+    for i in range(len(A)):
+        whole *= A[i, i] if pivots[i] == i else -A[i, i]
+    return whole
+
+
 @inner(int64(SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F1, F1, I1))
 def solve_friction(system, work, acceleration, multiplier, X, L, P, A, lam, dt, pivots):
     """Forces of friction, into `work.rub`, with the loads that make them.
@@ -294,9 +341,6 @@ def solve_friction(system, work, acceleration, multiplier, X, L, P, A, lam, dt, 
         if _iterate(system, work, multiplier, L, P, A, lam, dt, pivots) != 0:
             return JAMMED
     _multipliers(system, work, multiplier, L, lam)
-    sign = 1.0
     for i in range(n):
-        if (A[i, i] < 0.0) != (pivots[i] != i):
-            sign = -sign
         work.load[i] = load_of(system, i, lam)
-    return 0 if sign > 0.0 else JAMMED
+    return 0 if solvability(A, pivots) > 0.0 else JAMMED

@@ -8,6 +8,9 @@ dz_II' = beta' dx, one correction solves, with s = h^2 dlambda,
 
 R = M z_II'.
 
+Friction of joints has rows among the constraints, and forces among the unknowns: what
+sticks is a constraint, of what slides the force obeys eq. (32).
+
 The scaling by h^2 keeps the matrix well conditioned for small steps (C. L. Bottasso,
 O. A. Bauchau, A. Cardona, "Time-step-size-independent conditioning and sensitivity to
 perturbations in the numerical solution of index three differential algebraic
@@ -26,6 +29,7 @@ from ..space.layout import (
     F1,
     I1,
     N_ENTRIES,
+    N_ROWS,
     NV,
     S_BODY,
     S_OFFSET,
@@ -34,6 +38,8 @@ from ..space.layout import (
     VEL,
     WORK,
 )
+from .friction import friction_residual
+from .grips import sticks
 from .mass import mass_row_times
 from .newton import FACTORISATIONS, MEMORY
 from .saddle import saddle_factor, saddle_solve
@@ -51,6 +57,12 @@ def index3_factor(system, work, memory, inertia, damping, stiffness):
         G[i] = memory.C[i]
     for i in range(constraints, len(G)):
         G[i] = damping * work.Gv[i] + stiffness * work.Gp[i]
+    stuck = system.sliding.segment
+    for k in range(len(stuck)):
+        if sticks(system, stuck[k, S_ROW]):
+            at = stuck[k, S_OFFSET]
+            for i in range(at, at + system.body[stuck[k, S_BODY], NV]):
+                G[i] = memory.C[i]
     memory.counters[FACTORISATIONS] += 1
     return saddle_factor(
         extended,
@@ -94,7 +106,10 @@ def add_mass_times(system, M, x, weight, out):
 
 @inner(types.void(SYSTEM, WORK, I1, F1, F1, float64, F1, F1))
 def index3_residual(system, work, place, acceleration, multiplier, h2, p, g):
-    """Right-hand side of a correction at the evaluated state, into p and g."""
+    """Right-hand side of a correction at the evaluated state, into p and g.
+
+    place, multiplier : of constraints, and behind them of joints with friction
+    """
     for i in range(len(p)):
         p[i] = h2 * work.f[i]
     add_mass_times(system, work.M, acceleration, -h2, p)
@@ -106,6 +121,8 @@ def index3_residual(system, work, place, acceleration, multiplier, h2, p, g):
             p[first + i] += work.C[at + i] * force
     for i in range(len(g)):
         g[i] = 0.0
-    for i in range(len(place)):
+    for i in range(system.dims[N_ROWS]):
         if place[i] >= 0:
             g[place[i]] = -work.row[i, C_VALUE]
+    if len(system.friction) > 0:
+        friction_residual(system, work, multiplier, h2, p, g)

@@ -49,14 +49,6 @@ def settings_of(
             place="accuracy.integrator",
             expected=f"one of {', '.join((AUTO, *INTEGRATORS))}",
         )
-    if system.rubbing and name == "generalised_alpha":
-        names = ", ".join(rub.joint for rub in system.rubbing)
-        raise InputError(
-            f"generalised_alpha knows no friction of joints ({names}): its equations "
-            "have constraints for unknowns, not the friction that follows from them",
-            place="accuracy.integrator",
-            expected="auto, radau5, radau9, radau13, trapezoidal or dop853",
-        )
     if system.led and name == "generalised_alpha":
         raise InputError(
             f"generalised_alpha knows no drives with laws ({', '.join(system.led)}): "

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from numba import float64, int64, types
+from numba import boolean, float64, int64, types
 
 from ...compiler.compiling import inner
+from ...linear.friction import solvability
 from ...linear.index3 import add_mass_times, index3_solve
 from ...linear.newton import KERNELS, MEMORY
 from ...linear.saddle import REGULARISATION
@@ -49,6 +50,9 @@ from .table import ALPHA, ALPHA_F, ALPHA_M, BETA, GAMMA, POSITION_ERROR, VELOCIT
 MARGIN = 15.0
 #: Steps that tell what of the error estimate is not rounding.
 TREND = 8.0
+#: Determinant of the equations of friction, 1 without it, below which they hardly have
+#: a solution.
+HARDLY_SOLVABLE = 0.1
 #: Part of the run in which motions may still become much larger.
 EARLY = 0.5
 
@@ -59,8 +63,9 @@ def split(kernels, system, work, memory, alpha, x, y):
 
     In the metric of projections: the rigid motion bears it, not the deformation.
     """
-    rates_of_rows(system, work, x, C_VALUE)
-    rates_of_rows(system, work, y, C_RATE)
+    for x_, column in ((x, C_VALUE), (y, C_RATE)):
+        rates_of_rows(system, work, x_, column)
+        rates_of_rows(system.sliding, work.sliding, x_, column)
     nz, nv = alpha.nz, alpha.nv
     status = kernels.project_once(system, work, memory, REGULARISATION, nz, nv)
     for i in range(len(x)):
@@ -127,12 +132,30 @@ def error_of(kernels, system, work, memory, control, alpha, h):
     error = math.inf
     copy(alpha.v1, alpha.v0)
     z1, v1, x, y = alpha.z1, alpha.v1, alpha.dx, alpha.dv
-    if close_step(kernels, system, work, memory, control, h, z1, v1, x, y) == 0:
+    status = close_step(kernels, system, work, memory, control, h, z1, v1, x, y)
+    if status == 0 and not _jams(system, memory, control, alpha):
         error = _free_error(kernels, system, work, memory, control, alpha, h)
     if not error < 1.0:
         real[SINGULAR], real[INDEPENDENCE] = singular, independence
         real[CLEAREST], real[DECLINE], real[UNTURNED] = clearest, decline, unturned
     return error
+
+
+@inner(boolean(SYSTEM, MEMORY, CONTROL, ALPHA))
+def _jams(system, memory, control, alpha):
+    """Whether friction has hardly a solution, and velocities are rounding already.
+
+    Loads grow without bound there, and steps of rounding would lead past it.
+    """
+    if len(system.friction) == 0:
+        return False
+    if solvability(memory.rub_A, memory.rub_pivots) > HARDLY_SOLVABLE:
+        return False
+    rounded = 0
+    for i in range(len(alpha.pace)):
+        if alpha.pace[i] > control.scale_v[i]:
+            rounded += 1
+    return rounded > 0
 
 
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))

@@ -106,7 +106,10 @@ def _glance(kernels, system, work, memory, control, alpha):
     t = control.real[TIME]
     accelerate(kernels, system, work, memory, t, control.z, control.v)
     copy(memory.multiplier, alpha.lam)
-    copy(memory.multiplier, alpha.old_lam)
+    first = len(memory.multiplier)
+    for j in range(len(system.friction)):
+        alpha.lam[first + j] = work.rub[j]
+    copy(alpha.lam, alpha.old_lam)
 
 
 @inner(types.void(KERNELS, SYSTEM, CONTROL, ALPHA, float64))
@@ -236,12 +239,12 @@ def _accept(kernels, system, work, memory, control, alpha, h):
     With error control the end is on the constraints of position and velocity already.
     Fixed steps leave it as the algorithm does, with its own acceleration, but for the
     end of an interval: steps of one length need no projection, and recorded states are
-    projected anyway.
+    projected anyway. Friction is looked at in every end, whether it has a solution.
     """
     real, z1, v1 = control.real, alpha.z1, alpha.v1
     if control.whole[FIXED_STEP] == 1:
         copy(v1, alpha.v0)
-        if real[TIME] + 1.5 * h < real[STOP]:
+        if real[TIME] + 1.5 * h < real[STOP] and len(system.friction) == 0:
             status = count_turns(system, work, control, h, z1)
             if status == 0:
                 status = check_ways(work, control, h)
@@ -254,7 +257,11 @@ def _accept(kernels, system, work, memory, control, alpha, h):
             return status
     else:
         note_error(control, alpha)
-    copy(alpha.lam1, memory.multiplier)
+    first = len(memory.multiplier)
+    for i in range(first):
+        memory.multiplier[i] = alpha.lam1[i]
+    for j in range(len(system.friction)):
+        work.rub[j] = alpha.lam1[first + j]
     write_cubic(
         kernels,
         system,

@@ -7,7 +7,17 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ...compiler.tables import Table, TableType
-from ...space.layout import F1, I1, N_POS, N_ROWS, N_VEL, S_OFFSET, S_ROW, System
+from ...space.layout import (
+    F1,
+    I1,
+    N_POS,
+    N_ROWS,
+    N_VEL,
+    R_NEWTON,
+    S_OFFSET,
+    S_ROW,
+    System,
+)
 
 #: What rounding leaves of positions, relative to their size.
 ROUNDED = 2e-16
@@ -20,14 +30,16 @@ FORCE_ERROR, CURVATURE = 6, 7
 class Alpha(Table):
     """Coefficients, the state between steps, and scratch vectors.
 
-    place : row of each constraint in the Newton matrix, -1 for none
+    place : row of each constraint in the Newton matrix, -1 for none, and behind them
+        of each joint with friction
     weights : see the entries above
     a, v, kept : accelerations, velocities and z_II' that the last step left
     old_a : a one step before
     a0, v0, acc : the same at the beginning of this step
     rate0, acc0 : z_I' and z_II' at the beginning of the step, on the constraints
     jerk, snap : slope of acc0 and its own, from steps before
-    lam, old_lam : lambda at the beginning of this step and one before
+    lam, old_lam : lambda, and behind it the forces of friction, at the beginning of
+        this step and one before
     lam1 : at the end of the step
     a1, z1, v1, acc1 : at the end of the step
     dx : motion during the step, in the tangent space
@@ -104,7 +116,8 @@ def coefficients(rho: float) -> Array:
 def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
     """Storage for a run; `sizes` are those of tangent vectors."""
     n, m = int(system.dims[N_POS]), int(system.dims[N_VEL])
-    rows, newton_rows = int(system.dims[N_ROWS]), int(system.newton.dims[N_ROWS])
+    rows = int(system.dims[N_ROWS]) + len(system.friction)
+    newton_rows = int(system.newton.dims[N_ROWS])
     lengths = [m] * 6 + [n] + [m] * 4 + [rows] * 3 + [m, n, m, m, m, m, n, m, m, m]
     vectors = [np.zeros(length) for length in (*lengths, newton_rows, *[m] * 7)]
     floor = ROUNDED * sizes
@@ -112,9 +125,10 @@ def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
 
 
 def newton_places(system: System) -> np.ndarray:
-    """Row of each constraint in the Newton matrix, (rows,), -1 for none."""
+    """Row of each constraint in the Newton matrix, -1 for none, and behind them of each
+    joint with friction, (rows + frictions,)."""
     places = np.full(int(system.dims[N_ROWS]), -1, np.int64)
     newton_row = dict(system.newton.segment[:, [S_OFFSET, S_ROW]].tolist())
     for row, offset in system.segment[:, [S_ROW, S_OFFSET]].tolist():
         places[row] = newton_row[offset]
-    return places
+    return np.append(places, system.friction[:, R_NEWTON])

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
 from tests.solver.equations.friction.rubbed import (
     ENERGIES,
@@ -15,6 +14,7 @@ from tests.solver.equations.friction.rubbed import (
     MASS,
     MU,
     REST,
+    RTOL,
     G,
     assert_balanced,
     assert_changes,
@@ -133,13 +133,32 @@ def test_block_said_differently_moves_the_same(
     assert_balanced(result, 1e-9)
 
 
-def test_generalised_alpha_refuses_friction_by_name() -> None:
-    with pytest.raises(InputError, match="knows no friction of joints .rail."):
-        block_on_incline("planar", method="generalised_alpha")
+def test_block_with_generalised_alpha() -> None:
+    """Instants from accelerations are exact; the way has its order of 2 in steps."""
+    loose, stop, way = exact_incline()
+    missed = []
+    for step in (0.02, 0.01):
+        result = block_on_incline("planar", method="generalised_alpha", step=step)
+        times = [t for _, t in changes(result, "rail")]
+        assert times == pytest.approx([loose, stop], abs=1e-9)
+        missed.append(result.values[-1, 0] - way)
+    assert missed[0] / missed[1] == pytest.approx(4.0, abs=0.4)
+    result = block_on_incline("spatial", method="generalised_alpha", rtol=1e-6)
+    assert result.values[-1, 0] == pytest.approx(way, abs=1e-5)
+    assert_balanced(result, 1e-6)
 
 
-@pytest.mark.parametrize("dimension", ["planar", "spatial"])
-def test_block_on_a_rocking_rail(dimension: str) -> None:
+@pytest.mark.parametrize(
+    ("dimension", "method", "rtol", "tolerated"),
+    [
+        ("planar", "radau9", RTOL, 2e-8),
+        ("spatial", "radau9", RTOL, 2e-8),
+        ("planar", "generalised_alpha", 1e-4, 1e-5),
+    ],
+)
+def test_block_on_a_rocking_rail(
+    dimension: str, method: str, rtol: float, tolerated: float
+) -> None:
     """N = m (g cos + 2 theta' x' + theta'' x) of the rail's angle theta."""
     top, omega, start, width = 0.45, 5.0, 0.3, 0.15
 
@@ -164,6 +183,7 @@ def test_block_on_a_rocking_rail(dimension: str) -> None:
         lambda t, x, v, s: -need(t, x) - s * mu(v) * load(t, x, v),
     ).motion(start, 0.0, 6.0)
     inertia = 0.1 if dimension == "planar" else [0.1, 0.1, 0.1]
+    energies = ENERGIES if method == "radau9" else []  # long to add up over many steps
     drive = {"type": "harmonic", "amplitude": top, "angular_frequency": omega}
     result = simulate(
         dimension,
@@ -196,8 +216,11 @@ def test_block_on_a_rocking_rail(dimension: str) -> None:
             },
         },
         drives={"rock": {"joint": "hinge", "function": drive}},
-        outputs={"record": ["slide.displacement", "hinge.mz", *ENERGIES]},
+        outputs={"record": ["slide.displacement", "hinge.mz", *energies]},
+        method=method,
+        rtol=rtol,
     )
     assert len(known) > 6
-    assert_changes(result, "slide", known, 2e-8)
-    assert_balanced(result, 1e-8)
+    assert_changes(result, "slide", known, tolerated)
+    if energies:
+        assert_balanced(result, 1e-8)

@@ -102,7 +102,9 @@ def test_redundant_constraints_that_do_not_load_the_bearing_are_no_matter() -> N
     assert len(changes(plane, "pin0")) == len(changes(space, "pin0"))
 
 
-def leaning_rod(mu: float, angle: float, spin: float, speed: float) -> Result:
+def leaning_rod(
+    mu: float, angle: float, spin: float, speed: float, **options: Any
+) -> Result:
     """Painleve's rod: its tip slides over the ground that it leans forward on."""
     half = 0.5
     x, y = half * np.cos(angle), half * np.sin(angle)
@@ -131,6 +133,7 @@ def leaning_rod(mu: float, angle: float, spin: float, speed: float) -> Result:
             }
         },
         outputs={"record": ["rod.angle", "floor.normal_force"]},
+        **options,
     )
 
 
@@ -148,6 +151,12 @@ def test_friction_without_a_solution_is_told() -> None:
     reached = error.value.result
     assert reached.values[-1, 0] == pytest.approx(least, abs=1e-6)
     assert reached.values[-1, 1] > 1e6
+    for rtol in (1e-3, 1e-5):
+        with pytest.raises(SimulationError, match="friction .floor. has no sol") as e:
+            leaning_rod(mu, 0.45, 4.0, 4.0, method="generalised_alpha", rtol=rtol)
+        assert e.value.result.values[-1, 0] == pytest.approx(least, abs=0.02)
+    with pytest.raises(SimulationError):
+        leaning_rod(mu, 0.45, 4.0, 4.0, method="generalised_alpha", step=1e-4)
 
 
 @pytest.mark.parametrize(
