@@ -1,4 +1,4 @@
-"""The field of a beam: corners of its cross-sections, which stay plane."""
+"""The field of a beam or bar: corners of its cross-sections, which stay plane."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.sid_mass import skew
 
-from ..frontends.finite_element_model import FiniteElementModel, Outline
+from ..frontends.finite_element_model import Outline
 from .sampled import Sampled
 
 Array = NDArray[np.float64]
@@ -15,19 +15,19 @@ Array = NDArray[np.float64]
 CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
 
 
-def beam_field(body: FiniteElementModel, outline: Outline) -> Sampled:
-    """Four corners at every node; sections turn with their nodes."""
+def beam_field(outline: Outline) -> Sampled:
+    """Four corners of every cross-section, which turn with it."""
     arms = (outline.halves[:, None] * CORNERS) @ outline.axes
     n = len(arms)
     turning = -skew(arms.reshape(-1, 3)).reshape(n, 4, 3, 3)
 
     def displacement(fields: Array) -> Array:
-        motion = body.by_node(fields)
+        motion = (outline.motion @ fields).reshape(n, 6, -1)
         own = np.einsum("ncab,nbk->ncak", turning, motion[:, 3:])
         return (motion[:, None, :3] + own).reshape(4 * n, 3, -1)
 
     return Sampled(
-        positions=(body.positions[:, None] + arms).reshape(-1, 3),
+        positions=(outline.places[:, None] + arms).reshape(-1, 3),
         triangles=tube(n),
         displacement=displacement,
         transverse=np.zeros(4 * n),

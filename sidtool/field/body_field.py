@@ -67,8 +67,8 @@ def sample_body(body: FiniteElementModel) -> Sampled:
     mesh = body.drawn if body.solids is None else body.solids.mesh
     if mesh is not None:
         return mesh_field(body, mesh)
-    if body.outline is not None:
-        return beam_field(body, body.outline)
+    if body.outlines:
+        return together(map(beam_field, body.outlines))
     there = body.place_table[:, :3].max(axis=1) >= 0
     places = np.pad(body.positions, ((0, 0), (0, 3 - body.dimension)))[there]
     return Sampled(

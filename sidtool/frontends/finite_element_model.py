@@ -74,14 +74,18 @@ def carried(marker: MarkerRows, position: Array) -> MarkerRows:
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """The cross-sections of a beam, for pictures.
+    """The cross-sections of a beam, or of a bar, one after another, for pictures.
 
-    axes : (n, 2, 3) unit vectors y and z of the section at every node
-    halves : (n, 2) half their extent along these at every node [m]
+    places : (n, 3) [m]
+    axes : (n, 2, 3) unit vectors y and z of every section
+    halves : (n, 2) half their extent along these [m]
+    motion : (6 n, ndof) displacement and rotation of every section
     """
 
+    places: Array
     axes: Array
     halves: Array
+    motion: sp.csr_matrix
 
 
 def _apart(_: tuple[str, ...]) -> Surface | None:
@@ -129,7 +133,7 @@ class FiniteElementModel:
     drawn : a mesh whose nodes are the first rows of `positions`, if pictures need one
         beside `solids`
     patches : NURBS patches with the nodes that their control points are
-    outline : of a beam
+    outlines : of a beam, or of bars
     notes : sentences on what the model file does not say and the body has
     """
 
@@ -155,7 +159,7 @@ class FiniteElementModel:
     solids: SolidMesh | None = None
     drawn: Mesh | None = None
     patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
-    outline: Outline | None = None
+    outlines: tuple[Outline, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property

@@ -88,19 +88,16 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         inertia_points=particles.points(),
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
-        outline=_outline(beam, ends),
+        outlines=(_outline(beam, ends),),
         geometry_mass=lambda: beam_mass(geometry, axis, material.density),
     )
 
 
 def _outline(beam: Beam, ends: Array) -> Outline:
-    """Sections as rectangles; of general ones with the same area and moments."""
-    halves = []
-    for fraction in ends:
-        section = beam.section(fraction)
-        moments = np.array([section.iz, section.iy])
-        halves.append(np.sqrt(3 * moments / section.area))
-    return Outline(beam.axis.at(ends).axes[:, 1:], np.array(halves))
+    frames = beam.axis.at(ends)
+    halves = np.array([beam.section(fraction).halves for fraction in ends])
+    motion = sp.eye_array(6 * len(ends), format="csr")
+    return Outline(frames.places, frames.axes[:, 1:], halves, sp.csr_matrix(motion))
 
 
 def _rows(beam: Beam, ends: Array, at: float) -> tuple[Rows, Indices]:

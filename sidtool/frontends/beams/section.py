@@ -35,6 +35,13 @@ class Section:
     shear_z: float
     sides: tuple[float, float] | None = None
 
+    @property
+    def halves(self) -> Array:
+        """(2,) half the sides, along y and z, of the rectangle with the same area and
+        moments; of the square where these are not known [m]."""
+        squares = 3 * np.array([self.iz, self.iy]) / self.area
+        return np.asarray(np.sqrt(np.where(squares > 0, squares, self.area / 4)))
+
     def law(self, e: float, g: float, curvatures: Array) -> Array:
         """(6, 6) resultants N, Qy, Qz, T, My, Mz of strains in their order.
 

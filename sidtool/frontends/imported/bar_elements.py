@@ -15,7 +15,9 @@ from ...importers.imported_bars import Course, RawBar
 from ...validate.units import UnitSystem
 from ..beams.axis import Frames, line
 from ..beams.element import PLACES, WEIGHTS, Beam, Element, Rows
+from ..beams.points import placed
 from ..beams.section import Section
+from ..finite_element_model import Outline
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -112,6 +114,18 @@ def element_of(
     beam = Beam(section, axis, bar.e * stress, bar.g * stress, True)
     kind = RodElement if bar.y_axis is None else BarElement
     return kind(beam, 0.0, 1.0, ends)
+
+
+def outline_of(element: BarElement, dofs: Indices, ndof: int, pieces: int) -> Outline:
+    """The bar in so many pieces, as it bends."""
+    places = np.linspace(0.0, 1.0, pieces + 1)
+    frames = element.frames(places)
+    rows = element.rows_at(places, frames)
+    motion = np.concatenate([part for row in rows for part in row[:2]])
+    halves = np.array([element.section(place).halves for place in places.tolist()])
+    return Outline(
+        frames.places, frames.axes[:, 1:], halves, placed(motion, dofs, ndof)
+    )
 
 
 def section_of(bar: RawBar, length: float) -> Callable[[float], Section]:

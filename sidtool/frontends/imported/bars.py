@@ -28,12 +28,14 @@ from ..mesh.data import Mesh
 from ..mesh.points import position_of
 from ..patches.markers import at_marker
 from ..patches.markers import placed as with_places
-from .bar_elements import BarElement, element_of, extra_masses
+from .bar_elements import BarElement, element_of, extra_masses, outline_of
 from .bar_nodes import BarNodes, bar_nodes, nearest_node, node_sets
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
+#: Pieces of a bar in pictures at most, and of all bars, as far as each has one.
+_PIECES, _SECTIONS = 8, 1000
 #: A deformation of an eigenvalue below this share of the largest takes no energy.
 _MECHANISM = 1e-13
 #: Cosines of bars in one line differ from one by less.
@@ -69,12 +71,14 @@ def bars_model(
     nodes = bar_nodes(imported, mesh)
     ndof = int(nodes.table.max()) + 1
     particles, points = Particles(ndof), MaterialPoints(ndof)
-    parts = []
+    parts, outlines = [], []
+    pieces = max(1, min(_PIECES, _SECTIONS // max(1, len(imported.bars))))
     for given in imported.bars:
         bar = _with_material(given, model.material, units)
         element, dofs = _element(bar, nodes, units)
         parts.append((element.stiffness(), dofs))
         points.add(element, dofs)
+        outlines.append(outline_of(element, dofs, ndof, pieces))
         _carry(particles, bar, element, dofs, units)
     _add_masses(particles, imported, nodes, units)
     stiffness = _assembled(parts, ndof)
@@ -88,6 +92,7 @@ def bars_model(
         inertia_points=particles.points(),
         dof_table=nodes.table[used],
         beam_material=points.material(),
+        outlines=tuple(outlines),
         notes=(*imported.notes, _NOTE, *_limits(imported.bars, nodes)),
     )
     _check_mechanism(body)
