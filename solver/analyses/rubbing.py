@@ -60,12 +60,37 @@ def prescribed_friction(
     ------
     SimulationError : friction has no solution, or several.
     """
+    mechanics.memory.rub_X[:] = 0.0
+    return friction_of(mechanics, multipliers, responses)
+
+
+def friction_of(mechanics: Mechanics, multipliers: Array, responses: Array) -> Array:
+    """Forces of friction (frictions,), of accelerations and what unit forces add to
+    them that stand in the memory of the mechanics.
+
+    Parameters and errors as of `prescribed_friction`.
+    """
     system, work, memory = mechanics.system, mechanics.work, mechanics.memory
-    memory.multiplier[:], memory.rub_X[:] = multipliers, 0.0
-    memory.rub_L[:] = responses
+    memory.multiplier[:], memory.rub_L[:] = multipliers, responses
     if solve_prescribed_friction(system.arrays, work, memory) != 0:
         raise SimulationError(f"stopped at t = {mechanics.t:.9g} s: {JAMMED}")
     return np.array(work.rub)
+
+
+def gripped(system: System, t: float, start: Start) -> System:
+    """The system with joints that stick and slide as they do in a state.
+
+    Raises
+    ------
+    InputError : the load of a joint is statically indeterminate.
+    SimulationError : friction has no solution there.
+    """
+    system = with_grips(with_prescribed_friction(system, start))
+    chosen = StickSlip(system, kernels(system.planar), np.zeros((0, 2)), Points(1), 0.0)
+    why = chosen.settle(t, start.z, start.v)
+    if why:
+        raise SimulationError(f"at t = {t:.9g} s: {why}")
+    return system
 
 
 class RubbingMechanics(Mechanics):

@@ -11,6 +11,7 @@ import pytest
 from sidtool.formats.sid import SID
 from sidtool.solver import simulate
 from sidtool.solver.system.scene import System
+from tests.bodies import Cloud
 from tests.solver.scenes import compiled, polynomial, scene
 from tests.steel_bars import steel_bar
 
@@ -134,3 +135,79 @@ def test_a_spin_too_fast_for_a_soft_bar_says_that_it_starts_as_at_rest() -> None
 
 
 HINGE = {"hub": {"type": "revolute", "markers": ["ground", "bar.a"]}}
+
+
+@pytest.mark.parametrize("speed", [2.0, -3.0])
+def test_a_cart_that_rubs_starts_bent_forward(speed: float) -> None:
+    """It is braked by mu g, and with it a mass on a spring of its own and a block that
+    friction holds on that: the spring is bent by (m + block) mu g / k, and stays so."""
+    frame, mass, block, stiffness, mu, g = 1.5, 0.5, 0.3, 80.0, 0.25, 9.81
+    back = -0.1  # what the frame goes back where the spring is bent by 1
+    phi = np.zeros((3, 3, 1))
+    phi[:, 0, 0] = 1.0 + back, back, back
+    c = np.array([[0.0, 0.05, 0.0], [0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]])
+    masses = np.array([mass, 0.5 * frame, 0.5 * frame])
+    stiff = np.array([[stiffness]])
+    sid = Cloud(masses, c, phi, np.zeros_like(phi)).sid(stiff, np.zeros((1, 1)), 2)
+    moving = {"velocity": [speed, 0.0]}
+    ends = {"rail": ["ground", "cart.2"], "top": ["cart.1", "block"]}
+    described = scene(
+        {
+            "cart": {"sid": "-", "initial": moving},
+            "block": {
+                "mass": block,
+                "inertia": 0.01,
+                "initial": moving | {"position": [0.0, 0.05]},
+            },
+        },
+        {
+            name: {
+                "type": "prismatic",
+                "markers": markers,
+                "friction": {"coefficient": mu, "static": 2.0 * mu},
+            }
+            for name, markers in ends.items()
+        },
+        end=0.3,
+        gravity=[0.0, -g],
+        record=["cart.q1", "top.sticking", "rail.sticking"],
+        initial={"state": "static"},
+        accuracy={"rtol": 1e-9},
+    )
+    result = simulate(compiled(described, cart=sid))
+    bent = np.sign(speed) * (mass + block) * mu * g / stiffness
+    assert result["cart.q1"] == pytest.approx(bent, rel=1e-6)
+    assert (result["top.sticking"] == 1.0).all()
+    assert not (result["rail.sticking"] == 1.0).any()
+
+
+@pytest.mark.parametrize("dimension", ["planar", "spatial"])
+def test_a_spinning_bar_that_its_hinge_brakes_starts_without_vibration(
+    dimension: str,
+) -> None:
+    """Its elastic coordinates follow the speed, which friction of the pin takes, from
+    the deformation by the loads of the spin and of the braking on."""
+    sid = steel_bar(width=0.1, height=0.08, elements=8, modes=4)
+    law = {"coefficient": 0.4, "radius": 0.02}
+    planar = dimension == "planar"
+    hub = {"type": "revolute", "markers": ["ground", "bar.a"], "friction": law}
+    q = {}
+    for state in ("static", "stated"):
+        spin = {"angular_velocity": -70.0 if planar else [0.0, 0.0, -70.0]}
+        body = {"sid": "-", "markers": {"a": 1, "b": 2}, "initial": spin}
+        described = scene(
+            {"bar": body},
+            {"hub": hub},
+            dimension=dimension,
+            end=0.02,
+            record=["bar.b.uy", "hub.friction"],
+            initial={"state": state},
+            accuracy={"rtol": 1e-8},
+        )
+        result = simulate(compiled(described, bar=sid))
+        q[state] = result["bar.b.uy"]
+        if state == "static":
+            assert not any("as at rest" in note for note in result.notes)
+    assert abs(q["static"][0]) > 1e-5
+    wobble = np.ptp(np.diff(q["static"], 2))
+    assert wobble < 1e-2 * np.ptp(np.diff(q["stated"], 2))
