@@ -71,8 +71,9 @@ def compile_scene(
     forces : callables f(t) that scale the forces, or are the actuators, with these
         names; their value must be continuous, their rate may jump. A `Law` sees
         outputs of the motion as well
-    before : a system of this scene with other numbers, whose SIDs are taken where the
-        files have the same names, and bodies where they are the same objects
+    before : a system of this scene with other numbers, made with the same other
+        arguments, whose SIDs are taken where the files have the same names, and what it
+        was made of where that is the same objects
 
     Raises
     ------
@@ -88,8 +89,15 @@ def compile_scene(
     )
     from .system.bodies.data import read_sids
     from .system.building import build_system
+    from .system.renumbered import renumbered
 
     def checked(scene: SceneFile, keep_joints: bool) -> System:
+        if before is not None and not (drives or forces or keep_joints):
+            system = renumbered(before, scene, known)
+            if system is not None:
+                if not accept_defects:
+                    check_masses(system)
+                return system
         system = build_system(scene, known, drives, keep_joints, forces, before=before)
         check_outputs(system)
         if not accept_defects:

@@ -89,7 +89,9 @@ def rotation(placement: Placement | None) -> NDArray[np.float64]:
         return _from_quaternion(np.array(placement.quaternion))
     if placement.axis_angle is not None:
         return _from_rotation_vector(np.array(placement.axis_angle))
-    return _from_rotation_vector(np.array([0.0, 0.0, placement.angle or 0.0]))
+    if not placement.angle:
+        return np.eye(3)
+    return _from_rotation_vector(np.array([0.0, 0.0, placement.angle]))
 
 
 def _from_rotation_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:

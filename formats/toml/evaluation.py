@@ -8,6 +8,7 @@ in the name of an output, it stays one.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
@@ -47,6 +48,7 @@ def evaluated(
     return walk.value(data, [model], ()), walk.formulas
 
 
+@lru_cache(maxsize=1024)
 def tags(model: type[BaseModel]) -> dict[str, Any]:
     """Keys with one possible value, such as `type`, which files have to say."""
     found = {}
@@ -88,10 +90,11 @@ class _Walk:
         if len(models) == 1:
             _check_tags(models[0], data, place)
         entries = [get_args(k)[1] for k in kinds if get_origin(k) in (dict, _MAPPING)]
+        others = _flat(entries)
         found = {}
         for key, part in data.items():
-            fields = [f for m in models for f in _fields(m, key)]
-            found[key] = self.value(part, _flat([*entries, *fields]), (*place, key))
+            fields = [kind for m in models for kind in _fields(m, key)]
+            found[key] = self.value(part, [*others, *fields], (*place, key))
         return found
 
     def _number(self, text: str, kinds: list[Any], place: Place) -> str | float:
@@ -141,15 +144,17 @@ def _fits(model: type[BaseModel], data: Mapping[str, Any]) -> bool:
     )
 
 
-def _fields(model: type[BaseModel], key: str) -> list[Any]:
-    fields = model.model_fields
-    return [
+@lru_cache(maxsize=1024)
+def _fields(model: type[BaseModel], key: str) -> tuple[Any, ...]:
+    """Types that may stand under a key."""
+    annotations = [
         Annotated[(info.annotation, *info.metadata)]
         if info.metadata
         else info.annotation
-        for name, info in fields.items()
+        for name, info in model.model_fields.items()
         if key in (name, info.alias)
     ]
+    return tuple(_flat(annotations))
 
 
 def _check_tags(model: type[BaseModel], data: Mapping[str, Any], place: Place) -> None:

@@ -83,10 +83,10 @@ class TableType(types.Type):
 def _places(kind: TableType, shapes: tuple[tuple[int, ...] | None, ...]) -> Any:
     """Where arrays of some shapes lie one after the other.
 
-    Field, shape, type and place of each; which words are addresses, and the words where
-    the first array is at 0; the bytes of all.
+    Shape, type and place of each by its field; which words are addresses, and the
+    words where the first array is at 0; the bytes of all.
     """
-    views: list[tuple[str, tuple[int, ...], np.dtype[Any], int]] = []
+    views: dict[str, tuple[tuple[int, ...], np.dtype[Any], int]] = {}
     addresses, words = np.zeros((2, kind.words), np.int64)
     size = 0
     for field, shape in zip(kind.fields, shapes, strict=True):
@@ -96,7 +96,7 @@ def _places(kind: TableType, shapes: tuple[tuple[int, ...] | None, ...]) -> Any:
         word = kind.offsets[field]
         if len(shape) != member.ndim:
             raise TypeError(f"not the shape of {member}: {shape}")
-        views.append((field, shape, member.numbers, size))
+        views[field] = shape, member.numbers, size
         addresses[word] = 1
         words[word : word + 1 + member.ndim] = size, *shape
         bytes_ = member.numbers.itemsize * int(np.prod(shape, dtype=np.int64))
@@ -149,14 +149,10 @@ class Table:
         base = memory.__array_interface__["data"][0]
         gap = -base % ALIGNED
         table = cls.__new__(cls)
-        fields = {
-            field: np.ndarray(shape, kind, memory, gap + start)
-            for field, shape, kind, start in views
-        }
         known = words + (base + gap) * addresses
         rest = zip(cls.kind.fields, values, shapes, strict=True)
         others = {field: value for field, value, shape in rest if shape is None}
-        table.__dict__.update(fields)
+        table.__dict__.update(_views=views, _zeros=memory[gap:])
         table._set(others, known.tolist())
         return table
 
@@ -166,6 +162,15 @@ class Table:
             self.kind.write(words, field, value)
         memory = np.array(words, np.int64)
         self.__dict__.update(fields, _memory=memory, address=memory.ctypes.data)
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        """An array of zeros that nobody asked for before."""
+        views = self.__dict__.get("_views", {})
+        if name not in views:
+            raise AttributeError(f"{type(self).__name__} has no {name}")
+        shape, kind, start = views[name]
+        view = np.ndarray(shape, kind, self._zeros, start)
+        return self.__dict__.setdefault(name, view)
 
     def __setattr__(self, name: str, value: Any) -> NoReturn:
         raise AttributeError(f"a table does not change: {name}; see `replaced`")

@@ -69,9 +69,10 @@ def assemble(system: System) -> tuple[System, Start]:
 def _check_held(state: State) -> None:
     """Raises bodies that the user fixed elsewhere than joints and drives put them."""
     system = state.system
-    for name, (way, angle) in displacements(system, state.work).items():
-        if not system.scene.bodies[name].initial.fixed:
-            continue
+    fixed = [name for name, body in system.scene.bodies.items() if body.initial.fixed]
+    ways = displacements(system, state.work) if fixed else {}
+    for name in fixed:
+        way, angle = ways[name]
         if way > HELD * system.length or angle > HELD:
             raise InputError(
                 f"the start position cannot be assembled: joints and drives put {name} "
@@ -207,7 +208,8 @@ def _check_prescribed(state: State) -> None:
     InputError : drives and joints prescribe different motions.
     """
     system, time = state.system, state.system.scene.time
-    held = np.isin(np.arange(system.n_rows), system.arrays.segment[:, at.S_ROW])
+    held = np.zeros(system.n_rows, bool)
+    held[system.arrays.segment[:, at.S_ROW]] = True
     if held.all():
         return
     edges = (time.start, *system.breaks)

@@ -111,7 +111,7 @@ class State:
         self.free = _free_coordinates(system)
         self.ignored = np.zeros(system.n_rows, bool)
         self.ignored[[row for _, row in system.from_start]] = True
-        self.sizes = row_sizes(system)
+        self.sizes = system.once(row_sizes)
         self.stiffness = 1.0
         self.start()
 
@@ -139,7 +139,7 @@ class State:
     @property
     def speed(self) -> float:
         """The largest velocity relative to the sizes of the coordinates [1/s]."""
-        sizes = coordinate_sizes(self.system)
+        sizes = self.system.once(coordinate_sizes)
         return float(np.max(np.abs(self.v) / sizes, initial=0.0))
 
     def relative(self, rows: Array) -> float:
@@ -197,7 +197,7 @@ class State:
 
     def scaled_jacobian(self) -> Array:
         """C for relative changes of the coordinates, its rows of length 1 or 0."""
-        return of_length_one(self.jacobian() * coordinate_sizes(self.system))
+        return of_length_one(self.jacobian() * self.system.once(coordinate_sizes))
 
     def is_clear(self, independent: float) -> bool:
         """Whether the rows of a large scene are known to be independent: the singular
@@ -224,7 +224,7 @@ class State:
         loses where bodies are stiff.
         """
         blocks = self.work.M + self.stiffness * self.memory.metric
-        sizes = coordinate_sizes(self.system)
+        sizes = self.system.once(coordinate_sizes)
         bodies = []
         for row in self.system.arrays.body:
             n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]

@@ -46,11 +46,17 @@ REFINEMENTS, MET = 5, 1e-15
 
 def jacobian_entries(system: System, C: Array) -> tuple[np.ndarray, np.ndarray, Array]:
     """Rows, columns and values of the constraint Jacobian, to be added up."""
+    rows, columns, entries = system.once(_jacobian_places)
+    return rows, columns, C[entries]
+
+
+def _jacobian_places(system: System) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows and columns of its entries, and where their values stand."""
     row, body, offset = system.arrays.segment.T
     counts = system.arrays.body[body, at.NV]
     within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     columns = np.repeat(system.arrays.body[body, at.VEL], counts) + within
-    return np.repeat(row, counts), columns, C[np.repeat(offset, counts) + within]
+    return np.repeat(row, counts), columns, np.repeat(offset, counts) + within
 
 
 def sparse_jacobian(system: System, C: Array) -> csr_array:

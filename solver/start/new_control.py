@@ -29,7 +29,7 @@ def closed_below(system: System, settings: Settings) -> Array:
     scene = system.scene
     near = min(max(CLOSED[0], 1e-6 * settings.rtol), CLOSED[1])
     still = CLOSED[0] / (scene.time.end - scene.time.start)
-    sizes = [row_sizes(system), sliding_sizes(system)]
+    sizes = [system.once(row_sizes), sliding_sizes(system)]
     return np.outer(np.concatenate(sizes), [near, still])
 
 

@@ -83,7 +83,7 @@ def _hardly_differ(state: State) -> bool:
     """Whether constraints nearly follow from others, as rounding makes it."""
     if state.stands_apart(ROUNDED):
         return False
-    _, sizes, _ = _decomposed(state)
+    sizes = np.linalg.svd(state.scaled_jacobian(), compute_uv=False)
     return bool(((sizes > EXACT) & (sizes < ROUNDED)).any())
 
 

@@ -36,15 +36,18 @@ def with_whole_turns(system: System) -> System:
     work = new_work(system)
     work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
     pairs = _of_frames(system, work, pool) | _of_constraints(system, work, pool)
-    forces = tuple(_counted(system, pairs, element) for element in system.forces)
     for con in system.arrays.constraint:
         if con[at.KIND] == at.COUPLED_ANGLE:
             ends = int(con[at.MARKER_A]), int(con[at.MARKER_B])
             pool[con[at.C_DATA]] = _between(pairs, *ends)
+    twists = [*system.forces, *system.coordinates.values()]
+    if all(element.kind != at.TWIST for element in twists):
+        return system
     known = {
         key: _counted(system, pairs, element)
         for key, element in system.coordinates.items()
     }
+    forces = tuple(_counted(system, pairs, element) for element in system.forces)
     rows = np.concatenate([system.arrays.force, system.measures])
     for row, element in zip(rows, [*forces, *known.values()], strict=True):
         if element.kind == at.TWIST:

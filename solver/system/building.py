@@ -100,7 +100,7 @@ def build_system(
     order = (GROUND_NAME, *frames, *others, *state_bodies(laws))
     parts = Ingredients(scene, data, frames, order, drive_index, led, pool)
     cut = _system(parts, functions, elements)
-    cut = replace(cut, sids=sids)
+    cut = replace(cut, sids=sids, source=original)
     if any(law.sample_time is not None for law in laws.values()):
         again = partial(
             build_system,

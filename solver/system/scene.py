@@ -78,6 +78,7 @@ class System:
         asked for
     told : what has to be known of how it was made
     sids : as they were read, of the bodies that have one
+    source : the scene file as it was given, before what is added for tables
     every_joint : makes the same scene with all of its joints, where some are left out
     unsampled : makes the same scene with laws that act all the time, where some are
         sampled
@@ -109,6 +110,7 @@ class System:
     whole: System | None = None
     told: tuple[str, ...] = ()
     sids: Mapping[str, SID] = field(default_factory=dict)
+    source: SceneFile | None = None
     every_joint: Callable[[], System] | None = None
     unsampled: Callable[[], System] | None = None
 

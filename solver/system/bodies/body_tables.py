@@ -68,14 +68,14 @@ def _frame_data(parts: Ingredients, name: str) -> tuple[int, int]:
         return 0, at.GROUND
     frame = parts.frames.get(name)
     if frame is None:
-        return parts.pool.add(_orientation(parts, name)), at.FREE
+        return parts.pool.add(free_orientation(parts, name)), at.FREE
     direction = slide(frame.joint, parts.planar)
     if parts.planar:
         direction = np.append(direction, 0.0)
     return parts.pool.add(direction), MOTIONS[frame.joint.type]
 
 
-def _orientation(parts: Ingredients, name: str) -> Array:
+def free_orientation(parts: Ingredients, name: str) -> Array:
     initial = parts.scene.bodies[name].initial
     if parts.planar:
         return np.array([initial.angle or 0.0])
@@ -89,7 +89,7 @@ def _frame_drive(parts: Ingredients, name: str) -> int:
     return parts.drive_index[frame.drive]
 
 
-def _packed_marker(parts: Ingredients, reference: Reference) -> Array:
+def packed_marker(parts: Ingredients, reference: Reference) -> Array:
     node = parts.node(reference)
     if not parts.planar:
         return packing.pack_spatial_marker(node)
@@ -108,7 +108,7 @@ def marker_table(
     for reference, i in markers.items():
         node = parts.node(reference)
         table[i, at.M_BODY] = parts.order.index(reference[0])
-        table[i, at.M_DATA] = parts.pool.add(_packed_marker(parts, reference))
+        table[i, at.M_DATA] = parts.pool.add(packed_marker(parts, reference))
         table[i, at.M_PHI] = phi
         for column, shapes, rows in (
             (at.M_PHI1, node.phi, forces),

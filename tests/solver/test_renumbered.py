@@ -1,0 +1,156 @@
+"""Systems with other numbers of their bodies have the tables of systems made anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+from sidtool.solver.space import layout as at
+from sidtool.solver.system.building import build_system
+from sidtool.solver.system.renumbered import renumbered
+from sidtool.solver.system.scene import System
+from tests.solver.scenes import polynomial, scene, slender_rod, soft_body
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def crank_slider() -> tuple[SceneFile, dict[str, SID]]:
+    """In the plane: a driven crank, whose joint is asked for its force, a point mass
+    and a flexible rod."""
+    content = sidtool.Scene.load(EXAMPLES / "slider_crank" / "slider_crank.toml")
+    content = content.with_({"outputs.record": ["bearing.f*", "rod.q1"]})
+    return content, {"rod": soft_body(5, 3, nodes=2)}
+
+
+def rubbing_chain() -> tuple[SceneFile, dict[str, SID]]:
+    """In space: two links with friction, springs and a redundant joint."""
+    link = {
+        "mass": 1.3,
+        "inertia": [0.02, 0.3, 0.3],
+        "centre_of_mass": [0.4, 0.0, 0.1],
+        "markers": {"a": {"position": [0, 0, 0]}, "b": {"position": [1.0, 0, 0]}},
+    }
+    second = {**link, "initial": {"position": [1.0, 0.0, 0.0]}}
+    friction = {"coefficient": 0.1, "radius": 0.05}
+    pin = {"type": "revolute", "axis": [0.0, 0.0, 1.0]}
+    joints = {
+        "first": {**pin, "markers": ["ground", "one.a"], "friction": friction},
+        "second": {**pin, "markers": ["one.b", "two.a"], "friction": friction},
+    }
+    spring = {"type": "spring_damper", "markers": ["ground", "two.b"], "rest": 1.0}
+    forces = {"spring": {**spring, "stiffness": 30.0, "damping": 0.1}}
+    bodies = {"one": link, "two": second}
+    return scene(bodies, joints, forces=forces, dimension="spatial"), {}
+
+
+def turning_links() -> tuple[SceneFile, dict[str, SID]]:
+    """In the plane: a link that is driven, one that it carries, one that is free."""
+    bodies = {
+        "base": slender_rod(1.0),
+        "tip": slender_rod(0.5, position=[1.0, 0.0], angle=6.0),
+        "free": slender_rod(0.3, angle=0.4),
+    }
+    joints = {
+        "hinge": {"type": "revolute", "markers": ["ground", "base.a"]},
+        "weld": {"type": "fixed", "markers": ["base.b", "tip.a"]},
+        "pull": {"type": "revolute", "markers": ["tip.b", "free.a"]},
+    }
+    drives = {"turn": {"joint": "hinge", "function": polynomial(0.0, 2.0)}}
+    return scene(bodies, joints, drives), {}
+
+
+SCENES = crank_slider, rubbing_chain, turning_links
+
+
+def other_numbers(content: SceneFile, rng: np.random.Generator) -> dict[str, Any]:
+    """Of about half of the bodies, by keys of the scene."""
+    axes = 2 if content.dimension == "planar" else 3
+    found: dict[str, Any] = {}
+    for name, body in content.bodies.items():
+        if rng.random() < 0.4:
+            continue
+        found[f"{name}.initial.velocity"] = rng.uniform(-1.0, 1.0, axes).tolist()
+        found[f"{name}.initial.position"] = rng.uniform(-1.0, 1.0, axes).tolist()
+        if name in content.sid_bodies:
+            found[f"{name}.initial.elastic"] = rng.uniform(-1e-3, 1e-3, 5).tolist()
+            continue
+        found[f"{name}.mass"] = float(rng.uniform(0.1, 3.0))
+        if body.inertia is not None:  # type: ignore[union-attr]
+            found[f"{name}.centre_of_mass"] = rng.uniform(0.1, 1.0, axes).tolist()
+    return found
+
+
+def assert_same_tables(found: at.System | None, expected: at.System | None) -> None:
+    """Also inside of Newton's and of frictions' tables."""
+    assert (found is None) == (expected is None)
+    if found is None:
+        return
+    for field in at.System.kind.fields:
+        one, other = getattr(found, field), getattr(expected, field)
+        if isinstance(one, np.ndarray):
+            np.testing.assert_array_equal(one, other, err_msg=field)
+    assert_same_tables(found.newton, expected.newton)  # type: ignore[union-attr]
+    assert_same_tables(found.sliding, expected.sliding)  # type: ignore[union-attr]
+
+
+def assert_same(found: System, expected: System) -> None:
+    assert_same_tables(found.arrays, expected.arrays)
+    assert found.length == expected.length and found.scene == expected.scene
+    assert [d.rotates for d in found.bodies] == [d.rotates for d in expected.bodies]
+    assert (found.whole is None) == (expected.whole is None)
+    if found.whole is not None:
+        assert expected.whole is not None
+        assert_same(found.whole, expected.whole)
+    elif found.every_joint is not None:
+        assert expected.every_joint is not None
+        assert_same_tables(found.every_joint().arrays, expected.every_joint().arrays)
+
+
+@pytest.mark.parametrize("make", SCENES)
+def test_tables_with_other_numbers(make: Any) -> None:
+    content, sids = make()
+    before, rng = build_system(content, sids), np.random.default_rng(7)
+    different = 0
+    for _ in range(6):
+        changed = content.with_(other_numbers(content, rng))
+        found, expected = renumbered(before, changed, sids), build_system(changed, sids)
+        assert found is not None
+        assert_same(found, expected)
+        different += not np.array_equal(found.arrays.pool, before.arrays.pool)
+    assert different > 2
+
+
+def test_places_of_markers_and_orientations_without_point_masses() -> None:
+    for make, angle in ((rubbing_chain, None), (turning_links, 0.3)):
+        content, sids = make()
+        name = list(content.bodies)[-1]
+        axes = 2 if angle else 3
+        changes: dict[str, Any] = {f"{name}.markers.b.position": [0.7, 0.1, 0.2][:axes]}
+        if angle:
+            changes |= {f"{name}.markers.a.angle": angle, f"{name}.initial.angle": 0.9}
+        changed = content.with_(changes)
+        found = renumbered(build_system(content, sids), changed, sids)
+        assert found is not None
+        assert_same(found, build_system(changed, sids))
+
+
+def test_what_may_change_tables_is_made_anew() -> None:
+    """A body that becomes a point mass, places beside one, and all that is no body."""
+    content, sids = crank_slider()
+    before = build_system(content, sids)
+    for changes in (
+        {"crank.markers.pin.position": [0.0, 0.2]},
+        {"piston.initial.angle": 0.1},
+        {"piston.centre_of_mass": [0.1, 0.0]},
+        {"rod.shape_functions": [1, 2]},
+        {"gravity": [0.0, -1.0]},
+        {"time.end": 0.1},
+    ):
+        assert renumbered(before, content.with_(changes), sids) is None
+    assert renumbered(before, content, {"rod": soft_body(5, 4, nodes=2)}) is None
