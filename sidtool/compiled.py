@@ -27,7 +27,7 @@ Sids = Mapping[str, SID | str | os.PathLike[str]]
 
 
 class CompiledScene:
-    """A scene with its files read and its tables made; see `Scene.compile`.
+    """A scene with its files read and its tables made; see `Scene.compile`::
 
         compiled = sidtool.Scene.load("slider_crank.toml").compile()
         for mass in masses:

@@ -120,8 +120,9 @@ def held_sentence(
         f"its modes are those of the free body, which a frame at {marker} does not "
         f"hold: held at {marker}, as a joint there may hold it, it has its first "
         f"frequency at {own:.5g} Hz instead of {true:.5g} Hz "
-        f"({_percent(own / true - 1)}); clamp in [frame], or Craig-Bampton with "
-        f"{marker} among the interfaces, has the modes of the held body"
+        f'({_percent(own / true - 1)}); fix = "{marker}" under [reduction], or '
+        f"Craig-Bampton with {marker} among the interfaces, has the modes of the held "
+        "body"
     )
 
 

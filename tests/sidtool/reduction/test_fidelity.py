@@ -157,3 +157,19 @@ def test_where_rounding_hides_masses_the_rest_is_told(tmp_path: Path) -> None:
     sid_from_model(tmp_path / "rod.toml", told.append)
     (sentence,) = [line for line in told if "frequencies err by at most" in line]
     assert sentence.endswith("; no other method does better")
+
+
+def test_fixing_the_marker_has_the_modes_of_the_held_body() -> None:
+    """As the note on modes of the free body advises, with its frequency."""
+    frame = {"type": "tangent", "marker": "piston_pin"}
+    heard: list[str] = []
+    sid_from_model(part(True, frame, method="modal", modes=3), heard.append)
+    (note,) = [text for text in heard if "modes of the held body" in text]
+    assert 'fix = "piston_pin" under [reduction]' in note
+    (hertz,) = re.findall(r"instead of ([\d.]+) Hz", note)
+    heard.clear()
+    fixed = part(True, frame, method="modal", modes=3, fix="piston_pin")
+    sid = sid_from_model(fixed, heard.append)
+    assert not any("modes of the held body" in text for text in heard)
+    first = np.sqrt(eigh(sid.Ke.m0, sid.Me.m0, eigvals_only=True)[0]) / (2 * np.pi)
+    assert first == pytest.approx(float(hertz), rel=1e-4)

@@ -46,7 +46,7 @@ def mesh_locks() -> str:
     "modes are those of the free body",
     "held at root",
     "27 %",
-    "clamp",
+    'fix = "root" under',
     "Craig-Bampton",
 )
 def frame_at_a_marker_is_no_clamp() -> str:
