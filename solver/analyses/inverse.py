@@ -44,6 +44,9 @@ SETTLED = 1e-11
 #: Turns are counted when they differ less from what the mean speed makes them [rad].
 SURE_TURN = 1.0
 ITERATIONS = 40
+SIMULATE = (
+    ", or simulate, which knows it and has the forces of joints and drives as outputs"
+)
 
 
 def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
@@ -63,7 +66,7 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
         its `result` holds what comes before.
     """
     refuse_prescribed(system)
-    refuse_states(system)
+    refuse_states(system, SIMULATE)
     system, start = assemble(system)
     t = system.scene.time.start
     mechanics = Mechanics(system, t, t)
@@ -88,14 +91,18 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     return recorded(system, kind, times, states)
 
 
-def refuse_states(system: System) -> None:
-    """Raises laws whose states no prescribed motion decides."""
+def refuse_states(system: System, instead: str = "") -> None:
+    """Raises laws whose states no prescribed motion decides.
+
+    instead : what else would do, as the end of a sentence
+    """
     for b, data in enumerate(system.bodies):
         if is_state(system, b):
             raise InputError(
-                f"{data.name} is no function of the motion that is prescribed",
+                f"{data.name} is no function of the motion that is prescribed, but "
+                "follows from all of it before",
                 place="forces, drives",
-                expected="laws without states and sample time in inverse dynamics",
+                expected=f"laws without states and sample time{instead}",
             )
 
 

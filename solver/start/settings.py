@@ -49,15 +49,16 @@ def settings_of(
             place="accuracy.integrator",
             expected=f"one of {', '.join((AUTO, *INTEGRATORS))}",
         )
-    if system.led and name == "generalised_alpha":
-        raise InputError(
-            f"generalised_alpha knows no drives with laws ({', '.join(system.led)}): "
-            "its equations hold positions to functions of time, not to states",
-            place="accuracy.integrator",
-            expected="auto, radau5, radau9, radau13, trapezoidal or dop853",
-        )
     rtol = accuracy.rtol if rtol is None else rtol
     step = accuracy.step if step is None else step
+    if system.led and name == "generalised_alpha" and step is None:
+        raise InputError(
+            f"generalised_alpha takes drives with laws ({', '.join(system.led)}) in "
+            "fixed steps alone: steps of its own would be far too many",
+            place="accuracy.integrator",
+            expected="a fixed step (accuracy.step, --step), or auto, radau5, radau9, "
+            "radau13, trapezoidal or dop853",
+        )
     if not 1e-13 <= rtol <= 0.1:
         raise InputError(f"rtol is {rtol:g}", expected="a number from 1e-13 to 0.1")
     if step is not None and not step > 0.0:

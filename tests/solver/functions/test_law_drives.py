@@ -66,9 +66,9 @@ def test_inverse_dynamics_does_not_know_the_motion() -> None:
         inverse_dynamics(system)
 
 
-def test_generalised_alpha_refuses_by_name() -> None:
+def test_generalised_alpha_refuses_steps_of_its_own_by_name() -> None:
     system = compile_scene(servo({"function": SERVO}))
-    with pytest.raises(InputError, match=r"no drives with laws \(servo\)"):
+    with pytest.raises(InputError, match=r"laws \(servo\) in fixed steps alone"):
         simulate(system, integrator="generalised_alpha")
 
 

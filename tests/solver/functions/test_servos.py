@@ -95,6 +95,22 @@ def test_servo_in_space_by_other_methods(integrator: str, rtol: float) -> None:
     assert found["servo.mz"] == pytest.approx(turned, abs=1e3 * rtol)
 
 
+@pytest.mark.parametrize("said", ["state", "read"])
+def test_servo_in_fixed_steps_of_generalised_alpha(said: str) -> None:
+    """Motion and torque have its order, 2."""
+    missed = []
+    for step in (4e-3, 2e-3):
+        system = compile_scene(servo(SAID[said]))
+        result = simulate(system, integrator="generalised_alpha", step=step)
+        found, (x, v, a) = values(result), step_response(result.t)
+        off = found["pin.angle"] - x, found["pin.angle_rate"] - v
+        missed.append(
+            [np.abs(e).max() for e in (*off, found["servo.mz"] - torque(x, a))]
+        )
+    assert np.divide(*missed) == pytest.approx(4.0, abs=0.3)
+    assert missed[1] < [5e-5, 5e-4, 3e-3]
+
+
 def test_a_law_of_a_program_gives_the_acceleration() -> None:
     def servo_law(t: float, y: Array) -> float:
         return W * W * (WANTED - y[0]) - 2.0 * DAMPING * W * y[1]
