@@ -6,6 +6,7 @@ import inspect
 import os
 import re
 import warnings
+from collections.abc import Iterable
 
 #: What a terminal obeys instead of showing it.
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
@@ -25,6 +26,7 @@ class InputError(Exception):
     source : the file (or other origin) it was found in, if known
     place : line number, key or object inside the source, if known
     expected : what would have been right, if it can be said
+    also : sentences on what else is wrong in the source
     """
 
     def __init__(
@@ -34,25 +36,31 @@ class InputError(Exception):
         source: str | os.PathLike[str] | None = None,
         place: str | None = None,
         expected: str | None = None,
+        also: Iterable[str] = (),
     ) -> None:
         super().__init__(problem)
         self.problem = problem
         self.source = None if source is None else os.fspath(source)
         self.place = place
         self.expected = expected
+        self.also = tuple(also)
 
     def __str__(self) -> str:
         where = ": ".join(part for part in (self.source, self.place) if part)
         text = f"{where}: {self.problem}" if where else self.problem
         text = f"{text}; expected {self.expected}" if self.expected else text
-        return printable(text)
+        return printable("\n  also ".join([text, *self.also]))
 
     def located(self, source: str | os.PathLike[str]) -> InputError:
         """The same error with its file named, unless one is named already."""
         if self.source is not None:
             return self
         return InputError(
-            self.problem, source=source, place=self.place, expected=self.expected
+            self.problem,
+            source=source,
+            place=self.place,
+            expected=self.expected,
+            also=self.also,
         )
 
 

@@ -21,6 +21,8 @@ QUOTE = "'"
 #: Of a validator that takes other values than the field has: what these are.
 _SAID = "json_schema_input_type"
 
+#: Problems of a file that are told beside the first.
+_SHOWN = 6
 _EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -51,10 +53,21 @@ def input_error(
     problems = error.errors(include_url=False)
     first = min(problems, key=_rank)
     place, problem, expected = _described(first, data, model)
-    others = len({p["loc"] for p in problems if not _contains(p, first)})
-    if others:
-        problem += f" ({others} more problem{'s' * (others > 1)} in this file)"
-    return InputError(problem, place=place or None, expected=expected)
+    meant = _meant(problems, model)
+    others = {p["loc"]: p for p in problems if not _contains(p, first)}
+    others = {loc: p for loc, p in others.items() if loc not in meant}
+    shown = [_described(p, data, model) for p in list(others.values())[:_SHOWN]]
+    also = [str(InputError(w, place=p or None, expected=e)) for p, w, e in shown]
+    if len(others) > _SHOWN:
+        also.append(f"{len(others) - _SHOWN} more problems in this file")
+    return InputError(problem, place=place or None, expected=expected, also=also)
+
+
+def _meant(problems: list[ErrorDetails], model: type[BaseModel]) -> set[Location]:
+    """The keys that misspelt ones may mean: those are not missing."""
+    places = [p["loc"] for p in problems if p["type"] == "extra_forbidden"]
+    near = (nearest(str(at[-1]), _known_keys(model, at[:-1])) for at in places)
+    return {(*at[:-1], key) for at, key in zip(places, near, strict=True) if key}
 
 
 def _contains(outer: ErrorDetails, inner: ErrorDetails) -> bool:

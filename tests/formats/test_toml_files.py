@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import Annotated, Literal
@@ -50,14 +51,28 @@ def test_toml_and_json_say_the_same(tmp_path: Path) -> None:
     assert load(toml, Thing).parts["a"] == Weight(type="weight", mass=2.0)
 
 
+def test_all_that_is_wrong_is_told_at_once(tmp_path: Path) -> None:
+    parts = {"a": {"type": "line", "count": "3x"}, "b": {"type": "weight", "mass": -1}}
+    parts |= {f"c{k}": {"type": "weight"} for k in range(9)}
+    text = json.dumps({"format": "thing", "parts": parts})
+    with pytest.raises(InputError) as error:
+        load(written(tmp_path, text, "thing.json"), Thing)
+    first, *others = str(error.value).splitlines()
+    assert "parts.a.count: found '3x'; expected a whole number" in first
+    assert (
+        others[0] == "  also parts.b.mass: found -1; expected a number greater than 0"
+    )
+    assert others[1] == "  also parts.c0.mass: is missing; expected the mass [kg]"
+    assert others[-1] == "  also 4 more problems in this file"
+
+
 @pytest.mark.parametrize(
     ("part", "message"),
     [
         ({"type": "weight"}, "parts.a.mass: is missing; expected the mass [kg]"),
         (
             {"type": "weight", "mas": 1.0},
-            "parts.a.mas: is not a known key (1 more problem in this file);"
-            " expected mass",
+            "parts.a.mas: is not a known key; expected mass",
         ),
         (
             {"type": "weight", "mass": -1.5},
