@@ -86,7 +86,7 @@ def refined_meshes(
             search.settle(name, source)
     if sources and search.use() > TOO_MUCH:
         raise InputError(
-            f"meshes cannot be made as fine as is asked for: {search.sentences[-1]}",
+            f"models cannot be made as fine as is asked for: {search.largest[1]}",
             place="accuracy.wanted",
             expected="a larger error, or models with finer meshes and more modes",
         )
@@ -110,6 +110,8 @@ class _Search:
         self.finenesses: dict[str, Fineness] = {}
         self.sentences: list[str] = []
         self.errors: Array = np.zeros(len(request.names))
+        #: What takes most of what is allowed, and its sentence.
+        self.largest = (0.0, "")
         self.reference: Reference | None = None
 
     def use(self) -> float:
@@ -142,10 +144,10 @@ class _Search:
         if not matters:
             fineness, self.made[name] = Fineness(), before
             self.sids[name] = before.sid
-            self.errors += change
         told = f"static shape functions of {name} for loads at {', '.join(loaded)}"
         verdict = "kept" if matters else "dropped"
-        self.sentences.append(f"{told}: {self._seen(change)}, {verdict}")
+        left = np.zeros_like(change) if matters else change
+        self._tell(f"{told}: {self._seen(change)}, {verdict}", left)
         return fineness
 
     def _more_modes(self, name: str, source: Source, fineness: Fineness) -> Fineness:
@@ -163,9 +165,8 @@ class _Search:
             fineness = more
             if self._use(left) <= SHARE or count == MODES:
                 break
-        self.errors += left
         told = f"{source.modes} to {fineness.modes} modes of {name}"
-        self.sentences.append(f"{told}: the last change {self._seen(left)}")
+        self._tell(f"{told}: the last change {self._seen(left)}", left)
         return fineness
 
     def _finer_mesh(self, name: str, source: Source, fineness: Fineness) -> Fineness:
@@ -178,11 +179,16 @@ class _Search:
             left = LEFT * self._change(name, source, fineness)
             if self._use(left) <= SHARE:
                 break
-        self.errors += left
         times = "once" if fineness.level == 1 else f"{fineness.level} times"
         told = f"mesh of {name}: halved {times}, the rest"
-        self.sentences.append(f"{told} {self._seen(left)}")
+        self._tell(f"{told} {self._seen(left)}", left)
         return fineness
+
+    def _tell(self, sentence: str, left: Array) -> None:
+        """A step of the search, and the errors (n,) that it leaves."""
+        self.sentences.append(sentence)
+        self.errors += left
+        self.largest = max(self.largest, (self._use(left), sentence))
 
     def _change(self, name: str, source: Source, fineness: Fineness) -> Array:
         """What a finer body changes, (n,); from then on it is used."""

@@ -18,6 +18,7 @@ from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.solver import compile_scene
 from sidtool.solver.afterwards import scene_of
 from sidtool.view.companions import companions
+from tests.steel_bars import bar_data
 
 from .accuracy.arms import cantilever, spun, swinging
 from .beams import beam, beam_data
@@ -184,6 +185,25 @@ def test_mesh_and_modes_are_refined_as_far_as_needed(
         again = sidtool.simulate(path, accuracy=wanted)
     assert not again.accuracy.searched
     assert np.array_equal(again.values, found.values)
+
+
+def test_what_a_refusal_names_is_what_needs_most(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pin lets go of a bar at once: more modes change its force, a finer mesh hardly;
+    the mesh was named, with its 1e-6 N of 6e-5 N that were allowed."""
+    monkeypatch.chdir(folder)
+    (folder / "bar.json").write_text(json.dumps(bar_data(elements=8)))
+    scene = sidtool.Scene(
+        dimension="planar",
+        gravity=[0.0, -9.81],
+        time={"end": 1e-5, "output_step": 1e-5},
+        bodies={"bar": {"model": "bar.json", "markers": {"root": 1}}},
+        joints={"pin": {"type": "revolute", "markers": ["ground", "bar.root"]}},
+        outputs={"record": ["pin.fy"]},
+    )
+    with pytest.raises(sidtool.InputError, match="modes of bar: the last change"):
+        scene.simulate(accuracy=1e-2)
 
 
 @pytest.mark.parametrize(
