@@ -21,6 +21,7 @@ from sidtool.formats.scene.outputs import (
     PEAK_STRESS,
 )
 from sidtool.formats.sid import SID, Node, Taylor
+from sidtool.solver.system.bodies.damping import damped
 
 from ..conversion.rereference import FrameChange, changed, frame_change
 
@@ -59,9 +60,31 @@ def node_of(sid: SID) -> str:
     return name
 
 
-def in_frames(sids: Mapping[str, SID], frames: Mapping[str, str]) -> dict[str, SID]:
-    """The SIDs with these bodies in other frames."""
-    return {**sids, **{name: in_frame(sids[name], f) for name, f in frames.items()}}
+def in_frames(
+    scene: SceneFile, sids: Mapping[str, SID], frames: Mapping[str, str]
+) -> dict[str, SID]:
+    """The SIDs with these bodies in other frames, for a scene `by_matrices`."""
+    own = with_damping(scene, sids, frames)
+    return {**own, **{name: in_frame(own[name], f) for name, f in frames.items()}}
+
+
+def with_damping(
+    scene: SceneFile, sids: Mapping[str, SID], names: Iterable[str]
+) -> dict[str, SID]:
+    """The SIDs with the damping matrices that a scene means for some bodies.
+
+    Its laws hold in the frames of the SIDs: mass matrices and natural modes are others
+    in other frames, the damping is not.
+    """
+    bodies = scene.sid_bodies
+    return {**sids, **{n: damped(sids[n], bodies[n].damping, n) for n in names}}
+
+
+def by_matrices(scene: SceneFile, names: Iterable[str]) -> SceneFile:
+    """The scene with the damping of some bodies as their SIDs have it."""
+    bodies = scene.sid_bodies
+    plain = {n: bodies[n].model_copy(update={"damping": None}) for n in names}
+    return scene.model_copy(update={"bodies": {**scene.bodies, **plain}})
 
 
 def named_there(names: Iterable[str], nodes: Mapping[str, str]) -> tuple[str, ...]:

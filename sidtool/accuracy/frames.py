@@ -27,6 +27,7 @@ from ..conversion.rereference import FrameChange
 from .candidates import loaded_nodes
 from .elsewhere import (
     RELATIVE,
+    by_matrices,
     change_to,
     depends_on_frame,
     in_frame,
@@ -35,6 +36,7 @@ from .elsewhere import (
     is_told_there,
     named_there,
     node_of,
+    with_damping,
     with_node,
 )
 from .outside import elastic_coordinates, elastic_rotation
@@ -169,9 +171,10 @@ def _remedy(others: dict[str, Other]) -> str:
 def _changes(runs: Runs, reference: Reference, others: dict[str, Other]) -> Array:
     """What other frames of these bodies change (n,); infinite where there is no run."""
     nodes = {n: node_of(runs.sids[n]) for n in others}
-    sids = {n: in_frame(with_node(runs.sids[n]), o.frame) for n, o in others.items()}
+    own = with_damping(runs.scene, runs.sids, others)
+    sids = {n: in_frame(with_node(own[n]), o.frame) for n, o in others.items()}
     names = named_there(runs.names, nodes)
-    again = runs.elsewhere(sids, names)
+    again = runs.elsewhere(sids, names, by_matrices(runs.scene, others))
     choice, setting = reference.choice, reference.setting
     one, other = runs.attempt(choice, setting), again.attempt(choice, setting)
     runs.count = again.count
@@ -204,7 +207,8 @@ def _moved(
     errors: Array,
 ) -> Frames:
     """The search with bodies in other frames; what was seen before stays known."""
-    again = runs.elsewhere(in_frames(runs.sids, frames), runs.names)
+    sids = in_frames(runs.scene, runs.sids, frames)
+    again = runs.elsewhere(sids, runs.names, by_matrices(runs.scene, frames))
     found = make_reference(again, reference.choice, request)
     found = replace(
         found, meshes=reference.meshes, digits=reference.digits, frames=errors

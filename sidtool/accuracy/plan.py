@@ -115,7 +115,7 @@ def planned(
         found = {n: Fineness(*kept.models[n]) for n in models}
         meshes = as_made(models, found)
         report = kept.report.model_copy(update={"searched": False})
-        there = in_frames(meshes.sids(sids), kept.frames)
+        there = in_frames(scene, meshes.sids(sids), kept.frames)
         return Plan(_named(kept.scene, meshes.scene(scene)), report, there)
     began = time.perf_counter()
     request = requested(scene, sids, wanted)

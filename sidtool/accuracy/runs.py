@@ -86,10 +86,15 @@ class Runs:
         self.count = again.count
         return self.between((choice, one), (choice, other))
 
-    def elsewhere(self, others: Mapping[str, SID], names: tuple[str, ...]) -> Runs:
-        """Runs of the same search with other SIDs of some bodies."""
-        sids = {**self.sids, **others}
-        again = Runs(self.scene, sids, self.compile, names, self.expected, self.count)
+    def elsewhere(
+        self,
+        others: Mapping[str, SID],
+        names: tuple[str, ...],
+        scene: SceneFile | None = None,
+    ) -> Runs:
+        """Runs of the same search with other SIDs of some bodies, in another scene."""
+        scene, sids = scene or self.scene, {**self.sids, **others}
+        again = Runs(scene, sids, self.compile, names, self.expected, self.count)
         again.parts, again._steps = self.parts, self._steps
         return again
 

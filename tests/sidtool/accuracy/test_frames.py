@@ -6,18 +6,20 @@ differ by a hundredth of what is looked at here.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import sidtool
 from sidtool.accuracy import cached
 from sidtool.accuracy.frames import FACTOR, left_out
 from sidtool.conversion.rereference import rereferenced
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.sid import SID
+from sidtool.formats.sid import SID, Taylor
 
 from .arms import cantilever, swinging
 
@@ -79,6 +81,40 @@ def test_a_far_bent_arm_is_put_in_the_frame_that_errs_less(
     again = sidtool.simulate(sagging(1.0), sids=bare, accuracy=0.3)
     assert not again.accuracy.searched
     assert np.array_equal(again["arm.tip.x"], found["arm.tip.x"])
+
+
+@pytest.mark.parametrize(
+    "law",
+    [{"type": "rayleigh", "alpha": 0.3, "beta": 0.0}, {"type": "modal", "ratio": 0.02}],
+)
+def test_damping_is_the_same_in_all_frames(law: dict[str, Any]) -> None:
+    """A law of the scene is a matrix in the SID, in whose frame it holds: mass matrices
+    and modes are others in mean axes, which were damped otherwise."""
+    arm = {"sid": "arm", "markers": {"root": 1, "tip": 2}}
+    bare = cantilever(2)
+    ratio = law.get("ratio", 0.0)
+    squares, modes = scipy.linalg.eigh(bare.Ke.m0, bare.Me.m0)
+    weighted = bare.Me.m0 @ modes
+    matrix = (weighted * 2.0 * ratio * np.sqrt(squares)) @ weighted.T
+    matrix = matrix + law.get("alpha", 0.0) * bare.Me.m0
+    found = [
+        sidtool.simulate(
+            sagging(1.0, bodies={"arm": arm | more}), sids={"arm": sid}, accuracy=0.04
+        )
+        for more, sid in (
+            ({"damping": law}, bare),
+            ({"damping": law}, bare),
+            ({}, replace(bare, De=Taylor(matrix))),
+        )
+    ]
+    told = [frames(one) for one in found]
+    assert "mean axes of arm, in which bodies deform least" in told[0][1]
+    assert [one.accuracy.searched for one in found] == [True, False, True]
+    for name in RECORD:
+        assert told[0][0][name] == pytest.approx(told[2][0][name], rel=1e-3)
+        assert np.array_equal(found[0][name], found[1][name])
+        errors = sum(one.accuracy.absolute()[name] for one in found[::2])
+        assert apart(found[0], found[2], name) < errors
 
 
 def test_where_no_frame_keeps_the_request_that_of_the_scene_stays(
