@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 #: Okabe and Ito's colours, told apart by everyone: blue, orange, green, ...
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _STYLE: dict[Any, Any] = {
+    "axes.formatter.useoffset": False,
     "axes.grid": True,
     "axes.spines.right": False,
     "axes.spines.top": False,

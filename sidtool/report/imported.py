@@ -11,33 +11,32 @@ from sidtool.formats.model.reduction import BuckensFrame
 from ..frontends.finite_element_model import FiniteElementModel
 from ..reduction.frames import buckens_frame
 from ..reduction.space import admissible
-from .tables import named, table
+from .tables import listed, named, table
 
 Array = NDArray[np.float64]
 
 #: Elastic frequencies that are told.
 _FREQUENCIES = 10
-#: Products of inertia below this share are rounding.
-_ROUNDING = 1e-12
 
 
 def describe_import(body: FiniteElementModel) -> str:
     """Mass, centre, inertia, free frequencies and node sets of a body."""
     mass, centre, inertia = _inertia(body)
     rigid, elastic = _frequencies(body, centre)
+    size = float(np.abs(body.positions).max())
     entries = [
         ("nodes", str(len(body.positions))),
         ("mass", f"{mass:.9g} kg"),
-        ("centre", f"{_listed(centre)} m"),
-        ("inertia about it", f"{_listed(inertia)} kg m2{_axes(body)}"),
+        ("centre", f"{listed(centre, size)} m"),
+        ("inertia about it", f"{listed(inertia)} kg m2{_axes(body)}"),
         (
             f"{len(rigid)} rigid motions",
             f"at most {rigid.max():.2g} Hz, as the stiffness resists them",
         ),
-        ("free frequencies", f"{_listed(elastic)} Hz" if elastic.size else "(none)"),
+        ("free frequencies", f"{listed(elastic)} Hz" if elastic.size else "(none)"),
     ]
     rows = [
-        [name, str(len(nodes)), *_extent(body.positions[nodes])]
+        [name, str(len(nodes)), *_extent(body.positions[nodes], size)]
         for name, nodes in body.node_sets.items()
         if len(nodes)
     ]
@@ -59,8 +58,7 @@ def _inertia(body: FiniteElementModel) -> tuple[float, Array, Array]:
     centre = np.array([-gram[2, 4], gram[2, 3], -gram[1, 3]]) / mass
     about = body.rigid_body_modes(centre)[:, 3:]
     j = about.T @ (body.mass @ about)
-    six = np.array([*np.diag(j), j[0, 1], j[1, 2], j[0, 2]])
-    return mass, centre, np.where(np.abs(six) < _ROUNDING * six.max(), 0.0, six)
+    return mass, centre, np.array([*np.diag(j), j[0, 1], j[1, 2], j[0, 2]])
 
 
 def _axes(body: FiniteElementModel) -> str:
@@ -82,9 +80,5 @@ def _frequencies(body: FiniteElementModel, centre: Array) -> tuple[Array, Array]
     return resisted, np.sqrt(np.maximum(values, 0.0)) / (2 * np.pi)
 
 
-def _extent(points: Array) -> list[str]:
-    return [_listed(points.min(axis=0)), _listed(points.max(axis=0))]
-
-
-def _listed(values: Array) -> str:
-    return ", ".join(f"{value + 0.0:.6g}" for value in values)
+def _extent(points: Array, size: float) -> list[str]:
+    return [listed(points.min(axis=0), size), listed(points.max(axis=0), size)]

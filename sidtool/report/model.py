@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from sidtool.formats.model import Material, ModelFile, NodeMarker
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
 from ..frontends.finite_element_model import FiniteElementModel
-from .tables import Block, named, plural, table
+from .tables import Block, listed, named, plural, table
 
 
 def describe_model(model: ModelFile, body: FiniteElementModel | None = None) -> str:
@@ -39,8 +41,9 @@ def model_parts(
     heads = ["marker", "node", "place"]
     if body is not None:
         heads.append("at [m]")
+        size = float(np.abs(body.positions).max())
         for row in rows:
-            row.append(_listed(tuple(body.marker(row[0]).position + 0.0)))
+            row.append(listed(body.marker(row[0]).position, size))
     return [named(entries), table(heads, rows)]
 
 
@@ -85,7 +88,7 @@ def _discretisation(model: ModelFile) -> str:
     entries = model.discretisation.model_dump(exclude_none=True)
     kind, state = entries.pop("type"), entries.pop("state", "")
     parts = [f"{key} {_by(value)}" for key, value in entries.items() if key != "knots"]
-    return ", ".join([kind, *parts, state.replace("_", " ")])
+    return ", ".join(filter(None, [kind, *parts, state.replace("_", " ")]))
 
 
 def _by(value: object) -> str:

@@ -8,12 +8,12 @@ import numpy as np
 
 from sidtool.formats.carried import DIRECTIONS
 from sidtool.formats.dead_nodes import dead_nodes
-from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid import SID
 from sidtool.formats.stiffening import has_stiffening
 from sidtool.formats.stress import stress_nodes
 
 from .modes import Mode, at_rest, frame_of, modes_of
-from .tables import named, plural, table
+from .tables import listed, named, plural, table
 
 
 def describe_sid(sid: SID) -> str:
@@ -42,10 +42,10 @@ def _overview(sid: SID) -> str:
         ("title", sid.title or "(none)"),
         ("size", f"{plural(len(sid.nodes), 'node')}, {plural(sid.nq, 'mode')}"),
         ("mass", f"{sid.mass:.10g}"),
-        ("centre of mass", _numbers(centre)),
+        ("centre of mass", listed(centre, _size(sid), " ")),
         (
             "inertia (origin)",
-            _numbers(sid.J.m0[:, 0]) + "  (xx yy zz xy xz yz)",
+            listed(sid.J.m0[:, 0], between=" ") + "  (xx yy zz xy xz yz)",
         ),
         ("frame", frame_of(sid)),
         ("first-order terms", ", ".join(orders) or "none"),
@@ -116,8 +116,13 @@ def _mode_row(number: int, mode: Mode, sid: SID) -> list[str]:
 
 def _nodes(sid: SID, most: int = 12) -> str:
     dead = dead_nodes(sid)
+    size = _size(sid)
     rows = [
-        [node.id, *_numbers(node.position).split(), _node_note(node, sid, dead)]
+        [
+            node.id,
+            *listed(node.position, size, " ").split(),
+            _node_note(node, sid, dead),
+        ]
         for node in sid.nodes[:most]
     ]
     text = table(["node", "x", "y", "z", ""], rows)
@@ -125,10 +130,11 @@ def _nodes(sid: SID, most: int = 12) -> str:
     return f"{text}\n... and {more} more" if more > 0 else text
 
 
-def _numbers(values: Array) -> str:
-    """Six digits each; what is nothing beside the largest is 0."""
-    nothing = 1e-12 * np.abs(values).max(initial=0.0)
-    return " ".join(f"{v:.6g}" if abs(v) > nothing else "0" for v in values)
+def _size(sid: SID) -> float:
+    """How far the body reaches from its frame: its nodes, its radii of inertia [m]."""
+    places = [np.abs(node.position).max() for node in sid.nodes]
+    spread = np.abs(sid.J.m0).max() / sid.mass if sid.mass > 0 else 0.0
+    return float(max([*places, np.sqrt(spread)]))
 
 
 def _node_note(node: Any, sid: SID, dead: tuple[str, ...]) -> str:

@@ -5,8 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Self
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from sidtool.formats.errors import printable
 from sidtool.formats.html import html_table
+
+#: Values below this share of what they are seen beside are rounding.
+_ROUNDING = 1e-12
+
+
+def listed(values: ArrayLike, size: float = 0.0, between: str = ", ") -> str:
+    """Six digits each; what is nothing beside the largest, or beside `size`, is 0."""
+    numbers = np.asarray(values, float)
+    nothing = _ROUNDING * max(size, np.abs(numbers).max(initial=0.0))
+    return between.join(f"{v:.6g}" if abs(v) > nothing else "0" for v in numbers)
 
 
 class Block(str):

@@ -113,3 +113,13 @@ def test_escape_sequences_of_a_file_do_not_reach_the_terminal(tmp_path: Path) ->
     assert "owned" in text and "red" in text and "gone" in text
     assert not {"\x1b", "\x07", "\x9b"} & set(text)
     assert "\x1b" not in str(InputError("found \x1b[2J", source="\x1b]0;x\x07"))
+
+
+def test_rounding_is_shown_as_nothing() -> None:
+    """A centre that is 1e-17 m beside the frame of a body of 1 m lies in it."""
+    sid = read_sid(SLIDER_CRANK / "rod_q4.SID_FEM")
+    off = np.array([[1e-17], [-3e-17], [2e-17]]) * sid.mass
+    described = describe_sid(replace(sid, mdCM=replace(sid.mdCM, m0=off)))
+    assert "centre of mass     0 0 0\n" in described
+    real = replace(sid, mdCM=replace(sid.mdCM, m0=1e5 * off))
+    assert "centre of mass     1e-12 -3e-12 2e-12\n" in describe_sid(real)

@@ -21,6 +21,7 @@ from sidtool.formats.scene import SceneFile, read_scene, unit_of
 from sidtool.formats.toml.reading import validated
 from sidtool.plot import bodies, results
 from sidtool.plot.courses import grouped, label_of
+from sidtool.plot.figure import figure
 from tests.places import SLIDER_CRANK
 
 from ..bodies import volume
@@ -158,6 +159,16 @@ def test_forces_of_an_analysis_are_drawn_as_it_found_them(pages: list[Any]) -> N
     assert np.array_equal(drawn, found["bearing.mz"])
     with pytest.raises(InputError, match="there is no output 'bearing.fx'"):
         results.plot_result(Path("x.png"), found, names="bearing.fx")
+
+
+def test_axes_have_numbers_without_an_offset() -> None:
+    """Of 12 m that vary by 1 um matplotlib writes 1.19999e1 beside the axis."""
+    t = np.linspace(0.0, 1.0, 50)
+    with figure(None, size=(4, 3)) as axes:
+        axes.plot(t, 12.0 + 1e-6 * np.sin(9 * t))
+        axes.figure.canvas.draw()
+    assert axes.yaxis.get_offset_text().get_text() == ""
+    assert axes.get_yticklabels()[1].get_text().startswith("11.999999")
 
 
 def test_spectra_show_amplitudes(wheel: Result, pages: list[Any]) -> None:
