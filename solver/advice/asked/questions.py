@@ -21,7 +21,7 @@ from sidtool.formats.sid_mass import central_inertia
 from ...system.scene import System
 from ...system.sizes import diameter
 from ..excitation import ANGLES, drive_history, fastest_rotation
-from .stiffness import too_stiff
+from .stiffness import too_fast, too_stiff
 from .unlikely import unlikely
 
 #: Stronger than gravity on any planet or in a lift [m/s2].
@@ -58,6 +58,7 @@ def questions(system: System) -> Iterator[str]:
     yield from _forces(system)
     yield from unlikely(system)
     yield from too_stiff(system)
+    yield from too_fast(system)
     yield from _span(system)
     rate, drive = fastest_rotation(system, system.once(drive_history))
     if rate * system.length > _SPEED:

@@ -1,4 +1,5 @@
-"""Questions about springs and dampers that are stiffer than anything that is built."""
+"""Questions about springs and dampers that are stiffer than anything that is built, or
+than a run can follow in a short time."""
 
 from __future__ import annotations
 
@@ -15,6 +16,8 @@ from ...system.scene import System
 _STEEL, _FASTEST = 2.1e11, 2e4
 #: Dampers stop the whole mechanism so many times faster than sound crosses it.
 _STOPS = 10.0
+#: Vibrations of a spring that a run follows for minutes, and steps for each of them.
+_MANY, _STEPS = 1e5, 10.0
 #: Measures that are angles.
 ANGLES = (at.TWIST, at.TILT, at.LEAN)
 
@@ -48,6 +51,33 @@ def too_stiff(system: System) -> Iterator[str]:
                 f"which would stop all bodies together ({mass:.3g} kg) within "
                 f"{inertia / damper:.1g} s, {damper / inertia / fastest:.2g} times "
                 "faster than sound crosses them: is it in these units?"
+            )
+
+
+def too_fast(system: System) -> Iterator[str]:
+    """One sentence for each spring whose vibration would make a run long.
+
+    Counted with the mass of all bodies, which is more than the spring moves, and, where
+    it is damped, as long as it rings.
+    """
+    mass = sum(data.sid.mass for data in system.bodies if data.of_scene)
+    time = system.scene.time
+    for element in system.forces:
+        spring = linear(element.law.stiffness)
+        if not element.acts or element.kind in ANGLES or min(spring, mass) <= 0.0:
+            continue
+        omega = np.sqrt(spring / mass)
+        periods = omega * (time.end - time.start) / (2.0 * np.pi)
+        damping = linear(element.law.damping)
+        if damping > 0.0:
+            periods = min(periods, np.sqrt(spring * mass) / damping)
+        if periods > _MANY:
+            yield (
+                f"{element.name} ({spring:.3g} N/m) lets {mass:.3g} kg vibrate at "
+                f"{omega / (2.0 * np.pi):.3g} Hz or more, {periods:.2g} times in this "
+                f"run: where that is excited the run takes {_STEPS * periods:.1g} "
+                "steps or more; a joint in the place of the spring, or a damper beside "
+                "it, would take few"
             )
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sidtool.formats.result import FlexibleBody
 from sidtool.formats.stiffening import Stiffening
+from sidtool.solver import simulate
+from sidtool.solver.advice.asked.stiffness import too_fast
 from sidtool.solver.advice.asked.unlikely import unlikely
 from sidtool.solver.advice.stopping import explained
 from tests.solver.scenes import compiled, scene, slender_rod
@@ -41,6 +44,34 @@ def test_only_what_is_hardly_meant_is_asked_about(
     assert len(found) == len(words)
     for text, word in zip(found, words, strict=True):
         assert word in text
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "turns"),
+    [(2e12, 0.0, 1), (2e6, 0.0, 0), (2e12, 1e3, 0), (8e12, 1.0, 1)],
+)
+def test_a_spring_that_would_make_a_run_long_is_told(
+    stiffness: float, damping: float, turns: int
+) -> None:
+    """Of 2 kg on it; the run takes about as many steps for a period as it says."""
+    spring = {
+        "type": "spring_damper",
+        "joint": "rail",
+        "stiffness": stiffness,
+        "damping": damping,
+    }
+    body = {"mass": 2.0, "inertia": 0.1, "initial": {"position": [1e-3, 0.0]}}
+    rail = {"type": "prismatic", "markers": ["ground", "block"]}
+    parts: tuple[Any, ...] = ({"block": body}, {"rail": rail})
+    system = compiled(scene(*parts, forces={"spring": spring}, end=1.0))
+    found = list(too_fast(system))
+    assert len(found) == turns
+    if turns:
+        frequency = np.sqrt(stiffness / 2.0) / (2.0 * np.pi)
+        assert f"2 kg vibrate at {frequency:.3g} Hz or more" in found[0]
+        short = scene(*parts, forces={"spring": spring}, end=40.0 / frequency)
+        steps = simulate(compiled(short)).counters["steps"]
+        assert 200 < steps < 2000
 
 
 def test_percentages_after_lost_inertia_are_not_told() -> None:
