@@ -74,10 +74,14 @@ def blocks_of_full_mass(
 ) -> tuple[float, dict[str, Taylor]]:
     """Mass and blocks of a spatial body from its mass matrix alone.
 
-    Source: eq. (9), with Gr and Ge by the identities I10 and I8. Exact
-    for solids and for lumped masses, whose rotary inertia turns with its node by a
-    finite rotation. A consistent matrix of beams has rotary inertia in displacements as
-    well: 36 / (30 h) rho I beside 156 h / 420 rho A. What of an entry is which decides
+    Source: eq. (9), with Gr and Ge by the identities I10 and I8. Exact for solids, and
+    for rigid bodies on nodes, which turn with them by a finite rotation. Lumped beams
+    are such bodies, and not quite beams: what a half element has of inertia by its
+    length turns too, where the line of a beam would bend. Of a rod of 6, 12 and 24
+    lumped Timoshenko elements the entries of Oe m1 in bending err by that by 0.36, 0.11
+    and 0.03 of the largest one, those in torsion do not. A consistent matrix of beams
+    has rotary inertia in displacements as well: 36 / (30 h) rho I beside
+    156 h / 420 rho A. What of an entry is which decides
     how it turns with the section, and a matrix has their sum only; of Oe m1 in torsion
     that part is missing, which `imported_matrices` notes.
     """

@@ -8,7 +8,12 @@ import numpy as np
 
 from sidtool.formats.result import FlexibleBody
 from sidtool.formats.sid import SID, Array
-from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, coupled_mass_matrix
+from sidtool.formats.sid_mass import (
+    IN_PLANE,
+    SPATIAL,
+    coupled_mass_matrix,
+    free_motion,
+)
 
 from ..integrators import stepping
 from ..linear.newton import Memory
@@ -76,7 +81,16 @@ def lost_inertia(system: System, work: at.Work) -> str:
             )
         if n == 0 or body.sid.nq == 0 or not np.isfinite(M).all():
             continue
-        if _least(M) < LOST * _least(_undeformed(system, body.sid, int(row[at.RD]))):
+        axes = list(IN_PLANE[2] if system.planar else SPATIAL)[: int(row[at.RD])]
+        motion = free_motion(body.sid, tuple(axes)) if axes else None
+        if motion is not None and not motion.possible:
+            return (
+                f"; the SID of {body.name} has a defect that was accepted: "
+                f"{motion.reason}, undeformed as well, so that its frame has no motion "
+                "of its own; it can be taken where the frame is prescribed "
+                '(frame = "held", or a joint that holds the node in which it rests)'
+            )
+        if _least(M) < LOST * _least(_undeformed(body.sid, axes)):
             text = (
                 f"; {body.name} {INERTIA_LOST} the inertia of its SID, which "
                 "holds for small deformations, is no longer positive"
@@ -104,9 +118,8 @@ def _least(M: Array) -> float:
     return float(np.linalg.eigvalsh((scaled + scaled.T) / 2)[0])
 
 
-def _undeformed(system: System, sid: SID, rd: int) -> Array:
-    """Mass matrix of a body at q = 0 with the rd coordinates of its frame."""
-    axes = list(IN_PLANE[2] if system.planar else SPATIAL)[:rd]
+def _undeformed(sid: SID, axes: list[int]) -> Array:
+    """Mass matrix of a body at q = 0 with these coordinates of its frame."""
     keep = [*axes, *range(6, 6 + sid.nq)]
     return coupled_mass_matrix(sid)[np.ix_(keep, keep)]
 

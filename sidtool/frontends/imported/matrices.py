@@ -36,7 +36,7 @@ _SECTIONS = (
     "rotary inertia of sections from the inertia of the line that they lie on. How the "
     "inertia of the body turns with twisted sections (Oe m1 of torsion) cannot be "
     "relied on: of Euler-Bernoulli beams a fifth of it is found on fine meshes, and "
-    "wrong signs on coarse ones. A lumped mass matrix has all of it, and so has "
+    "wrong signs on coarse ones. A lumped mass matrix has all of that, and so has "
     'geometry type = "beam"'
 )
 

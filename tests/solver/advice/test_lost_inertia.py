@@ -2,11 +2,33 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from sidtool.formats.sid import Taylor
+from sidtool.solver import compile_scene, simulate
 from sidtool.solver.errors import SimulationError
+from tests.solver.scenes import scene
 from tests.solver.stiffened_bars import run, struck
 from tests.steel_bars import TANGENT, slender_bar
+
+
+def test_a_sid_that_is_no_body_is_not_said_to_have_deformed() -> None:
+    """Its shape functions carry more momentum than their modal masses allow; a joint at
+    a node in which its frame does not rest leaves the frame its motion."""
+    sid = slender_bar(2, TANGENT, False)
+    sid = replace(sid, Ct=Taylor(4.0 * sid.Ct.m0))
+    described = scene(
+        {"bar": {"sid": "-", "markers": {"a": 1, "b": 2}}},
+        {"wall": {"type": "fixed", "markers": ["ground", "bar.b"]}},
+        end=0.01,
+    )
+    system = compile_scene(described, sids={"bar": sid}, accept_defects=True)
+    with pytest.raises(SimulationError, match="SID of bar has a defect") as error:
+        simulate(system)
+    assert "deformed so far" not in str(error.value)
+    assert 'frame = "held"' in str(error.value)
 
 
 def test_a_bar_struck_hard_names_the_remedy_and_it_helps() -> None:
