@@ -131,9 +131,11 @@ def long_row(
     took = time.process_time() - began
     accuracy = plan.scene.accuracy
     setting = Setting(accuracy.integrator, accuracy.rtol)
-    chosen = _run_seconds(compile_(plan.scene, plan.sids), setting)
     whole = as_scene(scene, finest(scene, sids), sids)
-    fine = _run_seconds(compile_(whole, sids), setting)
+    systems = compile_(plan.scene, plan.sids), compile_(whole, sids)
+    chosen, fine = (
+        min(_run_seconds(system, setting) for _ in range(3)) for system in systems
+    )
     ratio = f"{took / chosen:.0f}"
     numbers = [f"{took:.1f}", f"{fine:.2f}", f"{chosen:.2f}", ratio]
     return [name, output, str(plan.report.runs), *numbers]

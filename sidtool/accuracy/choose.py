@@ -96,8 +96,13 @@ def choose(runs: Runs, reference: Reference) -> Chosen:
             place="accuracy.wanted",
             expected="a larger error",
         )
-    errors = SAFETY * found.errors + reference.doubt
+    errors = estimated(found.errors, reference)
     return Chosen(choice, found, tuple(search.measured), errors)
+
+
+def estimated(errors: Array, reference: Reference) -> Array:
+    """What is told as errors, (n,), of differences to the reference."""
+    return SAFETY * errors + reference.doubt
 
 
 class _Search:

@@ -177,7 +177,6 @@ def _changes(runs: Runs, reference: Reference, others: dict[str, Other]) -> Arra
     again = runs.elsewhere(sids, names, by_matrices(runs.scene, others))
     choice, setting = reference.choice, reference.setting
     one, other = runs.attempt(choice, setting), again.attempt(choice, setting)
-    runs.count = again.count
     if one is None or other is None:
         return np.full(len(names), np.inf)
     a, b = runs.columns(choice, one), again.columns(choice, other)

@@ -19,11 +19,12 @@ from ..rigid import told_left_out, told_rigid
 from . import cached
 from .bounds import bounds
 from .budget import budget
-from .candidates import as_scene, finest, recording, stiffened
+from .candidates import Choice, as_scene, finest, recording, stiffened
 from .choose import Chosen, choose
 from .digits import with_digits
 from .elsewhere import in_frames
 from .frames import with_frames
+from .long import Proven, chosen_in_part
 from .meshes import Meshes, as_made, refined_meshes
 from .outside import check_inside
 from .reference import Reference, make_reference
@@ -150,39 +151,58 @@ def _chosen(
     runs = Runs(scene, sids, compile_, request.names, expected)
     with along(runs.parts):
         runs.begin("reference")
-        reference = make_reference(runs, whole, request)
-        check_inside(reference.result)
-        reference = reference.with_meshes(meshes.errors)
-        reference, digits = with_digits(runs, reference)
-        frames = with_frames(runs, reference, request, fixed=not free)
-        runs, reference = frames.runs, frames.reference
-        chosen = choose(runs, reference)
-        terms = stiffened(scene, sids, chosen.choice.flat)
-        setting = chosen.found.setting
-        runs.begin("errors")
-        proven = bounds(runs, reference.choice, chosen.choice, setting)
-        lines = budget(runs, reference, chosen, frames.theory)
-    made = decisions(request, reference, chosen)
+        found = chosen_in_part(runs, whole, request, meshes.errors, free=free)
+        found = found or _of_whole_runs(runs, whole, request, meshes, free)
+    reference, chosen = found.reference, found.chosen
+    terms = stiffened(scene, sids, chosen.choice.flat)
+    made = decisions(request, found.decided, chosen)
     sentences = (
         *meshes.sentences,
         *(decision.sentence for decision in made),
         *remarks(scene, request, reference, sids, terms, meshes.made),
-        *digits,
-        *frames.sentences,
-        *told_bounds(proven, scene),
+        *found.sentences,
+        *told_bounds(found.bounds, scene),
         *_not_recorded(scene, sids, chosen),
     )
     report = AccuracyReport(
         wanted={},
-        outputs=_outputs(request, reference, chosen, proven, frames.theory, scene),
-        budget=lines,
+        outputs=_outputs(request, reference, chosen, found.bounds, found.theory, scene),
+        budget=found.lines,
         decisions=made,
         sentences=sentences,
-        runs=runs.count,
+        runs=found.runs.count,
         seconds=0.0,
     )
-    found = chosen_scene(runs.scene, runs.sids, chosen)
-    return Plan(found, report, runs.sids, frames.chosen)
+    model = chosen_scene(found.runs.scene, found.runs.sids, chosen)
+    return Plan(model, report, found.runs.sids, found.frames)
+
+
+def _of_whole_runs(
+    runs: Runs, whole: Choice, request: Request, meshes: Meshes, free: bool
+) -> Proven:
+    """What is chosen by runs of all of the time."""
+    reference = make_reference(runs, whole, request)
+    check_inside(reference.result)
+    reference = reference.with_meshes(meshes.errors)
+    reference, digits = with_digits(runs, reference)
+    frames = with_frames(runs, reference, request, fixed=not free)
+    runs, reference = frames.runs, frames.reference
+    chosen = choose(runs, reference)
+    runs.begin("errors")
+    proven = bounds(runs, reference.choice, chosen.choice, chosen.found.setting)
+    lines = budget(runs, reference, chosen, frames.theory)
+    told = (*digits, *frames.sentences)
+    return Proven(
+        runs,
+        reference,
+        chosen,
+        reference,
+        frames.theory,
+        lines,
+        told,
+        proven,
+        frames.chosen,
+    )
 
 
 def chosen_scene(

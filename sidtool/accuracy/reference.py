@@ -95,50 +95,62 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
         moves.
     SimulationError : the run stopped early.
     """
-    rtol = _first(request)
+    rtol = first_rtol(request)
     while True:
         setting = Setting(MEASURING, rtol)
         tighter = Setting(CHECKING, max(MORE * rtol, 0.1 * TIGHTEST))
-        coarse, fine = runs.tight(choice, setting), runs.tight(choice, tighter)
-        values = runs.columns(choice, fine)
-        variation = np.ptp(values, axis=0)
-        multipliers, velocities = (
-            float(np.abs(numbers).max(initial=0.0))
-            for numbers in (fine.multipliers, fine.velocities)
-        )
-        moving = moves(request.names, values, variation, multipliers, velocities)
-        absolute = np.array([t.absolute for t in request.tolerances.values()])
-        judged = moving | absolute
-        if not judged.any():
-            raise InputError(
-                "no output can be told from rounding",
-                place="accuracy.wanted",
-                expected="outputs that move",
-            )
-        allowed = np.where(judged, request.allowed(variation), np.inf)
-        between = runs.between((choice, coarse), (choice, fine))
-        uncertainty = SAFETY * between + ROUNDING * variation
-        found = Reference(
-            choice=choice,
-            result=fine,
-            setting=setting,
-            variation=variation,
-            allowed=allowed,
-            uncertainty=uncertainty,
-            left_out=tuple(np.array(request.names)[~judged].tolist()),
-            units=tuple(unit_of(name, runs.scene) for name in request.names),
-            meshes=np.zeros(len(request.names)),
-            digits=np.zeros(len(request.names)),
-            frames=np.zeros(len(request.names)),
-        )
-        if found.use(uncertainty) <= PART:
+        found = of_two_runs(runs, choice, request, setting, tighter)
+        if found.use(found.uncertainty) <= PART:
             return found
         if rtol <= TIGHTEST:
             raise _unpredictable(request, found)
         rtol = max(TIGHTEST, rtol * NEXT)
 
 
-def _first(request: Request) -> float:
+def of_two_runs(
+    runs: Runs, choice: Choice, request: Request, setting: Setting, tighter: Setting
+) -> Reference:
+    """The tighter of two runs as a reference.
+
+    Raises
+    ------
+    InputError : no output moves.
+    SimulationError : a run stopped early.
+    """
+    coarse, fine = runs.tight(choice, setting), runs.tight(choice, tighter)
+    values = runs.columns(choice, fine)
+    variation = np.ptp(values, axis=0)
+    multipliers, velocities = (
+        float(np.abs(numbers).max(initial=0.0))
+        for numbers in (fine.multipliers, fine.velocities)
+    )
+    moving = moves(request.names, values, variation, multipliers, velocities)
+    absolute = np.array([t.absolute for t in request.tolerances.values()])
+    judged = moving | absolute
+    if not judged.any():
+        raise InputError(
+            "no output can be told from rounding",
+            place="accuracy.wanted",
+            expected="outputs that move",
+        )
+    nothing = np.zeros(len(request.names))
+    between = runs.between((choice, coarse), (choice, fine))
+    return Reference(
+        choice=choice,
+        result=fine,
+        setting=setting,
+        variation=variation,
+        allowed=np.where(judged, request.allowed(variation), np.inf),
+        uncertainty=SAFETY * between + ROUNDING * variation,
+        left_out=tuple(np.array(request.names)[~judged].tolist()),
+        units=tuple(unit_of(name, runs.scene) for name in request.names),
+        meshes=nothing,
+        digits=nothing,
+        frames=nothing,
+    )
+
+
+def first_rtol(request: Request) -> float:
     """The first tolerance to try: absolute requests show what they need."""
     relative = [t.value for t in request.tolerances.values() if not t.absolute]
     wanted = min(relative, default=1.0)

@@ -49,13 +49,20 @@ def expected_runs(finest: Choice, dimension: str) -> dict[str, float]:
 
 
 @dataclass
+class Counter:
+    """How many runs a search has made."""
+
+    runs: int = 0
+
+
+@dataclass
 class Runs:
     """Models of one scene, compiled and run at most once each.
 
     compile : makes a system of a scene and its SIDs
     names : outputs that are recorded
     expected : about how many runs each part of a search makes, see `begin`
-    count : runs so far
+    counter : counts runs, also those of other scenes of the same search
     """
 
     scene: SceneFile
@@ -63,7 +70,7 @@ class Runs:
     compile: Compile
     names: tuple[str, ...]
     expected: Mapping[str, float] = field(default_factory=dict)
-    count: int = 0
+    counter: Counter = field(default_factory=Counter)
     _systems: dict[Choice, System] = field(default_factory=dict)
     _results: dict[tuple[Choice, Setting], Result | None] = field(default_factory=dict)
     _seconds: dict[tuple[Choice, Setting], float] = field(default_factory=dict)
@@ -71,6 +78,11 @@ class Runs:
     def __post_init__(self) -> None:
         self.parts = Course(self.expected)
         self._steps = Steps(1)
+
+    @property
+    def count(self) -> int:
+        """Runs so far."""
+        return self.counter.runs
 
     def begin(self, part: str) -> None:
         """A part of the search begins."""
@@ -83,7 +95,6 @@ class Runs:
         """What other SIDs of some bodies change (n,); infinite without a run."""
         again = self.elsewhere(others, self.names)
         one, other = self.attempt(choice, setting), again.attempt(choice, setting)
-        self.count = again.count
         return self.between((choice, one), (choice, other))
 
     def elsewhere(
@@ -94,7 +105,7 @@ class Runs:
     ) -> Runs:
         """Runs of the same search with other SIDs of some bodies, in another scene."""
         scene, sids = scene or self.scene, {**self.sids, **others}
-        again = Runs(scene, sids, self.compile, names, self.expected, self.count)
+        again = Runs(scene, sids, self.compile, names, self.expected, self.counter)
         again.parts, again._steps = self.parts, self._steps
         return again
 
@@ -111,7 +122,7 @@ class Runs:
         key = choice, setting
         kept = self._results.get(key)
         if kept is None:
-            self.count += 1
+            self.counter.runs += 1
             self._steps.next()
             with along(self._steps):
                 kept = simulate(
@@ -137,15 +148,18 @@ class Runs:
                 self._results[key] = None
         return self._results[key]
 
-    def seconds(self, choice: Choice, setting: Setting) -> float:
-        """The least solve time out of several runs [s]; infinite if there is none."""
+    def seconds(self, choice: Choice, setting: Setting, short: float = SHORT) -> float:
+        """The least solve time out of several runs [s]; infinite if there is none.
+
+        short : runs that last longer [s] are not repeated
+        """
         from sidtool.solver import simulate
 
         key = choice, setting
         if self.attempt(choice, setting) is None:
             return np.inf
         for _ in range(REPEATS - 1):
-            if self._seconds[key] > SHORT:
+            if self._seconds[key] > short:
                 break
             again = simulate(
                 self._system(choice), integrator=setting.integrator, rtol=setting.rtol

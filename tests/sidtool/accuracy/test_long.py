@@ -1,0 +1,95 @@
+"""Long runs: chosen in a first part, with errors that are seen on all of the time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.accuracy import cached, long
+from sidtool.accuracy import runs as runs_
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+
+from .arms import particles, simulated
+from .test_accuracy import finest
+
+TIGHT = {"integrator": "radau13", "rtol": 1e-11}
+WANTED = 1e-3
+
+
+@pytest.fixture(autouse=True)
+def _all_are_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.setattr(long, "LONG", 0.0)
+
+
+@pytest.fixture
+def ends(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
+    """Until when each run of the search goes."""
+    found: list[float] = []
+    tight = runs_.Runs.tight
+
+    def told(self: runs_.Runs, *key: Any) -> sidtool.Result:
+        known = self.count
+        result = tight(self, *key)
+        if self.count > known:
+            found.append(self.scene.time.end)
+        return result
+
+    monkeypatch.setattr(runs_.Runs, "tight", told)
+    yield found
+
+
+def lasting(scene: SceneFile, end: float, rows: int) -> SceneFile:
+    more = {"end": end, "output_step": end / rows}
+    time = scene.time.model_copy(update=more)
+    return scene.model_copy(update={"time": time})
+
+
+def check(scene: SceneFile, sid: SID, found: sidtool.Result) -> None:
+    expected = simulated(finest(scene), sid, **TIGHT)
+    for name in scene.outputs.record:
+        error = np.abs(found[name] - expected[name]).max() / np.ptp(expected[name])
+        assert error <= found.error[name] <= WANTED
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+def test_a_long_motion_is_run_to_its_end_a_few_times_only(
+    spatial: bool, ends: list[float]
+) -> None:
+    scene, sid = particles(spatial)
+    scene = lasting(scene, 60.0 * scene.time.end, 1200)
+    found = simulated(scene, sid, accuracy=WANTED)
+    check(scene, sid, found)
+    assert found.accuracy is not None
+    whole = sum(end == scene.time.end for end in ends)
+    assert 3 <= whole <= 6 < len(ends) == found.accuracy.runs
+    told = [s for s in found.accuracy.sentences if s.startswith("long runs")]
+    assert len(told) == 1
+    assert found.accuracy.decisions
+
+
+def test_a_motion_that_begins_late_is_not_judged_by_its_beginning(
+    ends: list[float],
+) -> None:
+    """Nothing turns in the first part, where every shape function could be left out."""
+    scene, sid = particles(False)
+    turn = {"type": "smooth_step", "from": 1.2, "to": 1.8, "end": 1.0}
+    bodies = {"arm": {"sid": "arm", "markers": {"root": 1, "tip": 2}}}
+    content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+    content |= {
+        "bodies": bodies,
+        "drives": {"turn": {"joint": "pin", "function": turn}},
+    }
+    content |= {"initial": {"state": "static"}}
+    late = lasting(SceneFile.model_validate(content), 2.0, 400)
+    found = simulated(late, sid, accuracy=WANTED)
+    check(late, sid, found)
+    assert ends.count(2.0) > 3
+    assert found.accuracy is not None
+    assert not any(s.startswith("long runs") for s in found.accuracy.sentences)
