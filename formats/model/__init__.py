@@ -24,7 +24,7 @@ from .discretisation import (
     IgaDiscretisation,
     Q4Discretisation,
 )
-from .geometry import SIDES, Geometry, NurbsGeometry, Point2, Point3
+from .geometry import SIDES, BeamGeometry, Geometry, NurbsGeometry, Point2, Point3
 from .reduction import (
     BuckensFrame,
     ChordFrame,
@@ -70,12 +70,13 @@ class NodeMarker(Table):
     """A named point that joints and forces can use.
 
     Exactly one of `edge` (with `at`, the fraction of its parameter range, of a face
-    two fractions), `parameters` (u, v and w in [0, 1]), `position` (x, y and z in m)
-    and `mesh_node` (a node number of a mesh file) says where it is. A tied marker may
-    stand anywhere, also beside the body or at a node that no element uses, as a rigid
-    arm of what it is tied to; with `at = "axis"` it stands on the axis of the cylinder
-    that this is, half-way between its ends (in the plane: in the centre of the circle),
-    and without a place in the centre of its area.
+    two fractions, of `start` and `end` of a beam none), `parameters` (u, v and w in
+    [0, 1]), `position` (x, y and z in m) and `mesh_node` (a node number of a mesh file)
+    says where it is. A tied marker may stand anywhere, also beside the body or at a
+    node that no element uses, as a rigid arm of what it is tied to; with `at = "axis"`
+    it stands on the axis of the cylinder that this is, half-way between its ends (in
+    the plane: in the centre of the circle), and without a place in the centre of its
+    area.
     """
 
     node: int = Field(ge=1, le=99999, description="its node number in the SID")
@@ -176,7 +177,7 @@ class ModelFile(File):
             check_name(name, self.markers, "marker", "stress.markers")
         for name, marker in self.markers.items():
             place = f"markers.{name}"
-            _check_place(marker, place)
+            _check_place(marker, place, isinstance(self.geometry, BeamGeometry))
             if marker.edge is not None:
                 check_name(marker.edge, edges, "edge", f"{place}.edge")
             for tied in marker.tie.names if marker.tie else ():
@@ -196,7 +197,7 @@ def read_model(path: str | Path, changes: Mapping[str, Any] | None = None) -> Mo
     return ModelFile.load(path, changes)
 
 
-def _check_place(marker: NodeMarker, place: str) -> None:
+def _check_place(marker: NodeMarker, place: str, beam: bool) -> None:
     ways = ("edge", "parameters", "position", "mesh_node")
     given = [way for way in ways if getattr(marker, way) is not None]
     if marker.at == "axis":
@@ -213,9 +214,10 @@ def _check_place(marker: NodeMarker, place: str) -> None:
             place=place,
             expected="exactly one of edge (with at), parameters, position, mesh_node",
         )
-    if (marker.edge is None) != (marker.at is None):
+    end_of_beam = beam and marker.edge is not None and marker.at is None
+    if (marker.edge is None) != (marker.at is None) and not end_of_beam:
         raise InputError(
             "edge and at do not come together",
             place=place,
-            expected='for example edge = "left", at = 0.5',
+            expected='for example edge = "left", at = 0.5, or the end of a beam alone',
         )

@@ -115,6 +115,8 @@ def _damping(model: ModelFile) -> str:
 def _place(marker: NodeMarker) -> str:
     if marker.at == "axis":
         return "on the axis of what it is tied to"
+    if marker.edge is not None and marker.at is None:
+        return f"end {marker.edge}"
     if marker.edge is not None:
         at = marker.at if isinstance(marker.at, tuple) else (marker.at,)
         return f"edge {marker.edge} at {_listed(at)}"

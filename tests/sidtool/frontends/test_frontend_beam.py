@@ -21,8 +21,10 @@ from sidtool.formats.toml.reading import validated
 from sidtool.frontends.elements.inertia_points import InertiaPoints
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.frontends.geometry_mass import GeometryMass, compared_with_geometry
+from sidtool.report.model import describe_model
 
 from ..bodies import beam_data
+from ..models import rod
 
 
 def uniform(
@@ -55,6 +57,22 @@ def test_a_slender_cantilever() -> None:
         ]
     )
     assert_allclose(found, exact[: len(found)], rtol=2e-4)
+
+
+def test_an_end_of_a_beam_is_a_place_of_its_own() -> None:
+    """A beam has no width along which a fraction could count."""
+    model = uniform("timoshenko", 4, 2.0)
+    ends = {
+        "crank_pin": {"node": 1, "edge": "start"},
+        "piston_pin": {"node": 2, "edge": "end"},
+    }
+    found = finite_element_model(model.with_({"markers": ends}))
+    places = [found.marker(name).position for name in ends]
+    assert_allclose(places, [[0, 0, 0], [2, 0, 0]], atol=1e-15)
+    assert "end start" in describe_model(model.with_({"markers": ends}))
+    plate = {"crank_pin": {"node": 1, "edge": "left"}}
+    with pytest.raises(InputError, match="edge and at do not come together"):
+        rod(markers=plate)
 
 
 def test_torsion_and_stretch() -> None:
