@@ -211,3 +211,23 @@ def test_a_spinning_bar_that_its_hinge_brakes_starts_without_vibration(
     assert abs(q["static"][0]) > 1e-5
     wobble = np.ptp(np.diff(q["static"], 2))
     assert wobble < 1e-2 * np.ptp(np.diff(q["stated"], 2))
+
+
+@pytest.mark.parametrize("modes", [4, 10])
+def test_how_far_a_hinged_bar_starts_that_a_torque_turns(modes: int) -> None:
+    """Its inertia loads rho A a x with a = 3 T / (rho A L^3) bend its end by
+    11/40 T L^2 / (E I), however much its light end at first turns against it."""
+    sid = steel_bar(width=0.02, height=0.01, elements=24, modes=modes)
+    torque = {"type": "actuator", "joint": "hub", "function": polynomial(0.5)}
+    described = scene(
+        {"bar": {"sid": "-", "markers": {"a": 1, "b": 2}}},
+        {"hub": {"type": "revolute", "markers": ["ground", "bar.a"]}},
+        forces={"motor": torque},
+        end=0.05,
+        record=["bar.b.uy"],
+    )
+    result = simulate(compiled(described, bar=sid))
+    (told,) = [note for note in result.notes if FAR in note]
+    away = float(told.split("bar by ")[1].split(" of")[0])
+    bent = 11.0 / 40.0 * 0.5 / (2.1e11 * 0.02 * 0.01**3 / 12.0)
+    assert away == pytest.approx(bent, rel=0.1)
