@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +24,9 @@ from . import large_scenes
 from .carried import place_carried
 from .large_scenes import MANY, IndependentRows, jacobian_entries, sparse_jacobian
 from .turn_counts import starting_turns
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 ITERATIONS = 60
 #: Constraints are closed when they are open by less, relative to their sizes.
@@ -178,17 +182,16 @@ class State:
         self, right: Array, independent: float
     ) -> tuple[Array, Array] | None:
         """The same with sparse matrices; None where that is not clear."""
-        from scipy.sparse import block_diag
+        from scipy.sparse import diags_array
 
         C = sparse_jacobian(self.system, self.work.C)
-        roots = [block * self.free[part, None] for part, block in self.roots()]
-        N = block_diag(roots, "csr")
+        N = diags_array(self.free.astype(float)) @ self.root()
         rows = IndependentRows(C @ N)
         if rows.least > independent:
             x = rows.smallest(right)
         elif (without := rows.small(independent)) is not None:
             x = rows.smallest(right, without)
-        elif (found := rows.smallest_if_met(right, independent)) is not None:
+        elif (found := rows.least_squares(right, independent)) is not None:
             x = found
         else:
             return None
@@ -199,11 +202,14 @@ class State:
         """C for relative changes of the coordinates, its rows of length 1 or 0."""
         return of_length_one(self.jacobian() * self.system.once(coordinate_sizes))
 
-    def is_clear(self, independent: float) -> bool:
-        """Whether the rows of a large scene are known to be independent: the singular
-        values of the scaled Jacobian are larger. False where that is not clear."""
+    def clear_rows(self, independent: float = RANK_TOLERANCE) -> IndependentRows | None:
+        """The rows of the scaled Jacobian of a large scene, of which each is known to
+        follow from others exactly, or to be independent; None where that is not clear.
+
+        independent : relative to the largest singular value
+        """
         rows = self._large_rows()
-        return rows is not None and rows.least > independent
+        return rows if rows is not None and rows.are_clear(independent) else None
 
     def stands_apart(self, rounded: float) -> bool:
         """Whether more than rounding is left of each row of a large scene without the
@@ -216,6 +222,12 @@ class State:
             return None
         C = large_scenes.scaled_jacobian(self.system, self.work.C)
         return IndependentRows(C)
+
+    def root(self) -> csr_array:
+        """N of `roots` as a whole."""
+        from scipy.sparse import block_diag
+
+        return block_diag([block for _, block in self.roots()], "csr")
 
     def roots(self) -> Iterator[tuple[slice, Array]]:
         """The blocks of N with N N^T = W^-1 of all bodies, and their coordinates.

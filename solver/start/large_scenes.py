@@ -10,6 +10,7 @@ dependencies down to rounding.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,9 +30,8 @@ MANY = 300
 #: Singular values below this part of the largest one are not told from those of
 #: dependent rows.
 CLEAR = 1e-11
-#: Rows of length 1 follow from others exactly when less is left of them, and right
-#: sides do when they are met up to this part.
-EXACT, ALSO_MET = 1e-13, 1e-12
+#: Right sides follow from others as their rows do when they are met up to this part.
+ALSO_MET = 1e-12
 #: How many of the least singular values are looked at.
 COUNTS = (6, 12, 24, 48)
 #: Inverse iteration ends when the least singular value changes by less than this part,
@@ -104,34 +104,68 @@ class IndependentRows:
 
     least : of their singular values, those of rows of length 1, relative to the largest
     dependent : (rows,) whether a row follows from those before it up to rounding
+    given, lengths : B, and those of its rows, (rows,)
     """
 
     def __init__(self, B: csr_array) -> None:
-        lengths = np.sqrt(B.multiply(B).sum(axis=1))
+        self.given = B
+        lengths = self.lengths = np.sqrt(B.multiply(B).sum(axis=1))
         self.least, self.dependent = 0.0, np.zeros(B.shape[0], bool)
         if not (lengths > 0.0).all():
             return
         self._scale = 1.0 / lengths
         self._B = of_length_one(B)
         self._factor = OrthogonalFactor(self._B)
-        self.dependent = self._factor.diagonal <= EXACT
-        if self._factor.diagonal.min(initial=1.0) > CLEAR:
+        self.dependent = self._factor.dependent
+        clear = self._factor.diagonal.min(initial=1.0) > CLEAR
+        if clear and not self.dependent.any():
             self.least = self._least_singular_value()
 
+    @cached_property
     def others(self) -> IndependentRows:
-        """The rows without those that follow from others."""
+        """The rows, of length 1, without those that follow from others."""
         return IndependentRows(self._B[~self.dependent])
 
-    def smallest_if_met(self, right: Array, independent: float) -> Array | None:
-        """The x of least length with B x = right, where some rows follow from others
-        that are independent by more than a part, and right does so, too; else None."""
-        others = self.others() if self.dependent.any() else None
-        if others is None or others.least <= independent:
+    def are_clear(self, independent: float) -> bool:
+        """Whether rows follow from others exactly or are independent of them by more
+        than a part."""
+        if self.dependent.any():
+            return bool(self.others.least > independent)
+        return self.least > independent
+
+    def meeting(self, right: Array) -> Array:
+        """The x of least length with B x = right, in the rows that follow from no
+        others."""
+        if not self.dependent.any():
+            return self.smallest(right)
+        return self.others.smallest((self._scale * right)[~self.dependent])
+
+    def dependencies(self) -> Array:
+        """Orthonormal columns (rows, n) that B^T with rows of length 1 maps to nothing,
+        one for each row that follows from others."""
+        dependent, B, factor = self.dependent, self.others._B, self.others._factor
+        follow = self._B[dependent].T
+        parts = factor.solve((B @ follow).toarray())
+        parts += factor.solve(B @ (follow - B.T @ parts))
+        found = np.zeros((len(dependent), parts.shape[1]))
+        found[dependent], found[~dependent] = np.eye(parts.shape[1]), -parts
+        return np.asarray(np.linalg.qr(found)[0])
+
+    def least_squares(self, right: Array, independent: float) -> Array | None:
+        """The x of least length that meets B x = right best, with rows of length 1,
+        where some rows follow from others that are independent by more than a part; of
+        other rows None."""
+        if not self.dependent.any() or not self.are_clear(independent):
             return None
-        right = self._scale * right
-        x = others.smallest(right[~self.dependent])
-        left = np.abs(self._B @ x - right).max(initial=0.0)
-        return x if left <= ALSO_MET * np.abs(right).max(initial=0.0) else None
+        x = self.meeting(right)
+        scaled = self._scale * right
+        left = np.abs(self._B @ x - scaled).max(initial=0.0)
+        if left <= ALSO_MET * np.abs(scaled).max(initial=0.0):
+            return x
+        apart = self.dependencies()
+        return self.others.smallest(
+            (scaled - apart @ (apart.T @ scaled))[~self.dependent]
+        )
 
     def _least_singular_value(self) -> float:
         x = np.random.default_rng(0).standard_normal(self._B.shape[0])
@@ -187,7 +221,7 @@ class IndependentRows:
         is not clear.
         """
         if self.dependent.any():
-            others = self.others()
+            others = self.others
             return not others.dependent.any() and others.stand_apart(bound)
         if self.least > bound:
             return True

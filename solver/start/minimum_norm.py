@@ -19,6 +19,7 @@ from ..system import kernel_calls
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from .consistent import RANK_TOLERANCE, dense_jacobian
+from .large_scenes import MANY, IndependentRows, scaled_jacobian
 from .overconstraint import complete
 
 #: Square of the part of a multiplier in the null space of C^T that is no rounding.
@@ -37,6 +38,12 @@ def minimum_norm(
     for k, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
         work.clock[0] = clock
         kernel_calls.evaluate(system, work, t, z[k], v[k])
+        undetermined = _of_many(system, work, rows) if whole is system else None
+        if undetermined is not None:
+            scaled = multipliers[k] * rows
+            result[k] = (scaled - undetermined @ (undetermined.T @ scaled)) / rows
+            known_part = np.minimum(known_part, 1.0 - np.sum(undetermined**2, axis=1))
+            continue
         force = dense_jacobian(system, work.C).T @ multipliers[k]
         kernel_calls.evaluate(whole, work, t, z[k], v[k])
         C = dense_jacobian(system, work.C) * columns / rows[:, None]
@@ -50,3 +57,20 @@ def minimum_norm(
         result[k] = held @ part / rows
         known_part = np.minimum(known_part, np.sum(held**2, axis=1))
     return result, tuple(map(int, np.flatnonzero(1.0 - known_part > UNDETERMINED)))
+
+
+def _of_many(system: System, work: Work, sizes: Array) -> Array | None:
+    """An orthonormal basis of the null space (rows, n) in a large scene; None where it
+    is not clear.
+
+    sizes : (rows,) of the constraints
+    """
+    if system.n_rows < MANY:
+        return None
+    rows = IndependentRows(scaled_jacobian(system, work.C))
+    if rows.dependent.sum() != len(system.redundant):
+        return None
+    if not rows.are_clear(RANK_TOLERANCE):
+        return None
+    scale = sizes / rows.lengths
+    return np.asarray(np.linalg.qr(scale[:, None] * rows.dependencies())[0])

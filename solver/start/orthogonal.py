@@ -22,12 +22,16 @@ if TYPE_CHECKING:
 
 #: Rows that are finished together.
 BLOCK = 48
+#: Rows of length 1 follow from others exactly when less is left of them.
+EXACT = 1e-13
 
 
 class OrthogonalFactor:
     """R of rows B, (rows, rows) upper triangular, in blocks of rows.
 
     diagonal : (rows,) magnitudes of its diagonal
+    dependent : (rows,) whether a row follows from those before it up to rounding; R is
+        that of B with a column more for each of these, where they are 1
     """
 
     def __init__(self, B: csr_array) -> None:
@@ -40,6 +44,7 @@ class OrthogonalFactor:
         order = np.argsort(lead, kind="stable")
         T, lead, last = T[order], lead[order], last[order]
         self.count = B.shape[0]
+        self.dependent = np.zeros(self.count, bool)
         #: first row, its own columns, and the columns behind them
         self._blocks: list[tuple[int, Array, Array]] = []
         front = np.zeros((0, 0))
@@ -52,7 +57,7 @@ class OrthogonalFactor:
             rows[: len(front), : front.shape[1]] = front
             entries: Any = T[new]
             rows[len(front) :] = entries[:, first:reach].toarray()
-            R = np.asarray(np.linalg.qr(rows, mode="r"), np.float64)
+            R, self.dependent[first:end] = _apart(rows, end - first)
             done = np.zeros((end - first, reach - first))
             done[: len(R)] = R[: end - first]
             own = done[:, : end - first]
@@ -75,3 +80,26 @@ class OrthogonalFactor:
             left = x[first:end] - behind @ x[end:reach]
             x[first:end] = solve_triangular(own, left)
         return x
+
+
+def _apart(rows: Array, count: int) -> tuple[Array, np.ndarray]:
+    """R of some rows of B^T, and which of its first columns follow from those before.
+
+    Without a row of its own such a column would take a direction away from those behind
+    it, which then seem to follow from others as well.
+    """
+    R, dependent = _triangle(rows), np.zeros(count, bool)
+    while True:
+        left = np.zeros(count)
+        diagonal = np.abs(np.diag(R))[:count]
+        left[: len(diagonal)] = diagonal
+        follows = np.flatnonzero((left <= EXACT) & ~dependent)
+        if not len(follows):
+            return R, dependent
+        own = np.zeros((1, R.shape[1]))
+        own[0, follows[0]], dependent[follows[0]] = 1.0, True
+        R = _triangle(np.concatenate([R, own]))
+
+
+def _triangle(rows: Array) -> Array:
+    return np.asarray(np.linalg.qr(rows, mode="r"), np.float64)

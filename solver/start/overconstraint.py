@@ -83,7 +83,7 @@ def _hardly_differ(state: State) -> bool:
     """Whether constraints nearly follow from others, as rounding makes it."""
     if state.stands_apart(ROUNDED):
         return False
-    sizes = np.linalg.svd(state.scaled_jacobian(), compute_uv=False)
+    sizes = _singular_values(state)
     return bool(((sizes > EXACT) & (sizes < ROUNDED)).any())
 
 
@@ -311,6 +311,10 @@ def _walk(state: State, step: Array, duration: float) -> bool:
         if close(state, ROUNDED) <= ROUNDED:
             return True
     return False
+
+
+def _singular_values(state: State) -> Array:
+    return np.asarray(np.linalg.svd(state.scaled_jacobian(), compute_uv=False))
 
 
 def _decomposed(state: State) -> tuple[Array, Array, Array]:

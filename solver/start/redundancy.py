@@ -23,6 +23,7 @@ from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .conflicts import conflict_soon
 from .consistent import RANK_TOLERANCE, State, close, names_of_rows
+from .large_scenes import sparse_jacobian
 
 #: How far beside the start constraints are looked at, relative to all sizes.
 BESIDE = 1e-3
@@ -32,6 +33,8 @@ REACHED = 1e-10
 SLACK = 1e-7
 #: Rows have a part in a dependency when their share of it is larger.
 INVOLVED = 1e-6
+#: What is left of a free direction is rounding below.
+ROUNDING = 1e-10
 #: Speeds below this part of the size of the mechanism during the run are rest.
 REST = 1e-9
 
@@ -62,13 +65,14 @@ def mark_redundant(state: State) -> System:
 
 def _dependent_rows(state: State) -> tuple[int, ...]:
     """Rows that follow from the others: those that pivoting leaves for the last."""
-    if state.is_clear(RANK_TOLERANCE):
-        return ()
+    rows = state.clear_rows()
+    if rows is not None:
+        return tuple(map(int, np.flatnonzero(rows.dependent)))
     matrix = state.scaled_jacobian()
-    rows, columns = matrix.shape
+    n_rows, n_columns = matrix.shape
     sizes = np.linalg.svd(matrix, compute_uv=False)
     bound = RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))
-    if rows <= columns and np.all(sizes > bound):
+    if n_rows <= n_columns and np.all(sizes > bound):
         return ()
     from scipy.linalg import qr  # a third of a second that few scenes need
 
@@ -107,11 +111,16 @@ def _at_rest(state: State) -> bool:
 
 def _free_direction(state: State) -> Array:
     """A mixture of all small motions that the constraints allow."""
-    matrix = state.scaled_jacobian()
-    _, sizes, right = np.linalg.svd(matrix)
-    rank = int(np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))))
-    free = right[rank:]
-    step = np.cos(np.arange(len(free))) @ free
+    rows = state.clear_rows()
+    if rows is not None:
+        step = np.cos(np.arange(state.system.n_velocities))
+        step -= rows.meeting(rows.given @ step)
+        step[np.abs(step) < ROUNDING] = 0.0
+    else:
+        _, sizes, right = np.linalg.svd(state.scaled_jacobian())
+        rank = int(np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))))
+        free = right[rank:]
+        step = np.cos(np.arange(len(free))) @ free
     size = float(np.max(np.abs(step), initial=0.0))
     return BESIDE * step * coordinate_sizes(state.system) / max(size, 1e-300)
 
@@ -123,14 +132,21 @@ def _slack(state: State) -> Array:
     changes while the mechanism moves. That of all rows is small enough for refinement
     to remove its effect, and large against what stages of a step leave open.
     """
-    C = state.jacobian()
-    for part, root in state.roots():
-        C[:, part] = C[:, part] @ root
-    diagonal = np.sum(C**2, axis=1)
+    rows = state.clear_rows()
+    if rows is not None:
+        moved = sparse_jacobian(state.system, state.work.C) @ state.root()
+        diagonal = moved.multiply(moved).sum(axis=1)
+        left = rows.dependencies()
+    else:
+        C = state.jacobian()
+        for part, root in state.roots():
+            C[:, part] = C[:, part] @ root
+        diagonal = np.sum(C**2, axis=1)
+        vectors, sizes, _ = np.linalg.svd(state.scaled_jacobian())
+        rank = np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0)))
+        left = vectors[:, int(rank) :]
     typical = float(np.median(diagonal[diagonal > 0.0])) if diagonal.any() else 1.0
-    left, sizes, _ = np.linalg.svd(state.scaled_jacobian())
-    rank = int(np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))))
-    involved = np.linalg.norm(left[:, rank:], axis=1) > INVOLVED
+    involved = np.linalg.norm(left, axis=1) > INVOLVED
     slack = np.where(diagonal > 0.0, SLACK * diagonal, typical)
     return np.where(involved, slack, 0.0)
 
@@ -138,9 +154,14 @@ def _slack(state: State) -> Array:
 def _can_accelerate(state: State) -> bool:
     """True when accelerations exist that all constraints demand."""
     gamma = state.work.row[:, at.C_GAMMA] / state.sizes
-    C = state.jacobian() * coordinate_sizes(state.system) / state.sizes[:, None]
-    solution = np.linalg.lstsq(C, gamma, rcond=RANK_TOLERANCE)[0]
-    left = float(np.max(np.abs(C @ solution - gamma), initial=0.0))
+    rows = state.clear_rows()
+    if rows is not None:
+        demanded = gamma * state.sizes
+        open_rows = (rows.given @ rows.meeting(demanded) - demanded) / state.sizes
+    else:
+        C = state.jacobian() * coordinate_sizes(state.system) / state.sizes[:, None]
+        open_rows = C @ np.linalg.lstsq(C, gamma, rcond=RANK_TOLERANCE)[0] - gamma
+    left = float(np.max(np.abs(open_rows), initial=0.0))
     size = max(1.0 / state.duration**2, float(np.max(np.abs(gamma), initial=0.0)))
     return left <= 1e-7 * size
 

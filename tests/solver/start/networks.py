@@ -1,4 +1,4 @@
-"""Random mechanisms with closed loops and redundant constraints, that fit together."""
+"""Mechanisms of many constraints: random ones with closed loops, ladders, chains."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from sidtool.formats.scene import SceneFile
 from sidtool.solver.system.scene import System
-from tests.solver.scenes import compiled, scene
+from tests.solver.scenes import compiled, scene, slender_rod
+
+#: Length of the links of a chain.
+LINK = 0.1
 
 
 def network(seed: int, space: bool) -> System:
@@ -83,3 +87,17 @@ def ladder(cells: int) -> System:
         pin(up, f"rung{k}.b")
     ends = {"low": {"position": [0.0, 0.0]}, "up": {"position": [0.0, 1.0]}}
     return compiled(scene(bodies, joints, ground={"markers": ends}))
+
+
+def hanging_chain(count: int, **more: Any) -> SceneFile:
+    """A straight chain of links, hinged to the ground at its first end."""
+    bodies = {
+        f"l{k}": slender_rod(LINK, 0.1, position=[k * LINK, 0.0]) for k in range(count)
+    }
+    pairs = [(f"l{k - 1}.b", f"l{k}.a") for k in range(1, count)]
+    hinges = [("ground", "l0.a"), *pairs]
+    joints = {
+        f"j{k}": {"type": "revolute", "markers": list(ends)}
+        for k, ends in enumerate(hinges)
+    }
+    return scene(bodies, joints | more.pop("joints", {}), **more)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ import pytest
 from scipy.sparse import csr_array, random_array
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import SceneFile
 from sidtool.solver import account, compile_scene, simulate
 from sidtool.solver.advice import bifurcations, notes
 from sidtool.solver.integrators import stepping
@@ -22,11 +22,12 @@ from sidtool.solver.start.large_scenes import (
     least_independent,
 )
 from sidtool.solver.start.orthogonal import OrthogonalFactor
+from sidtool.solver.start.redundancy import SLACK
 from sidtool.solver.system.scene import System
 from sidtool.solver.system.storage import band
-from tests.solver.scenes import compiled, polynomial, scene, slender_rod
+from tests.solver.scenes import compiled, scene
 
-from .networks import ladder, network
+from .networks import LINK, hanging_chain, ladder, network
 
 ENDS = {"a": {"position": [0.0, 0.0]}, "b": {"position": [0.7, 0.1]}}
 #: Constraints.
@@ -133,8 +134,17 @@ def test_a_dependent_constraint_of_a_large_scene_is_found(
     found, _ = assembly.assemble(system)
     dense(monkeypatch)
     expected, _ = assembly.assemble(system)
-    assert len(found.redundant) == 2
-    assert found.redundant == expected.redundant
+    assert len(found.redundant) == len(expected.redundant) == 2
+    assert_equally_redundant(found, expected)
+    last = np.flatnonzero(found.arrays.slack)
+    owners = consistent.names_of_rows(found, tuple(map(int, last)))
+    assert set(owners) == {"again", f"pin{SOME // 2 + 2}"}
+
+
+def assert_equally_redundant(found: System, expected: System) -> None:
+    """The same rows have a part in it; which of them are left is a matter of choice."""
+    assert len(found.redundant) == len(expected.redundant)
+    assert found.arrays.slack == pytest.approx(expected.arrays.slack, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -205,21 +215,22 @@ def test_what_hardly_differs_need_not_be_met(sizes: list[float]) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_rows_that_follow_from_others_are_met_with_them(seed: int) -> None:
-    """Smallest solutions as of lstsq where there are any; of others nothing is said."""
+    """Smallest solutions as of lstsq with rows of length 1, where there are any, and
+    where the rows contradict each other."""
     rng = np.random.default_rng(seed)
     B = random_array((40, 90), density=0.1, rng=rng).toarray() + np.eye(40, 90)
     B[7], B[30] = -2.0 * B[3], B[11] + 0.5 * B[20]
     rows, right = IndependentRows(csr_array(B)), B @ rng.standard_normal(90)
     assert rows.least == 0.0 and np.flatnonzero(rows.dependent).tolist() == [7, 30]
-    expected = np.linalg.lstsq(B, right)[0]
-    assert rows.smallest_if_met(right, 1e-9) == pytest.approx(
-        expected, rel=1e-8, abs=1e-9
-    )
-    right[30] += 1e-6
-    assert rows.smallest_if_met(right, 1e-9) is None
+    lengths = np.linalg.norm(B, axis=1)
+    for contradiction in (0.0, 1e-6, 0.5):
+        right[30] += contradiction
+        expected = np.linalg.lstsq(unit(csr_array(B)), right / lengths, rcond=1e-9)[0]
+        found = rows.least_squares(right, 1e-9)
+        assert found == pytest.approx(expected, rel=1e-8, abs=1e-9)
     B[30, 5] += 1e-6
     nearly = IndependentRows(csr_array(B))
-    assert nearly.smallest_if_met(B @ np.ones(90), 1e-4) is None
+    assert nearly.least_squares(B @ np.ones(90), 1e-4) is None
 
 
 def test_a_stretched_loop_at_its_dead_point_hides_no_rounding(
@@ -238,7 +249,12 @@ def test_a_stretched_loop_at_its_dead_point_hides_no_rounding(
             with pytest.raises(InputError, match="rests in a singular pos") as error:
                 assemble(compile_scene(made))
             told.append(str(error.value))
-    assert told[0] == told[1]
+    assert unnamed(told[0]) == unnamed(told[1])
+
+
+def unnamed(text: str) -> str:
+    """Without the joints in brackets."""
+    return re.sub(r"\(.*?\)", "()", text)
 
 
 def refuse_svds(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -246,6 +262,7 @@ def refuse_svds(monkeypatch: pytest.MonkeyPatch) -> None:
         raise AssertionError("singular values of all constraints")
 
     monkeypatch.setattr(overconstraint, "_decomposed", refuse)
+    monkeypatch.setattr(overconstraint, "_singular_values", refuse)
 
 
 @pytest.mark.parametrize("cells", [15, 80])
@@ -275,14 +292,17 @@ def test_no_constraint_of_a_long_ladder_is_left_out(
 def test_random_networks_have_the_verdicts_of_dense_matrices(
     monkeypatch: pytest.MonkeyPatch, space: bool
 ) -> None:
-    """What is redundant, left out or refused, and where they start."""
+    """What is redundant, left out or refused, and where they start; of rows that depend
+    on each other it is a matter of choice which are named."""
 
     def verdict(seed: int) -> tuple[Any, ...]:
         try:
             found, start = assembly.assemble(network(seed, space))
         except InputError as error:
-            return (str(error),)
-        return found.redundant, found.dropped, start.z.round(9), start.v.round(9)
+            return (unnamed(str(error)),)
+        slack = (found.arrays.slack / SLACK).round(6)
+        states = start.z.round(9), start.v.round(9)
+        return len(found.redundant), found.dropped, slack, *states
 
     monkeypatch.setattr(consistent, "MANY", 1)
     sparse = [verdict(seed) for seed in range(15)]
@@ -316,59 +336,3 @@ def test_entries_of_a_band_have_places_of_their_own(rows: int, width: int) -> No
 
 def test_no_band_of_nothing() -> None:
     assert band(0, 0) == (0, 0)
-
-
-# --- contradictions in scenes too large to try joints one by one ----------------------
-
-LINK = 0.1
-
-
-def hanging_chain(count: int, **more: Any) -> SceneFile:
-    """A straight chain of links, hinged to the ground at its first end."""
-    bodies = {
-        f"l{k}": slender_rod(LINK, 0.1, position=[k * LINK, 0.0]) for k in range(count)
-    }
-    pairs = [(f"l{k - 1}.b", f"l{k}.a") for k in range(1, count)]
-    hinges = [("ground", "l0.a"), *pairs]
-    joints = {
-        f"j{k}": {"type": "revolute", "markers": list(ends)}
-        for k, ends in enumerate(hinges)
-    }
-    return scene(bodies, joints | more.pop("joints", {}), **more)
-
-
-def turned_twice(k: int, first: list[float], second: list[float]) -> dict[str, Any]:
-    """Two drives of one angle, that of joint k."""
-    marker = {"marker": f"l{k}.a", "reference": f"l{k - 1}.b", "coordinate": "angle"}
-    return {
-        "one": {"joint": f"j{k}", "function": polynomial(*first)},
-        "other": {**marker, "function": polynomial(*second)},
-    }
-
-
-def test_two_drives_that_contradict_each_other_in_a_long_chain_are_named() -> None:
-    """The drives alone, of three hundred joints: without either the rest can be met."""
-    drives = turned_twice(155, [0.2], [0.1])
-    system = compile_scene(hanging_chain(300, drives=drives))
-    with pytest.raises(InputError, match="one and other contradict each other") as told:
-        assemble(system)
-    assert "j15" not in str(told.value)
-
-
-def test_two_rates_that_contradict_each_other_in_a_long_chain_are_named() -> None:
-    drives = turned_twice(31, [0.2, 1.0], [0.2, 1.5])
-    system = compile_scene(hanging_chain(110, drives=drives))
-    with pytest.raises(InputError, match="one and other contradict each other"):
-        assemble(system)
-
-
-def test_how_far_a_long_chain_ends_from_its_pin_is_told() -> None:
-    """The pin is out of reach by 0.7 m: every joint of the chain has a part in that."""
-    count, beyond = 160, 0.7
-    pin = {"position": [count * LINK + beyond, 0.0]}
-    end = {"type": "revolute", "markers": ["ground.pin", f"l{count - 1}.b"]}
-    made = hanging_chain(count, joints={"end": end}, ground={"markers": {"pin": pin}})
-    with pytest.raises(InputError) as error:
-        assemble(compile_scene(made))
-    assert "and 157 others contradict each other" in str(error.value)
-    assert "l159.b (end) come no nearer than 0.7 m" in str(error.value)

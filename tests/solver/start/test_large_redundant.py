@@ -1,0 +1,125 @@
+"""Constraints of large scenes that follow from others: as dense matrices find them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array, random_array
+
+from sidtool.solver.start import consistent, minimum_norm, redundancy
+from sidtool.solver.start.assembly import assemble
+from sidtool.solver.start.large_scenes import IndependentRows
+from sidtool.solver.start.redundancy import RANK_TOLERANCE
+from sidtool.solver.system.scene import System
+from sidtool.solver.system.storage import new_work
+from tests.solver.scenes import compiled, scene
+
+from .networks import ladder
+
+CELLS = 8
+
+
+def rows_that_follow(B: np.ndarray) -> list[int]:
+    """By the ranks of the first rows."""
+    ranks = [0, *(np.linalg.matrix_rank(B[: k + 1]) for k in range(len(B)))]
+    return [k for k in range(len(B)) if ranks[k + 1] == ranks[k]]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_follow_from_those_before_them(seed: int) -> None:
+    """Sums of rows before, several of them, the next rows again independent of all; in
+    blocks of rows, and where columns are few."""
+    rng = np.random.default_rng(seed)
+    B = random_array((120, 130), density=0.05, rng=rng).toarray() + np.eye(120, 130)
+    for k in rng.choice(np.arange(10, 120), 25, replace=False):
+        near = rng.choice(np.arange(max(0, k - 9), k), 3, replace=False)
+        B[k] = B[near].T @ rng.uniform(0.5, 1.0, 3)
+    rows = IndependentRows(csr_array(B))
+    assert np.flatnonzero(rows.dependent).tolist() == rows_that_follow(B)
+    assert rows.least == 0.0 and rows.others.least > 0.0 and rows.are_clear(1e-9)
+    left = rows.dependencies()
+    assert left.shape == (120, int(rows.dependent.sum()))
+    assert left.T @ left == pytest.approx(np.eye(left.shape[1]), abs=1e-12)
+    unit = B / np.linalg.norm(B, axis=1)[:, None]
+    assert np.abs(unit.T @ left).max() < 1e-11
+    right = B @ rng.standard_normal(130)
+    expected = np.linalg.lstsq(B, right)[0]
+    assert rows.meeting(right) == pytest.approx(expected, rel=1e-7, abs=1e-7)
+
+
+def test_more_rows_than_columns() -> None:
+    B = np.random.default_rng(3).standard_normal((60, 20))
+    rows = IndependentRows(csr_array(B))
+    assert np.flatnonzero(rows.dependent).tolist() == list(range(20, 60))
+
+
+def ladder_said_twice(cells: int) -> System:
+    """A ladder whose rungs are pinned twice at one end, swinging."""
+    once = ladder(cells).scene
+    bodies: Any = {n: b.said() for n, b in once.bodies.items()}
+    joints: Any = {n: j.said() for n, j in once.joints.items()}
+    for k in range(cells):
+        joints[f"again{k}"] = {
+            "type": "revolute",
+            "markers": [f"low{k}.b", f"rung{k}.a"],
+        }
+    bodies["low0"]["initial"]["angular_velocity"] = 0.3
+    more: Any = {"ground": once.ground.said(), "gravity": [0.0, -9.81]}
+    return compiled(scene(bodies, joints, **more))
+
+
+def test_a_ladder_said_twice_starts_as_by_dense_matrices(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As many redundant rows, slack for the same ones, the same start, and multipliers
+    without the part that nothing determines."""
+    found = {}
+    for many in (20, 10**9):
+        monkeypatch.setattr(consistent, "MANY", many)
+        monkeypatch.setattr(minimum_norm, "MANY", many)
+        with monkeypatch.context() as watched:
+            if many == 20:
+                watched.setattr(redundancy.np.linalg, "svd", refuse)
+            system, start = assemble(ladder_said_twice(CELLS))
+        rng = np.random.default_rng(1)
+        table = rng.standard_normal((1, system.n_rows))
+        states = np.zeros(1), start.z[None], start.v[None]
+        least = minimum_norm.minimum_norm(system, new_work(system), *states, table)
+        found[many] = system, start, least
+    (one, begin, least), (other, expected, wanted) = found.values()
+    assert len(one.redundant) == len(other.redundant) == 2 * CELLS
+    assert one.arrays.slack == pytest.approx(other.arrays.slack, rel=1e-9)
+    assert (one.arrays.slack > 0.0).sum() == 4 * CELLS
+    assert begin.z == pytest.approx(expected.z, abs=1e-10)
+    assert begin.v == pytest.approx(expected.v, abs=1e-8)
+    assert least[0] == pytest.approx(wanted[0], rel=1e-8, abs=1e-9)
+    assert least[1] == wanted[1] and len(least[1]) == 4 * CELLS
+
+
+def refuse(*_: Any, **__: Any) -> None:
+    raise AssertionError("singular values of all constraints")
+
+
+def test_free_directions_of_a_ladder_keep_its_constraints(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its rails swing: one direction for each cell."""
+    monkeypatch.setattr(consistent, "MANY", 20)
+    system = ladder_said_twice(CELLS)
+    state = consistent.State(system, consistent.guess(system))
+    assert state.clear_rows(RANK_TOLERANCE) is not None
+    step = redundancy._free_direction(state)
+    assert np.abs(step).max() > 0.0
+    assert np.abs(state.jacobian() @ step).max() < 1e-12
+    assert system.n_velocities - system.n_rows + 2 * CELLS == CELLS
+
+
+def test_rounding_beside_a_row_said_twice_is_seen() -> None:
+    """The third and the fourth row differ by 1e-7, the second one is the first."""
+    B = np.zeros((4, 6))
+    B[:, 0], B[2:, 1], B[3, 2] = 1.0, 1.0, 1e-7
+    rows = IndependentRows(csr_array(B))
+    assert np.flatnonzero(rows.dependent).tolist() == [1]
+    assert not rows.stand_apart(1e-5) and rows.stand_apart(1e-9)
