@@ -95,7 +95,8 @@ class Bodies:
             own = name not in made
             if variant.frame and own:
                 frame = _frame_in_words(variant.frame, name, body)
-                sids[name] = _rereferenced(sids[name], frame)
+                sids[name] = _rereferenced(sids[name], frame, body, name)
+                body = body.model_copy(update={"damping": None})
             rigid = variant.modes == 0 and not self._deforms(variant, name, sids[name])
             changed = _body(name, body, variant, sids[name], own, rigid)
             if variant.terms:
@@ -204,10 +205,13 @@ def _too_few(name: str) -> InputError:
     )
 
 
-def _rereferenced(sid: SID, frame: str) -> SID:
+def _rereferenced(sid: SID, frame: str, body: SidBody, name: str) -> SID:
+    """With the damping of the scene, which holds in the frame that the SID has."""
+    from sidtool.solver.system.bodies.damping import damped
+
     from ..conversion.rereference import rereferenced
 
-    return rereferenced(sid, frame)
+    return rereferenced(damped(sid, body.damping, name), frame)
 
 
 def _reduction(model: ModelFile, method: str, markers: Sequence[str]) -> Any:
