@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sidtool.formats.errors import InputError
 from sidtool.formats.progress import reached
 from sidtool.formats.result import Result
 from sidtool.formats.scene import expanded, has_wildcard, matching
@@ -57,7 +58,15 @@ def outputs(
     if missing:
         reached("evaluating outputs")
         found |= replay(result, missing, drives, forces).outputs()
-    return _ordered(wanted, found)
+    told = _ordered(wanted, found)
+    for name in listed:
+        if not (has_wildcard(name) and told) and not matching(name, told):
+            raise InputError(
+                f"the run does not tell {name}",
+                expected="an output of what deforms: a body that was rigid has no "
+                "elastic coordinates and no stress",
+            )
+    return told
 
 
 def outputs_at(result: Result, names: Iterable[str], times: Array) -> dict[str, Array]:

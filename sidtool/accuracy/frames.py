@@ -126,7 +126,10 @@ def with_frames(
     if better and not (fixed or pinned) and CHOSEN < use <= TOO_MUCH:
         words = " and ".join(f"{others[n].words} of {n}" for n in better)
         found = _moved(runs, reference, request, better, errors)
-        told = f"{words}, in which bodies deform least; that changes {seen}"
+        told = f"{words}, in which bodies deform least; that changes {seen}; places "
+        told += (
+            "and displacements of these bodies that are not recorded are those there"
+        )
         return replace(_told(found, f"{told}{more}"), theory=SAFETY * errors)
     unknown = any(o.better or not o.bare for o in others.values())
     found = replace(as_is, theory=(UNKNOWN if unknown else SAFETY) * errors)

@@ -68,6 +68,17 @@ def test_a_result_answers_by_name(files: Path) -> None:
         result["energy.balance"]
 
 
+def test_a_body_that_was_rigid_tells_no_elastic_coordinates(scene: SceneFile) -> None:
+    """It was a KeyError, and a ValueError of numpy."""
+    short = scene.with_({"time.end": 0.02, "rod.rigid": True})
+    result = sidtool.simulate(short, base_folder=SLIDER_CRANK)
+    for name in ("rod.q1", "rod.q*", "rod.vq2"):
+        with pytest.raises(InputError, match=r"tell rod.*a body that was rigid"):
+            result[name]
+    assert result["rod.piston_pin.uy"].max() == 0.0
+    assert "rod.x" in sidtool.outputs(result, ["rod.*"])
+
+
 def test_columns_stand_in_the_order_that_names_say(scene: SceneFile) -> None:
     """Recorded ones came first: the third column of q* was not the third q."""
     part = sidtool.simulate(
