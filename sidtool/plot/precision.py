@@ -87,9 +87,7 @@ def _plot_fronts(
                     alpha=0.6,
                     label=f"{axis} {kind}",
                 )
-            _draw_front(
-                panel, [(getattr(p, cost), float(p.error or 0)) for p in points]
-            )
+            draw_front(panel, [(getattr(p, cost), float(p.error or 0)) for p in points])
             panel.axhline(content.uncertainty, color="0.5", linestyle=":")
             scale = "linear" if cost == "size" else "log"
             panel.set(xscale=scale, yscale="log", xlabel=_COSTS[cost])
@@ -102,13 +100,22 @@ def _plot_fronts(
     return every[0].figure
 
 
-def _draw_front(panel: Any, pairs: list[tuple[float, float]]) -> None:
+def draw_front(panel: Any, pairs: list[tuple[float, float]]) -> None:
+    """Costs and errors of which none other has less of both, joined and ringed."""
     best: list[tuple[float, float]] = []
     for cost, error in sorted(pairs):
         if not best or error < best[-1][1]:
             best.append((cost, error))
+    best.append((max(cost for cost, _ in pairs), best[-1][1]))
     panel.step(
-        *zip(*best, strict=True), where="post", color="0.2", label="Pareto front"
+        *zip(*best, strict=True),
+        where="post",
+        color="0.2",
+        label="Pareto front",
+        marker="o",
+        markersize=7,
+        markerfacecolor="none",
+        markevery=range(len(best) - 1),
     )
 
 

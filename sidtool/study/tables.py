@@ -18,6 +18,9 @@ from .reference import changing, differing
 
 #: What the columns of costs are called.
 COSTS = ("size", "dofs", "conversion")
+#: A reference is sharp up to here; outputs below this part of what it errs do not keep
+#: it from being so.
+SHARP, LIMITING = 1e-3, 0.1
 
 
 def report(result: Study, wanted: Sequence[float]) -> str:
@@ -114,6 +117,27 @@ def recommendation_table(points: Sequence[Point], wanted: Iterable[float]) -> st
     return table(["wanted", "error", "seconds", "[accuracy]"], rows)
 
 
+def _limit(result: Study) -> str:
+    """Which outputs keep a reference from being sharp, and what to do."""
+    reference = result.reference
+    pairs = zip(reference.names, reference.floors, strict=True)
+    errors = {name: float(floor) for name, floor in pairs}
+    limit = max(LIMITING * reference.uncertainty, min(errors.values()))
+    sharp = [name for name, floor in errors.items() if floor <= limit]
+    finer = {"mesh": "finer meshes", "modes": "more modes"}
+    remedy = " or ".join(t for axis, t in finer.items() if axis in result.varied)
+    blunt = reference.uncertainty > SHARP and len(sharp) < len(errors)
+    if not blunt or not remedy:
+        return ""
+    dull = ", ".join(f"{n} ({f:.0e})" for n, f in errors.items() if f > limit)
+    best = max(errors[name] for name in sharp)
+    them = " ".join(f"--of {name}" for name in sharp)
+    return (
+        f"\nThat is due to {dull}; {remedy} would tell more. The others are known to "
+        f"{best:.0e}: {them} compares these alone."
+    )
+
+
 def remarks(result: Study) -> list[str]:
     """What errors are of, how far they can be told, and what is not compared."""
     reference = result.reference
@@ -122,6 +146,7 @@ def remarks(result: Study) -> list[str]:
         f"Errors are relative, of the worst of: {', '.join(reference.names)}.\n"
         f"The reference{of} is good to {reference.uncertainty:.0e}; smaller errors "
         "cannot be told."
+        f"{_limit(result)}"
     ]
     if reference.left_out:
         parts.append(f"Left out, rounding only: {', '.join(reference.left_out)}.")

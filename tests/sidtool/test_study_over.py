@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from scipy.integrate import solve_ivp
 
 import sidtool
@@ -18,6 +20,7 @@ from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.model.refine import refined
 from sidtool.formats.scene import SceneFile
+from sidtool.plot.precision import draw_front
 from sidtool.solver import compile_scene, simulate
 from sidtool.study import Ended, Point, Setting, front, study
 from sidtool.study import whole as whole_module
@@ -187,6 +190,35 @@ def test_what_the_last_modes_change_is_not_called_converged() -> None:
     assert (rigid.size, one.size, whole.size) == (0, 1, 3)
     assert rigid.error > one.error >= whole.error == found.reference.uncertainty
     assert not whole.told
+
+
+def test_what_keeps_a_reference_from_being_sharp_is_told_with_what_helps() -> None:
+    """The tip bends by what the modes make of it, and is carried round by the drive."""
+    scene, sids = spun(0.5, 4.0), {"arm": cantilever(3)}
+    found = study(scene, {"modes": (1, 2)}, sids=sids, settings=ONE)
+    assert found.reference.uncertainty > 2e-3
+    told = found.report()
+    assert "That is due to arm.tip.uy (3e-03); more modes would tell more." in told
+    assert "The others are known to 3e-05: --of arm.tip.x compares" in told
+    more = study(scene, {"modes": (1, 2, 3)}, sids=sids, settings=ONE)
+    alone = study(
+        scene, {"modes": (1, 2)}, outputs=["arm.tip.x"], sids=sids, settings=ONE
+    )
+    for better in (more, alone):
+        assert better.reference.uncertainty < 2e-4
+        assert "That is due to" not in better.report()
+
+
+@pytest.mark.parametrize("pairs", [[(1.0, 0.1)], [(1.0, 0.1), (2.0, 0.3)]])
+def test_a_front_of_one_point_is_drawn(pairs: list[tuple[float, float]]) -> None:
+    figure = Figure()
+    panel = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    panel.set(xlim=(0.0, 3.0), ylim=(0.0, 1.0))
+    draw_front(panel, pairs)
+    panel.axis("off")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    assert (np.asarray(canvas.buffer_rgba())[..., :3] < 128).any()
 
 
 def test_a_spin_needs_its_geometric_stiffening() -> None:
