@@ -119,11 +119,10 @@
     if (!state.playing) return;
     const passed = last ? now - last : 0;
     last = now;
-    if (passed > 0) {
-      state.cost = state.cost ? 0.9 * state.cost + 0.1 * passed : passed;
-      count += 1;
-    }
     // The first picture may take long for once; two of a second tell enough.
+    if (passed > 0 && count++) {
+      state.cost = state.cost ? 0.9 * state.cost + 0.1 * passed : passed;
+    }
     watched += passed;
     const enough = count > 8 || (count > 1 && watched > 1000);
     const slow = enough && state.cost > data.slowest;

@@ -221,6 +221,46 @@ def test_a_slow_browser_plays_fewer_triangles_and_says_so(
     assert notice.startswith(f"{few} of {every} triangles")
 
 
+#: Plays pictures at intervals [ms] by a clock of the test's own.
+PICTURES = """(() => {
+  const { requestAnimationFrame } = window;
+  let now = 1000, picture;
+  window.requestAnimationFrame = (next) => { picture = next; };
+  player.play(true);
+  picture(now);
+  for (const passed of %s) picture(now += passed);
+  const { thin } = player.state;
+  player.play(false);
+  window.requestAnimationFrame = requestAnimationFrame;
+  return thin;
+})()"""
+
+
+def test_a_browser_is_slow_by_what_follows_its_first_picture(
+    result: Result,
+    made: tuple[sidtool.SID, Field],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(page_module, "FEW_TRIANGLES", 300)
+    path = tmp_path / "page.html"
+    page_of(result, path, fields={"rod": made[1]}, colour="displacement")
+    cases = [
+        ((3500, 3500), True),  # two pictures that last a second tell enough
+        ((600, 300), False),
+        ((600, 300, 300), True),
+        ((100,) * 8, False),
+        ((100,) * 9, True),
+        ((500, *(16,) * 12), False),
+        ((1500, *(16,) * 12), False),
+        ((16,) * 40, False),
+    ]
+    with opened(path) as page:
+        found = [page.run(PICTURES % list(times)) for times, _ in cases]
+        assert page.said == []
+    assert found == [slow for _, slow in cases]
+
+
 def test_fields_beside_the_sids_are_found(
     made: tuple[sidtool.SID, Field], scene: SceneFile, tmp_path: Path
 ) -> None:
