@@ -15,6 +15,7 @@ from sidtool.formats.scene import (
     STATE,
     VALUE,
     PointForce,
+    RigidBody,
     SceneFile,
     coordinate_of,
     is_elastic,
@@ -167,10 +168,14 @@ def check_masses(system: System) -> None:
         motion = free_motion(data.sid, IN_PLANE[2] if system.planar else SPATIAL)
         if motion.possible:
             continue
+        expected = (
+            "a SID whose coupled mass matrix is positive definite (`sidtool validate`, "
+            'I14), a prescribed frame (frame = "held"), or --accept-defects'
+        )
+        if isinstance(system.scene.bodies[data.name], RigidBody):
+            expected = "positive moments of inertia, or none: a point mass"
         raise InputError(
             f"this body cannot move freely: {motion.reason}",
             place=f"bodies.{data.name}",
-            expected="a SID whose coupled mass matrix is positive definite "
-            '(`sidtool validate`, I14), a prescribed frame (frame = "held"), or '
-            "--accept-defects",
+            expected=expected,
         )

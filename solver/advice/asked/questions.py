@@ -22,7 +22,7 @@ from ...system.scene import System
 from ...system.sizes import diameter
 from ..excitation import ANGLES, drive_history, fastest_rotation
 from .stiffness import too_fast, too_stiff
-from .unlikely import unlikely
+from .unlikely import controllers, unlikely
 
 #: Stronger than gravity on any planet or in a lift [m/s2].
 _STRONGEST = 100.0
@@ -88,6 +88,9 @@ def _angles(system: System) -> Iterator[str]:
             ends += [p.coefficients[0] for p in function.pieces if p.coefficients]
         for value in ends:
             yield from _angle(f"the angle of drive {name}", value)
+    for name, law in controllers(scene):
+        if law.measured.endswith(".angle") and isinstance(law.reference, float):
+            yield from _angle(f"the reference of {name}", law.reference)
 
 
 def _angle(what: str, value: float | None) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sidtool.formats.scene import Actuator, Pid, SceneFile
+from sidtool.formats.scene import Actuator, Pid, SceneFile, SpringDamper
 
 from ...system.scene import System
 
@@ -12,6 +12,8 @@ from ...system.scene import System
 _ROUGHEST = 3.0
 #: A pin thicker than this many times the mechanism.
 _THICKEST = 1.0
+#: Outputs that are lengths, and how many times the mechanism they hardly are.
+_PLACES, _FAR = (".displacement", ".length", ".x", ".y", ".z"), 50.0
 
 
 def unlikely(system: System) -> Iterator[str]:
@@ -32,6 +34,32 @@ def unlikely(system: System) -> Iterator[str]:
                 f"mechanism of {system.length:.3g} m: is it in mm?"
             )
     yield from _gains(system.scene)
+    yield from _lengths(system)
+
+
+def controllers(scene: SceneFile) -> Iterator[tuple[str, Pid]]:
+    """Forces and drives that a controller decides, by their names."""
+    for name, owner in (*scene.forces.items(), *scene.drives.items()):
+        law = getattr(owner, "function", None)
+        if isinstance(law, Pid):
+            yield name, law
+
+
+def _lengths(system: System) -> Iterator[str]:
+    """What is to be reached far beyond the mechanism."""
+    found = []
+    for name, law in controllers(system.scene):
+        if law.measured.endswith(_PLACES) and isinstance(law.reference, float):
+            found.append((f"the reference of {name}", law.reference))
+    for name, force in system.scene.forces.items():
+        if isinstance(force, SpringDamper) and force.markers is not None:
+            found.append((f"the rest length of {name}", force.rest))
+    for what, length in found:
+        if abs(length) > _FAR * system.length > 0.0:
+            yield (
+                f"{what} is {length:g} m, and the mechanism is {system.length:.3g} m "
+                "large: is it in mm?"
+            )
 
 
 def _gains(scene: SceneFile) -> Iterator[str]:

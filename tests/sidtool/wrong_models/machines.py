@@ -119,6 +119,36 @@ def controller_has_the_wrong_sign() -> str:
     return pendulum(forces={"motor": motor}, end=0.02)
 
 
+def held_at(reference: float, **force: Any) -> str:
+    """A pendulum with a controller of its angle and a spring."""
+    law = {"type": "pid", "measured": "pin.angle", "reference": reference, "p": 9.0}
+    motor = {"type": "actuator", "joint": "pin", "function": law}
+    spring = {"type": "spring_damper", "markers": ["ground.peg", "rod.b"]}
+    spring |= {"stiffness": 1e-3} | force
+    peg = {"markers": {"peg": {"position": [0.3, 0.4]}}}
+    return pendulum(forces={"motor": motor, "spring": spring}, ground=peg, end=0.02)
+
+
+@mistake("the reference of motor is 60 rad", "in degrees")
+def target_is_in_degrees() -> str:
+    return held_at(60.0)
+
+
+@mistake("the rest length of spring is 400 m", "in mm")
+def spring_is_in_millimetres() -> str:
+    return held_at(0.6, rest=400.0)
+
+
+@mistake(
+    "bodies.ball",
+    "no moment of inertia about x",
+    "positive moments of inertia, or none",
+)
+def ball_cannot_turn() -> str:
+    ball = {"mass": 0.4, "inertia": [0.0, 0.0, 0.0]}
+    return simulated(scene({"ball": ball}, {}, dimension="spatial"))
+
+
 @mistake(r"stopped at t = 0\.2 s", "bearing, crank_pin, piston_pin and push contradict")
 def piston_drives_over_the_dead_point() -> str:
     """A stroke of 0.22 m, where the crank of 0.1 m allows 0.2 m."""
