@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from sidtool.formats.result import FlexibleBody
 from sidtool.formats.scene import SidBody
 from sidtool.formats.sid import Array
 
+from ..integrators.recording import RUB_FORCE
 from ..linear.accelerations import solve_accelerations
 from ..recording.sampling import Samples
 from ..space import layout as at
@@ -24,6 +26,8 @@ from .body_measures import deflection
 FAR, SEEN = 0.1, 1e-6
 #: Squares of frequencies that joints leave no motion, relative to the largest one.
 HELD = 1e-10
+#: Unit forces times this are asked for: friction of loads is linear near a state alone.
+SMALL = 1e-5
 
 
 def far_starts(
@@ -69,8 +73,20 @@ def far_starts(
         )
 
 
+def _gripped(system: System, first: Samples) -> System:
+    """The system with joints that stick and slide as they do in a state."""
+    if not system.rubbing:
+        return system
+    grip = system.arrays.grip.copy()
+    sense = -np.sign(first.friction[0, :, RUB_FORCE])
+    grip[:, at.SENSE] = np.where(first.sticking[0], 0.0, sense)
+    grip[:, at.SIDE :] = 0.0
+    return replace(system, arrays=system.arrays.replaced(grip=grip))
+
+
 def _missing(system: System, elastic: slice, stiffness: Array, first: Samples) -> Array:
     """dq (nq,) of a body in a state, see `far_starts`; of least energy."""
+    system = _gripped(system, first)
     work, memory = new_work(system), new_memory(system, 0)
     t = system.scene.time.start
     work.clock[0] = system.clocks(np.array([t]))[0]
@@ -86,7 +102,8 @@ def _missing(system: System, elastic: slice, stiffness: Array, first: Samples) -
     values = np.maximum(values, HELD * values[-1])
     root = U * np.sqrt(values)
     rest = accelerated(np.zeros(len(values)))
-    answers = np.array([accelerated(column) - rest for column in root.T]).T
+    answers = np.array([accelerated(SMALL * column) - rest for column in root.T]).T
+    answers /= SMALL
     squares = root.T @ answers
     y = np.linalg.pinv((squares + squares.T) / 2, rcond=HELD, hermitian=True)
     found: Array = U @ (
