@@ -97,7 +97,7 @@ class _Part:
 
 
 def chosen_in_part(
-    runs: Runs, whole: Choice, request: Request, meshes: Array, *, free: bool
+    runs: Runs, whole: Choice, request: Request, meshes: Array
 ) -> Proven | None:
     """What is chosen where runs are long; None where all of them have to be whole.
 
@@ -105,7 +105,6 @@ def chosen_in_part(
     ----------
     whole : everything that the SIDs have
     meshes : (n,) what meshes of bodies and modes that they lack add
-    free : False where bodies must stay in the frames that their SIDs have
 
     Raises
     ------
@@ -114,7 +113,7 @@ def chosen_in_part(
     ends = _ends(runs)
     if not ends or not _is_long(runs, whole, request, ends[0]):
         return None
-    part = _tried(lambda: _first_part(runs, whole, request, meshes, ends[0], free))
+    part = _tried(lambda: _first_part(runs, whole, request, meshes, ends[0]))
     pair = _tried(lambda: _methods(part, whole)) if part is not None else None
     if part is None or pair is None:
         return None
@@ -125,7 +124,7 @@ def chosen_in_part(
     check_inside(reference.result)
     end = next((e for e in ends if _is_seen(runs, reference, e)), None)
     if end is not None and end != ends[0]:
-        part = _tried(lambda: _first_part(runs, whole, request, meshes, end, free))
+        part = _tried(lambda: _first_part(runs, whole, request, meshes, end))
     found = None
     if end is not None and part is not None:
         found = _chosen(runs, reference, part)
@@ -173,15 +172,15 @@ def _is_long(runs: Runs, whole: Choice, request: Request, end: float) -> bool:
 
 
 def _first_part(
-    runs: Runs, whole: Choice, request: Request, meshes: Array, end: float, free: bool
+    runs: Runs, whole: Choice, request: Request, meshes: Array, end: float
 ) -> _Part | None:
     """The tight reference of a first part; None where that does not do."""
     part = _cut(runs, end)
     reference = make_reference(part, whole, request).with_meshes(meshes)
     check_inside(reference.result)
     reference, digits = with_digits(part, reference)
-    frames = with_frames(part, reference, request, fixed=not free)
-    if reference.digits.any() or frames.chosen:
+    frames = with_frames(part, reference, request, fixed=True)
+    if reference.digits.any():
         return None
     return _Part(part, reference, frames.theory, (*digits, *frames.sentences))
 

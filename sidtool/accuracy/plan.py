@@ -151,7 +151,7 @@ def _chosen(
     runs = Runs(scene, sids, compile_, request.names, expected)
     with along(runs.parts):
         runs.begin("reference")
-        found = chosen_in_part(runs, whole, request, meshes.errors, free=free)
+        found = chosen_in_part(runs, whole, request, meshes.errors)
         found = found or _of_whole_runs(runs, whole, request, meshes, free)
     reference, chosen = found.reference, found.chosen
     terms = stiffened(scene, sids, chosen.choice.flat)
