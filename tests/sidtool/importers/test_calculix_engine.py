@@ -73,7 +73,16 @@ def shell(thickness: float) -> str:
 def body(
     folder: Path, deck: str, node: int, held: str | None = None, **geometry: Any
 ) -> SID:
-    """The SID of a deck by CalculiX, with a marker at a node of the deck."""
+    """The SID of shells or beams by CalculiX, which makes solids of them."""
+    path = model_file(folder, deck, node, held, **geometry)
+    with pytest.warns(UserWarning, match="CalculiX makes"):
+        return sid_from_model(path)
+
+
+def model_file(
+    folder: Path, deck: str, node: int, held: str | None = None, **geometry: Any
+) -> Path:
+    """A model of a deck by CalculiX, with a marker at a node of the deck."""
     (folder / "part.inp").write_text(deck)
     frame: dict[str, Any] = {"type": "buckens"}
     markers: dict[str, Any] = {"p": {"node": 1, "mesh_node": node}}
@@ -95,8 +104,7 @@ def body(
         "reduction": {"method": "modal", "modes": 4},
     }
     (folder / "model.json").write_text(json.dumps(data))
-    with pytest.warns(UserWarning, match="CalculiX makes"):
-        return sid_from_model(folder / "model.json")
+    return folder / "model.json"
 
 
 @needs_ccx
@@ -238,3 +246,48 @@ def test_layers_become_one(tmp_path: Path) -> None:
     lines = ["*SHELL SECTION, COMPOSITE, ELSET=E, OFFSET=0.5", "1.,,A", "2.5,,B", "*X"]
     expected = ["*SHELL SECTION,ELSET=E,OFFSET=0.5,MATERIAL=A", "3.5", "*X"]
     assert without_layers(lines) == expected
+
+
+def hoop_deck(radius: float, thickness: float, along: float) -> str:
+    """A ring of 24 C3D20R about z whose modulus is `along` in its circumference."""
+    count = 24
+    places: dict[tuple[int, int, int], int] = {}
+    corners = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)]
+    corners += [(r, t, 2) for r, t, _ in corners]
+    edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)]
+    edges += [(k, k + 4) for k in range(4)]
+    middles = [tuple((np.array(corners[a]) + corners[b]) // 2) for a, b in edges]
+    rows = []
+    for k in range(count):
+        own = [(r, (t + 2 * k) % (2 * count), z) for r, t, z in (*corners, *middles)]
+        numbers = [places.setdefault(place, len(places) + 1) for place in own]
+        first, second = (", ".join(map(str, x)) for x in (numbers[:15], numbers[15:]))
+        rows.append(f"{k + 1}, {first},\n{second}\n")
+    nodes = ""
+    for (r, t, z), number in places.items():
+        a, distance = np.pi * t / count, radius + thickness * (r - 1) / 2
+        place = (distance * np.cos(a), distance * np.sin(a), thickness * (z - 1) / 2)
+        nodes += f"{number}, " + ", ".join(f"{c:.12e}" for c in place) + "\n"
+    return (
+        f"*NODE, NSET=ALL\n{nodes}*ELEMENT, TYPE=C3D20R, ELSET=EB\n{''.join(rows)}"
+        "*MATERIAL, NAME=M\n*ELASTIC, TYPE=ENGINEERING CONSTANTS\n"
+        f"1.5e9, {along!r}, 4e9, 0., 0., 0., 5e9, 5e9\n5e9\n*DENSITY\n1200.\n"
+        "*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL\n0., 0., 0., 0., 0., 1.\n"
+        "*SOLID SECTION, ELSET=EB, MATERIAL=M, ORIENTATION=O\n"
+    )
+
+
+@needs_ccx
+@pytest.mark.parametrize("along", [1.1e10, 6e9])
+def test_a_ring_with_cylindrical_axes_becomes_oval(
+    along: float, tmp_path: Path
+) -> None:
+    """Two modes of a thin ring, which know the modulus along it alone (Hoppe, 1871)."""
+    radius, thickness = 0.5, 0.01
+    text = hoop_deck(radius, thickness, along)
+    with pytest.warns(UserWarning, match="24 elements of the deck"):
+        sid = sid_from_model(model_file(tmp_path, text, 1))
+    assert sid.mass == pytest.approx(2400 * np.pi * radius * thickness**2, rel=1e-5)
+    wave = 6 / np.sqrt(5) * np.sqrt(along / (12 * 1200.0)) * thickness / radius**2
+    apart = np.sort(np.abs(frequencies(sid) / (wave / (2 * np.pi)) - 1))
+    assert_allclose(apart[:2], 0, atol=2e-3)
