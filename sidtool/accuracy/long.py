@@ -49,6 +49,8 @@ SEEN = 0.7
 #: Of what is allowed: what each method may err in the first part, and what the
 #: reference may leave open on the whole.
 MEASURED, OPEN = 0.05, 0.3
+#: Of what is allowed, what two methods at loose tolerances do not show of each other.
+UNSEEN = 0.005
 #: The loosest tolerance of the first method. The other is asked for more, as methods
 #: that both step from one output to the next err alike at loose tolerances.
 LOOSEST, SHARPER = 1e-3, 0.03
@@ -194,7 +196,7 @@ class _Pair:
     """Two methods for the whole of the time.
 
     shared : (n,) what the tighter one errs in the first part, which the difference of
-        both need not show
+        both need not show; a small part of what is allowed at least
     """
 
     looser: Setting
@@ -214,7 +216,9 @@ def _methods(part: _Part, whole: Choice) -> _Pair | None:
     two = Setting(CHECKING, min(SHARPER * rtol, two.rtol))
     found = runs.attempt(whole, two)
     shared = runs.between((whole, found), (whole, reference.result))
-    return _Pair(Setting(MEASURING, rtol), two, shared + reference.uncertainty)
+    unseen = np.where(np.isfinite(reference.allowed), UNSEEN * reference.allowed, 0.0)
+    shared = np.maximum(shared + reference.uncertainty, unseen)
+    return _Pair(Setting(MEASURING, rtol), two, shared)
 
 
 def _on_the_whole(
