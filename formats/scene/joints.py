@@ -41,8 +41,9 @@ class _RubbingJoint(_AxialJoint):
 
 
 class Fixed(_Pair):
-    """No relative motion of the two markers; of a point mass, which has no orientation,
-    its place is held."""
+    """No relative motion of the two markers, which have one place and the same axes
+    (those of a marker of a rigid body can be turned); of a point mass, which has no
+    orientation, its place is held."""
 
     type: Literal["fixed"] = "fixed"
 
