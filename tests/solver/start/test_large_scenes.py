@@ -157,7 +157,7 @@ def test_smallest_solutions_and_singular_values(seed: int) -> None:
     rows = IndependentRows(B)
     assert 0.1 * sizes[-1] < rows.least * max(1.0, sizes[0]) < sizes[-1]
     right = rng.standard_normal(40)
-    expected = np.linalg.lstsq(B.toarray(), right)[0]
+    expected = np.linalg.lstsq(B.toarray(), right, rcond=None)[0]
     assert rows.smallest(right) == pytest.approx(expected, rel=1e-9, abs=1e-10)
 
 
