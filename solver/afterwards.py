@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -44,6 +44,9 @@ from .system.storage import new_memory, new_work
 
 #: Rotations between two output times beyond which turns cannot be counted [rad].
 LARGEST_TURN = 0.5 * np.pi
+
+#: Variations of outputs below this share of their size are none, and the least size.
+_FLAT, _NOTHING = 1e-6, 1e-300
 
 Programs = Mapping[str, Derivatives | Law]
 
@@ -104,6 +107,22 @@ class Replay:
         moving = ranges > 1e-6 * ranges.max(initial=0.0)
         errors = np.abs(z - self.z[between])[:, moving].max(axis=0) / ranges[moving]
         return float(errors.max(initial=0.0)) / 16.0
+
+    def unresolved(self) -> dict[str, float]:
+        """How far each output is off where every other output time is left out, at
+        these, relative to its range: about one for what varies faster than output
+        times follow, and sixteen times the error between them for what they follow."""
+        if len(self.t) < 3:
+            return {}
+        t, z, v = (part[::2].copy() for part in (self.t, self.z, self.v))
+        thin = replace(self, t=t, z=z, v=v)
+        left_out = slice(1, 2 * len(thin.t) - 2, 2)
+        predicted, known = thin.outputs(self.t[left_out].copy()), self.outputs()
+        found = {}
+        for name, values in known.items():
+            size = max(np.ptp(values), _FLAT * np.abs(values).max(), _NOTHING)
+            found[name] = float(np.abs(predicted[name] - values[left_out]).max() / size)
+        return found
 
     def _between(
         self, known: tuple[Array, Array, Array], times: Array

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result, units_in
 from sidtool.formats.scene import expanded
-from sidtool.solver.afterwards import Replay, scene_of
+from sidtool.solver.afterwards import scene_of
 
 from ..afterwards import outputs, outputs_at, played_outputs
 from . import courses
@@ -32,6 +32,9 @@ _POINTS, _MOST = 2000, 12
 _WIDTH, _ROW, _LETTERS = 7.5, 1.55, 90
 #: Uncertainty between output times that is told of.
 _TOLD = 0.005
+#: What outputs differ by, relative to their range, where every other output time is
+#: left out, that output times do not follow; such outputs named at most.
+_UNRESOLVED, _NAMED = 0.3, 4
 ENERGIES = ("energy.kinetic", "energy.elastic", "energy.potential")
 RESIDUALS = ("constraint.position", "constraint.velocity")
 KINDS = ("outputs", "spectrum", "energy", "drift")
@@ -117,7 +120,14 @@ def _dense(
         return result.t, outputs(result, names), []
     t = _times(result.t)
     columns, again = played_outputs(result, names, t)
-    return t, columns, [] if again is None else _uncertain(again)
+    if again is None:
+        return t, columns, []
+    off = again.unresolved()
+    fast = [name for name in columns if off.get(name, 0.0) > _UNRESOLVED]
+    known = again.outputs() if fast else {}
+    columns |= {name: np.interp(t, result.t, known[name]) for name in fast}
+    followed = max((v / 16.0 for k, v in off.items() if k not in fast), default=0.0)
+    return t, columns, [*_uncertain(max(followed, again.uncertainty())), *_fast(fast)]
 
 
 def _times(t: Array) -> Array:
@@ -127,13 +137,25 @@ def _times(t: Array) -> Array:
     return np.append(inner, t[-1])
 
 
-def _uncertain(again: Replay) -> list[str]:
-    off = again.uncertainty()
+def _uncertain(off: float) -> list[str]:
     if off < _TOLD:
         return []
     return [
         f"between output times curves may be off by {off:.1%} of their range: a "
         "smaller output_step shows more"
+    ]
+
+
+def _fast(names: list[str]) -> list[str]:
+    """What is said of outputs that output times do not follow."""
+    if not names:
+        return []
+    named = ", ".join(names[:_NAMED])
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    vary = "varies" if len(names) == 1 else "vary"
+    return [
+        f"{named}{more} {vary} faster than the output times follow: straight lines "
+        "between recorded values; a smaller output_step shows what lies between"
     ]
 
 

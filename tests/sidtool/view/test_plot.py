@@ -23,6 +23,7 @@ from sidtool.plot import bodies, results
 from sidtool.plot.courses import grouped, label_of
 from sidtool.plot.figure import figure
 from tests.places import SLIDER_CRANK
+from tests.solver.scenes import scene
 
 from ..bodies import volume
 from ..models import IGA, QM6, rod, rod_data
@@ -143,6 +144,35 @@ def test_coarse_output_times_are_told(pages: list[Any]) -> None:
     result = sidtool.simulate(validated(content, SceneFile))
     (told,) = results.plot_result(Path("x.png"), result)
     assert "between output times curves may be off by" in told
+
+
+@pytest.mark.parametrize(("step", "followed"), [(5e-3, False), (2e-4, True)])
+def test_what_vibrates_faster_than_output_times_is_not_made_up(
+    step: float, followed: bool, pages: list[Any]
+) -> None:
+    """x = 1 + 1e-3 cos(w t) at 228 Hz: the acceleration never exceeds 1e-3 w^2."""
+    omega, amplitude = 2 * np.pi * 228.0, 1e-3
+    spring = {"type": "spring_damper", "markers": ["ground", "mass"]}
+    spring |= {"stiffness": 2.0 * omega**2, "rest": 1.0}
+    content = scene(
+        {"mass": {"mass": 2.0, "inertia": 1.0, "initial": {"position": [1.001, 0.0]}}},
+        {},
+        forces={"spring": spring},
+        end=0.1,
+        steps=round(0.1 / step),
+    )
+    recorded = content.with_({"outputs.record": ["mass.ax", "mass.x"]})
+    result = sidtool.simulate(recorded)
+    told = results.plot_result(Path("x.png"), result)
+    fast = [text for text in told if "faster than the output times follow" in text]
+    assert bool(fast) != followed
+    line = pages[0].axes[0].lines[0]
+    exact = -amplitude * omega**2 * np.cos(omega * np.asarray(line.get_xdata()))
+    assert np.abs(line.get_ydata()).max() < 1.001 * amplitude * omega**2
+    if followed:
+        assert line.get_ydata() == pytest.approx(exact, abs=2e-2 * np.abs(exact).max())
+    else:
+        assert "mass.ax, mass.x vary" in fast[0]
 
 
 def test_forces_of_an_analysis_are_drawn_as_it_found_them(pages: list[Any]) -> None:
