@@ -43,6 +43,8 @@ def study(
     title: str = "",
     stop: Callable[[], str] | None = None,
     progress: Say | None = None,
+    drives: Mapping[str, Any] | None = None,
+    forces: Mapping[str, Any] | None = None,
 ) -> Study:
     """Measure error against time and size for a scene, as `sidtool study` does.
 
@@ -71,15 +73,25 @@ def study(
     title : of pictures, default that of the scene
     stop : asked from time to time why to end, if at all
     progress : told a text, points that are done and all, and seconds left or None
+    drives, forces : callables by name, as of `sidtool.simulate`; they run in this
+        process only, and their points are not kept
 
     Raises
     ------
     InputError : the scene records nothing, or not what `outputs` asks for; an axis does
-        not fit the scene; no model of it can be run.
+        not fit the scene; no model of it can be run; callables are given beside `jobs`,
+        `dask` or `folder`.
     sidtool.study.Ended : `stop` said why.
     """
     _check("--rtol", rtol, *_TOLERANCES)
     _check("--step", step, *_STEPS)
+    programs = {"drives": drives, "forces": forces} if drives or forces else {}
+    if programs and (jobs != 1 or dask is not None or folder is not None):
+        raise InputError(
+            "other processes and kept points do not know callables",
+            place="jobs, dask, folder",
+            expected="callables with one job and no folder, or functions of the scene",
+        )
     axes = parsed(_texts(over))
     settings = _settings(axes, integrators, rtol, step)
     content = scene if isinstance(scene, SceneFile) else read_scene(Path(scene))
@@ -98,6 +110,7 @@ def study(
             dask=dask,
             stop=stop,
             say=progress,
+            programs=programs,
         )
     return replace(found, title=title or content.title)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
@@ -49,11 +48,11 @@ def _result(task: Run) -> Result:
     ------
     InputError : the run stops early.
     """
-    from sidtool.solver import compile_scene, simulate
+    from sidtool.solver import simulate
     from sidtool.solver.errors import SimulationError
 
     try:
-        return simulate(compile_scene(task.scene, Path("."), task.sids))
+        return simulate(task.compiled())
     except SimulationError as stop:
         raise InputError(
             f"the scene as it is {stop}",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
@@ -15,6 +16,10 @@ from sidtool.formats.sid import SID
 from .measuring import ENOUGH, REPEATS, Course, course, failed, timed
 from .settings import Setting
 
+if TYPE_CHECKING:
+    from sidtool.solver.system.scene import System
+
+Programs = Mapping[str, Mapping[str, Any] | None]
 #: Integrators whose kernels this process has loaded, by the dimension of scenes.
 _LOADED: set[tuple[str, str]] = set()
 
@@ -51,21 +56,33 @@ def convert(model: ModelFile) -> Converted:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A scene with its outputs that is run; not timed where once is enough."""
+    """A scene with its outputs that is run; not timed where once is enough.
+
+    programs : callables for `drives` and `forces` of `compile_scene`
+    """
 
     scene: SceneFile
     sids: Mapping[str, SID]
     setting: Setting
     once: bool = False
+    programs: Programs = field(default_factory=dict)
+
+    def compiled(self) -> System:
+        """The scene with its callables."""
+        from sidtool.solver import compile_scene
+
+        drives, forces = (self.programs.get(key) for key in ("drives", "forces"))
+        return compile_scene(
+            self.scene, Path("."), self.sids, drives=drives, forces=forces
+        )
 
 
 def run(task: Run) -> Course:
     """The course of a run, or why there is none."""
-    from sidtool.solver import compile_scene
     from sidtool.solver.errors import SimulationError
 
     try:
-        system = compile_scene(task.scene, Path("."), task.sids)
+        system = task.compiled()
         kernels = task.setting.integrator, task.scene.dimension
         if kernels not in _LOADED and not task.once:
             timed(system, task.setting, repeats=1)

@@ -32,7 +32,7 @@ from .points import Point, point_of, skipped
 from .pool import each, pool
 from .reference import Reference, check_recorded
 from .settings import Setting
-from .tasks import Converted, Run, convert, run
+from .tasks import Converted, Programs, Run, convert, run
 
 #: Told what is done: a text, points that are done and all, and seconds that are left.
 Say = Callable[[str, int, int, float | None], None]
@@ -53,6 +53,7 @@ def study(
     dask: str | None = None,
     stop: Callable[[], str] | None = None,
     say: Say | None = None,
+    programs: Programs | None = None,
 ) -> Study:
     """Run a scene in many variants and compare each run with one that is far richer.
 
@@ -73,6 +74,7 @@ def study(
     dask : address of a Dask scheduler, whose cluster is used instead
     stop : asked from time to time why to end, if at all
     say : told what is done
+    programs : callables for `drives` and `forces`, in this process only
 
     Raises
     ------
@@ -85,7 +87,7 @@ def study(
     plan = planned(bodies, over or {}, settings, differ)
     with pool(jobs, dask) as (executor, width):
         doing = _Doing(executor, width, Store(keep), stop or _never, say or _silent)
-        return _Study(plan, doing, outputs).whole()
+        return _Study(plan, doing, outputs, programs or {}).whole()
 
 
 def _bodies(
@@ -181,6 +183,7 @@ class _Study:
     plan: Plan
     doing: _Doing
     outputs: Sequence[str]
+    programs: Programs
     made: dict[str, Converted] = field(default_factory=dict)
 
     def whole(self) -> Study:
@@ -225,13 +228,12 @@ class _Study:
 
     def _names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Outputs that are compared, and those that are not."""
-        from sidtool.solver import compile_scene
-
         scene, sids = self.plan.bodies.as_scene(Variant(), self._sids(Variant()))
         asked = dict.fromkeys(self.outputs, 1.0)
         check_recorded(scene.outputs.record)
         names = requested(scene, sids, asked or 1.0).names
-        compile_scene(recording(scene, names), Path("."), sids)
+        setting = self.plan.settings[0]
+        Run(recording(scene, names), sids, setting, programs=self.programs).compiled()
         kept, dropped = comparable(names, scene, self.plan.varied, bool(asked))
         if not kept:
             raise InputError(
@@ -260,7 +262,8 @@ class _Study:
         scene = recording(scene, known(names, scene, sids)).model_copy(
             update={"title": ""}
         )
-        return Run(scene, sids, setting), elastic_size(scene, sids)
+        task = Run(scene, sids, setting, programs=self.programs)
+        return task, elastic_size(scene, sids)
 
     def _tight(self, tasks: Sequence[Run]) -> list[Course]:
         """References, which are run once."""

@@ -81,3 +81,20 @@ def test_what_cannot_be_asked_is_named() -> None:
         sidtool.study(SCENE, over={"color": [1]})
     with pytest.raises(sidtool.InputError, match="rtol: found 1"):
         sidtool.study(SCENE, rtol=[1.0])
+
+
+def test_callables_are_studied_as_the_same_function_of_a_file() -> None:
+    """A crank of the angle 40 t^2, of the file and of a program: the same errors."""
+    motion = {"type": "polynomial", "pieces": [{"from": 0, "coefficients": [0, 0, 40]}]}
+    scene = sidtool.Scene.load(SCENE).with_({"time.end": 0.1})
+    over, rtol = {"modes": [1, 5]}, [1e-4, 1e-7]
+    said = scene.with_({"crank_angle.function": motion}).study(over, rtol=rtol)
+    left = scene.with_({"crank_angle.function": {"type": "callable"}})
+    program = {"crank_angle": (lambda t: 40 * t * t, lambda t: 80 * t, lambda t: 80.0)}
+    called = left.study(over, rtol=rtol, drives=program)
+    for one, other in zip(said.points, called.points, strict=True):
+        assert one.choices == other.choices and not other.message
+        if one.choices["modes"] == "1":
+            assert other.errors == pytest.approx(one.errors, rel=1e-3)
+    with pytest.raises(sidtool.InputError, match="do not know callables"):
+        left.study(over, rtol=rtol, drives=program, jobs=2)
