@@ -8,7 +8,8 @@ it is asked for: it is meant for several processes.
 
 from __future__ import annotations
 
-import importlib.util
+import functools
+import importlib
 import os
 from collections.abc import Callable
 from typing import Protocol
@@ -66,23 +67,28 @@ def engine_name() -> str:
     if asked == "slepc":
         check_slepc()
         return asked
-    there = [n for n, (module, _) in ENGINES.items() if _is_there(module)]
     if asked is None:
-        return there[0]
-    if asked not in there:
+        return next(n for n, (module, _) in ENGINES.items() if not _missing(module))
+    missing = _missing(ENGINES[asked][0]) if asked in ENGINES else "no such engine"
+    if missing:
+        there = [n for n, (module, _) in ENGINES.items() if not _missing(module)]
         raise InputError(
-            f"the engine {asked!r} is not there",
+            f"the engine {asked!r} is not there ({missing})",
             place="--engine" if asked_engine() else "SIDTOOL_FACTORS",
             expected=f"one of {', '.join(there)}",
         )
     return asked
 
 
-def _is_there(module: str) -> bool:
+@functools.cache
+def _missing(module: str) -> str:
+    """Why a module cannot be used, empty if it can: some are installed, but a shared
+    library that they load is not (pypardiso without MKL)."""
     try:
-        return importlib.util.find_spec(module) is not None
-    except ModuleNotFoundError:
-        return False
+        importlib.import_module(module)
+    except (ImportError, OSError) as error:
+        return str(error).split(". ")[0]
+    return ""
 
 
 def _by_columns(matrix: sp.csr_matrix) -> sp.csc_matrix:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -45,7 +47,22 @@ def test_every_engine_gives_the_same_modes(
 
 def test_an_unknown_engine_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SIDTOOL_FACTORS", "abacus")
-    with pytest.raises(InputError, match="'abacus' is not there; expected .*superlu"):
+    with pytest.raises(InputError, match="'abacus' is not there .*expected .*superlu"):
+        engine_name()
+
+
+def test_an_engine_that_cannot_be_loaded_is_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """pypardiso without its MKL, say: installed, but its import fails."""
+    (tmp_path / "halved.py").write_text("raise ImportError('mkl_rt not found. Use X')")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delenv("SIDTOOL_FACTORS", raising=False)
+    for name in ("cholmod", "pardiso"):
+        monkeypatch.setitem(ENGINES, name, ("halved", ENGINES[name][1]))
+    assert engine_name() == "superlu"
+    monkeypatch.setenv("SIDTOOL_FACTORS", "pardiso")
+    with pytest.raises(InputError, match=r"not there \(mkl_rt not found\); expected"):
         engine_name()
 
 
