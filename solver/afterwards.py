@@ -100,29 +100,34 @@ class Replay:
         """
         if len(self.t) < 3:
             return 1.0
-        known = (self.t[::2].copy(), self.z[::2].copy(), self.v[::2].copy())
-        between = slice(1, 2 * len(known[0]) - 2, 2)
-        z, _ = self._between(known, self.t[between].copy())
+        thin, left_out = self._thinned()
+        z, _ = self._between((thin.t, thin.z, thin.v), self.t[left_out].copy())
         ranges = np.ptp(self.z, axis=0)
         moving = ranges > 1e-6 * ranges.max(initial=0.0)
-        errors = np.abs(z - self.z[between])[:, moving].max(axis=0) / ranges[moving]
+        errors = np.abs(z - self.z[left_out])[:, moving].max(axis=0) / ranges[moving]
         return float(errors.max(initial=0.0)) / 16.0
 
-    def unresolved(self) -> dict[str, float]:
+    def unresolved(self, known: dict[str, Array]) -> dict[str, float]:
         """How far each output is off where every other output time is left out, at
         these, relative to its range: about one for what varies faster than output
-        times follow, and sixteen times the error between them for what they follow."""
+        times follow, and sixteen times the error between them for what they follow.
+
+        known : the outputs at the times of the result, see `outputs`
+        """
         if len(self.t) < 3:
             return {}
-        t, z, v = (part[::2].copy() for part in (self.t, self.z, self.v))
-        thin = replace(self, t=t, z=z, v=v)
-        left_out = slice(1, 2 * len(thin.t) - 2, 2)
-        predicted, known = thin.outputs(self.t[left_out].copy()), self.outputs()
+        thin, left_out = self._thinned()
+        predicted = thin.outputs(self.t[left_out].copy())
         found = {}
         for name, values in known.items():
             size = max(np.ptp(values), _FLAT * np.abs(values).max(), _NOTHING)
             found[name] = float(np.abs(predicted[name] - values[left_out]).max() / size)
         return found
+
+    def _thinned(self) -> tuple[Replay, slice]:
+        """Every other state, and where those between them stand here."""
+        t, z, v = (part[::2].copy() for part in (self.t, self.z, self.v))
+        return replace(self, t=t, z=z, v=v), slice(1, 2 * len(t) - 2, 2)
 
     def _between(
         self, known: tuple[Array, Array, Array], times: Array

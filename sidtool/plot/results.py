@@ -122,9 +122,9 @@ def _dense(
     columns, again = played_outputs(result, names, t)
     if again is None:
         return t, columns, []
-    off = again.unresolved()
+    known = again.outputs()
+    off = again.unresolved(known)
     fast = [name for name in columns if off.get(name, 0.0) > _UNRESOLVED]
-    known = again.outputs() if fast else {}
     columns |= {name: np.interp(t, result.t, known[name]) for name in fast}
     followed = max((v / 16.0 for k, v in off.items() if k not in fast), default=0.0)
     return t, columns, [*_uncertain(max(followed, again.uncertainty())), *_fast(fast)]

@@ -12,7 +12,7 @@ from .axes import Variant
 from .finest import RunOf
 from .plan import Plan
 from .settings import tight
-from .tasks import Run
+from .tasks import Run, compiled
 
 
 def check_base(plan: Plan, names: Sequence[str], run_of: RunOf) -> None:
@@ -52,7 +52,7 @@ def _result(task: Run) -> Result:
     from sidtool.solver.errors import SimulationError
 
     try:
-        return simulate(task.compiled())
+        return simulate(compiled(task.scene, task.sids, task.programs))
     except SimulationError as stop:
         raise InputError(
             f"the scene as it is {stop}",

@@ -58,7 +58,7 @@ def convert(model: ModelFile) -> Converted:
 class Run:
     """A scene with its outputs that is run; not timed where once is enough.
 
-    programs : callables for `drives` and `forces` of `compile_scene`
+    programs : see `compiled`
     """
 
     scene: SceneFile
@@ -67,14 +67,13 @@ class Run:
     once: bool = False
     programs: Programs = field(default_factory=dict)
 
-    def compiled(self) -> System:
-        """The scene with its callables."""
-        from sidtool.solver import compile_scene
 
-        drives, forces = (self.programs.get(key) for key in ("drives", "forces"))
-        return compile_scene(
-            self.scene, Path("."), self.sids, drives=drives, forces=forces
-        )
+def compiled(scene: SceneFile, sids: Mapping[str, SID], programs: Programs) -> System:
+    """The scene with its callables for `drives` and `forces` of `compile_scene`."""
+    from sidtool.solver import compile_scene
+
+    drives, forces = (programs.get(key) for key in ("drives", "forces"))
+    return compile_scene(scene, Path("."), sids, drives=drives, forces=forces)
 
 
 def run(task: Run) -> Course:
@@ -82,7 +81,7 @@ def run(task: Run) -> Course:
     from sidtool.solver.errors import SimulationError
 
     try:
-        system = task.compiled()
+        system = compiled(task.scene, task.sids, task.programs)
         kernels = task.setting.integrator, task.scene.dimension
         if kernels not in _LOADED and not task.once:
             timed(system, task.setting, repeats=1)

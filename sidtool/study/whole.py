@@ -32,7 +32,7 @@ from .points import Point, point_of, skipped
 from .pool import each, pool
 from .reference import Reference, check_recorded
 from .settings import Setting
-from .tasks import Converted, Programs, Run, convert, run
+from .tasks import Converted, Programs, Run, compiled, convert, run
 
 #: Told what is done: a text, points that are done and all, and seconds that are left.
 Say = Callable[[str, int, int, float | None], None]
@@ -232,8 +232,7 @@ class _Study:
         asked = dict.fromkeys(self.outputs, 1.0)
         check_recorded(scene.outputs.record)
         names = requested(scene, sids, asked or 1.0).names
-        setting = self.plan.settings[0]
-        Run(recording(scene, names), sids, setting, programs=self.programs).compiled()
+        compiled(recording(scene, names), sids, self.programs)
         kept, dropped = comparable(names, scene, self.plan.varied, bool(asked))
         if not kept:
             raise InputError(
