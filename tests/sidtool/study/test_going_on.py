@@ -1,0 +1,98 @@
+"""Studies of the command: fronts, wishes, and what is not computed again."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import sidtool
+from sidtool.cli import run
+from sidtool.study import Ended, study
+from sidtool.study import whole as whole_module
+
+from ..accuracy.arms import swinging
+from .parts import ONE, written
+
+
+def test_finished_points_are_not_computed_again(
+    models: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After an end in the middle only the rest is run, and a wider study adds to it."""
+    calls: list[Any] = []
+    original = whole_module.run
+
+    def counted(task: Any) -> Any:
+        calls.append(task)
+        return original(task)
+
+    monkeypatch.setattr(whole_module, "run", counted)
+    keep, given = tmp_path / "points", {"arm": models[1:]}
+    again: dict[str, Any] = {"models": given, "settings": ONE, "keep": keep}
+
+    def stop() -> str:
+        return "enough" if len(calls) == 5 else ""
+
+    axes = {"modes": (1, 2, 3, 4)}
+    with pytest.raises(Ended, match="enough"):
+        study(swinging(0.4), axes, stop=stop, **again)
+    assert len(calls) == 5
+    first = study(swinging(0.4), axes, **again)
+    assert len(calls) == 3 + 4
+    monkeypatch.setattr(whole_module, "convert", lambda _: pytest.fail("converted"))
+    second = study(swinging(0.4), axes, **again)
+    assert len(calls) == 3 + 4
+    assert [p.error for p in second.points] == [p.error for p in first.points]
+    assert [p.seconds for p in second.points] == [p.seconds for p in first.points]
+    assert second.points[0].conversion == first.points[0].conversion > 0.0
+    study(swinging(0.41), axes | {"modes": (1,)}, **again)
+    assert len(calls) > 7
+
+
+def test_the_command_draws_fronts_and_goes_on(
+    models: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In two processes; a scene whose body is its model."""
+    path, out = written(tmp_path), tmp_path / "out"
+    command = ["study", str(path), "--over", "modes=1:2:3,terms=none:quadratic"]
+    command += ["--rtol", "1e-4", "--rtol", "1e-6", "-o", str(out), "--jobs"]
+    assert run([*command, "2"]) == 0
+    text = capsys.readouterr().out
+    assert "Least error for the time" in text and "Least error for the size" in text
+    with (out / "study.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 12 and {row["modes"] for row in rows} == {"1", "2", "3"}
+    points = sorted((out / "points").iterdir())
+    assert run([*command, "1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert sorted((out / "points").iterdir()) == points
+    assert [p["error"] for p in told["points"]] == [float(r["error"]) for r in rows]
+    assert "Pareto front" in (out / "study.svg").read_text()
+    assert run(["plot", str(out / "study.json"), "-o", str(tmp_path / "a.png")]) == 0
+    assert sidtool.read(out / "study.json").varied == ("modes", "terms", "integrator")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--over", "meshes"],
+        ["--over", "modes=few"],
+        ["--over", "frame=free"],
+        ["--over", "modes", "--model", "leg=iga.json"],
+        ["--over", "modes", "--model", "arm"],
+        ["--over", "reduction,modes", "--of", "arm.q1"],
+        ["--over", "modes", "--dask", "tcp://127.0.0.1:9"],
+    ],
+)
+def test_wrong_wishes_are_refused(
+    arguments: list[str],
+    models: list[Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = written(tmp_path)
+    assert run(["study", str(path), "--jobs", "1", *arguments]) == 2
+    assert "expected" in capsys.readouterr().err

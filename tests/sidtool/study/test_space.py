@@ -1,0 +1,71 @@
+"""`sidtool study --over` of a bar in space: meshes, reductions, frames, terms."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.model import ModelFile
+from sidtool.formats.scene import SceneFile
+from sidtool.solver import compile_scene, simulate
+from sidtool.study import study
+
+from .parts import ONE, bar, turning_bar
+
+
+def test_a_twisting_bar_is_studied_without_terms(tmp_path: Path) -> None:
+    """Its rotary inertia turns with it; that is no geometric stiffening to take out."""
+    path = tmp_path / "bar.json"
+    path.write_text(json.dumps(bar()))
+    scene = turning_bar()
+    axes = {"reduction": ("craig_bampton",), "terms": ("none", "quadratic")}
+    found = study(scene, axes, models={"bar": [path]}, settings=ONE)
+    assert [p.message for p in found.points] == [""] * 2
+
+
+def test_meshes_and_reductions_in_space(tmp_path: Path) -> None:
+    """Against runs of the same models that are made by hand."""
+    path = tmp_path / "bar.json"
+    path.write_text(json.dumps(bar()))
+    scene = turning_bar()
+    axes = {"mesh": (-1, 0), "reduction": ("modal", "craig_bampton")}
+    found = study(scene, axes, models={"bar": [path]}, settings=ONE, differ=2)
+    assert not any(p.message for p in found.points)
+    names = found.reference.names
+    size = {(p.choices["mesh"], p.choices["reduction"]): p.size for p in found.points}
+    assert size["0", "craig_bampton"] > size["0", "modal"] == size["-1", "modal"] == 4
+    richest = bar_by_hand(scene, names, 8, "craig_bampton")
+    scale = np.ptp(richest, axis=0)
+    for point in found.points:
+        elements = 8 if point.choices["mesh"] == "0" else 4
+        values = bar_by_hand(scene, names, elements, point.choices["reduction"])
+        expected = np.abs(values - richest).max(axis=0) / scale
+        assert list(point.errors.values()) == pytest.approx(expected, abs=2e-5)
+
+
+def bar_by_hand(
+    scene: SceneFile, names: tuple[str, ...], elements: int, method: str
+) -> np.ndarray:
+    model = ModelFile.model_validate(bar(elements, method))
+    sids = {"bar": sid_from_model(model, lambda _: None)}
+    system = compile_scene(scene, ".", sids)
+    result = simulate(system, integrator="radau13", rtol=1e-10)
+    return np.column_stack([result[name] for name in names])
+
+
+def test_frames_of_models_keep_their_interfaces(tmp_path: Path) -> None:
+    """What a tangent frame clamps is an interface of others: the same shape functions.
+
+    Without it the base of a chord would move as modes that are held at the tip allow.
+    """
+    path = tmp_path / "bar.json"
+    path.write_text(json.dumps(bar(method="craig_bampton")))
+    axes = {"frame": ("tangent", "chord", "buckens")}
+    found = study(turning_bar(), axes, models={"bar": [path]}, settings=ONE)
+    assert [p.message for p in found.points] == [""] * 3
+    assert len({p.size for p in found.points}) == 1
+    assert max(p.error for p in found.points) < 1e-2
