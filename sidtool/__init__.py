@@ -111,8 +111,18 @@ __all__ = sorted(_HOME)
 def __getattr__(name: str) -> Any:
     """Import on first use, so that the command line answers at once."""
     if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        raise AttributeError(_unknown(name), name=name)
     return getattr(import_module(_HOME[name]), name)
+
+
+def _unknown(name: str) -> str:
+    """With `name` given, Python adds no suggestion of its own, as few places do."""
+    from difflib import get_close_matches
+
+    folded = {known.lower(): known for known in __all__}
+    near = get_close_matches(name.lower(), folded, n=1)
+    there = f"perhaps {folded[near[0]]}" if near else "dir(sidtool) lists all"
+    return f"module {__name__!r} has no attribute {name!r}; {there}"
 
 
 def __dir__() -> list[str]:

@@ -227,7 +227,13 @@ def _scene_of(
     for name in lost_laws(scene, laws):
         del content["drives" if name in scene.drives else "forces"][name]
     content["outputs"] = {"record": list(record)}
-    return validated(content, SceneFile, source="scene of the result")
+    try:
+        return validated(content, SceneFile, source="scene of the result")
+    except InputError as error:
+        if not (error.place or "").startswith("outputs."):
+            raise
+        # Asked for by name: not a mistake of the scene.
+        raise InputError(error.problem, expected=error.expected) from None
 
 
 def _columns(table: Array, known: tuple[str, ...], wanted: tuple[str, ...]) -> Array:

@@ -81,7 +81,14 @@ from .outputs import (
 from .times import OutputTimes, output_times
 from .units import unit_of
 from .wanted import Tolerance, tolerance
-from .wildcards import expanded, has_wildcard, known_outputs, matching, owners
+from .wildcards import (
+    expanded,
+    has_wildcard,
+    known_outputs,
+    matching,
+    owners,
+    rarer_outputs,
+)
 
 __all__ = [
     "Accuracy",
@@ -174,6 +181,7 @@ __all__ = [
     "parse_expression",
     "parse_output",
     "position_3d",
+    "rarer_outputs",
     "read_scene",
     "rotation",
     "tolerance",

@@ -1,8 +1,9 @@
 """Outputs that a name with wildcards stands for.
 
 `*` stands for any letters within one part of a name: `rod.*.ux`, `*.x`, `bearing.*`.
-Wildcards do not find velocities in body axes (`vx_body`), orientations as quaternions
-or rotation vectors, momenta of bodies, nor, in planar scenes, what is zero there.
+Velocities in body axes (`vx_body`), orientations as quaternions or rotation vectors,
+rotation of markers and momenta of bodies are found where nothing else is: `rod.*` does
+not mean them, `rod.*_body` does. What is zero in planar scenes is not found there.
 `JOINT.f*` means all multipliers of a joint.
 """
 
@@ -10,24 +11,30 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from ..errors import InputError
 from ..sid import SID
 from ..stress import stress_nodes
-from .bodies import SidBody
+from .bodies import RigidBody, SidBody
+from .checks.failures import known_names
 from .joints import marker_names
 from .laws import states_of
 from .outputs import (
     ELASTIC,
     FRICTION_QUANTITIES,
+    IN_BODY,
+    MOMENTA,
     MULTIPLIER,
+    ORIENTATIONS,
     PEAK_STRESS,
     RATE,
     SCENE_QUANTITIES,
     STATE,
     STRESSES,
+    TURNING,
     VALUE,
+    VELOCITIES,
 )
 
 if TYPE_CHECKING:
@@ -41,6 +48,14 @@ _BODY = {"spatial": ("angle", "wx", "wy", "wz"), "planar": ("angle", "wz")}
 _WRENCH = {
     "spatial": ("fx", "fy", "fz", "mx", "my", "mz"),
     "planar": ("fx", "fy", "mz"),
+}
+_RARE = {
+    "spatial": (*(v + IN_BODY for v in VELOCITIES), *ORIENTATIONS, *MOMENTA),
+    "planar": ("vx_body", "vy_body", "momentum_x", "momentum_y", "angular_momentum_z"),
+}
+_RARE_OF_MARKER = {
+    "spatial": (*TURNING, *ORIENTATIONS),
+    "planar": _BODY["planar"],
 }
 _DISPLACEMENT = {"spatial": ("ux", "uy", "uz"), "planar": ("ux", "uy")}
 
@@ -81,15 +96,31 @@ def expanded(
     if any("*" in text for text in texts):
         known = list(known_outputs(scene, sids))
     for text in texts:
-        names = matching(text, known) if _is_pattern(text) else [text]
+        names = [text]
+        if _is_pattern(text):
+            names = matching(text, known) or matching(text, rarer_outputs(scene))
         if not names and has_wildcard(text):
-            raise InputError(
-                f"{text!r} stands for no output of this scene",
-                place=place or None,
-                expected=f"a part of {', '.join(owners(known))}",
-            )
+            _fail(text, known, place)
         found |= dict.fromkeys(names)
     return tuple(found)
+
+
+def _fail(pattern: str, known: list[str], place: str) -> NoReturn:
+    """Raise a pattern that finds nothing: its owner is not there, or has no such."""
+    owner, _, quantity = pattern.rpartition(".")
+    fits = matching(owner, owners(known))
+    if fits:
+        found = f"{fits[0]} has no output {quantity!r}"
+        listed = (n.rpartition(".") for n in known)
+        expected = "one of " + ", ".join(q for o, _, q in listed if o == fits[0])
+    else:
+        found = f"nothing in this scene is called {owner!r}"
+        expected = known_names(owner, owners(known), "part")
+    raise InputError(
+        f"{pattern!r} stands for no output, as {found}",
+        place=place or None,
+        expected=expected,
+    )
 
 
 def owners(names: Iterable[str]) -> list[str]:
@@ -97,8 +128,24 @@ def owners(names: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(name.rpartition(".")[0] for name in names))
 
 
+def quantities_of(owner: str, scene: SceneFile) -> list[str]:
+    """What a part of a scene has, as far as that is known without its SIDs."""
+    names = (name.rpartition(".") for name in known_outputs(scene, {}))
+    return [quantity for found, _, quantity in names if found == owner]
+
+
+def rarer_outputs(scene: SceneFile) -> Iterator[str]:
+    """What wildcards find where `known_outputs` has nothing for them."""
+    for name, body in scene.bodies.items():
+        point_mass = isinstance(body, RigidBody) and body.inertia is None
+        rare = _RARE[scene.dimension]
+        yield from _named(name, [q for q in rare if q in MOMENTA or not point_mass])
+        for marker in () if point_mass else body.markers:
+            yield from _named(f"{name}.{marker}", _RARE_OF_MARKER[scene.dimension])
+
+
 def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:
-    """All outputs of a scene that wildcards find; see the top of this module."""
+    """The outputs of a scene that wildcards find first; see the top of this module."""
     dimension = scene.dimension
     for name, body in scene.bodies.items():
         yield from _named(name, (*_POINT[dimension], *_BODY[dimension]))

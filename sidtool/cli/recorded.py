@@ -81,15 +81,14 @@ def outputs(
 def _listed(content: object) -> str:
     """Names of all outputs, a line for each owner."""
     from sidtool.formats.result import Result
-    from sidtool.formats.scene import known_outputs, owners
+    from sidtool.formats.scene import known_outputs, owners, rarer_outputs
     from sidtool.solver.afterwards import scene_of
 
     from ..report.tables import named
 
     assert isinstance(content, Result)
-    known = dict.fromkeys(
-        [*content.names, *known_outputs(scene_of(content), content.sids)]
-    )
+    scene = scene_of(content)
+    known = dict.fromkeys([*content.names, *known_outputs(scene, content.sids)])
     lines = []
     for owner in owners(known):
         quantities = [
@@ -98,4 +97,11 @@ def _listed(content: object) -> str:
         marks = ["*" if f"{owner}.{q}" in content.names else "" for q in quantities]
         pairs = zip(quantities, marks, strict=True)
         lines.append((owner, " ".join(q + mark for q, mark in pairs)))
-    return named(lines)
+    rare: dict[str, list[str]] = {"BODY": [], "BODY.MARKER": []}
+    for name in rarer_outputs(scene):
+        owner, _, quantity = name.rpartition(".")
+        kind = rare["BODY.MARKER" if "." in owner else "BODY"]
+        if quantity not in kind:
+            kind.append(quantity)
+    also = [(f"each {kind}", " ".join(names)) for kind, names in rare.items() if names]
+    return named([*lines, *also])

@@ -157,9 +157,10 @@ def _notes(
     mean = np.pad(own.mean(axis=0), (0, 3 - body.dimension))
     gap = float(np.linalg.norm(place.position - mean))
     if gap > _SAME * size:
+        where = described(place.position, size)
         yield (
-            f"marker {name} stands at {described(place.position)}, {place.reason}; the "
-            f"mean of its {count} nodes is {gap:.3g} m away{_hint(body, held, place)}"
+            f"marker {name} stands at {where}, {place.reason}; the mean of its "
+            f"{count} nodes is {gap:.3g} m away{_hint(body, held, place)}"
         )
     if tie.type == "rigid":
         return
@@ -187,9 +188,10 @@ def _hint(body: FiniteElementModel, held: _Held, place: _Place) -> str:
     return f', and that of the cylinder {gap:.3g} m: at = "axis" puts it there'
 
 
-def described(position: Array) -> str:
-    """A place for the user [m]."""
-    return f"({', '.join(f'{x:.6g}' for x in position)}) m"
+def described(position: Array, size: float) -> str:
+    """A place for the user [m]; what is rounding beside a size is zero."""
+    told = np.where(np.abs(position) < 1e-9 * size, 0.0, position)
+    return f"({', '.join(f'{x:.6g}' for x in told)}) m"
 
 
 def _nodes(body: FiniteElementModel, tie: Tie, place: str) -> Indices:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from sidtool import Scene
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import expanded, has_wildcard, known_outputs, read_scene
 from sidtool.formats.sid_files import read_sid
@@ -24,6 +25,10 @@ from tests.places import SLIDER_CRANK
         ("piston.x", ["piston.x"]),
         ("bearing.f*", ["bearing.f*"]),
         ("energy.e*", ["energy.elastic"]),
+        ("cra*.v*_body", ["crank.vx_body", "crank.vy_body"]),
+        ("piston.mom*", ["piston.momentum_x", "piston.momentum_y"]),
+        ("rod.piston*.w*", ["rod.piston_pin.wz"]),
+        ("piston.w*", ["piston.wz"]),
     ],
 )
 def test_patterns(pattern: str, names: list[str]) -> None:
@@ -35,8 +40,58 @@ def test_patterns(pattern: str, names: list[str]) -> None:
 
 def test_nothing_found_is_told() -> None:
     scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
-    with pytest.raises(InputError, match="stands for no output"):
+    with pytest.raises(InputError, match=r"called 'rot'; expected .*perhaps rod$"):
         expanded(["rot.*"], scene, {})
+    with pytest.raises(InputError, match=r"no output 'k\*'; expected one of x, y, vx"):
+        expanded(["pist*.k*"], scene, {})
+
+
+def test_wildcards_find_what_the_whole_of_a_body_leaves_out() -> None:
+    """Each name is one of the scene; those in body axes are zero in the plane."""
+    scene = Scene(
+        dimension="spatial",
+        time={"end": 1.0, "output_step": 1.0},
+        bodies={
+            "top": {"mass": 1.0, "inertia": [1.0] * 3, "markers": {"tip": {}}},
+            "bob": {"mass": 1.0},
+        },
+    )
+    found = expanded(["*.w*_body", "*.quaternion_0", "top.tip.rot*"], scene, {})
+    assert found[:3] == ("top.wx_body", "top.wy_body", "top.wz_body")
+    assert found[3:] == ("top.quaternion_0", *(f"top.tip.rotation_{i}" for i in "xyz"))
+    assert not set(found) & set(expanded(["top.*", "top.tip.*"], scene, {}))
+    assert scene.with_({"outputs.record": list(found)}).outputs.record == found
+
+
+@pytest.mark.parametrize(
+    ("name", "match"),
+    [
+        ("slider.x", "the joint slider has no 'x'; expected one of displacement"),
+        ("motor.angle", "the drive motor has no 'angle'; expected one of fx, fy, mz"),
+        ("push.length", "the force push has no 'length'; expected one of fx, fy, mz"),
+        ("push.force", "the force push has no 'force'; expected one of fx, fy, mz"),
+        ("puss.fx", "no joint, drive or force 'puss'; expected .*perhaps push"),
+    ],
+)
+def test_what_connections_have_is_told(name: str, match: str) -> None:
+    scene = Scene(
+        dimension="planar",
+        time={"end": 1.0, "output_step": 1.0},
+        bodies={"cart": {"mass": 1.0, "inertia": 1.0}},
+        joints={"slider": {"type": "prismatic", "markers": ["ground", "cart"]}},
+        drives={
+            "motor": {"joint": "slider", "function": {"type": "constant", "value": 0}}
+        },
+        forces={
+            "push": {
+                "type": "spring_damper",
+                "markers": ["ground", "cart"],
+                "stiffness": 1.0,
+            }
+        },
+    )
+    with pytest.raises(InputError, match=match):
+        scene.with_({"outputs.record": [name]})
 
 
 def test_all_known_names_are_valid(tmp_path: Path) -> None:

@@ -187,6 +187,7 @@ def test_the_command_lists_what_there_is(
     lines = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines())
     assert "q1*" in lines["rod"] and "vq1" in lines["rod"]
     assert "angle_rate" in lines["bearing"]
+    assert "vx_body" in lines["each BODY"] and "wz" in lines["each BODY.MARKER"]
 
 
 def test_the_command_refuses_what_it_cannot_do(
@@ -200,3 +201,4 @@ def test_the_command_refuses_what_it_cannot_do(
     )
     text = capsys.readouterr().err
     assert all(w in text for w in ("has no marker 'tip'", "would be", "a sid file"))
+    assert "scene of the result" not in text  # which is not what is wrong

@@ -229,3 +229,17 @@ def test_the_page_on_python_runs(
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     exec("".join(blocks), {})
     assert len(blocks) >= 4 and (tmp_path / "pendulum.toml").is_file()
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("Revolut", "perhaps Revolute"),
+        ("spring_damper", "perhaps SpringDamper"),
+        ("xyz", r"dir\(sidtool\) lists all"),
+    ],
+)
+def test_an_unknown_name_suggests_the_nearest(name: str, told: str) -> None:
+    """In notebooks, too, where Python's own suggestion is not shown."""
+    with pytest.raises(AttributeError, match=f"no attribute '{name}'; {told}$"):
+        getattr(sidtool, name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from ...errors import InputError
@@ -34,7 +35,7 @@ from ..values import (
     check_time,
 )
 from ..wanted import check_wanted
-from ..wildcards import has_wildcard
+from ..wildcards import has_wildcard, quantities_of
 from .failures import fail, known_names
 from .forces import check_force
 from .joints import check_drives, check_joint
@@ -113,6 +114,8 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
     try:
         name = parse_output(text)
     except InputError as error:
+        owner, _, quantity = text.partition(".")
+        _check_connection(owner, quantity, place, scene)
         raise InputError(error.problem, place=place, expected=error.expected) from None
     if name.owner in SCENE_QUANTITIES:
         return
@@ -139,10 +142,12 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
     if not name.marker and is_of_joint(name.quantity):
         told = name.quantity in JOINT_QUANTITIES and name.owner in scene.forces
         if name.owner not in [*scene.joints, *scene.drives] and not told:
-            expected = known_names(name.owner, scene.joints, "joint")
-            fail(place, f"there is no joint {name.owner!r}", expected)
+            known = [*scene.joints, *scene.drives, *scene.forces]
+            expected = known_names(name.owner, known, "joint, drive or force")
+            fail(place, f"there is no joint, drive or force {name.owner!r}", expected)
         return
     if name.owner == "ground" or name.owner not in scene.bodies:
+        _check_connection(name.owner, name.quantity, place, scene)
         expected = known_names(name.owner, scene.bodies, "body")
         fail(place, f"there is no body {name.owner!r}", expected)
     body = scene.bodies[name.owner]
@@ -152,6 +157,16 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         check_reference(f"{name.owner}.{name.marker}", place, scene)
     elif is_elastic(name.quantity) and isinstance(body, RigidBody):
         fail(place, f"{name.owner} is rigid", "elastic coordinates of a SID body")
+
+
+def _check_connection(owner: str, quantity: str, place: str, scene: SceneFile) -> None:
+    """Raise what joints, drives and forces do not have, with what they have."""
+    tables: dict[str, Mapping[str, object]]
+    tables = {"joint": scene.joints, "drive": scene.drives, "force": scene.forces}
+    for kind, table in tables.items():
+        if owner in table and owner not in scene.bodies:
+            found = f"the {kind} {owner} has no {quantity!r}"
+            fail(place, found, "one of " + ", ".join(quantities_of(owner, scene)))
 
 
 def _check_state(name: OutputName, place: str, scene: SceneFile) -> None:
@@ -169,6 +184,7 @@ def _check_coordinate(
 ) -> None:
     """Coordinates of joints and their rates; bodies have an angle, too."""
     if owner not in scene.joints:
+        _check_connection(owner, coordinate, place, scene)
         expected = known_names(owner, scene.joints, "joint")
         fail(place, f"there is no joint {owner!r}", expected)
     joint = scene.joints[owner]
