@@ -44,6 +44,7 @@ class MarkerRows:
     gradient : (9, ndof) sparse; derivative of u_a by x_b = row 3 a + b, internal modes
         of the elements included
     tangent : (3,) direction of the beam whose cross-section it is
+    nodal : `displacement` without the internal modes of the elements, if they have some
     """
 
     name: str
@@ -53,6 +54,7 @@ class MarkerRows:
     rotation: sp.csr_matrix
     gradient: sp.csr_matrix | None = None
     tangent: Array | None = None
+    nodal: sp.csr_matrix | None = None
 
 
 def still(name: str, node: int, position: Array, ndof: int) -> MarkerRows:
@@ -64,11 +66,13 @@ def still(name: str, node: int, position: Array, ndof: int) -> MarkerRows:
 def carried(marker: MarkerRows, position: Array) -> MarkerRows:
     """A marker at another place that moves as a rigid arm of this one."""
     place = np.pad(position, (0, 3 - position.size))
-    arm = sp.csr_matrix(-skew((place - marker.position)[None])[0])
+    turn = sp.csr_matrix(-skew((place - marker.position)[None])[0]) @ marker.rotation
+    nodal = marker.nodal
     return replace(
         marker,
         position=place,
-        displacement=sp.csr_matrix(marker.displacement + arm @ marker.rotation),
+        displacement=sp.csr_matrix(marker.displacement + turn),
+        nodal=None if nodal is None else sp.csr_matrix(nodal + turn),
     )
 
 

@@ -10,6 +10,7 @@ from ..conversion.coupled import coupled
 from ..conversion.interfaces import tied
 from .beams.model import beam_model
 from .finite_element_model import FiniteElementModel
+from .held_nodes import as_their_nodes
 from .iga import iga_model
 from .imported.matrices import imported_matrices_model
 from .imported.mesh import imported_mesh_model
@@ -43,4 +44,4 @@ def finite_element_model(model: ModelFile) -> FiniteElementModel:
     InputError : names the key that is wrong.
     """
     body = FRONTENDS[model.geometry.type, model.discretisation.type](model)
-    return tied(coupled(body), model)
+    return as_their_nodes(tied(coupled(body), model), model)

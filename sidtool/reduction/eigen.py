@@ -131,11 +131,18 @@ def _dense_space(pencil: Pencil, count: int) -> Array:
         mass, shifted = (basis.T @ matrix @ basis for matrix in (mass, shifted))
     wanted = [len(mass) - count, len(mass) - 1]
     try:
-        _, vectors = scipy.linalg.eigh(mass, shifted, subset_by_index=wanted)
+        vectors = scipy.linalg.eigh(mass, shifted, subset_by_index=wanted)[1]
+    except np.linalg.LinAlgError:  # inverse iteration may fail where many are equal
+        vectors = _all_vectors(mass, shifted)[:, len(mass) - count :]
+    return vectors if basis is None else basis @ vectors
+
+
+def _all_vectors(mass: Array, shifted: Array) -> Array:
+    try:
+        return np.asarray(scipy.linalg.eigh(mass, shifted)[1], float)
     except np.linalg.LinAlgError:
         text = "the stiffness does not resist every deformation"
         raise RuntimeError(text) from None
-    return vectors if basis is None else basis @ vectors
 
 
 def _ritz(

@@ -149,6 +149,8 @@ class _Pardiso:
             raise RuntimeError(str(error)) from None
 
     def solve(self, load: Array) -> Array:
+        if not load.size:  # which PARDISO calls an inconsistent input
+            return np.zeros(load.shape)
         return self._solver.solve(self._upper, load)
 
 

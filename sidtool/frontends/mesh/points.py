@@ -10,6 +10,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import NodeMarker
 
 from ..elements.continuum import Continuum, half_curl
+from ..elements.internal_modes import internal_values
 from ..elements.reduced_integration import extrapolation
 from ..elements.reference import ReferenceElement, reference_element
 from ..elements.solid import ElementBatch, internal_amplitudes
@@ -70,13 +71,12 @@ class MeshPoints:
         self._boxes = [_boxes(mesh.positions[block.nodes]) for block in mesh.blocks]
 
     def rows(self, name: str, node: int, position: ArrayLike) -> MarkerRows:
-        """The rows of a marker: displacement there, by the nodes, and half the curl of
-        the displacement, averaged over the elements that meet there.
+        """The rows of a marker: displacement there, and half the curl of the
+        displacement, averaged over the elements that meet there.
 
-        Internal modes turn the marker, too: where only one element is, as at a loaded
-        end, rotations without them would be of first order in its size. What they move
-        a point inside is of second order, and not there: beside clamped nodes nothing
-        moves.
+        Internal modes move and turn the marker, too: without them an arm would be a
+        chain of straight pieces between its nodes, and where only one element is, as
+        at a loaded end, rotations would be of first order in its size.
 
         Raises
         ------
@@ -105,25 +105,22 @@ class MeshPoints:
         self, name: str, node: int, target: Array, found: list[_Holder]
     ) -> MarkerRows:
         d, ndof = self.mesh.dimension, self.mesh.positions.size
-        number, row, where = found[0]
-        block = self.mesh.blocks[number]
-        values, _ = reference_element(block.kind).at(where[None])
-        nodes = block.nodes[row]
-        coefficients = np.zeros((3, len(nodes), d))
-        coefficients[range(d), :, range(d)] = values[0]
         gradient, strain = sp.csr_matrix((9, ndof)), sp.csr_matrix((9, ndof))
+        nodal, inside = self._nodal(*found[0]), sp.csr_matrix((3, ndof))
         for holder in found:
             own = self._gradient(*holder)
             gradient = gradient + own
             strain = strain + self._strain_gradient(*holder, own)
+            inside = inside + self._inside(*holder)
         share = 1 / len(found)
         return MarkerRows(
             name=name,
             node=node,
             position=np.pad(target, (0, 3 - d)),
-            displacement=_sparse(coefficients, nodes, ndof),
+            displacement=sp.csr_matrix(nodal + inside * share),
             rotation=half_curl(sp.csr_matrix(gradient * share)),
             gradient=sp.csr_matrix(strain * share),
+            nodal=nodal if inside.nnz else None,
         )
 
     def _holders(self, target: Array) -> list[_Holder]:
@@ -168,6 +165,24 @@ class MeshPoints:
             f"({text}) lies in no element",
             expected=f"a point of the mesh; the nearest node is at ({closest})",
         )
+
+    def _nodal(self, number: int, row: int, where: Array) -> sp.csr_matrix:
+        """(3, ndof) displacement by the nodes of one element."""
+        block, d = self.mesh.blocks[number], self.mesh.dimension
+        values, _ = reference_element(block.kind).at(where[None])
+        rows = np.zeros((3, block.nodes.shape[1], d))
+        rows[range(d), :, range(d)] = values[0]
+        return _sparse(rows, block.nodes[row], self.mesh.positions.size)
+
+    def _inside(self, number: int, row: int, where: Array) -> sp.csr_matrix:
+        """(3, ndof) displacement by the internal modes of one element."""
+        nodes, d = self.mesh.blocks[number].nodes[row], self.mesh.dimension
+        values = internal_values(where)
+        rows = np.zeros((3, len(nodes), d))
+        if self._relieved(number) and np.abs(values).max() > _SLACK:
+            amplitudes = self._amplitudes(number, self._element(number, row))
+            rows[:d] = np.einsum("k,kcmd->cmd", values, amplitudes)
+        return _sparse(rows, nodes, self.mesh.positions.size)
 
     def _gradient(self, number: int, row: int, where: Array) -> sp.csr_matrix:
         nodes = self.mesh.blocks[number].nodes[row]
