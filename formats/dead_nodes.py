@@ -6,11 +6,13 @@ import numpy as np
 
 from .errors import InputError
 from .sid import SID, Node
+from .storage.kept import kept
 
 #: Relative size below which a shape function counts as zero.
 _NOTHING = 1e-9
 
 
+@kept
 def dead_nodes(sid: SID) -> tuple[str, ...]:
     """Ids of nodes where all shape functions vanish though the frame is elsewhere.
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property, lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -63,6 +63,7 @@ J_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 OE_INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 
 
+@lru_cache(maxsize=4096)
 def block_shape(name: str, nq: int) -> tuple[int, int]:
     """Rows and columns of a body block or node entry for nq elastic coordinates."""
     shape = BLOCK_SHAPES.get(name) or NODE_SHAPES[name]
@@ -344,12 +345,17 @@ def rigid_sid(
     """
     tensor = np.asarray(inertia, float)
     six = np.array([[tensor[pair]] for pair in J_INDICES])
+    moment = Taylor(mass * np.asarray(centre, float).reshape(3, 1))
     blocks: dict[str, Any] = {
-        name: Taylor(np.zeros(block_shape(name, 0))) for name in BLOCK_SHAPES
+        name: _zero(block_shape(name, 0)) for name in BLOCK_SHAPES
     }
-    blocks["mdCM"] = Taylor(mass * np.asarray(centre, float).reshape(3, 1))
-    blocks["J"] = Taylor(six)
+    blocks |= {"mdCM": moment, "J": Taylor(six)}
     return SID(mass=float(mass), labels=(), nodes=nodes, **blocks)
+
+
+@cache
+def _zero(shape: tuple[int, int]) -> Taylor:
+    return Taylor(np.zeros(shape))
 
 
 def rigid_node(
@@ -363,7 +369,7 @@ def rigid_node(
     rotation : (3, 3) node frame to body frame, identity by default
     """
     frame = np.eye(3) if rotation is None else rotation
-    empty = Taylor(np.zeros((3, 0)))
+    empty = _zero((3, 0))
     return Node(
         id=node_id,
         origin=Taylor(np.asarray(position, float).reshape(3, 1)),

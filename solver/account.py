@@ -73,7 +73,6 @@ def result_of(
         },
         settings=_settings(run),
         events=tuple(sorted(recorder.events, key=lambda event: event.t)),
-        scene=made_with(system.scene, run.settings),
         sids=system.sids,
         versions=versions(),
         completed=not failure,
@@ -81,6 +80,8 @@ def result_of(
         if failure
         else _event_at_the_end(run),
     )
+    scene, settings = system.scene, run.settings
+    known = known.late(lambda: {"scene": made_with(scene, settings)}, "scene")
     return known.late(lambda: _told(run), "bodies", "notes")
 
 

@@ -71,7 +71,7 @@ class Result:
     settings: Mapping[str, Scalar] = field(default_factory=dict)
     bodies: Mapping[str, FlexibleBody] = field(default_factory=dict)
     events: tuple[Event, ...] = ()
-    scene: str = ""
+    scene: str = field(default_factory=str)
     sids: Mapping[str, SID] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default_factory=tuple)
@@ -86,30 +86,34 @@ class Result:
         names : of fields without a default value in the class
         """
         made = object.__new__(type(self))
-        made.__dict__.update(self.__dict__, _late=find, _lock=Lock())
+        late = self.__dict__.get("_late", {}) | dict.fromkeys(names, find)
+        made.__dict__.update(self.__dict__, _late=late, _lock=Lock())
         for name in names:
-            del made.__dict__[name]
+            made.__dict__.pop(name, None)
         return made
 
-    def _found(self) -> None:
-        """Finds the fields that are still to be found."""
+    def _find(self, name: str) -> None:
+        """Finds a field that is still to be found, and those that come with it."""
         with self.__dict__.get("_lock", Lock()):
-            find = self.__dict__.pop("_late", None)
-            if find is not None:
-                self.__dict__.update(find())
+            late = self.__dict__.get("_late", {})
+            if name in late:
+                found = late[name]()
+                left = {n: find for n, find in late.items() if n not in found}
+                self.__dict__.update(found, _late=left)
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
             if name in type(self).__dataclass_fields__:
-                self._found()
+                self._find(name)
             if name in self.__dict__:
                 return self.__dict__[name]
             raise AttributeError(f"a result has no {name!r}")
 
     def __getstate__(self) -> dict[str, Any]:
-        self._found()
-        return {k: v for k, v in self.__dict__.items() if k != "_lock"}
+        for name in self.__dict__.get("_late", {}):
+            self._find(name)
+        return {k: v for k, v in self.__dict__.items() if k not in ("_late", "_lock")}
 
     def __post_init__(self) -> None:
         for table, names in TABLES.items():

@@ -81,10 +81,12 @@ def check_rigid_body(body: RigidBody, place: str, dimension: str) -> None:
         wanted = "a number" if dimension == "planar" else "[xx, yy, zz] or 3 x 3"
         fail(place, f"does not fit a {dimension} scene", wanted)
     inertia = np.array(body.inertia, float)
-    tensor = np.diag(np.atleast_1d(inertia)) if inertia.ndim < 2 else inertia
-    if not np.allclose(tensor, tensor.T, rtol=1e-9, atol=0):
-        fail(place, "is not symmetric", "a symmetric 3 x 3 matrix")
-    if np.linalg.eigvalsh(tensor)[0] < -1e-12 * np.abs(tensor).max():
+    principal = inertia
+    if inertia.ndim == 2:
+        if not np.allclose(inertia, inertia.T, rtol=1e-9, atol=0):
+            fail(place, "is not symmetric", "a symmetric 3 x 3 matrix")
+        principal = np.linalg.eigvalsh(inertia)
+    if principal.min() < -1e-12 * np.abs(inertia).max():
         fail(place, "is negative", "inertia that is not negative")
 
 

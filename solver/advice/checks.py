@@ -124,7 +124,8 @@ def _check_torques(system: System) -> None:
 
 
 def _check_orientations(system: System) -> None:
-    bodies = {data.name: data for data in system.bodies}
+    """Of SIDs; those of rigid bodies are made of what the scene says."""
+    bodies = {data.name: data for data in system.bodies if data.given is not None}
     for what, place, (body, marker) in attachments(system.scene):
         if body not in bodies:
             continue

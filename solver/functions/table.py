@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial import polynomial
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
@@ -200,19 +200,14 @@ def check_jumps(
     ------
     InputError : names the time and the size of the jump.
     """
-    curves = [np.polynomial.Polynomial(c) for c in pieces.terms]
+    ends = np.append(pieces.starts[1:], max(span[1], pieces.starts[-1]))
+    places = np.linspace(0.0, 1.0, 5)[:, None] * (ends - pieces.starts)
     for order, what in enumerate(("jumps", "jumps in its rate")[:joined]):
-        ends = [*pieces.starts[1:], max(span[1], pieces.starts[-1])]
-        values = [
-            (float(p.deriv(order)(0.0)), float(p.deriv(order)(end - start)))
-            for p, start, end in zip(curves, pieces.starts, ends, strict=True)
-        ]
-        largest = max(
-            float(np.max(np.abs(p.deriv(order)(np.linspace(0.0, end - start, 5)))))
-            for p, start, end in zip(curves, pieces.starts, ends, strict=True)
-        )
-        for t, (left, right) in zip(pieces.starts[1:], pairwise(values), strict=True):
-            jump = right[0] - left[1]
+        terms = polynomial.polyder(pieces.terms.T, order)
+        values = polynomial.polyval(places, terms, tensor=False)
+        largest = np.abs(values).max()
+        jumps = values[0, 1:] - values[-1, :-1]
+        for t, jump in zip(pieces.starts[1:], jumps, strict=True):
             if span[0] < t < span[1] and abs(jump) > SAME * largest:
                 raise InputError(
                     f"{what} by {jump:.6g} at t = {t:.9g} s",

@@ -18,6 +18,7 @@ from sidtool.formats.sid import Array
 from ..space import layout as at
 from ..system import kernel_calls
 from ..system.scene import System
+from ..system.storage import new_work
 from .alignment import align, check_alignment
 from .conflicts import conflict_at_start, conflict_of_rates, conflict_soon
 from .consistent import (
@@ -54,8 +55,9 @@ def assemble(system: System) -> tuple[System, Start]:
     ------
     InputError : the start position cannot be reached, or constraints contradict.
     """
-    system = with_whole_turns(system)
-    state = State(system, guess(system))
+    work = new_work(system)
+    system = with_whole_turns(system, work)
+    state = State(system, guess(system), work)
     _check_held(state)
     if system.n_rows > 0:
         system = _closed(system, state)
@@ -184,6 +186,8 @@ def _reach_velocities(state: State) -> None:
     state.evaluate()
     system = state.system
     rates = state.work.row[:, at.C_RATE].copy()
+    if not rates.any():
+        return
     change, left = state.smallest(-rates)
     state.v += change
     state.evaluate()

@@ -102,14 +102,17 @@ def _elastic(initial: object, key: str, data: object) -> Array:
 class State:
     """The state in hand, with dense matrices of its constraints.
 
+    work : of the system, default a new one
     sizes : (rows,) what is large for each constraint, see `sizes.row_sizes`
     stiffness : share of tau^2 K in the metric
     """
 
-    def __init__(self, system: System, start: Start) -> None:
+    def __init__(
+        self, system: System, start: Start, work: at.Work | None = None
+    ) -> None:
         self.system = system
         self.z, self.v = start.z.copy(), start.v.copy()
-        self.work = new_work(system)
+        self.work = work or new_work(system)
         self.memory: Memory = new_memory(system, 0)
         self.t = system.scene.time.start
         self.free = _free_coordinates(system)
@@ -240,6 +243,8 @@ class State:
         bodies = []
         for row in self.system.arrays.body:
             n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
+            if n == 0:
+                continue
             part = slice(first, first + n)
             bodies.append((part, blocks[o : o + n * n].reshape(n, n)))
         inertia = sum(W.diagonal() @ sizes[part] ** 2 for part, W in bodies)

@@ -360,6 +360,7 @@ def amplitudes(sid: SID, axes: int) -> Array:
     return np.max([mean, *sizes], axis=0)
 
 
+@kept
 def frequencies(sid: SID) -> Array:
     """Angular frequency of each elastic coordinate alone [rad/s], (nq,)."""
     mass = np.maximum(np.diag(sid.Me.m0), 1e-300)
