@@ -23,7 +23,7 @@ from sidtool.formats.sid_files import read_sid
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "slider_crank"
 FILES = ("slider_crank.toml", "rod_q4.SID_FEM")
-SIMULATE = ("simulate", FILES[0], "--rtol", "1e-3", "-o", "r.h5", "--csv", "r.csv")
+SIMULATE = ("simulate", FILES[0], "--rtol", "1e-3", "-o", "r.h5", "-o", "r.csv")
 COMMANDS: dict[str, tuple[str, ...]] = {
     "convert": ("convert", FILES[1], "-o", "rod.h5"),
     "simulate": SIMULATE,

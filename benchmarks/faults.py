@@ -156,7 +156,7 @@ def full_disks(c: Campaign) -> None:
             if not mounted:
                 c.say("  no full disks: nothing can be mounted here")
                 return
-            targets = ("-o", "disk/r.h5", "--csv", "disk/r.csv")
+            targets = ("-o", "disk/r.h5", "-o", "disk/r.csv")
             found = c.run((*SIMULATE[:4], *targets), folder, c.cache, (0, 1))
             found += c.half_written(folder / "disk")
             if list((folder / "disk").glob(".*")):

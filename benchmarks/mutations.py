@@ -112,7 +112,7 @@ def commands(file: Path, content: bytes) -> list[tuple[str, ...]]:
     if file.suffix != ".toml":
         return [info, ("validate", name), ("convert", name, "-o", "made.h5")]
     if b"sidtool scene" in content:
-        tables = ("--csv", "made.csv", "-o", "made.h5", "--rtol", "1e-2")
+        tables = ("-o", "made.csv", "-o", "made.h5", "--rtol", "1e-2")
         return [info, ("simulate", name, *tables)]
     return [info, ("convert", name, "-o", "made.h5")]
 

@@ -55,7 +55,7 @@ def cli(ctx: click.Context) -> None:
       sidtool new my_first --from beam
       sidtool convert rod_q4.toml -o rod.SID_FEM
       sidtool validate rod.SID_FEM
-      sidtool simulate slider_crank.toml --csv motion.csv
+      sidtool simulate slider_crank.toml -o motion.csv
 
     Each command explains itself: sidtool COMMAND --help
     """

@@ -22,6 +22,7 @@ from .common import (
     files_of,
     force,
     read_changed,
+    result_target,
     target,
     tell,
 )
@@ -33,8 +34,15 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("scene", metavar="SCENE", type=existing)
-@click.option("-o", "--output", type=target, help="Result file to write (HDF5).")
-@click.option("--csv", type=target, help="Outputs as text: t and one column each.")
+@click.option(
+    "-o",
+    "--output",
+    "outputs",
+    type=target,
+    multiple=True,
+    help="Result to write (.h5), or recorded outputs as a table (.csv); may be given "
+    "once for each.",
+)
 @click.option(
     "--integrator",
     metavar="NAME",
@@ -87,8 +95,7 @@ if TYPE_CHECKING:
 )
 def simulate(
     scene: Path,
-    output: Path | None,
-    csv: Path | None,
+    outputs: tuple[Path, ...],
     integrator: str | None,
     rtol: float | None,
     step: float | None,
@@ -120,9 +127,9 @@ def simulate(
 
     \b
     Examples:
-      sidtool simulate slider_crank.toml -o result.h5 --csv motion.csv
-      sidtool simulate slider_crank.toml --sid rod=rod_iga.SID_FEM --csv iga.csv
-      sidtool simulate slider_crank.toml --rigid rod --csv rigid.csv
+      sidtool simulate slider_crank.toml -o result.h5 -o motion.csv
+      sidtool simulate slider_crank.toml --sid rod=rod_iga.SID_FEM -o iga.csv
+      sidtool simulate slider_crank.toml --rigid rod -o rigid.csv
       sidtool simulate slider_crank.toml --integrator radau13 --rtol 1e-8
       sidtool simulate slider_crank.toml --accuracy 1e-3 -o result.h5
       sidtool simulate slider_crank.toml --accuracy "piston.x=1e-6 m"
@@ -139,9 +146,10 @@ def simulate(
     """
     from sidtool.solver.errors import SimulationError
 
-    targets = [Target("-o", output, "result"), Target("--csv", csv, "table")]
+    targets = [result_target(path) for path in outputs]
     named = [text.partition("=")[2] for text in (*swaps, *changes)]
     check_targets(targets, [*files_of(scene), *named], force)
+    output, csv = _one(targets, "result"), _one(targets, "table")
     settings = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius
     _check_numbers(rtol, step, spectral_radius)
@@ -179,14 +187,22 @@ def simulate(
 
     tell(summary(result, files.span), lambda: result_data(result, files.span))
     if output is None and csv is None:
-        click.echo("nothing written: -o FILE keeps the result, --csv FILE its outputs")
+        click.echo("nothing written: -o FILE.h5 keeps the result, .csv its outputs")
+
+
+def _one(targets: list[Target], kind: str) -> Path | None:
+    paths = [target.path for target in targets if target.kind == kind]
+    if len(paths) > 1:
+        found = f"{' and '.join(map(str, paths))} would be the same twice"
+        raise InputError(found, place="-o", expected="one .h5 and one .csv at most")
+    return paths[0] if paths else None
 
 
 def _unfinished(output: Path | None) -> Result | None:
     """The run to go on with; none if there is no file yet."""
     from sidtool.formats.result import read_result
 
-    if output is None or output.suffix.lower() == ".csv":
+    if output is None:
         raise InputError(
             "needs the file of the run", place="--continue", expected="-o RESULT.h5"
         )

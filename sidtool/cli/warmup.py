@@ -18,7 +18,7 @@ def warmup() -> None:
 
     \b
     Example, after an installation:
-      sidtool warmup && sidtool simulate slider_crank.toml --csv motion.csv
+      sidtool warmup && sidtool simulate slider_crank.toml -o motion.csv
 
     Exit status: 0 all kernels are on disk; 1 they cannot be kept.
     """

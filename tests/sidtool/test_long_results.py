@@ -118,7 +118,7 @@ def peak(folder: Path, rows: int) -> float:
         text.replace("output_step = 0.01", f"output_step = {3.0 / rows!r}")
     )
     shutil.copy(SLIDER_CRANK / "rod_q4.SID_FEM", folder)
-    arguments = ["simulate", "s.toml", "--rtol", "1e-4", "-o", "r.h5", "--csv", "r.csv"]
+    arguments = ["simulate", "s.toml", "--rtol", "1e-4", "-o", "r.h5", "-o", "r.csv"]
     done = subprocess.run(
         [sys.executable, "-c", PEAK, *arguments],
         cwd=folder,
@@ -189,7 +189,7 @@ def test_a_run_that_is_ended_in_a_step_of_many_rows_keeps_them(
     shutil.copy(SLIDER_CRANK / "rod_q4.SID_FEM", tmp_path)
     process = subprocess.Popen(
         [sys.executable, "-m", "sidtool", "simulate", str(scene)]
-        + ["-o", "r.h5", "--csv", "r.csv"],
+        + ["-o", "r.h5", "-o", "r.csv"],
         cwd=tmp_path,
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,

@@ -61,9 +61,7 @@ def test_flexibility_is_what_is_left_out() -> None:
 
 def test_the_scene_and_the_command_say_the_same(tmp_path: Path) -> None:
     csv = tmp_path / "rigid.csv"
-    done = CliRunner().invoke(
-        command, [str(SCENE), "--rigid", "rod", "--csv", str(csv)]
-    )
+    done = CliRunner().invoke(command, [str(SCENE), "--rigid", "rod", "-o", str(csv)])
     assert done.exit_code == 0, done.output
     assert "simulated as rigid: rod" in done.output
     scene = read_scene(SCENE)

@@ -124,7 +124,7 @@ def test_a_wrong_scene_is_refused(
     message: str,
 ) -> None:
     path = spoiled(folder, "slider_crank.toml", old, new)
-    targets = ["-o", folder / "out/r.h5", "--csv", folder / "out/r.csv"]
+    targets = ["-o", folder / "out/r.h5", "-o", folder / "out/r.csv"]
     error = refused(["simulate", path, *targets], capsys, folder)
     assert str(folder / "example") in error
     assert message in error
@@ -203,7 +203,7 @@ def test_a_cut_off_sid_is_refused(
             "--sid: found 'rode=x'; expected BODY=FILE with a BODY out of rod",
         ),
         (
-            ["simulate", "example/slider_crank.toml", "--csv", "none/r.csv"],
+            ["simulate", "example/slider_crank.toml", "-o", "none/r.csv"],
             "none/r.csv",
         ),
         (["validate", "example/frequencies.toml"], "expected a SID or a model or"),

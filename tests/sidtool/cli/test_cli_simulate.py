@@ -25,7 +25,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Result and CSV of the slider-crank, and what was printed."""
     folder = tmp_path_factory.mktemp("run")
     arguments = ["simulate", SCENE, "-o", str(folder / "r.h5")]
-    assert run([*arguments, "--csv", str(folder / "r.csv")]) == 0
+    assert run([*arguments, "-o", str(folder / "r.csv")]) == 0
     return folder
 
 
@@ -122,7 +122,7 @@ def test_another_sid_and_settings(
     tmp_path: Path, files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     swap = ["--sid", f"rod={SLIDER_CRANK / 'rod_iga.SID_FEM'}"]
-    more = ["--rtol", "1e-5", "--csv", str(tmp_path / "iga.csv")]
+    more = ["--rtol", "1e-5", "-o", str(tmp_path / "iga.csv")]
     assert run(["simulate", SCENE, *swap, *more]) == 0
     assert "relative tolerance 1e-05" in capsys.readouterr().out
     q4, iga = columns(files / "r.csv"), columns(tmp_path / "iga.csv")

@@ -64,7 +64,7 @@ def folder(tmp_path: Path) -> Path:
 def test_the_founding_run_goes_on_after_two_signals(folder: Path) -> None:
     """The motion differs by the error of the run from that without a break."""
     command = ["slider_crank.toml", "-o", "result.h5", "--continue", "--set"]
-    command += ["time.end=0.6", "--csv", "table.csv"]
+    command += ["time.end=0.6", "-o", "table.csv"]
     for t, number in ((0.2, signal.SIGTERM), (0.41, signal.SIGINT)):
         done = ended(folder, t, number, *command)
         assert done.returncode == 128 + number, done.stderr

@@ -46,7 +46,7 @@ def refused(arguments: list[str], folder: Path, capsys: pytest.CaptureFixture) -
         ["simulate", "slider_crank.toml", "-o", "slider_crank.toml"],
         ["simulate", "slider_crank.toml", "-o", "rod_q4.SID_FEM"],
         ["simulate", "slider_crank.toml", "-o", "link.h5"],
-        ["simulate", "slider_crank.toml", "--csv", "./rod_q4.SID_FEM", "--force"],
+        ["simulate", "slider_crank.toml", "-o", "./rod_q4.SID_FEM", "--force"],
         ["analyse", "static", "slider_crank.toml", "-o", "rod_q4.SID_FEM"],
         ["convert", "rod_q4.toml", "-o", "rod_q4.toml", "--force"],
         ["convert", "rod_q4.SID_FEM", "-o", "rod_q4.SID_FEM", "--repair"],
@@ -69,19 +69,14 @@ def test_inputs_are_not_replaced(
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["-o", "r.h5", "--csv", "./r.h5"], "is what -o writes, too"),
-        (
-            ["-o", "r.csv"],
-            "is to hold a result (HDF5), which the ending .csv",
-        ),
-        (
-            ["--csv", "r.h5"],
-            "is to hold a table (CSV), which the ending .h5",
-        ),
+        (["-o", "r.h5", "-o", "./r.h5"], "is what -o writes, too"),
+        (["-o", "r.h5", "-o", "other.h5"], "r.h5 and other.h5 would be the same"),
+        (["-o", "r.csv", "-o", "other.csv"], "expected one .h5 and one .csv at most"),
+        (["-o", "r.csv", "--continue"], "needs the file of the run"),
         (["-o", "scene.toml"], "which the ending .toml does not say"),
         (["-o", "-"], "is no file name here"),
         (["-o", "notes.h5"], "is there and is not a result (HDF5) of sidtool's"),
-        (["--csv", "notes"], "is there and is not a table (CSV) of sidtool's"),
+        (["-o", "notes.csv"], "is there and is not a table (CSV) of sidtool's"),
     ],
 )
 def test_targets_that_cannot_be_meant_are_refused(
@@ -92,7 +87,7 @@ def test_targets_that_cannot_be_meant_are_refused(
     capsys: pytest.CaptureFixture,
 ) -> None:
     monkeypatch.chdir(folder)
-    for name in ("notes", "notes.h5"):
+    for name in ("notes.csv", "notes.h5"):
         (folder / name).write_text("years of work\n")
     assert words in refused(["simulate", "slider_crank.toml", *options], folder, capsys)
 
@@ -121,7 +116,7 @@ def test_own_files_are_replaced_and_others_with_force(
 ) -> None:
     monkeypatch.chdir(folder)
     arguments = ["simulate", "slider_crank.toml", "--rtol", "1e-3", "-o", "r.h5"]
-    arguments += ["--csv", "r.csv"]
+    arguments += ["-o", "r.csv"]
     assert [run(arguments) for _ in range(2)] == [0, 0]
     (folder / "r.h5").write_text("notes")
     assert run(arguments) == 2
