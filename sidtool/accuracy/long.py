@@ -255,8 +255,9 @@ def _chosen(runs: Runs, reference: Reference, part: _Part) -> Proven | None:
     """What the first part leaves out and keeps the request on the whole."""
     open_ = reference.use(reference.doubt)
     asked = CAUTION * (ALL - open_)
+    bare = part.reference.with_meshes(np.zeros(len(runs.names)))  # they are in open_
     for _ in range(ROUNDS):
-        decided = replace(part.reference, allowed=asked / ALL * reference.allowed)
+        decided = replace(bare, allowed=asked / ALL * reference.allowed)
         found = _tried(lambda decided=decided: choose(part.runs, decided))  # type: ignore[misc]
         if found is None:
             return None

@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import cached, long
+from sidtool.accuracy import cached, candidates, long
 from sidtool.accuracy import runs as runs_
+from sidtool.accuracy.wanted import requested
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
+from sidtool.solver import compile_scene
 
 from .arms import particles, simulated
 from .test_accuracy import finest
@@ -93,3 +95,25 @@ def test_a_motion_that_begins_late_is_not_judged_by_its_beginning(
     assert ends.count(2.0) > 3
     assert found.accuracy is not None
     assert not any(s.startswith("long runs") for s in found.accuracy.sentences)
+
+
+def test_what_meshes_leave_open_does_not_send_a_search_to_whole_runs() -> None:
+    """It was counted twice in the first part, where nothing kept the request then."""
+    scene, sid = particles(False)
+    scene = lasting(scene, 60.0 * scene.time.end, 1200)
+    sids = {"arm": sid}
+    request = requested(scene, sids, WANTED)
+
+    def compiled(content: SceneFile, found: Any) -> Any:
+        return compile_scene(content, ".", found)
+
+    whole = candidates.finest(scene, sids)
+    runs = runs_.Runs(
+        scene, sids, compiled, request.names, runs_.expected_runs(whole, "planar")
+    )
+    size = np.ptp(runs.columns(whole, simulated(finest(scene), sid, **TIGHT)), axis=0)
+    meshes = 0.45 * request.allowed(size)
+    found = long.chosen_in_part(runs, whole, request, meshes)
+    assert found is not None
+    assert (found.chosen.errors > meshes).all()
+    assert any(line.part == "shape functions" for line in found.lines)
