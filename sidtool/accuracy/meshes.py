@@ -5,8 +5,10 @@ that the scene loads are added first, and stay if they change what is wanted by 
 than a small part. A body is made on a mesh and on one of half the size, with as many
 modes as its model asks for and with twice as many, until neither changes what is wanted
 by more than a small part. The finer of both is used. What is left of the error of a
-mesh is taken to be half of that last change: second order would leave a third. Of the
-modes it is all of it, as nothing is known of those that follow.
+mesh is what a geometric series leaves of the last two changes; half of the last one at
+least, where second order would leave a third. Changes by forces at points of plane
+bodies and solids do not get smaller: they have no limit. Of the modes it is all of the
+last change, as nothing is known of those that follow.
 """
 
 from __future__ import annotations
@@ -34,8 +36,11 @@ SHARE = 0.1
 HALVINGS, DOUBLINGS, MODES = 3, 3, 48
 #: Bodies that are made of one model, about.
 CHANGES = 4
-#: Of the last change by a halving of the mesh, what is left.
-LEFT = 0.5
+#: The last change by a halving of the mesh over the one before, where that is not known
+#: and at least and at most as what is left is told.
+UNKNOWN, FASTEST, SLOWEST = 2.0 / 3.0, 1.0 / 3.0, 0.75
+#: Why they may not.
+POINTS = "a body yields the more to a force at a point, the finer its mesh is"
 #: In all, from which on the search gives up.
 TOO_MUCH = 0.5
 
@@ -173,15 +178,21 @@ class _Search:
         if not source.can_refine():
             self.sentences.append(f"mesh of {name}: as it is, not judged")
             return fineness
-        left = np.zeros(len(self.request.names))
+        left, ratio = np.zeros(len(self.request.names)), UNKNOWN
+        before: Array | None = None
         for level in range(1, HALVINGS + 1):
             fineness = replace(fineness, level=level)
-            left = LEFT * self._change(name, source, fineness)
+            change = self._change(name, source, fineness)
+            ratios = _ratios(change, before)
+            left, before = ratios / (1.0 - ratios) * change, change
+            ratio = ratios[self._worst(left)]
             if self._use(left) <= SHARE:
                 break
         times = "once" if fineness.level == 1 else f"{fineness.level} times"
-        told = f"mesh of {name}: halved {times}, the rest"
-        self._tell(f"{told} {self._seen(left)}", left)
+        told = f"mesh of {name}: halved {times}, the rest {self._seen(left)}"
+        if ratio == SLOWEST:
+            told += f", as changes hardly get smaller; {POINTS}"
+        self._tell(told, left)
         return fineness
 
     def _tell(self, sentence: str, left: Array) -> None:
@@ -212,12 +223,25 @@ class _Search:
         assert self.reference is not None
         return self.reference.use(errors)
 
+    def _worst(self, errors: Array) -> int:
+        assert self.reference is not None
+        return self.reference.worst(errors)
+
     def _seen(self, errors: Array) -> str:
         """The output that sees most of it."""
         assert self.reference is not None
-        row = self.reference.worst(errors)
+        row = self._worst(errors)
         name = self.request.names[row]
         return f"{errors[row]:.1e} {self.reference.units[row]}".rstrip() + f" in {name}"
 
     def _runs(self, sids: Mapping[str, SID]) -> Runs:
         return Runs(self.scene, sids, self.compile, self.request.names)
+
+
+def _ratios(change: Array, before: Array | None) -> Array:
+    """Changes (n,) over those by the halving before, as far as they are believed."""
+    if before is None:
+        return np.full(len(change), UNKNOWN)
+    falling = change < SLOWEST * before
+    ratios = np.divide(change, before, out=np.full(len(change), SLOWEST), where=falling)
+    return np.maximum(ratios, FASTEST)

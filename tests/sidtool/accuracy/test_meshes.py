@@ -1,0 +1,57 @@
+"""What the meshes of models leave open."""
+
+from __future__ import annotations
+
+import json
+from math import log, pi
+from pathlib import Path
+
+import pytest
+
+import sidtool
+from sidtool.accuracy import cached
+
+from ..beams import beam_data
+
+#: A square block of one by one metre.
+SIDE, THICKNESS, MODULUS, FORCE = 1.0, 0.01, 1e9, 1e3
+
+
+@pytest.fixture(autouse=True)
+def _kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.chdir(tmp_path)
+
+
+def pulled(cells: int) -> sidtool.Scene:
+    """A block, clamped at its left edge, pulled at one point of its right edge."""
+    data = beam_data({"type": "q4", "elements": [cells, cells]})
+    corners = [[[x, -SIDE / 2], [x, SIDE / 2]] for x in (0.0, SIDE)]
+    data["geometry"] |= {"control_points": corners, "thickness": THICKNESS}
+    data["material"] |= {"youngs_modulus": MODULUS, "density": 1e3}
+    Path("block.json").write_text(json.dumps(data))
+    ramp = {"type": "sine_ramp", "from": 0.0, "to": 0.9, "end": 1.0}
+    pull = {"type": "force", "marker": "block.tip", "force": [FORCE, 0.0]}
+    markers = {"root": 1, "tip": 2}
+    return sidtool.Scene(
+        dimension="planar",
+        time={"end": 1.0, "output_step": 0.05},
+        bodies={"block": {"model": "block.json", "markers": markers}},
+        joints={"clamp": {"type": "fixed", "markers": ["ground", "block.root"]}},
+        forces={"pull": pull | {"function": ramp}},
+        outputs={"record": ["block.tip.ux"]},
+    )
+
+
+def test_a_force_at_a_point_leaves_open_what_finer_meshes_add() -> None:
+    """Flamant: 2 F / (pi E t) ln(1 / r) at the distance r of a force on an edge, so that
+    each halving adds as much, 2 F ln 2 / (pi E t); half of that was told."""
+    found = pulled(4).simulate(accuracy={"block.tip.ux": "3e-4 m"})
+    assert found.accuracy is not None
+    (mesh,) = (line for line in found.accuracy.budget if line.part == "mesh")
+    adds = 2.0 * FORCE * log(2.0) / (pi * MODULUS * THICKNESS)
+    assert 2.5 * adds < mesh.errors["block.tip.ux"] < 3.5 * adds
+    (told,) = (s for s in found.accuracy.sentences if s.startswith("mesh of block"))
+    assert "changes hardly get smaller" in told and "force at a point" in told
+    with pytest.raises(sidtool.InputError, match="force at a point"):
+        pulled(4).simulate(accuracy={"block.tip.ux": "1e-4 m"})
