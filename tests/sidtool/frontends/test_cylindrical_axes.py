@@ -26,6 +26,7 @@ ER, ET = 1.0e10, 4.0e10
 ORTHOTROPIC = f"{ER}, {ET}, 9e9, 0.1, 0., 0., 5e9, 4e9\n3e9\n"
 WOOD = "1e10, 4e10, 9e9, 0.1, 0.2, 0.3, 5e9, 4e9\n3e9\n"
 ISOTROPIC = ", ".join(["2e11"] * 3 + ["0.25"] * 3 + ["8e10"] * 2) + "\n8e10\n"
+STRAIGHT = np.eye(3)
 TURN = Rotation.from_euler("zyx", [33.0, -21.0, 57.0], degrees=True).as_matrix()
 
 
@@ -35,7 +36,7 @@ def ring(
     *,
     counts: tuple[int, int, int] = (4, 12, 1),
     arc: float = np.pi / 2,
-    turn: np.ndarray = np.eye(3),
+    turn: np.ndarray = STRAIGHT,
     start: tuple[float, float, float] = (0.0, 0.0, 0.0),
     further: str = "",
 ) -> str:
@@ -114,7 +115,7 @@ def _along(six: np.ndarray, direction: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["C3D8I", "C3D8"])
 def test_equal_moduli_know_no_axes(kind: str, tmp_path: Path) -> None:
-    """Matrices and markers, internal modes included, are those of the isotropic ring."""
+    """Matrices and markers, with internal modes, are those of the isotropic ring."""
     turned = model(tmp_path, ring(ISOTROPIC, kind, turn=TURN, start=(0.1, 0.2, 0.3)))
     text = ring(ISOTROPIC, kind, turn=TURN, start=(0.1, 0.2, 0.3))
     text = text.replace(", ORIENTATION=O", "")
