@@ -118,6 +118,8 @@ class _Search:
         #: What takes most of what is allowed, and its sentence.
         self.largest = (0.0, "")
         self.reference: Reference | None = None
+        #: Runs of the bodies as they are.
+        self.runs: Runs | None = None
 
     def use(self) -> float:
         assert self.reference is not None
@@ -129,9 +131,9 @@ class _Search:
         self.made[name] = source.sid(Fineness())
         self.sids[name] = self.made[name].sid
         if self.reference is None:
-            runs = self._runs(self.sids)
+            self.runs = self._runs(self.sids)
             whole = finest(self.scene, self.sids)
-            self.reference = make_reference(runs, whole, self.request)
+            self.reference = make_reference(self.runs, whole, self.request)
             check_inside(self.reference.result)
         found = self._more_modes(name, source, self._static_shapes(name, source))
         self.finenesses[name] = self._finer_mesh(name, source, found)
@@ -142,13 +144,13 @@ class _Search:
         nodes = tuple(sorted(int(node) for node in loaded.values() if node.isdecimal()))
         if not source.can_have_static_shapes(nodes):
             return Fineness()
-        before = self.made[name]
+        before, runs = self.made[name], self.runs
         fineness = Fineness(static=nodes)
         change = self._change(name, source, fineness)
         matters = self._use(change) > SHARE
         if not matters:
             fineness, self.made[name] = Fineness(), before
-            self.sids[name] = before.sid
+            self.sids[name], self.runs = before.sid, runs
         told = f"static shape functions of {name} for loads at {', '.join(loaded)}"
         verdict = "kept" if matters else "dropped"
         left = np.zeros_like(change) if matters else change
@@ -203,21 +205,19 @@ class _Search:
 
     def _change(self, name: str, source: Source, fineness: Fineness) -> Array:
         """What a finer body changes, (n,); from then on it is used."""
-        assert self.reference is not None
-        before = self.sids
-        runs = []
+        assert self.reference is not None and self.runs is not None
+        before, runs = self.runs, []
         self.steps.next()
         with along(Steps(3)) as parts:
             parts.next()
             made = source.sid(fineness)
-            after = {**before, name: made.sid}
-            for sids in (before, after):
+            after = self._runs({**self.sids, name: made.sid})
+            for found in (before, after):
                 parts.next()
-                whole = finest(self.scene, sids)
-                found = self._runs(sids)
+                whole = finest(self.scene, found.sids)
                 runs.append((whole, found.attempt(whole, self.reference.setting)))
-        self.made[name], self.sids = made, after
-        return found.between(*runs)
+        self.made[name], self.sids, self.runs = made, dict(after.sids), after
+        return after.between(*runs)
 
     def _use(self, errors: Array) -> float:
         assert self.reference is not None

@@ -5,11 +5,17 @@ from __future__ import annotations
 import json
 from math import log, pi
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import sidtool
 from sidtool.accuracy import cached
+from sidtool.accuracy.meshes import refined_meshes
+from sidtool.accuracy.wanted import requested
+from sidtool.formats.scene import SceneFile
+from sidtool.made import Fineness, sources
+from sidtool.solver import compile_scene
 
 from ..beams import beam_data
 
@@ -44,8 +50,8 @@ def pulled(cells: int) -> sidtool.Scene:
 
 
 def test_a_force_at_a_point_leaves_open_what_finer_meshes_add() -> None:
-    """Flamant: 2 F / (pi E t) ln(1 / r) at the distance r of a force on an edge, so that
-    each halving adds as much, 2 F ln 2 / (pi E t); half of that was told."""
+    """Flamant: 2 F / (pi E t) ln(1 / r) at the distance r of a force on an edge. Each
+    halving adds as much, 2 F ln 2 / (pi E t); half of that was told."""
     found = pulled(4).simulate(accuracy={"block.tip.ux": "3e-4 m"})
     assert found.accuracy is not None
     (mesh,) = (line for line in found.accuracy.budget if line.part == "mesh")
@@ -55,3 +61,21 @@ def test_a_force_at_a_point_leaves_open_what_finer_meshes_add() -> None:
     assert "changes hardly get smaller" in told and "force at a point" in told
     with pytest.raises(sidtool.InputError, match="force at a point"):
         pulled(4).simulate(accuracy={"block.tip.ux": "1e-4 m"})
+
+
+def test_bodies_are_simulated_once_while_they_are_refined() -> None:
+    """A change was between two runs, of which the search had made the first before."""
+    scene = pulled(2)
+    models = sources(scene, Path())
+    sids = {"block": models["block"].sid(Fineness()).sid}
+    sizes: list[int] = []
+
+    def compiled(content: SceneFile, found: Any) -> Any:
+        sizes.append(found["block"].nq)
+        return compile_scene(content, ".", found)
+
+    request = requested(scene, sids, {"block.tip.ux": "1e-3 m"})
+    found = refined_meshes(scene, sids, models, request, compiled)
+    mine = found.finenesses["block"]
+    assert (mine.level, mine.modes, len(mine.static)) == (1, 2, 2)
+    assert len(sizes) == 4  # as it is, with static shapes, two modes, a finer mesh
