@@ -16,7 +16,11 @@ from .runs import Runs
 
 
 def budget(
-    runs: Runs, reference: Reference, chosen: Chosen, theory: Array
+    runs: Runs,
+    reference: Reference,
+    chosen: Chosen,
+    theory: Array,
+    seen_by: str = "two methods",
 ) -> tuple[BudgetLine, ...]:
     """One line for each kind of choice, one for the reference, one for all together.
 
@@ -28,6 +32,7 @@ def budget(
     Parameters
     ----------
     theory : (n,) what small deformations leave out, zero where that was not measured
+    seen_by : how errors of the reference are known
     """
     lines = _Lines(runs, reference, chosen)
     whole, setting = chosen.choice, chosen.found.setting
@@ -49,7 +54,7 @@ def budget(
         lines.switched("shape functions", _shapes_told(whole, reference), shapes),
         lines.switched("terms", _terms_told(whole, reference), terms),
         lines.line("integration", method, loose + reference.uncertainty, tight),
-        lines.line("reference", "two methods", reference.uncertainty, None),
+        lines.line("reference", seen_by, reference.uncertainty, None),
         *(digits if reference.digits.any() else ()),
         *(frames if reference.frames.any() else ()),
         lines.line("all together", "as run", chosen.errors, None),

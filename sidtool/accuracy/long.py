@@ -1,12 +1,10 @@
 """Long runs: what is left out is chosen in a first part and proven on all of the time.
 
 A search makes some twenty tight runs. Where these are long all of them are of the first
-part of the motion only. How tightly two methods have to integrate, so that they differ
-by a small part of what is allowed, is seen there as well, against a tight reference.
-These two then run to the end with everything that the SIDs have, and so does what was
-chosen: errors that are told are seen on all of the time, as in a search of short runs.
-What does not keep the request there is chosen again from less; of motions that have
-hardly begun in the first part, that part is made longer.
+part of the motion only. Everything that the SIDs have runs to the end once, and so does
+what was chosen: errors that are told are seen on all of the time, as in a search of
+short runs. What does not keep the request there is chosen again from less; of motions
+that have hardly begun in the first part, that part is made longer.
 """
 
 from __future__ import annotations
@@ -22,22 +20,22 @@ from sidtool.formats.sid import Array
 
 from .budget import budget
 from .candidates import Choice
-from .choose import ALL, Chosen, choose, estimated
+from .choose import ALL, Chosen, choose
 from .digits import with_digits
 from .frames import with_frames
-from .integration import Found, loosest
+from .integration import Found
 from .outside import check_inside
-from .reference import (
-    CHECKING,
-    MEASURING,
-    SAFETY,
-    Reference,
-    first_rtol,
-    make_reference,
-)
-from .reference import of_two_runs as compared
+from .reference import MEASURING, Reference, first_rtol, make_reference
 from .runs import Runs, Setting
 from .wanted import Request
+from .whole import (
+    Part,
+    loose_setting,
+    on_the_whole,
+    seen_on_the_whole,
+    sharp_for,
+    tight_setting,
+)
 
 #: Runs are long that take more than this [s]; of those that take more than `ENOUGH` no
 #: more than a few are made.
@@ -46,19 +44,13 @@ LONG, ENOUGH = 0.2, 1.0
 FIRST, LONGEST = 1.0 / 128.0, 1.0 / 8.0
 #: Of the variation of each output, what has to be seen in it.
 SEEN = 0.7
-#: Of what is allowed: what each method may err in the first part, and what the
-#: reference may leave open on the whole.
-MEASURED, OPEN = 0.05, 0.3
-#: Of what is allowed, what two methods at loose tolerances do not show of each other.
-UNSEEN = 0.005
-#: The loosest tolerance of the first method. The other is asked for more, as methods
-#: that both step from one output to the next err alike at loose tolerances.
-LOOSEST, SHARPER = 1e-3, 0.03
 #: Of what is allowed, how much is asked for in the first part, and of what a run errs
 #: on the whole, where that was too much.
 CAUTION, LESS, ROUNDS = 0.5, 0.6, 2
 #: Of what is allowed, what digits of files may leave open in the first part.
 DIGITS = 1e-3
+#: How errors of the reference are known, in words.
+TIGHTER = "a tighter run"
 #: Rows of results that a first part has at least.
 ROWS = 16
 
@@ -85,21 +77,6 @@ class Proven:
     frames: Mapping[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """The first part of the motion: its runs, and the finest of them."""
-
-    runs: Runs
-    reference: Reference
-    theory: Array
-    sentences: tuple[str, ...]
-
-    @property
-    def told(self) -> str:
-        time = self.runs.scene.time
-        return f"the first {time.end - time.start:.3g} s"
-
-
 def chosen_in_part(
     runs: Runs, whole: Choice, request: Request, meshes: Array
 ) -> Proven | None:
@@ -118,23 +95,21 @@ def chosen_in_part(
     if not ends or not _is_long(runs, whole, request, ends[0]):
         return None
     part = _tried(lambda: _first_part(runs, whole, request, meshes, ends[0]))
-    pair = _tried(lambda: _methods(part, whole)) if part is not None else None
-    if part is None or pair is None:
+    loose = loose_setting(part) if part is not None else None
+    tight = tight_setting(part, loose) if part is not None and loose else None
+    if part is None or loose is None or tight is None:
         return None
-    reference = _on_the_whole(runs, whole, request, pair)
+    reference = on_the_whole(part, runs, request, tight)
     if reference is None:
         return None
-    reference = reference.with_meshes(meshes)
-    digits = SAFETY * part.reference.digits  # they may do more later on
-    reference = replace(reference, digits=digits)
     check_inside(reference.result)
     end = next((e for e in ends if _is_seen(runs, reference, e)), None)
     if end is not None and end != ends[0]:
         part = _tried(lambda: _first_part(runs, whole, request, meshes, end))
     found = None
     if end is not None and part is not None:
-        found = _chosen(runs, reference, part)
-    return found or _without_choice(runs, reference, request)
+        found = _chosen(runs, reference, part, request)
+    return found or _without_choice(runs, reference, loose)
 
 
 def _tried(make: Callable):  # type: ignore[type-arg, no-untyped-def]
@@ -179,7 +154,7 @@ def _is_long(runs: Runs, whole: Choice, request: Request, end: float) -> bool:
 
 def _first_part(
     runs: Runs, whole: Choice, request: Request, meshes: Array, end: float
-) -> _Part | None:
+) -> Part | None:
     """The tight reference of a first part; None where that does not do."""
     part = _cut(runs, end)
     reference = make_reference(part, whole, request).with_meshes(meshes)
@@ -188,59 +163,7 @@ def _first_part(
     frames = with_frames(part, reference, request, fixed=True)
     if reference.use(reference.digits) > DIGITS:
         return None
-    return _Part(part, reference, frames.theory, (*digits, *frames.sentences))
-
-
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """Two methods for the whole of the time.
-
-    shared : (n,) what the tighter one errs in the first part, which the difference of
-        both need not show; a small part of what is allowed at least
-    """
-
-    looser: Setting
-    tighter: Setting
-    shared: Array
-
-
-def _methods(part: _Part, whole: Choice) -> _Pair | None:
-    """Two methods that err by a small part of what is allowed."""
-    runs, reference = part.runs, part.reference
-    reference = replace(reference, meshes=np.zeros(len(runs.names)))
-    one = loosest(runs, reference, whole, MEASURING, MEASURED)
-    two = loosest(runs, reference, whole, CHECKING, MEASURED)
-    if one is None or two is None:
-        return None
-    rtol = min(one.rtol, LOOSEST)
-    two = Setting(CHECKING, min(SHARPER * rtol, two.rtol))
-    found = runs.attempt(whole, two)
-    shared = runs.between((whole, found), (whole, reference.result))
-    unseen = np.where(np.isfinite(reference.allowed), UNSEEN * reference.allowed, 0.0)
-    shared = np.maximum(shared + reference.uncertainty, unseen)
-    return _Pair(Setting(MEASURING, rtol), two, shared)
-
-
-def _on_the_whole(
-    runs: Runs, whole: Choice, request: Request, pair: _Pair
-) -> Reference | None:
-    """The reference by two methods; the looser one is tightened if they are not close
-    enough, then the other."""
-    one, two = pair.looser, pair.tighter
-    for tightened in ("looser", "tighter", ""):
-        if runs.attempt(whole, one) is None or runs.attempt(whole, two) is None:
-            return None
-        found = compared(runs, whole, request, one, two)
-        found = replace(found, uncertainty=found.uncertainty + SAFETY * pair.shared)
-        use = found.use(found.uncertainty)
-        if use <= OPEN:
-            return found
-        less = float(np.clip(0.3 * OPEN / use, 1e-3, 0.3))
-        if tightened == "looser":
-            one = Setting(one.integrator, less * one.rtol)
-        elif tightened:
-            two = Setting(two.integrator, less * two.rtol)
-    return None
+    return Part(part, reference, frames.theory, (*digits, *frames.sentences))
 
 
 def _is_seen(runs: Runs, reference: Reference, end: float) -> bool:
@@ -251,73 +174,66 @@ def _is_seen(runs: Runs, reference: Reference, end: float) -> bool:
     return bool((seen >= SEEN * reference.variation[counts]).all())
 
 
-def _chosen(runs: Runs, reference: Reference, part: _Part) -> Proven | None:
+def _chosen(
+    runs: Runs, reference: Reference, part: Part, request: Request
+) -> Proven | None:
     """What the first part leaves out and keeps the request on the whole."""
-    open_ = reference.use(reference.doubt)
-    asked = CAUTION * (ALL - open_)
-    bare = part.reference.with_meshes(np.zeros(len(runs.names)))  # they are in open_
+    share = CAUTION
     for _ in range(ROUNDS):
-        decided = replace(bare, allowed=asked / ALL * reference.allowed)
+        open_ = reference.use(reference.doubt)
+        asked = share * (ALL - open_) / ALL * reference.allowed
+        decided = replace(part.without_meshes, allowed=asked)  # they are in open_
         found = _tried(lambda decided=decided: choose(part.runs, decided))  # type: ignore[misc]
         if found is None:
             return None
-        chosen = _seen_on_the_whole(runs, reference, found)
-        use = reference.use(chosen.errors)
+        setting = found.found.setting
+        sharp = sharp_for(setting, reference, part, runs, request)
+        if sharp is None:
+            return None
+        seen, chosen = seen_on_the_whole(runs, sharp, found)
+        use = seen.use(chosen.errors)
         if use <= ALL:
-            lines = _lines(part, reference, found, chosen)
             return Proven(
                 runs,
-                reference,
+                seen,
                 chosen,
-                replace(part.reference, allowed=reference.allowed),
+                replace(part.reference, allowed=seen.allowed),
                 part.theory,
-                lines,
+                _lines(part, seen, found, chosen),
                 (_told(runs, part), *part.sentences),
             )
-        asked *= LESS * (ALL - open_) / (use - open_)
+        share *= LESS * (ALL - open_) / (use - open_)
+        reference = sharp
     return None
 
 
-def _seen_on_the_whole(runs: Runs, reference: Reference, found: Chosen) -> Chosen:
-    """The chosen run to the end beside the reference."""
-    choice, setting = found.choice, found.found.setting
-    one = runs.attempt(choice, setting)
-    errors = runs.between((choice, one), (reference.choice, reference.result))
-    seconds = runs.seconds(choice, setting)
-    seen = Found(setting, errors, seconds)
-    return replace(found, found=seen, errors=estimated(errors, reference))
-
-
 def _without_choice(
-    runs: Runs, reference: Reference, request: Request
+    runs: Runs, reference: Reference, setting: Setting
 ) -> Proven | None:
-    """The looser run of the reference, where another search would take too long."""
-    choice, setting = reference.choice, reference.setting
-    seconds = runs.seconds(choice, setting)
+    """A looser run of the reference, where another search would take too long."""
+    choice = reference.choice
+    seconds = runs.seconds(choice, reference.setting)
     if seconds < ENOUGH:
         return None
-    one = runs.attempt(choice, setting)
-    errors = runs.between((choice, one), (choice, reference.result))
-    chosen = Chosen(
-        choice, Found(setting, errors, seconds), (), estimated(errors, reference)
-    )
-    nothing = np.zeros(len(request.names))
-    if reference.use(chosen.errors) > ALL:
+    nothing = np.zeros(len(runs.names))
+    bare = Chosen(choice, Found(setting, nothing, seconds), (), nothing)
+    seen, chosen = seen_on_the_whole(runs, reference, bare)
+    if seen.use(chosen.errors) > ALL:
         return None
-    lines = budget(runs, reference, chosen, nothing)
+    lines = budget(runs, seen, chosen, nothing, TIGHTER)
     told = (
         f"nothing left out, as runs take {seconds:.2g} s and no first part of the "
         "motion shows what the rest needs: trying would take longer than it saves. "
         "frames: not judged"
     )
-    return Proven(runs, reference, chosen, reference, nothing, lines, (told,))
+    return Proven(runs, seen, chosen, seen, nothing, lines, (told,))
 
 
 def _lines(
-    part: _Part, reference: Reference, found: Chosen, chosen: Chosen
+    part: Part, reference: Reference, found: Chosen, chosen: Chosen
 ) -> tuple[BudgetLine, ...]:
     """The budget: single choices in the first part, their sum on the whole."""
-    lines = budget(part.runs, part.reference, found, part.theory)
+    lines = budget(part.runs, part.reference, found, part.theory, TIGHTER)
     slower = chosen.found.seconds / found.found.seconds
     seen = {"reference": reference.uncertainty, "all together": chosen.errors}
     result = []
@@ -335,7 +251,7 @@ def _lines(
     return tuple(result)
 
 
-def _told(runs: Runs, part: _Part) -> str:
+def _told(runs: Runs, part: Part) -> str:
     time = runs.scene.time
     return (
         f"long runs: choices were made, and single effects seen, in {part.told}; the "

@@ -38,7 +38,7 @@ class Reference:
     Attributes
     ----------
     choice : the finest model
-    result : its run by `CHECKING`
+    result : its run
     setting : how models are integrated to be compared with each other
     variation : (n,) greatest less least value of each output
     allowed : (n,) errors that are asked for, infinite where only rounding is seen
@@ -118,11 +118,27 @@ def of_two_runs(
     SimulationError : a run stopped early.
     """
     coarse, fine = runs.tight(choice, setting), runs.tight(choice, tighter)
-    values = runs.columns(choice, fine)
+    found = of_one_run(runs, choice, request, tighter)
+    between = SAFETY * runs.between((choice, coarse), (choice, fine))
+    return replace(found, setting=setting, uncertainty=between + found.uncertainty)
+
+
+def of_one_run(
+    runs: Runs, choice: Choice, request: Request, setting: Setting
+) -> Reference:
+    """A run as a reference, of which no more than rounding is open yet.
+
+    Raises
+    ------
+    InputError : no output moves.
+    SimulationError : the run stopped early.
+    """
+    result = runs.tight(choice, setting)
+    values = runs.columns(choice, result)
     variation = np.ptp(values, axis=0)
     multipliers, velocities = (
         float(np.abs(numbers).max(initial=0.0))
-        for numbers in (fine.multipliers, fine.velocities)
+        for numbers in (result.multipliers, result.velocities)
     )
     moving = moves(request.names, values, variation, multipliers, velocities)
     absolute = np.array([t.absolute for t in request.tolerances.values()])
@@ -134,14 +150,13 @@ def of_two_runs(
             expected="outputs that move",
         )
     nothing = np.zeros(len(request.names))
-    between = runs.between((choice, coarse), (choice, fine))
     return Reference(
         choice=choice,
-        result=fine,
+        result=result,
         setting=setting,
         variation=variation,
         allowed=np.where(judged, request.allowed(variation), np.inf),
-        uncertainty=SAFETY * between + ROUNDING * variation,
+        uncertainty=ROUNDING * variation,
         left_out=tuple(np.array(request.names)[~judged].tolist()),
         units=tuple(unit_of(name, runs.scene) for name in request.names),
         meshes=nothing,

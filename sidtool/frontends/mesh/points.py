@@ -227,8 +227,7 @@ class MeshPoints:
         block = self.mesh.blocks[number]
         alone = ElementBlock(block.kind, block.nodes[[row]], block.labels[[row]])
         relieved = self._relieved(number)
-        laws = self._continua[number].laws_at if self._continua else None
-        (one,) = element_batches(self.mesh, alone, relieved=relieved, laws=laws)
+        (one,) = element_batches(self.mesh, alone, relieved=relieved)
         return one
 
     def _amplitudes(self, number: int, one: ElementBatch) -> Array:

@@ -1,0 +1,137 @@
+"""The reference of a long run: one run of the finest model on all of the time.
+
+How tightly it needs to be integrated is seen in the first part of the motion. What it
+errs there is open, twice over. How errors grow later on, it does not show itself: the
+chosen run is integrated so much more loosely that both differ by what that errs, and a
+part of the difference is open as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sidtool.formats.sid import Array
+
+from .choose import Chosen, estimated
+from .integration import Found, loosest
+from .reference import (
+    CHECKING,
+    MEASURING,
+    SAFETY,
+    TIGHTEST,
+    Reference,
+    of_one_run,
+)
+from .runs import Runs, Setting
+from .wanted import Request
+
+#: Of what is allowed: what a loose run of the finest model errs in the first part,
+#: what its reference may, and what that may leave open on the whole.
+LOOSE, MEASURED, OPEN = 0.3, 0.03, 0.3
+#: Of what is allowed, what two runs at loose tolerances do not show of each other, as
+#: methods that both step from one output to the next err alike.
+UNSEEN = 0.005
+#: The loosest tolerance of a run of the finest model; that of the reference over that
+#: of a looser run, as it is asked for and at most.
+LOOSEST, SHARPER, SHARP = 3e-3, 0.03, 0.1
+#: Of the difference of the chosen run to the reference, what that may err.
+OWN = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The first part of the motion: its runs, and the finest of them."""
+
+    runs: Runs
+    reference: Reference
+    theory: Array
+    sentences: tuple[str, ...]
+
+    @property
+    def told(self) -> str:
+        time = self.runs.scene.time
+        return f"the first {time.end - time.start:.3g} s"
+
+    @property
+    def without_meshes(self) -> Reference:
+        """The reference, of which meshes leave nothing open."""
+        return self.reference.with_meshes(np.zeros(len(self.runs.names)))
+
+    def errors(self, setting: Setting) -> Array:
+        """What the finest model errs, (n,)."""
+        choice = self.reference.choice
+        one = self.runs.attempt(choice, setting)
+        errors = self.runs.between((choice, one), (choice, self.reference.result))
+        return errors + self.reference.uncertainty
+
+
+def loose_setting(part: Part) -> Setting | None:
+    """For a run of the finest model that keeps a part of what is allowed."""
+    reference = part.without_meshes
+    found = loosest(part.runs, reference, reference.choice, MEASURING, LOOSE)
+    return None if found is None else Setting(MEASURING, min(found.rtol, LOOSEST))
+
+
+def tight_setting(part: Part, loose: Setting) -> Setting | None:
+    """The cheapest one that errs much less than a loose one."""
+    rtol = SHARPER * loose.rtol
+    tried = [_tightened(part, Setting(i, rtol)) for i in (MEASURING, CHECKING)]
+    return min(
+        (setting for setting in tried if setting is not None),
+        key=lambda setting: part.runs.seconds(part.reference.choice, setting),
+        default=None,
+    )
+
+
+def _tightened(part: Part, setting: Setting) -> Setting | None:
+    """Until it errs by little in the first part; None where it never does."""
+    while setting.rtol >= TIGHTEST:
+        if part.reference.use(part.errors(setting)) <= MEASURED:
+            return setting
+        setting = Setting(setting.integrator, SHARPER * setting.rtol)
+    return None
+
+
+def on_the_whole(
+    part: Part, runs: Runs, request: Request, setting: Setting
+) -> Reference | None:
+    """The reference; None where it leaves too much open."""
+    choice = part.reference.choice
+    if runs.attempt(choice, setting) is None:
+        return None
+    found = of_one_run(runs, choice, request, setting)
+    unseen = np.where(np.isfinite(found.allowed), UNSEEN * found.allowed, 0.0)
+    errors = SAFETY * np.maximum(part.errors(setting), unseen)
+    digits = SAFETY * part.reference.digits  # they may do more later on
+    found = replace(
+        found,
+        uncertainty=found.uncertainty + errors,
+        meshes=part.reference.meshes,
+        digits=digits,
+    )
+    return found if found.use(found.uncertainty) <= OPEN else None
+
+
+def sharp_for(
+    setting: Setting, reference: Reference, part: Part, runs: Runs, request: Request
+) -> Reference | None:
+    """The reference if it shows what a run errs, a tighter one if it does not."""
+    if reference.setting.rtol <= SHARP * setting.rtol:
+        return reference
+    tight = Setting(reference.setting.integrator, SHARPER * setting.rtol)
+    found = _tightened(part, tight)
+    return None if found is None else on_the_whole(part, runs, request, found)
+
+
+def seen_on_the_whole(
+    runs: Runs, reference: Reference, found: Chosen
+) -> tuple[Reference, Chosen]:
+    """The chosen run to the end beside the reference, with what that may err itself."""
+    choice, setting = found.choice, found.found.setting
+    one = runs.attempt(choice, setting)
+    errors = runs.between((choice, one), (reference.choice, reference.result))
+    there = Found(setting, errors, runs.seconds(choice, setting))
+    seen = replace(reference, uncertainty=reference.uncertainty + OWN * errors)
+    return seen, replace(found, found=there, errors=estimated(errors, seen))
