@@ -115,6 +115,8 @@ def plot_model(path: Path, model: ModelFile) -> list[str]:
     ]
     if not len(faces):
         groups["nodes"] = sampled.positions
+    elif body.outlines:
+        groups["nodes"] = np.pad(body.positions, ((0, 0), (0, 3 - body.dimension)))
     picture = Picture(
         f"{_clean(model.title) or 'model'}: {body.ndof} degrees of freedom",
         sampled.positions,
@@ -122,7 +124,7 @@ def plot_model(path: Path, model: ModelFile) -> list[str]:
         marks={marker.name: marker.position for marker in body.markers},
         groups=groups,
         lines=tuple(nets),
-        meshed=True,
+        meshed=not body.outlines,  # pieces of beams are no elements
     )
     told = _plot(path, [picture])
     if nets:

@@ -246,6 +246,7 @@ def _points(axes: Any, picture: Picture, d: int) -> None:
     for line in picture.lines:
         axes.plot(*line.T[:d], color="0.5", lw=0.5, marker=".", ms=1.5)
     for number, (name, points) in enumerate(picture.groups.items(), 1):
-        axes.plot(*points.T[:d], ".", ms=2.5, color=COLOURS[number % 7], label=name)
+        colour = COLOURS[number % 7]
+        axes.plot(*points.T[:d], ".", ms=2.5, color=colour, label=name, zorder=4)
     for point in picture.marks.values():
         axes.plot(*point[:d, None], "o", ms=3.5, color=COLOURS[1], zorder=5)

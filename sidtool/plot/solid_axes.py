@@ -69,6 +69,7 @@ class SolidAxes:
         corner, total = middle - side / 2, page.get_size_inches()
         place = (*(corner / total), *(side / total))
         axes = cast(Any, page.add_axes(place, projection="3d"))
+        axes.computed_zorder = False  # points inside bores are seen through the body
         axes.patch.set_visible(False)
         axes.set_proj_type("ortho")
         axes.view_init(_ELEVATION, _AZIMUTH)

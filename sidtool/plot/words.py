@@ -14,8 +14,9 @@ from matplotlib.textpath import TextPath
 _POINTS, ROW = 72.0, 0.19
 #: What a legend takes for a line beside each text, and to the next [font sizes].
 _HANDLE, _BETWEEN = 2.8, 2.0
-#: Of the width of a page, what labels of the axis at the left take [inch].
-_LEFT = 1.0
+#: Of the width of a page, what labels of the axis at the left take, and the power of
+#: ten above the axis [inch].
+_LEFT = 1.5
 
 
 def width(text: str, size: float | None = None) -> float:

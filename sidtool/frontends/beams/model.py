@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -19,7 +20,7 @@ from ..patches.markers import placed as with_places
 from .axis import Axis, beam_axis
 from .element import Beam, Element, Rows
 from .mass import beam_mass
-from .points import MaterialPoints, Particles, placed, turned
+from .points import MaterialPoints, Particles, Stack, placed, turned
 from .section import section_at
 
 Array = NDArray[np.float64]
@@ -27,6 +28,8 @@ Indices = NDArray[np.int64]
 #: Positions of markers this near to the axis, relative to its length, are on it: a
 #: spline follows a curve only so well.
 _ON_LINE, _ON_CURVE = 1e-9, 1e-4
+#: Least number of pieces that pictures draw a beam in.
+_SECTIONS = 48
 
 
 def beam_model(model: ModelFile) -> FiniteElementModel:
@@ -48,8 +51,8 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     n, ndof = len(ends), 6 * len(ends)
     stiffness = sp.lil_matrix((ndof, ndof))
     particles, points = Particles(ndof), MaterialPoints(ndof)
-    for i in range(settings.elements):
-        element = Element(beam, ends[i], ends[i + 1])
+    elements = [Element(beam, *pair) for pair in pairwise(ends)]
+    for i, element in enumerate(elements):
         part = slice(6 * i, 6 * i + 12)
         stiffness[part, part] += element.stiffness()
         points.add(element, _dofs(i))
@@ -88,16 +91,23 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
         inertia_points=particles.points(),
         dof_table=np.arange(ndof).reshape(n, 6),
         beam_material=points.material(),
-        outlines=(_outline(beam, ends),),
+        outlines=(_outline(beam, elements, ndof),),
         geometry_mass=lambda: beam_mass(geometry, axis, material.density),
     )
 
 
-def _outline(beam: Beam, ends: Array) -> Outline:
-    frames = beam.axis.at(ends)
-    halves = np.array([beam.section(fraction).halves for fraction in ends])
-    motion = sp.eye_array(6 * len(ends), format="csr")
-    return Outline(frames.places, frames.axes[:, 1:], halves, sp.csr_matrix(motion))
+def _outline(beam: Beam, elements: list[Element], ndof: int) -> Outline:
+    """In pieces so short that its waves are drawn as they bend."""
+    pieces = -(-_SECTIONS // len(elements))
+    fractions = np.linspace(0, 1, pieces * len(elements) + 1)
+    frames = beam.axis.at(fractions)
+    halves = np.array([beam.section(fraction).halves for fraction in fractions])
+    motion = Stack(ndof)
+    for i, element in enumerate(elements):
+        places = np.arange(pieces + (i == len(elements) - 1)) / pieces
+        for rows in element.rows_at(places, element.frames(places)):
+            motion.add(np.concatenate([rows.displacement, rows.rotation]), _dofs(i))
+    return Outline(frames.places, frames.axes[:, 1:], halves, motion.matrix())
 
 
 def _rows(beam: Beam, ends: Array, at: float) -> tuple[Rows, Indices]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import re
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import matplotlib.image
 import numpy as np
 import pytest
 from matplotlib.text import Text
+from scipy.spatial import ConvexHull
 
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import unit_of
@@ -185,6 +188,36 @@ def test_studies_of_many_points(over: str, decades: float, pages: list[Any]) -> 
     for axes in page.axes:  # no point lies behind a legend
         inside = axes.get_window_extent()
         assert not any(inside.padded(-2).overlaps(box) for box in boxes)
+
+
+def test_legends_leave_the_power_of_ten_free() -> None:
+    """Rows of a full legend began on top of it."""
+    t = np.linspace(0.0, 1.0, 30)
+    columns = {f"a.q{k}": 1e-5 * np.sin(k * t) for k in range(1, 8)}
+    with styled():
+        page, (axes,) = courses.drawn(
+            t, [list(columns)], columns, {}, unit_of, (5.2, 1.4)
+        )
+        page.draw_without_rendering()
+    offset = axes.yaxis.get_offset_text()
+    assert "5" in offset.get_text()
+    box = axes.get_legend().get_window_extent()
+    assert not box.overlaps(offset.get_window_extent())
+
+
+def test_tied_nodes_are_seen_through_the_body() -> None:
+    """Those of a bore were hidden by its walls, their colour in the legend alone."""
+    corners = np.vstack([np.eye(3), -np.eye(3)])
+    faces = ConvexHull(corners).simplices
+    inside = {"pin: rigid tie": 0.1 * np.eye(3)}
+    with styled():
+        page, _ = drawn([Picture("octahedron", corners, faces, groups=inside)])
+        stream = io.BytesIO()
+        page.savefig(stream, dpi=100, format="png")
+    stream.seek(0)
+    pixels = matplotlib.image.imread(stream)[..., :3]
+    red = (pixels[..., 0] > pixels[..., 2] + 0.3).nonzero()[0]
+    assert len(red) > 10 and red.min() < 0.7 * len(pixels)
 
 
 def _is_legend(artist: Any) -> bool:
