@@ -61,6 +61,8 @@ RECORDING: Group = (
     "integrators.recording:sample",
     "integrators.recording:begin",
     "integrators.recording:rub",
+    "integrators.recording:jacobians",
+    "linear.carried_joints:forces_of_carriers",
 )
 #: Entry kernels that were found on disk, or compiled, once.
 _seen: set[str] = set()

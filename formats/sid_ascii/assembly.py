@@ -49,7 +49,7 @@ def assemble(raw: RawFile, source: str) -> SID:
     hint = tag or layout_from_words(title)
     nq = raw.reference.nq
     _note_counts(raw, notes)
-    order = layout.m1_index(_sized(raw), nq, hint)
+    order = layout.m1_index(list(_sized(raw)), nq, hint)
     if tag:
         order = tag.m1_index
     to = Reading(source, nq, order, notes)

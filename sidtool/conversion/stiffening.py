@@ -23,7 +23,7 @@ from sidtool.formats.model.reduction import Stiffening
 from sidtool.formats.progress import reached
 from sidtool.formats.sid import SID, Node, Taylor
 
-from ..frontends.elements.continuum import stress_from_gradient
+from ..frontends.elements.continuum import Continuum, stress_from_gradient
 from ..frontends.elements.solid import ElementBatch, internal_amplitudes
 from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
 from ..reduction.basis import ReducedBasis
@@ -186,7 +186,7 @@ class QuadraturePart:
     values : (p, m) of the functions
     slopes : (p, m, d) of the functions in space [1/m]
     weights : (p,) volume of each point [m^3]
-    law : elasticity matrix [Pa]
+    law : elasticity matrix [Pa]; (p, 6, 6) where its axes turn
     transverse : see `Continuum`
     table : (n, d) degrees of freedom by node
     internal : (p, k, d) slopes of internal modes of the element [1/m]
@@ -218,6 +218,7 @@ class QuadraturePart:
             values=self.values[cut],
             slopes=self.slopes[cut],
             weights=self.weights[cut],
+            law=self.law if self.law.ndim == 2 else self.law[cut],
             internal=None if self.internal is None else self.internal[cut],
             element=None if self.element is None else self.element[cut],
             per_element=1,
@@ -270,13 +271,19 @@ def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
                     values=values[cut].reshape(-1, values.shape[2]),
                     slopes=batch.gradients[cut].reshape(-1, values.shape[2], d),
                     weights=batch.measures[cut].ravel() * continuum.thickness,
-                    law=continuum.law,
+                    law=_law(batch, continuum, cut),
                     transverse=continuum.transverse,
                     table=body.table[:, :d],
                     per_element=ng,
                     continuum=number,
                     **inner,
                 )
+
+
+def _law(batch: ElementBatch, continuum: Continuum, cut: slice) -> Array:
+    if batch.laws is None:
+        return continuum.law
+    return batch.laws[cut].reshape(-1, *batch.laws.shape[2:])
 
 
 def _internal(batch: ElementBatch, law: Array, cut: slice) -> dict[str, Any]:
@@ -288,6 +295,7 @@ def _internal(batch: ElementBatch, law: Array, cut: slice) -> dict[str, Any]:
         gradients=batch.gradients[cut],
         measures=batch.measures[cut],
         internal=batch.internal[cut],
+        laws=None if batch.laws is None else batch.laws[cut],
     )
     assert some.internal is not None
     ne, ng, k, d = some.internal.shape

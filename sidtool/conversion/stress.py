@@ -79,7 +79,10 @@ def check_stress(body: FiniteElementModel, settings: StressRecovery) -> list[str
                 "sets",
             )
     told = [marker for marker in body.markers if _wanted(marker, settings)]
-    laws = {(part.law.tobytes(), part.transverse) for part in body.continua}
+    laws = {
+        (part.law.tobytes(), part.transverse, id(getattr(part.laws_at, "__self__", 0)))
+        for part in body.continua
+    }
     if told and len(laws) != 1:
         raise InputError(
             "the body has several materials",
@@ -119,7 +122,8 @@ def _wanted(marker: MarkerRows, settings: StressRecovery) -> bool:
 
 def _rows(body: FiniteElementModel, marker: MarkerRows) -> NDArray[np.float64]:
     assert marker.gradient is not None
-    return stress_rows(marker.gradient, body.continua[0]).toarray()
+    continuum = body.continua[0]
+    return stress_rows(marker.gradient, continuum, marker.position).toarray()
 
 
 def _initial(rows: Array, initial: InitialStress, transverse: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,20 +39,71 @@ class AnisotropicMaterial:
         moduli: Array = 1 / np.diag(np.linalg.inv(self.law))[:3]
         return moduli
 
-    def scaled(self, stress: float, density: float) -> AnisotropicMaterial:
+    def scaled(
+        self, stress: float, density: float, length: float = 1.0
+    ) -> AnisotropicMaterial:
         """In other units."""
-        return AnisotropicMaterial(self.law * stress, self.density * density)
+        return replace(self, law=self.law * stress, density=self.density * density)
 
     def turned(self, axes: ArrayLike) -> AnisotropicMaterial:
         """The material whose own axes x, y, z are the rows of a rotation matrix."""
-        rotation = np.asarray(axes, float).T
-        turn = np.zeros((6, 6))
-        for row, (a, b) in enumerate(_PAIRS):
-            for column, (i, j) in enumerate(_PAIRS):
-                pair = rotation[a, i] * rotation[b, j]
-                other = rotation[a, j] * rotation[b, i]
-                turn[row, column] = pair if i == j else pair + other
-        return replace(self, law=turn @ self.law @ turn.T)
+        return replace(self, law=_turned(self.law, np.asarray(axes, float)))
+
+
+@dataclass(frozen=True, eq=False)
+class CylindricalMaterial(AnisotropicMaterial):
+    """One whose axes are the radius, the circumference and the axis of a cylinder.
+
+    Attributes
+    ----------
+    law : in these axes, in the order of `AnisotropicMaterial`
+    start, axis : (3,) a point of the axis [m] and its direction, of length 1
+    """
+
+    start: Array
+    axis: Array
+
+    def laws_at(self, places: Array) -> Array:
+        """(..., 6, 6) in the axes of the body at places (..., 3) [m].
+
+        Raises
+        ------
+        InputError : one lies on the axis.
+        """
+        arms = places - self.start
+        radial = arms - (arms @ self.axis)[..., None] * self.axis
+        radii = np.linalg.norm(radial, axis=-1, keepdims=True)
+        if (radii <= 1e-9 * np.abs(arms).max()).any():
+            raise InputError(
+                "cylindrical material axes are not defined on their axis",
+                expected="material beside it",
+            )
+        radial = radial / radii
+        around = np.cross(np.broadcast_to(self.axis, radial.shape), radial)
+        along = np.broadcast_to(self.axis, radial.shape)
+        return _turned(self.law, np.stack([radial, around, along], axis=-2))
+
+    def scaled(
+        self, stress: float, density: float, length: float = 1.0
+    ) -> CylindricalMaterial:
+        law, density = self.law * stress, self.density * density
+        return replace(self, law=law, density=density, start=self.start * length)
+
+
+def laws_of(material: ElasticMaterial) -> Callable[[Array], Array] | None:
+    """The laws at places of a material whose axes are not the same everywhere."""
+    return material.laws_at if isinstance(material, CylindricalMaterial) else None
+
+
+def _turned(law: Array, axes: Array) -> Array:
+    """(..., 6, 6) a law (6, 6) whose own axes are the rows of axes (..., 3, 3)."""
+    turn = np.zeros((*axes.shape[:-2], 6, 6))
+    for row, (a, b) in enumerate(_PAIRS):
+        for column, (i, j) in enumerate(_PAIRS):
+            pair = axes[..., i, a] * axes[..., j, b]
+            other = axes[..., j, a] * axes[..., i, b]
+            turn[..., row, column] = pair if i == j else pair + other
+    return np.asarray(turn @ law @ np.swapaxes(turn, -1, -2), float)
 
 
 #: What elements are made of.

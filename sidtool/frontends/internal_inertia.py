@@ -8,14 +8,14 @@ inertia are those of the nodal functions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from .anisotropic import ElasticMaterial
+from .anisotropic import ElasticMaterial, laws_of
 from .elements.internal_modes import internal_values
 from .elements.reference import reference_element
 from .elements.solid import (
@@ -82,7 +82,7 @@ def internal_inertia(
             continue
         material, depth = materials[block.material], block.thickness or thickness
         density, law = material.density * depth, elasticity(material, state)
-        for batch, amplitudes in _with_amplitudes(mesh, block, law):
+        for batch, amplitudes in _with_amplitudes(mesh, block, law, laws_of(material)):
             parts.append(_Part(batch.nodes, amplitudes, *_mass(batch, density), count))
             added.add(parts[-1].added(d), batch.nodes)
             count += parts[-1].own.shape[0] * d
@@ -95,13 +95,16 @@ def internal_inertia(
 
 
 def _with_amplitudes(
-    mesh: Mesh, block: ElementBlock, law: Array
+    mesh: Mesh,
+    block: ElementBlock,
+    law: Array,
+    laws: Callable[[Array], Array] | None,
 ) -> Iterator[tuple[ElementBatch, Array]]:
     """Elements at the points of the mass, all functions there, and the amplitudes."""
     inner = internal_values(reference_element(block.kind, "mass").points)[None]
     for batch in element_batches(mesh, block, "mass"):
         some = replace(block, nodes=batch.nodes, labels=np.arange(len(batch.nodes)))
-        own = element_batches(mesh, some, relieved=True)
+        own = element_batches(mesh, some, relieved=True, laws=laws)
         amplitudes = np.concatenate([internal_amplitudes(b, law) for b in own])
         values = np.concatenate([batch.values, inner], axis=2)
         yield replace(batch, values=values), amplitudes

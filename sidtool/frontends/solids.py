@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 
-from .anisotropic import AnisotropicMaterial, ElasticMaterial
+from .anisotropic import AnisotropicMaterial, ElasticMaterial, laws_of
 from .elements.continuum import Continuum, continuum_of
 from .elements.internal_modes import RELIEVED_KINDS
 from .elements.internal_modes import relieved as with_modes
@@ -64,7 +66,7 @@ def mesh_matrices(
         depth = block.thickness or thickness
         check_locking(block.kind, material, state, extra)
         m, k = assembled(
-            element_batches(mesh, block, relieved=extra),
+            element_batches(mesh, block, relieved=extra, laws=laws_of(material)),
             n,
             dimension=d,
             density=material.density * depth,
@@ -89,8 +91,9 @@ def mesh_continua(
     continua = []
     for block in mesh.blocks:
         extra = has_internal_modes(block, incompatible_modes)
-        batches = partial(element_batches, mesh, block, "stress", relieved=extra)
         material, depth = materials[block.material], block.thickness or thickness
+        settings: Any = {"relieved": extra, "laws": laws_of(material)}
+        batches = partial(element_batches, mesh, block, "stress", **settings)
         continua.append(
             continuum_of(batches, material, state, depth, internal_modes=extra)
         )
@@ -133,6 +136,7 @@ def element_batches(
     integral: str = "stiffness",
     *,
     relieved: bool = False,
+    laws: Callable[[Array], Array] | None = None,
 ) -> Iterator[ElementBatch]:
     """The elements of a block at the quadrature points of an integral.
 
@@ -141,6 +145,7 @@ def element_batches(
     integral : "stiffness", "stress" or "mass"; stresses come at all points that exact
         integrals of the stiffness need
     relieved : whether they get internal modes
+    laws : of a material whose axes turn, see `laws_of`
     """
     element = reference_element(block.kind, integral)
     size = element.gradients.size * 3 * (mesh.dimension + 1)
@@ -158,4 +163,7 @@ def element_batches(
         elif integral != "mass":
             fewer = integral == "stiffness"
             batch = relaxed(batch, mesh.positions, element, fewer=fewer)
+        if laws is not None and integral != "mass":
+            places = batch.values @ mesh.positions[batch.nodes]
+            batch = replace(batch, laws=laws(places))
         yield batch

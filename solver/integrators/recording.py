@@ -142,6 +142,15 @@ def rub(kernels, system, work, memory, times, z, v, told):
                 told[k, j, RUB_FORCE] = told[k, j, RUB_PUSH] = math.nan
 
 
+@entry(types.void(KERNELS, SYSTEM, WORK, F1, F1, F2, F2, F2))
+def jacobians(kernels, system, work, times, clocks, z, v, C):
+    """`Work.C` of some states, into the rows of C."""
+    for k in range(len(times)):
+        work.clock[0] = clocks[k]
+        kernels.evaluate(system, work, times[k], z[k], v[k])
+        copy(work.C, C[k])
+
+
 @entry(
     types.void(
         *[KERNELS, SYSTEM, WORK, MEMORY, F2, F1, F1, F2, F2, F2, F2, F3, F3],

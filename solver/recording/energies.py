@@ -44,14 +44,9 @@ def dissipation(told: Told) -> Array:
     return np.asarray(lost - rubbed)
 
 
-def supply(told: Told, drift: Array) -> Array:
-    """Power of drives, and of forces that are functions of time or laws, (nt,) [W].
-
-    drift : (nt, rows) derivative of the constraints by time alone
-    """
-    multipliers = told.samples.multipliers
-    driven = np.sum(np.where(drift != 0.0, multipliers * drift, 0.0), axis=1)
-    return np.asarray(told.forces["given"].sum(axis=1) - driven)
+def supply(told: Told) -> Array:
+    """Power of drives, and of forces that are functions of time or laws, (nt,) [W]."""
+    return np.asarray(told.forces["given"].sum(axis=1) + told.driven)
 
 
 def deformation_energies(sid: SID, x: Array, size: float = 1.0) -> Array:

@@ -14,8 +14,6 @@ from sidtool.formats.scene import SceneFile, parse_output
 from sidtool.formats.sid import Array
 
 from ..linear.newton import Kernels
-from ..space import layout as at
-from ..system import kernel_calls
 from ..system.scene import System
 from ..system.storage import new_memory, new_work
 from .dense import BATCH, Points, Steps
@@ -92,9 +90,8 @@ class History:
                 self._closed,
             )
             whole, motion = whole_motion(system, steps.t, samples)
-            drift = _drift(whole, steps.t, motion.z, motion.v)
             told = Told(whole, motion, steps.t)
-            powers.append((dissipation(told), supply(told, drift)))
+            powers.append((dissipation(told), supply(told)))
             t.append(steps.t)
         return np.concatenate(t), [np.concatenate(p) for p in zip(*powers, strict=True)]
 
@@ -124,20 +121,3 @@ def history_between(
     found = interpolated(system, kernels, work, memory, states, closed, nodes.ravel())
     history.add(Steps(nodes.ravel(), *found))
     return history
-
-
-def _drift(system: System, times: Array, z: Array, v: Array) -> Array:
-    """What drives change in the constraints: their rates while all bodies rest, and
-    states of laws are what they are."""
-    drift = np.zeros((len(times), system.n_rows))
-    if not (system.arrays.constraint[:, at.C_DRIVE] >= 0).any():
-        return drift
-    work = new_work(system)
-    states = [r[at.VEL] for r in system.arrays.body if r[at.FLAGS] & at.STATE]
-    rest = np.zeros_like(v)
-    rest[:, states] = v[:, states]
-    for i, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
-        work.clock[0] = clock
-        kernel_calls.evaluate(system, work, t, z[i], rest[i])
-        drift[i] = work.row[:, at.C_RATE]
-    return drift

@@ -14,14 +14,17 @@ import numpy as np
 
 from sidtool.formats.result import Event
 from sidtool.formats.scene import Event as Wanted
-from sidtool.formats.scene import Outputs
+from sidtool.formats.scene import Outputs, parse_output
+from sidtool.formats.scene.outputs import is_of_joint
 from sidtool.formats.sid import Array
 
 from ..linear.newton import Kernels
+from ..system.bodies.eliminated import asks_for_joints
 from ..system.scene import System
 from ..system.storage import new_memory, new_work
 from . import outputs
 from .dense import Points, Steps
+from .sampling import sample
 
 #: A quantity closer to the value than this part of its size is on it.
 ON_VALUE = 1e-13
@@ -58,6 +61,10 @@ class Watch:
         record = tuple(event.quantity for event in self.wanted.values())
         scene = system.scene.model_copy(update={"outputs": Outputs(record=record)})
         self.system = replace(system, scene=scene)
+        if not asks_for_joints(scene, system.eliminated):
+            self.system = replace(self.system, whole=None)
+        #: whether any multipliers do that hold the mechanism
+        self._any_do = not any(is_of_joint(parse_output(q).quantity) for q in record)
         self.levels = np.array([event.value for event in self.wanted.values()])
         self.kernels, self.closed = kernels, closed
         self.work, self.memory = new_work(system), new_memory(system, 0)
@@ -94,9 +101,9 @@ class Watch:
 
         Projects z and v onto the constraints.
         """
-        recorded = outputs.record(
-            self.system, self.kernels, self.work, self.memory, t, z, v, self.closed
-        )
+        parts = self.system, self.kernels, self.work, self.memory, t, z, v, self.closed
+        samples = sample(*parts) if self._any_do else None
+        recorded = outputs.record(*parts, samples=samples)
         return recorded.values - self.levels
 
     def _crossings(self, k: int, heights: Array) -> list[tuple[int, int]]:

@@ -31,12 +31,13 @@ from ..space import layout as at
 from ..space.layout import Work
 from ..system.bodies.embedded import embedded, matrices
 from ..system.scene import System
+from ..system.storage import new_work
 from .energy_history import History
 from .joint_forces import COMPONENTS, friction_column, wrench
 from .momenta import momentum_column
 from .motion import Motion, frame_motion, marker_motion, place
 from .orientation import orientation_column
-from .sampling import Samples, sample
+from .sampling import Samples, sample, with_smallest
 from .scene_outputs import SceneQuantities
 from .stress_outputs import stress_column
 from .told import Told
@@ -83,7 +84,10 @@ def record(
     """
     if samples is None:
         samples = sample(system, kernels, work, memory, times, z, v, closed)
+        samples = with_smallest(system, work, times, samples)
     whole, motion = whole_motion(system, times, samples)
+    if system.whole is not None:
+        motion = with_smallest(whole, new_work(whole), times, motion)
     told = Told(whole, motion, times, work if whole is system else None)
     quantities = SceneQuantities(system, work, times, samples, history, told)
     names: list[str] = []

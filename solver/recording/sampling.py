@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Samples:
     frames, points : (nt, bodies, .) and (nt, markers, .), as in `space.layout.Work`,
         with accelerations complete
     accelerations : (nt, .) z_II'
-    multipliers : (nt, rows), of redundant constraints the smallest, see `minimum_norm`
+    multipliers : (nt, rows), see `with_smallest`
     factors : (nt, forces) functions of time and laws that scale forces
     undetermined : rows of multipliers that the motion does not determine
     friction : (nt, frictions, .) of joints with friction, see `recording.N_RUB`
@@ -59,6 +59,7 @@ def sample(
 ) -> Samples:
     """Projects every recorded state and solves eq. (3) there.
 
+    Multipliers of redundant constraints are some that hold the mechanism.
     closed : (rows, 2) constraints are met when |c| and |dc/dt| are below
     """
     nt = len(times)
@@ -96,11 +97,19 @@ def sample(
             rests = np.abs(friction[part][:, :, recording.RUB_RATE]) <= led
             sticking[part] = np.where(led > 0.0, rests, sense == 0.0)
     kernel_calls.go_on(system)
-    rows: tuple[int, ...] = ()
-    if system.redundant:
-        multipliers, rows = minimum_norm(system, work, times, z, v, multipliers)
-    found = (z, v, frames, points, accelerations, multipliers, factors, rows)
+    found = (z, v, frames, points, accelerations, multipliers, factors, ())
     return Samples(*found, friction, sticking)
+
+
+def with_smallest(
+    system: System, work: Work, times: Array, samples: Samples
+) -> Samples:
+    """The same with the smallest multipliers of redundant constraints."""
+    if not system.redundant:
+        return samples
+    states = times, samples.z, samples.v
+    found, rows = minimum_norm(system, work, *states, samples.multipliers)
+    return replace(samples, multipliers=found, undetermined=rows)
 
 
 def sample_known(

@@ -20,6 +20,7 @@ from ..integrators.recording import RUB_FORCE
 from ..space import layout as at
 from ..space.layout import Work
 from ..space.spaces import MEASURED, MOVED, WRENCH
+from ..system.bodies.embedded import embedded
 from ..system.scene import Rows, System
 from ..system.storage import new_work
 from .sampling import Samples
@@ -63,6 +64,29 @@ class Told:
     def forces(self) -> Rows:
         """`MEASURED` of all forces, (nt, forces); nothing of what is none."""
         return self._forces[1][:, : len(self.system.forces)]
+
+    @property
+    def driven(self) -> Array:
+        """Power of the forces by which drives hold their constraints, (nt,) [W].
+
+        That of several drives is theirs together, whichever of multipliers that hold
+        the mechanism they have.
+        """
+        system, total = self.system, np.zeros(len(self.times))
+        held = system.arrays.constraint
+        for k in np.flatnonzero((held[:, [at.C_DRIVE, at.C_LAW]] >= 0).any(axis=1)):
+            a, b = (
+                system.points(self.samples.points[:, m])
+                for m in held[k, [at.MARKER_A, at.MARKER_B]]
+            )
+            row = self._forces[0][:, k]
+            for force, velocity in (
+                (row["force"], embedded(b["v"] - a["v"])),
+                (row["torque_a"], embedded(a["w"])),
+                (row["torque_b"], embedded(b["w"])),
+            ):
+                total += np.einsum("ij,ij->i", force, velocity)
+        return total
 
     def coordinate(self, joint: str, name: str) -> Rows:
         """`MEASURED` of a coordinate of a joint that the system measures, (nt,)."""

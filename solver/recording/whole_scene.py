@@ -8,21 +8,17 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
+from ..equations.pointers import kernels
 from ..integrators.recording import RUB_FORCE
+from ..linear import carried_joints
 from ..space import layout as at
-from ..space.layout import Work
 from ..start.carried import keep_frame
-from ..start.consistent import dense_jacobian
-from ..start.minimum_norm import minimum_norm
-from ..start.overconstraint import complete
-from ..system import kernel_calls
+from ..start.overconstraint import TURNING, complete
 from ..system.bodies.embedded import embedded
+from ..system.kernel_calls import go_on
 from ..system.scene import Row, System
 from ..system.storage import new_work
 from .sampling import Samples
-
-#: Joint forces below this part of the largest are what dependent rows leave open.
-RANK_TOLERANCE = 1e-9
 
 
 def whole_motion(
@@ -43,19 +39,9 @@ def whole_motion(
     for b in range(len(system.bodies)):
         _expand(system, whole, b, samples, (z, v, acc))
     whole = complete(whole)
-    work, solver = new_work(whole), _JointForces(system, whole)
-    multipliers = np.zeros((len(times), whole.n_rows))
-    multipliers[:, solver.known] = samples.multipliers[:, solver.source]
-    for i, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
-        work.clock[0] = clock
-        kernel_calls.evaluate(whole, work, t, z[i], v[i])
-        forces = samples.friction[i, :, RUB_FORCE]
-        multipliers[i] = solver.complete(work, acc[i], multipliers[i], forces)
-    rows: tuple[int, ...] = ()
-    if whole.redundant:
-        multipliers, rows = minimum_norm(whole, work, times, z, v, multipliers)
+    multipliers = _multipliers(system, whole, times, samples, (z, v, acc))
     found = replace(samples, z=z, v=v, accelerations=acc, multipliers=multipliers)
-    return whole, replace(found, undetermined=rows)
+    return whole, replace(found, undetermined=())
 
 
 def _expand(
@@ -77,61 +63,74 @@ def _expand(
         target[:, end - count : end] = source[:, cut[at_] : cut[at_] + count]
     if cut[at.RD] == row[at.RD]:
         return
-    u, rigid = int(row[at.VEL]), int(row[at.RD])
-    for i, frame in enumerate(samples.frames[:, b]):
-        keep_frame(whole, b, frame, z[i], v[i])
-        acc[i, u : u + rigid] = _rates(whole, frame)[:rigid]
+    u, rigid, frames = int(row[at.VEL]), int(row[at.RD]), samples.frames[:, b]
+    keep_frame(whole, b, frames, z, v)
+    acc[:, u : u + rigid] = _rates(whole, frames)[:, :rigid]
 
 
-def _rates(system: System, frame: Array) -> Array:
-    """Derivatives of the body-resolved velocities: a = dv/dt + w x v."""
-    of = system.frames(frame)
+def _rates(system: System, frames: Array) -> Array:
+    """Derivatives of the body-resolved velocities: a = dv/dt + w x v, (nt, .)."""
+    of = system.frames(frames)
     carried = np.cross(embedded(of["w"]), embedded(of["v"]))
-    return np.append(of["a"] - carried[: len(of["a"])], of["al"])
+    linear = of["a"] - carried[:, : of["a"].shape[1]]
+    return np.concatenate([linear, of["al"]], axis=1)
 
 
-class _JointForces:
-    """Multipliers of eliminated joints, from the equations of the bodies they carry.
+def _multipliers(
+    system: System,
+    whole: System,
+    times: Array,
+    samples: Samples,
+    states: tuple[Array, Array, Array],
+) -> Array:
+    """Those of the cut scene, and what the joints of carried bodies transmit."""
+    rows = _same_rows(system.rows, whole.rows)
+    known, source = np.array(rows, np.int64).reshape(-1, 2).T
+    multipliers = np.zeros((len(times), whole.n_rows))
+    multipliers[:, known] = samples.multipliers[:, source]
+    z, v, acc = states
+    carried_joints.forces_of_carriers(
+        kernels(whole.planar),
+        whole.arrays,
+        new_work(whole),
+        _held(system, whole, np.setdiff1d(np.arange(whole.n_rows), known)),
+        np.ascontiguousarray(times),
+        system.clocks(times),
+        z,
+        v,
+        acc,
+        np.ascontiguousarray(samples.friction[:, :, RUB_FORCE]),
+        multipliers,
+        np.zeros((carried_joints.MOST_ROWS + 1, carried_joints.MOST_ROWS)),
+        np.zeros(carried_joints.MOST_ROWS, np.int64),
+    )
+    go_on(whole)
+    return multipliers
 
-    known : rows of the whole scene that the cut one has as well
-    source : their rows there
+
+def _held(system: System, whole: System, wanted: Array) -> at.IntTable:
+    """Carried bodies, each behind its base, with the rows of their joints.
+
+    A body that does not turn feels no row of rotations.
     """
-
-    def __init__(self, system: System, whole: System) -> None:
-        self.whole = whole
-        pairs = _same_rows(system.rows, whole.rows)
-        self.known = np.array([a for a, _ in pairs], int)
-        self.source = np.array([b for _, b in pairs], int)
-        self.wanted = np.setdiff1d(np.arange(whole.n_rows), self.known)
-        columns = [
-            np.arange(row[at.VEL], row[at.VEL] + row[at.RD])
-            for cut, row in zip(system.arrays.body, whole.arrays.body, strict=True)
-            if cut[at.RD] != row[at.RD]
-        ]
-        self.columns = np.concatenate(columns)
-
-    def complete(
-        self, work: Work, acceleration: Array, multipliers: Array, friction: Array
-    ) -> Array:
-        """All multipliers, of M z_II' = f + C^T lambda as evaluated in `work`.
-
-        friction : (frictions,) forces of friction, which are a part of f
-        """
-        C = dense_jacobian(self.whole, work.C)
-        left = -work.f - C.T @ multipliers
-        for j, b, o in self.whole.arrays.sliding.segment:
-            n, u = self.whole.arrays.body[b, [at.NV, at.VEL]]
-            left[u : u + n] -= friction[j] * work.C[o : o + n]
-        for row in self.whole.arrays.body:
-            n, o, u = row[at.NV], row[at.BLOCK], row[at.VEL]
-            block = work.M[o : o + n * n].reshape(n, n)
-            left[u : u + n] += block @ acceleration[u : u + n]
-        found = multipliers.copy()
-        held = C[self.wanted][:, self.columns].T
-        found[self.wanted] = np.linalg.lstsq(
-            held, left[self.columns], rcond=RANK_TOLERANCE
-        )[0]
-        return found
+    rows = {data.name: list[int]() for data in whole.bodies}
+    held = whole.arrays.constraint
+    turning = set(held[np.isin(held[:, at.KIND], TURNING), at.ROW])
+    for row in whole.rows:
+        part = set(range(row.first, row.first + row.count)).intersection(wanted)
+        if part:
+            rows[system.eliminated[row.name]] += sorted(part)
+    table = []
+    bodies = zip(whole.bodies, system.arrays.body, whole.arrays.body, strict=True)
+    for b, (data, cut, row) in enumerate(bodies):
+        if cut[at.RD] == row[at.RD]:
+            continue
+        own = rows[data.name]
+        if len(own) > row[at.RD]:
+            own = [r for r in own if r not in turning]
+        empty = [-1] * (carried_joints.MOST_ROWS - len(own))
+        table.append([b, *own, *empty])
+    return np.array(table, np.int64).reshape(-1, carried_joints.N_HELD)
 
 
 def _same_rows(cut: tuple[Row, ...], whole: tuple[Row, ...]) -> list[tuple[int, int]]:

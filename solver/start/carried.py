@@ -46,12 +46,16 @@ def carried_rows(body: IntTable) -> list[int]:
 
 
 def keep_frame(system: System, b: int, frame: Array, z: Array, v: Array) -> None:
-    """Writes a frame into the coordinates of its body."""
+    """Writes a frame (.) into the coordinates of its body, or frames (nt, .)."""
     row = system.arrays.body[b]
     p, u, rigid = row[at.POS], row[at.VEL], row[at.RD]
     of = system.frames(frame)
-    turn = of["angle"] if system.planar else quaternion(matrices(of["R"]))
-    position = np.append(of["x"], turn)
-    velocity = np.append(of["v"], of["w"])
+    if system.planar:
+        turn = np.asarray(of["angle"])[..., None]
+    else:
+        turn = quaternion(matrices(of["R"]))
+    position = np.concatenate([of["x"], turn], axis=-1)
+    velocity = np.concatenate([of["v"], of["w"]], axis=-1)
     count = row[at.NP] - row[at.NQ]
-    z[p : p + count], v[u : u + rigid] = position[:count], velocity[:rigid]
+    z[..., p : p + count] = position[..., :count]
+    v[..., u : u + rigid] = velocity[..., :rigid]

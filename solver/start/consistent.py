@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -301,9 +301,15 @@ def of_length_one(C: Array) -> Array:
 
 def dense_jacobian(system: System, C: Array) -> Array:
     """The constraint Jacobian as a dense (rows, velocities) matrix."""
-    dense = np.zeros((system.n_rows, system.n_velocities))
+    return np.asarray(dense_jacobians(system, C[None])[0])
+
+
+def dense_jacobians(system: System, C: Array) -> Array:
+    """Those of some states, (nt, rows, velocities), from the rows of C."""
+    dense = np.zeros((len(C), system.n_rows, system.n_velocities))
     rows, columns, values = jacobian_entries(system, C)
-    np.add.at(dense, (rows, columns), values)
+    places: Any = (slice(None), rows, columns)
+    np.add.at(dense, places, values)
     return dense
 
 

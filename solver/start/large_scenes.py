@@ -45,9 +45,12 @@ REFINEMENTS, MET = 5, 1e-15
 
 
 def jacobian_entries(system: System, C: Array) -> tuple[np.ndarray, np.ndarray, Array]:
-    """Rows, columns and values of the constraint Jacobian, to be added up."""
+    """Rows, columns and values (..., n) of the constraint Jacobian, to be added up.
+
+    C : (..., .) of `Work`
+    """
     rows, columns, entries = system.once(_jacobian_places)
-    return rows, columns, C[entries]
+    return rows, columns, C[..., entries]
 
 
 def _jacobian_places(system: System) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,16 +14,20 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
+from ..equations.pointers import kernels
+from ..integrators import recording
 from ..space.layout import Work
-from ..system import kernel_calls
+from ..system.kernel_calls import go_on
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
-from .consistent import RANK_TOLERANCE, dense_jacobian
+from .consistent import RANK_TOLERANCE, dense_jacobians
 from .large_scenes import MANY, IndependentRows, scaled_jacobian
 from .overconstraint import complete
 
 #: Square of the part of a multiplier in the null space of C^T that is no rounding.
 UNDETERMINED = 1e-10
+#: Entries of dense Jacobians of states that are looked at together.
+NUMBERS = 1_000_000
 
 
 def minimum_norm(
@@ -32,45 +36,73 @@ def minimum_norm(
     """Multipliers (nt, rows) of the states z, v at some times, without what lies in the
     null space of C^T; and the rows that have a part in it, which the motion does not
     determine."""
-    rows, columns = row_sizes(system), coordinate_sizes(system)
-    rank, whole = system.n_rows - len(system.redundant), complete(system)
     result, known_part = multipliers.copy(), np.ones(system.n_rows)
-    for k, (t, clock) in enumerate(zip(times, system.clocks(times), strict=True)):
-        work.clock[0] = clock
-        kernel_calls.evaluate(system, work, t, z[k], v[k])
-        undetermined = _of_many(system, work, rows) if whole is system else None
-        if undetermined is not None:
-            scaled = multipliers[k] * rows
-            result[k] = (scaled - undetermined @ (undetermined.T @ scaled)) / rows
-            known_part = np.minimum(known_part, 1.0 - np.sum(undetermined**2, axis=1))
-            continue
-        force = dense_jacobian(system, work.C).T @ multipliers[k]
-        kernel_calls.evaluate(whole, work, t, z[k], v[k])
-        C = dense_jacobian(system, work.C) * columns / rows[:, None]
-        left, sizes, right = np.linalg.svd(C, full_matrices=False)
-        known = sizes[:rank] > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))
-        held = left[:, :rank][:, known]
-        if whole is system:
-            part = held.T @ (multipliers[k] * rows)
-        else:
-            part = right[:rank][known] @ (columns * force) / sizes[:rank][known]
-        result[k] = held @ part / rows
-        known_part = np.minimum(known_part, np.sum(held**2, axis=1))
+    whole, is_large = complete(system), system.n_rows >= MANY
+    numbers = max(1, system.n_rows * system.n_velocities)
+    block = 1 if is_large else max(1, NUMBERS // numbers)
+    for first in range(0, len(times), block):
+        part = slice(first, first + block)
+        states = times[part], z[part], v[part]
+        C, found = _jacobians(system, work, *states), None
+        strict = C if whole is system else _jacobians(whole, work, *states)
+        if is_large and strict is C:
+            found = _least_of_many(system, C[0], multipliers[part])
+        if found is None:
+            found = _least(system, C, strict, multipliers[part])
+        result[part], held = found
+        known_part = np.minimum(known_part, held)
     return result, tuple(map(int, np.flatnonzero(1.0 - known_part > UNDETERMINED)))
 
 
-def _of_many(system: System, work: Work, sizes: Array) -> Array | None:
-    """An orthonormal basis of the null space (rows, n) in a large scene; None where it
-    is not clear.
+def _jacobians(system: System, work: Work, times: Array, z: Array, v: Array) -> Array:
+    """`Work.C` of some states, (nt, .)."""
+    found = np.zeros((len(times), len(work.C)))
+    clocks = system.clocks(times)
+    recording.jacobians(
+        kernels(system.planar), system.arrays, work, times, clocks, z, v, found
+    )
+    go_on(system)
+    return found
 
-    sizes : (rows,) of the constraints
+
+def _least(
+    system: System, C: Array, strict: Array, multipliers: Array
+) -> tuple[Array, Array]:
+    """The smallest multipliers of some states (nt, rows), and of each row the least
+    part (rows,) that the motion determines.
+
+    strict : C where no constraint is left out
     """
-    if system.n_rows < MANY:
-        return None
-    rows = IndependentRows(scaled_jacobian(system, work.C))
+    rows, columns = row_sizes(system), coordinate_sizes(system)
+    rank = system.n_rows - len(system.redundant)
+    scaled = dense_jacobians(system, strict) * columns / rows[:, None]
+    left, sizes, right = np.linalg.svd(scaled, full_matrices=False)
+    largest = np.maximum(1.0, sizes.max(axis=1, initial=0.0))
+    sizes = sizes[:, :rank]
+    known = sizes > RANK_TOLERANCE * largest[:, None]
+    held = left[:, :, :rank] * known[:, None, :]
+    if strict is C:
+        part = np.einsum("krn,kr->kn", held, multipliers * rows)
+    else:
+        force = np.einsum("kru,kr->ku", dense_jacobians(system, C), multipliers)
+        part = np.einsum("knu,ku->kn", right[:, :rank], columns * force)
+        part /= np.where(known, sizes, np.inf)
+    least = np.einsum("krn,kn->kr", held, part) / rows
+    return least, np.sum(held**2, axis=2).min(axis=0, initial=1.0)
+
+
+def _least_of_many(
+    system: System, C: Array, multipliers: Array
+) -> tuple[Array, Array] | None:
+    """The same for one state of a large scene; None where its rows are not clear."""
+    rows = IndependentRows(scaled_jacobian(system, C))
     if rows.dependent.sum() != len(system.redundant):
         return None
     if not rows.are_clear(RANK_TOLERANCE):
         return None
+    sizes = row_sizes(system)
     scale = sizes / rows.lengths
-    return np.asarray(np.linalg.qr(scale[:, None] * rows.dependencies())[0])
+    apart = np.asarray(np.linalg.qr(scale[:, None] * rows.dependencies())[0])
+    scaled = multipliers * sizes
+    least = (scaled - (scaled @ apart) @ apart.T) / sizes
+    return least, 1.0 - np.sum(apart**2, axis=1)

@@ -15,7 +15,7 @@ import numpy as np
 from ..space import layout as at
 from ..space.layout import Work
 from ..system import kernel_calls
-from ..system.forces.rows import Element
+from ..system.forces.elements import Element
 from ..system.scene import System
 from .carried import carried_rows, carrying
 from .consistent import guess

@@ -70,6 +70,8 @@ def _dependent_rows(state: State) -> tuple[int, ...]:
         return tuple(map(int, np.flatnonzero(rows.dependent)))
     matrix = state.scaled_jacobian()
     n_rows, n_columns = matrix.shape
+    if not n_columns:
+        return tuple(range(n_rows))
     sizes = np.linalg.svd(matrix, compute_uv=False)
     bound = RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))
     if n_rows <= n_columns and np.all(sizes > bound):
@@ -77,7 +79,7 @@ def _dependent_rows(state: State) -> tuple[int, ...]:
     from scipy.linalg import qr  # a third of a second that few scenes need
 
     _, R, order = qr(matrix.T, mode="economic", pivoting=True)
-    pivots = np.abs(np.diag(R)) if R.size else np.zeros(0)
+    pivots = np.abs(np.diag(R))
     rank = int(np.sum(pivots > bound))
     return tuple(sorted(int(i) for i in order[rank:]))
 

@@ -44,9 +44,10 @@ from .bodies.held_frames import with_held_frames
 from .bodies.rigid_bodies import without_elasticity
 from .constraint_tables import ConstraintTables, constraint_tables
 from .constraints import Constraint, constraints_of
+from .forces.elements import Element, force_table, joint_coordinate
 from .forces.friction import friction_tables, place_in_newton, rubbing_joints
 from .forces.laws import LawTable, laws_of, state_bodies
-from .forces.rows import Element, compile_forces, force_table, joint_coordinate
+from .forces.rows import compile_forces
 from .forces.samples import with_samples
 from .ingredients import Ingredients, Reference, driven_coordinates
 from .newton_rows import newton_rows
@@ -269,13 +270,12 @@ def _turning(
     coordinates = {key: joint_coordinate(scene, *key) for key in keys}
     if parts.planar:
         return elements, coordinates, ()
-    driven = driven_coordinates(scene)
-
-    def drive_of(coordinate: Coordinate) -> int:
-        drive = driven[coordinate[0]].get(coordinate[1])
-        return -1 if drive is None else parts.drive_index[drive]
-
-    return with_turns(elements, coordinates, drive_of)
+    drives = {
+        (joint, coordinate): parts.drive_index[name]
+        for joint, driven in driven_coordinates(scene).items()
+        for coordinate, name in driven.items()
+    }
+    return with_turns(elements, coordinates, drives)
 
 
 def _dims(

@@ -18,9 +18,9 @@ from ..functions.native import Native
 from ..space import layout as at
 from ..space.spaces import FRAMES, PLANE, POINTS, SPACE
 from .bodies.data import BodyData
+from .forces.elements import Element
 from .forces.friction import Rubbing
 from .forces.grips import Grips
-from .forces.rows import Element
 from .turns import Coordinate, Turn
 
 #: Rows with names.

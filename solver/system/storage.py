@@ -14,7 +14,7 @@ from ..linear.newton import N_COUNTERS, Memory
 from ..space import layout as at
 from ..space.spaces import FRAMES, MODES, POINTS, STIFFENED, TURNING
 from .bodies.data import elastic_mass, modal_squares, shape_functions, symmetric
-from .forces.rows import most_read
+from .forces.elements import most_read
 from .scene import System
 
 #: Weight of stiffness against mass in the metric of projections: radians of the slowest

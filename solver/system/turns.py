@@ -7,7 +7,7 @@ after every step, to the nearest one that the orientations allow.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from ..functions.pool import Pool
 from ..space import layout as at
 from ..space.layout import IntTable
-from .forces.rows import Element
+from .forces.elements import Element
 from .ingredients import Reference
 
 #: Joint and coordinate.
@@ -56,16 +56,16 @@ class Turn:
 def with_turns(
     forces: Sequence[Element],
     coordinates: Mapping[Coordinate, Element],
-    drive_of: Callable[[Coordinate], int],
+    drives: Mapping[Coordinate, int],
 ) -> tuple[tuple[Element, ...], dict[Coordinate, Element], tuple[Turn, ...]]:
     """Forces and joint coordinates of a spatial scene, with their entries of Work.turn.
 
     Parameters
     ----------
     coordinates : what outputs and events look at
-    drive_of : row of the function that prescribes a coordinate of a joint, -1 for none
+    drives : rows of the functions that prescribe coordinates of joints
     """
-    book = _Book(drive_of)
+    book = _Book(drives)
     known = {key: book.counted(element) for key, element in coordinates.items()}
     counted = [book.counted(e) if _depends_on_angle(e) else e for e in forces]
     return tuple(book.rated(e) for e in counted), known, tuple(book.turns)
@@ -79,15 +79,15 @@ def _depends_on_angle(element: Element) -> bool:
 class _Book:
     """Collects rotations; the counted ones have to come first."""
 
-    def __init__(self, drive_of: Callable[[Coordinate], int]) -> None:
-        self.drive_of = drive_of
+    def __init__(self, drives: Mapping[Coordinate, int]) -> None:
+        self.drives = drives
         self.turns: list[Turn] = []
 
     def counted(self, element: Element) -> Element:
         """The element with an entry where its angle is counted."""
         if element.kind not in (at.TWIST, at.TILT):
             return element
-        drive = self.drive_of(element.coordinate) if element.coordinate else -1
+        drive = self.drives.get(element.coordinate, -1) if element.coordinate else -1
         rest = element.law.rest if drive < 0 else 0.0
         same = [t for t in self._at(element) if (t.rest, t.drive) == (rest, drive)]
         turn = same[0] if same else self._add(element, True, rest, drive)

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from ...conversion.vectors import LEVI_CIVITA
-from ..anisotropic import AnisotropicMaterial, ElasticMaterial
+from ..anisotropic import AnisotropicMaterial, ElasticMaterial, laws_of
 from .solid import ElementBatch, elasticity
 
 Array = NDArray[np.float64]
@@ -33,6 +33,7 @@ class Continuum:
     transverse : stress zz of a plane body per unit of xx + yy: Poisson's ratio in
         plane strain, 0 in plane stress
     internal_modes : whether the elements have displacements of their own
+    laws_at : (..., 6, 6) the laws at places (..., 3) of a material whose axes turn
     """
 
     batches: Callable[[], Iterable[ElementBatch]]
@@ -40,6 +41,7 @@ class Continuum:
     thickness: float = 1.0
     transverse: float = 0.0
     internal_modes: bool = False
+    laws_at: Callable[[Array], Array] | None = None
 
 
 def continuum_of(
@@ -54,7 +56,8 @@ def continuum_of(
     law, transverse = elasticity(material, state), 0.0
     if state == "plane_strain" and not isinstance(material, AnisotropicMaterial):
         transverse = material.poissons_ratio
-    return Continuum(batches, law, thickness, transverse, internal_modes)
+    laws_at = laws_of(material)
+    return Continuum(batches, law, thickness, transverse, internal_modes, laws_at)
 
 
 def stress_from_gradient(gradient: Array, law: Array) -> Array:
@@ -63,7 +66,7 @@ def stress_from_gradient(gradient: Array, law: Array) -> Array:
     Parameters
     ----------
     gradient : (..., d, d), entry [a, b] is the derivative of u_a by x_b
-    law : (3, 3) or (6, 6) [Pa]
+    law : (3, 3) or (6, 6) [Pa], or (p, 6, 6) of gradients (p, ..., d, d)
 
     Returns
     -------
@@ -78,7 +81,8 @@ def stress_from_gradient(gradient: Array, law: Array) -> Array:
         ],
         axis=-1,
     )
-    stress = strain @ law.T
+    each = law.ndim == 3
+    stress = np.einsum("pij,p...j->p...i", law, strain) if each else strain @ law.T
     tensor = np.empty_like(gradient)
     for k, (a, b) in enumerate(pairs):
         tensor[..., a, b] = tensor[..., b, a] = stress[..., k]
@@ -102,15 +106,20 @@ def half_curl(gradient: sp.csr_matrix) -> sp.csr_matrix:
     return sp.csr_matrix(_HALF_CURL @ gradient)
 
 
-def stress_rows(gradient: sp.csr_matrix, continuum: Continuum) -> sp.csr_matrix:
+def stress_rows(
+    gradient: sp.csr_matrix, continuum: Continuum, place: Array | None = None
+) -> sp.csr_matrix:
     """(6, ndof) rows of the stress xx, yy, zz, xy, yz, xz at a point.
 
     Parameters
     ----------
     gradient : (9, ndof) rows of the displacement gradient; row 3 a + b is the
         derivative of u_a by x_b
+    place : (3,) the point, which tells the axes of a material if these turn [m]
     """
     law = continuum.law
+    if continuum.laws_at is not None and place is not None:
+        law = continuum.laws_at(place)
     d = 2 if len(law) == 3 else 3
     unit = np.zeros((9, 3, 3))
     unit.reshape(9, 9)[range(9), range(9)] = 1

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 
-from ..anisotropic import AnisotropicMaterial, ElasticMaterial
+from ..anisotropic import AnisotropicMaterial, CylindricalMaterial, ElasticMaterial
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -31,6 +31,7 @@ class ElementBatch:
     gradients : (ne, ng, m, d) of the shape functions in space [1/m]
     measures : (ne, ng) quadrature weight times Jacobian determinant [m^d]
     internal : (ne, ng, k, d) gradients of displacements that belong to no node
+    laws : (ne, ng, 6, 6) elasticity matrices [Pa] of a material whose axes turn
     """
 
     nodes: Indices
@@ -38,6 +39,7 @@ class ElementBatch:
     gradients: Array
     measures: Array
     internal: Array | None = None
+    laws: Array | None = None
 
 
 def mapped_batch(
@@ -148,6 +150,8 @@ def elasticity(material: ElasticMaterial, state: str) -> Array:
     Raises
     ------
     InputError : the material of a plane state is not isotropic.
+
+    Of a material whose axes turn there is none for all points; they have `laws_of`.
     """
     if isinstance(material, AnisotropicMaterial):
         if state != "solid":
@@ -155,7 +159,8 @@ def elasticity(material: ElasticMaterial, state: str) -> Array:
                 f"the material of {state.replace('_', ' ')} is not isotropic",
                 expected="solids, or an isotropic material",
             )
-        return material.law
+        turning = isinstance(material, CylindricalMaterial)
+        return np.full((6, 6), np.nan) if turning else material.law
     e, nu = material.youngs_modulus, material.poissons_ratio
     if state == "solid":
         shear = e / (2 * (1 + nu))
@@ -196,7 +201,7 @@ def element_stiffness(batch: ElementBatch, law: Array) -> Array:
     law : elasticity matrix D [Pa], of a plane body times thickness [N/m]
     """
     if batch.internal is None:
-        return _stiffness(batch.gradients, batch.measures, law)
+        return _stiffness(batch, batch.gradients, law)
     full, own = _with_internal(batch, law)
     return full[:, :own, :own] + full[:, :own, own:] @ _amplitudes(full, own)
 
@@ -211,22 +216,26 @@ def _with_internal(batch: ElementBatch, law: Array) -> tuple[Array, int]:
     assert batch.internal is not None
     gradients = np.concatenate([batch.gradients, batch.internal], axis=2)
     own = batch.gradients.shape[2] * batch.gradients.shape[3]
-    return _stiffness(gradients, batch.measures, law), own
+    return _stiffness(batch, gradients, law), own
 
 
 def _amplitudes(full: Array, own: int) -> Array:
     return -np.asarray(np.linalg.solve(full[:, own:, own:], full[:, own:, :own]), float)
 
 
-def _stiffness(gradients: Array, measures: Array, law: Array) -> Array:
+def _stiffness(batch: ElementBatch, gradients: Array, law: Array) -> Array:
     """Sum over points of C_iajb dN_m/dx_a dN_n/dx_b, by (m, i) and (n, j).
 
     The products of gradients are summed before the law acts on them, which is a sixth
     of the work of B^T D B in space.
     """
+    if batch.laws is not None:
+        strains = strain_matrix(gradients)
+        stresses = (batch.laws * batch.measures[..., None, None]) @ strains
+        return np.asarray((np.swapaxes(strains, 2, 3) @ stresses).sum(axis=1))
     ne, ng, m, d = gradients.shape
     flat = gradients.reshape(ne, ng, m * d)
-    sums = np.swapaxes(flat, 1, 2) @ (flat * measures[..., None])
+    sums = np.swapaxes(flat, 1, 2) @ (flat * batch.measures[..., None])
     by_pair = sums.reshape(ne, m, d, m, d).swapaxes(2, 3).reshape(-1, d * d)
     found = (by_pair @ _tensor(law, d)).reshape(ne, m, m, d, d)
     return np.ascontiguousarray(found.swapaxes(2, 3)).reshape(ne, m * d, m * d)

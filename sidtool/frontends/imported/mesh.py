@@ -13,7 +13,7 @@ from sidtool.formats.model.geometry import MeshGeometry
 from ...importers.imported import ImportedMesh
 from ...importers.meshes import read_mesh
 from ...validate.units import UnitSystem, unit_system
-from ..anisotropic import AnisotropicMaterial, ElasticMaterial
+from ..anisotropic import AnisotropicMaterial, CylindricalMaterial, ElasticMaterial
 from ..finite_element_model import FiniteElementModel, still
 from ..geometry_mass import GeometryMass
 from ..mesh.data import Mesh, check_mesh, without_free_nodes
@@ -145,7 +145,7 @@ def _own_materials(
     result: dict[str, ElasticMaterial] = {}
     for name, own in imported.materials.items():
         if isinstance(own, AnisotropicMaterial):
-            result[name] = own.scaled(stress, density)
+            result[name] = own.scaled(stress, density, units.length)
             continue
         result[name] = Material(
             youngs_modulus=own.youngs_modulus * stress,
@@ -240,8 +240,10 @@ def _notes(
 def _described(material: ElasticMaterial) -> str:
     if isinstance(material, AnisotropicMaterial):
         moduli = ", ".join(f"{value:g}" for value in material.moduli)
+        turning = isinstance(material, CylindricalMaterial)
+        axes = "radius, circumference and axis" if turning else "x, y, z"
         return (
-            f"E along x, y, z = {moduli} Pa, not isotropic, "
+            f"E along {axes} = {moduli} Pa, not isotropic, "
             f"density = {material.density:g} kg/m^3"
         )
     return (

@@ -227,7 +227,8 @@ class MeshPoints:
         block = self.mesh.blocks[number]
         alone = ElementBlock(block.kind, block.nodes[[row]], block.labels[[row]])
         relieved = self._relieved(number)
-        (one,) = element_batches(self.mesh, alone, relieved=relieved)
+        laws = self._continua[number].laws_at if self._continua else None
+        (one,) = element_batches(self.mesh, alone, relieved=relieved, laws=laws)
         return one
 
     def _amplitudes(self, number: int, one: ElementBatch) -> Array:

@@ -11,6 +11,7 @@ from sidtool.formats.model import Material
 
 from ...frontends.anisotropic import (
     AnisotropicMaterial,
+    CylindricalMaterial,
     ElasticMaterial,
     check_definite_law,
 )
@@ -99,18 +100,23 @@ def materials_of(content: BulkData) -> dict[str, ElasticMaterial]:
     for given in content.properties.values():
         own, name = result.get(given.material), material_name(content, given)
         if isinstance(own, AnisotropicMaterial) and name not in result:
-            result[name] = own.turned(_axes(content, given))
+            result[name] = _oriented(own, content, given)
     return result
 
 
-def _axes(content: BulkData, given: Property) -> np.ndarray:
+def _oriented(
+    own: AnisotropicMaterial, content: BulkData, given: Property
+) -> AnisotropicMaterial:
+    """Along the system of a property; of a cylindrical one along r, theta and z."""
     system = content.systems.get(given.system)
-    if given.system < 0 or (system is not None and system.kind != "R"):
+    if given.system < 0 or (system is not None and system.kind == "S"):
         raise InputError(
             f"material {given.material} is not isotropic, and its axes (CORDM "
-            f"{given.system}) turn from place to place",
+            f"{given.system}) are those of elements or of a sphere",
             place=given.place,
-            expected="a rectangular system; cylindrical ones in an .inp by "
-            'geometry.engine = "calculix"',
+            expected="a rectangular or cylindrical system",
         )
-    return content.frames.frame(given.system, given.place)[1]
+    origin, axes = content.frames.frame(given.system, given.place)
+    if system is not None and system.kind == "C":
+        return CylindricalMaterial(own.law, own.density, origin, axes[2])
+    return own.turned(axes)

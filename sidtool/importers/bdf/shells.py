@@ -8,7 +8,11 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 
-from ...frontends.anisotropic import AnisotropicMaterial, ElasticMaterial
+from ...frontends.anisotropic import (
+    AnisotropicMaterial,
+    CylindricalMaterial,
+    ElasticMaterial,
+)
 from ..inp.elements import deck_type
 from .content import BulkData
 from .equations import equations_of
@@ -88,6 +92,12 @@ def _sections(content: BulkData) -> str:
                 f"property {property_} has no complete material and thickness",
                 place=place,
                 expected="PSHELL or PSOLID, and MAT1 with E, nu and RHO",
+            )
+        if isinstance(materials[name], CylindricalMaterial):
+            raise InputError(
+                f"PSOLID {property_} has cylindrical material axes",
+                place=place,
+                expected="solids alone, without geometry.engine",
             )
         if flat and isinstance(materials[name], AnisotropicMaterial):
             raise InputError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from sidtool.formats.model import Material
 
 from ...frontends.anisotropic import (
     AnisotropicMaterial,
+    CylindricalMaterial,
     ElasticMaterial,
     check_definite_law,
     orthotropic_law,
@@ -95,18 +96,18 @@ def material_name(deck: Deck, section: Section) -> str:
 
 
 def materials_of(
-    deck: Deck, sections: Iterable[Section], turned: bool
+    deck: Deck, sections: Iterable[Section], placement: Sequence[list[float]]
 ) -> dict[str, ElasticMaterial]:
     """The materials of the sections that are complete and constant.
 
     Parameters
     ----------
-    turned : whether the body is turned in its assembly
+    placement : lines that move the body, and turn it, in its assembly
 
     Raises
     ------
-    InputError : constants are not those of a material, or its axes are no constant
-        rectangular ones.
+    InputError : constants are not those of a material, or its axes are neither
+        rectangular nor cylindrical ones.
     """
     result: dict[str, ElasticMaterial] = {}
     for section in sorted(set(sections), key=lambda s: (s.material, s.orientation)):
@@ -131,14 +132,14 @@ def materials_of(
                 expected="a density above zero",
             )
         material = AnisotropicMaterial(law, density[0][0])
-        if turned:
+        if any(any(line[6:]) for line in placement):
             raise InputError(
                 f"material {name} is not isotropic in an instance that is turned",
                 place=section.place,
                 expected="a part that is not turned, for example by geometry.part",
             )
         if section.orientation:
-            material = material.turned(_axes(deck, section))
+            material = _oriented(material, deck, section, placement)
         result[name] = material
     return result
 
@@ -175,8 +176,17 @@ def _law(kind: str, values: list[float]) -> Array:
     return law
 
 
-def _axes(deck: Deck, section: Section) -> Array:
-    """(3, 3) the axes of a material as rows: point a on x, point b in the plane x y."""
+def _oriented(
+    material: AnisotropicMaterial,
+    deck: Deck,
+    section: Section,
+    placement: Sequence[list[float]],
+) -> AnisotropicMaterial:
+    """The material in the axes of its section.
+
+    Rectangular: point a on x, point b in the plane x y. Cylindrical: both on the axis,
+    own axes the radius, the circumference and the axis.
+    """
     block = deck.orientations.get(section.orientation)
     if block is None:
         raise InputError(
@@ -188,22 +198,49 @@ def _axes(deck: Deck, section: Section) -> Array:
     definition = block.options.get("DEFINITION", "COORDINATES").upper()
     rows = [numbers([w or "0" for w in words], place) for words, place in block.rows]
     first = [*(rows[0] if rows else []), *[0.0] * 9][:9]
-    a, b, origin = np.array(first).reshape(3, 3)
-    x, z = a - origin, np.cross(a - origin, b - origin)
-    constant = "RECTANGULAR".startswith(system) and definition == "COORDINATES"
-    size = np.linalg.norm(a - origin) * np.linalg.norm(b - origin)
-    if not constant or len(rows) > 2 or np.linalg.norm(z) <= 1e-9 * size or size == 0:
+    points = np.array(first).reshape(3, 3)
+    further = rows[1] if len(rows) == 2 and any(rows[1]) else [3.0, 0.0]
+    cylindrical = len(system) > 0 and "CYLINDRICAL".startswith(system)
+    axes = _cylinder(points) if cylindrical else _rectangle(points)
+    known = cylindrical or "RECTANGULAR".startswith(system)
+    if not known or definition != "COORDINATES" or len(rows) > 2 or axes is None:
         raise InputError(
-            f"*ORIENTATION {section.orientation} is no constant rectangular system",
+            f"*ORIENTATION {section.orientation} is neither a rectangular nor a "
+            "cylindrical system",
             place=block.place,
             expected="SYSTEM=RECTANGULAR by two points that are not in line with the "
-            f"origin, or {BY_CALCULIX}",
+            "origin, SYSTEM=CYLINDRICAL by two points of the axis, or "
+            f"{BY_CALCULIX}",
         )
+    if not cylindrical:
+        return material.turned(_turned(axes, further, block.place))
+    if any(any(line) for line in placement):
+        raise InputError(
+            f"material {section.material} has cylindrical axes in an instance that is "
+            "moved",
+            place=section.place,
+            expected="a part where it was drawn, for example by geometry.part",
+        )
+    own = material.turned(_turned(np.eye(3), further, block.place))
+    return CylindricalMaterial(own.law, own.density, points[0], axes[2])
+
+
+def _rectangle(points: Array) -> Array | None:
+    """(3, 3) axes as rows: point a on x, point b in the plane x y, the origin."""
+    a, b, origin = points
+    x, z = a - origin, np.cross(a - origin, b - origin)
+    size = np.linalg.norm(a - origin) * np.linalg.norm(b - origin)
+    if np.linalg.norm(z) <= 1e-9 * size or size == 0:
+        return None
     axes = np.stack([x, np.cross(z, x), z])
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    if len(rows) == 2 and any(rows[1]):
-        axes = _turned(axes, rows[1], block.place)
-    return axes
+    return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True), float)
+
+
+def _cylinder(points: Array) -> Array | None:
+    """(3, 3) whose last row is the direction from point a to point b."""
+    axis = points[1] - points[0]
+    length = float(np.linalg.norm(axis))
+    return np.vstack([np.zeros((2, 3)), axis / length]) if length > 0 else None
 
 
 def _turned(axes: Array, line: list[float], place: str) -> Array:

@@ -18,7 +18,7 @@ from sidtool.formats.sid_mass import central_inertia, centre_of_mass
 from ...space import layout as at
 from ...system import kernel_calls
 from ...system.bodies.embedded import embedded, matrices
-from ...system.forces.rows import Element
+from ...system.forces.elements import Element
 from ...system.scene import System
 from ...system.sizes import extents
 from ...system.storage import new_work

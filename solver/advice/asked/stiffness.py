@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...space import layout as at
+from ...system.forces.elements import Element
 from ...system.forces.force_laws import Polynomials
-from ...system.forces.rows import Element
 from ...system.scene import System
 
 #: Of steel [Pa], and faster than sound in any solid [m/s].

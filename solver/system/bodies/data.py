@@ -380,20 +380,20 @@ def modal_squares(sid: SID) -> Array:
 
 
 def quaternion(matrix: Array) -> Array:
-    """Unit quaternion (scalar first, scalar >= 0) of a rotation matrix."""
-    m = matrix
+    """Unit quaternions (..., 4), scalar first, scalar >= 0, of rotation matrices
+    (..., 3, 3)."""
+    m = np.moveaxis(matrix, (-2, -1), (0, 1))
+    wx, wy, wz = m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+    xy, xz, yz = m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]
     candidates = np.array(
         [
-            [1 + m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2]]
-            + [m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], 1 + m[0, 0] - m[1, 1] - m[2, 2]]
-            + [m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0]]
-            + [1 - m[0, 0] + m[1, 1] - m[2, 2], m[1, 2] + m[2, 1]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0]]
-            + [m[1, 2] + m[2, 1], 1 - m[0, 0] - m[1, 1] + m[2, 2]],
+            [1 + m[0, 0] + m[1, 1] + m[2, 2], wx, wy, wz],
+            [wx, 1 + m[0, 0] - m[1, 1] - m[2, 2], xy, xz],
+            [wy, xy, 1 - m[0, 0] + m[1, 1] - m[2, 2], yz],
+            [wz, xz, yz, 1 - m[0, 0] - m[1, 1] + m[2, 2]],
         ]
     )
-    best = candidates[int(np.argmax(np.diag(candidates)))]
-    best = best / np.linalg.norm(best)
-    return -best if best[0] < 0.0 else best
+    largest = np.argmax(np.diagonal(candidates), axis=-1)
+    best = np.take_along_axis(candidates, largest[None, None], axis=0)[0]
+    best = np.moveaxis(best / np.linalg.norm(best, axis=0), 0, -1)
+    return np.where(best[..., :1] < 0.0, -best, best)

@@ -44,8 +44,8 @@ from ...functions.native import Native
 from ...functions.table import FunctionTable
 from ...space import layout as at
 from ..bodies.data import BodyData
+from .elements import Element, Programmed
 from .force_laws import Law
-from .rows import Element, Programmed
 from .sensors import GROUND, Reading, coordinate, reading
 
 MOST_SAMPLES = 1_000_000

@@ -10,7 +10,7 @@ from sidtool.formats.sid import Array
 from ...equations.equations import law_at
 from ...space import layout as at
 from ..scene import System
-from .rows import Element
+from .elements import Element
 
 #: A sample is at a break that is nearer than this part of the sample time.
 SAME = 1e-6

@@ -1,6 +1,6 @@
 """What laws read: outputs of the motion as measures that kernels evaluate.
 
-Each is the measure of an element, or its rate, see `forces.Element`.
+Each is the measure of an element, or its rate, see `elements.Element`.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from sidtool.formats.scene import (
 
 from ...space import layout as at
 from ..bodies.data import BodyData
+from .elements import Element, joint_coordinate
 from .force_laws import Law
-from .rows import Element, joint_coordinate
 
 GROUND = ("ground", "")
 #: How people call what outputs do not have: rates of rates.

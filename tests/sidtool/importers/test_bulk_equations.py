@@ -186,6 +186,26 @@ def test_wood_has_the_frequencies_of_calculix(system: str, tmp_path: Path) -> No
     assert_allclose(found, calculix(tmp_path, deck, None), rtol=2e-6)
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_rings_of_growth_are_those_of_calculix(tmp_path: Path) -> None:
+    """Material axes along r, theta and z of a CORD2C beside the bar."""
+    start, end = [0.1, -0.05, 0.02], [0.4, -0.06, 0.3]
+    numbers = [repr(x) for x in (*start, *end, 1.0, 0.3, 0.0)]
+    text, block = wood(system="8"), Block((6, 2, 2), (0.6, 0.05, 0.04))
+    first, last = text.index("CORD2R,8"), text.index("\n,", text.index("CORD2R,8"))
+    last = text.index("\n", last + 1)
+    cord = f"CORD2C,8,,{','.join(numbers[:6])}\n,{','.join(numbers[6:])}"
+    axes = f"*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL\n{', '.join(numbers[:6])}\n"
+    constants = "*ELASTIC, TYPE=ENGINEERING CONSTANTS\n" + "".join(
+        ", ".join(repr(v) for v in WOOD[i : i + 8]) + "\n" for i in (0, 8)
+    )
+    form = {"type": "mesh", "formulation": "full_integration"}
+    turned = text[:first] + cord + text[last:]
+    found = frequencies(body(tmp_path, turned, discretisation=form))
+    deck = wooden(constants, axes, kind="C3D8", block=block)
+    assert_allclose(found, calculix(tmp_path, deck, None), rtol=2e-6)
+
+
 def test_the_law_of_wood_is_hookes(tmp_path: Path) -> None:
     """Every unit stress strains as the constants say, in the axes of the system."""
     (tmp_path / "part.bdf").write_text(wood(system="8"))
@@ -205,8 +225,8 @@ def test_the_law_of_wood_is_hookes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("CORD2R,8", "CORD2C,8", "turn from place to place"),
-        ("PSOLID,1,3,8", "PSOLID,1,3,-1", "turn from place to place"),
+        ("CORD2R,8", "CORD2S,8", "of elements or of a sphere"),
+        ("PSOLID,1,3,8", "PSOLID,1,3,-1", "of elements or of a sphere"),
         ("PSOLID,1,3,8", "PSOLID,1,3,9", "system 9 is not defined"),
         ("PSOLID,1,3,8", "PSOLID,1,3,8,,,,PFLUID", "is PFLUID"),
         ("MAT9,3,", "MAT9,3,-", "takes no energy"),

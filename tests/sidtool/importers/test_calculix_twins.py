@@ -25,6 +25,8 @@ from sidtool.frontends.solid_mesh import SolidMesh
 from tests.metamorphic.parts.meshes import STEEL
 
 from ..frontends.drawn_parts import Part, drawn
+from .decks import MATERIAL, body, calculix, frequencies, listed
+from .decks import STEEL as STEEL_OF_DECK
 from .twins import ELEMENTS, by_calculix, by_sidtool, calculix_matrices
 
 CASES = [
@@ -158,3 +160,40 @@ def test_inertia_is_that_of_the_geometry() -> None:
     for element in ("tet10", "wedge15", "hex20"):
         own = by_sidtool(drawn("arm", ELEMENTS[element][0], 1), element)
         assert_allclose(own.inertia[2], expected, rtol=1e-4)
+
+
+def plate8(thickness: float) -> str:
+    """Eight by four CPS8 of plane stress, held on its left."""
+    n, m, size = 16, 8, 0.005
+    places = [(i, j) for j in range(m + 1) for i in range(n + 1) if i * j % 2 == 0]
+    number = {place: k for k, place in enumerate(places, 1)}
+    ring = [(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1)]
+    rows = [
+        [number[i + a, j + b] for a, b in ring]
+        for j in range(0, m, 2)
+        for i in range(0, n, 2)
+    ]
+    nodes = "".join(f"{k}, {size * i}, {size * j}\n" for (i, j), k in number.items())
+    elements = "".join(
+        ", ".join(map(str, [k, *row])) + "\n" for k, row in enumerate(rows, 1)
+    )
+    return (
+        f"*NODE\n{nodes}*ELEMENT, TYPE=CPS8, ELSET=E\n{elements}"
+        + listed("LEFT", [k for (i, _), k in number.items() if i == 0])
+        + MATERIAL.format(**STEEL_OF_DECK)
+        + f"*SOLID SECTION, ELSET=E, MATERIAL=S\n{thickness}\n"
+    )
+
+
+def test_plane_stress_is_that_of_thin_solids(tmp_path: Path) -> None:
+    """CalculiX makes solids of plane elements, whose thickness moves: what differs
+    goes with the thickness, and is no property of plane stress."""
+    apart = []
+    for thickness in (0.02, 0.005, 0.00125):
+        text = plate8(thickness)
+        own = frequencies(body(tmp_path, text, held="LEFT"))[:3]
+        found = calculix(tmp_path, text, "LEFT")[:3]
+        apart.append(np.abs(found / own - 1).max())
+    assert apart[0] > 3e-3
+    assert apart[1] < 0.15 * apart[0]
+    assert apart[2] < 0.2 * apart[1]

@@ -142,7 +142,7 @@ def test_a_body_may_turn_with_its_material(tmp_path: Path) -> None:
         ("0.38", "6.0", "takes no energy"),
         (", 700000000.0\n", "\n", "8 constants"),
         ("*ORIENTATION, NAME=O", "*ORIENTATION, NAME=Q", "orientation 'O'"),
-        ("*ORIENTATION,", "*ORIENTATION, SYSTEM=CYLINDRICAL,", "rectangular system"),
+        ("*ORIENTATION,", "*ORIENTATION, SYSTEM=SPHERICAL,", "rectangular nor"),
     ],
 )
 def test_other_materials_are_refused(

@@ -86,6 +86,8 @@ def drawn_points(axes: Any) -> np.ndarray:
     faces = axes.collections[-1]
     if hasattr(faces, "_faces"):
         return np.asarray(faces._faces, float).reshape(-1, 3)
+    if hasattr(faces, "_vec"):  # matplotlib 3.10.0
+        return np.asarray(faces._vec[:3], float).T
     return np.concatenate([path.vertices for path in faces.get_paths()])
 
 
