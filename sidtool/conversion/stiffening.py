@@ -11,31 +11,26 @@ multibody system simulation", Int. J. Numer. Methods Eng. 32, 1991.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sidtool.formats.errors import InputError
 from sidtool.formats.model.reduction import Stiffening
-from sidtool.formats.progress import reached
 from sidtool.formats.sid import SID, Node, Taylor
 
-from ..frontends.elements.continuum import Continuum, stress_from_gradient
-from ..frontends.elements.solid import ElementBatch, internal_amplitudes
+from ..frontends.elements.continuum import stress_from_gradient
 from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
 from ..reduction.basis import ReducedBasis
 from ..reduction.frames import Frame
 from ..reduction.space import admissible
 from .beam_stiffening import beam_stiffness
 from .marker_motion import excess_of_rows, work_in_rigid_pieces
+from .quadrature import quadrature
 from .rotary import CENTRIFUGAL, centrifugal_loads
 
 Array = NDArray[np.float64]
-
-_ELEMENTS = "going through the elements"
 
 
 def stiffened(
@@ -174,136 +169,6 @@ def contracted(stress: Array, slopes: Array) -> Array:
                 pairs = np.einsum("pc,plc->pl", slopes[:, k, :, a], slopes[..., b])
                 result[:, k] += stress[..., a, b].T @ pairs
     return result
-
-
-@dataclass(frozen=True, eq=False)
-class QuadraturePart:
-    """Some quadrature points of a body, flat.
-
-    Attributes
-    ----------
-    nodes : (p, m) nodes whose functions reach each point
-    values : (p, m) of the functions
-    slopes : (p, m, d) of the functions in space [1/m]
-    weights : (p,) volume of each point [m^3]
-    law : elasticity matrix [Pa]; (p, 6, 6) where its axes turn
-    transverse : see `Continuum`
-    table : (n, d) degrees of freedom by node
-    internal : (p, k, d) slopes of internal modes of the element [1/m]
-    amplitudes : (e, d k, d m) of these by the displacements of the element's nodes
-    element : (p,) row of `amplitudes` of every point
-    per_element : points of each element, which follow each other
-    continuum : number of the continuum of the body
-    """
-
-    nodes: NDArray[np.int64]
-    values: Array
-    slopes: Array
-    weights: Array
-    law: Array
-    transverse: float
-    table: NDArray[np.int64]
-    internal: Array | None = None
-    amplitudes: Array | None = None
-    element: NDArray[np.int64] | None = None
-    per_element: int = 1
-    continuum: int = 0
-
-    def only(self, row: int) -> QuadraturePart:
-        """One of the points."""
-        cut = slice(row, row + 1)
-        return replace(
-            self,
-            nodes=self.nodes[cut],
-            values=self.values[cut],
-            slopes=self.slopes[cut],
-            weights=self.weights[cut],
-            law=self.law if self.law.ndim == 2 else self.law[cut],
-            internal=None if self.internal is None else self.internal[cut],
-            element=None if self.element is None else self.element[cut],
-            per_element=1,
-        )
-
-    def gradients(self, fields: Array) -> Array:
-        """(p, n, d, d) displacement gradients [c, b] = du_c/dx_b of (ndof, n)."""
-        at_nodes = fields[self.table][self.nodes]
-        p, m, d, n = at_nodes.shape
-        result = _by_slopes(self.slopes, at_nodes)
-        if self.internal is None:
-            return result
-        assert self.amplitudes is not None
-        own = self.amplitudes[self.element] @ at_nodes.reshape(p, m * d, n)
-        return result + _by_slopes(self.internal, own.reshape(p, -1, d, n))
-
-
-def _by_slopes(slopes: Array, amplitudes: Array) -> Array:
-    """(p, n, d, d) gradients of functions, amplitudes (p, m, d, n)."""
-    p, m, d, n = amplitudes.shape
-    products = np.swapaxes(slopes, 1, 2) @ amplitudes.reshape(p, m, d * n)
-    return np.asarray(products.reshape(p, d, d, n).transpose(0, 3, 2, 1))
-
-
-def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
-    """The quadrature points of all elements, at most about `points` at a time.
-
-    Raises
-    ------
-    InputError : the body came without elements.
-    """
-    if not body.continua:
-        raise InputError(
-            "this body came without its elements, so that stresses are not known",
-            place="geometry",
-            expected="a body from Q4, IGA or another mesh of solid elements",
-        )
-    d = body.dimension
-    for number, continuum in enumerate(body.continua):
-        for batch in continuum.batches():
-            ne, ng = batch.measures.shape
-            step = max(1, points // ng)
-            values = np.broadcast_to(batch.values, (ne, *batch.values.shape[1:]))
-            for start in range(0, ne, step):
-                reached(_ELEMENTS, (number + start / ne) / len(body.continua))
-                cut = slice(start, start + step)
-                inner = _internal(batch, continuum.law, cut)
-                yield QuadraturePart(
-                    nodes=np.repeat(batch.nodes[cut], ng, axis=0),
-                    values=values[cut].reshape(-1, values.shape[2]),
-                    slopes=batch.gradients[cut].reshape(-1, values.shape[2], d),
-                    weights=batch.measures[cut].ravel() * continuum.thickness,
-                    law=_law(batch, continuum, cut),
-                    transverse=continuum.transverse,
-                    table=body.table[:, :d],
-                    per_element=ng,
-                    continuum=number,
-                    **inner,
-                )
-
-
-def _law(batch: ElementBatch, continuum: Continuum, cut: slice) -> Array:
-    if batch.laws is None:
-        return continuum.law
-    return batch.laws[cut].reshape(-1, *batch.laws.shape[2:])
-
-
-def _internal(batch: ElementBatch, law: Array, cut: slice) -> dict[str, Any]:
-    """What a part knows of the internal modes of some elements of a batch."""
-    if batch.internal is None:
-        return {}
-    some = replace(
-        batch,
-        gradients=batch.gradients[cut],
-        measures=batch.measures[cut],
-        internal=batch.internal[cut],
-        laws=None if batch.laws is None else batch.laws[cut],
-    )
-    assert some.internal is not None
-    ne, ng, k, d = some.internal.shape
-    return {
-        "internal": some.internal.reshape(-1, k, d),
-        "amplitudes": internal_amplitudes(some, law),
-        "element": np.repeat(np.arange(ne), ng),
-    }
 
 
 class _Loads:

@@ -18,7 +18,7 @@ from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
 from ..reduction.basis import ReducedBasis
 from ..reduction.frames import Frame
 from .prestress import InitialStress
-from .stiffening import QuadraturePart, quadrature
+from .quadrature import QuadraturePart, quadrature
 from .vectors import LEVI_CIVITA
 
 #: Random states of equal energy that the peak points are chosen from.
@@ -225,9 +225,7 @@ def _point(
     position = np.zeros(3)
     position[:d] = one.values[0] @ body.positions[one.nodes[0]]
     phi = np.zeros((3, nq))
-    phi[:d] = np.einsum(
-        "m,mcn->cn", one.values[0], basis.shapes[one.table][one.nodes[0]]
-    )
+    phi[:d] = one.displacements(basis.shapes)[0]
     gradient = np.zeros((nq, 3, 3))
     gradient[:, :d, :d] = one.gradients(basis.shapes)[0]
     psi = 0.5 * np.einsum("abc,ncb->an", LEVI_CIVITA, gradient)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conversion.stiffening import QuadraturePart, quadrature
+from ..conversion.quadrature import QuadraturePart, quadrature
 from ..frontends.elements.continuum import stress_from_gradient, stress_six
 from ..frontends.elements.reference import all_edges, faces
 from ..frontends.finite_element_model import FiniteElementModel

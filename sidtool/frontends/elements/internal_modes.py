@@ -28,7 +28,7 @@ def relieved(
 ) -> ElementBatch:
     """A batch at the element's quadrature points with its internal modes."""
     slopes = internal_slopes(element, positions[batch.nodes], batch.measures)
-    return replace(batch, internal=slopes)
+    return replace(batch, internal=slopes, inner=internal_values(element.points))
 
 
 def internal_values(points: Array) -> Array:

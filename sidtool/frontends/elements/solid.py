@@ -31,6 +31,7 @@ class ElementBatch:
     gradients : (ne, ng, m, d) of the shape functions in space [1/m]
     measures : (ne, ng) quadrature weight times Jacobian determinant [m^d]
     internal : (ne, ng, k, d) gradients of displacements that belong to no node
+    inner : (ng, k) these displacements
     laws : (ne, ng, 6, 6) elasticity matrices [Pa] of a material whose axes turn
     """
 
@@ -39,6 +40,7 @@ class ElementBatch:
     gradients: Array
     measures: Array
     internal: Array | None = None
+    inner: Array | None = None
     laws: Array | None = None
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.conversion.stiffening import quadrature
+from sidtool.conversion.quadrature import quadrature
 from sidtool.convert import finite_element_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.stress import von_mises
@@ -144,6 +144,23 @@ def test_markers_move_as_in_pure_bending(kind: str) -> None:
         expected = np.pad(pure_bending(at, nu, nu if solid else 0.0)[0], (0, 3))[:3]
         found = marker.displacement @ u
         assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", ["plane_stress", "solid"])
+def test_points_of_the_quadrature_move_as_in_pure_bending(kind: str) -> None:
+    """What peak points of stress do: they were left behind, as markers were."""
+    solid = kind == "solid"
+    model = bar(solid, kind, [5, 1, 1][: 3 if solid else 2])
+    assert model.material is not None
+    nu = model.material.poissons_ratio
+    across = nu, nu if solid else 0.0
+    body = finite_element_model(model)
+    u = pure_bending(body.positions, *across).ravel()
+    (part,) = quadrature(body)
+    x = np.einsum("pm,pmd->pd", part.values, body.positions[part.nodes])
+    expected = pure_bending(x, *across)
+    found = part.displacements(u[:, None])[..., 0]
+    assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("kind", ["plane_stress", "solid"])

@@ -1,0 +1,167 @@
+"""The quadrature points of a body's elements: displacements and gradients there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.progress import reached
+
+from ..frontends.elements.continuum import Continuum
+from ..frontends.elements.solid import ElementBatch, internal_amplitudes
+from ..frontends.finite_element_model import FiniteElementModel
+
+Array = NDArray[np.float64]
+
+_ELEMENTS = "going through the elements"
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraturePart:
+    """Some quadrature points of a body, flat.
+
+    Attributes
+    ----------
+    nodes : (p, m) nodes whose functions reach each point
+    values : (p, m) of the functions
+    slopes : (p, m, d) of the functions in space [1/m]
+    weights : (p,) volume of each point [m^3]
+    law : elasticity matrix [Pa]; (p, 6, 6) where its axes turn
+    transverse : see `Continuum`
+    table : (n, d) degrees of freedom by node
+    internal : (p, k, d) slopes of internal modes of the element [1/m]
+    inner : (p, k) these modes
+    amplitudes : (e, d k, d m) of these by the displacements of the element's nodes
+    element : (p,) row of `amplitudes` of every point
+    per_element : points of each element, which follow each other
+    continuum : number of the continuum of the body
+    """
+
+    nodes: NDArray[np.int64]
+    values: Array
+    slopes: Array
+    weights: Array
+    law: Array
+    transverse: float
+    table: NDArray[np.int64]
+    internal: Array | None = None
+    inner: Array | None = None
+    amplitudes: Array | None = None
+    element: NDArray[np.int64] | None = None
+    per_element: int = 1
+    continuum: int = 0
+
+    def only(self, row: int) -> QuadraturePart:
+        """One of the points."""
+        cut = slice(row, row + 1)
+        return replace(
+            self,
+            nodes=self.nodes[cut],
+            values=self.values[cut],
+            slopes=self.slopes[cut],
+            weights=self.weights[cut],
+            law=self.law if self.law.ndim == 2 else self.law[cut],
+            internal=None if self.internal is None else self.internal[cut],
+            inner=None if self.inner is None else self.inner[cut],
+            element=None if self.element is None else self.element[cut],
+            per_element=1,
+        )
+
+    def gradients(self, fields: Array) -> Array:
+        """(p, n, d, d) displacement gradients [c, b] = du_c/dx_b of (ndof, n)."""
+        at_nodes = fields[self.table][self.nodes]
+        result = _by_slopes(self.slopes, at_nodes)
+        if self.internal is None:
+            return result
+        return result + _by_slopes(self.internal, self._amplitudes(at_nodes))
+
+    def displacements(self, fields: Array) -> Array:
+        """(p, d, n) displacements of (ndof, n)."""
+        at_nodes = fields[self.table][self.nodes]
+        result = np.einsum("pm,pmdn->pdn", self.values, at_nodes)
+        if self.inner is not None:
+            result += np.einsum("pk,pkdn->pdn", self.inner, self._amplitudes(at_nodes))
+        return result
+
+    def _amplitudes(self, at_nodes: Array) -> Array:
+        """(p, k, d, n) of the internal modes by displacements (p, m, d, n)."""
+        assert self.amplitudes is not None
+        p, m, d, n = at_nodes.shape
+        own = self.amplitudes[self.element] @ at_nodes.reshape(p, m * d, n)
+        return np.asarray(own.reshape(p, -1, d, n), float)
+
+
+def _by_slopes(slopes: Array, amplitudes: Array) -> Array:
+    """(p, n, d, d) gradients of functions, amplitudes (p, m, d, n)."""
+    p, m, d, n = amplitudes.shape
+    products = np.swapaxes(slopes, 1, 2) @ amplitudes.reshape(p, m, d * n)
+    return np.asarray(products.reshape(p, d, d, n).transpose(0, 3, 2, 1))
+
+
+def quadrature(body: FiniteElementModel, points: int = 20_000) -> Iterator[Any]:
+    """The quadrature points of all elements, at most about `points` at a time.
+
+    Raises
+    ------
+    InputError : the body came without elements.
+    """
+    if not body.continua:
+        raise InputError(
+            "this body came without its elements, so that stresses are not known",
+            place="geometry",
+            expected="a body from Q4, IGA or another mesh of solid elements",
+        )
+    d = body.dimension
+    for number, continuum in enumerate(body.continua):
+        for batch in continuum.batches():
+            ne, ng = batch.measures.shape
+            step = max(1, points // ng)
+            values = np.broadcast_to(batch.values, (ne, *batch.values.shape[1:]))
+            for start in range(0, ne, step):
+                reached(_ELEMENTS, (number + start / ne) / len(body.continua))
+                cut = slice(start, start + step)
+                inner = _internal(batch, continuum.law, cut)
+                yield QuadraturePart(
+                    nodes=np.repeat(batch.nodes[cut], ng, axis=0),
+                    values=values[cut].reshape(-1, values.shape[2]),
+                    slopes=batch.gradients[cut].reshape(-1, values.shape[2], d),
+                    weights=batch.measures[cut].ravel() * continuum.thickness,
+                    law=_law(batch, continuum, cut),
+                    transverse=continuum.transverse,
+                    table=body.table[:, :d],
+                    per_element=ng,
+                    continuum=number,
+                    **inner,
+                )
+
+
+def _law(batch: ElementBatch, continuum: Continuum, cut: slice) -> Array:
+    if batch.laws is None:
+        return continuum.law
+    return batch.laws[cut].reshape(-1, *batch.laws.shape[2:])
+
+
+def _internal(batch: ElementBatch, law: Array, cut: slice) -> dict[str, Any]:
+    """What a part knows of the internal modes of some elements of a batch."""
+    if batch.internal is None:
+        return {}
+    some = replace(
+        batch,
+        gradients=batch.gradients[cut],
+        measures=batch.measures[cut],
+        internal=batch.internal[cut],
+        laws=None if batch.laws is None else batch.laws[cut],
+    )
+    assert some.internal is not None and some.inner is not None
+    ne, ng, k, d = some.internal.shape
+    return {
+        "internal": some.internal.reshape(-1, k, d),
+        "inner": np.tile(some.inner, (ne, 1)),
+        "amplitudes": internal_amplitudes(some, law),
+        "element": np.repeat(np.arange(ne), ng),
+    }
