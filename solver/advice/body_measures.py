@@ -17,7 +17,7 @@ from ..recording.sampling import Samples
 from ..recording.told import Told
 from ..space import layout as at
 from ..start.assembly import Start
-from ..system.bodies.data import frequencies, modal_squares
+from ..system.bodies.vibration import frequencies, modal_squares
 from ..system.scene import System
 from .body_loads import foreseen_loads, recorded_loads, turning_loads
 from .energy_shares import EnergyShares

@@ -15,7 +15,7 @@ from sidtool.formats.sid import SID, Array
 
 from ..recording.sampling import Samples
 from ..space import layout as at
-from ..system.bodies.data import symmetric
+from ..system.bodies.packing import symmetric
 from ..system.kernel_calls import evaluate
 from ..system.scene import System
 from ..system.storage import new_work

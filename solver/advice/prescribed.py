@@ -19,7 +19,7 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import Array, Node
 
 from ..space import layout as at
-from ..system.bodies.data import rotation_part
+from ..system.bodies.packing import rotation_part
 from ..system.joints import planar_axis, spatial_axis
 from ..system.scene import GROUND_NAME, System
 from .excitation import DriveHistory

@@ -18,7 +18,7 @@ from sidtool.formats.stiffening import (
 )
 
 from ..system.bodies.blocks import ge
-from ..system.bodies.data import symmetric
+from ..system.bodies.packing import symmetric
 
 #: Instants whose eigenvalues are computed together.
 BATCH = 8

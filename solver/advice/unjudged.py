@@ -13,7 +13,7 @@ import numpy as np
 
 from sidtool.formats.sid import SID, Array
 
-from ..system.bodies.data import symmetric
+from ..system.bodies.packing import symmetric
 from ..system.scene import System
 from .poor_shapes import HALF, POOR, SMALL, Load, along, felt_at, spanned, ways
 

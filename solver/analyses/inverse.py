@@ -19,7 +19,7 @@ from ..errors import SimulationError
 from ..space import layout as at
 from ..start.assembly import Start, assemble
 from ..start.turn_counts import keep_turns
-from ..system.bodies.data import symmetric
+from ..system.bodies.packing import symmetric
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .held import is_state

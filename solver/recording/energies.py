@@ -13,8 +13,8 @@ from sidtool.formats.sid import SID, Array
 
 from ..integrators.recording import RUB_FORCE, RUB_RATE
 from ..space import layout as at
-from ..system.bodies.data import symmetric
 from ..system.bodies.first_order import cubic_energies
+from ..system.bodies.packing import symmetric
 from ..system.scene import System
 from .sampling import Samples
 from .told import Told

@@ -27,8 +27,8 @@ from sidtool.formats.sid import Array
 from ..equations.drives import drive_value
 from ..space import layout as at
 from ..space.layout import Work
-from ..system.bodies.data import quaternion, rotation_part
 from ..system.bodies.embedded import matrices
+from ..system.bodies.packing import quaternion, rotation_part
 from ..system.joints import is_of_point, joint_parts
 from ..system.scene import System
 

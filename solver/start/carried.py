@@ -11,8 +11,8 @@ from sidtool.formats.sid import Array
 from ..space import layout as at
 from ..space.layout import IntTable
 from ..system import kernel_calls
-from ..system.bodies.data import quaternion
 from ..system.bodies.embedded import matrices
+from ..system.bodies.packing import quaternion
 from ..system.scene import System
 from ..system.storage import new_work
 

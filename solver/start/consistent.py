@@ -16,7 +16,7 @@ from ..linear.newton import Memory
 from ..space import layout as at
 from ..space.coordinates import retract
 from ..system import kernel_calls
-from ..system.bodies.data import quaternion
+from ..system.bodies.packing import quaternion
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from ..system.storage import new_memory, new_work

@@ -12,8 +12,8 @@ from sidtool.formats.sid import Array
 from ..space import layout as at
 from ..space.layout import Work
 from ..system import kernel_calls
-from ..system.bodies.data import quaternion
 from ..system.bodies.embedded import embedded, matrices
+from ..system.bodies.packing import quaternion
 from ..system.scene import System
 from .consistent import Start
 

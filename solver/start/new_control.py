@@ -10,7 +10,7 @@ from ..functions.table import features
 from ..integrators import INTEGRATORS, bifurcations, stepping
 from ..space import layout as at
 from ..space.layout import IntTable
-from ..system.bodies.data import amplitudes, frequencies
+from ..system.bodies.vibration import amplitudes, frequencies
 from ..system.scene import System
 from ..system.sizes import extents, row_sizes, sliding_sizes
 from .assembly import Start

@@ -17,7 +17,8 @@ from sidtool.formats.toml.tables import Table
 from ..functions.pool import Pool
 from ..space import layout as at
 from .bodies.body_tables import free_orientation, packed_marker
-from .bodies.data import BodyData, body_data, flags, pack
+from .bodies.data import BodyData, body_data
+from .bodies.packing import flags, pack
 from .building import build_system
 from .ingredients import Ingredients
 from .scene import System

@@ -16,7 +16,8 @@ from sidtool.formats.sid import SID, Array
 from sidtool.formats.storage.kept import kept
 
 from ..space import layout as at
-from .bodies.data import BodyData, amplitudes
+from .bodies.data import BodyData
+from .bodies.vibration import amplitudes
 from .scene import GROUND_NAME, System
 
 _ANGLES = (at.ANGLE, at.PERPENDICULAR, at.COUPLED_ANGLE)

@@ -13,7 +13,8 @@ from ..linear.lapack import lapack
 from ..linear.newton import N_COUNTERS, Memory
 from ..space import layout as at
 from ..space.spaces import FRAMES, MODES, POINTS, STIFFENED, TURNING
-from .bodies.data import elastic_mass, modal_squares, shape_functions, symmetric
+from .bodies.packing import elastic_mass, shape_functions, symmetric
+from .bodies.vibration import modal_squares
 from .forces.elements import most_read
 from .scene import System
 

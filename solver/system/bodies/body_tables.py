@@ -10,7 +10,7 @@ from sidtool.formats.sid import Array
 from ...space import layout as at
 from ...space.layout import IntTable
 from ..ingredients import Ingredients, Reference
-from . import data as packing
+from . import packing
 from .data import BodyData
 from .eliminated import MOTIONS, slide
 

@@ -27,7 +27,8 @@ from ...space import layout as at
 from ..ingredients import Frame, Reference, driven_coordinates
 from ..joints import planar_axis, spatial_axis
 from ..scene import GROUND_NAME
-from .data import BodyData, rotation_part
+from .data import BodyData
+from .packing import rotation_part
 
 #: Motions of a frame by the joint that carries it.
 MOTIONS = {"fixed": at.FIXED, "revolute": at.REVOLUTE, "prismatic": at.PRISMATIC}
