@@ -108,7 +108,7 @@ def failure_of(run: Run, code: int) -> str:
     if why := demanded_too_much(system, run.now, control.z, control.v):
         return f"{text}; {why}"
     text += (
-        lost_inertia(system, work)
+        lost_inertia(system, work, run.now)
         or too_light(system, work)
         or jammed(system, run.memory, run.now, control)
         or near_singular(control)

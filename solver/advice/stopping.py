@@ -19,6 +19,7 @@ from ..integrators import stepping
 from ..linear.newton import Memory
 from ..space import layout as at
 from ..start.conflicts import conflict_soon
+from ..system.bodies.data import BodyData
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .dead_points import undecided
@@ -41,7 +42,7 @@ CAUSES = {
 }
 
 #: What is said where a body has deformed beyond what its inertia holds for.
-INERTIA_LOST = "has deformed so far that"
+INERTIA_LOST = "so far that"
 #: Part of the smallest eigenvalue of a mass matrix that is left of a lost inertia.
 LOST = 1e-2
 #: Of the inertia of two bodies in a mechanism, the ratio that rounding begins to hide.
@@ -66,17 +67,19 @@ def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
     return failure
 
 
-def lost_inertia(system: System, work: at.Work) -> str:
+def lost_inertia(system: System, work: at.Work, t: float | None = None) -> str:
     """What to know where a body has deformed so far that it has no inertia left.
 
     The mass of a stiffened body is minus infinity then, see `kernels.stiffened`.
+
+    t : of a motion [s]; at its start the assembly has deformed what the scene has not
     """
     for row, body in zip(system.arrays.body, system.bodies, strict=True):
         n, first = int(row[at.NV]), int(row[at.BLOCK])
         M = work.M[first : first + n * n].reshape(n, n)
         if n and np.isneginf(M[-1, -1]):
             return (
-                f"; {body.name} {INERTIA_LOST} its moments of inertia are no "
+                f"; {_deformed(system, body, t)} its moments of inertia are no "
                 "longer positive: J and Oe m1 of its SID hold for small deformations"
             )
         if n == 0 or body.sid.nq == 0 or not np.isfinite(M).all():
@@ -92,7 +95,7 @@ def lost_inertia(system: System, work: at.Work) -> str:
             )
         if _least(M) < LOST * _least(_undeformed(body.sid, axes)):
             text = (
-                f"; {body.name} {INERTIA_LOST} the inertia of its SID, which "
+                f"; {_deformed(system, body, t)} the inertia of its SID, which "
                 "holds for small deformations, is no longer positive"
             )
             if (
@@ -102,6 +105,20 @@ def lost_inertia(system: System, work: at.Work) -> str:
                 text += " (quadratic_inertia = true of the body keeps more of it)"
             return text
     return ""
+
+
+def _deformed(system: System, body: BodyData, t: float | None) -> str:
+    scene = system.scene
+    stated = scene.bodies[body.name].initial if body.of_scene else None
+    by_assembly = scene.initial.state != "static" and (
+        getattr(stated, "elastic", None) is None
+    )
+    if t == scene.time.start and by_assembly:
+        return (
+            "the places of bodies and markers in the scene do not meet its joints and "
+            f"drives, and to meet them the assembly deforms {body.name} {INERTIA_LOST}"
+        )
+    return f"{body.name} has deformed {INERTIA_LOST}"
 
 
 def _least(M: Array) -> float:
@@ -192,7 +209,7 @@ def near_singular(control: stepping.Control) -> str:
 
 
 def singular(system: System, work: at.Work, t: float, status: int) -> str:
-    lost = lost_inertia(system, work) if status == 1 else ""
+    lost = lost_inertia(system, work, t) if status == 1 else ""
     if lost:
         return f"stopped at t = {t:.9g} s{lost}"
     if status == 1:

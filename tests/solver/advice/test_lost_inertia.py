@@ -39,3 +39,20 @@ def test_a_bar_struck_hard_names_the_remedy_and_it_helps() -> None:
     with pytest.raises(SimulationError, match="quadratic_inertia = true of the body"):
         run(sid, "spatial", 0.15, 1e-7, bodies={"bar": bar})
     run(sid, "spatial", 0.15, 1e-7, bodies={"bar": bar | {"quadratic_inertia": True}})
+
+
+def test_the_assembly_is_named_where_it_deforms_a_body_too_far() -> None:
+    """A hinge along the bar and a ball joint beside its end, by 5 % of its length: the
+    bar has to bend, and has no inertia about the hinge then."""
+    sid = slender_bar(2, TANGENT, False)
+    joints = {
+        "root": {"type": "revolute", "markers": ["ground", "bar.a"], "axis": [1, 0, 0]},
+        "end": {"type": "spherical", "markers": ["ground.wall", "bar.b"]},
+    }
+    bars = {"bar": {"sid": "-", "markers": {"a": 1, "b": 2}}}
+    wall = {"markers": {"wall": {"position": [1.0, 0.05, 0.0]}}}
+    described = scene(bars, joints, dimension="spatial", ground=wall)
+    told = "do not meet its joints and drives, .* the assembly deforms bar so far that"
+    with pytest.raises(SimulationError, match=f"t = 0 s; .*{told}") as error:
+        simulate(compile_scene(described, sids={"bar": sid}))
+    assert "has deformed" not in str(error.value)
