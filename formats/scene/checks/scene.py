@@ -142,6 +142,7 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
     if not name.marker and is_of_joint(name.quantity):
         told = name.quantity in JOINT_QUANTITIES and name.owner in scene.forces
         if name.owner not in [*scene.joints, *scene.drives] and not told:
+            _check_connection(name.owner, name.quantity, place, scene)
             known = [*scene.joints, *scene.drives, *scene.forces]
             expected = known_names(name.owner, known, "joint, drive or force")
             fail(place, f"there is no joint, drive or force {name.owner!r}", expected)

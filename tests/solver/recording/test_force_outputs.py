@@ -124,7 +124,7 @@ def test_a_force_that_follows_its_body_turns_with_it() -> None:
 
 def test_a_force_has_no_multipliers() -> None:
     spring = {"type": "spring_damper", "markers": ["ground", "block"], "stiffness": 1.0}
-    with pytest.raises(InputError, match="there is no joint 'spring'"):
+    with pytest.raises(InputError, match="force spring has no 'f1'; expected .*fx"):
         scene(
             "spatial",
             1.0,

@@ -249,7 +249,7 @@ def test_the_length_of_a_rod_that_grows_and_of_one_that_does_not(
         ("hinge.displacement", "has no coordinate 'displacement'"),
         ("hinge.displacement_rate", "has no coordinate 'displacement'"),
         ("bob.angle_rate", "there is no joint 'bob'"),
-        ("hinge.angle_3", "found 'hinge.angle_3'"),
+        ("hinge.angle_3", "the joint hinge has no 'angle_3'"),
         ("bob.top.angle_3", "found 'bob.top.angle_3'"),
     ],
 )
