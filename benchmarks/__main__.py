@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from .machine import use_one_thread
+from .machine import results_folder, use_one_thread
 
 #: Modules with `run(folder, name, say) -> Report`, in the order of the page.
 BENCHMARKS = (
@@ -52,6 +52,7 @@ ROOT = Path(__file__).parents[1]
     "--output",
     type=click.Path(path_type=Path),
     default=ROOT / "benchmarks" / "results",
+    callback=results_folder,
     help="Folder of the results, default benchmarks/results.",
 )
 @click.option("--readme", is_flag=True, help="Write docs/speed.md and README.md, too.")
@@ -63,7 +64,6 @@ def main(names: tuple[str, ...], output: Path, readme: bool, keep: bool) -> None
     of each. Programs that are not installed are left out.
     """
     use_one_thread()
-    output.mkdir(parents=True, exist_ok=True)
     from .report import load, save, write_page, write_section
 
     for name in () if keep else names or BENCHMARKS:

@@ -40,7 +40,7 @@ from sidtool.importers.inp.reading import read_deck
 from sidtool.importers.meshes import read_mesh
 
 from .deck_twins import ELEMENT, beside_calculix
-from .machine import describe_machine, use_one_thread
+from .machine import describe_machine, results_folder, use_one_thread
 from .report import Report, Table, save
 
 ENDINGS = (".inp", ".bdf", ".nas", ".dat", ".cdb")
@@ -109,7 +109,9 @@ class Verdict:
 @click.command()
 @click.argument("folder", type=click.Path(exists=True, path_type=Path))
 @click.option("--limit", default=60.0, help="Seconds for one deck.")
-@click.option("-o", "--output", type=click.Path(path_type=Path))
+@click.option(
+    "-o", "--output", type=click.Path(path_type=Path), callback=results_folder
+)
 @click.option("--match", default="", help="Only decks whose path holds this text.")
 def main(folder: Path, limit: float, output: Path | None, match: str) -> None:
     """Convert every deck of a folder and say what became of it."""

@@ -8,6 +8,8 @@ from datetime import date
 from importlib import metadata
 from pathlib import Path
 
+import click
+
 PACKAGES = ("sidtool", "numpy", "scipy", "numba", "exudyn", "scikit-sundae")
 #: One thread: set before anything that computes is imported.
 ONE_THREAD = dict.fromkeys(
@@ -18,6 +20,22 @@ ONE_THREAD = dict.fromkeys(
 def use_one_thread() -> None:
     """Makes ratios those of the programs, not of their threads."""
     os.environ.update(ONE_THREAD)
+
+
+def results_folder(
+    context: click.Context, parameter: click.Parameter, path: Path | None
+) -> Path | None:
+    """Of an option: the folder, made if it is missing in one that is there.
+
+    A run of hours shall not end without a place for what it found.
+    """
+    if path is None:
+        return None
+    try:
+        path.mkdir(exist_ok=True)
+    except OSError as error:
+        raise click.BadParameter(f"{path}: {error.strerror}") from None
+    return path
 
 
 def describe_machine() -> str:

@@ -69,7 +69,8 @@ _MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 @click.option(
     "--sigma",
     type=click.Choice(SIGMAS),
-    help="What the entry sigma of nodes holds, which --units has to know.",
+    help="What the entry sigma of nodes holds, which --units has to know of SIDs of "
+    "other programs.",
 )
 @click.option(
     "--frame",

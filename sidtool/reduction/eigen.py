@@ -16,7 +16,7 @@ from ..frontends.finite_element_model import Indices
 from .factors import engine_name, symmetric_factors
 from .lanczos import BLOCK, FREE_BLOCK, dominant_vectors, usual_blocks
 from .pencil import Pencil
-from .running import Counter
+from .running import Counter, tell
 from .slepc import slepc_eigenvectors
 
 __all__ = ["free_body_shift", "lowest_eigenpairs", "symmetric_factors"]
@@ -129,6 +129,8 @@ def _dense_space(pencil: Pencil, count: int) -> Array:
     if len(pencil.constraints):
         basis = scipy.linalg.null_space(pencil.constraints)
         mass, shifted = (basis.T @ matrix @ basis for matrix in (mass, shifted))
+    if len(mass) > _DENSE:
+        tell(f"eigenvectors: {count} of {len(mass)} equations at once, by LAPACK")
     wanted = [len(mass) - count, len(mass) - 1]
     try:
         vectors = scipy.linalg.eigh(mass, shifted, subset_by_index=wanted)[1]

@@ -100,11 +100,15 @@ def convert_units(
 ) -> SID:
     """The SID with its numbers expressed in another unit system; see `rescale`.
 
+    Of a SID that sidtool made of a model, sigma is known to be stress.
+
     Raises
     ------
     InputError : an unknown system, or contents whose unit is not known.
     """
     old, new = unit_system(from_system), unit_system(to_system)
+    if sigma is None and sid.carried is not None:  # which our conversion alone tells
+        sigma = "stress"
     return rescale(
         sid,
         length=old.length / new.length,

@@ -25,6 +25,7 @@ from sidtool.validate.modal import free_body, held_body
 from sidtool.validate.units import UNIT_SYSTEMS, unit_system
 from tests.bodies import particle_body
 from tests.sidtool.bodies import beam_data
+from tests.sidtool.models import QM6, rod
 from tests.sidtool.networks import clamped, mean_axis, random_network, sid_of
 
 
@@ -113,6 +114,18 @@ def test_the_named_force_is_the_derived_one(system: object) -> None:
 def _with_sigma(sid: SID) -> SID:
     node = replace(sid.nodes[0], sigma=Taylor(np.ones((6, 1))))
     return replace(sid, nodes=(node, *sid.nodes[1:]))
+
+
+def test_sigma_of_a_sid_of_ours_is_stress() -> None:
+    """Only our conversion tells what shape functions carry of the compliance."""
+    made = sid_from_model(rod({**QM6, "elements": [40, 4]}))
+    body = replace(made, nodes=_with_sigma(made).nodes)
+    assert body.carried is not None
+    in_mpa = convert_units(body, "SI", "mm-t-s").nodes[0].sigma
+    assert in_mpa is not None
+    assert in_mpa.m0 == pytest.approx(np.full((6, 1), 1e-6))
+    with pytest.raises(InputError, match="does not tell what sigma holds"):
+        convert_units(replace(body, carried=None), "SI", "mm-t-s")
 
 
 def test_sigma_needs_a_statement() -> None:
