@@ -44,6 +44,11 @@ SETTLED = 1e-11
 #: Turns are counted when they differ less from what the mean speed makes them [rad].
 SURE_TURN = 1.0
 ITERATIONS = 40
+#: Changes that shrink by less in an iteration ask for a better stiffness, measured by
+#: moving elastic coordinates by a part of the largest.
+CONTRACTION, PROBE = 0.25, 1e-3
+#: Changes grow by more where there is no equilibrium.
+DIVERGED = 1e6
 SIMULATE = (
     ", or simulate, which knows it and has the forces of joints and drives as outputs"
 )
@@ -247,34 +252,61 @@ class Motion:
 
     def deformed(self, z: Array) -> Start | None:
         """The closed state near z whose elastic coordinates are in equilibrium."""
+        size, first = np.inf, np.inf
         for _ in range(ITERATIONS):
-            closed = self.closed(z)
-            if closed is None:
-                return None
-            state = Start(closed, self.velocities(closed))
-            if self.driven.all():
+            state = self._closed_state(z)
+            if state is None or self.driven.all():
                 return state
-            change = self._elastic_change(state)
-            z = self.mechanics.moved(closed, change)
-            deformation = self._elastic_size(z)
-            if np.max(np.abs(change)) <= SETTLED * max(deformation, 1e-300):
+            left = self._unbalanced(state)
+            before, size = size, self._change(left)[1]
+            if not size <= CONTRACTION * before:
+                self._measure_stiffness(state, left)
+                size = self._change(left)[1]
+            first = min(first, max(size, self._elastic_size(state.z)))
+            if not size <= DIVERGED * first:
+                break
+            z = self.mechanics.moved(state.z, self._change(left)[0])
+            if size <= SETTLED * max(self._elastic_size(z), 1e-300):
                 return state
         raise SimulationError(
             f"stopped at t = {self.mechanics.t:.9g} s: the elastic coordinates find no "
             "equilibrium; the bodies are too soft for a quasi-static deformation"
         )
 
-    def _elastic_change(self, state: Start) -> Array:
-        """Scaled correction K^-1 (f + C^T lambda - M a) of the elastic coordinates."""
+    def _closed_state(self, z: Array) -> Start | None:
+        closed = self.closed(z)
+        return None if closed is None else Start(closed, self.velocities(closed))
+
+    def _unbalanced(self, state: Start) -> Array:
+        """Scaled forces f + C^T lambda - M a that deform the bodies further."""
         a = self.accelerations(state)
         unbalanced = self.mechanics.mass @ a - self.mechanics.force
         C, driven = self.mechanics.jacobian, self.driven
         multipliers, friction = self.forces(a)
         left = unbalanced[~driven] - C[:, ~driven].T @ multipliers
-        left -= self.mechanics.directions[:, ~driven].T @ friction
+        return -left + self.mechanics.directions[:, ~driven].T @ friction
+
+    def _change(self, left: Array) -> tuple[Array, float]:
+        """What unbalanced forces ask for, of all scaled coordinates, and its size."""
         change = np.zeros(self.system.n_velocities)
-        change[~driven] = np.linalg.solve(self.stiffness, -left)
-        return change
+        change[~self.driven] = least_squares(self.stiffness, left)
+        return change, float(np.max(np.abs(change)))
+
+    def _measure_stiffness(self, state: Start, left: Array) -> None:
+        """Takes the stiffness of bodies under their loads at a state, by differences.
+
+        It is Ke alone at first, which leads away where loads stiffen by more than Ke.
+        """
+        h = PROBE * max(self._elastic_size(state.z), self._change(left)[1])
+        K = np.zeros_like(self.stiffness)
+        for k, coordinate in enumerate(np.flatnonzero(~self.driven)):
+            x = np.zeros(self.system.n_velocities)
+            x[coordinate] = h
+            near = self._closed_state(self.mechanics.moved(state.z, x))
+            if near is None:
+                return
+            K[:, k] = (left - self._unbalanced(near)) / h
+        self.stiffness = K
 
     def _elastic_size(self, z: Array) -> float:
         """The largest scaled elastic coordinate."""

@@ -192,7 +192,7 @@ class Mechanics:
         ------
         SimulationError : it is not positive; names the body.
         """
-        size = np.sqrt(np.maximum(inertia.diagonal(), np.finfo(float).tiny))
+        size = np.sqrt(np.maximum(np.abs(inertia.diagonal()), np.finfo(float).tiny))
         scaled = inertia / np.outer(size, size)
         if len(scaled) and not np.linalg.eigvalsh(scaled)[0] > NO_INERTIA:
             cause = lost_inertia(self.system, self.work) or "; a body lacks inertia"
