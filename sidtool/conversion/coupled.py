@@ -43,7 +43,7 @@ def coupled(body: FiniteElementModel) -> FiniteElementModel:
 
 
 def _reference(body: FiniteElementModel, coupling: Coupling) -> MarkerRows:
-    rows = fitted_to(body, coupling.name, coupling.nodes)
+    rows = fitted_to(body, coupling.name, coupling.nodes, coupling.weights)
     return rows if coupling.position is None else carried(rows, coupling.position)
 
 

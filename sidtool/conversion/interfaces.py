@@ -78,16 +78,25 @@ def tied(body: FiniteElementModel, model: ModelFile) -> FiniteElementModel:
     )
 
 
-def fitted_to(body: FiniteElementModel, name: str, nodes: Indices) -> MarkerRows:
-    """The motion of the centre of some nodes, each of which weighs alike.
+def fitted_to(
+    body: FiniteElementModel,
+    name: str,
+    nodes: Indices,
+    weights: sp.csr_matrix | None = None,
+) -> MarkerRows:
+    """The motion of the centre of some nodes by their weights (n, n), alike if None.
 
     Raises
     ------
     InputError : they do not tell how it turns.
     """
     n = len(body.positions)
-    mass = sp.csr_matrix((np.ones(nodes.size), (nodes, nodes)), shape=(n, n))
-    centre = np.pad(body.positions[nodes].mean(axis=0), (0, 3 - body.dimension))
+    mass = weights
+    if mass is None:
+        mass = sp.csr_matrix((np.ones(nodes.size), (nodes, nodes)), shape=(n, n))
+    share = np.asarray(mass.sum(axis=0)).ravel()
+    place = share @ body.positions / share.sum()
+    centre = np.pad(place, (0, 3 - body.dimension))
     try:
         return _fitted_rows(body, name, 0, _Held(nodes, None, mass, centre))
     except InputError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -20,6 +21,7 @@ class Coupling:
     rigid : whether the nodes are one rigid piece (RBE2); else the point takes their
         mean motion (RBE3)
     nodes : rows of the positions of the body
+    weights : (n, n) by which its nodes weigh in the mean, alike if None
     position : (3,) of the reference point [m]; None for the centre of the nodes
     markers : those of the model file that stand at the reference point
     """
@@ -29,6 +31,7 @@ class Coupling:
     nodes: Indices
     position: Array | None
     markers: tuple[str, ...] = ()
+    weights: sp.csr_matrix | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,6 +41,8 @@ class RawCoupling:
         mean motion
     reference : label of the reference node, None where the file has none
     turns : whether nodes that turn by themselves turn with the rigid piece
+    by_area : whether a node weighs in the mean by its share of the surface
+    weights : of the nodes in the mean; none where these weigh alike
     """
 
     name: str
@@ -49,6 +51,8 @@ class RawCoupling:
     reference: int | None
     place: str
     turns: bool = True
+    by_area: bool = False
+    weights: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
@@ -14,6 +15,7 @@ from ...importers.imported import ImportedMesh, RawCoupling, RawMass
 from ...validate.units import UnitSystem
 from ..couplings import Coupling, PointMass
 from ..mesh.data import Mesh
+from ..mesh.surface import mesh_surface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -68,8 +70,23 @@ def body_couplings(
             and marker.mesh_node == first.reference
             and marker.mesh_node not in row
         )
-        result.append(Coupling(first.name, first.rigid, nodes, where, markers))
+        weights = _weights(first, mesh, row)
+        result.append(Coupling(first.name, first.rigid, nodes, where, markers, weights))
     return tuple(result)
+
+
+def _weights(
+    coupling: RawCoupling, mesh: Mesh, row: Mapping[int, int]
+) -> sp.csr_matrix | None:
+    """Of the nodes of a mean: theirs, or the mass matrix of the surface they span."""
+    n = len(mesh.positions)
+    own = [(row[label], i) for i, label in enumerate(coupling.nodes) if label in row]
+    nodes = np.array([place for place, _ in own], np.int64)
+    if coupling.weights:
+        values = [coupling.weights[i] for _, i in own]
+        return sp.csr_matrix((values, (nodes, nodes)), shape=(n, n))
+    surface = mesh_surface(mesh, nodes) if coupling.by_area else None
+    return surface.mass if surface is not None and surface.mass.nnz else None
 
 
 def _by_reference(couplings: Sequence[RawCoupling]) -> Iterable[list[RawCoupling]]:

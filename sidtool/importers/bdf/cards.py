@@ -61,8 +61,17 @@ class Card:
         """
         if not self.word(i):
             return default
-        word = _EXPONENT.sub(r"\1E\2", self.word(i))
-        return numbers([word], self.place, f"{self.name}: {what}")[0]
+        return real_number(self.word(i), f"{self.name}: {what}", self.place)
+
+
+def real_number(word: str, what: str, place: str) -> float:
+    """A real number, as Nastran writes it.
+
+    Raises
+    ------
+    InputError : it is none.
+    """
+    return numbers([_EXPONENT.sub(r"\1E\2", word)], place, what)[0]
 
 
 def read_cards(path: Path, included: Included | None = None) -> list[Card]:

@@ -7,7 +7,7 @@ import numpy as np
 from sidtool.formats.errors import InputError
 
 from ..imported import RawCoupling, RawMass
-from .cards import Card, members
+from .cards import Card, members, real_number
 from .systems import Frames
 
 
@@ -28,37 +28,43 @@ def rbe2(card: Card) -> RawCoupling:
     return RawCoupling(f"RBE2 {label}", True, nodes, node, card.place, turns)
 
 
-def rbe3(card: Card) -> tuple[RawCoupling, bool]:
+def rbe3(card: Card) -> RawCoupling:
     """EID, blank, REFGRID, REFC, WT1, C1, G1, G2, ..., WT2, C2, ..., UM ...
-
-    Returns
-    -------
-    the coupling, and whether nodes have different weights
 
     Raises
     ------
-    InputError : nodes take part with less than their three displacements.
+    InputError : nodes take part with less than their three displacements, or with no
+        weight.
     """
     label, node = card.integer(0, "a number"), card.integer(2, "a node")
     _check_directions(card, f"RBE3 {label} moves", card.word(3))
-    nodes: list[int] = []
-    weights = set()
+    shares: dict[int, float] = {}
     words = [word for word in card.words[4:] if word]
     end = next((i for i, w in enumerate(words) if w.upper() in ("UM", "ALPHA")), None)
     words = words[:end]
     i = 0
     while i < len(words):
-        weights.add(words[i])
+        weight = _weight(words[i], f"RBE3 {label}", card.place)
         directions = words[i + 1] if i + 1 < len(words) else ""
         _check_directions(card, f"RBE3 {label} takes", directions)
         i += 2
         start = i
         while i < len(words) and "." not in words[i]:
             i += 1
-        nodes += members(words[start:i], card.place)
-    return RawCoupling(f"RBE3 {label}", False, tuple(nodes), node, card.place), (
-        len(weights) > 1
-    )
+        for own in members(words[start:i], card.place):
+            shares[own] = shares.get(own, 0.0) + weight
+    weights = tuple(shares.values()) if len(set(shares.values())) > 1 else ()
+    name = f"RBE3 {label}"
+    return RawCoupling(name, False, tuple(shares), node, card.place, weights=weights)
+
+
+def _weight(word: str, name: str, place: str) -> float:
+    value = real_number(word, f"{name}: a weight", place)
+    if value <= 0:
+        raise InputError(
+            f"{name} has the weight {word}", place=place, expected="one above zero"
+        )
+    return value
 
 
 def _check_directions(card: Card, what: str, directions: str) -> None:

@@ -203,10 +203,7 @@ def _rigid(content: BulkData, card: Card) -> None:
 
 
 def _mean(content: BulkData, card: Card) -> None:
-    coupling, weights = rbe3(card)
-    content.couplings.append(coupling)
-    if weights:
-        content.said["weights of RBE3: its nodes weigh alike here"] = None
+    content.couplings.append(rbe3(card))
 
 
 def _mass(content: BulkData, card: Card) -> None:

@@ -92,7 +92,29 @@ def _coupling(
         nodes = _of_rigid_body(deck, hold, body, instance)
     reference = options.get("REF NODE")
     label = None if reference is None else _label(deck, hold, body, instance, reference)
-    return RawCoupling(name, rigid, tuple(dict.fromkeys(nodes)), label, block.place)
+    held = tuple(dict.fromkeys(nodes))
+    by_area = not rigid and _on_faces(deck, hold, options.get("SURFACE", ""))
+    return RawCoupling(name, rigid, held, label, block.place, by_area=by_area)
+
+
+def _on_faces(deck: Deck, hold: Hold, word: str) -> bool:
+    """Whether a surface of elements tells how much area belongs to a node.
+
+    Raises
+    ------
+    InputError : weights fall with the distance from the reference node.
+    """
+    assert hold.kind is not None
+    method = hold.kind.options.get("WEIGHTING METHOD", "UNIFORM").upper()
+    if method != "UNIFORM":
+        raise InputError(
+            f"*DISTRIBUTING has WEIGHTING METHOD={method}",
+            place=hold.kind.place,
+            expected="UNIFORM",
+        )
+    scope, own = owner_of(deck, hold.scope, word)
+    parts = scope.surfaces.get(deck.name(own), []) if scope else []
+    return bool(parts) and all(part.kind == "ELEMENT" for part in parts)
 
 
 def _of_surface(
