@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -208,7 +208,7 @@ def _is_of_kind(path: Path, kind: str) -> bool:
 def hush(ctx: click.Context, _: click.Parameter, value: bool) -> None:
     """Of --quiet: what a command says on its standard output goes nowhere."""
     if value:
-        ctx.meta[_QUIET] = True
+        ctx.meta[_QUIET] = sys.stdout  # which --json may want
         nowhere = ctx.with_resource(Path(os.devnull).open("w"))  # noqa: SIM115
         ctx.with_resource(redirect_stdout(nowhere))
 
@@ -216,8 +216,9 @@ def hush(ctx: click.Context, _: click.Parameter, value: bool) -> None:
 def as_data(ctx: click.Context, _: click.Parameter, value: bool) -> None:
     """Of --json: `tell` alone writes to the standard output."""
     if value:
-        ctx.meta[_JSON] = sys.stdout
-        ctx.with_resource(redirect_stdout(sys.stderr))
+        ctx.meta[_JSON] = ctx.meta.get(_QUIET, sys.stdout)
+        if _QUIET not in ctx.meta:
+            ctx.with_resource(redirect_stdout(sys.stderr))
 
 
 QUIET = click.Option(
@@ -225,7 +226,7 @@ QUIET = click.Option(
     is_flag=True,
     expose_value=False,
     callback=hush,
-    help="Say nothing but notes and errors.",
+    help="Say nothing but notes and errors, and the numbers of --json.",
 )
 JSON = click.Option(
     ["--json"],
@@ -243,13 +244,19 @@ def is_quiet() -> bool:
     return ctx is not None and _QUIET in ctx.meta
 
 
+def for_json() -> TextIO | None:
+    """Where --json writes that a command has of its own: --quiet does not hide it."""
+    ctx = click.get_current_context(silent=True)
+    return None if ctx is None else ctx.meta.get(_QUIET)
+
+
 def tell(text: str, data: Callable[[], Any]) -> None:
     """What a command found: the text, or with --json the data."""
     ctx = click.get_current_context(silent=True)
     stream = None if ctx is None else ctx.meta.get(_JSON)
     if stream is None:
         click.echo(text)
-    elif not is_quiet():
+    else:
         from ..report.data import as_json
 
         click.echo(as_json(data()), file=stream)

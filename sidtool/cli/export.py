@@ -11,7 +11,7 @@ import click
 from sidtool.formats.errors import InputError
 
 from .body_files import files_by_body, full_fields
-from .common import Target, check_targets, existing, force, target
+from .common import Target, check_targets, existing, for_json, force, target
 
 if TYPE_CHECKING:
     from ..view.peaks import Peak
@@ -99,7 +99,8 @@ def _tell(peaks: dict[str, Peak], as_json: bool) -> None:
                     }
                     for name, peak in peaks.items()
                 }
-            )
+            ),
+            file=for_json(),
         )
         return
     rows = [

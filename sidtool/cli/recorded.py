@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from .common import check_targets, existing, force, result_target, target
+from .common import check_targets, existing, for_json, force, result_target, target
 
 
 @click.command()
@@ -69,7 +69,8 @@ def outputs(
         raise error.located(result) from None
     if as_json:
         columns = {"t": content.t, **found}
-        click.echo(json.dumps({name: c.tolist() for name, c in columns.items()}))
+        numbers = {name: c.tolist() for name, c in columns.items()}
+        click.echo(json.dumps(numbers), file=for_json())
     else:
         click.echo(ranges(found, units_in(content)))
     if output is None:

@@ -172,6 +172,8 @@ def simulate(
             for note in error.result.notes if error.result is not None else ():
                 click.echo(f"note: {note}", err=True)
             files.tell(err=True)
+            if asked.number and output is not None and not files.failed:
+                click.echo("note: the same command with --continue goes on", err=True)
             status = 128 + asked.number if asked.number else 1
             raise click.exceptions.Exit(status) from None
         except OSError:

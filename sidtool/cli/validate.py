@@ -10,7 +10,7 @@ import click
 
 from sidtool.formats.errors import InputError
 
-from .common import existing
+from .common import existing, for_json
 from .inputs import piped
 
 if TYPE_CHECKING:
@@ -75,10 +75,10 @@ def validate(
     as_written = judgement_as_json if json else judgement_as_text
     texts = {n: as_written(j, strict=strict) for n, j in judged.items()}
     if tuple(texts) == (_ALONE,):
-        click.echo(texts[_ALONE])
+        click.echo(texts[_ALONE], file=for_json() if json else None)
     elif json:
         bodies = {name: loads(text) for name, text in texts.items()}
-        click.echo(dumps({"passed": good, "bodies": bodies}, indent=1))
+        click.echo(dumps({"passed": good, "bodies": bodies}, indent=1), file=for_json())
     else:
         click.echo("\n\n".join(f"body {n}\n\n{text}" for n, text in texts.items()))
     raise click.exceptions.Exit(0 if good else 1)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -102,11 +104,27 @@ def rows_before(past: Past) -> list[Rows]:
     return list(rows_of(past.done))
 
 
+def _changed(before: Any, now: Any, key: str = "") -> list[str]:
+    """Keys whose values differ between two scenes, with both values if short."""
+    if before == now:
+        return []
+    if isinstance(before, dict) and isinstance(now, dict):
+        names = dict.fromkeys([*before, *now])
+        found = (_changed(before.get(n), now.get(n), f"{key}.{n}") for n in names)
+        return [text for texts in found for text in texts]
+    there, here = json.dumps(before), json.dumps(now)
+    values = f" ({there} there, {here} here)" if len(there + here) < 60 else ""
+    return [key.removeprefix(".") + values]
+
+
 def _check_same(system: System, settings: Settings, result: Result) -> None:
-    if result.scene != made_with(system.scene, settings):
+    now = made_with(system.scene, settings)
+    if result.scene != now:
+        changed = _changed(json.loads(result.scene or "{}"), json.loads(now))
         raise InputError(
-            "is of another scene, or of other options",
-            place="scene",
+            f"is of another scene, or of other options: {', '.join(changed[:3])}"
+            + (", ..." if len(changed) > 3 else ""),
+            place="unfinished run",
             expected="the scene and the options that the run was begun with",
         )
     for name, sid in system.sids.items():

@@ -68,7 +68,8 @@ def test_the_founding_run_goes_on_after_two_signals(folder: Path) -> None:
     for t, number in ((0.2, signal.SIGTERM), (0.41, signal.SIGINT)):
         done = ended(folder, t, number, *command)
         assert done.returncode == 128 + number, done.stderr
-        assert "ended by" in done.stderr and "Traceback" not in done.stderr
+        assert "ended by" in done.stderr and "with --continue goes on" in done.stderr
+        assert "Traceback" not in done.stderr
         part = sidtool.read(folder / "result.h5")
         assert not part.completed and "ended by" in part.message
         assert t < part.t[-1] < t + 0.1
@@ -143,8 +144,11 @@ def test_what_cannot_go_on_says_why() -> None:
     scene = swing()
     part = interrupted(scene, 0.0)
     for other, message in (
-        (scene.with_({"bar.mass": 1.1}), "another scene"),
-        (scene.with_({"accuracy.rtol": 1e-7}), "another scene, or of other options"),
+        (scene.with_({"bar.mass": 1.1}), r": bodies.bar.mass \(1.0 there, 1.1 here\)"),
+        (
+            scene.with_({"accuracy.rtol": 1e-7}),
+            r"another scene, or of other options: accuracy.rtol \(1e-06 there, 1e-07",
+        ),
     ):
         with pytest.raises(sidtool.InputError, match=message):
             other.simulate(unfinished=part)

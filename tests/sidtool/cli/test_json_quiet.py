@@ -99,6 +99,8 @@ def test_numbers_are_json_or_nothing(
     if command != "info":
         assert run([*command.split(), *words.split(), "--quiet"]) == 0
         assert capfd.readouterr().out == ""
+        assert run([*command.split(), *words.split(), "--quiet", "--json"]) == 0
+        assert key in json.loads(capfd.readouterr().out)
 
 
 @pytest.mark.parametrize("command", FILES)
