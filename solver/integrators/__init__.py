@@ -53,7 +53,7 @@ def _radau(stages: int) -> Integrator:
         from ..linear.newton import STEPS
         from . import stepping
         from .radau import method as radau
-        from .radau.stages import new_stages
+        from .radau.table import new_stages
 
         storage = new_stages(
             stages, system.n_positions, system.n_velocities, system.n_newton_rows

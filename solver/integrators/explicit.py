@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 from numba import boolean, float64, int64, types
 
 from sidtool.formats.sid import Array
@@ -88,8 +87,8 @@ STAGE_SLOPES = TableType(StageSlopes, [F2] * 2 + [F1] * 7)
 def new_slopes(n_positions: int, n_velocities: int) -> StageSlopes:
     """Storage for a run."""
     n, m = n_positions, n_velocities
-    shapes = [(STAGES, n), (STAGES, m), n, m, n, m, n, m, m]
-    return StageSlopes(*(np.zeros(shape) for shape in shapes))
+    vectors = [(length,) for length in (n, m, n, m, n, m, m)]
+    return StageSlopes.zeros((STAGES, n), (STAGES, m), *vectors)
 
 
 @inner(types.void(F1, float64, F1, F2, int64, F1))

@@ -12,7 +12,6 @@ method of one stage.
 
 from __future__ import annotations
 
-import numpy as np
 from numba import float64, int64, types
 
 from sidtool.formats.sid import Array
@@ -60,7 +59,7 @@ SLOPES = TableType(Slopes, [F1] * 11)
 def new_slopes(n_positions: int, n_velocities: int, n_rows: int) -> Slopes:
     """Storage for a run."""
     n, m = n_positions, n_velocities
-    return Slopes(*(np.zeros(k) for k in (n, m, n, m, n, m, n, m, m, m, n_rows)))
+    return Slopes.zeros(*((k,) for k in (n, m, n, m, n, m, n, m, m, m, n_rows)))
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES))

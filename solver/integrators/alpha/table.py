@@ -119,9 +119,9 @@ def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
     rows = int(system.dims[N_ROWS]) + len(system.friction)
     newton_rows = int(system.newton.dims[N_ROWS])
     lengths = [m] * 6 + [n] + [m] * 4 + [rows] * 3 + [m, n, m, m, m, m, n, m, m, m]
-    vectors = [np.zeros(length) for length in (*lengths, newton_rows, *[m] * 7)]
+    vectors = [(length,) for length in (*lengths, newton_rows, *[m] * 7)]
     floor = ROUNDED * sizes
-    return Alpha(newton_places(system), coefficients(rho), *vectors, floor)
+    return Alpha.zeros(newton_places(system), coefficients(rho), *vectors, floor)
 
 
 def newton_places(system: System) -> np.ndarray:

@@ -24,7 +24,6 @@ from ..recording import move, output_due, share_of_step
 from ..step_sizes import scaled_norm
 from ..stepping import CONTRACTION, CONTROL, FAILURES, OLD_STEP, TIME, copy
 from .stages import (
-    STAGES,
     factor,
     foretell,
     predict,
@@ -34,6 +33,7 @@ from .stages import (
     take_end,
     transform,
 )
+from .table import STAGES
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2

@@ -23,8 +23,6 @@ from ..step_sizes import scaled_norm
 from ..stepping import CONTRACTION, CONTROL, CROSSING, OLD_STEP, TIME, copy
 from .method import JACOBIAN_SERVES, accept, begin_step, error_of, newton, order
 from .stages import (
-    METHOD,
-    STAGES,
     factor,
     foretell,
     go_on,
@@ -34,6 +32,7 @@ from .stages import (
     take_end,
     transform,
 )
+from .table import METHOD, STAGES
 
 #: Slopes of a step reach so far into the next one, relative to its length.
 REACH = 0.3

@@ -3,150 +3,17 @@
 from __future__ import annotations
 
 import math
-from functools import cache
-from typing import Any
 
-import numpy as np
 from numba import complex128, float64, int64, types
 
-from sidtool.formats.sid import Array
-
 from ...compiler.compiling import inner
-from ...compiler.tables import Table, TableType
 from ...linear.newton import ITERATIONS, KERNELS, MEMORY
-from ...space.layout import C1, F1, F2, SYSTEM, WORK
+from ...space.layout import F1, F2, SYSTEM, WORK
 from ..newton_steps import factor_real, solve_real
 from ..projection import accelerate
 from ..step_sizes import scaled_norm
 from ..stepping import CONTROL, OLD_STEP, PREDICT, STAGE_STEP, TIME, copy
-
-
-class Method(Table):
-    """A Radau IIA method with s stages.
-
-    c : (s,) nodes
-    T, TI : (s, s) transformation of the stages that makes A^-1 block diagonal: one
-        real eigenvalue first, then pairs of rows for complex ones, and its inverse
-    real_eigenvalue : (1,)
-    complex_eigenvalues : (pairs,)
-    error : (s,) weights of the stages in the error estimate
-    weights : (s,) of the stages in an integral over the step
-    slope : (s,) of the stages in the slope at the end
-    """
-
-    c: Array
-    T: Array
-    TI: Array
-    real_eigenvalue: Array
-    complex_eigenvalues: np.ndarray
-    error: Array
-    weights: Array
-    slope: Array
-
-
-METHOD = TableType(Method, [F1, F2, F2, F1, C1] + [F1] * 3)
-
-
-class Stages(Table):
-    """The method; stage increments Z, their transforms W, slopes F; scratch vectors.
-
-    last_Z : the increments of the last accepted step
-    """
-
-    method: Method
-    Zz: Array
-    Zv: Array
-    Wz: Array
-    Wv: Array
-    Fz: Array
-    Fv: Array
-    rate0: Array
-    acc0: Array
-    z1: Array
-    v1: Array
-    rz: Array
-    rv: Array
-    x: Array
-    p: Array
-    g: Array
-    crz: np.ndarray
-    crv: np.ndarray
-    cx: np.ndarray
-    cp: np.ndarray
-    cg: np.ndarray
-    old_Zz: Array
-    old_Zv: Array
-    last_Zz: Array
-    last_Zv: Array
-
-
-STAGES = TableType(Stages, [METHOD] + [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 4)
-
-
-@cache
-def method(stages: int) -> Method:
-    """Coefficients of Radau IIA, from the zeros of its node polynomial.
-
-    Raises
-    ------
-    ValueError : the number of stages is not odd; even ones have no real eigenvalue.
-    """
-    if stages % 2 == 0:
-        raise ValueError("Radau IIA is used with an odd number of stages")
-    c = _radau_nodes(stages)
-    powers = np.vander(c, stages, increasing=True)
-    A = (powers * c[:, None] / np.arange(1, stages + 1)) @ np.linalg.inv(powers)
-    eigenvalues, vectors = np.linalg.eig(np.linalg.inv(A))
-    real = int(np.argmin(abs(eigenvalues.imag)))
-    pairs = [k for k in np.argsort(eigenvalues.imag) if eigenvalues[k].imag > 1e-9]
-    columns = [vectors[:, real].real]
-    for k in pairs:
-        columns += [vectors[:, k].real, vectors[:, k].imag]
-    T = np.column_stack(columns)
-    gamma = float(eigenvalues[real].real)
-    return Method(
-        c=c,
-        T=np.ascontiguousarray(T),
-        TI=np.ascontiguousarray(np.linalg.inv(T)),
-        real_eigenvalue=np.array([gamma]),
-        complex_eigenvalues=np.conj(eigenvalues[pairs]),
-        error=_error_weights(A, c, gamma),
-        weights=A[-1].copy(),
-        slope=np.linalg.inv(A)[-1].copy(),
-    )
-
-
-def _radau_nodes(stages: int) -> Array:
-    """Zeros of P_s - P_{s-1} (Legendre, shifted to [0, 1])."""
-    series = np.zeros(stages + 1)
-    series[stages], series[stages - 1] = 1.0, -1.0
-    nodes = np.sort(np.polynomial.legendre.legroots(series).real)
-    nodes[-1] = 1.0
-    return 0.5 * (nodes + 1.0)
-
-
-def _error_weights(A: Array, c: Array, gamma: float) -> Array:
-    """Weights e of the error estimate (gamma/h - J)^-1 (f(y0) + sum_i e_i Z_i / h).
-
-    The embedded formula y0 + h (f(y0) / gamma + sum b_i f(Y_i)) has order s; the
-    estimate is its difference to the collocation solution, times gamma / h.
-    """
-    s = len(c)
-    right = 1.0 / np.arange(1, s + 1)
-    right[0] -= 1.0 / gamma
-    embedded = np.linalg.solve(np.vander(c, s, increasing=True).T, right)
-    return gamma * (embedded - A[-1]) @ np.linalg.inv(A)
-
-
-def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stages:
-    """Storage for a run with s stages."""
-    n, m = n_positions, n_velocities
-    shapes = [(s, n), (s, m)] * 3 + [n, m, n, m, n, m, m, m, n_rows]
-    complex_shapes = [n, m, m, m, n_rows]
-    arrays: list[Any] = [np.zeros(shape) for shape in shapes]
-    arrays += [np.zeros(shape, complex) for shape in complex_shapes]
-    arrays += [np.zeros(shape) for shape in [(s, n), (s, m)] * 2]
-    return Stages(method(s), *arrays)
+from .table import METHOD, STAGES
 
 
 @inner(types.void(CONTROL, STAGES, float64))
