@@ -193,6 +193,22 @@ def test_contradicting_drives_are_refused() -> None:
         assemble(compiled(scene(bodies, joints, drives)))
 
 
+def test_driven_bodies_that_meet_at_the_start_alone_are_refused() -> None:
+    """Turned by t^3 and t^3 / 2, their ends part by 2 sin(t^3 / 4), which nothing can
+    close: all of the motion is prescribed, and consistent at the start."""
+    bodies = {"one": slender_rod(1.0), "two": slender_rod(1.0)}
+    joints = {f"under_{name}": hinge("ground", f"{name}.a") for name in bodies}
+    joints["tip"] = {"type": "coincident", "markers": ["one.b", "two.b"]}
+    drives = {
+        "fast": {"joint": "under_one", "function": polynomial(0.0, 0.0, 0.0, 1.0)},
+        "slow": {"joint": "under_two", "function": polynomial(0.0, 0.0, 0.0, 0.5)},
+    }
+    gap = 2.0 * np.sin(0.05**3 / 4.0)
+    told = rf"at t = 0\.05 s tip is open by {gap:.3g}, and no coordinate can give way"
+    with pytest.raises(InputError, match=told):
+        assemble(compiled(scene(bodies, joints, drives=drives)))
+
+
 def test_a_second_joint_on_the_same_axis_is_found_named_and_changes_nothing() -> None:
     """Two revolute joints at one pin: two rows depend on the others."""
     single = compiled(four_bar())
