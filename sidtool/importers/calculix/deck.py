@@ -20,6 +20,7 @@ _REFUSED = {
     "CYCLICSYMMETRYMODEL": "a mesh of the whole body",
     "PRE-TENSIONSECTION": "a deck without bolts under tension",
     "SUBMODEL": "a deck of the whole body",
+    "DISTRIBUTING": "a marker with a distributing tie: CalculiX couples forces alone",
     "GAP": "one body without contact",
     "PART": "a flat deck, as CalculiX reads it",
     "INSTANCE": "a flat deck, as CalculiX reads it",

@@ -242,6 +242,31 @@ def test_a_deck_loses_its_steps_and_supports_only(tmp_path: Path) -> None:
     assert lines == ["*NODE", "1, 0.", "*NODE", "2, 1.", "*MASS, ELSET=E", "1."]
 
 
+@needs_ccx
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (
+            "*SURFACE, NAME=S\n1, S2\n*COUPLING, REF NODE=99, SURFACE=S, "
+            "CONSTRAINT NAME=C\n*DISTRIBUTING\n1, 6\n",
+            "CalculiX couples forces alone",
+        ),
+        (
+            "*MASS, ELSET=Q\n9.\n*ELEMENT, TYPE=MASS, ELSET=Q\n50, 99\n",
+            "mass at node 99",
+        ),
+    ],
+)
+def test_masses_that_calculix_drops_are_refused(
+    more: str, said: str, tmp_path: Path
+) -> None:
+    """A mass at a point that a mean of nodes moves was lost without a word."""
+    text = plate_deck("S4", 0.3, shell(0.005), 2) + "*NODE\n99, 0., 0., 1.\n"
+    (tmp_path / "part.inp").write_text(text + more)
+    with pytest.raises(InputError, match=said):
+        _convert(tmp_path)
+
+
 def test_layers_become_one(tmp_path: Path) -> None:
     lines = ["*SHELL SECTION, COMPOSITE, ELSET=E, OFFSET=0.5", "1.,,A", "2.5,,B", "*X"]
     expected = ["*SHELL SECTION,ELSET=E,OFFSET=0.5,MATERIAL=A", "3.5", "*X"]
