@@ -183,8 +183,9 @@ def _rank(system: System, work: Work) -> int:
     """How many coordinates the constraints take."""
     if system.n_rows >= large_scenes.MANY:
         sparse = large_scenes.scaled_jacobian(system, work.C)
-        if large_scenes.IndependentRows(sparse).least > 0.0:
-            return system.n_rows
+        rows = large_scenes.IndependentRows(sparse)
+        if rows.are_clear(0.0):
+            return int(np.sum(~rows.dependent))
     C = dense_jacobian(system, work.C) * coordinate_sizes(system)
     return int(np.linalg.matrix_rank(C)) if C.size else 0
 

@@ -228,9 +228,10 @@ class State:
 
     def root(self) -> csr_array:
         """N of `roots` as a whole."""
-        from scipy.sparse import block_diag
+        from scipy.sparse import block_diag, csr_array
 
-        return block_diag([block for _, block in self.roots()], "csr")
+        blocks = [block for _, block in self.roots() if len(block)]
+        return block_diag(blocks, "csr") if blocks else csr_array((0, 0))
 
     def roots(self) -> Iterator[tuple[slice, Array]]:
         """The blocks of N with N N^T = W^-1 of all bodies, and their coordinates.

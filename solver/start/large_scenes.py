@@ -20,7 +20,7 @@ from sidtool.formats.sid import Array
 from ..space import layout as at
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
-from .orthogonal import OrthogonalFactor
+from .orthogonal import OrthogonalFactor, Reached
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -107,19 +107,19 @@ class IndependentRows:
 
     least : of their singular values, those of rows of length 1, relative to the largest
     dependent : (rows,) whether a row follows from those before it up to rounding
-    given, lengths : B, and those of its rows, (rows,)
+    given, lengths : B, and those of its rows, (rows,), 1 of those of nothing
     """
 
-    def __init__(self, B: csr_array) -> None:
+    def __init__(self, B: csr_array, factor: OrthogonalFactor | None = None) -> None:
+        """factor : of these rows, none of which follows from others"""
         self.given = B
-        lengths = self.lengths = np.sqrt(B.multiply(B).sum(axis=1))
+        lengths = np.sqrt(B.multiply(B).sum(axis=1))
+        self.lengths = np.where(lengths > 0.0, lengths, 1.0)
+        self._scale, self._B = 1.0 / self.lengths, of_length_one(B)
         self.least, self.dependent = 0.0, np.zeros(B.shape[0], bool)
-        if not (lengths > 0.0).all():
-            return
-        self._scale = 1.0 / lengths
-        self._B = of_length_one(B)
-        self._factor = OrthogonalFactor(self._B)
-        self.dependent = self._factor.dependent
+        self._factor = factor or OrthogonalFactor(self._B)
+        if factor is None:
+            self.dependent = self._factor.dependent
         clear = self._factor.diagonal.min(initial=1.0) > CLEAR
         if clear and not self.dependent.any():
             self.least = self._least_singular_value()
@@ -127,7 +127,12 @@ class IndependentRows:
     @cached_property
     def others(self) -> IndependentRows:
         """The rows, of length 1, without those that follow from others."""
-        return IndependentRows(self._B[~self.dependent])
+        return IndependentRows(self._B[~self.dependent], self._factor)
+
+    @cached_property
+    def reached(self) -> Reached:
+        """The right sides that rows of length 1 can meet."""
+        return Reached(self._B, CLEAR)
 
     def are_clear(self, independent: float) -> bool:
         """Whether rows follow from others exactly or are independent of them by more
@@ -143,17 +148,6 @@ class IndependentRows:
             return self.smallest(right)
         return self.others.smallest((self._scale * right)[~self.dependent])
 
-    def dependencies(self) -> Array:
-        """Orthonormal columns (rows, n) that B^T with rows of length 1 maps to nothing,
-        one for each row that follows from others."""
-        dependent, B, factor = self.dependent, self.others._B, self.others._factor
-        follow = self._B[dependent].T
-        parts = factor.solve((B @ follow).toarray())
-        parts += factor.solve(B @ (follow - B.T @ parts))
-        found = np.zeros((len(dependent), parts.shape[1]))
-        found[dependent], found[~dependent] = np.eye(parts.shape[1]), -parts
-        return np.asarray(np.linalg.qr(found)[0])
-
     def least_squares(self, right: Array, independent: float) -> Array | None:
         """The x of least length that meets B x = right best, with rows of length 1,
         where some rows follow from others that are independent by more than a part; of
@@ -165,12 +159,19 @@ class IndependentRows:
         left = np.abs(self._B @ x - scaled).max(initial=0.0)
         if left <= ALSO_MET * np.abs(scaled).max(initial=0.0):
             return x
-        apart = self.dependencies()
-        return self.others.smallest(
-            (scaled - apart @ (apart.T @ scaled))[~self.dependent]
-        )
+        if not self.has_clear_columns:
+            return None
+        return self.others.smallest(self.reached.part(scaled)[~self.dependent])
+
+    @property
+    def has_clear_columns(self) -> bool:
+        """Whether as many columns as rows are clearly independent."""
+        rank = int(np.sum(~self.dependent))
+        return self.reached.clear and self.reached.rank == rank
 
     def _least_singular_value(self) -> float:
+        if not self._B.shape[0]:
+            return 1.0
         x = np.random.default_rng(0).standard_normal(self._B.shape[0])
         least = 0.0
         for _ in range(MOST):

@@ -21,7 +21,8 @@ from ..system.kernel_calls import go_on
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from .consistent import RANK_TOLERANCE, dense_jacobians
-from .large_scenes import MANY, IndependentRows, scaled_jacobian
+from .large_scenes import CLEAR, MANY, scaled_jacobian
+from .orthogonal import Reached
 from .overconstraint import complete
 
 #: Square of the part of a multiplier in the null space of C^T that is no rounding.
@@ -95,14 +96,10 @@ def _least_of_many(
     system: System, C: Array, multipliers: Array
 ) -> tuple[Array, Array] | None:
     """The same for one state of a large scene; None where its rows are not clear."""
-    rows = IndependentRows(scaled_jacobian(system, C))
-    if rows.dependent.sum() != len(system.redundant):
-        return None
-    if not rows.are_clear(RANK_TOLERANCE):
-        return None
     sizes = row_sizes(system)
-    scale = sizes / rows.lengths
-    apart = np.asarray(np.linalg.qr(scale[:, None] * rows.dependencies())[0])
-    scaled = multipliers * sizes
-    least = (scaled - (scaled @ apart) @ apart.T) / sizes
-    return least, 1.0 - np.sum(apart**2, axis=1)
+    B = scaled_jacobian(system, C).multiply(1.0 / sizes[:, None]).tocsr()
+    reached = Reached(B, CLEAR)
+    if not reached.clear or reached.rank != system.n_rows - len(system.redundant):
+        return None
+    least = reached.part(multipliers[0] * sizes) / sizes
+    return least[None], 1.0 - reached.shares(system.n_rows) ** 2

@@ -22,16 +22,19 @@ if TYPE_CHECKING:
 
 #: Rows that are finished together.
 BLOCK = 48
-#: Rows of length 1 follow from others exactly when less is left of them.
-EXACT = 1e-13
+#: Rows of length 1 follow from others exactly when less is left of them: rounding of
+#: the many that they follow from in long mechanisms.
+EXACT = 1e-11
+#: Corrections of what is met of right sides, and how many show who has a part in it.
+REFINEMENTS, PROBES = 3, 8
 
 
 class OrthogonalFactor:
-    """R of rows B, (rows, rows) upper triangular, in blocks of rows.
+    """R of those rows of B that do not follow from rows before them, (n, n) upper
+    triangular, in blocks of rows.
 
-    diagonal : (rows,) magnitudes of its diagonal
-    dependent : (rows,) whether a row follows from those before it up to rounding; R is
-        that of B with a column more for each of these, where they are 1
+    dependent : (rows,) whether a row follows from those before it up to rounding
+    diagonal : (n,) magnitudes of the diagonal of R
     """
 
     def __init__(self, B: csr_array) -> None:
@@ -43,13 +46,12 @@ class OrthogonalFactor:
         last: Any = T.indices[T.indptr[1:] - 1]
         order = np.argsort(lead, kind="stable")
         T, lead, last = T[order], lead[order], last[order]
-        self.count = B.shape[0]
-        self.dependent = np.zeros(self.count, bool)
-        #: first row, its own columns, and the columns behind them
-        self._blocks: list[tuple[int, Array, Array]] = []
+        count = B.shape[0]
+        self.dependent = np.zeros(count, bool)
+        rows_of_R: list[tuple[int, Array]] = []
         front = np.zeros((0, 0))
-        for first in range(0, self.count, BLOCK):
-            end = min(first + BLOCK, self.count)
+        for first in range(0, count, BLOCK):
+            end = min(first + BLOCK, count)
             begin, stop = np.searchsorted(lead, [first, end])
             new = slice(int(begin), int(stop))
             reach = int(max(end, first + front.shape[1], *(last[new] + 1)))
@@ -57,49 +59,106 @@ class OrthogonalFactor:
             rows[: len(front), : front.shape[1]] = front
             entries: Any = T[new]
             rows[len(front) :] = entries[:, first:reach].toarray()
-            R, self.dependent[first:end] = _apart(rows, end - first)
-            done = np.zeros((end - first, reach - first))
-            done[: len(R)] = R[: end - first]
-            own = done[:, : end - first]
-            self._blocks.append((first, own, done[:, end - first :]))
-            front = R[end - first :, end - first :]
-        diagonals = [np.abs(np.diag(own)) for _, own, _ in self._blocks]
-        self.diagonal = np.concatenate(diagonals) if diagonals else np.zeros(0)
+            R, self.dependent[first:end] = _stairs(rows, end - first)
+            done = end - first - int(self.dependent[first:end].sum())
+            rows_of_R.append((first, R[:done]))
+            front = R[done:, end - first :]
+        self._keep(rows_of_R)
+
+    def _keep(self, rows_of_R: list[tuple[int, Array]]) -> None:
+        """Blocks of R without the columns of rows that follow from others."""
+        kept = ~self.dependent
+        #: first row, its own columns, and the columns behind them
+        self._blocks: list[tuple[int, Array, Array]] = []
+        diagonals, begin = [np.zeros(0)], 0
+        for first, R in rows_of_R:
+            R = R[:, kept[first : first + R.shape[1]]]
+            own = np.asfortranarray(R[:, : len(R)])
+            self._blocks.append((begin, own, R[:, len(R) :]))
+            diagonals.append(np.abs(np.diag(own)))
+            begin += len(R)
+        self.diagonal = np.concatenate(diagonals)
 
     def solve(self, right: Array) -> Array:
-        """x with B B^T x = R^T R x = right, (rows,), if no diagonal entry is zero."""
-        from scipy.linalg import solve_triangular
+        """x with B B^T x = R^T R x = right, (n,) or (n, k), of the rows of R."""
+        from scipy.linalg.lapack import dtrtrs
 
         x = np.array(right, float)
         for first, own, behind in self._blocks:
             end, reach = first + len(own), first + len(own) + behind.shape[1]
-            x[first:end] = solve_triangular(own, x[first:end], trans="T")
-            x[end:reach] -= behind.T @ x[first:end]
+            if end > first:
+                x[first:end] = dtrtrs(own, x[first:end], trans=1)[0]
+                x[end:reach] -= behind.T @ x[first:end]
         for first, own, behind in reversed(self._blocks):
             end, reach = first + len(own), first + len(own) + behind.shape[1]
-            left = x[first:end] - behind @ x[end:reach]
-            x[first:end] = solve_triangular(own, left)
+            if end > first:
+                left = x[first:end] - behind @ x[end:reach]
+                x[first:end] = dtrtrs(own, left)[0]
         return x
 
 
-def _apart(rows: Array, count: int) -> tuple[Array, np.ndarray]:
+def _stairs(rows: Array, count: int) -> tuple[Array, np.ndarray]:
     """R of some rows of B^T, and which of its first columns follow from those before.
 
-    Without a row of its own such a column would take a direction away from those behind
-    it, which then seem to follow from others as well.
+    Such a column is zero below the rows of those, and has no row of its own: in that it
+    would take a direction away from the columns behind it.
     """
-    R, dependent = _triangle(rows), np.zeros(count, bool)
-    while True:
-        left = np.zeros(count)
-        diagonal = np.abs(np.diag(R))[:count]
-        left[: len(diagonal)] = diagonal
-        follows = np.flatnonzero((left <= EXACT) & ~dependent)
-        if not len(follows):
-            return R, dependent
-        own = np.zeros((1, R.shape[1]))
-        own[0, follows[0]], dependent[follows[0]] = 1.0, True
-        R = _triangle(np.concatenate([R, own]))
+    R: Array = np.asarray(np.linalg.qr(rows, mode="r"), np.float64)
+    dependent = np.zeros(count, bool)
+    diagonal = np.zeros(count)
+    diagonal[: len(R)] = np.abs(np.diag(R))[:count]
+    follow = np.flatnonzero(diagonal <= EXACT)
+    if not len(follow):
+        return R, dependent
+    k = int(follow[0])
+    for j in range(k, count):
+        v = R[k : j + 1, j].copy()
+        size = float(np.linalg.norm(v))
+        if size <= EXACT:
+            dependent[j] = True
+            R[k : j + 1, j] = 0.0
+            continue
+        v[0] += np.copysign(size, v[0])
+        part = R[k : j + 1, j:]
+        part -= np.outer(v, (2.0 / (v @ v)) * (v @ part))
+        k += 1
+    return R, dependent
 
 
-def _triangle(rows: Array) -> Array:
-    return np.asarray(np.linalg.qr(rows, mode="r"), np.float64)
+class Reached:
+    """The right sides that B x can meet, for sparse rows B.
+
+    rank : their dimension
+    clear : whether it is clear, see `least`
+    """
+
+    def __init__(self, B: csr_array, least: float) -> None:
+        """least : of pivots of columns of length 1 that are clearly independent"""
+        from scipy.sparse import diags_array
+
+        A: csr_array = B.T.tocsr()
+        A.eliminate_zeros()
+        A.sort_indices()
+        A = A[np.diff(A.indptr) > 0]
+        lead: Any = A.indices[A.indptr[:-1]]
+        A = A[np.argsort(lead, kind="stable")]
+        lengths = np.sqrt(A.multiply(A).sum(axis=1))
+        A = (diags_array(1.0 / lengths) @ A).tocsr()
+        self._factor = OrthogonalFactor(A)
+        self._A = A[~self._factor.dependent]
+        self.rank = int(self._A.shape[0])
+        self.clear = bool(self._factor.diagonal.min(initial=1.0) > least)
+
+    def part(self, right: Array) -> Array:
+        """The nearest of them to some right sides, (rows,) or (rows, k)."""
+        found = np.zeros_like(right)
+        for _ in range(REFINEMENTS):
+            found += self._A.T @ self._factor.solve(self._A @ (right - found))
+        return found
+
+    def shares(self, count: int) -> Array:
+        """How large a part each of so many rows has in what is not met, (rows,): root
+        mean square over random right sides, of which it is the expectation."""
+        right = np.random.default_rng(0).standard_normal((count, PROBES))
+        left = right - self.part(right)
+        return np.asarray(np.sqrt(np.mean(left**2, axis=1)))

@@ -135,10 +135,10 @@ def _slack(state: State) -> Array:
     to remove its effect, and large against what stages of a step leave open.
     """
     rows = state.clear_rows()
-    if rows is not None:
+    if rows is not None and rows.has_clear_columns:
         moved = sparse_jacobian(state.system, state.work.C) @ state.root()
         diagonal = moved.multiply(moved).sum(axis=1)
-        left = rows.dependencies()
+        shares = rows.reached.shares(len(diagonal))
     else:
         C = state.jacobian()
         for part, root in state.roots():
@@ -146,11 +146,10 @@ def _slack(state: State) -> Array:
         diagonal = np.sum(C**2, axis=1)
         vectors, sizes, _ = np.linalg.svd(state.scaled_jacobian())
         rank = np.sum(sizes > RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0)))
-        left = vectors[:, int(rank) :]
+        shares = np.linalg.norm(vectors[:, int(rank) :], axis=1)
     typical = float(np.median(diagonal[diagonal > 0.0])) if diagonal.any() else 1.0
-    involved = np.linalg.norm(left, axis=1) > INVOLVED
     slack = np.where(diagonal > 0.0, SLACK * diagonal, typical)
-    return np.where(involved, slack, 0.0)
+    return np.where(shares > INVOLVED, slack, 0.0)
 
 
 def _can_accelerate(state: State) -> bool:

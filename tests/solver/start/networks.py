@@ -57,19 +57,28 @@ def network(seed: int, space: bool) -> System:
     )
 
 
-def ladder(cells: int) -> System:
-    """Two rails of links that are pinned to each other, and rungs between them."""
+def ladder(cells: int, space: bool = False, **initial: Any) -> System:
+    """Two rails of links that are pinned to each other, and rungs between them.
+
+    In space all axes are parallel: each cell has three constraints too many.
+
+    initial : of the first link, beside its place
+    """
     bodies: dict[str, Any] = {}
     joints: dict[str, Any] = {}
-    half = {"a": {"position": [-0.5, 0.0]}, "b": {"position": [0.5, 0.0]}}
+
+    def vector(x: float, y: float) -> list[float]:
+        return [x, y, 0.0] if space else [x, y]
+
+    half = {"a": {"position": vector(-0.5, 0.0)}, "b": {"position": vector(0.5, 0.0)}}
 
     def bar(name: str, x: float, y: float, angle: float = 0.0) -> None:
-        initial = {"position": [x, y], "angle": angle}
+        turn = {"axis_angle": [0.0, 0.0, angle]} if space else {"angle": angle}
         bodies[name] = {
             "mass": 1.0,
-            "inertia": 1 / 12,
+            "inertia": [0.01, 1 / 12, 1 / 12] if space else 1 / 12,
             "markers": half,
-            "initial": initial,
+            "initial": {"position": vector(x, y), **turn},
         }
 
     def pin(a: str, b: str) -> None:
@@ -85,8 +94,18 @@ def ladder(cells: int) -> System:
         low, up = f"low{k}.b", f"up{k}.b"
         pin(low, f"rung{k}.a")
         pin(up, f"rung{k}.b")
-    ends = {"low": {"position": [0.0, 0.0]}, "up": {"position": [0.0, 1.0]}}
-    return compiled(scene(bodies, joints, ground={"markers": ends}))
+    bodies["low0"]["initial"] |= initial
+    ends = {
+        name: {"position": vector(0.0, y)} for name, y in (("low", 0.0), ("up", 1.0))
+    }
+    return compiled(
+        scene(
+            bodies,
+            joints,
+            ground={"markers": ends},
+            dimension="spatial" if space else "planar",
+        )
+    )
 
 
 def hanging_chain(count: int, **more: Any) -> SceneFile:
