@@ -18,6 +18,9 @@ LOOSE, TIGHT = 0.1, 1e-12
 ENOUGH = 0.4
 #: Runs of one integrator at most.
 TRIES = 7
+#: Of the tolerance, the least that is tried next; errors that do not fall to this part
+#: of the last ones are those of motions that tolerances are too loose for.
+LEAST, STUCK = 1e-2, 0.8
 #: Another integrator than the default has to save this part of its time.
 SAVING = 0.1
 DEFAULT, EXPLICIT = "radau9", "auto"
@@ -60,10 +63,11 @@ def loosest(
     """The loosest tolerance found that uses at most a share of what is allowed.
 
     The error is taken to grow like the tolerance for the next guess; between one that
-    does and one that does not, the geometric mean is tried.
+    does and one that does not, the geometric mean is tried. Errors that do not fall, as
+    of oscillations that are too small to be followed, need much less.
     """
     target = share - reference.use(reference.doubt)
-    fits, fails = 0.0, np.inf
+    fits, fails, last = 0.0, np.inf, np.inf
     rtol = float(np.clip(_smallest(reference), TIGHT, LOOSE))
     for _ in range(TRIES):
         setting = Setting(integrator, rtol)
@@ -76,7 +80,10 @@ def loosest(
             fails = rtol
             if rtol <= TIGHT:
                 break
-        guess = rtol * float(np.clip(0.7 * target / max(use, 1e-12), 1e-2, 30.0))
+        guess = rtol * float(np.clip(0.7 * target / max(use, 1e-12), LEAST, 30.0))
+        if not fits and use > STUCK * last:
+            guess = LEAST * rtol
+        last = use
         if fits and np.isfinite(fails):
             if fails < 2.0 * fits:
                 break

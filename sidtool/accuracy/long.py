@@ -136,16 +136,9 @@ def _ends(runs: Runs) -> list[float]:
     return [float(time.start + n * time.output_step) for n in counts]
 
 
-def _cut(runs: Runs, end: float) -> Runs:
-    scene = runs.scene
-    time = scene.time.model_copy(update={"end": end})
-    part = scene.model_copy(update={"time": time})
-    return runs.elsewhere({}, runs.names, part)
-
-
 def _is_long(runs: Runs, whole: Choice, request: Request, end: float) -> bool:
     """Whether a tight run on the whole takes long, by one of the first part."""
-    part, time = _cut(runs, end), runs.scene.time
+    part, time = runs.until(end), runs.scene.time
     setting = Setting(MEASURING, first_rtol(request))
     seconds = part.seconds(whole, setting, short=np.inf)
     share = (end - time.start) / (time.end - time.start)
@@ -156,7 +149,7 @@ def _first_part(
     runs: Runs, whole: Choice, request: Request, meshes: Array, end: float
 ) -> Part | None:
     """The tight reference of a first part; None where that does not do."""
-    part = _cut(runs, end)
+    part = runs.until(end)
     reference = make_reference(part, whole, request).with_meshes(meshes)
     check_inside(reference.result)
     reference, digits = with_digits(part, reference)

@@ -13,7 +13,7 @@ from sidtool.formats.sid import Array
 
 from ..study import moves
 from .candidates import Choice
-from .runs import Runs, Setting
+from .runs import Runs, Setting, apart
 from .wanted import Request
 
 #: The uncertainty of the reference is at most this part of what is allowed.
@@ -27,6 +27,8 @@ SAFETY = 2.0
 ROUNDING = 5e-12
 #: From one tolerance to the next, if it was not tight enough.
 NEXT = 1.0 / 30.0
+#: The part of the time at whose rows both are compared with a run as tight as can be.
+START = 1.0 / 16.0
 #: Two methods tell how far each is right; the second one is asked for this more.
 MEASURING, CHECKING, MORE = "radau9", "radau13", 0.1
 
@@ -88,6 +90,8 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
 
     Its uncertainty is twice the difference of two methods of different order, of which
     the tighter one is the reference, and the part of rounding that these may share.
+    They also step over oscillations from the start that are too small for their
+    tolerances: these are seen in the first rows, integrated much more tightly.
 
     Raises
     ------
@@ -96,15 +100,41 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
     SimulationError : the run stopped early.
     """
     rtol = first_rtol(request)
+    start = _tight_start(runs, choice)
     while True:
         setting = Setting(MEASURING, rtol)
         tighter = Setting(CHECKING, max(MORE * rtol, 0.1 * TIGHTEST))
         found = of_two_runs(runs, choice, request, setting, tighter)
+        found = _with_start(runs, found, start)
         if found.use(found.uncertainty) <= PART:
             return found
         if rtol <= TIGHTEST:
             raise _unpredictable(request, found)
         rtol = max(TIGHTEST, rtol * NEXT)
+
+
+def _tight_start(runs: Runs, choice: Choice) -> tuple[Array, Array] | None:
+    """Times and outputs of the first rows, if they can be had."""
+    time = runs.scene.time
+    if time.output_step is None:
+        return None
+    rows = np.ceil(START * (time.end - time.start) / time.output_step)
+    part = runs.until(min(time.end, float(time.start + rows * time.output_step)))
+    found = part.attempt(choice, Setting(CHECKING, TIGHTEST))
+    return None if found is None else (found.t, part.columns(choice, found))
+
+
+def _with_start(
+    runs: Runs, reference: Reference, start: tuple[Array, Array] | None
+) -> Reference:
+    """With what it errs in its first rows, twice over."""
+    if start is None:
+        return reference
+    count, result = len(start[0]), reference.result
+    columns = runs.columns(reference.choice, result)
+    errors = apart(start, (result.t[:count], columns[:count]))
+    errors = np.where(np.isfinite(errors), SAFETY * errors, 0.0)
+    return replace(reference, uncertainty=np.maximum(reference.uncertainty, errors))
 
 
 def of_two_runs(

@@ -109,6 +109,12 @@ class Runs:
         again.parts, again._steps = self.parts, self._steps
         return again
 
+    def until(self, end: float) -> Runs:
+        """Runs of the same search that end earlier."""
+        scene = self.scene
+        time = scene.time.model_copy(update={"end": end})
+        return self.elsewhere({}, self.names, scene.model_copy(update={"time": time}))
+
     def tight(self, choice: Choice, setting: Setting) -> Result:
         """A run that has to succeed.
 

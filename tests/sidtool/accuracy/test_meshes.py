@@ -71,7 +71,8 @@ def test_bodies_are_simulated_once_while_they_are_refined() -> None:
     sizes: list[int] = []
 
     def compiled(content: SceneFile, found: Any) -> Any:
-        sizes.append(found["block"].nq)
+        if content.time.end == scene.time.end:
+            sizes.append(found["block"].nq)
         return compile_scene(content, ".", found)
 
     request = requested(scene, sids, {"block.tip.ux": "1e-3 m"})
