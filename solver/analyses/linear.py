@@ -36,6 +36,7 @@ from .mechanics import (
     null_space,
     refuse_prescribed,
 )
+from .point_axes import turning_of_points
 from .rubbing import mechanics_at
 from .static import static_equilibrium
 
@@ -134,7 +135,8 @@ def _unsteady(
     have other modes: a column that nothing compresses yet accelerates, and is stiff.
     """
     mechanics.evaluate(z, v)
-    left = motion.T @ mechanics.accelerations()[0]
+    a, slow = mechanics.accelerations()[0], v / mechanics.scale
+    left = motion.T @ (a - turning_of_points(mechanics, slow, a) @ slow)
     forces = np.concatenate([np.zeros(len(matrix) - len(left)), -left])
     shift = np.linalg.lstsq(matrix, forces, rcond=1e-10)[0]
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale
@@ -199,7 +201,9 @@ def state_matrix(
     Z = mechanics.unconstrained(N)
     inertia = Z.T @ M @ N
     a, multipliers = mechanics.accelerations()
+    W = turning_of_points(mechanics, v / mechanics.scale, a)
     by_z, by_v = _derivatives(mechanics, z, v, a, multipliers)
+    E, by_v = E - W, replace(by_v, force=by_v.force - M @ W, gamma=by_v.gamma - C @ W)
     states = np.zeros_like(N)
     states[:, places:] = N[:, places:]
     moved = np.hstack([N, least_squares(C, -by_v.value @ states)])

@@ -112,3 +112,87 @@ def test_a_blade_that_nothing_pulls_yet_is_told() -> None:
     assert "not there yet" in note
     told = [unit / (2.0 * np.pi) * x for x in found]
     assert f"{told[0]:.4g} Hz here is {told[1]:.4g} Hz" in note
+
+
+@pytest.mark.parametrize("planar", [True, False])
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_point_mass_on_a_hinged_arm_swings_in_the_field(
+    planar: bool, swapped: bool
+) -> None:
+    """An arm hinged at e from the axis, with a mass at its end: W sqrt(e S / I) in the
+    plane of rotation, S and I being its moments about the hinge."""
+    spin, e, length, arm, mass = 7.0, 0.3, 0.8, 0.5, 2.0
+    size = 2 if planar else 3
+
+    def at_radius(r: float) -> list[float]:
+        return [r, 0.0, 0.0][:size]
+
+    half = length / 2
+    inertia = arm * length**2 / 12
+    body = {
+        "mass": arm,
+        "inertia": inertia if planar else [1e-3, inertia, inertia],
+        "markers": {
+            "in": {"position": at_radius(-half)},
+            "out": {"position": at_radius(half)},
+        },
+        "initial": table(spin, planar, (e + half,)),
+    }
+    bob = {"mass": mass, "initial": table(spin, planar, (e + length,))}
+    del bob["initial"]["angular_velocity"]
+    hub = {"mass": 1.0, "inertia": 1.0 if planar else [1.0, 1.0, 1.0]} | {
+        "markers": {"rim": {"position": at_radius(e)}},
+        "initial": table(spin, planar),
+    }
+    ends = ["bob", "arm.out"] if swapped else ["arm.out", "bob"]
+    described = scene(
+        {"hub": hub, "arm": body, "bob": bob},
+        {
+            "axle": {"type": "revolute", "markers": ["ground", "hub"]},
+            "lag": {"type": "revolute", "markers": ["hub.rim", "arm.in"]},
+            "tip": {"type": "coincident", "markers": ends},
+        },
+        {"spin": {"joint": "axle", "function": polynomial(0.0, spin)}},
+        dimension="planar" if planar else "spatial",
+    )
+    found = linearise(compile_scene(described, keep_joints=True), "start")
+    first = arm * half + mass * length
+    second = inertia + arm * half**2 + mass * length**2
+    expected = spin * np.sqrt(e * first / second)
+    assert 2.0 * np.pi * found.frequencies == pytest.approx([expected], rel=1e-6)
+    assert found.damping_ratios == pytest.approx([0.0], abs=1e-6)
+    assert found.notes == ()
+
+
+def test_a_point_mass_on_springs_of_a_rotor_is_seen_from_it() -> None:
+    """(s^2 + kx/m - W^2) (s^2 + ky/m - W^2) + 4 W^2 s^2 = 0 in axes that turn."""
+    spin, mass, stiffness = 5.0, 0.7, np.array([90.0, 40.0])
+    ends = {
+        "plus": [0.4, 0.0],
+        "minus": [-0.4, 0.0],
+        "up": [0.0, 0.4],
+        "down": [0, -0.4],
+    }
+    hub = {"mass": 1.0, "inertia": 1.0, "initial": table(spin, True)}
+    hub["markers"] = {name: {"position": place} for name, place in ends.items()}
+    springs = {
+        name: {
+            "type": "spring_damper",
+            "markers": ["bob", f"hub.{name}"],
+            "rest": 0.4,
+            "stiffness": stiffness[k // 2] / 2.0,
+        }
+        for k, name in enumerate(ends)
+    }
+    described = scene(
+        {"hub": hub, "bob": {"mass": mass}},
+        {"axle": {"type": "revolute", "markers": ["ground", "hub"]}},
+        {"spin": {"joint": "axle", "function": polynomial(0.0, spin)}},
+        forces=springs,
+    )
+    found = linearise(compile_scene(described, keep_joints=True), "start")
+    a, b = stiffness / mass - spin**2
+    squares = np.roots([1.0, a + b + 4.0 * spin**2, a * b])
+    expected = np.sort(np.sqrt(-squares))
+    assert 2.0 * np.pi * found.frequencies == pytest.approx(expected, rel=1e-6)
+    assert found.notes == ()
