@@ -154,7 +154,7 @@ def _rows(table: type[BaseModel], found: Mapping[Key, Any]) -> str:
         meaning = info.description or described.get(name, "") or _meaning(key, info)
         meaning = re.sub(r"(`[^`]*`)|\*", lambda m: m[1] or "\\*", meaning)
         value = found.get((table, name), PydanticUndefined)
-        example = "" if value is PydanticUndefined else f"`{_shown(key, value)}`"
+        example = "" if value is PydanticUndefined else f"`{_shown(key, value, info)}`"
         cells = [f"`{key}`", _type(info.annotation), _default(info), meaning, example]
         lines.append("| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |")
     return "\n".join(lines) + "\n"
@@ -169,7 +169,11 @@ def _meaning(key: str, info: FieldInfo) -> str:
         return _prose(parts[0]).split("\n\n")[0].replace("\n", " ").strip()
     if len(parts) > 1:
         return "one of: " + ", ".join(dict.fromkeys(map(_words, parts)))
-    return {"title": "a text for reports"}.get(key, "")
+    return {
+        "title": "a text for reports",
+        "format": "the kind of the file",
+        "version": "of the format",
+    }.get(key, "")
 
 
 def _attributes(table: type[BaseModel]) -> dict[str, str]:
@@ -192,11 +196,9 @@ def _default(info: FieldInfo) -> str:
     return f"`{json.dumps(value)}`"
 
 
-def _shown(key: str, value: Any, width: int = 64) -> str:
+def _shown(key: str, value: Any, info: FieldInfo, width: int = 64) -> str:
     """`key = value` as in a file; of long tables and lists their beginning."""
-    if isinstance(value, Mapping) and any(
-        isinstance(v, Mapping) for v in value.values()
-    ):
+    if isinstance(value, Mapping) and _type(info.annotation) == "tables by name":
         return f"[{key}.{next(iter(value))}]"
     if isinstance(value, Mapping) and len(_toml(value)) > width:
         return f"[{key}]"
@@ -209,10 +211,16 @@ def _shown(key: str, value: Any, width: int = 64) -> str:
 
 def _toml(value: Any) -> str:
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{k} = {_toml(v)}" for k, v in value.items()) + " }"
+        pairs = (f"{_key(name)} = {_toml(part)}" for name, part in value.items())
+        return "{ " + ", ".join(pairs) + " }"
     if isinstance(value, list):
         return "[" + ", ".join(map(_toml, value)) + "]"
     return json.dumps(value)
+
+
+def _key(name: str) -> str:
+    """As TOML has it: with dots or wildcards in quotes."""
+    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else json.dumps(name)
 
 
 _NAMES = {float: "number", int: "integer", str: "text", bool: "true or false"}

@@ -6,6 +6,7 @@ import importlib
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 from xml.etree import ElementTree
@@ -67,6 +68,21 @@ def test_the_generated_pages_say_what_the_schema_says(generate: ModuleType) -> N
     for command in ("simulate", "analyse modes", "new"):
         assert f"## sidtool {command}\n" in pages["commands.md"]
     assert "autofunction:: sidtool." in pages["names.md"]
+
+
+def test_every_key_has_a_meaning_and_its_example_is_toml(generate: ModuleType) -> None:
+    """`wanted = { rail.f* = 0.001 }` was none, and `peak_points` a number of modes."""
+    pages = generate.pages()
+    for page in ("scene.md", "model.md", "reference.md"):
+        for line in pages[page].splitlines():
+            if not line.startswith("| `"):
+                continue
+            cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
+            assert cells[3], (page, line)
+            example = cells[4].strip("`").replace("\\|", "|")
+            if "..." not in example:
+                tomllib.loads(example)
+    assert "nodes where the stress can be largest" in pages["model.md"]
 
 
 def test_sections_of_docstrings_become_fields() -> None:

@@ -77,6 +77,13 @@ class NodeMarker(Table):
     it stands on the axis of the cylinder that this is, half-way between its ends (in
     the plane: in the centre of the circle), and without a place in the centre of its
     area.
+
+    Attributes
+    ----------
+    edge : name of a side, a face or an end
+    at : place on the edge, from 0 to 1; or "axis"
+    parameters : of the place on a patch, in a volume or along a beam, from 0 to 1
+    position : of the place [m]
     """
 
     node: int = Field(ge=1, le=99999, description="its node number in the SID")

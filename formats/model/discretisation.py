@@ -20,6 +20,12 @@ class Q4Discretisation(Table):
     `incompatible_modes` adds four internal modes (Taylor, Beresford & Wilson 1976;
     Wilson & Ibrahimbegovic 1990) to 2 x 2 Gauss points, which remove the shear locking
     in bending; `full_integration` does without them.
+
+    Attributes
+    ----------
+    elements : along u and v
+    state : of a plane body
+    formulation : of the elements
     """
 
     type: Literal["q4"] = "q4"
@@ -31,12 +37,15 @@ class Q4Discretisation(Table):
 class IgaDiscretisation(Table):
     """The patches themselves as the basis, refined without changing the geometry.
 
-    Exactly one of these says how far each is refined; `degrees` are those of the
-    refined patch, two of a plane patch and three of a volume:
+    Exactly one of `functions`, `elements` and `knots` says how far each is refined.
 
+    Attributes
+    ----------
+    degrees : of the refined patch, two of a plane patch and three of a volume
     functions : basis functions per direction, on open uniform knots
     elements : equal knot spans per direction
     knots : the knot vectors themselves
+    state : of a plane body
     """
 
     type: Literal["iga"] = "iga"
@@ -69,8 +78,10 @@ class IgaDiscretisation(Table):
 class SolidDiscretisation(Table):
     """Solid elements that sample a volume at equal parameter steps.
 
-    `elements` counts boxes per direction; tetrahedra are six to a box. Incompatible
-    modes are for hex8.
+    Attributes
+    ----------
+    elements : boxes along u, v and w; tetrahedra are six to a box
+    formulation : of hex8, which alone has incompatible modes
     """
 
     type: Literal["hex8", "hex20", "tet4", "tet10"]
@@ -82,9 +93,13 @@ class BeamDiscretisation(Table):
     """Two-node beam elements whose shapes are the static solution of the beam between
     them, curved, twisted and tapered as it is.
 
-    `mass` is consistent (that of the displacement field and the turning
-    cross-sections) or lumped (half of an element as a rigid piece that each of its
-    nodes carries, with its own centre and inertia).
+    Attributes
+    ----------
+    elements : along the beam, of equal length
+    theory : without or with deformation by shear
+    mass : consistent (that of the displacement field and the turning cross-sections) or
+        lumped (half of an element as a rigid piece that each of its nodes carries, with
+        its own centre and inertia)
     """
 
     type: Literal["beam"] = "beam"

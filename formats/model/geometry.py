@@ -108,6 +108,7 @@ class VolumeGeometry(Table):
     degrees, knots : of the three parametric directions; knots as of `NurbsGeometry`
     control_points : [i][j][k] -> [x, y, z] in m; i runs along u, j along v, k along w
     weights : [i][j][k], all 1 by default
+    edges : further name -> face
     """
 
     type: Literal["nurbs_volume"] = "nurbs_volume"
@@ -150,7 +151,9 @@ class PatchesGeometry(Table):
 
     Attributes
     ----------
+    file : relative to the model file
     thickness : of plane patches [m]
+    edges : name -> sides of patches, such as ["web.left", "flange.top"]
     tolerance : control points of two sides closer than this, relative to the size of
         the part, are the same; the gap is closed in its middle
     """

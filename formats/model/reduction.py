@@ -43,6 +43,10 @@ class ChordFrame(Table):
     """A frame on the first marker whose direction to the second one stays fixed.
 
     In space it does not turn about that direction relative to the first marker.
+
+    Attributes
+    ----------
+    markers : where the frame sits, and where its direction points to
     """
 
     type: Literal["chord"] = "chord"
@@ -303,7 +307,7 @@ class StressRecovery(Table):
     """
 
     markers: tuple[str, ...] | None = None
-    peak_points: Modes = 0
+    peak_points: int = Field(default=0, ge=0)
     first_node: int = Field(default=10001, ge=1, le=99999)
 
 

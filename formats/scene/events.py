@@ -24,7 +24,9 @@ class Event(Table):
         description="one of the names that [outputs] knows, such as piston.x"
     )
     value: float = Field(default=0.0, description="in the unit of the quantity")
-    direction: Literal["rising", "falling", "both"] = "both"
+    direction: Literal["rising", "falling", "both"] = Field(
+        default="both", description="of the quantity as it passes the value"
+    )
     action: Literal["record", "stop"] = Field(
         default="record", description="note the state, or end the run there, too"
     )

@@ -27,10 +27,12 @@ class Time(Table):
     """The time span [s] and when the motion is recorded: at multiples of the
     `output_step`, or at `output_times`, of which analyses of one state need none."""
 
-    start: float = 0.0
+    start: float = Field(default=0.0, description="start of the simulation [s]")
     end: float = Field(description="end of the simulation [s]")
     output_step: float | None = Field(default=None, gt=0, description="[s]")
-    output_times: tuple[float, ...] | None = Field(default=None, min_length=1)
+    output_times: tuple[float, ...] | None = Field(
+        default=None, min_length=1, description="[s], growing"
+    )
 
 
 class Accuracy(Table):
@@ -124,7 +126,9 @@ class SceneFile(File):
     parameters: dict[str, float] = Field(
         default_factory=dict, description=PARAMETERS_MEAN
     )
-    dimension: Literal["planar", "spatial"]
+    dimension: Literal["planar", "spatial"] = Field(
+        description="motion in the xy plane, or in space"
+    )
     gravity: Vector | None = Field(default=None, description="[m/s2], default none")
     time: Time = Field(description="the table [time] with start, end, output_step")
     accuracy: Accuracy = Accuracy()

@@ -60,7 +60,9 @@ class PointForce(_Force):
     torque: AngularVelocity | None = Field(
         default=None, description="a number (planar) or three [N m]"
     )
-    axes: Literal["inertial", "marker"] = "inertial"
+    axes: Literal["inertial", "marker"] = Field(
+        default="inertial", description="directions of the components"
+    )
     function: ForceFunction | None = Field(
         default=None, description="of time or of outputs: scales both, default 1"
     )

@@ -17,7 +17,7 @@ class Constant(Table):
     """The same value at all times."""
 
     type: Literal["constant"] = "constant"
-    value: float
+    value: float = Field(description="of the function at all times")
 
 
 class Piece(Table):
@@ -29,9 +29,15 @@ class Piece(Table):
 
     from_: float = Field(alias="from", description="begin of the piece [s]")
     to: float | None = Field(default=None, description="end of the piece [s]")
-    coefficients: Values | None = Field(default=None, min_length=1)
-    start: Values | None = Field(default=None, min_length=1)
-    end: Values | None = Field(default=None, min_length=1)
+    coefficients: Values | None = Field(
+        default=None, min_length=1, description="of powers of t - from, lowest first"
+    )
+    start: Values | None = Field(
+        default=None, min_length=1, description="value, rate, ... at `from`"
+    )
+    end: Values | None = Field(
+        default=None, min_length=1, description="value, rate, ... at `to`"
+    )
 
 
 class Polynomial(Table):
@@ -45,8 +51,8 @@ class Harmonic(Table):
     """offset + amplitude sin(2 pi frequency t + phase)."""
 
     type: Literal["harmonic"] = "harmonic"
-    offset: float = 0.0
-    amplitude: float
+    offset: float = Field(default=0.0, description="the mean")
+    amplitude: float = Field(description="the largest distance from the mean")
     frequency: float | None = Field(default=None, description="[Hz]")
     angular_frequency: float | None = Field(default=None, description="[rad/s]")
     phase: float = Field(default=0.0, description="[rad]")
@@ -62,9 +68,9 @@ class SmoothStep(Table):
     type: Literal["smooth_step"] = "smooth_step"
     from_: float = Field(alias="from", description="begin of the step [s]")
     to: float = Field(description="end of the step [s]")
-    start: float = 0.0
-    end: float
-    continuity: Literal[2, 3] = 2
+    start: float = Field(default=0.0, description="before")
+    end: float = Field(description="after")
+    continuity: Literal[2, 3] = Field(default=2, description="continuous derivatives")
 
 
 class SineRamp(Table):
@@ -81,7 +87,7 @@ class SineRamp(Table):
     to: float = Field(description="end of the ramp [s]")
     start: float = Field(default=0.0, description="before")
     end: float = Field(description="after")
-    of: Literal["value", "rate"] = "value"
+    of: Literal["value", "rate"] = Field(default="value", description="what ramps")
     offset: float = Field(default=0.0, description="of a rate: the value at `from`")
 
 
@@ -95,7 +101,9 @@ class Spline(Table):
     type: Literal["table"] = "table"
     times: Values = Field(min_length=2, description="[s], growing")
     values: Values = Field(min_length=2, description="as many as there are times")
-    ends: Literal["not-a-knot", "clamped", "natural"] = "not-a-knot"
+    ends: Literal["not-a-knot", "clamped", "natural"] = Field(
+        default="not-a-knot", description="what holds at both ends"
+    )
 
 
 class Given(Table):

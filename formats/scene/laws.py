@@ -33,7 +33,7 @@ class State(Table):
     becomes `next` at each sample, after the value was computed.
     """
 
-    initial: float = 0.0
+    initial: float = Field(default=0.0, description="at the start")
     rate: str | None = Field(default=None, description="a formula, as `value`")
     next: str | None = Field(default=None, description="a formula, with sample_time")
 
