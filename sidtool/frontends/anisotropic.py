@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 #: Pairs of axes in the order of `continuum.VOIGT`.
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+#: Rows of a law in the plane x y, and the others.
+_IN_PLANE, _ACROSS = (0, 1, 3), (2, 4, 5)
 #: The smallest stiffness of a strain beside the largest that is not rounding.
 _DEFINITE = 1e-9
 
@@ -38,6 +40,14 @@ class AnisotropicMaterial:
         """(3,) Young's moduli along the axes of the body [Pa]."""
         moduli: Array = 1 / np.diag(np.linalg.inv(self.law))[:3]
         return moduli
+
+    @property
+    def in_plane(self) -> Array:
+        """(3, 3) stresses xx, yy, xy per strain where all others are zero [Pa]."""
+        kept, free = np.ix_(_IN_PLANE, _IN_PLANE), np.ix_(_ACROSS, _ACROSS)
+        mixed = self.law[np.ix_(_IN_PLANE, _ACROSS)]
+        across = np.linalg.solve(self.law[free], mixed.T)
+        return np.asarray(self.law[kept] - mixed @ across, float)
 
     def scaled(
         self, stress: float, density: float, length: float = 1.0

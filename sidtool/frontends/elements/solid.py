@@ -151,18 +151,21 @@ def elasticity(material: ElasticMaterial, state: str) -> Array:
 
     Raises
     ------
-    InputError : the material of a plane state is not isotropic.
+    InputError : the material of plane strain is not isotropic, or its axes turn in a
+        plane.
 
-    Of a material whose axes turn there is none for all points; they have `laws_of`.
+    Of a solid whose axes turn there is none for all points; they have `laws_of`.
     """
     if isinstance(material, AnisotropicMaterial):
-        if state != "solid":
-            raise InputError(
-                f"the material of {state.replace('_', ' ')} is not isotropic",
-                expected="solids, or an isotropic material",
-            )
         turning = isinstance(material, CylindricalMaterial)
-        return np.full((6, 6), np.nan) if turning else material.law
+        if state == "solid":
+            return np.full((6, 6), np.nan) if turning else material.law
+        if state == "plane_stress" and not turning:
+            return material.in_plane
+        raise InputError(
+            f"the material of {state.replace('_', ' ')} is not isotropic",
+            expected="solids, plane stress with fixed axes, or an isotropic material",
+        )
     e, nu = material.youngs_modulus, material.poissons_ratio
     if state == "solid":
         shear = e / (2 * (1 + nu))

@@ -221,7 +221,8 @@ def _notes(
     named = {b.material for b in blocks if b.material is not None}
     if model.material is None:
         for name in sorted(named):
-            yield f"material {name} of the file: {_described(own[name])}"
+            told = _described(own[name], imported.mesh.dimension)
+            yield f"material {name} of the file: {told}"
     elif named:
         yield f"[material] replaces {', '.join(sorted(named))} of the file"
     depths = {b.thickness for b in blocks if b.thickness is not None}
@@ -237,11 +238,15 @@ def _notes(
         yield "elements without a formulation (hex8, quad4) have incompatible modes"
 
 
-def _described(material: ElasticMaterial) -> str:
+def _described(material: ElasticMaterial, dimension: int = 3) -> str:
     if isinstance(material, AnisotropicMaterial):
-        moduli = ", ".join(f"{value:g}" for value in material.moduli)
+        moduli = ", ".join(f"{value:g}" for value in material.moduli[:dimension])
         turning = isinstance(material, CylindricalMaterial)
-        axes = "radius, circumference and axis" if turning else "x, y, z"
+        axes = (
+            "radius, circumference and axis"
+            if turning
+            else "x, y, z"[: 3 * dimension - 2]
+        )
         return (
             f"E along {axes} = {moduli} Pa, not isotropic, "
             f"density = {material.density:g} kg/m^3"

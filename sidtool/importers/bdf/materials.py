@@ -88,7 +88,8 @@ def materials_of(content: BulkData) -> dict[str, ElasticMaterial]:
 
     Raises
     ------
-    InputError : the axes of a material turn from place to place.
+    InputError : the axes of a material are those of elements or of a sphere, or a
+        shell has one of solids.
     """
     result: dict[str, ElasticMaterial] = {}
     for name, own in content.materials.items():
@@ -97,8 +98,14 @@ def materials_of(content: BulkData) -> dict[str, ElasticMaterial]:
             result[name] = own.model_copy(update={"density": density})
         elif own is not None:
             result[name] = replace(own, density=own.density * content.weight)
-    for given in content.properties.values():
+    for label, given in content.properties.items():
         own, name = result.get(given.material), material_name(content, given)
+        if given.thickness is not None and isinstance(own, AnisotropicMaterial):
+            raise InputError(
+                f"PSHELL {label} has the MAT9 {given.material}",
+                place=given.place,
+                expected="MAT1 for shells",
+            )
         if isinstance(own, AnisotropicMaterial) and name not in result:
             result[name] = _oriented(own, content, given)
     return result

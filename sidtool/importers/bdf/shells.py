@@ -99,12 +99,6 @@ def _sections(content: BulkData) -> str:
                 place=place,
                 expected="solids alone, without geometry.engine",
             )
-        if flat and isinstance(materials[name], AnisotropicMaterial):
-            raise InputError(
-                f"PSHELL {property_} has the MAT9 {name}",
-                place=place,
-                expected="MAT1 for shells",
-            )
         if (kind, property_) in done:
             continue
         done.add((kind, property_))

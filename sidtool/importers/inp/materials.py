@@ -30,6 +30,7 @@ _COUNTS = {
     "ENGINEERING CONSTANTS": 9,
     "ORTHOTROPIC": 9,
     "ANISOTROPIC": 21,
+    "LAMINA": 6,
 }
 #: Rows of a law in the order of Abaqus (11, 22, 33, 12, 13, 23) by ours.
 _ORDER = (0, 1, 2, 3, 5, 4)
@@ -96,13 +97,17 @@ def material_name(deck: Deck, section: Section) -> str:
 
 
 def materials_of(
-    deck: Deck, sections: Iterable[Section], placement: Sequence[list[float]]
+    deck: Deck,
+    sections: Iterable[Section],
+    placement: Sequence[list[float]],
+    state: str | None,
 ) -> dict[str, ElasticMaterial]:
     """The materials of the sections that are complete and constant.
 
     Parameters
     ----------
     placement : lines that move the body, and turn it, in its assembly
+    state : of plane elements
 
     Raises
     ------
@@ -120,6 +125,10 @@ def materials_of(
             if len(elastic[0]) >= 2:
                 result[name] = _isotropic(name, elastic[0], density[0][0])
             continue
+        if kind == "LAMINA" and state != "plane_stress":
+            raise InputError(
+                f"material {name} is a LAMINA", expected="elements of plane stress"
+            )
         try:
             law = _law(kind, elastic[0])
         except InputError as error:
@@ -164,6 +173,9 @@ def _law(kind: str, values: list[float]) -> Array:
     given = np.array(values[:count])
     if kind == "ENGINEERING CONSTANTS":
         return orthotropic_law(given)
+    if kind == "LAMINA":  # what it leaves open does nothing in plane stress
+        e1, e2, nu12, g12, g13, g23 = given
+        return orthotropic_law([e1, e2, e2, nu12, 0.0, 0.0, g12, g13, g23])
     law = np.zeros((6, 6))
     if kind == "ORTHOTROPIC":
         law[[0, 0, 1, 0, 1, 2, 3, 4, 5], [0, 1, 1, 2, 2, 2, 3, 4, 5]] = given

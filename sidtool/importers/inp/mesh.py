@@ -43,7 +43,7 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     lines = [line for rows in deck.placement.values() for line in rows]
     return ImportedMesh(
         mesh,
-        materials_of(deck, sections.values(), lines),
+        materials_of(deck, sections.values(), lines, next(iter(states))),
         next(iter(states)),
         tuple(_notes(deck, body, elements, apart)),
         tuple(couplings),

@@ -137,7 +137,7 @@ def test_a_body_may_turn_with_its_material(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("ENGINEERING CONSTANTS", "LAMINA", "LAMINA is not supported"),
+        ("ENGINEERING CONSTANTS", "COUPLED", "COUPLED is not supported"),
         ("11000000000.0", "-1.", "not above zero"),
         ("0.38", "6.0", "takes no energy"),
         (", 700000000.0\n", "\n", "8 constants"),
