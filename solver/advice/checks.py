@@ -80,7 +80,7 @@ def check_outputs(system: System) -> None:
             multiplier_rows(system, name.owner, name.quantity)
         elif is_elastic(name.quantity):
             data = system.bodies[system.index(name.owner)]
-            data.elastic_numbers(name.quantity, f"outputs.record, {text}")
+            data.elastic_number(name.quantity, f"outputs.record, {text}")
 
 
 def check_attachments(system: System) -> None:

@@ -112,9 +112,6 @@ def column_names(system: System) -> tuple[str, ...]:
         name = parse_output(text)
         if name.quantity == "f*":
             names += multiplier_rows(system, name.owner, name.quantity)
-        elif name.quantity in ("q*", "vq*"):
-            numbers = system.bodies[system.index(name.owner)].numbers
-            names += [f"{text.removesuffix('*')}{k}" for k in numbers]
         else:
             names.append(text)
     return tuple(names)
@@ -147,7 +144,7 @@ def _columns(told: Told, text: str) -> list[tuple[str, Array]]:
     if name.owner not in system.scene.bodies:
         return _multiplier_columns(system, samples, name.owner, name.quantity)
     if is_elastic(name.quantity):
-        return _elastic_columns(system, samples, text)
+        return [(text, _elastic_column(system, samples, text))]
     return [(text, _body_column(system, samples, name.owner, name.quantity))]
 
 
@@ -206,9 +203,7 @@ def _multiplier_columns(
     return [(name, samples.multipliers[:, row]) for name, row in rows.items()]
 
 
-def _elastic_columns(
-    system: System, samples: Samples, text: str
-) -> list[tuple[str, Array]]:
+def _elastic_column(system: System, samples: Samples, text: str) -> Array:
     name = parse_output(text)
     data = system.bodies[system.index(name.owner)]
     row = system.arrays.body[system.index(name.owner)]
@@ -216,15 +211,8 @@ def _elastic_columns(
     source = samples.v if velocity else samples.z
     last = row[at.VEL] + row[at.NV] if velocity else row[at.POS] + row[at.NP]
     first = int(last - row[at.NQ])
-    wanted = data.elastic_numbers(name.quantity, f"outputs.record, {text}")
-    every = text.endswith("*")
-    return [
-        (
-            f"{text.removesuffix('*')}{k}" if every else text,
-            source[:, first + data.numbers.index(k)],
-        )
-        for k in wanted
-    ]
+    number = data.elastic_number(name.quantity, f"outputs.record, {text}")
+    return np.asarray(source[:, first + data.numbers.index(number)])
 
 
 def _body_column(system: System, samples: Samples, owner: str, quantity: str) -> Array:

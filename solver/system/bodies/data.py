@@ -66,8 +66,8 @@ class BodyData:
         """The node behind a marker name; no name is the origin of a rigid body."""
         return self.sid.node(self.nodes.get(marker, marker))
 
-    def elastic_numbers(self, quantity: str, place: str) -> list[int]:
-        """Numbers of the elastic coordinates that qN, bending_yN, q*, ... stand for.
+    def elastic_number(self, quantity: str, place: str) -> int:
+        """Number of the elastic coordinate that qN, vqN, bending_yN, ... stand for.
 
         Raises
         ------
@@ -75,18 +75,16 @@ class BodyData:
         """
         kind = KIND.fullmatch(quantity)
         if kind is not None:
-            return [self._number_of(kind[2], place)]
+            return self._number_of(kind[2], place)
         prefix = "vq" if quantity.startswith("v") else "q"
-        number = quantity.removeprefix(prefix)
-        if number == "*":
-            return list(self.numbers)
-        if int(number) not in self.numbers:
+        number = int(quantity.removeprefix(prefix))
+        if number not in self.numbers:
             raise InputError(
                 f"{self.name} has {len(self.numbers)} elastic coordinates",
                 place=place,
                 expected=listed_numbers(self.numbers, prefix),
             )
-        return [int(number)]
+        return number
 
     def _number_of(self, kind: str, place: str) -> int:
         """Of the elastic coordinate that is called so by its kind."""

@@ -104,14 +104,13 @@ def _refuse_consequences(name: str, place: str) -> None:
 def _elastic(
     name: str, owner: str, quantity: str, data: BodyData, place: str
 ) -> Reading:
-    numbers = data.elastic_numbers(quantity, place)
-    if len(numbers) != 1 or quantity.endswith("*"):
+    if quantity.endswith("*"):
         raise InputError(
             f"a law cannot read {name!r}, which is all of them",
             place=place,
             expected="one elastic coordinate",
         )
-    index = data.numbers.index(numbers[0])
+    index = data.numbers.index(data.elastic_number(quantity, place))
     return Reading(coordinate(owner, index), int(quantity[0] == "v"))
 
 

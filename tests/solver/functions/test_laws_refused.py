@@ -97,6 +97,33 @@ def test_laws_that_are_not_sound_are_refused(
         compile_scene(pendulum(force))
 
 
+def nothing(t: float, y: Array) -> float:
+    return 0.0
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        (Law(nothing, "hinge.angle"), "no sequence of names; expected reads="),
+        (Law(nothing, ["hinge.angle"] * 2), "a law reads an output twice"),
+        (
+            Law(nothing, ["rod.q*"]),
+            "'rod.q.', which is all of them; expected one",
+        ),
+        (Law(nothing, READS, limits=(1.0, 1.0)), "found limits"),
+        (Law(nothing, READS, sample_time=0.0), "found a sample time of 0"),
+        (
+            Law(nothing, READS, states={"slow": (0.0, 1.0)}),
+            "found 1.0; expected a call",
+        ),
+    ],
+)
+def test_laws_of_a_program_that_are_not_sound_are_refused(law: Law, words: str) -> None:
+    force = {"type": "actuator", "joint": "hinge", "function": GIVEN}
+    with pytest.raises(InputError, match=words):
+        compile_scene(pendulum(force), forces={"motor": law})
+
+
 PULSE = "1000*exp(-((t - 0.613)/0.002)**2) * (1 + 0*cart.x)"
 
 
