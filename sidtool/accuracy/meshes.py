@@ -24,6 +24,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
 
 from ..made import Fineness, Made, Source
+from ..study.reference import SLOWEST, falling, left_by
 from .candidates import finest, loaded_nodes
 from .outside import check_inside
 from .reference import Reference, make_reference
@@ -36,9 +37,6 @@ SHARE = 0.1
 HALVINGS, DOUBLINGS, MODES = 3, 3, 48
 #: Bodies that are made of one model, about.
 CHANGES = 4
-#: The last change by a halving of the mesh over the one before, where that is not known
-#: and at least and at most as what is left is told.
-UNKNOWN, FASTEST, SLOWEST = 2.0 / 3.0, 1.0 / 3.0, 0.75
 #: Why they may not.
 POINTS = "a body yields the more to a force at a point, the finer its mesh is"
 #: In all, from which on the search gives up.
@@ -180,19 +178,17 @@ class _Search:
         if not source.can_refine():
             self.sentences.append(f"mesh of {name}: as it is, not judged")
             return fineness
-        left, ratio = np.zeros(len(self.request.names)), UNKNOWN
-        before: Array | None = None
+        left = np.zeros(len(self.request.names))
+        changes: list[Array] = []
         for level in range(1, HALVINGS + 1):
             fineness = replace(fineness, level=level)
-            change = self._change(name, source, fineness)
-            ratios = _ratios(change, before)
-            left, before = ratios / (1.0 - ratios) * change, change
-            ratio = ratios[self._worst(left)]
+            changes.insert(0, self._change(name, source, fineness))
+            left = np.asarray(left_by(changes))
             if self._use(left) <= SHARE:
                 break
         times = "once" if fineness.level == 1 else f"{fineness.level} times"
         told = f"mesh of {name}: halved {times}, the rest {self._seen(left)}"
-        if ratio == SLOWEST:
+        if falling(*changes[:2])[self._worst(left)] == SLOWEST:
             told += f", as changes hardly get smaller; {POINTS}"
         self._tell(told, left)
         return fineness
@@ -236,12 +232,3 @@ class _Search:
 
     def _runs(self, sids: Mapping[str, SID]) -> Runs:
         return Runs(self.scene, sids, self.compile, self.request.names)
-
-
-def _ratios(change: Array, before: Array | None) -> Array:
-    """Changes (n,) over those by the halving before, as far as they are believed."""
-    if before is None:
-        return np.full(len(change), UNKNOWN)
-    falling = change < SLOWEST * before
-    ratios = np.divide(change, before, out=np.full(len(change), SLOWEST), where=falling)
-    return np.maximum(ratios, FASTEST)

@@ -13,9 +13,8 @@ from .reference import Reference, reference_of
 from .settings import Setting, tight
 from .tasks import Run
 
-#: Of the last change by a halving of the mesh, what is left: second order would leave a
-#: third. Of the last change by more modes all may be left.
-MESH, MODES = 0.5, 1.0
+#: Of coarser meshes and of fewer modes, how many there are.
+MESHES, MODES = 2, 1
 
 RunOf = Callable[[Variant, Setting, Sequence[str]], tuple[Run, int]]
 
@@ -58,22 +57,23 @@ def _reference(
     problem: InputError | None = None
     for variant in _by_size(variants, names, run_of, first):
         try:
-            poorer = _poorer(plan, variant)
+            coarser = _poorer(plan, variant, "mesh", MESHES)
+            fewer = _poorer(plan, variant, "modes", MODES)
             tasks = [run_of(variant, s, names)[0] for s in (first, second)]
-            tasks += [run_of(v, second, names)[0] for _, v in poorer]
+            tasks += [run_of(v, second, names)[0] for v in (*coarser, *fewer)]
         except InputError as error:
             problem = problem or error
             continue
         tight_run, check, *others = tight_runs(tasks)
         messages = [c.message for c in (tight_run, check, *others) if c.message]
         if not messages:
-            parts = [part for part, _ in poorer]
-            coarser = list(zip(parts, others, strict=True))
             title = ", ".join(
                 text if axis == "model" else f"{axis} {text}"
                 for axis, text in plan.labels(variant).items()
             )
-            return reference_of(names, tight_run, check, coarser, title)
+            count = len(coarser)
+            meshes, modes = others[:count], others[count:]
+            return reference_of(names, tight_run, check, meshes, modes, title)
         problem = problem or InputError(
             f"the reference {messages[0]}",
             place="--over",
@@ -100,13 +100,9 @@ def _by_size(
     return sorted(variants, key=lambda v: (terms.index(v.terms), -sizes[v]))
 
 
-def _poorer(plan: Plan, variant: Variant) -> list[tuple[float, Variant]]:
-    """One step coarser, and one step of modes fewer."""
-    found = []
-    for name, part in (("mesh", MESH), ("modes", MODES)):
-        values = sorted(v for v in plan.values.get(name, ()) if v is not None)
-        own = getattr(variant, name)
-        below = [v for v in values if own is not None and v < own]
-        if below:
-            found.append((part, with_choice(variant, name, below[-1])))
-    return found
+def _poorer(plan: Plan, variant: Variant, axis: str, count: int) -> list[Variant]:
+    """With less on an axis, so many steps at most, the next one first."""
+    own = getattr(variant, axis)
+    values = sorted(v for v in plan.values.get(axis, ()) if v is not None)
+    below = [v for v in values if own is not None and v < own]
+    return [with_choice(variant, axis, v) for v in below[: -count - 1 : -1]]

@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 #: Outputs whose references differ by more than this part of their variation cannot be
 #: predicted; those that meshes and modes still change by more are not converged.
 TRUSTED, CONVERGED = 1e-3, 0.1
+#: The last change by a halving of the mesh over the one before, where that is not
+#: known, and at least and at most as what is left of changes is told.
+UNKNOWN, FASTEST, SLOWEST = 2.0 / 3.0, 1.0 / 3.0, 0.75
 #: Outputs that vary by less than these parts of their own values, or of the largest
 #: variation of an output of their kind, hold rounding only.
 CONSTANT, UNMOVED = 1e-12, 1e-9
@@ -121,30 +124,29 @@ def reference_of(
     names: Sequence[str],
     tight: Course,
     check: Course,
-    coarser: Sequence[tuple[float, Course]] = (),
+    coarser: Sequence[Course] = (),
+    fewer: Sequence[Course] = (),
     model: str = "",
 ) -> Reference:
     """From two runs of one model by different methods, and from poorer models.
 
-    coarser : runs by the method of `check`, and which part of what they change is the
-        error of the reference
+    coarser, fewer : runs by the method of `check` with coarser meshes, the finest of
+        them first, and with fewer modes
 
     Raises
     ------
     InputError : there is no output that can be compared.
     """
-    count = min(len(c.values) for c in (tight, check, *(c for _, c in coarser)))
+    count = min(len(c.values) for c in (tight, check, *coarser, *fewer))
     values, others = (c.columns(names)[:count] for c in (tight, check))
+    meshes, modes = (
+        [others, *(c.columns(names)[:count] for c in poorer)]
+        for poorer in (coarser, fewer)
+    )
     scale = np.ptp(values, axis=0)
     differences = np.abs(values - others).max(axis=0)
     moving = moves(names, values, scale, tight.force, tight.rate)
-    models = sum(
-        (
-            part * np.abs(others - c.columns(names)[:count]).max(axis=0)
-            for part, c in coarser
-        ),
-        np.zeros(len(names)),
-    )
+    models = left_by(_changes(meshes)) + sum(_changes(modes), np.zeros(len(names)))
     predictable = differences <= TRUSTED * scale
     good = moving & predictable & (models <= CONVERGED * scale)
 
@@ -169,6 +171,37 @@ def reference_of(
         unconverged=unconverged,
         model=model,
     )
+
+
+def _changes(courses: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """From each course (nt, n) to the next, (n,)."""
+    return [
+        np.abs(a - b).max(axis=0) for a, b in zip(courses, courses[1:], strict=False)
+    ]
+
+
+def left_by(changes: Sequence[np.ndarray]) -> np.ndarray | float:
+    """What finer meshes than the finest change yet, (n,).
+
+    A geometric series from the last two changes leaves it; half of the last one at
+    least, where second order would leave a third. Those by forces at points of plane
+    bodies and solids do not get smaller.
+
+    changes : (n,) by halvings, the last first
+    """
+    if not changes:
+        return 0.0
+    ratios = falling(*changes[:2])
+    return np.asarray(ratios / (1.0 - ratios) * changes[0])
+
+
+def falling(change: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
+    """Changes (n,) over those by the halving before, as far as they are believed."""
+    if before is None:
+        return np.full(len(change), UNKNOWN)
+    ratios = np.full(len(change), SLOWEST)
+    np.divide(change, before, out=ratios, where=change < SLOWEST * before)
+    return np.maximum(ratios, FASTEST)
 
 
 def moves(

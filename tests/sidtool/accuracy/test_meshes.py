@@ -16,10 +16,11 @@ from sidtool.accuracy.wanted import requested
 from sidtool.formats.scene import SceneFile
 from sidtool.made import Fineness, sources
 from sidtool.solver import compile_scene
+from sidtool.study import Setting, study
 
 from ..beams import beam_data
 
-#: A square block of one by one metre.
+#: A block of one metre in height.
 SIDE, THICKNESS, MODULUS, FORCE = 1.0, 0.01, 1e9, 1e3
 
 
@@ -29,10 +30,15 @@ def _kept_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def pulled(cells: int) -> sidtool.Scene:
+#: What each halving of the mesh adds to the displacement under the force: Flamant's is
+#: 2 F / (pi E t) ln(1 / r) at the distance r of a force on an edge.
+ADDS = 2.0 * FORCE * log(2.0) / (pi * MODULUS * THICKNESS)
+
+
+def pulled(cells: int, length: int = 1) -> sidtool.Scene:
     """A block, clamped at its left edge, pulled at one point of its right edge."""
-    data = beam_data({"type": "q4", "elements": [cells, cells]})
-    corners = [[[x, -SIDE / 2], [x, SIDE / 2]] for x in (0.0, SIDE)]
+    data = beam_data({"type": "q4", "elements": [cells * length, cells]})
+    corners = [[[x, -SIDE / 2], [x, SIDE / 2]] for x in (0.0, length * SIDE)]
     data["geometry"] |= {"control_points": corners, "thickness": THICKNESS}
     data["material"] |= {"youngs_modulus": MODULUS, "density": 1e3}
     Path("block.json").write_text(json.dumps(data))
@@ -50,17 +56,24 @@ def pulled(cells: int) -> sidtool.Scene:
 
 
 def test_a_force_at_a_point_leaves_open_what_finer_meshes_add() -> None:
-    """Flamant: 2 F / (pi E t) ln(1 / r) at the distance r of a force on an edge. Each
-    halving adds as much, 2 F ln 2 / (pi E t); half of that was told."""
+    """Half of what the last halving adds was told, and the next one adds as much."""
     found = pulled(4).simulate(accuracy={"block.tip.ux": "3e-4 m"})
     assert found.accuracy is not None
     (mesh,) = (line for line in found.accuracy.budget if line.part == "mesh")
-    adds = 2.0 * FORCE * log(2.0) / (pi * MODULUS * THICKNESS)
-    assert 2.5 * adds < mesh.errors["block.tip.ux"] < 3.5 * adds
+    assert 2.5 * ADDS < mesh.errors["block.tip.ux"] < 3.5 * ADDS
     (told,) = (s for s in found.accuracy.sentences if s.startswith("mesh of block"))
     assert "changes hardly get smaller" in told and "force at a point" in told
     with pytest.raises(sidtool.InputError, match="force at a point"):
         pulled(4).simulate(accuracy={"block.tip.ux": "1e-4 m"})
+
+
+def test_a_study_knows_no_better_what_finer_meshes_add() -> None:
+    axes = {"mesh": (-1, 0, 1), "reduction": ("attachment",)}
+    scene, setting = pulled(4, 20), Setting("radau9", rtol=1e-4)
+    models = {"block": [Path("block.json")]}
+    reference = study(scene, axes, models=models, settings=(setting,)).reference
+    (open_,) = reference.floors * reference.scale
+    assert 2.5 * ADDS < open_ < 3.5 * ADDS
 
 
 def test_bodies_are_simulated_once_while_they_are_refined() -> None:
