@@ -71,9 +71,7 @@ class SceneQuantities:
 
     @cached_property
     def _integrals(self) -> tuple[Array, Array]:
-        if self.history is None:
-            nothing = np.zeros(len(self.times))
-            return nothing, nothing
+        assert self.history is not None
         return self.history.until(self.times)
 
     @cached_property

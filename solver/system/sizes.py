@@ -27,13 +27,11 @@ REST = 1e-10
 
 
 def diameter(points: Array) -> float:
-    """The largest distance in a set of points (n, 3), or at least half of it.
+    """The largest distance in a set of points (n >= 1, 3), or at least half of it.
 
     From the point farthest from the mean to the one farthest from that: it changes
     neither with the axes nor with the order of the points.
     """
-    if len(points) == 0:
-        return 0.0
     away = np.linalg.norm(points - np.mean(points, axis=0), axis=1)
     first = points[np.argmax(away)]
     return float(np.max(np.linalg.norm(points - first, axis=1)))

@@ -17,6 +17,8 @@ from tests.places import SLIDER_CRANK
 from tests.solver.scenes import Probe, compiled, polynomial, scene, slender_rod
 from tests.solver.transformed import Units, in_units, sid_in
 
+ORIGIN = {"position": [0.0, 0.0, 0.0]}
+
 
 def hinge(a: str, b: str) -> dict[str, Any]:
     return {"type": "revolute", "markers": [a, b]}
@@ -191,6 +193,31 @@ def test_contradicting_drives_are_refused() -> None:
     }
     with pytest.raises(InputError):
         assemble(compiled(scene(bodies, joints, drives)))
+
+
+@pytest.mark.parametrize("driven", ["angle_1", "angle_2"])
+def test_one_driven_angle_of_a_universal_joint_turns_the_body_there(
+    driven: str,
+) -> None:
+    """From far away, 2.5 rad, with the other angle as it was; a small step after the
+    other closes the joint half a turn off."""
+    arm = {"mass": 1.0, "inertia": [0.1, 0.2, 0.3], "markers": {"hub": ORIGIN}}
+    angles = ["hook.angle_1", "hook.angle_2"]
+    held = {"joint": "hook", "coordinate": driven, "function": polynomial(2.5)}
+    result = simulate(
+        compiled(
+            scene(
+                {"arm": arm},
+                {"hook": {"type": "universal", "markers": ["ground", "arm.hub"]}},
+                {"held": held},
+                dimension="spatial",
+                record=angles,
+                end=0.01,
+            )
+        )
+    )
+    wanted = [2.5 * (name.endswith(driven)) for name in angles]
+    assert result.values[0] == pytest.approx(wanted, abs=1e-12)
 
 
 def test_driven_bodies_that_meet_at_the_start_alone_are_refused() -> None:
