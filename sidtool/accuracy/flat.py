@@ -39,7 +39,8 @@ class _NotFlat(Exception):
 def in_plane(scene: SceneFile) -> SceneFile | None:
     """The planar scene; None where bodies, joints or forces point out of the plane."""
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
-    if any(MULTIPLIER.fullmatch(parsed(n).quantity) for n in scene.outputs.record):
+    quantities = (name.rpartition(".")[2] for name in scene.outputs.record)
+    if any(map(MULTIPLIER.fullmatch, quantities)):
         return None
     content["dimension"] = "planar"
     try:

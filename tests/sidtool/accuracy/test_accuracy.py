@@ -150,6 +150,14 @@ def test_a_spatial_scene_whose_motion_is_planar_is_solved_in_the_plane() -> None
     assert not found["arm.tip.z"].any()
 
 
+def test_a_flat_scene_may_record_by_wildcards() -> None:
+    """A name whose quantity is a wildcard alone was refused as no quantity."""
+    scene, sid = flat_in_space(["arm.tip.*"])
+    found = simulated(scene, sid, accuracy=1e-2)
+    assert json.loads(found.scene)["dimension"] == "planar"
+    assert {"arm.tip.x", "arm.tip.z", "arm.tip.uy"} <= set(found.names)
+
+
 @pytest.mark.parametrize(
     ("record", "spin"),
     [
