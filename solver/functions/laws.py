@@ -252,6 +252,14 @@ def _of_program(law: Law, place: str) -> LawParts:
             f"found a sample time of {law.sample_time}", place=place, expected="a time"
         )
 
+    for name, state in law.states.items():
+        if not (isinstance(state, tuple | list) and len(state) == 2):
+            raise InputError(
+                f"found {state!r}",
+                place=f"{place}.states.{name}",
+                expected="an initial value and a callable f(t, y)",
+            )
+
     def called(function: Any, derivatives: Any = None) -> Parts:
         for each in (function, derivatives):
             if each is not None and not callable(each):
