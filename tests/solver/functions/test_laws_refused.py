@@ -116,6 +116,7 @@ def nothing(t: float, y: Array) -> float:
             Law(nothing, READS, states={"slow": (0.0, 1.0)}),
             "found 1.0; expected a call",
         ),
+        (Law(nothing, READS, states={"slow": nothing}), "slow: found .*an initial"),
     ],
 )
 def test_laws_of_a_program_that_are_not_sound_are_refused(law: Law, words: str) -> None:
