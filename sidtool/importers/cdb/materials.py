@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Material
 
+from ...frontends.anisotropic import (
+    AnisotropicMaterial,
+    ElasticMaterial,
+    orthotropic_law,
+)
 from ..imported import integers, numbers
 from .content import Content
 
-_CONSTANTS = {"EX": "e", "NUXY": "nu", "PRXY": "nu", "DENS": "rho", "GXY": "g"}
-#: Properties that a linear elastic isotropic body does not ask for.
+_MODULI, _SHEARS = ("EX", "EY", "EZ"), ("GXY", "GXZ", "GYZ")
+#: The first and second axis of each ratio.
+_PAIRS = {"XY": (0, 1), "XZ": (0, 2), "YZ": (1, 2)}
+_RATIOS = tuple(f"{kind}{pair}" for kind in ("PR", "NU") for pair in _PAIRS)
+_CONSTANTS = (*_MODULI, *_SHEARS, *_RATIOS, "DENS")
+#: Place of the system of an element among its numbers.
+_ESYS = 4
+#: GXY of an isotropic material may be rounded by this share.
+_ROUNDED = 1e-3
+#: Properties that a linear elastic body does not ask for.
 _OTHER_CONSTANTS = ("ALPX", "CTEX", "REFT", "KXX", "C", "MU", "DMPR", "DAMP", "BETD")
 
 
@@ -20,7 +35,7 @@ def read_property(content: Content, words: list[str]) -> None:
 
     Raises
     ------
-    InputError : a linear elastic isotropic body has no such property.
+    InputError : a linear elastic body has no such property.
     """
     start = 1
     if words[0].upper() == "MPDATA":
@@ -41,7 +56,7 @@ def read_property(content: Content, words: list[str]) -> None:
         content.said[f"property {name}"] = None
         return
     found = numbers(given, content.place, "a constant")
-    table = content.tables.setdefault((material, _CONSTANTS[name]), [])
+    table = content.tables.setdefault((material, name), [])
     if not 1 <= start <= len(table) + 1:
         raise InputError(
             f"MPDATA of {name} begins at entry {start} behind {len(table)}",
@@ -50,20 +65,93 @@ def read_property(content: Content, words: list[str]) -> None:
         )
     table[start - 1 :] = found
     constants = content.constants.setdefault(material, {})
-    constants.pop(_CONSTANTS[name], None)
+    constants.pop(name, None)
     if len(set(table)) == 1:
-        constants[_CONSTANTS[name]] = table[0]
+        constants[name] = table[0]
 
 
-def materials_of(content: Content) -> dict[str, Material]:
-    """The isotropic materials that are complete and constant."""
-    materials = {}
+def materials_of(content: Content) -> dict[str, ElasticMaterial]:
+    """The materials that are complete and constant.
+
+    Raises
+    ------
+    InputError : orthotropic constants are those of no material, or elements of theirs
+        stand in a system of their own.
+    """
+    materials: dict[str, ElasticMaterial] = {}
     for number, table in content.constants.items():
-        e, nu, rho = (table.get(key, 0.0) for key in ("e", "nu", "rho"))
-        if "nu" not in table and "g" in table:
-            nu = e / (2 * table["g"]) - 1
-        if e > 0 and rho > 0 and -1 < nu < 0.5:
-            materials[str(number)] = Material(
-                youngs_modulus=e, poissons_ratio=nu, density=rho
-            )
+        known = {name for own, name in content.tables if own == number}
+        if known - set(table) or min(table.get(n, 0.0) for n in ("EX", "DENS")) <= 0:
+            continue
+        given = {name: value for name, value in table.items() if name != "DENS"}
+        if _is_isotropic(given):
+            nu = _ratio(given)
+            if nu is not None and -1 < nu < 0.5:
+                materials[str(number)] = Material(
+                    youngs_modulus=table["EX"],
+                    poissons_ratio=nu,
+                    density=table["DENS"],
+                )
+            continue
+        law = _law(number, given)
+        if law is not None:
+            _check_systems(content, number)
+            materials[str(number)] = AnisotropicMaterial(law, table["DENS"])
     return materials
+
+
+def _ratio(given: dict[str, float]) -> float | None:
+    """Poisson's ratio of EX, one ratio or a shear modulus; None if neither is given."""
+    if "PRXY" in given or "NUXY" in given:
+        return given.get("PRXY", given.get("NUXY"))
+    return given["EX"] / (2 * given["GXY"]) - 1 if given.get("GXY") else None
+
+
+def _is_isotropic(given: dict[str, float]) -> bool:
+    """Whether EX, one ratio and a shear modulus of these are all that is given."""
+    ratio = _ratio(given)
+    if set(given) - {"EX", "PRXY", "NUXY", "GXY"}:
+        return False
+    if ratio is None or "GXY" not in given:
+        return True
+    shear = given["EX"] / (2 * (1 + ratio))
+    return abs(given["GXY"] - shear) <= _ROUNDED * abs(shear)
+
+
+def _law(number: int, given: dict[str, float]) -> np.ndarray | None:
+    """Of orthotropic constants, what is missing being as along x; None if that is not
+    all that is needed.
+
+    PRXY is the contraction along y under tension along x; NUXY = PRXY EY / EX.
+    """
+    moduli = [given.get(name, given["EX"]) for name in _MODULI]
+    ratios, shears = [], []
+    for pair, (i, j) in _PAIRS.items():
+        major, minor = given.get(f"PR{pair}"), given.get(f"NU{pair}")
+        if major is None and minor is not None:
+            major = minor * moduli[i] / moduli[j]
+        ratios.append(major)
+        shears.append(given.get(f"G{pair}"))
+    if len(set(moduli)) == 1:
+        ratios = [ratios[0] if ratio is None else ratio for ratio in ratios]
+        shears = [shears[0] if shear is None else shear for shear in shears]
+    values = [*moduli, *ratios, *shears]
+    if None in values:
+        return None
+    try:
+        return orthotropic_law(np.array(values, float))
+    except InputError as error:
+        raise InputError(
+            f"material {number}: {error.problem}", expected=error.expected
+        ) from None
+
+
+def _check_systems(content: Content, number: int) -> None:
+    for values, place in content.elements:
+        if values[0] == number and values[_ESYS]:
+            raise InputError(
+                f"element {values[10]} of material {number}, which is not isotropic, "
+                f"stands in the system {values[_ESYS]}",
+                place=place,
+                expected="elements in the global system (ESYS 0)",
+            )

@@ -227,7 +227,7 @@ def test_ansys_materials_and_single_nodes_and_elements(tmp_path: Path) -> None:
         ("RBE3,1,ALL,2", "RBE3 is not supported"),
         ("NGEN,2,4,1,4,1", "NGEN is not supported"),
         ("EGEN,2,4,1", "EGEN is not supported"),
-        ("MP,EY,1,1e9", "property EY of material 1"),
+        ("MP,GSX,1,1e9", "property GSX of material 1"),
         ("N,1,0,0,0", "node 1 is defined twice"),
         ("EN,2,1,2,3,4,5,6,7,8", "element 2 is defined twice"),
         ("EBLOCK,10,,1,1", "EBLOCK without SOLID"),
