@@ -46,7 +46,9 @@ def export(
     animate`.
 
     --peak tells the largest von Mises stress of each body over all points of its field
-    and over time, with its place in the body frame and its instant.
+    and over time, with its place in the body frame and its instant. Stresses of the
+    field are means of the elements that meet at a node; BODY.peak_von_mises is that of
+    points inside elements, which is higher beside sharp corners of coarse meshes.
 
     \b
     Examples:
