@@ -149,6 +149,12 @@ def _written(location: Location, data: Any, *, missing: bool) -> Location:
     for depth, part in enumerate(location):
         if missing and depth == len(location) - 1:
             return (*kept, part)
+        if (
+            _named(location, depth)
+            and isinstance(data, Mapping)
+            and data.get("type") == part
+        ):
+            continue
         if isinstance(data, Mapping) and part in data:
             data = data[str(part)]
         elif isinstance(data, list) and isinstance(part, int) and part < len(data):
@@ -157,6 +163,11 @@ def _written(location: Location, data: Any, *, missing: bool) -> Location:
             continue
         kept.append(part)
     return tuple(kept)
+
+
+def _named(location: Location, depth: int) -> bool:
+    """Whether a key comes next: what is both a tag and a list is the tag then."""
+    return isinstance(next(iter(location[depth + 1 :]), None), str)
 
 
 # --- what the model knows at a location ----------------------------------------------
@@ -204,8 +215,9 @@ def nearest(key: str, known: list[str]) -> str | None:
 
 def _models_at(model: type[BaseModel], location: Location) -> list[type[BaseModel]]:
     candidates: list[Any] = [model]
-    for part in location:
-        candidates = [c for a in candidates for c in _step(a, part)]
+    for depth, part in enumerate(location):
+        named = depth == len(location) - 1 or _named(location, depth)
+        candidates = [c for a in candidates for c in _step(a, part, named)]
     flat = [alternative for a in candidates for alternative in alternatives(a)]
     return [c for c in flat if isinstance(c, type) and issubclass(c, BaseModel)]
 
@@ -221,10 +233,14 @@ def alternatives(annotation: Any) -> list[Any]:
     return [annotation]
 
 
-def _step(annotation: Any, part: str | int) -> list[Any]:
-    """What the schema says one step deeper; a tag keeps the members it may mean."""
+def _step(annotation: Any, part: str | int, named: bool) -> list[Any]:
+    """What the schema says one step deeper; a tag keeps the members it may mean.
+
+    named : a key comes next, see `_named`
+    """
     deeper: list[Any] = []
     same: list[Any] = []
+    tagged: list[Any] = []
     for candidate in alternatives(annotation):
         if isinstance(candidate, type) and issubclass(candidate, BaseModel):
             fields = candidate.model_fields
@@ -233,8 +249,9 @@ def _step(annotation: Any, part: str | int) -> list[Any]:
             kind = fields.get("type")
             tags = get_args(kind.annotation) if kind is not None else (part,)
             same += [candidate] if part in tags else []
+            tagged += [candidate] if kind is not None and part in tags else []
         elif get_origin(candidate) in (dict, Mapping):
             deeper.append(get_args(candidate)[1])
         elif get_origin(candidate) in (list, tuple, Sequence):
             deeper.append(get_args(candidate)[0])
-    return deeper or same
+    return (named and tagged) or deeper or same

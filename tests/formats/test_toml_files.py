@@ -11,6 +11,7 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.reading import load, validated
 
 
@@ -125,6 +126,38 @@ def test_entries_of_lists_are_counted_from_zero() -> None:
     lines = [{"type": "line"}, {"type": "line", "axs": 1}]
     with pytest.raises(InputError, match=r"lines\[1\].axs: .*expected axis"):
         validated({"format": "thing", "parts": {}, "lines": lines}, Thing)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"markers": "a"}, r"forces.f.markers: .*; expected marker$"),
+        ({"force": [1, True]}, r"forces.f.force\[1\]: found true"),
+        (
+            {"marker": "a", "function": {"type": "sum", "parts": [{"type": "sum"}]}},
+            r"forces.f.function.parts\[0\].type: found 'sum'",
+        ),
+        (
+            {"function": {"type": "constant", "valu": 1}},
+            "forces.f.function.valu: .*; expected value\\b",
+        ),
+    ],
+)
+def test_a_kind_of_table_with_a_key_of_the_same_name(
+    wrong: dict[str, object], message: str
+) -> None:
+    """What was wrong beside the list `force` of a force was told as in that list."""
+    force = {"type": "force", "force": [1.0, 0.0]} | wrong
+    scene = {
+        "format": "sidtool scene",
+        "version": 1,
+        "dimension": "planar",
+        "time": {"end": 1.0, "output_step": 0.1},
+        "bodies": {"a": {"mass": 1.0}},
+        "forces": {"f": force},
+    }
+    with pytest.raises(InputError, match=message):
+        validated(scene, SceneFile)
 
 
 @pytest.mark.parametrize(
