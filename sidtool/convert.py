@@ -139,7 +139,7 @@ def _convert(
     frame = FRAMES[model.frame.type](body, model.frame)
     for sentence in _check_wanted(body, model):
         progress(NOTE + sentence)
-    gigabytes = expected_gigabytes(body.ndof, body.dimension)
+    gigabytes = expected_gigabytes(body.positions, body.ndof)
     size = f"{body.ndof} degrees of freedom, which may take {gigabytes:.1f} GB"
     begin("reducing", f"reducing {size}")
     for sentence in element_notes(body):
