@@ -14,6 +14,7 @@ last change, as nothing is known of those that follow.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,77 +84,102 @@ def refined_meshes(
     ------
     InputError : a model cannot be made, or not as exactly as is asked for.
     """
-    search = _Search(scene, dict(sids), request, compile_)
+    search = _Search(scene, sids, sources, request, compile_)
     with along(Steps(CHANGES * len(sources))) as search.steps:
-        for name, source in sources.items():
-            search.settle(name, source)
+        for name in sources:
+            search.settle(name)
     if sources and search.use() > TOO_MUCH:
         raise InputError(
             f"models cannot be made as fine as is asked for: {search.largest[1]}",
             place="accuracy.wanted",
             expected="a larger error, or models with finer meshes and more modes",
         )
-    return Meshes(
-        search.made, search.finenesses, search.errors, tuple(search.sentences)
-    )
+    made = {name: search.made(name, fine) for name, fine in search.state.items()}
+    return Meshes(made, search.state, search.errors, tuple(search.sentences))
 
 
 class _Search:
+    """Bodies of models, refined one after the other.
+
+    state : how fine each is
+    """
+
     def __init__(
         self,
         scene: SceneFile,
-        sids: dict[str, SID],
+        sids: Mapping[str, SID],
+        sources: Mapping[str, Source],
         request: Request,
         compile_: Compile,
     ) -> None:
         self.scene, self.sids, self.request = scene, sids, request
-        self.compile = compile_
+        self.sources, self.compile = sources, compile_
         self.steps = Steps(1)
-        self.made: dict[str, Made] = {}
-        self.finenesses: dict[str, Fineness] = {}
+        self.state = {name: Fineness() for name in sources}
         self.sentences: list[str] = []
         self.errors: Array = np.zeros(len(request.names))
         #: What takes most of what is allowed, and its sentence.
         self.largest = (0.0, "")
         self.reference: Reference | None = None
-        #: Runs of the bodies as they are.
-        self.runs: Runs | None = None
+        self._made: dict[tuple[str, Fineness], Made] = {}
+        self._runs: dict[tuple[Fineness, ...], Runs] = {}
 
     def use(self) -> float:
         assert self.reference is not None
         return self.reference.use(self.errors)
 
-    def settle(self, name: str, source: Source) -> None:
+    def made(self, name: str, fineness: Fineness) -> Made:
+        key = name, fineness
+        if key not in self._made:
+            self._made[key] = self.sources[name].sid(fineness)
+        return self._made[key]
+
+    def settle(self, name: str) -> None:
         """The mesh and the modes of one body."""
         self.steps.next()
-        self.made[name] = source.sid(Fineness())
-        self.sids[name] = self.made[name].sid
         if self.reference is None:
-            self.runs = self._runs(self.sids)
-            whole = finest(self.scene, self.sids)
-            self.reference = make_reference(self.runs, whole, self.request)
+            self.reference = self._first_reference()
             check_inside(self.reference.result)
-        found = self._more_modes(name, source, self._static_shapes(name, source))
-        self.finenesses[name] = self._finer_mesh(name, source, found)
+        source = self.sources[name]
+        found = self._more_modes(name, source, self._static_shapes(name))
+        self.state[name] = self._finer_mesh(name, source, found)
 
-    def _static_shapes(self, name: str, source: Source) -> Fineness:
+    def _first_reference(self) -> Reference:
+        """With static shapes for all loads, as outputs may not move without; as the
+        models are if that does not run."""
+        from sidtool.solver.errors import SimulationError
+
+        rich = {name: Fineness(static=self._loaded(name)) for name in self.state}
+        if rich != self.state:
+            with suppress(InputError, SimulationError):
+                return self._reference(rich)
+        return self._reference(self.state)
+
+    def _reference(self, state: Mapping[str, Fineness]) -> Reference:
+        runs = self._runs_of(state)
+        return make_reference(runs, finest(self.scene, runs.sids), self.request)
+
+    def _loaded(self, name: str) -> tuple[int, ...]:
+        """Nodes with loads that static shape functions can be had for."""
+        loaded = loaded_nodes(self.scene, name).values()
+        nodes = tuple(sorted(int(node) for node in loaded if node.isdecimal()))
+        return nodes if self.sources[name].can_have_static_shapes(nodes) else ()
+
+    def _static_shapes(self, name: str) -> Fineness:
         """With static shape functions for the loads of this scene, if these matter."""
-        loaded = loaded_nodes(self.scene, name)
-        nodes = tuple(sorted(int(node) for node in loaded.values() if node.isdecimal()))
-        if not source.can_have_static_shapes(nodes):
+        nodes = self._loaded(name)
+        if not nodes:
             return Fineness()
-        before, runs = self.made[name], self.runs
-        fineness = Fineness(static=nodes)
-        change = self._change(name, source, fineness)
+        change = self._change(name, Fineness(static=nodes))
         matters = self._use(change) > SHARE
         if not matters:
-            fineness, self.made[name] = Fineness(), before
-            self.sids[name], self.runs = before.sid, runs
-        told = f"static shape functions of {name} for loads at {', '.join(loaded)}"
+            self.state[name] = Fineness()
+        loaded = ", ".join(loaded_nodes(self.scene, name))
+        told = f"static shape functions of {name} for loads at {loaded}"
         verdict = "kept" if matters else "dropped"
         left = np.zeros_like(change) if matters else change
         self._tell(f"{told}: {self._seen(change)}, {verdict}", left)
-        return fineness
+        return self.state[name]
 
     def _more_modes(self, name: str, source: Source, fineness: Fineness) -> Fineness:
         left = np.zeros(len(self.request.names))
@@ -166,7 +192,7 @@ class _Search:
         for _ in range(DOUBLINGS):
             count = min(2 * (fineness.modes or source.modes), MODES)
             more = replace(fineness, modes=count)
-            left = self._change(name, source, more)
+            left = self._change(name, more)
             fineness = more
             if self._use(left) <= SHARE or count == MODES:
                 break
@@ -182,7 +208,7 @@ class _Search:
         changes: list[Array] = []
         for level in range(1, HALVINGS + 1):
             fineness = replace(fineness, level=level)
-            changes.insert(0, self._change(name, source, fineness))
+            changes.insert(0, self._change(name, fineness))
             left = np.asarray(left_by(changes))
             if self._use(left) <= SHARE:
                 break
@@ -199,20 +225,19 @@ class _Search:
         self.errors += left
         self.largest = max(self.largest, (self._use(left), sentence))
 
-    def _change(self, name: str, source: Source, fineness: Fineness) -> Array:
+    def _change(self, name: str, fineness: Fineness) -> Array:
         """What a finer body changes, (n,); from then on it is used."""
-        assert self.reference is not None and self.runs is not None
-        before, runs = self.runs, []
+        assert self.reference is not None
+        before, runs = self._runs_of(self.state), []
         self.steps.next()
         with along(Steps(3)) as parts:
             parts.next()
-            made = source.sid(fineness)
-            after = self._runs({**self.sids, name: made.sid})
+            self.state[name] = fineness
+            after = self._runs_of(self.state)
             for found in (before, after):
                 parts.next()
                 whole = finest(self.scene, found.sids)
                 runs.append((whole, found.attempt(whole, self.reference.setting)))
-        self.made[name], self.sids, self.runs = made, dict(after.sids), after
         return after.between(*runs)
 
     def _use(self, errors: Array) -> float:
@@ -230,5 +255,10 @@ class _Search:
         name = self.request.names[row]
         return f"{errors[row]:.1e} {self.reference.units[row]}".rstrip() + f" in {name}"
 
-    def _runs(self, sids: Mapping[str, SID]) -> Runs:
-        return Runs(self.scene, sids, self.compile, self.request.names)
+    def _runs_of(self, state: Mapping[str, Fineness]) -> Runs:
+        key = tuple(state.values())
+        if key not in self._runs:
+            found = {name: self.made(name, fine).sid for name, fine in state.items()}
+            sids = {**self.sids, **found}
+            self._runs[key] = Runs(self.scene, sids, self.compile, self.request.names)
+        return self._runs[key]

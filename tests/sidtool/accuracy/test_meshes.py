@@ -76,6 +76,13 @@ def test_a_study_knows_no_better_what_finer_meshes_add() -> None:
     assert 2.5 * ADDS < open_ < 3.5 * ADDS
 
 
+def test_an_output_that_modes_alone_do_not_move_is_judged() -> None:
+    """The first mode bends; along the block nothing moves without a static answer."""
+    found = pulled(2, 20).simulate(accuracy={"block.tip.ux": 0.2})
+    stretched = 20.0 * FORCE / (MODULUS * THICKNESS * SIDE)
+    assert found["block.tip.ux"][-1] == pytest.approx(stretched, rel=0.2)
+
+
 def test_bodies_are_simulated_once_while_they_are_refined() -> None:
     """A change was between two runs, of which the search had made the first before."""
     scene = pulled(2)
