@@ -3,7 +3,7 @@
 A body whose frame a joint with its drive prescribes has as many constraint rows in that
 joint as its frame has coordinates. The rows of these coordinates in
 
-    M z_II' = f + C^T lambda
+    M z_II' = f + C^T lambda, eq. (3),
 
 tell their multipliers once those of all other joints of the body are known: from the
 last body that is carried to the first.
