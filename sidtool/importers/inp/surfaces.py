@@ -103,10 +103,17 @@ def nodes_named(deck: Deck, scope: Scope, instance: str, word: str) -> list[int]
 def _elements(
     deck: Deck, scope: Scope, body: Scope, instance: str, word: str
 ) -> list[Element]:
-    group = scope.elsets.get(deck.name(word))
+    owner, own = owner_of(deck, scope, word)
+    if owner is None:
+        return []
+    group = owner.elsets.get(deck.name(own))
     if group is None:
         number = word.rpartition(".")[2]
-        group = [("", int(number))] if number.isdecimal() else []
+        if not number.isdecimal():
+            raise InputError(
+                f"there is no element set {word!r}", expected="an *ELSET of this file"
+            )
+        group = [("", int(number))]
     labels = [label for owner, label in group if owner in (instance, "")]
     return [body.elements[label] for label in labels if label in body.elements]
 

@@ -13,6 +13,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import read_model
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.frontends.registry import finite_element_model
+from sidtool.importers.meshes import read_mesh
 from sidtool.reduction.frames import Frame
 from sidtool.reduction.space import admissible
 
@@ -110,3 +111,31 @@ def test_weights_that_fall_with_the_distance_are_refused(tmp_path: Path) -> None
     text = by_surface(", WEIGHTING METHOD=LINEAR")
     with pytest.raises(InputError, match="WEIGHTING METHOD=LINEAR; expected UNIFORM"):
         model(tmp_path, text, "part.inp")
+
+
+def assembled(row: str) -> str:
+    """The bar as an instance, its end a surface of the assembly by these rows."""
+    block = graded()
+    head, tail = deck(block, "C3D8", material=STEEL).split("*MATERIAL")
+    material, section = tail.split("*SOLID")
+    last = [str(n) for n, e in enumerate(block.elements, 1) if e[1] in block.right]
+    return (
+        f"*PART, NAME=P\n{head}*ELSET, ELSET=LAST\n{', '.join(last)}\n*SOLID{section}"
+        "*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=I, PART=P\n*END INSTANCE\n"
+        f"*NODE\n{centre()}\n*NSET, NSET=REF\n{REFERENCE}\n*SURFACE, NAME=END\n{row}\n"
+        "*COUPLING, REF NODE=REF, SURFACE=END, CONSTRAINT NAME=C\n*DISTRIBUTING\n"
+        f"*END ASSEMBLY\n*MATERIAL{material}"
+    )
+
+
+def test_a_surface_of_the_assembly_names_sets_of_instances(tmp_path: Path) -> None:
+    """Such a row was left out without a word where others held nodes."""
+    (tmp_path / "part.inp").write_text(assembled("I.LAST, S4"))
+    (coupling,) = read_mesh(tmp_path / "part.inp").couplings
+    assert set(coupling.nodes) == set(graded().right)
+
+
+def test_sets_of_surfaces_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "part.inp").write_text(assembled("I.LAST, S4\nI.LOST, S4"))
+    with pytest.raises(InputError, match="no element set 'I.LOST'"):
+        read_mesh(tmp_path / "part.inp")
