@@ -67,8 +67,9 @@ class Reference:
 
     def worst(self, errors: Array) -> int:
         """The output of which errors use most."""
-        shares = errors / self.allowed
-        return int(np.where(np.isfinite(self.allowed), shares, -1.0).argmax())
+        shares = np.full(len(errors), -1.0)
+        np.divide(errors, self.allowed, out=shares, where=np.isfinite(self.allowed))
+        return int(shares.argmax())
 
     def with_meshes(self, errors: Array) -> Reference:
         """With what the meshes of bodies and modes that they lack add, (n,)."""

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 import sidtool
-from sidtool.accuracy import cached
+from sidtool.accuracy import cached, candidates
+from sidtool.accuracy.reference import Reference
+from sidtool.accuracy.runs import Setting
 from sidtool.cli import run
 from sidtool.formats.result import read_result, write_result
 from sidtool.formats.scene import SceneFile, tolerance
@@ -360,6 +362,20 @@ def test_shape_functions_of_little_energy_are_left_out_in_groups(
     content = finest(scene.model_copy(update={"bodies": {"arm": less}}))
     without = simulated(content, sid, **TIGHT)["arm.tip.y"]
     assert group.effect == pytest.approx(np.abs(without - expected).max(), rel=1e-3)
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_worst_output_is_one_that_counts() -> None:
+    """Models that do not run err without a limit, in outputs of rounding, too."""
+    nothing = np.zeros(3)
+    allowed = np.array([np.inf, 2.0, 1.0])
+    reference = Reference(
+        candidates.Choice((), frozenset()),
+        simulated(swinging(0.1), cantilever(1)),
+        Setting("radau9", 1e-5),
+        *(nothing, allowed, nothing, (), ("", "", ""), nothing, nothing, nothing),
+    )
+    assert reference.worst(np.array([np.inf, np.inf, 1.0])) == 1
 
 
 @pytest.mark.parametrize("wanted", [1e-1, 1e-5])
