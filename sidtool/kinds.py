@@ -62,8 +62,10 @@ def expect_kind(path: Path_, *kinds: str) -> str:
     """
     kind = kind_of(path)
     if kind not in kinds:
-        wanted = " or ".join(f"a {k}" for k in kinds).replace("a sid", "a SID")
-        raise InputError(f"is a {kind} file", source=path, expected=wanted)
+        *most, last = (name.replace("sid", "SID") for name in kinds)
+        wanted = f"a {', '.join(most)} or {last}" if most else f"a {last}"
+        found = kind.replace("sid", "SID")
+        raise InputError(f"is a {found} file", source=path, expected=wanted)
     return kind
 
 

@@ -170,7 +170,7 @@ def study(
                     folder=output,
                     jobs=jobs or len(os.sched_getaffinity(0)),
                     dask=dask,
-                    title=scene.stem,
+                    title=content.title or scene.stem,
                     stop=asked,
                     progress=say,
                 )

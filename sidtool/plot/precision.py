@@ -11,9 +11,11 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.study import StudyFile, StudyPoint
 
 from .figure import figure
-from .words import by_rows, columns_of, legend
+from .words import by_rows, columns_of, legend, wrapped
 
 _MARKS = "osD^v"
+#: Width of the lines of a label, of which a title may need several [inch].
+_LABEL = 3.0
 #: Axes that span less are labelled between powers of ten, or at even distances.
 FEW, NARROW = 100.0, 5.0
 #: Costs of a study that are drawn, and how they are called.
@@ -64,7 +66,12 @@ def plot_study(path: Path | None, content: StudyFile) -> Any:
     for p in good:
         name = p.integrator + ("" if p.step is None else ", fixed step")
         lines.setdefault(name, []).append((float(p.error or 0), float(p.seconds or 0)))
-    return plot_precision(path, lines, f"relative error, {content.title}")
+    return plot_precision(path, lines, _errors_of(content))
+
+
+def _errors_of(content: StudyFile) -> str:
+    title = f", {content.title}" if content.title else ""
+    return wrapped(f"relative error{title}", _LABEL)
 
 
 def _plot_fronts(
@@ -92,7 +99,7 @@ def _plot_fronts(
             scale = "linear" if cost == "size" else "log"
             panel.set(xscale=scale, yscale="log", xlabel=_COSTS[cost])
             _label_few(panel)
-        every[0].set_ylabel(f"relative error, {content.title}")
+        every[0].set_ylabel(_errors_of(content))
         handles, labels = every[-1].get_legend_handles_labels()
         columns = columns_of(labels, size[0] - 0.4)
         rows = by_rows(handles, labels, columns)

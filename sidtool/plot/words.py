@@ -67,6 +67,17 @@ def by_rows(
     return [handles[k] for k in order], [labels[k] for k in order]
 
 
+def wrapped(text: str, room: float) -> str:
+    """A sentence in lines of a width [inch], ended between words."""
+    lines: list[str] = []
+    for word in text.split():
+        if lines and width(f"{lines[-1]} {word}") <= room:
+            lines[-1] += f" {word}"
+        else:
+            lines.append(word)
+    return "\n".join(lines)
+
+
 def broken(label: str, room: float) -> str:
     """A label in lines of a width [inch], ended after dots, after `_`, before units."""
     lines = [""]

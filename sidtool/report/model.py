@@ -27,7 +27,7 @@ def model_parts(
     entries = [
         ("title", model.title or "(none)"),
         ("geometry", _geometry(model)),
-        ("thickness", _thickness(model)),
+        *_thickness(model),
         ("material", _material(model.material)),
         ("discretisation", _discretisation(model)),
         ("frame", _frame(model)),
@@ -47,9 +47,9 @@ def model_parts(
     return [named(entries), table(heads, rows)]
 
 
-def _thickness(model: ModelFile) -> str:
+def _thickness(model: ModelFile) -> list[tuple[str, str]]:
     thickness = getattr(model.geometry, "thickness", None)
-    return "(none)" if thickness is None else f"{thickness:g} m"
+    return [] if thickness is None else [("thickness", f"{thickness:g} m")]
 
 
 def _material(material: Material | None) -> str:

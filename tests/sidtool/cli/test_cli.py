@@ -206,7 +206,7 @@ def test_a_cut_off_sid_is_refused(
             ["simulate", "example/slider_crank.toml", "-o", "none/r.csv"],
             "none/r.csv",
         ),
-        (["validate", "example/frequencies.toml"], "expected a SID or a model or"),
+        (["validate", "example/frequencies.toml"], "expected a SID, model or scene"),
         (["validate", "example/rod_q4.SID_FEM", "--reference", "no.toml"], "no.toml"),
         (["info", "none"], "there is no such file"),
         (["info", "example/frequencies.toml"], "is a reference file"),

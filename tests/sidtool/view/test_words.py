@@ -174,7 +174,8 @@ def test_studies_of_many_points(over: str, decades: float, pages: list[Any]) -> 
         for k in range(120)
     ]
     content = StudyFile(
-        title="a study with a long title of its own",
+        title="a study with a long title of its own, "
+        "of everything that was tried, and of what may be tried another time",
         outputs=("a.x",),
         uncertainty=1e-9,
         varied=("integrator",) if over == "integrator" else ("integrator", over),
