@@ -200,5 +200,5 @@ def test_the_command_refuses_what_it_cannot_do(
         run(["outputs", str(SLIDER_CRANK / "rod_q4.SID_FEM"), "--add", "piston.x"]) == 2
     )
     text = capsys.readouterr().err
-    assert all(w in text for w in ("has no marker 'tip'", "would be", "a sid file"))
+    assert all(w in text for w in ("has no marker 'tip'", "would be", "a SID file"))
     assert "scene of the result" not in text  # which is not what is wrong
