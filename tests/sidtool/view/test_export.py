@@ -278,7 +278,7 @@ def test_the_command_writes_and_tells(
         ([str(source), "-o", "m.vtk"], "which the ending .vtk does not say"),
         ([str(source), "-o", "m.png"], "which the ending .png does not say"),
         ([str(source), "--peak"], "no full field with stresses"),
-        ([str(SLIDER_CRANK / "rod_q4.SID_FEM"), "--peak"], "is a sid file"),
+        ([str(SLIDER_CRANK / "rod_q4.SID_FEM"), "--peak"], "is a SID file"),
     ]
     for arguments, message in cases:
         assert run(["export", *arguments]) == 2, arguments
