@@ -20,7 +20,7 @@ ENOUGH = 0.4
 TRIES = 7
 #: Of the tolerance, the least that is tried next; errors that do not fall to this part
 #: of the last ones are those of motions that tolerances are too loose for.
-LEAST, STUCK = 1e-2, 0.8
+LEAST, STUCK = 1e-2, 0.98
 #: Another integrator than the default has to save this part of its time.
 SAVING = 0.1
 DEFAULT, EXPLICIT = "radau9", "auto"
