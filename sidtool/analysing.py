@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sidtool.formats.arguments import path_of
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
 from sidtool.formats.toml.files import located
@@ -123,8 +124,9 @@ def _compiled(
     from sidtool.solver import compile_scene
 
     if not isinstance(scene, SceneFile):
-        expect_kind(scene, "scene")
-        scene = read_scene(Path(scene))
+        path = path_of(scene, "scene", "a sidtool.Scene")
+        expect_kind(path, "scene")
+        scene = read_scene(path)
     folder = Path(base_folder or scene.folder)
     with located(scene):
         content, replaced = swapped(scene, sids or {}, folder)

@@ -7,7 +7,9 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from sidtool.formats.arguments import path_of
 from sidtool.formats.endings import kind_by_ending
+from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result as Stored
 from sidtool.formats.result import write_csv, write_result
@@ -33,12 +35,18 @@ def write(path: Path_, content: SID | Stored, *, dialect: str = "fembs") -> None
     ------
     InputError : the file cannot be written, or its ending says something else.
     """
+    path = path_of(path, "path")
     if isinstance(content, SID):
         write_sid(path, content, dialect)
+    elif not isinstance(content, Stored):
+        kind = type(content).__name__
+        raise InputError(
+            f"is of the type {kind}", place="content", expected="a SID or a Result"
+        )
     elif kind_by_ending(path, "result", "table") == "table":
-        write_csv(Path(path), content)
+        write_csv(path, content)
     else:
-        write_result(Path(path), content)
+        write_result(path, content)
 
 
 def convert(model: ModelFile | Path_) -> SID:
@@ -50,12 +58,16 @@ def convert(model: ModelFile | Path_) -> SID:
     """
     from .convert import sid_from_model
 
-    return sid_from_model(model if isinstance(model, ModelFile) else Path(model))
+    if not isinstance(model, ModelFile):
+        model = path_of(model, "model", "a sidtool.Model")
+    return sid_from_model(model)
 
 
 def validate(sid: SID | Path_) -> Any:
     """The checks of identities I1 to I21, one `Check` each; see `verdict`."""
-    return check(sid if isinstance(sid, SID) else read_sid(sid))
+    if not isinstance(sid, SID):
+        sid = read_sid(path_of(sid, "sid", "a SID"))
+    return check(sid)
 
 
 def simulate(
@@ -112,7 +124,9 @@ def simulate(
     from .accuracy import plan_for
     from .interrupting import answered, ran
 
-    content = scene if isinstance(scene, SceneFile) else read_scene(Path(scene))
+    content = scene
+    if not isinstance(content, SceneFile):
+        content = read_scene(path_of(scene, "scene", "a sidtool.Scene"))
     folder = Path(base_folder or content.folder)
     settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius

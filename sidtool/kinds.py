@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from sidtool.formats.arguments import path_of
 from sidtool.formats.errors import InputError
 from sidtool.formats.storage.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal
 
@@ -29,7 +30,7 @@ def kind_of(path: Path_) -> str:
     ------
     InputError : there is no such file, or a TOML or JSON file of no known format.
     """
-    path = Path(path)
+    path = path_of(path, "path")
     if not path.is_file():
         problem = "is a folder" if path.is_dir() else "there is no such file"
         raise InputError(problem, source=path, expected="a SID, model, scene or result")

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from sidtool.formats.arguments import path_of
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.formats.sid import SID
@@ -94,7 +95,9 @@ def study(
         )
     axes = parsed(_texts(over))
     settings = _settings(axes, integrators, rtol, step)
-    content = scene if isinstance(scene, SceneFile) else read_scene(Path(scene))
+    content = scene
+    if not isinstance(content, SceneFile):
+        content = read_scene(path_of(scene, "scene", "a sidtool.Scene"))
     with located(content):
         found = whole(
             content,

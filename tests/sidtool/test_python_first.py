@@ -243,3 +243,23 @@ def test_an_unknown_name_suggests_the_nearest(name: str, told: str) -> None:
     """In notebooks, too, where Python's own suggestion is not shown."""
     with pytest.raises(AttributeError, match=f"no attribute '{name}'; {told}$"):
         getattr(sidtool, name)
+
+
+@pytest.mark.parametrize(
+    ("call", "argument"),
+    [
+        (sidtool.read, "path"),
+        (sidtool.convert, "model"),
+        (sidtool.validate, "sid"),
+        (sidtool.simulate, "scene"),
+        (sidtool.study, "scene"),
+        (sidtool.static_equilibrium, "scene"),
+        (sidtool.linearise, "scene"),
+        (lambda content: sidtool.write("motion.h5", content), "content"),
+    ],
+)
+def test_what_is_no_file_is_refused_by_the_name_of_its_argument(
+    call: Any, argument: str
+) -> None:
+    with pytest.raises(sidtool.InputError, match=f"{argument}: is of the type dict"):
+        call({"format": "sidtool model"})
