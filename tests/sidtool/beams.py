@@ -57,3 +57,28 @@ def beam_data(discretisation: dict[str, Any] | None = None, **changes: Any) -> A
 def beam(discretisation: dict[str, Any] | None = None, **changes: Any) -> ModelFile:
     """The cantilever as a model file."""
     return validated(beam_data(discretisation, **changes), ModelFile)
+
+
+def clamped_beam(
+    length: float,
+    height_and_width: tuple[float, float],
+    elements: int,
+    reduction: dict[str, Any],
+) -> ModelFile:
+    """A rectangular beam in space along x [m], of beam elements, clamped at one end."""
+    height, width = height_and_width
+    return beam(
+        {"type": "beam", "elements": elements},
+        geometry={
+            "type": "beam",
+            "start": [0, 0, 0],
+            "end": [length, 0, 0],
+            "section": {"shape": "rectangle", "height": height, "width": width},
+        },
+        markers={
+            "root": {"node": 1, "edge": "start"},
+            "tip": {"node": 2, "edge": "end"},
+        },
+        frame={"type": "tangent", "marker": "root", "clamp": "start"},
+        reduction=reduction,
+    )

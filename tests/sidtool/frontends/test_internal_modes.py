@@ -60,6 +60,15 @@ def bar(solid: bool, state: str, elements: list[int]) -> ModelFile:
     return validated(data, ModelFile)
 
 
+def five_cells(kind: str) -> tuple[FiniteElementModel, tuple[float, float]]:
+    """A bar of five cells, and its contraction across and aside, see `pure_bending`."""
+    solid = kind == "solid"
+    model = bar(solid, kind, [5, 1, 1][: 3 if solid else 2])
+    assert model.material is not None
+    nu = model.material.poissons_ratio
+    return finite_element_model(model), (nu, nu if solid else 0.0)
+
+
 def pure_bending(x: np.ndarray, across: float, aside: float) -> np.ndarray:
     """Displacement of a bar whose stress is sigma_xx = -E' kappa y and no other."""
     k, u = CURVATURE, np.zeros_like(x)
@@ -115,16 +124,12 @@ def test_pure_bending_has_the_stress_of_the_beam(kind: str, high: int) -> None:
 def test_markers_turn_as_in_pure_bending(kind: str) -> None:
     """Without the internal modes the end of five cells turned by 5 % too little, so
     that a torque there bent the bar less, and a point inside a cell by 9 %."""
-    solid = kind == "solid"
-    model = bar(solid, kind, [5, 1, 1][: 3 if solid else 2])
-    assert model.material is not None
-    nu = model.material.poissons_ratio
-    body = finite_element_model(model)
-    u = pure_bending(body.positions, nu, nu if solid else 0.0).ravel()
+    body, across = five_cells(kind)
+    u = pure_bending(body.positions, *across).ravel()
     for name in ("top", "tip"):
         marker = body.marker(name)
         x, _, z = marker.position
-        expected = CURVATURE * np.array([nu * z, 0, x])
+        expected = CURVATURE * np.array([across[0] * z, 0, x])
         assert_allclose(marker.rotation @ u, expected, atol=1e-9 * CURVATURE)
 
 
@@ -132,16 +137,12 @@ def test_markers_turn_as_in_pure_bending(kind: str) -> None:
 def test_markers_move_as_in_pure_bending(kind: str) -> None:
     """Inside a cell of length h they were off by kappa h^2 / 8 of its arc: with four
     cells by 4 % of the deflection in the middle of the bar."""
-    solid = kind == "solid"
-    model = bar(solid, kind, [5, 1, 1][: 3 if solid else 2])
-    assert model.material is not None
-    nu = model.material.poissons_ratio
-    body = finite_element_model(model)
-    u = pure_bending(body.positions, nu, nu if solid else 0.0).ravel()
+    body, across = five_cells(kind)
+    u = pure_bending(body.positions, *across).ravel()
     for name in ("top", "tip"):
         marker = body.marker(name)
         at = marker.position[None, : body.dimension]
-        expected = np.pad(pure_bending(at, nu, nu if solid else 0.0)[0], (0, 3))[:3]
+        expected = np.pad(pure_bending(at, *across)[0], (0, 3))[:3]
         found = marker.displacement @ u
         assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
@@ -149,12 +150,7 @@ def test_markers_move_as_in_pure_bending(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["plane_stress", "solid"])
 def test_points_of_the_quadrature_move_as_in_pure_bending(kind: str) -> None:
     """What peak points of stress do: they were left behind, as markers were."""
-    solid = kind == "solid"
-    model = bar(solid, kind, [5, 1, 1][: 3 if solid else 2])
-    assert model.material is not None
-    nu = model.material.poissons_ratio
-    across = nu, nu if solid else 0.0
-    body = finite_element_model(model)
+    body, across = five_cells(kind)
     u = pure_bending(body.positions, *across).ravel()
     (part,) = quadrature(body)
     x = np.einsum("pm,pmd->pd", part.values, body.positions[part.nodes])

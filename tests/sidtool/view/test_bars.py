@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.convert import field_from_model
-from sidtool.formats.model import ModelFile
-from sidtool.formats.toml.reading import validated
+from sidtool.formats.field import Field
+from sidtool.formats.sid import SID
 from sidtool.view.drawn_bodies import of_field
-from tests.sidtool.beams import beam_data
+from tests.sidtool.beams import clamped_beam
 from tests.sidtool.importers.bars.decks import (
     AREA,
     IY,
@@ -51,6 +51,17 @@ def test_bars_join_the_nodes_that_their_deck_joins(tmp_path: Path) -> None:
     assert gap.min() > 0.02
 
 
+def assert_bends(sid: SID, field: Field, pieces: int, atol: float) -> None:
+    """A bar of 2 m, drawn in more pieces than these, as its exact static solution."""
+    push = sid.nodes[1].phi.m0.T @ np.array([0.0, 1.0, 0.0])
+    moved = field.displacement(np.linalg.solve(sid.Ke.m0, push))
+    sections = moved.reshape(-1, 4, 3).mean(axis=1)
+    s = field.positions.reshape(-1, 4, 3).mean(axis=1)[:, 0] / 2.0
+    assert len(s) > pieces
+    cubic = s**2 * (3 - s) / 2
+    np.testing.assert_allclose(sections[:, 1] / sections[-1, 1], cubic, atol=atol)
+
+
 def test_a_bar_bends_as_its_static_solution(tmp_path: Path) -> None:
     """Pushed at its end a clamped bar moves by s^2 (3 - s) / 2 of the end."""
     path = model(
@@ -64,39 +75,13 @@ def test_a_bar_bends_as_its_static_solution(tmp_path: Path) -> None:
         },
     )  # fmt: skip
     sid, field = field_from_model(path)
-    push = sid.nodes[1].phi.m0.T @ np.array([0.0, 1.0, 0.0])
-    moved = field.displacement(np.linalg.solve(sid.Ke.m0, push))
-    sections = moved.reshape(-1, 4, 3).mean(axis=1)
-    s = field.positions.reshape(-1, 4, 3).mean(axis=1)[:, 0] / 2.0
-    assert len(s) > 4
-    cubic = s**2 * (3 - s) / 2
-    np.testing.assert_allclose(sections[:, 1] / sections[-1, 1], cubic, atol=1e-5)
+    assert_bends(sid, field, 4, 1e-5)
 
 
 def test_a_beam_of_one_element_bends_as_its_static_solution() -> None:
     """It was drawn as a straight piece between its two nodes."""
-    bar = {
-        "type": "beam", "start": [0, 0, 0], "end": [2, 0, 0],
-        "section": {"shape": "rectangle", "height": 0.02, "width": 0.01},
-    }  # fmt: skip
-    data = beam_data(
-        {"type": "beam", "elements": 1},
-        geometry=bar,
-        markers={
-            "root": {"node": 1, "edge": "start"},
-            "tip": {"node": 2, "edge": "end"},
-        },
-        frame={"type": "tangent", "marker": "root", "clamp": "start"},
-        reduction={
-            "method": "attachment", "interfaces": ["tip"], "modes": 0,
-            "inertia_relief": False,
-        },
-    )  # fmt: skip
-    sid, field = field_from_model(validated(data, ModelFile))
-    push = sid.nodes[1].phi.m0.T @ np.array([0.0, 1.0, 0.0])
-    moved = field.displacement(np.linalg.solve(sid.Ke.m0, push))
-    sections = moved.reshape(-1, 4, 3).mean(axis=1)
-    s = field.positions.reshape(-1, 4, 3).mean(axis=1)[:, 0] / 2.0
-    assert len(s) > 40
-    cubic = s**2 * (3 - s) / 2
-    np.testing.assert_allclose(sections[:, 1] / sections[-1, 1], cubic, atol=1e-12)
+    reduction = {"method": "attachment", "interfaces": ["tip"], "modes": 0}
+    reduction |= {"inertia_relief": False}
+    found = clamped_beam(2.0, (0.02, 0.01), elements=1, reduction=reduction)
+    sid, field = field_from_model(found)
+    assert_bends(sid, field, 40, 1e-12)

@@ -14,18 +14,16 @@ from sidtool.cli import run
 from sidtool.convert import field_from_model
 from sidtool.formats.errors import InputError
 from sidtool.formats.field import Field, write_field
-from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result, write_result
 from sidtool.formats.scene import read_scene
 from sidtool.formats.stress import von_mises
-from sidtool.formats.toml.reading import validated
 from sidtool.solver.recording.motion import FrameMotion
 from sidtool.view.exported import Exported, Part, _cells, exported
 from sidtool.view.peaks import peak_stresses
 from sidtool.view.vtk_files import write_pvd, write_vtkhdf
 from tests.places import SLIDER_CRANK
 
-from ..beams import beam_data
+from ..beams import clamped_beam
 from ..bodies import WIDTH, volume
 from ..models import IGA, QM6, rod
 
@@ -83,21 +81,9 @@ def read_vtu(path: Path) -> Any:
 
 def test_beams_are_tubes_with_the_volume_of_the_beam(tmp_path: Path) -> None:
     """Closed surfaces that VTK measures: 0.2 m of 8 x 6 mm, and a rigid arm beside."""
-    bar = {
-        "type": "beam", "start": [0, 0, 0], "end": [0.2, 0, 0],
-        "section": {"shape": "rectangle", "height": 0.008, "width": 0.006},
-    }  # fmt: skip
-    data = beam_data(
-        {"type": "beam", "elements": 3},
-        geometry=bar,
-        markers={
-            "root": {"node": 1, "edge": "start"},
-            "tip": {"node": 2, "edge": "end"},
-        },
-        frame={"type": "tangent", "marker": "root", "clamp": "start"},
-        reduction={"method": "modal", "modes": 2},
-    )  # fmt: skip
-    sid, field = field_from_model(validated(data, ModelFile))
+    reduction = {"method": "modal", "modes": 2}
+    model = clamped_beam(0.2, (0.008, 0.006), elements=3, reduction=reduction)
+    sid, field = field_from_model(model)
     scene = sidtool.Scene(
         dimension="spatial",
         time=sidtool.Time(end=0.01, output_step=0.01),
