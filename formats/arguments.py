@@ -1,4 +1,4 @@
-"""Arguments of calls in Python that name files."""
+"""Arguments of calls in Python that are files or what these hold."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import InputError
+from .scene import SceneFile, read_scene
 
 
 def path_of(value: Any, argument: str, instead: str = "") -> Path:
@@ -25,3 +26,15 @@ def path_of(value: Any, argument: str, instead: str = "") -> Path:
             place=argument,
             expected=f"{instead}, or the path of a file" if instead else "a path",
         ) from None
+
+
+def scene_given(value: Any) -> SceneFile:
+    """The scene that an argument is, or that its file holds.
+
+    Raises
+    ------
+    InputError : it is neither, or the file is wrong.
+    """
+    if isinstance(value, SceneFile):
+        return value
+    return read_scene(path_of(value, "scene", "a sidtool.Scene"))

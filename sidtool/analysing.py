@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sidtool.formats.arguments import path_of
-from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.arguments import path_of, scene_given
+from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.toml.files import located
 
@@ -124,9 +124,8 @@ def _compiled(
     from sidtool.solver import compile_scene
 
     if not isinstance(scene, SceneFile):
-        path = path_of(scene, "scene", "a sidtool.Scene")
-        expect_kind(path, "scene")
-        scene = read_scene(path)
+        expect_kind(path_of(scene, "scene", "a sidtool.Scene"), "scene")
+    scene = scene_given(scene)
     folder = Path(base_folder or scene.folder)
     with located(scene):
         content, replaced = swapped(scene, sids or {}, folder)

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from sidtool.formats.arguments import path_of
+from sidtool.formats.arguments import path_of, scene_given
 from sidtool.formats.endings import kind_by_ending
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
 from sidtool.formats.result import Result as Stored
 from sidtool.formats.result import write_csv, write_result
-from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.formats.toml.files import located
@@ -124,9 +124,7 @@ def simulate(
     from .accuracy import plan_for
     from .interrupting import answered, ran
 
-    content = scene
-    if not isinstance(content, SceneFile):
-        content = read_scene(path_of(scene, "scene", "a sidtool.Scene"))
+    content = scene_given(scene)
     folder = Path(base_folder or content.folder)
     settings: dict[str, Any] = {"integrator": integrator, "rtol": rtol, "step": step}
     settings["spectral_radius"] = spectral_radius

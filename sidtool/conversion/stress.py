@@ -80,8 +80,7 @@ def check_stress(body: FiniteElementModel, settings: StressRecovery) -> list[str
             )
     told = [marker for marker in body.markers if _wanted(marker, settings)]
     laws = {
-        (part.law.tobytes(), part.transverse, id(getattr(part.laws_at, "__self__", 0)))
-        for part in body.continua
+        (part.law.tobytes(), part.transverse, part.laws_at) for part in body.continua
     }
     if told and len(laws) != 1:
         raise InputError(

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from sidtool.formats.arguments import path_of
+from sidtool.formats.arguments import scene_given
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import SceneFile, read_scene
+from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.toml.files import located
 
@@ -95,9 +95,7 @@ def study(
         )
     axes = parsed(_texts(over))
     settings = _settings(axes, integrators, rtol, step)
-    content = scene
-    if not isinstance(content, SceneFile):
-        content = read_scene(path_of(scene, "scene", "a sidtool.Scene"))
+    content = scene_given(scene)
     with located(content):
         found = whole(
             content,

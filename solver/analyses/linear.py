@@ -23,6 +23,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
+from sidtool.formats.sid_mass import skew
 
 from ..recording.outputs import velocity_names
 from ..space import layout as at
@@ -288,14 +289,10 @@ def _frame_motion(mechanics: Mechanics) -> Array:
             E[u, u + 2], E[u + 1, u + 2] = -vy, vx
             E[u, u + 1], E[u + 1, u] = w, -w
         elif rd == 6:
-            V, W = _skew(frame["v"]), _skew(frame["w"])
+            V, W = skew(frame["v"]), skew(frame["w"])
             E[u : u + 3, u + 3 : u + 6] = -V
             E[u : u + 3, u : u + 3] = E[u + 3 : u + 6, u + 3 : u + 6] = -W
     return E * mechanics.scale / mechanics.scale[:, None]
-
-
-def _skew(a: Array) -> Array:
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
 
 
 def _modes(

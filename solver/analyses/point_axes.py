@@ -13,8 +13,10 @@ import numpy as np
 
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import Array
+from sidtool.formats.sid_mass import skew
 
 from ..space import layout as at
+from ..system.bodies.embedded import embedded, matrices
 from .mechanics import Mechanics
 
 
@@ -28,9 +30,10 @@ def turning_of_points(mechanics: Mechanics, v: Array, a: Array) -> Array:
     system, n = mechanics.system, mechanics.system.n_velocities
     frames = system.frames(mechanics.work.frame)
     size = 2 if system.planar else 3
-    bodies = [*zip(system.arrays.body, system.bodies, frames, strict=True)]
+    spins = matrices(frames["R"]) @ embedded(frames["w"])[..., None]
+    bodies = [*zip(system.arrays.body, system.bodies, skew(spins[..., 0]), strict=True)]
     points = {b.name: row[at.VEL] for row, b, _ in bodies if _is_point(row, b, size)}
-    turns = {b.name: _turn(f, size) for _, b, f in bodies if b.name not in points}
+    turns = {b.name: W[:size, :size] for _, b, W in bodies if b.name not in points}
     W = np.zeros((n, n))
     for name, u in points.items():
         own = slice(int(u), int(u) + size)
@@ -45,15 +48,6 @@ def turning_of_points(mechanics: Mechanics, v: Array, a: Array) -> Array:
 
 def _is_point(row: Array, body: object, size: int) -> bool:
     return bool(getattr(body, "of_scene", False)) and row[at.NV] == row[at.RD] == size
-
-
-def _turn(frame: dict[str, Array], size: int) -> Array:
-    """The matrix of the cross product with an angular velocity, in inertial axes."""
-    if size == 2:
-        w = float(frame["w"][0])
-        return np.array([[0.0, -w], [w, 0.0]])
-    x, y, z = np.reshape(frame["R"], (3, 3)) @ frame["w"]
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _carriers(scene: SceneFile, name: str, points: set[str]) -> set[str]:

@@ -20,8 +20,7 @@ from llvmlite import binding as llvm
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
-from numba.core.datamodel import models
-from numba.extending import lower_builtin, register_model, typeof_impl
+from numba.extending import lower_builtin, models, register_model, typeof_impl
 
 from . import quick
 
@@ -122,7 +121,7 @@ def _lowered(function: FunctionType, signature: Any) -> quick.Lowered:
     if quick.is_tried():
         try:
             return quick.lowered(function, signature, **OPTIONS)
-        except (NotImplementedError, numba.core.errors.NumbaError):
+        except (NotImplementedError, numba.NumbaError):
             _calls[-1].clear()  # it knows less than all of numba, which also tells why
     jitted = _jitted(function)
     jitted.compile(signature)

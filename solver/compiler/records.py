@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core.datamodel import models
 from numba.core.typing.templates import (
     AbstractTemplate,
     AttributeTemplate,
@@ -25,6 +24,7 @@ from numba.extending import (
     lower_builtin,
     lower_getattr_generic,
     lower_setattr_generic,
+    models,
     register_model,
 )
 from numpy.typing import NDArray

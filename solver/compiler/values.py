@@ -16,9 +16,8 @@ from typing import Any, Self
 
 from llvmlite import ir
 from numba import types
-from numba.core.datamodel import models
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import lower_builtin, register_model
+from numba.extending import lower_builtin, models, register_model
 
 from .views import INDEX, ViewType
 
