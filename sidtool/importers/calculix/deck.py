@@ -7,13 +7,20 @@ from pathlib import Path
 
 from sidtool.formats.errors import InputError
 
-from ..imported import read_lines
+from ..imported import EVERYTHING, read_lines
 from ..included import Included
+from ..inp.deck import Scope
+from ..inp.reading import read_deck
 
 #: Supports, which the frame of the model file says instead.
 _LEFT_OUT = ("BOUNDARY", "BOUNDARYF")
+#: Numbers of an element in its first line.
+_PER_LINE = 12
 #: Characters of a number that CalculiX reads.
 _LONGEST = 20
+#: What CalculiX does not know, and what is written for it instead.
+_GENERATION = ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY")
+_NAMING = ("NODE", "ELEMENT", "NSET", "ELSET", *_GENERATION)
 #: What makes a deck more than one free, linear body.
 _REFUSED = {
     "CONTACTPAIR": "one body without contact",
@@ -40,13 +47,19 @@ def free_deck(path: Path, ignored: frozenset[str] = frozenset()) -> list[str]:
     InputError : a file cannot be read, or a keyword makes it more than one body.
     """
     dropped = {"".join(word.split()) for word in (*_LEFT_OUT, *ignored)}
+    lines = list(_lines(path, Included()))
+    keywords = {_keyword(text) for text, _ in lines if text.startswith("*")}
     result: list[str] = []
+    if keywords & set(_GENERATION):
+        dropped |= set(_NAMING)
+        body = read_deck(path, frozenset((EVERYTHING,))).assembly
+        result += [_short(text) for text in _written_out(body)]
     keep, in_step = True, False
-    for text, place in _lines(path, Included()):
+    for text, place in lines:
         if text.startswith("**"):
             continue
         if text.startswith("*"):
-            keyword = "".join(text[1:].split(",")[0].upper().split())
+            keyword = _keyword(text)
             in_step = keyword == "STEP" or (in_step and keyword != "ENDSTEP")
             keep = not in_step and keyword != "ENDSTEP" and keyword not in dropped
             if keep and keyword in _REFUSED:
@@ -59,6 +72,25 @@ def free_deck(path: Path, ignored: frozenset[str] = frozenset()) -> list[str]:
         if keep:
             result.append(text if text.startswith("*") else _short(text))
     return result
+
+
+def _written_out(body: Scope) -> Iterator[str]:
+    """The nodes, elements and sets of a deck without generation."""
+    yield "*NODE"
+    yield from (f"{n}, {x!r}, {y!r}, {z!r}" for n, (x, y, z) in body.nodes.items())
+    for element in body.elements.values():
+        yield f"*ELEMENT, TYPE={element.given}"
+        words = [str(n) for n in (element.label, *element.nodes)]
+        yield ", ".join(words[:_PER_LINE]) + ("," if words[_PER_LINE:] else "")
+        yield from [", ".join(words[_PER_LINE:])] if words[_PER_LINE:] else []
+    for kind, sets in (("NSET", body.nsets), ("ELSET", body.elsets)):
+        for name, group in sets.items():
+            yield f"*{kind}, {kind}={name}"
+            yield from (f"{label}," for _, label in dict.fromkeys(group))
+
+
+def _keyword(text: str) -> str:
+    return "".join(text[1:].split(",")[0].upper().split())
 
 
 def _short(text: str) -> str:

@@ -89,6 +89,7 @@ class Deck:
     materials : name -> keyword -> rows of numbers
     kinds : of the elasticity of materials that are not isotropic
     orientations : by name, those of a part after its name and a point
+    unsorted : node sets that keep their order, by names alike
     holds, masses : what holds nodes together, and point masses
     equations, ties : equations between displacements with their axes, tied surfaces
     said : keywords without effect
@@ -104,6 +105,7 @@ class Deck:
     materials: dict[str, dict[str, list[list[float]]]] = field(default_factory=dict)
     kinds: dict[str, str] = field(default_factory=dict)
     orientations: dict[str, Block] = field(default_factory=dict)
+    unsorted: set[str] = field(default_factory=set)
     holds: list[Hold] = field(default_factory=list)
     masses: list[Hold] = field(default_factory=list)
     equations: list[Hold] = field(default_factory=list)

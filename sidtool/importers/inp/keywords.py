@@ -15,6 +15,11 @@ from .blocks import Block
 READ: dict[str, tuple[str, ...]] = {
     "NODE": ("NSET", "SYSTEM", "INPUT"),
     "ELEMENT": ("TYPE", "ELSET", "INPUT"),
+    "NGEN": ("NSET", "LINE"),
+    "NFILL": ("NSET", "BIAS"),
+    "NCOPY": ("OLD SET", "NEW SET", "CHANGE NUMBER", "SHIFT", "MULTIPLE"),
+    "ELGEN": ("ELSET",),
+    "ELCOPY": ("OLD SET", "NEW SET", "ELEMENT SHIFT", "SHIFT NODES"),
     "NSET": ("NSET", "ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
     "ELSET": ("ELSET", "GENERATE", "INSTANCE", "INTERNAL", "UNSORTED"),
     "MATERIAL": ("NAME", "RTOL", "SRATE FACTOR", "STRAIN RATE REGULARIZATION"),
@@ -120,7 +125,7 @@ _INSTEAD = {
 #: What is read where only the nodes and their names are asked for.
 _NAMING = _listed(
     "NODE; ELEMENT; NSET; ELSET; PART; END PART; ASSEMBLY; END ASSEMBLY; INSTANCE; "
-    "END INSTANCE"
+    "END INSTANCE; NGEN; NFILL; NCOPY; ELGEN; ELCOPY"
 )
 #: Shortest abbreviation of a parameter.
 _SHORTEST = 3

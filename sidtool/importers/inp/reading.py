@@ -1,9 +1,9 @@
 """Abaqus and CalculiX input files (.inp): nodes, elements, sets, materials.
 
-Read are *NODE, *ELEMENT, *NSET, *ELSET, *MATERIAL with *ELASTIC and *DENSITY,
-*ORIENTATION, *SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS, *TIE, *EQUATION,
-*MPC, *INCLUDE and every *PART with its *INSTANCE. What else a deck may hold, and what
-of it is refused, stands in `inp_keywords`.
+Read are *NODE, *ELEMENT, what generates them, *NSET, *ELSET, *MATERIAL with *ELASTIC
+and *DENSITY, *ORIENTATION, *SOLID SECTION, *SURFACE, *COUPLING, *RIGID BODY, *MASS,
+*TIE, *EQUATION, *MPC, *INCLUDE and every *PART with its *INSTANCE. What else a deck may
+hold, and what of it is refused, stands in `keywords`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from .couplings import read_hold, read_kind, read_mass
 from .deck import Deck, Element, Scope, Section, twice
 from .elements import ElementType, element_type, refusal
 from .equations import read_equation
+from .generation import read_elcopy, read_elgen, read_ncopy, read_nfill, read_ngen
 from .instances import one_body
 from .keywords import kind_of, readable
 from .materials import read_elastic, read_orientation
@@ -200,6 +201,11 @@ _READERS = {
     "END INSTANCE": _assembly,
     "NODE": _nodes,
     "ELEMENT": _elements,
+    "NGEN": read_ngen,
+    "NFILL": read_nfill,
+    "NCOPY": read_ncopy,
+    "ELGEN": read_elgen,
+    "ELCOPY": read_elcopy,
     "NSET": read_nset,
     "ELSET": read_elset,
     "MATERIAL": _material,

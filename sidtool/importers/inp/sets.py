@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 from sidtool.formats.errors import InputError
 
 from ..imported import MOST_MEMBERS, integers
@@ -13,6 +15,8 @@ def read_nset(deck: Deck, block: Block) -> None:
     if "NSET" not in block.options:
         raise InputError("has no name", place=block.place, expected="NSET=NAME")
     name = block.options["NSET"]
+    if "UNSORTED" in block.options:
+        deck.unsorted.add(deck.own_name(name))
     if "ELSET" not in block.options:
         return _members(deck, block, name, "nsets")
     elset = deck.name(block.options["ELSET"])
@@ -41,15 +45,16 @@ def _members(deck: Deck, block: Block, name: str, which: str) -> None:
     found: list[Member] = []
     for words, place in block.rows:
         if "GENERATE" in block.options:
-            found += [(instance, n) for n in _generated(words, place)]
+            found += [(instance, n) for n in spanned(words, place)]
             continue
         for word in filter(None, words):
-            found += _member(deck, which, instance, word, place)
+            found += members_of(deck, which, instance, word, place)
     group = getattr(deck.scope, which)
     group.setdefault(deck.name(name), []).extend(found)
 
 
-def _generated(words: list[str], place: str) -> range:
+def spanned(words: Sequence[str], place: str) -> range:
+    """The numbers of first, last and step."""
     values = integers([word for word in words if word], place, "first, last, step")
     first, last, step = (*values, 1)[:3] if len(values) > 1 else (1, 0, 0)
     if step < 1 or last < first or (last - first) // step > MOST_MEMBERS:
@@ -58,7 +63,7 @@ def _generated(words: list[str], place: str) -> range:
     return range(first, last + 1, step)
 
 
-def _member(
+def members_of(
     deck: Deck, which: str, instance: str, word: str, place: str
 ) -> list[Member]:
     """A number or the name of a set, with or without its instance before a point."""
@@ -78,7 +83,7 @@ def _member(
 
 
 def extend(
-    deck: Deck, sets: dict[str, list[Member]], name: str, labels: list[int]
+    deck: Deck, sets: dict[str, list[Member]], name: str, labels: Iterable[int]
 ) -> None:
     sets.setdefault(deck.name(name), []).extend(("", label) for label in labels)
 

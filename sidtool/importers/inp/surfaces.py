@@ -97,7 +97,7 @@ def nodes_named(deck: Deck, scope: Scope, instance: str, word: str) -> list[int]
             f"there is no node set {word!r}", expected="an *NSET of this file"
         )
     group = scope.nsets[deck.name(word)]
-    return [label for owner, label in group if owner in owners]
+    return list(dict.fromkeys(label for owner, label in group if owner in owners))
 
 
 def _elements(
