@@ -20,12 +20,14 @@ class Property:
     Attributes
     ----------
     system : the coordinate system of the material's axes
+    flat : whether it is one of plane elements and shells
     """
 
     material: str
     thickness: float | None
     place: str
     system: int = 0
+    flat: bool = False
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,7 @@ class BulkData:
     multipoint, sums : set -> cards MPC, and sets of MPCADD with their cards
     chosen : sets of MPC that case control names
     controlled : whether there is case control
+    apart : a sentence on elements that only name nodes
     frames : the coordinate systems, with the nodes as the file gives them
     """
 
@@ -76,6 +79,7 @@ class BulkData:
     chosen: dict[int, None] = field(default_factory=dict)
     controlled: bool = False
     shells: bool = False
+    apart: tuple[str, ...] = ()
     frames: Frames = field(default_factory=lambda: Frames({}, {}, {}))
 
     def direction_system(self, node: int) -> int:

@@ -35,7 +35,7 @@ def pshell(content: BulkData, card: Card) -> None:
             expected="densities that hold all mass",
         )
     _property(content, card, card.real(2, "a thickness") or None)
-    if content.shells:
+    if content.shells and card.word(1):
         _check_bending(card)
     else:
         content.said["bending of PSHELL: its elements are plane"] = None
@@ -61,5 +61,7 @@ def _property(
     label = card.integer(0, "a property")
     if label in content.properties:
         raise twice("property", label, card)
-    material = str(card.integer(1, "a material"))
-    content.properties[label] = Property(material, thickness, card.place, system)
+    flat = card.name == "PSHELL"
+    blank = flat and not card.word(1)
+    material = "" if blank else str(card.integer(1, "a material"))
+    content.properties[label] = Property(material, thickness, card.place, system, flat)

@@ -6,11 +6,13 @@ Every card is read, listed as without effect on a linear elastic body, or refuse
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
 from sidtool.formats.errors import InputError
 
+from ...frontends.elements.reference import reference_element
 from ..imported import (
     EVERYTHING,
     ImportedMesh,
@@ -27,6 +29,7 @@ from .couplings import conm2, rbe2, rbe3
 from .equations import case_control, equations_of, mpc, mpcadd
 from .handedness import count_right_handed
 from .materials import mat1, mat9, material_name, materials_of
+from .naming import named_apart
 from .properties import pshell, psolid
 from .systems import Frames, systems_of
 from .vocabulary import INSTEAD, WITHOUT_EFFECT
@@ -80,6 +83,7 @@ def bulk_data(path: Path, ignored: frozenset[str], *, shells: bool = False) -> B
     for system, place in content.direction_systems().items():
         content.frames.frame(system, place)
     content.masses = [conm2(card, content.frames) for card in content.mass_cards]
+    content.apart = named_apart(content)
     return content
 
 
@@ -269,6 +273,26 @@ def _parts(content: BulkData) -> dict[str, list[int]]:
     return parts
 
 
+def _check_alike(content: BulkData) -> None:
+    """Raises shells or bars with a material beside elements of higher dimension."""
+    flat = [e for e in content.elements if reference_element(e[2]).dimension == 2]
+    what, place, cards = "", "", sorted({card.name for card in content.bars})
+    if content.bars and content.elements:
+        what, place = "bars beside solids or shells", content.bars[0].place
+    elif 0 < len(flat) < len(content.elements):
+        what, place = "shells beside solids", flat[0][-1]
+        names = ((card, kinds.values()) for card, kinds in _ELEMENTS.items())
+        cards = sorted(c for c, kinds in names if {e[2] for e in flat} & set(kinds))
+    if what:
+        raise InputError(
+            f"holds {what}",
+            place=place,
+            expected="elements of one dimension; geometry.ignore = "
+            f"{json.dumps(cards)} leaves them out, and a body of their own may be "
+            "joined at markers in the scene",
+        )
+
+
 def _imported(content: BulkData) -> ImportedMesh:
     turned = count_right_handed(content)
     raw = []
@@ -279,18 +303,12 @@ def _imported(content: BulkData) -> ImportedMesh:
         raw.append(RawElement(label, kind, nodes, place, material, depth))
     equations, bars = equations_of(content), bars_of(content)
     notes = reading_notes(content.nodes, [*raw, *bars], len(raw) + len(bars))
-    notes += turned
+    notes += [*content.apart, *turned]
     if content.weight != 1.0:
         notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
     if content.said:
         notes.append("without effect on the body: " + ", ".join(content.said))
-    if bars and raw:
-        raise InputError(
-            "holds bars beside solids or shells",
-            place=bars[0].place,
-            expected="bars alone, or geometry.ignore = "
-            f"{sorted({card.name for card in content.bars})}, which leaves them out",
-        )
+    _check_alike(content)
     return ImportedMesh(
         points_mesh(content.nodes, content.sets)
         if bars

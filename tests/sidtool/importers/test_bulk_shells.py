@@ -98,7 +98,7 @@ def test_a_free_plate_has_the_frequencies_of_leissa(
         ),
         (("ENDDATA", "CONM2,9000,1,,2.0\nENDDATA"), "masses and MPC beside shells"),
         (
-            ("ENDDATA", "CBAR,9000,2,1,2,0.,1.,0.\nENDDATA"),
+            ("ENDDATA", "CONROD,9000,1,2,1,1.\nENDDATA"),
             "bars, couplings.*beside shells",
         ),
     ],

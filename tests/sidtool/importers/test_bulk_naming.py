@@ -1,0 +1,75 @@
+"""Plane elements and bars without a material beside the solids of bulk data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sidtool.formats.errors import InputError
+from sidtool.importers.imported import ImportedMesh
+from sidtool.importers.meshes import read_mesh
+
+from .test_bulk_shells import body
+
+CUBE = """BEGIN BULK
+GRID,1,,0.,0.,0.
+GRID,2,,1.,0.,0.
+GRID,3,,1.,1.,0.
+GRID,4,,0.,1.,0.
+GRID,5,,0.,0.,1.
+GRID,6,,1.,0.,1.
+GRID,7,,1.,1.,1.
+GRID,8,,0.,1.,1.
+CHEXA,1,1,1,2,3,4,5,6,
+,7,8
+PSOLID,1,1
+MAT1,1,2.1e11,,0.3,7850.
+"""
+#: As Gmsh numbers them: properties of surfaces and lines that solids have as well.
+SKIN = "CTRIA3,2,1,1,3,2\nCTRIA3,3,1,1,4,3\nCQUAD4,4,2,5,6,7,8\nCBAR,5,1,1,2,0.,0.,0.\n"
+
+
+def read(folder: Path, cards: str) -> ImportedMesh:
+    (folder / "part.bdf").write_text(f"{CUBE}{cards}ENDDATA\n")
+    return read_mesh(folder / "part.bdf")
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("property_", ["", "PSHELL,2,,0.01\n"])
+def test_elements_without_material_name_nodes(tmp_path: Path, property_: str) -> None:
+    found = read(tmp_path, SKIN + property_)
+    labels = {k: list(found.mesh.labels[v]) for k, v in found.mesh.node_sets.items()}
+    assert labels == {
+        "SURFACE1": [1, 2, 3, 4],
+        "SURFACE2": [5, 6, 7, 8],
+        "LINE1": [1, 2],
+    }
+    assert found.notes[:2] == (
+        "read 1 of 1 elements (1 hex8) and 8 of 8 nodes",
+        "4 elements of lower dimension have no material and only name nodes: SURFACE1, "
+        "SURFACE2, LINE1",
+    )
+    assert not found.bars
+    sid = body(tmp_path, f"{CUBE}{SKIN}{property_}ENDDATA\n")
+    assert sid.mass == pytest.approx(7850, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("cards", "said"),
+    [
+        ("PSHELL,2,1,0.01\n", r'shells beside solids.*\["CQUAD4"\] leaves them out'),
+        (
+            "CBAR,6,3,1,2,0.,1.,0.\nPBAR,3,1,1.,1.,1.,1.\n",
+            r'bars beside solids.*\["CBAR"\] leaves them out',
+        ),
+    ],
+)
+def test_shells_and_bars_beside_solids_are_refused(
+    tmp_path: Path, cards: str, said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        read(tmp_path, SKIN + cards)
+    (card,) = (name for name in ("CQUAD4", "CBAR") if name in said)
+    without = read_mesh(tmp_path / "part.bdf", [card])
+    assert [block.kind for block in without.mesh.blocks] == ["hex8"]
