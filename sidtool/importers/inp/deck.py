@@ -26,13 +26,14 @@ class Element:
 
 @dataclass(frozen=True)
 class Section:
-    """A *SOLID SECTION."""
+    """A *SOLID SECTION, of an instance where several make the body."""
 
     elset: str
     material: str
     thickness: float | None
     place: str
     orientation: str = ""
+    instance: str = ""
 
 
 @dataclass(frozen=True)

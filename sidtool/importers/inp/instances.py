@@ -146,7 +146,7 @@ def _instance(deck: Deck, flat: Scope, name: str, part: Scope) -> Scope:
             for face in faces
         ]
     flat.sections += [
-        replace(section, elset=deck.name(f"{name}.{section.elset}"))
+        replace(section, elset=deck.name(f"{name}.{section.elset}"), instance=name)
         for section in part.sections
     ]
     return scope

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from ...frontends.anisotropic import (
 from ..imported import numbers
 from .blocks import Block
 from .deck import Deck, Section, twice
+from .instances import placed
 from .keywords import BY_CALCULIX
 
 Array = NDArray[np.float64]
@@ -93,20 +94,21 @@ def material_name(deck: Deck, section: Section) -> str:
     """The material of a section, with its axes where these matter."""
     if section.material not in deck.kinds or not section.orientation:
         return section.material
-    return f"{section.material} along {section.orientation}"
+    where = f" in {section.instance}" if section.instance else ""
+    return f"{section.material} along {section.orientation}{where}"
 
 
 def materials_of(
     deck: Deck,
     sections: Iterable[Section],
-    placement: Sequence[list[float]],
+    instance: str,
     state: str | None,
 ) -> dict[str, ElasticMaterial]:
     """The materials of the sections that are complete and constant.
 
     Parameters
     ----------
-    placement : lines that move the body, and turn it, in its assembly
+    instance : that is the body, if it is a single one
     state : of plane elements
 
     Raises
@@ -115,7 +117,8 @@ def materials_of(
         rectangular nor cylindrical ones.
     """
     result: dict[str, ElasticMaterial] = {}
-    for section in sorted(set(sections), key=lambda s: (s.material, s.orientation)):
+    order = sorted(set(sections), key=lambda s: (s.material, s.orientation, s.instance))
+    for section in order:
         name, table = material_name(deck, section), deck.materials[section.material]
         elastic, density = table.get("ELASTIC", []), table.get("DENSITY", [])
         if name in result or len(elastic) != 1 or len(density) != 1:
@@ -141,14 +144,15 @@ def materials_of(
                 expected="a density above zero",
             )
         material = AnisotropicMaterial(law, density[0][0])
-        if any(any(line[6:]) for line in placement):
-            raise InputError(
-                f"material {name} is not isotropic in an instance that is turned",
-                place=section.place,
-                expected="a part that is not turned, for example by geometry.part",
-            )
+        placement = deck.placement.get(section.instance or instance, [])
         if section.orientation:
             material = _oriented(material, deck, section, placement)
+        elif any(any(line[6:]) for line in placement):
+            raise InputError(
+                f"material {name} has no axes in an instance that is turned",
+                place=section.place,
+                expected="an *ORIENTATION in its part",
+            )
         result[name] = material
     return result
 
@@ -192,9 +196,9 @@ def _oriented(
     material: AnisotropicMaterial,
     deck: Deck,
     section: Section,
-    placement: Sequence[list[float]],
+    placement: list[list[float]],
 ) -> AnisotropicMaterial:
-    """The material in the axes of its section.
+    """The material in the axes of its section, which move with their instance.
 
     Rectangular: point a on x, point b in the plane x y. Cylindrical: both on the axis,
     own axes the radius, the circumference and the axis.
@@ -210,7 +214,9 @@ def _oriented(
     definition = block.options.get("DEFINITION", "COORDINATES").upper()
     rows = [numbers([w or "0" for w in words], place) for words, place in block.rows]
     first = [*(rows[0] if rows else []), *[0.0] * 9][:9]
-    points = np.array(first).reshape(3, 3)
+    a, b, c = (tuple(x) for x in np.array(first).reshape(3, 3).tolist())
+    drawn = {0: a, 1: b, 2: c}
+    points = np.array(list(placed(drawn, placement).values()))
     further = rows[1] if len(rows) == 2 and any(rows[1]) else [3.0, 0.0]
     cylindrical = len(system) > 0 and "CYLINDRICAL".startswith(system)
     axes = _cylinder(points) if cylindrical else _rectangle(points)
@@ -226,13 +232,6 @@ def _oriented(
         )
     if not cylindrical:
         return material.turned(_turned(axes, further, block.place))
-    if any(any(line) for line in placement):
-        raise InputError(
-            f"material {section.material} has cylindrical axes in an instance that is "
-            "moved",
-            place=section.place,
-            expected="a part where it was drawn, for example by geometry.part",
-        )
     own = material.turned(_turned(np.eye(3), further, block.place))
     return CylindricalMaterial(own.law, own.density, points[0], axes[2])
 

@@ -40,10 +40,9 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     states = {element.type.state for element in elements}
     if len(states) > 1:
         raise InputError("mixes plane stress and plane strain", expected="one of them")
-    lines = [line for rows in deck.placement.values() for line in rows]
     return ImportedMesh(
         mesh,
-        materials_of(deck, sections.values(), lines, next(iter(states))),
+        materials_of(deck, sections.values(), instance, next(iter(states))),
         next(iter(states)),
         tuple(_notes(deck, body, elements, apart)),
         tuple(couplings),

@@ -13,6 +13,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import read_model
 from sidtool.frontends.anisotropic import orthotropic_law
 from sidtool.frontends.registry import finite_element_model
+from sidtool.importers.meshes import read_mesh
 from sidtool.reduction.frames import Frame
 from sidtool.reduction.space import admissible
 
@@ -152,3 +153,63 @@ def test_other_materials_are_refused(
     assert old in text
     with pytest.raises(InputError, match=said):
         body(tmp_path, text.replace(old, new))
+
+
+def assembled(part: str, *instances: str) -> str:
+    """A deck whose part stands where its instances say."""
+    head, tail = part.split("*MATERIAL")
+    material, section = tail.split("*ORIENTATION")
+    own, rest = section.split("*SOLID SECTION")
+    placed = "".join(
+        f"*INSTANCE, NAME=I-{k}, PART=P\n{lines}*END INSTANCE\n"
+        for k, lines in enumerate(instances, 1)
+    )
+    return (
+        f"*PART, NAME=P\n{head}*ORIENTATION{own}*SOLID SECTION{rest}*END PART\n"
+        f"*ASSEMBLY, NAME=A\n{placed}*END ASSEMBLY\n*MATERIAL{material}"
+    )
+
+
+@pytest.mark.parametrize("system", ["RECTANGULAR", "CYLINDRICAL"])
+def test_axes_move_with_their_instance(system: str, tmp_path: Path) -> None:
+    """The deck whose nodes and axes stand in their places themselves."""
+    points = np.array([[0.1, -0.3, 0.2], [0.2, -0.35, 1.0]])
+    move, turn = np.array([0.3, -0.2, 0.7]), Rotation.from_rotvec([0.4, 0.0, 0.3])
+    angle = np.degrees(np.linalg.norm(turn.as_rotvec()))
+    there = [turn.apply(x + move).tolist() for x in (*points, np.zeros(3))]
+
+    def text(block: Block, drawn: object, origin: object = ()) -> str:
+        rows = words([*np.ravel(drawn), *np.ravel(origin)]).replace("\n", ", ")
+        axes = f"*ORIENTATION, NAME=O, SYSTEM={system}\n{rows}\n"
+        return wooden(CONSTANTS, axes, block=block)
+
+    block = Block(COUNTS, SIZE)
+    lines = words(move) + words([0, 0, 0, *turn.as_rotvec(), angle])
+    found = frequencies(body(tmp_path, assembled(text(block, points), lines)))
+    block.points = [
+        tuple(turn.apply(np.array(p) + move).tolist()) for p in block.points
+    ]
+    origin = there[2] if system == "RECTANGULAR" else ()
+    expected = frequencies(body(tmp_path, text(block, there[:2], origin)))
+    assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_every_instance_has_its_axes(tmp_path: Path) -> None:
+    """A quarter of a turn about z makes x of y."""
+    text = wooden(CONSTANTS, orientation(np.eye(3)))
+    quarter = "5., 0., 0.\n5., 0., 0., 5., 0., 1., 90.\n"
+    (tmp_path / "part.inp").write_text(assembled(text, "", quarter))
+    laws = [own.law for own in read_mesh(tmp_path / "part.inp").materials.values()]
+    swapped = [1, 0, 2, 3, 5, 4]
+    assert len(laws) == 2
+    assert_allclose(laws[0], orthotropic_law(WOOD), rtol=1e-12)
+    assert_allclose(laws[1], laws[0][np.ix_(swapped, swapped)], atol=1e-3)
+
+
+def test_a_turned_instance_takes_axes(tmp_path: Path) -> None:
+    text = wooden(CONSTANTS, orientation(np.eye(3))).replace(", ORIENTATION=O", "")
+    (tmp_path / "part.inp").write_text(
+        assembled(text, "0., 0., 0.\n0., 0., 0., 0., 0., 1., 90.\n")
+    )
+    with pytest.raises(InputError, match="has no axes in an instance that is turned"):
+        read_mesh(tmp_path / "part.inp")
