@@ -90,7 +90,7 @@ def calculix_model(model: ModelFile, units: UnitSystem) -> FiniteElementModel:
     try:
         with _deck(path, ignored) as (deck_file, left_out):
             found = computed(deck_file, left_out)
-            names = deck_names(deck_file)
+            names = deck_names(deck_file, left_out)
         body = _solid(found, names)
         discretised = _checked(body, names, units)
     except InputError as error:
@@ -121,6 +121,7 @@ def _solid(found: Computed, names: DeckNames) -> _Solid:
         positions = refined(positions, *_condensed(found, rows.ravel(), internal))
     order = np.concatenate([rows.ravel(), internal])
     k, m = (sp.csr_matrix(a[order][:, order]) for a in (found.stiffness, found.mass))
+    m = m + _point_masses(names, labels, m.shape[0])
     middles = _middles(k, positions)
     return _Solid(
         Mesh(np.vstack([positions, middles]), found.blocks),
@@ -130,6 +131,31 @@ def _solid(found: Computed, names: DeckNames) -> _Solid:
         m,
         tuple(notes),
     )
+
+
+def _point_masses(names: DeckNames, labels: Indices, size: int) -> sp.csr_matrix:
+    """Masses at nodes, which move by the mean of the nodes that were made of them.
+
+    Raises
+    ------
+    InputError : no element holds such a node.
+    """
+    total = sp.csr_matrix((size, size))
+    for mass in names.masses:
+        made = np.flatnonzero(labels == mass.node)
+        if not made.size:
+            raise InputError(
+                f"the mass at node {mass.node} is held by no element",
+                place=mass.place,
+                expected="a node of an element, or a marker tied there and a rigid "
+                "body in the scene",
+            )
+        rows = (3 * made[:, None] + np.arange(3)).ravel()
+        shares = np.full(rows.size, 1 / made.size)
+        columns = np.tile(np.arange(3), made.size)
+        mean = sp.csr_matrix((shares, (rows, columns)), shape=(size, 3))
+        total = total + mass.mass * (mean @ mean.T)
+    return sp.csr_matrix(total)
 
 
 def _middles(stiffness: sp.csr_matrix, positions: Array) -> Array:

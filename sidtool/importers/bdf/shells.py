@@ -37,19 +37,21 @@ def deck_of_bulk(path: Path, ignored: frozenset[str]) -> str:
     """
     try:
         content = bulk_data(path, ignored, shells=True)
-        return "".join((_nodes(content), _elements(content), _sections(content)))
+        parts = (_nodes, _elements, _sections, _masses)
+        return "".join(part(content) for part in parts)
     except InputError as error:
         raise error.located(path) from None
 
 
 def _nodes(content: BulkData) -> str:
     places = [held.place for held in content.couplings]
-    places += [mass.place for mass in content.masses]
+    places += [m.place for m in content.masses if any((*m.offset, *m.inertia))]
     places += [card.place for card in content.bars]
     places += [equation.place for equation in equations_of(content)]
     if places:
         raise InputError(
-            "bars, couplings, masses and MPC beside shells are not supported",
+            "bars, couplings, MPC and CONM2 with offset or inertia beside shells are "
+            "not supported",
             place=places[0],
             expected="shells and solids alone; geometry.ignore leaves cards out",
         )
@@ -106,6 +108,15 @@ def _sections(content: BulkData) -> str:
         head = f"*{section}, ELSET=P{property_}{kind}, MATERIAL=M{number[name]}\n"
         lines.append(head + (f"{depth!r}\n" if flat else "\n"))
     return "".join(lines)
+
+
+def _masses(content: BulkData) -> str:
+    first = 1 + max((label for label, *_ in content.elements), default=0)
+    return "".join(
+        f"*ELEMENT, TYPE=MASS, ELSET=MASS{i}\n{i}, {mass.node}\n*MASS, ELSET=MASS{i}\n"
+        f"{mass.mass * content.weight!r}\n"
+        for i, mass in enumerate(content.masses, first)
+    )
 
 
 def _material(number: int, own: ElasticMaterial) -> str:

@@ -1,4 +1,4 @@
-"""The free body of a CalculiX deck: the deck without steps, supports and loads."""
+"""The free body of a CalculiX deck: without steps, supports, loads and point masses."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from ..included import Included
 from ..inp.deck import Scope
 from ..inp.reading import read_deck
 
-#: Supports, which the frame of the model file says instead.
-_LEFT_OUT = ("BOUNDARY", "BOUNDARYF")
+#: Supports, which the frame of the model file says instead, and point masses, which
+#: are added to the matrices: CalculiX would hang them on shells and beams by equations.
+_LEFT_OUT = ("BOUNDARY", "BOUNDARYF", "MASS")
 #: Numbers of an element in its first line.
 _PER_LINE = 12
 #: Characters of a number that CalculiX reads.
@@ -36,7 +37,7 @@ _REFUSED = {
 
 
 def free_deck(path: Path, ignored: frozenset[str] = frozenset()) -> list[str]:
-    """The lines of a deck with its included files, less steps and supports.
+    """The lines of a deck with its included files, less steps, supports and masses.
 
     Parameters
     ----------
@@ -62,6 +63,7 @@ def free_deck(path: Path, ignored: frozenset[str] = frozenset()) -> list[str]:
             keyword = _keyword(text)
             in_step = keyword == "STEP" or (in_step and keyword != "ENDSTEP")
             keep = not in_step and keyword != "ENDSTEP" and keyword not in dropped
+            keep = keep and not _of_masses(text)
             if keep and keyword in _REFUSED:
                 raise InputError(
                     f"*{text[1:].split(',')[0].strip().upper()} is not supported",
@@ -79,6 +81,8 @@ def _written_out(body: Scope) -> Iterator[str]:
     yield "*NODE"
     yield from (f"{n}, {x!r}, {y!r}, {z!r}" for n, (x, y, z) in body.nodes.items())
     for element in body.elements.values():
+        if element.given == "MASS":
+            continue
         yield f"*ELEMENT, TYPE={element.given}"
         words = [str(n) for n in (element.label, *element.nodes)]
         yield ", ".join(words[:_PER_LINE]) + ("," if words[_PER_LINE:] else "")
@@ -87,6 +91,12 @@ def _written_out(body: Scope) -> Iterator[str]:
         for name, group in sets.items():
             yield f"*{kind}, {kind}={name}"
             yield from (f"{label}," for _, label in dict.fromkeys(group))
+
+
+def _of_masses(text: str) -> bool:
+    """Whether a line is *ELEMENT, TYPE=MASS."""
+    options = "".join(text.upper().split()).split(",")
+    return options[0] == "*ELEMENT" and "TYPE=MASS" in options
 
 
 def _keyword(text: str) -> str:

@@ -93,7 +93,6 @@ def computed(path: Path, ignored: frozenset[str] = frozenset()) -> Computed:
             [line.split(".") for line in (folder / "body.dof").read_text().split()],
             np.int64,
         ).reshape(-1, 2)
-        _check_masses(lines, dofs, path)
         nodes, positions, blocks = read_frd(folder / "mesh.frd")
         return Computed(
             _matrix(folder / "body.sti", len(dofs)),
@@ -104,23 +103,6 @@ def computed(path: Path, ignored: frozenset[str] = frozenset()) -> Computed:
             blocks,
             said,
         )
-
-
-def _check_masses(lines: list[str], dofs: Indices, source: Path) -> None:
-    """Raises masses at nodes that CalculiX gives no displacement, which it drops."""
-    moving, masses = set(dofs[:, 0].tolist()), False
-    for line in lines:
-        words = [word.strip().upper() for word in line.split(",")]
-        if line.startswith("*"):
-            options = {"".join(word.split()) for word in words[1:]}
-            masses = words[0] == "*ELEMENT" and "TYPE=MASS" in options
-        elif masses and words[1:2] and int(words[1]) not in moving:
-            raise InputError(
-                f"the mass at node {words[1]} is held by no element",
-                source=source,
-                expected="a node of an element, or a marker tied there and a rigid "
-                "body in the scene",
-            )
 
 
 def _run(

@@ -207,7 +207,7 @@ def masses_of(deck: Deck, body: Scope, instance: str) -> Iterator[RawMass]:
                 expected="an *ELSET of elements MASS, and a mass",
             )
         (value,) = numbers(block.rows[0][0][:1], block.rows[0][1], "a mass")
-        for owner, label in group:
+        for owner, label in dict.fromkeys(group):
             apart = hold.scope is not body and owner == ""
             scope = hold.scope if apart else body
             if label in scope.elements:

@@ -122,10 +122,10 @@ _INSTEAD = {
         **dict.fromkeys(("MEMBRANE SECTION", "TRUSS SECTION"), BY_CALCULIX),
     }.items()
 }
-#: What is read where only the nodes and their names are asked for.
+#: What is read where only the nodes, their names and masses are asked for.
 _NAMING = _listed(
     "NODE; ELEMENT; NSET; ELSET; PART; END PART; ASSEMBLY; END ASSEMBLY; INSTANCE; "
-    "END INSTANCE; NGEN; NFILL; NCOPY; ELGEN; ELCOPY"
+    "END INSTANCE; NGEN; NFILL; NCOPY; ELGEN; ELCOPY; MASS"
 )
 #: Shortest abbreviation of a parameter.
 _SHORTEST = 3

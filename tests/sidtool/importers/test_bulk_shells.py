@@ -96,7 +96,7 @@ def test_a_free_plate_has_the_frequencies_of_leissa(
             ("PSHELL,1,1,0.004,1,1.0", "PSHELL,2,1,0.004,1"),
             "no complete material",
         ),
-        (("ENDDATA", "CONM2,9000,1,,2.0\nENDDATA"), "masses and MPC beside shells"),
+        (("ENDDATA", "CONM2,9000,1,,2.0,0.1\nENDDATA"), "CONM2 with offset"),
         (
             ("ENDDATA", "CONROD,9000,1,2,1,1.\nENDDATA"),
             "bars, couplings.*beside shells",
@@ -110,6 +110,22 @@ def test_what_shells_do_not_say_is_refused(
     assert change[0] in text
     with pytest.raises(InputError, match=said):
         body(tmp_path, text.replace(*change), engine="calculix")
+
+
+@needs_ccx
+@pytest.mark.filterwarnings("ignore")
+def test_a_mass_lies_where_the_plate_does_not_move(tmp_path: Path) -> None:
+    """In its middle: of the first two modes alone, which have nodal lines there."""
+    text = plate(turned=True)
+    middle = sum(1 for line in text.splitlines() if line.startswith("GRID")) // 2 + 1
+    heavy = text.replace("ENDDATA", f"CONM2,9000,{middle},,0.5\nENDDATA")
+    bare = body(tmp_path, text, engine="calculix")
+    sid = body(tmp_path, heavy, engine="calculix")
+    assert sid.mass == pytest.approx(bare.mass + 0.5, rel=1e-9)
+    assert_allclose(sid.mdCM.m0, bare.mdCM.m0, atol=1e-9)
+    ratio = frequencies(sid) / frequencies(bare)
+    assert_allclose(ratio[:2], 1, atol=1e-5)
+    assert ratio[2] < 0.95
 
 
 @pytest.mark.parametrize("tail", [",,,,,,0.001", ",0.005"])

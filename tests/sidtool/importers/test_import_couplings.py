@@ -232,7 +232,8 @@ def test_decks_say_rbe2_in_their_own_words(tmp_path: Path, kind: str) -> None:
     cards = [*rigid(block, (0.7, 0.03, 0.01)), f"CONM2,5,{REFERENCE},,6.5"]
     expected = body(tmp_path, bulk(*cards), held=True)
     text = flat(block, f"*NODE\n9000, 0.7, 0.03, 0.01\n{coupling(block, kind)}")
-    text += "*ELEMENT, TYPE=MASS, ELSET=M\n9001, 9000\n*MASS, ELSET=M\n6.5\n"
+    text += "*ELEMENT, TYPE=MASS, ELSET=M\n9001, 9000\n*ELSET, ELSET=M\n9001\n"
+    text += "*MASS, ELSET=M\n6.5\n"
     found = body(tmp_path, text, held=True, clamp="LEFT", file="part.inp")
     assert found.mass == pytest.approx(expected.mass, rel=1e-12)
     assert_allclose(found.J.m0, expected.J.m0, rtol=1e-9, atol=1e-12)
