@@ -190,7 +190,8 @@ def _rows(found: Computed, names: DeckNames) -> tuple[Indices, Indices]:
             f"mesh depend on others ({len(own)} of {3 * n} are left): *EQUATION, *MPC, "
             "*TIE and the like, or knots where sections or normals of shells and beams "
             "differ",
-            expected="nodes that are free, and smooth shells and beams of one section",
+            expected="nodes that are free, smooth shells and beams of one section, and "
+            "none that share nodes with solids",
         )
     if len(internal) % _INTERNAL:
         raise InputError(

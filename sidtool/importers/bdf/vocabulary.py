@@ -27,5 +27,10 @@ INSTEAD = {
         ("MAT2", "MAT8"), "MAT1, MAT9 for solids, or an .inp with *ELASTIC, TYPE"
     ),
     "CSHEAR": "shells",
+    **dict.fromkeys(
+        ("PCOMP", "PCOMPG"),
+        "PSHELL of one material, or an .inp with *SHELL SECTION, COMPOSITE and "
+        'geometry.engine = "calculix"',
+    ),
 }
 WITHOUT_EFFECT = frozenset(_IDLE.split())

@@ -20,6 +20,8 @@ _ANSYS = {
     183: "quad8",
     82: "quad8",
 }
+#: Types that carry loads on surfaces, or only serve meshing.
+WITHOUT_STIFFNESS = (153, 154, 200)
 _PLANE = (182, 42, 183, 82)
 #: KEYOPT(2) of 182 and 185: formulation, and what it replaces.
 _KEYOPT = {

@@ -22,7 +22,7 @@ from ..imported import (
     reading_notes,
 )
 from .content import Content
-from .elements import collapsed, element_kind, plane_state
+from .elements import WITHOUT_STIFFNESS, collapsed, element_kind, plane_state
 from .materials import materials_of, read_property
 
 #: Supports, loads, output and names, which have no part in the body.
@@ -293,6 +293,9 @@ def _imported(content: Content) -> ImportedMesh:
         nodes = values[_HEAD : _HEAD + values[8]]
         _check_element(values, place)
         given = content.types.get(key)
+        if given in WITHOUT_STIFFNESS:
+            content.said[f"elements of type {given}"] = None
+            continue
         keys = {i: value for (k, i), value in content.options.items() if k == key}
         kind, formulation, said = element_kind(given, keys, label, place)
         states.add(plane_state(kind, keys))

@@ -140,7 +140,7 @@ def _elements(deck: Deck, block: Block) -> None:
     if kind is None:
         raise refusal(given, block.place)
     labels = []
-    for words, place in _records(block, kind, given):
+    for words, place in _records(deck, block, kind, given):
         label, *nodes = integers(words, place, "element and node numbers")
         if label in deck.scope.elements:
             raise twice("element", label, place)
@@ -151,10 +151,17 @@ def _elements(deck: Deck, block: Block) -> None:
 
 
 def _records(
-    block: Block, kind: ElementType, given: str
+    deck: Deck, block: Block, kind: ElementType, given: str
 ) -> list[tuple[list[str], str]]:
     """The words of every element, which may go over several lines."""
     records: list[tuple[list[str], str]] = []
+    further = {len(words) - 1 for words, _ in block.rows}
+    if kind.count > 1 and min(further, default=0) > kind.count:
+        deck.remarks.append(
+            f"lines of {given} hold {', '.join(map(str, sorted(further)))} nodes: the "
+            f"first {kind.count} are those of the element, as in CalculiX"
+        )
+        return [(words[: kind.count + 1], place) for words, place in block.rows]
     for words, place in block.rows:
         open_ = records and len(records[-1][0]) <= kind.count
         if open_:
@@ -187,12 +194,14 @@ def _section(deck: Deck, block: Block) -> None:
     if block.rows and any(block.rows[0][0]):
         words, place = block.rows[0]
         thickness = numbers(_filled(words[:1]), place)[0] or None
+    deck.said |= {f"{k} of *SOLID SECTION": None for k in _IDLE if k in block.options}
     given = block.options.get("ORIENTATION", "")
     axes = deck.own_name(given) if given else ""
     deck.scope.sections.append(Section(elset, material, thickness, block.place, axes))
 
 
 _OF_SECTION = ("ELSET", "MATERIAL")
+_IDLE = ("CONTROLS", "REF NODE", "OFFSET")
 _READERS = {
     "PART": _part,
     "END PART": _assembly,

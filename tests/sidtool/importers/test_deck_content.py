@@ -87,6 +87,24 @@ def test_convert_lists_what_has_no_effect_and_what_is_replaced(tmp_path: Path) -
     ]
 
 
+def test_lines_of_elements_with_further_nodes_say_so(tmp_path: Path) -> None:
+    """As decks of CalculiX that were quadratic once, and a section with an offset."""
+    text = deck(BLOCK, "C3D8I")
+    lines = BLOCK.element_lines()
+    text = text.replace(lines, lines.replace("\n", ", 1, 2,\n"))
+    text = text.replace("MATERIAL=S\n", "MATERIAL=S, OFFSET=0.5\n")
+    (tmp_path / "part.inp").write_text(text)
+    notes = read_mesh(tmp_path / "part.inp").notes
+    assert any("hold 10 nodes: the first 8 are" in note for note in notes)
+    assert any("OFFSET of *SOLID SECTION" in note for note in notes)
+    assert body(tmp_path, text).mass == pytest.approx(MASS, rel=1e-12)
+    first = lines.splitlines()[0]
+    mixed = text.replace(f"{first}, 1, 2,", first)
+    assert mixed != text
+    with pytest.raises(InputError, match="has 10 nodes"):
+        body(tmp_path, mixed)
+
+
 def test_elements_and_nodes_of_other_files_are_read(tmp_path: Path) -> None:
     text = deck(BLOCK, "C3D8I")
     lines = BLOCK.element_lines().splitlines(keepends=True)

@@ -218,6 +218,15 @@ def test_ansys_materials_and_single_nodes_and_elements(tmp_path: Path) -> None:
     assert {block.formulation for block in mesh.blocks} == {"incompatible_modes"}
 
 
+def test_elements_that_carry_loads_alone_are_listed(tmp_path: Path) -> None:
+    """SURF154, as Workbench lays it under a pressure."""
+    loads = "ET,2,154\nTYPE,2\nEN,9,1,2,3,4\nFINISH"
+    (tmp_path / "two.cdb").write_text(SINGLE.replace("FINISH", loads))
+    found = read_mesh(tmp_path / "two.cdb")
+    assert sum(len(block.nodes) for block in found.mesh.blocks) == 2
+    assert any("elements of type 154" in note for note in found.notes)
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [
