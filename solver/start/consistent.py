@@ -230,7 +230,7 @@ class State:
         """N of `roots` as a whole."""
         from scipy.sparse import block_diag, csr_array
 
-        blocks = [block for _, block in self.roots() if len(block)]
+        blocks = [csr_array(block) for _, block in self.roots() if len(block)]
         return block_diag(blocks, "csr") if blocks else csr_array((0, 0))
 
     def roots(self) -> Iterator[tuple[slice, Array]]:

@@ -27,8 +27,11 @@ from .large_scenes import sparse_jacobian
 
 #: How far beside the start constraints are looked at, relative to all sizes.
 BESIDE = 1e-3
-#: What may stay open there, relative to the sizes of the constraints.
-REACHED = 1e-10
+#: What may stay open there, relative to the sizes of the constraints. Beside a singular
+#: position the square of the least singular value does, where that is no more counted.
+REACHED = 1e-8
+#: Rows that depend on each other do so up to this many times what is open.
+OPEN = 10.0
 #: Slack relative to the Schur complement.
 SLACK = 1e-7
 #: Rows have a part in a dependency when their share of it is larger.
@@ -63,9 +66,14 @@ def mark_redundant(state: State) -> System:
     return replace(system, redundant=redundant, arrays=with_slack(system.arrays, slack))
 
 
-def _dependent_rows(state: State) -> tuple[int, ...]:
-    """Rows that follow from the others: those that pivoting leaves for the last."""
-    rows = state.clear_rows()
+def _dependent_rows(
+    state: State, independent: float = RANK_TOLERANCE
+) -> tuple[int, ...]:
+    """Rows that follow from the others: those that pivoting leaves for the last.
+
+    independent : rows do not follow from others by more than this relative size
+    """
+    rows = state.clear_rows(independent)
     if rows is not None:
         return tuple(map(int, np.flatnonzero(rows.dependent)))
     matrix = state.scaled_jacobian()
@@ -73,7 +81,7 @@ def _dependent_rows(state: State) -> tuple[int, ...]:
     if not n_columns:
         return tuple(range(n_rows))
     sizes = np.linalg.svd(matrix, compute_uv=False)
-    bound = RANK_TOLERANCE * max(1.0, sizes.max(initial=0.0))
+    bound = independent * max(1.0, sizes.max(initial=0.0))
     if n_rows <= n_columns and np.all(sizes > bound):
         return ()
     from scipy.linalg import qr  # a third of a second that few scenes need
@@ -100,8 +108,10 @@ def _dependent_beside(state: State, dependent: tuple[int, ...]) -> tuple[int, ..
         state.z[:], state.t = z, when
         retract(state.system.arrays, frames, state.z, step)
         state.evaluate()
-        found = _dependent_rows(state) if close(state) < REACHED else dependent
-        dependent = min(dependent, found, key=len)
+        opening = close(state)
+        if opening < REACHED:
+            found = _dependent_rows(state, max(RANK_TOLERANCE, OPEN * opening))
+            dependent = min(dependent, found, key=len)
     state.z[:], state.t = z, t
     state.evaluate()
     return dependent

@@ -33,6 +33,6 @@ class InertiaPoints:
     def mass_matrix(self) -> sp.csr_matrix:
         """(ndof, ndof) their share of the mass matrix."""
         weights = sp.diags_array(np.repeat(self.masses, 3))
-        tensors = sp.block_diag(list(self.inertias), format="csr")
+        tensors = sp.block_diag([sp.csr_array(J) for J in self.inertias], format="csr")
         moved = self.displacement.T @ weights @ self.displacement
         return sp.csr_matrix(moved + self.rotation.T @ tensors @ self.rotation)

@@ -10,6 +10,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
 from sidtool.solver import account, compile_scene, simulate
 from sidtool.solver.advice import bifurcations, notes
 from sidtool.solver.integrators import stepping
@@ -243,10 +244,7 @@ def test_a_stretched_loop_at_its_dead_point_hides_no_rounding(
 ) -> None:
     """A straight chain between two pins: what depends there is no matter of rounding,
     and the message that of dense matrices."""
-    count = SOME // 2 + 5
-    pin = {"position": [count * LINK, 0.0]}
-    end = {"type": "revolute", "markers": ["ground.pin", f"l{count - 1}.b"]}
-    made = hanging_chain(count, joints={"end": end}, ground={"markers": {"pin": pin}})
+    made = stretched_chain(SOME // 2 + 5)
     told = []
     for prepare in (refuse_svds, dense):
         with monkeypatch.context() as changed:
@@ -255,6 +253,22 @@ def test_a_stretched_loop_at_its_dead_point_hides_no_rounding(
                 assemble(compile_scene(made))
             told.append(str(error.value))
     assert unnamed(told[0]) == unnamed(told[1])
+
+
+@pytest.mark.parametrize("count", [11, 20, 23, 44, 71])
+def test_a_stretched_chain_is_no_redundant_one(
+    monkeypatch: pytest.MonkeyPatch, count: int
+) -> None:
+    """No place beside it closes, and rounding decided whether a pin was left out."""
+    dense(monkeypatch)
+    with pytest.raises(InputError, match="rests in a singular position"):
+        assemble(compile_scene(stretched_chain(count)))
+
+
+def stretched_chain(count: int) -> SceneFile:
+    pin = {"position": [count * LINK, 0.0]}
+    end = {"type": "revolute", "markers": ["ground.pin", f"l{count - 1}.b"]}
+    return hanging_chain(count, joints={"end": end}, ground={"markers": {"pin": pin}})
 
 
 def unnamed(text: str) -> str:
