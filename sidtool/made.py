@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from sidtool.formats.errors import InputError
 from sidtool.formats.field import Field, read_field, write_field
 from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.model.discretisation import BeamDiscretisation
 from sidtool.formats.model.refine import (
     modes_of,
     refined,
@@ -72,6 +73,11 @@ class Source:
     def modes(self) -> int | None:
         """Normal modes that the model asks for, if its reduction counts them."""
         return modes_of(self.model)
+
+    @property
+    def is_of_beams(self) -> bool:
+        """Beams bear forces at points, which bodies of more dimensions do not."""
+        return isinstance(self.model.discretisation, BeamDiscretisation)
 
     def can_refine(self) -> bool:
         """False for meshes and matrices, which are as they are."""

@@ -54,9 +54,11 @@ def with_modes(model: ModelFile, count: int) -> ModelFile | None:
 def with_static_shapes(model: ModelFile, nodes: Collection[int]) -> ModelFile | None:
     """The model with static answers to forces and moments at nodes beside its modes.
 
-    None where it has no normal modes alone, or its frame holds all of these nodes.
+    None where it has no normal modes alone, or its frame clamps all of these nodes. The
+    markers of a chord turn, and the second one moves along it.
     """
-    held = model.frame.marker_names
+    frame = model.frame
+    held = frame.marker_names if frame.clamped_edges else ()
     named = tuple(
         name
         for name, marker in model.markers.items()

@@ -26,7 +26,7 @@ from .candidates import (
     stiffened,
 )
 from .candidates import shape_functions as shapes_of
-from .flat import in_plane, is_across
+from .flat import IN_PLANE, in_plane, is_across
 from .integration import Found, cheapest
 from .reference import Reference
 from .runs import Runs
@@ -34,8 +34,6 @@ from .runs import Runs
 #: Shares of what is allowed: for the plane, for rigid bodies, with groups of shape
 #: functions, with single ones, with terms, with integration.
 PLANE, RIGID, GROUPS, SHARE, MODEL, ALL = 0.05, 0.2, 0.25, 0.4, 0.5, 0.95
-#: What leaves the plane by less than this part of the size of its kind does not.
-IN_PLANE = 1e-9
 #: Shape functions of one body that are looked at one by one; of more, those of least
 #: elastic energy are left out in groups first.
 SINGLE = 10
@@ -140,7 +138,7 @@ class _Search:
         return any(
             size > IN_PLANE * kinds[unit_of(name, scene)]
             for name, size in sizes.items()
-            if is_across(name)
+            if is_across(name) and name not in self.reference.left_out
         )
 
     def use(self, choice: Choice) -> float:

@@ -21,6 +21,8 @@ from sidtool.formats.toml.reading import validated
 
 #: A direction lies along z, or across it, up to this.
 ALIGNED = 1e-9
+#: What leaves the plane by less than this part of the size of its kind does not.
+IN_PLANE = 1e-9
 #: Quantities that are zero in the plane z = 0.
 ACROSS = frozenset(
     ["z", "uz", "vz", "az", "wx", "wy", "fz", "mx", "my"]

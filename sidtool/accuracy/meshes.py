@@ -34,7 +34,8 @@ from .wanted import Request
 
 #: What meshes and shape functions that are not there may cost of what is allowed.
 SHARE = 0.1
-#: Halvings of the mesh and doublings of the modes at most, and modes at most.
+#: Halvings of the mesh and doublings of the modes at most, and modes at most, but for
+#: the first doubling.
 HALVINGS, DOUBLINGS, MODES = 3, 3, 48
 #: Bodies that are made of one model, about.
 CHANGES = 4
@@ -189,12 +190,13 @@ class _Search:
                 "others than these are not judged"
             )
             return fineness
+        most = max(MODES, 2 * source.modes)
         for _ in range(DOUBLINGS):
-            count = min(2 * (fineness.modes or source.modes), MODES)
+            count = min(2 * (fineness.modes or source.modes), most)
             more = replace(fineness, modes=count)
             left = self._change(name, more)
             fineness = more
-            if self._use(left) <= SHARE or count == MODES:
+            if self._use(left) <= SHARE or count == most:
                 break
         told = f"{source.modes} to {fineness.modes} modes of {name}"
         self._tell(f"{told}: the last change {self._seen(left)}", left)
@@ -215,7 +217,8 @@ class _Search:
         times = "once" if fineness.level == 1 else f"{fineness.level} times"
         told = f"mesh of {name}: halved {times}, the rest {self._seen(left)}"
         if falling(*changes[:2])[self._worst(left)] == SLOWEST:
-            told += f", as changes hardly get smaller; {POINTS}"
+            told += ", as changes hardly get smaller"
+            told += "" if source.is_of_beams else f"; {POINTS}"
         self._tell(told, left)
         return fineness
 

@@ -8,11 +8,13 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
-from sidtool.formats.scene import unit_of
+from sidtool.formats.scene import SceneFile, unit_of
 from sidtool.formats.sid import Array
 
 from ..study import moves
+from ..study.reference import FORCE, RATE
 from .candidates import Choice
+from .flat import IN_PLANE, in_plane, is_across
 from .runs import Runs, Setting, apart
 from .wanted import Request
 
@@ -172,6 +174,10 @@ def of_one_run(
         for numbers in (result.multipliers, result.velocities)
     )
     moving = moves(request.names, values, variation, multipliers, velocities)
+    positions = float(np.abs(result.positions).max(initial=0.0))
+    sizes = (multipliers, velocities, positions)
+    largest = np.abs(values).max(axis=0)
+    moving &= ~zero_across(runs.scene, request.names, largest, sizes)
     absolute = np.array([t.absolute for t in request.tolerances.values()])
     judged = moving | absolute
     if not judged.any():
@@ -194,6 +200,28 @@ def of_one_run(
         digits=nothing,
         frames=nothing,
     )
+
+
+def zero_across(
+    scene: SceneFile,
+    names: tuple[str, ...],
+    largest: Array,
+    sizes: tuple[float, float, float],
+) -> Array:
+    """(n,) outputs across the plane of a scene that can be written in it, where they
+    are as good as zero.
+
+    sizes : of the forces, velocities and positions of the whole motion
+    """
+    if scene.dimension == "planar" or in_plane(scene) is None:
+        return np.zeros(len(names), dtype=bool)
+    force, rate, position = sizes
+    ends = [name.rpartition(".")[2] for name in names]
+    size = [
+        force if FORCE.fullmatch(e) else rate if RATE.fullmatch(e) else position
+        for e in ends
+    ]
+    return np.array([*map(is_across, names)]) & (largest <= IN_PLANE * np.array(size))
 
 
 def first_rtol(request: Request) -> float:

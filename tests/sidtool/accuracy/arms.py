@@ -16,6 +16,8 @@ from tests.bodies import particle_body
 
 from ..beams import beam
 
+TIGHT = {"integrator": "dop853", "rtol": 1e-12}
+
 
 @cache
 def cantilever(modes: int = 3, *, stiffened: bool = False) -> SID:
@@ -97,3 +99,12 @@ def particles(spatial: bool) -> tuple[SceneFile, SID]:
         },
     )
     return scene, sid
+
+
+def finest(scene: SceneFile) -> SceneFile:
+    """With every term that its bodies have."""
+    bodies = {
+        n: b.model_copy(update={"quadratic_inertia": True})
+        for n, b in scene.bodies.items()
+    }
+    return scene.model_copy(update={"bodies": bodies})

@@ -17,14 +17,11 @@ from sidtool.accuracy.runs import Setting
 from sidtool.cli import run
 from sidtool.formats.result import read_result, write_result
 from sidtool.formats.scene import SceneFile, tolerance
-from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.sid import Taylor
 from sidtool.formats.sid_files import write_sid
 from sidtool.study import moves
-from tests.bodies import particle_body
 
-from .arms import cantilever, particles, simulated, spun, swinging
-
-TIGHT = {"integrator": "dop853", "rtol": 1e-12}
+from .arms import TIGHT, cantilever, finest, particles, simulated, spun, swinging
 
 
 @pytest.fixture(autouse=True)
@@ -32,15 +29,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Choices are kept here."""
     monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
     return tmp_path / "kept"
-
-
-def finest(scene: SceneFile) -> SceneFile:
-    """With every term that its bodies have."""
-    bodies = {
-        n: b.model_copy(update={"quadratic_inertia": True})
-        for n, b in scene.bodies.items()
-    }
-    return scene.model_copy(update={"bodies": bodies})
 
 
 @pytest.mark.parametrize("spatial", [False, True])
@@ -111,77 +99,6 @@ def test_fast_spin_needs_stiffening_and_slow_spin_does_not(
     assert told.kept is kept
     assert told.sentence.endswith("kept" if kept else "dropped")
     assert found.error["arm.tip.uy"] <= 1e-2
-
-
-def flat_in_space(record: list[str], **arm: Any) -> tuple[SceneFile, SID]:
-    """A cloud that stays in the plane, on a pin in space, with a spring across."""
-    sid = particle_body(4, 9, planar=True, seed=5)
-    Ke = np.diag([4e3, 9e3, 6e5, 5e6])
-    sid = replace(sid, Ke=Taylor(Ke), De=Taylor(2e-4 * Ke))
-    pull = {"markers": ["ground.wall", "arm.tip"], "stiffness": 40.0, "rest": 0.5}
-    content = {
-        "dimension": "spatial",
-        "gravity": [1.0, -9.81, 0.0],
-        "ground": {"markers": {"wall": {"position": [1.5, 0.2, 0.0]}}},
-        "bodies": {
-            "arm": {
-                "sid": "arm",
-                "markers": {"root": 1, "tip": 2},
-                "initial": {"angular_velocity": [0.0, 0.0, 3.0]},
-                **arm,
-            }
-        },
-        "joints": {"pin": {"type": "revolute", "markers": ["ground", "arm.root"]}},
-        "forces": {"pull": {"type": "spring_damper", **pull}},
-        "outputs": {"record": record},
-    }
-    return swinging(0.4, **content), sid
-
-
-def test_a_spatial_scene_whose_motion_is_planar_is_solved_in_the_plane() -> None:
-    names = ["arm.tip.x", "arm.tip.vy", "arm.tip.z", "pin.fx", "pin.mz", "pin.angle"]
-    scene, sid = flat_in_space(names)
-    found = simulated(scene, sid, accuracy=1e-4)
-    told = next(d for d in found.accuracy.decisions if d.what == "space")
-    assert told.sentence.endswith(", solved in the plane") and not told.kept
-    assert json.loads(found.scene)["dimension"] == "planar"
-    expected = simulated(finest(scene), sid, **TIGHT)
-    for name in set(found.error):
-        error = np.abs(found[name] - expected[name]).max() / np.ptp(expected[name])
-        assert error <= found.error[name] <= 1e-4
-    assert not found["arm.tip.z"].any()
-
-
-def test_a_flat_scene_may_record_by_wildcards() -> None:
-    """A name whose quantity is a wildcard alone was refused as no quantity."""
-    scene, sid = flat_in_space(["arm.tip.*"])
-    found = simulated(scene, sid, accuracy=1e-2)
-    assert json.loads(found.scene)["dimension"] == "planar"
-    assert {"arm.tip.x", "arm.tip.z", "arm.tip.uy"} <= set(found.names)
-
-
-@pytest.mark.parametrize(
-    ("record", "spin"),
-    [
-        (["arm.tip.x", "pin.mx"], [0.0, 0.0, 3.0]),
-        (["arm.tip.x"], [0.3, 0.0, 3.0]),
-    ],
-)
-def test_what_leaves_the_plane_is_solved_in_space(
-    record: list[str], spin: list[float]
-) -> None:
-    """A force across it that is asked for, and a motion."""
-    scene, sid = flat_in_space(record, initial={"angular_velocity": spin})
-    forces = scene.ground.markers["wall"].model_copy(update={"position": (1.5, 0, 0.1)})
-    ground = scene.ground.model_copy(update={"markers": {"wall": forces}})
-    if spin[0]:
-        ball = {"type": "spherical", "markers": ["ground", "arm.root"]}
-        content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
-        scene = SceneFile.model_validate(content | {"joints": {"pin": ball}})
-    else:
-        scene = scene.model_copy(update={"ground": ground})
-    found = simulated(scene, sid, accuracy=1e-3)
-    assert json.loads(found.scene)["dimension"] == "spatial"
 
 
 def test_the_second_time_nothing_is_searched(

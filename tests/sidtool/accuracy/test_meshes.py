@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import sidtool
-from sidtool.accuracy import cached
+from sidtool.accuracy import cached, meshes
 from sidtool.accuracy.meshes import refined_meshes
 from sidtool.accuracy.wanted import requested
 from sidtool.formats.scene import SceneFile
@@ -81,6 +81,57 @@ def test_an_output_that_modes_alone_do_not_move_is_judged() -> None:
     found = pulled(2, 20).simulate(accuracy={"block.tip.ux": 0.2})
     stretched = 20.0 * FORCE / (MODULUS * THICKNESS * SIDE)
     assert found["block.tip.ux"][-1] == pytest.approx(stretched, rel=0.2)
+
+
+def test_a_link_between_two_pins_stretches_by_static_shape_functions() -> None:
+    """Its chord holds no pin: the second one moves along it. Of modes alone the force
+    would need more than there can be: stretched by F L / EA."""
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "material": {"youngs_modulus": 2e11, "poissons_ratio": 0.3, "density": 8e3},
+        "geometry": {
+            "type": "beam",
+            "start": [0.0, 0.0, 0.0],
+            "end": [0.5, 0.0, 0.0],
+            "section": {"shape": "rectangle", "height": 0.02, "width": 0.01},
+        },
+        "discretisation": {"type": "beam", "elements": 4},
+        "frame": {"type": "chord", "markers": ["a", "b"]},
+        "markers": {
+            "a": {"node": 1, "parameters": [0.0]},
+            "b": {"node": 2, "parameters": [1.0]},
+        },
+        "reduction": {"method": "modal", "modes": 2},
+    }
+    Path("link.json").write_text(json.dumps(data))
+    ramp = {"type": "sine_ramp", "from": 0.0, "to": 0.9, "end": 1.0}
+    pins = {
+        "pin": {"type": "revolute", "markers": ["ground", "link.a"]},
+        "guide": {"type": "point_on_line", "markers": ["ground", "link.b"]},
+    }
+    pull = {"type": "force", "marker": "link.b", "force": [1e4, 0.0], "function": ramp}
+    scene = sidtool.Scene(
+        dimension="planar",
+        time={"end": 1.0, "output_step": 0.1},
+        bodies={"link": {"model": "link.json", "markers": {"a": 1, "b": 2}}},
+        joints=pins,
+        forces={"pull": pull},
+        outputs={"record": ["link.b.ux"]},
+    )
+    found = scene.simulate(accuracy=1e-5)
+    stretched = 1e4 * 0.5 / (2e11 * 0.02 * 0.01)
+    assert found["link.b.ux"][-1] == pytest.approx(stretched, rel=1e-5)
+
+
+def test_a_model_of_many_modes_is_compared_with_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """60 modes were compared with the 48 that the search makes at most."""
+    monkeypatch.setattr(meshes, "MODES", 1)
+    scene = pulled(2, 20).with_({"outputs.record": ["block.tip.uy", "block.tip.ux"]})
+    sentences = scene.simulate(accuracy={"block.tip.ux": 0.2}).accuracy.sentences
+    assert any(s.startswith("1 to 2 modes of block: ") for s in sentences)
 
 
 def test_bodies_are_simulated_once_while_they_are_refined() -> None:
