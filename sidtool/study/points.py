@@ -22,8 +22,9 @@ class Point:
 
     Attributes
     ----------
-    error : of the worst output, relative; at least what can be told
-    told : False where the error may be less than that of the reference
+    error : of the worst output, relative: the difference to the reference, and what
+        this may err itself
+    told : False where the difference is less than that
     choices : value by axis
     size : elastic coordinates of all bodies
     dofs : degrees of freedom of the meshes of models
@@ -60,10 +61,11 @@ def point_of(
     if course.message:
         return skipped(choices, setting, course.message)
     errors = reference.of(course)
-    worst = int(np.maximum(errors, reference.floors).argmax())
+    sums = errors + reference.floors
+    worst = int(sums.argmax())
     return Point(
         setting,
-        float(max(errors[worst], reference.floors[worst])),
+        float(sums[worst]),
         course.seconds,
         course.steps,
         told=bool(errors[worst] > reference.floors[worst]),
