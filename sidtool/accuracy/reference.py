@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
@@ -207,7 +208,7 @@ def zero_across(
     names: tuple[str, ...],
     largest: Array,
     sizes: tuple[float, float, float],
-) -> Array:
+) -> NDArray[np.bool_]:
     """(n,) outputs across the plane of a scene that can be written in it, where they
     are as good as zero.
 
