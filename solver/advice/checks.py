@@ -31,6 +31,7 @@ from ..recording.joint_forces import COMPONENTS, is_constraint, second_marker
 from ..recording.outputs import multiplier_rows, state_row
 from ..recording.stress_outputs import check_stress
 from ..space import layout as at
+from ..start.carried import carried_rows
 from ..system.scene import System
 
 
@@ -157,14 +158,16 @@ def attachments(scene: SceneFile) -> Iterator[tuple[str, str, tuple[str, str]]]:
 
 
 def check_masses(system: System) -> None:
-    """Mass matrices of all bodies in the coordinates that the scene uses.
+    """Mass matrices of all bodies that the scene lets move freely.
 
     Raises
     ------
     InputError : one is not positive definite: no such body can exist.
     """
-    for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if not data.of_scene or row[at.RD] < (3 if system.planar else 6):
+    carried = () if system.carrying is None else carried_rows(system.carrying)
+    rigid = system.arrays.body[:, at.RD]
+    for b, data in enumerate(system.bodies):
+        if not data.of_scene or b in carried or rigid[b] < (3 if system.planar else 6):
             continue
         motion = free_motion(data.sid, IN_PLANE[2] if system.planar else SPATIAL)
         if motion.possible:

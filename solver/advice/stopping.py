@@ -77,12 +77,8 @@ def lost_inertia(system: System, work: at.Work, t: float | None = None) -> str:
     for row, body in zip(system.arrays.body, system.bodies, strict=True):
         n, first = int(row[at.NV]), int(row[at.BLOCK])
         M = work.M[first : first + n * n].reshape(n, n)
-        if n and np.isneginf(M[-1, -1]):
-            return (
-                f"; {_deformed(system, body, t)} its moments of inertia are no "
-                "longer positive: J and Oe m1 of its SID hold for small deformations"
-            )
-        if n == 0 or body.sid.nq == 0 or not np.isfinite(M).all():
+        lost = n > 0 and bool(np.isneginf(M[-1, -1]))
+        if n == 0 or body.sid.nq == 0 or not (lost or np.isfinite(M).all()):
             continue
         axes = list(IN_PLANE[2] if system.planar else SPATIAL)[: int(row[at.RD])]
         motion = free_motion(body.sid, tuple(axes)) if axes else None
@@ -92,6 +88,11 @@ def lost_inertia(system: System, work: at.Work, t: float | None = None) -> str:
                 f"{motion.reason}, undeformed as well, so that its frame has no motion "
                 "of its own; it can be taken where the frame is prescribed "
                 '(frame = "held", or a joint that holds the node in which it rests)'
+            )
+        if lost:
+            return (
+                f"; {_deformed(system, body, t)} its moments of inertia are no "
+                "longer positive: J and Oe m1 of its SID hold for small deformations"
             )
         if _least(M) < LOST * _least(_undeformed(body.sid, axes)):
             text = (

@@ -17,6 +17,7 @@ from ..recording import outputs
 from ..recording.energy_history import history_between, is_wanted
 from ..recording.sampling import sample_known
 from ..start.new_control import CLOSED
+from ..system.bodies.held_frames import without_held_frames
 from ..system.scene import System
 from ..system.sizes import row_sizes
 from ..system.storage import new_memory, new_work
@@ -95,7 +96,9 @@ def recorded(
         velocity_names=outputs.velocity_names(system),
         multiplier_names=outputs.multiplier_names(system),
         settings={"analysis": kind},
-        scene=system.scene.model_dump_json(by_alias=True, exclude_none=True),
+        scene=without_held_frames(system.scene).model_dump_json(
+            by_alias=True, exclude_none=True
+        ),
         sids=system.sids,
         versions=versions(),
         notes=(*notes, *of_programs(system), *remarks.sentences()),

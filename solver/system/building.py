@@ -79,7 +79,7 @@ def build_system(
     InputError : a marker does not exist.
     """
     original = scene
-    scene = _with_all_names(with_held_frames(without_elasticity(scene)), sids)
+    scene = with_held_frames(_with_all_names(without_elasticity(scene), sids))
     planar, pool = scene.dimension == "planar", Pool()
     known = {} if before is None else _unchanged(before, scene, sids)
     data = {

@@ -9,7 +9,8 @@ import numpy as np
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.storage.kept import kept
 
-#: A symmetric part of Cr m1 below this part of it is rounding in a file.
+#: A symmetric part of Cr m1 below this part of it, or of Me, which bounds what there is of
+#: it without stiffening (Cauchy and Schwarz), is rounding in a file.
 FIRST_ORDER = 1e-9
 
 
@@ -49,8 +50,8 @@ def has_second_order(sid: SID) -> bool:
         return False
     turning = cr1(sid)
     bent = np.abs(turning + turning.transpose(0, 2, 1)).max(initial=0.0)
-    shifts = ct1(sid).any()
-    return bool(shifts or bent > FIRST_ORDER * np.abs(turning).max(initial=0.0))
+    size = max(np.abs(turning).max(initial=0.0), np.abs(sid.Me.m0).max())
+    return bool(ct1(sid).any() or bent > FIRST_ORDER * size)
 
 
 def without_turning(sid: SID) -> SID:

@@ -35,6 +35,15 @@ def with_held_frames(scene: SceneFile) -> SceneFile:
     return scene.model_copy(update={"ground": ground, "joints": joints})
 
 
+def without_held_frames(scene: SceneFile) -> SceneFile:
+    """The scene that became this one, as files hold it."""
+    held = {f"{name} held" for name in scene.bodies}
+    joints = {n: joint for n, joint in scene.joints.items() if n not in held}
+    markers = {n: m for n, m in scene.ground.markers.items() if n not in held}
+    ground = scene.ground.model_copy(update={"markers": markers})
+    return scene.model_copy(update={"ground": ground, "joints": joints})
+
+
 def with_frame_node(sid: SID) -> SID:
     """The SID with a node at the origin of its frame."""
     shapes = Taylor(np.zeros((3, sid.nq)))

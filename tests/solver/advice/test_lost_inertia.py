@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from sidtool.formats.sid import Taylor
@@ -29,6 +30,18 @@ def test_a_sid_that_is_no_body_is_not_said_to_have_deformed() -> None:
         simulate(system)
     assert "deformed so far" not in str(error.value)
     assert 'frame = "held"' in str(error.value)
+
+
+def test_a_free_body_without_inertia_is_not_said_to_be_deformed_by_joints() -> None:
+    """A file of a planar body in space: J about z alone, Cr m1 not antisymmetric."""
+    sid = slender_bar(2, TANGENT, False)
+    flat = sid.J.m0 * np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])[:, None]
+    sid = replace(sid, J=Taylor(flat), Cr=Taylor(sid.Cr.m0, np.ones((2, 2, 3))))
+    described = scene({"bar": {"sid": "-"}}, {}, end=0.01, dimension="spatial")
+    system = compile_scene(described, sids={"bar": sid}, accept_defects=True)
+    with pytest.raises(SimulationError, match="SID of bar has a defect") as error:
+        simulate(system)
+    assert "assembly" not in str(error.value)
 
 
 def test_a_bar_struck_hard_names_the_remedy_and_it_helps() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool import simulate
+from sidtool import Result, read, simulate, static_equilibrium, write
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile, rotation
 from sidtool.formats.sid import SID, Taylor
@@ -65,3 +66,28 @@ def test_without_it_the_body_is_refused() -> None:
         compile_scene(held_scene(False, {}, 2), sids={"blade": sid})
     with pytest.raises(InputError, match=r"bodies\.blade\.frame"):
         held_scene(False, {"frame": "still"}, 2)
+
+
+def test_results_of_held_bodies_are_told_afterwards(tmp_path: Path) -> None:
+    """Files hold the scene as it was written, from which all outputs follow."""
+    sid = impossible(2, 0)
+    scene = held_scene(False, {"frame": "held"}, 2)
+    found = simulate(scene, sids={"blade": sid})
+    write(tmp_path / "held.h5", found)
+    kept = read(tmp_path / "held.h5")
+    assert isinstance(kept, Result)
+    w = np.sqrt(sid.Ke.m0[0, 0])
+    rate = (sid.Ct.m0 @ GRAVITY)[0] / w * np.sin(w * found.t)
+    assert_allclose(kept["blade.vq1"], rate, atol=1e-5 * np.abs(rate).max())
+    resting = static_equilibrium(scene, sids={"blade": sid}).result()
+    rest = np.linalg.solve(sid.Ke.m0, sid.Ct.m0 @ GRAVITY)
+    assert_allclose(resting["blade.q2"], rest[1], rtol=1e-6)
+
+
+def test_one_coordinate_turns_with_itself_by_rounding_alone() -> None:
+    """Cr m1 = int Phi x Phi dm is zero; a file's 1e-17 is no geometric stiffening."""
+    sid, scene = impossible(1, 0), held_scene(False, {"frame": "held"}, 1)
+    noisy = replace(sid, Cr=Taylor(sid.Cr.m0, np.full((1, 1, 3), 1e-17)))
+    expected = simulate(scene, sids={"blade": sid})
+    found = simulate(scene, sids={"blade": noisy})
+    assert_allclose(found.values, expected.values, rtol=1e-9)
