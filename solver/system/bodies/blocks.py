@@ -9,8 +9,8 @@ import numpy as np
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.storage.kept import kept
 
-#: A symmetric part of Cr m1 below this part of it, or of Me, which bounds what there is of
-#: it without stiffening (Cauchy and Schwarz), is rounding in a file.
+#: A symmetric part of Cr m1 below this part of it, or of Me, which bounds it where
+#: nothing stiffens (Cauchy and Schwarz), is rounding in a file.
 FIRST_ORDER = 1e-9
 
 

@@ -196,3 +196,71 @@ def test_a_point_mass_on_springs_of_a_rotor_is_seen_from_it() -> None:
     expected = np.sort(np.sqrt(-squares))
     assert 2.0 * np.pi * found.frequencies == pytest.approx(expected, rel=1e-6)
     assert found.notes == ()
+
+
+def test_a_gyroscope_nutates_and_precesses_beside_its_ring() -> None:
+    """A rotor of A, C at W in a housing that springs hold against tilting only: the
+    linear equations are (A + B) t1'' + C W t2' + k1 t1 = 0 and, with t2, its like."""
+    A, B, C, W, k1, k2 = 0.05, 0.02, 0.09, 60.0, 300.0, 500.0
+    hold = [1e3, 1e3, 1e3, k1, k2, 200.0]
+    described = scene(
+        {
+            "housing": {"mass": 1.0, "inertia": [B, B, 0.04]},
+            "rotor": {"mass": 3.0, "inertia": [A, A, C], "initial": table(W, False)},
+        },
+        {"axle": {"type": "revolute", "markers": ["housing", "rotor"]}},
+        dimension="spatial",
+        forces={
+            "mount": {
+                "type": "bushing",
+                "markers": ["ground", "housing"],
+                "stiffness": hold,
+            }
+        },
+    )
+    M, G = np.diag([A + B] * 2), C * W * np.array([[0.0, 1.0], [-1.0, 0.0]])
+    zero, one = np.zeros((2, 2)), np.eye(2)
+    still = np.block([[zero, one], [-np.diag([k1, k2]) / (A + B), -G / M[0, 0]]])
+    tilting = np.abs(np.linalg.eigvals(still))[[0, 2]]
+    found = linearise(compile_scene(described, keep_joints=True), "start")
+    turning = np.sqrt(200.0 / 0.04)
+    expected = [0.0, 0.0, *tilting, *[np.sqrt(1e3 / 4.0)] * 3, turning]
+    seen = 2.0 * np.pi * found.frequencies
+    assert np.sort(seen) == pytest.approx(np.sort(expected)[: len(seen)], rel=1e-6)
+    assert "axes that do not turn" in found.notes[0]
+
+
+def rotor_on(stiffness: list[float], inertia: list[float]) -> System:
+    spin = 50.0
+    described = scene(
+        {"rotor": {"mass": 2.0, "inertia": inertia, "initial": table(spin, False)}},
+        {},
+        dimension="spatial",
+        forces={
+            "bearing": {
+                "type": "bushing",
+                "markers": ["ground", "rotor"],
+                "stiffness": [*stiffness, 0.0],
+                "shaft": "z",
+            }
+        },
+    )
+    return compile_scene(described, keep_joints=True)
+
+
+def test_a_rotor_on_springs_of_two_stiffnesses_whirls_as_at_rest() -> None:
+    """Jeffcott's rotor: sqrt(k / m) along either spring, at any speed."""
+    stiffness = [4000.0, 9000.0, 16000.0, 300.0, 300.0]
+    found = linearise(rotor_on(stiffness, [0.2, 0.2, 0.3]), "start")
+    seen = 2.0 * np.pi * found.frequencies
+    for along in stiffness[:3]:
+        assert np.abs(seen - np.sqrt(along / 2.0)).min() < 1e-5
+
+
+def test_modes_that_no_constant_matrix_has_are_told() -> None:
+    """A rotor of two inertias on springs of two stiffnesses: Mathieu's equation."""
+    stiffness = [4000.0, 9000.0, 16000.0, 300.0, 800.0]
+    (note,) = linearise(rotor_on(stiffness, [0.1, 0.2, 0.3]), "start").notes
+    assert "change as the bodies turn" in note
+    (note,) = linearise(rotor_on(stiffness, [0.2, 0.2, 0.3]), "start").notes
+    assert "axes that do not turn" in note

@@ -1,0 +1,117 @@
+"""Axes in which the small motions of bodies are seen.
+
+The coordinates of a body are in axes that turn with it, in which a steady rotation
+stands still. A point mass has no axes of its own: its coordinates are inertial, and
+those of one on a rotor would go round. It is seen from the body that carries it.
+
+Modes are those of a matrix that does not depend on time. What turns in bearings that do
+not, as a gyroscope in its ring or a rotor on springs of two stiffnesses, has such a
+matrix in the axes of what carries it, not in its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import Array
+from sidtool.formats.sid_mass import skew
+
+from ..space import layout as at
+from ..system.bodies.embedded import embedded, matrices
+from .mechanics import Mechanics
+
+#: Angular velocities that differ by less than this part of the largest are the same.
+SAME_SPIN = 1e-9
+
+
+def spins_of_bodies(mechanics: Mechanics) -> Array:
+    """Angular velocities (bodies, 3) in inertial axes, at the state evaluated last."""
+    frames = mechanics.system.frames(mechanics.work.frame)
+    return (matrices(frames["R"]) @ embedded(frames["w"])[..., None])[..., 0]
+
+
+def own_axes(mechanics: Mechanics, v: Array, a: Array) -> Array:
+    """Angular velocities (bodies, 3) of the axes of each body, inertial components.
+
+    v, a : scaled velocities and accelerations (n,) at the state evaluated last. Of
+        several bodies that are next to a point mass that one carries it in whose axes
+        its velocity changes least.
+    """
+    system = mechanics.system
+    size = 2 if system.planar else 3
+    spins = spins_of_bodies(mechanics)
+    rows = [*zip(system.arrays.body, system.bodies, strict=True)]
+    points = {b.name: k for k, (row, b) in enumerate(rows) if _is_point(row, b, size)}
+    known = {b.name: spins[k] for k, (_, b) in enumerate(rows) if b.name not in points}
+    for name, k in points.items():
+        u = int(system.arrays.body[k, at.VEL])
+        own = slice(u, u + size)
+        carriers = _carriers(system.scene, name, set(points))
+        seen = [known[c] for c in sorted(carriers) if c in known]
+        seen.sort(key=lambda spin: not spin.any())
+        if seen:
+            turns = [skew(spin)[:size, :size] for spin in seen]
+            lefts = [np.linalg.norm(a[own] - turn @ v[own]) for turn in turns]
+            spins[k] = seen[int(np.argmin(lefts))]
+    return spins
+
+
+def common_axes(mechanics: Mechanics, own: Array) -> Iterator[tuple[Array, str]]:
+    """Axes that all rigid bodies and point masses share: those of one of the bodies,
+    with its name, slow ones first. Flexible bodies are seen in their own."""
+    body, bodies = mechanics.system.arrays.body, mechanics.system.bodies
+    rigid = body[:, at.NV] == body[:, at.RD]
+    told: list[Array] = []
+    sizes = np.linalg.norm(own, axis=1)
+    for k in np.argsort(sizes, kind="stable"):
+        apart = [np.linalg.norm(own[k] - spin) for spin in told]
+        if min(apart, default=np.inf) > SAME_SPIN * sizes.max():
+            told.append(own[k])
+            yield np.where(rigid[:, None], own[k], own), bodies[k].name
+
+
+def turning(mechanics: Mechanics, spins: Array) -> Array:
+    """W (n, n), scaled: velocities u in axes of these spins have u' = a - W v."""
+    system, n = mechanics.system, mechanics.system.n_velocities
+    W = np.zeros((n, n))
+    size = 2 if system.planar else 3
+    turns = matrices(system.frames(mechanics.work.frame)["R"])
+    rates = spins - spins_of_bodies(mechanics)
+    for row, R, rate in zip(system.arrays.body, turns, rates, strict=True):
+        u, rd = int(row[at.VEL]), int(row[at.RD])
+        block = skew((np.eye(3) if rd == size else R).T @ rate)
+        for part in range(u, u + rd, 3) if not system.planar else (u,) if rd else ():
+            W[part : part + size, part : part + size] = block[:size, :size]
+    return W * mechanics.scale / mechanics.scale[:, None]
+
+
+def _is_point(row: Array, body: object, size: int) -> bool:
+    return bool(getattr(body, "of_scene", False)) and row[at.NV] == row[at.RD] == size
+
+
+def _carriers(scene: SceneFile, name: str, points: set[str]) -> set[str]:
+    """The bodies nearest to a point mass along joints and drives, else along forces,
+    over other point masses."""
+    for tables in ((scene.joints, scene.drives), (scene.joints, scene.forces)):
+        links = [_owners(part) for table in tables for part in table.values()]
+        reached, new = set[str](), {name}
+        while new:
+            reached |= new
+            near = set().union(*(link for link in links if link & new)) - reached
+            if near - points:
+                return near - points
+            new = near
+    return set()
+
+
+def _owners(part: object) -> set[str]:
+    """The bodies whose markers a joint, drive or force names."""
+    named: Iterable[str | None] = (
+        *(getattr(part, "markers", None) or ()),
+        getattr(part, "marker", None),
+        getattr(part, "reference", None),
+    )
+    return {text.partition(".")[0] for text in named if text}
