@@ -270,7 +270,7 @@ def _answered(data: dict[str, Any], error: InputError) -> bool:
     elif place == "discretisation.state" and "state" not in data["discretisation"]:
         data["discretisation"]["state"] = "plane_stress"
     elif "table [material]" in asked and "material" not in data:
-        if "material None" in asked or "ELASTIC" in deck_text(data):
+        if "material None" in asked or "*ELASTIC" in deck_text(data):
             return False
         data["material"] = STEEL
     elif place == "reduction.modes" and (most := re.search(r"at most (\d+)", asked)):

@@ -1,4 +1,4 @@
-"""RBE2, RBE3 and CONM2 of Nastran bulk data."""
+"""RBE2, RBAR, RBE3 and CONM2 of Nastran bulk data."""
 
 from __future__ import annotations
 
@@ -26,6 +26,28 @@ def rbe2(card: Card) -> RawCoupling:
     nodes = tuple(members(words, card.place))
     turns = set(card.word(2)) == set("123456")
     return RawCoupling(f"RBE2 {label}", True, nodes, node, card.place, turns)
+
+
+def rbar(card: Card) -> RawCoupling:
+    """EID, GA, GB, CNA, CNB, CMA, CMB: one end moves as a rigid piece with the other.
+
+    Raises
+    ------
+    InputError : no end has all six independent directions, or the other holds others.
+    """
+    label, a, b = (card.integer(i, "a number") for i in (0, 1, 2))
+    independent = [card.word(i) for i in (3, 4)]
+    if sorted(map(set, independent), key=len) != [set(), set("123456")]:
+        raise InputError(
+            f"RBAR {label} has the independent directions {' and '.join(independent)}",
+            place=card.place,
+            expected="123456 at one end and none at the other",
+        )
+    node, other, held = (a, b, card.word(6)) if independent[0] else (b, a, card.word(5))
+    held = held or "123456"
+    _check_directions(card, f"RBAR {label} holds", held)
+    turns = set(held) == set("123456")
+    return RawCoupling(f"RBAR {label}", True, (other,), node, card.place, turns)
 
 
 def rbe3(card: Card) -> RawCoupling:

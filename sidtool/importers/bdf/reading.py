@@ -25,7 +25,7 @@ from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
 from .bars import bar, bars_of
 from .cards import CASE_CONTROL, Card, members, read_cards
 from .content import BulkData, twice
-from .couplings import conm2, rbe2, rbe3
+from .couplings import conm2, rbar, rbe2, rbe3
 from .equations import case_control, equations_of, mpc, mpcadd
 from .handedness import count_right_handed
 from .materials import mat1, mat9, material_name, materials_of
@@ -151,21 +151,24 @@ def _element(content: BulkData, card: Card) -> None:
             expected=" or ".join(map(str, _ELEMENTS[card.name])),
         )
     nodes = [card.integer(2 + i, "a node number") for i in range(len(words))]
-    further = [word for word in card.words[2 + most :] if word]
     flat = kind in ("quad4", "tri3", "quad8", "tri6")
     angle = 4 if kind == "quad8" else 0
-    own = card.words[2 + most :]
+    own = [word if not _is_zero(word) else "" for word in card.words[2 + most :]]
     if content.shells and flat and any(own[:angle] + own[angle + 1 :]):
         raise InputError(
             f"element {label} has an offset or thicknesses of its own",
             place=card.place,
             expected="shells in the middle of their thickness, which PSHELL gives",
         )
-    if flat and further:
+    if flat and any(own):
         content.said[f"further fields of {card.name} (angles, offsets)"] = None
     order = _ORDERS.get(kind, range(len(nodes)))
     listed = [nodes[i] for i in order]
     content.elements.append((label, property_, kind, listed, card.place))
+
+
+def _is_zero(word: str) -> bool:
+    return bool(word) and not word.upper().strip("+-.0ED")
 
 
 def _spc(content: BulkData, card: Card) -> None:
@@ -202,12 +205,9 @@ def _system(content: BulkData, card: Card) -> None:
         content.systems[system.label] = system
 
 
-def _rigid(content: BulkData, card: Card) -> None:
-    content.couplings.append(rbe2(card))
-
-
-def _mean(content: BulkData, card: Card) -> None:
-    content.couplings.append(rbe3(card))
+def _coupling(content: BulkData, card: Card) -> None:
+    read = {"RBE2": rbe2, "RBAR": rbar, "RBE3": rbe3}[card.name]
+    content.couplings.append(read(card))
 
 
 def _mass(content: BulkData, card: Card) -> None:
@@ -251,8 +251,7 @@ _READERS: dict[str, Callable[[BulkData, Card], None]] = {
     "SPC1": _spc1,
     "SET1": _set1,
     "PARAM": _param,
-    "RBE2": _rigid,
-    "RBE3": _mean,
+    **dict.fromkeys(("RBE2", "RBAR", "RBE3"), _coupling),
     "CONM2": _mass,
     "MDLPRM": _mdlprm,
     **dict.fromkeys(("CORD2R", "CORD2C", "CORD2S"), _system),

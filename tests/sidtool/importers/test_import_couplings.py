@@ -106,6 +106,18 @@ def test_a_mass_at_a_rigid_coupling(tmp_path: Path) -> None:
     assert_allclose(sid.J.m0[:, 0], wanted, rtol=1e-8, atol=1e-9)
 
 
+def test_many_rigid_bars_are_one_piece(tmp_path: Path) -> None:
+    """RBAR from every node of the end to one, as RBE2."""
+    block = Block(COUNTS, SIZE)
+    cards = rigid(block, (0.7, 0.03, 0.01))
+    mass = f"CONM2,5,{REFERENCE},,6.5"
+    expected = body(tmp_path, bulk(*cards, mass), held=True)
+    bars = [f"RBAR,{n},{n},{REFERENCE},,123456,123" for n in block.right]
+    found = body(tmp_path, bulk(cards[0], *bars, mass), held=True)
+    assert_allclose(found.J.m0, expected.J.m0, rtol=1e-12)
+    assert_allclose(frequencies(found), frequencies(expected), rtol=1e-9)
+
+
 def test_a_heavy_mass_at_the_end_of_a_light_bar(tmp_path: Path) -> None:
     """Its first frequencies are those of two springs, 3 E I / l^3."""
     length = 2.0
@@ -181,6 +193,8 @@ def test_nodes_in_local_systems(tmp_path: Path) -> None:
     ("cards", "message"),
     [
         (["RBE2,1,1,12,2,3"], "directions 12"),
+        (["RBAR,1,1,2,123,456"], "independent directions 123 and 456"),
+        (["RBAR,1,1,2,123456,,,12"], "RBAR 1 holds the directions 12"),
         ([f"GRID,{REFERENCE},,0.,0.,0.", f"CONM2,5,{REFERENCE},,1."], "held by no"),
         (["CONM2,5,1,,1.,0.1"], "does not turn"),
         ([f"GRID,{REFERENCE},9,0.,0.,0."], "system 9 is not defined"),

@@ -155,6 +155,9 @@ def test_offsets_and_rigid_couplings_are_arms(tmp_path: Path) -> None:
     held = [*own, "RBE2,70,2,123456,8", "RBE2,71,3,123456,9"]
     text = frame(PBAR, *held).replace("CBAR,2,1,2,3,", "CBAR,2,1,8,9,")
     assert_allclose(frequencies(body(tmp_path, text)), expected, rtol=1e-8)
+    for bar in ("RBAR,71,3,9,123456", "RBAR,71,9,3,,123456,123456"):
+        other = text.replace("RBE2,71,3,123456,9", bar)
+        assert_allclose(frequencies(body(tmp_path, other)), expected, rtol=1e-8)
     chain = ["GRID,7,,0.3,0.3,0.3", "RBE2,72,7,123456,2,8"]
     text = text.replace("RBE2,70,2,123456,8", "\n".join(chain))
     assert_allclose(frequencies(body(tmp_path, text)), expected, rtol=1e-8)
