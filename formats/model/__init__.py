@@ -18,12 +18,7 @@ from ..toml.files import File, relocate
 from ..toml.tables import Table
 from .base import Fraction, Positive
 from .checks import check_name, check_node_numbers
-from .discretisation import (
-    FITTING,
-    Discretisation,
-    IgaDiscretisation,
-    Q4Discretisation,
-)
+from .discretisation import FITTING, Discretisation, IgaDiscretisation, Q4Discretisation
 from .geometry import SIDES, BeamGeometry, Geometry, NurbsGeometry, Point2, Point3
 from .reduction import (
     BuckensFrame,

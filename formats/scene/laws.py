@@ -55,8 +55,7 @@ class Expression(Table):
         "what it prescribes"
     )
     parameters: dict[str, float] = Field(
-        default_factory=dict,
-        description="numbers by name, beside those of the scene",
+        default_factory=dict, description="numbers by name, beside those of the scene"
     )
     states: dict[str, State] = Field(
         default_factory=dict, description="numbers that the law keeps, by name"

@@ -28,10 +28,7 @@ if TYPE_CHECKING:
 
 _KINDS = {"u": "m", "v": "m/s", "a": "m/s\N{SUPERSCRIPT TWO}", "w": "rad/s"}
 
-_MOMENTA = {
-    "momentum": "kg m/s",
-    "angular_momentum": "kg m\N{SUPERSCRIPT TWO}/s",
-}
+_MOMENTA = {"momentum": "kg m/s", "angular_momentum": "kg m\N{SUPERSCRIPT TWO}/s"}
 #: Of what has an axis or a number behind it.
 _WORDS = {**_MOMENTA, "quaternion": "", "rotation": "rad"}
 

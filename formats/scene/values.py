@@ -37,9 +37,7 @@ def check_length(vector: tuple[float, ...] | None, place: str, dimension: str) -
     wanted = 2 if dimension == "planar" else 3
     if vector is not None and len(vector) != wanted:
         fail(
-            place,
-            f"found {len(vector)} components",
-            f"{wanted} in a {dimension} scene",
+            place, f"found {len(vector)} components", f"{wanted} in a {dimension} scene"
         )
 
 

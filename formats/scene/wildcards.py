@@ -53,10 +53,7 @@ _RARE = {
     "spatial": (*(v + IN_BODY for v in VELOCITIES), *ORIENTATIONS, *MOMENTA),
     "planar": ("vx_body", "vy_body", "momentum_x", "momentum_y", "angular_momentum_z"),
 }
-_RARE_OF_MARKER = {
-    "spatial": (*TURNING, *ORIENTATIONS),
-    "planar": _BODY["planar"],
-}
+_RARE_OF_MARKER = {"spatial": (*TURNING, *ORIENTATIONS), "planar": _BODY["planar"]}
 _DISPLACEMENT = {"spatial": ("ux", "uy", "uz"), "planar": ("ux", "uy")}
 
 

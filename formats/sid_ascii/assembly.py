@@ -187,10 +187,7 @@ def _layouts(
         "Gr": layout.gr_errors(blocks["Gr"].m0, j1),
         "Ge": layout.ge_errors(blocks["Ge"].m0, cr1),
     }
-    hints = {
-        "Gr": hint.gr if hint else None,
-        "Ge": hint.ge if hint else None,
-    }
+    hints = {"Gr": hint.gr if hint else None, "Ge": hint.ge if hint else None}
     found = {}
     for name in errors:
         found[name], certain = layout.choose(errors[name], hints[name])

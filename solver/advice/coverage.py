@@ -10,12 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sidtool.formats.scene import (
-    PointForce,
-    SceneFile,
-    marker_names,
-    marker_reference,
-)
+from sidtool.formats.scene import PointForce, SceneFile, marker_names, marker_reference
 from sidtool.formats.sid import SID, Array, Node
 
 from ..space import layout as at
@@ -156,12 +151,7 @@ def _of_forces(state: State) -> Iterator[Load]:
 
 
 def _check(
-    system: System,
-    where: Where,
-    f: Array,
-    m: Array,
-    owner: str,
-    found: Found,
+    system: System, where: Where, f: Array, m: Array, owner: str, found: Found
 ) -> None:
     """Enters a force f or a moment m at a marker that does not deform its body."""
     body = system.bodies[system.index(where[0])]

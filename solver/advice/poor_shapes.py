@@ -59,9 +59,7 @@ def poor_directions(system: System, loads: Iterable[Load]) -> Iterator[str]:
         )
 
 
-def felt_at(
-    loads: Iterable[Load],
-) -> dict[tuple[str, str], list[tuple[Array, str]]]:
+def felt_at(loads: Iterable[Load]) -> dict[tuple[str, str], list[tuple[Array, str]]]:
     """Forces and moments (6,) with what exerts them, by body and marker."""
     felt: dict[tuple[str, str], list[tuple[Array, str]]] = {}
     for where, force, moment, name in loads:

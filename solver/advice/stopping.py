@@ -8,12 +8,7 @@ import numpy as np
 
 from sidtool.formats.result import FlexibleBody
 from sidtool.formats.sid import SID, Array
-from sidtool.formats.sid_mass import (
-    IN_PLANE,
-    SPATIAL,
-    coupled_mass_matrix,
-    free_motion,
-)
+from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, coupled_mass_matrix, free_motion
 
 from ..integrators import stepping
 from ..linear.newton import Memory

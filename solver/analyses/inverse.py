@@ -23,12 +23,7 @@ from ..system.bodies.packing import symmetric
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .held import is_state
-from .mechanics import (
-    Mechanics,
-    least_squares,
-    null_space,
-    refuse_prescribed,
-)
+from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
 from .recorded import Found, recorded
 from .rubbing import prescribed_friction, with_all_prescribed
 

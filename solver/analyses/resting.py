@@ -18,9 +18,7 @@ from .inverse import relative_equilibrium
 from .static import static_equilibrium
 
 
-def resting(
-    system: System,
-) -> tuple[SceneFile, dict[str, float], tuple[str, ...]]:
+def resting(system: System) -> tuple[SceneFile, dict[str, float], tuple[str, ...]]:
     """The scene of a system with its bodies in equilibrium, states of its laws there
     by name, and what is told of it.
 

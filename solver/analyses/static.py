@@ -29,13 +29,7 @@ from ..start.assembly import assemble
 from ..start.consistent import widest_open
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
-from .held import (
-    held,
-    places_for_states,
-    state_entries,
-    unsampled,
-    with_held_drives,
-)
+from .held import held, places_for_states, state_entries, unsampled, with_held_drives
 from .limits import at_limits
 from .mechanics import Mechanics, null_space, refuse_prescribed
 from .recorded import Found, recorded

@@ -28,11 +28,7 @@ from .views import ViewType, array_words
 __all__ = ["Entry", "entry", "inner"]
 
 #: How numbers get into machine code and out of it.
-PLAIN = {
-    types.float64: ctypes.c_double,
-    types.int64: ctypes.c_int64,
-    types.void: None,
-}
+PLAIN = {types.float64: ctypes.c_double, types.int64: ctypes.c_int64, types.void: None}
 
 
 class Entry:

@@ -154,11 +154,7 @@ def _slope(terms: Array) -> float:
 
 
 def _check_closed(
-    evaluate: Callable[[Array], Array],
-    low: float,
-    high: float,
-    size: float,
-    place: str,
+    evaluate: Callable[[Array], Array], low: float, high: float, size: float, place: str
 ) -> None:
     """What is not resolved in the shortest piece must not be a jump of the value.
 

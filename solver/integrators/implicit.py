@@ -19,13 +19,7 @@ from .projection import accelerate
 from .recording import is_full
 from .scales import note_motion, set_scales
 from .singular import FAR, NEAR, beside_singular, leave_start
-from .step_sizes import (
-    all_finite,
-    finish_step,
-    growth,
-    next_step,
-    too_small,
-)
+from .step_sizes import all_finite, finish_step, growth, next_step, too_small
 from .stepping import (
     ADDING,
     AHEAD,

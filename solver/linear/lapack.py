@@ -41,12 +41,7 @@ class Lapack(Table):
 FACTOR = types.void(*[int64] * 6)
 SOLVE = types.void(*[int64] * 9)
 LAPACK = TableType(
-    Lapack,
-    [
-        PointerType(FACTOR),
-        PointerType(SOLVE),
-        ViewType(int64, 1),
-    ],
+    Lapack, [PointerType(FACTOR), PointerType(SOLVE), ViewType(int64, 1)]
 )
 
 
@@ -84,12 +79,7 @@ def factor_large(lapack, A, o, n, pivots, first):
     word[SIZE], word[INFO] = n, 0
     size = address(word, SIZE)
     lapack.factor(
-        size,
-        size,
-        address(A, o),
-        size,
-        address(pivots, first),
-        address(word, INFO),
+        size, size, address(A, o), size, address(pivots, first), address(word, INFO)
     )
     return 0 if word[INFO] == 0 else 1
 

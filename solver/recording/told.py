@@ -6,12 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sidtool.formats.scene import (
-    MOMENTA,
-    SCENE_QUANTITIES,
-    SceneFile,
-    parse_output,
-)
+from sidtool.formats.scene import MOMENTA, SCENE_QUANTITIES, SceneFile, parse_output
 from sidtool.formats.sid import Array
 
 from ..compiler.records import RowsType
@@ -40,11 +35,7 @@ class Told:
     """
 
     def __init__(
-        self,
-        system: System,
-        samples: Samples,
-        times: Array,
-        work: Work | None = None,
+        self, system: System, samples: Samples, times: Array, work: Work | None = None
     ) -> None:
         self.system, self.samples, self.times = system, samples, times
         self._given = work

@@ -345,8 +345,7 @@ C1, C2, C3 = (ViewType(types.complex128, ndim) for ndim in (1, 2, 3))
 I1, I2 = (ViewType(int64, ndim) for ndim in (1, 2))
 
 SYSTEM = TableType(
-    System,
-    [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None, I2, F2, None],
+    System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None, I2, F2, None]
 )
 WORK = TableType(
     Work,

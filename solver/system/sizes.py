@@ -38,9 +38,7 @@ def diameter(points: Array) -> float:
 
 
 def mechanism_size(
-    scene: SceneFile,
-    data: Mapping[str, BodyData],
-    markers: Iterable[tuple[str, str]],
+    scene: SceneFile, data: Mapping[str, BodyData], markers: Iterable[tuple[str, str]]
 ) -> float:
     """Largest distance in a body, or between places of bodies and of the ground [m].
 

@@ -201,14 +201,7 @@ def _newton(kernels, system, work, memory, control, alpha, h):
         kernels.evaluate(system, work, real[TIME] + h, alpha.z1, alpha.v1)
         memory.counters[EVALUATIONS] += 1
         index3_residual(
-            system,
-            work,
-            alpha.place,
-            alpha.acc1,
-            alpha.lam1,
-            h2,
-            alpha.p,
-            alpha.g,
+            system, work, alpha.place, alpha.acc1, alpha.lam1, h2, alpha.p, alpha.g
         )
         index3_solve(system, memory, alpha.p, alpha.g)
         memory.counters[ITERATIONS] += 1
@@ -263,16 +256,7 @@ def _accept(kernels, system, work, memory, control, alpha, h):
     for j in range(len(system.friction)):
         work.rub[j] = alpha.lam1[first + j]
     write_cubic(
-        kernels,
-        system,
-        memory,
-        control,
-        h,
-        z1,
-        v1,
-        alpha.rate0,
-        alpha.acc0,
-        alpha.rz,
+        kernels, system, memory, control, h, z1, v1, alpha.rate0, alpha.acc0, alpha.rz
     )
     move(control, h, z1, v1)
     copy(alpha.v0, alpha.v)

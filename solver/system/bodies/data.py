@@ -20,13 +20,7 @@ from sidtool.formats.scene import (
     position_3d,
     rotation,
 )
-from sidtool.formats.sid import (
-    SID,
-    Array,
-    Node,
-    rigid_node,
-    rigid_sid,
-)
+from sidtool.formats.sid import SID, Array, Node, rigid_node, rigid_sid
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_subset import kept_indices, with_shape_functions
 

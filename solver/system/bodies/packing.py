@@ -6,13 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sidtool.formats.sid import (
-    J_INDICES,
-    SID,
-    Array,
-    Node,
-    Taylor,
-)
+from sidtool.formats.sid import J_INDICES, SID, Array, Node, Taylor
 from sidtool.formats.storage.kept import kept
 
 from ...equations.blocks import HEAD, ROWS, SQUARES

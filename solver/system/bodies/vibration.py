@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sidtool.formats.sid import (
-    SID,
-    Array,
-)
+from sidtool.formats.sid import SID, Array
 from sidtool.formats.storage.kept import kept
 
 from .packing import symmetric

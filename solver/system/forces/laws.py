@@ -14,14 +14,7 @@ from typing import Any
 import numpy as np
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import (
-    STATE,
-    Drive,
-    Expression,
-    Instruction,
-    Pid,
-    SceneFile,
-)
+from sidtool.formats.scene import STATE, Drive, Expression, Instruction, Pid, SceneFile
 from sidtool.formats.sid import BLOCK_SHAPES, SID, Taylor, block_shape
 
 from ...equations.forces import programs as op
