@@ -27,7 +27,7 @@ from .advice.stopping import (
     too_light,
 )
 from .integrators import stepping
-from .linear import newton
+from .linear import memory
 from .recording import outputs
 from .recording.sampling import Samples, sample
 from .start import assembly
@@ -41,13 +41,13 @@ if TYPE_CHECKING:
     from .run import Run
 
 COUNTERS = {
-    "steps": newton.STEPS,
-    "rejected": newton.REJECTED,
-    "evaluations": newton.EVALUATIONS,
-    "jacobians": newton.JACOBIANS,
-    "factorisations": newton.FACTORISATIONS,
-    "newton_iterations": newton.ITERATIONS,
-    "projections": newton.PROJECTIONS,
+    "steps": memory.STEPS,
+    "rejected": memory.REJECTED,
+    "evaluations": memory.EVALUATIONS,
+    "jacobians": memory.JACOBIANS,
+    "factorisations": memory.FACTORISATIONS,
+    "newton_iterations": memory.ITERATIONS,
+    "projections": memory.PROJECTIONS,
 }
 
 
@@ -136,7 +136,7 @@ def _settings(run: Run) -> dict[str, str | float]:
 def _notes(run: Run) -> Iterator[str]:
     """What a reader has to know of the numbers."""
     system, recorder, rtol = run.system, run.recorder, run.settings.rtol
-    steps = int(run.memory.counters[newton.STEPS])
+    steps = int(run.memory.counters[memory.STEPS])
     yield from dict.fromkeys((*run.told, *run.ready.asked))
     yield from crossings(system, run.kernels, run.control, rtol, run.start.z)
     yield from told_displacements(system, recorder.work, run.start, rtol)

@@ -24,7 +24,7 @@ from . import compile_scene, warmup
 from .equations.pointers import kernels
 from .functions.callables import Derivatives
 from .functions.laws import Law
-from .linear.newton import Kernels, Memory
+from .linear.memory import Kernels, Memory
 from .recording.interpolation import interpolated
 from .recording.outputs import position_names, record, velocity_names
 from .recording.sampling import Samples, sample

@@ -13,7 +13,7 @@ from sidtool.formats.result.rows import BLOCK, Rows, Sink
 from sidtool.formats.sid import Array
 
 from .advice.verdicts import Verdicts
-from .linear.newton import Kernels
+from .linear.memory import Kernels
 from .recording import outputs
 from .recording.dense import Steps, joined
 from .recording.energy_history import History

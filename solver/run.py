@@ -22,8 +22,8 @@ from .equations.pointers import kernels
 from .errors import SimulationError
 from .integrators import INTEGRATORS, Advance, newton_steps, recording, stepping
 from .integrators.singular import NEAR
-from .linear import newton
-from .linear.newton import Memory
+from .linear import memory
+from .linear.memory import Memory
 from .recorder import Recorder
 from .recording import dense, events
 from .recording.energy_history import History, is_wanted
@@ -236,11 +236,11 @@ class Run:
         """Makes some steps, however many output times lie in them; why they end."""
         left = self.limit
         while True:
-            before = int(self.memory.counters[newton.STEPS])
+            before = int(self.memory.counters[memory.STEPS])
             most = left if self.stick is None else min(left, self.stick.stride)
             code = self.advance(self.control, most)
             go_on(self.system)
-            left -= int(self.memory.counters[newton.STEPS]) - before
+            left -= int(self.memory.counters[memory.STEPS]) - before
             self._look_inside()
             if self.enters or (self.watch is not None and self.watch.ended):
                 return code
@@ -294,7 +294,7 @@ class Run:
         if whole[stepping.CROSSING] == NEAR:
             return True
         stiff = whole[stepping.STIFF]
-        return bool(stepping.STIFF_PART * stiff > self.memory.counters[newton.STEPS])
+        return bool(stepping.STIFF_PART * stiff > self.memory.counters[memory.STEPS])
 
     def _switch(self) -> None:
         """Goes on from here with the method for hard scenes."""

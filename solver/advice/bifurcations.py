@@ -21,7 +21,7 @@ from sidtool.formats.sid import Array
 
 from ..integrators import recording, stepping
 from ..integrators.bifurcations import BEGAN, LASTED, MOST, STATES
-from ..linear.newton import Kernels
+from ..linear.memory import Kernels
 from ..space import layout as at
 from ..space.coordinates import rate
 from ..space.layout import Work

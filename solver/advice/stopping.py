@@ -11,7 +11,7 @@ from sidtool.formats.sid import SID, Array
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, coupled_mass_matrix, free_motion
 
 from ..integrators import stepping
-from ..linear.newton import Memory
+from ..linear.memory import Memory
 from ..space import layout as at
 from ..start.conflicts import conflict_soon
 from ..system.bodies.data import BodyData

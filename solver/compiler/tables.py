@@ -36,7 +36,7 @@ class TableType(types.Type):
     """
 
     def __init__(self, owner: type[Table], members: list[Any], name: str = "") -> None:
-        self.fields = tuple(owner.__annotations__)
+        self.fields = tuple(owner.__annotations__ or owner.__mro__[1].__annotations__)
         super().__init__(f"{owner.__module__}.{owner.__qualname__}{name}")
         self.members = {
             field: self if kind is None else kind

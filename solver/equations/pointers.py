@@ -8,6 +8,7 @@ from typing import Any
 from ..compiler.compiling import Entry
 from ..compiler.views import Pointer
 from ..linear import accelerations, newton
+from ..linear.memory import SIGNATURES, Kernels
 from ..space.coordinates import rate, retract
 from . import equations
 
@@ -18,7 +19,7 @@ def pointer(kernel: Entry, signature: Any) -> Pointer:
 
 
 def entries(planar: bool) -> tuple[Entry, ...]:
-    """The kernels of planar or of spatial scenes, in the order of `newton.Kernels`."""
+    """The kernels of planar or of spatial scenes, in the order of `Kernels`."""
     return (
         equations.evaluate_in_plane if planar else equations.evaluate_in_space,
         equations.linearise_in_plane if planar else equations.linearise_in_space,
@@ -36,7 +37,7 @@ def entries(planar: bool) -> tuple[Entry, ...]:
 
 
 @cache
-def kernels(planar: bool) -> newton.Kernels:
+def kernels(planar: bool) -> Kernels:
     """Pointers to the kernels; loads or compiles them once."""
-    pairs = zip(entries(planar), newton.SIGNATURES, strict=True)
-    return newton.Kernels(*(pointer(kernel, signature) for kernel, signature in pairs))
+    pairs = zip(entries(planar), SIGNATURES, strict=True)
+    return Kernels(*(pointer(kernel, signature) for kernel, signature in pairs))

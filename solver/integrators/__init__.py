@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..linear.newton import Kernels, Memory
+    from ..linear.memory import Kernels, Memory
     from ..space.layout import Work
     from ..system.scene import System
     from .stepping import Control
@@ -50,14 +50,12 @@ def _radau(stages: int) -> Integrator:
         system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
     ) -> Advance:
         from .. import warmup
-        from ..linear.newton import STEPS
+        from ..linear.memory import STEPS
         from . import stepping
         from .radau import method as radau
         from .radau.table import new_stages
 
-        storage = new_stages(
-            stages, system.n_positions, system.n_velocities, system.n_newton_rows
-        )
+        storage = new_stages(stages, system.n_positions, system.n_velocities)
         parts = kernels, system.arrays, work, memory
 
         def advance(control: Control, limit: int) -> int:
@@ -74,13 +72,11 @@ def _radau(stages: int) -> Integrator:
         return advance
 
     title = f"Radau IIA of order {2 * stages - 1}, index 1, projected"
-    order, pairs, loop = (
-        2 * stages - 1,
-        (stages - 1) // 2,
-        "integrators.radau.method:advance",
+    loop, passing = (f"integrators.radau.{n}:advance" for n in ("method", "passing"))
+    pairs = (stages - 1) // 2
+    return Integrator(
+        title, 2 * stages - 1, stages, pairs, loop, prepare, passing_loop=passing
     )
-    passing = "integrators.radau.passing:advance"
-    return Integrator(title, order, stages, pairs, loop, prepare, passing_loop=passing)
 
 
 def _trapezoidal(
@@ -88,9 +84,7 @@ def _trapezoidal(
 ) -> Advance:
     from . import trapezoidal
 
-    storage = trapezoidal.new_slopes(
-        system.n_positions, system.n_velocities, system.n_newton_rows
-    )
+    storage = trapezoidal.new_slopes(system.n_positions, system.n_velocities)
     return lambda control, limit: trapezoidal.advance(
         kernels, system.arrays, work, memory, control, storage, limit
     )

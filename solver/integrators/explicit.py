@@ -17,7 +17,7 @@ from sidtool.formats.sid import Array
 
 from ..compiler.compiling import entry, inner
 from ..compiler.tables import Table, TableType
-from ..linear.newton import KERNELS, MEMORY, REJECTED, STEPS
+from ..linear.memory import KERNELS, MEMORY, REJECTED, STEPS
 from ..space.layout import F1, F2, SYSTEM, WORK
 from .dop853 import END, STAGES, TABLEAU
 from .landing import close_step

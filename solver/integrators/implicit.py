@@ -12,7 +12,7 @@ from numba import float64, int64, types
 
 from ..compiler.compiling import Entry, entry, inner
 from ..linear.mass import independence
-from ..linear.newton import KERNELS, MEMORY, REJECTED, STEPS
+from ..linear.memory import KERNELS, MEMORY, REJECTED, STEPS
 from ..space.layout import SYSTEM, WORK
 from .newton_steps import after_divergence, look_back, take_jacobian
 from .projection import accelerate
@@ -123,7 +123,7 @@ def step_loop(
         t, z, v = control.real[TIME] + later, storage.z1, storage.v1
         if accelerate(kernels, system, work, memory, t, z, v) == 1:
             return -1.0
-        return independence(system, memory.mass_S)
+        return independence(system, memory)
 
     seen = inner(
         float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type, float64)

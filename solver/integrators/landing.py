@@ -5,7 +5,7 @@ from __future__ import annotations
 from numba import float64, int64
 
 from ..compiler.compiling import inner
-from ..linear.newton import KERNELS, MEMORY
+from ..linear.memory import KERNELS, MEMORY
 from ..space.layout import F1, SYSTEM, WORK
 from .bifurcations import note_crossing
 from .passing import check_ways

@@ -7,7 +7,7 @@ import math
 from numba import float64, int64, types
 
 from ..compiler.compiling import inner
-from ..linear.newton import JACOBIANS, KERNELS, MEMORY, REJECTED
+from ..linear.memory import JACOBIANS, KERNELS, MEMORY, REJECTED
 from ..space.layout import F1, SYSTEM, WORK
 from .projection import accelerate
 from .stepping import (
@@ -139,44 +139,3 @@ def after_divergence(kernels, system, work, memory, control, h):
         return 0.5
     look_back(kernels, system, work, memory, control)
     return 1.0
-
-
-@inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64))
-def factor_real(kernels, system, work, memory, mu):
-    """Factors mu - J for a real mu; 0 on success."""
-    return kernels.factor_real(
-        system,
-        work,
-        memory,
-        memory.real_lapack,
-        mu,
-        memory.real_A,
-        memory.real_G,
-        memory.real_Y,
-        memory.real_S,
-        memory.real_pivots,
-        memory.real_row_pivots,
-    )
-
-
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F1))
-def solve_real(kernels, system, work, memory, mu, rz, rv, x, p, g):
-    """Solves (mu - J) (dz, dv) = (rz, rv) in place with that factor."""
-    kernels.solve_real(
-        system,
-        work,
-        memory,
-        memory.real_lapack,
-        mu,
-        memory.real_A,
-        memory.real_G,
-        memory.real_Y,
-        memory.real_S,
-        memory.real_pivots,
-        memory.real_row_pivots,
-        rz,
-        rv,
-        x,
-        p,
-        g,
-    )

@@ -6,7 +6,7 @@ from numba import float64, int64, types
 
 from ..compiler.compiling import inner
 from ..linear.grips import sticks
-from ..linear.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
+from ..linear.memory import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
 from ..linear.saddle import REGULARISATION
 from ..space.layout import (
     C_RATE,

@@ -8,7 +8,7 @@ from numba import boolean, float64, int64, types
 
 from ..compiler.compiling import entry, inner
 from ..linear.friction import along, pressure
-from ..linear.newton import KERNELS, MEMORY
+from ..linear.memory import KERNELS, MEMORY
 from ..space.layout import (
     C_GAMMA,
     C_RATE,

@@ -13,7 +13,7 @@ import math
 from numba import float64, types
 
 from ..compiler.compiling import inner
-from ..linear.newton import MEMORY
+from ..linear.memory import MEMORY
 from ..space.layout import F1, FLAGS, NP, NQ, POS, RD, STATE, SYSTEM, VEL
 from .stepping import (
     ADDING,

@@ -21,7 +21,7 @@ from numba import boolean, float64, int64, types
 
 from ..compiler.compiling import inner
 from ..linear.mass import independence
-from ..linear.newton import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
+from ..linear.memory import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
 from ..linear.saddle import REGULARISATION
 from ..space.layout import C_RATE, C_VALUE, F1, N_ROWS, SYSTEM, WORK
 from .projection import accelerate, rates_of_rows
@@ -119,7 +119,7 @@ def foresee(system, memory, control, h):
     ends where the motions that meet there cannot be told apart.
     """
     real = control.real
-    old, now = real[OLD_STEP], independence(system, memory.mass_S)
+    old, now = real[OLD_STEP], independence(system, memory)
     ahead = real[SINGULAR] > real[TIME]
     too_near = min(LOST * real[CLEAREST], max(ALIKE, TOO_NEAR * noisy(control)))
     if (
@@ -160,7 +160,7 @@ def leave_start(system, memory, control, h):
 def _least_start(system, memory, control):
     """Looks for a singular position at a start; returns the least step out of it."""
     real = control.real
-    real[INDEPENDENCE] = independence(system, memory.mass_S)
+    real[INDEPENDENCE] = independence(system, memory)
     real[DECLINE] = 0.0
     if real[INDEPENDENCE] > SINGULAR_START:
         return 0.0

@@ -18,11 +18,11 @@ from sidtool.formats.sid import Array
 
 from ..compiler.compiling import inner
 from ..compiler.tables import Table, TableType
-from ..linear.newton import ITERATIONS, KERNELS, MEMORY
+from ..linear.memory import ITERATIONS, KERNELS, MEMORY
 from ..space.layout import F1, SYSTEM, WORK
 from .implicit import step_loop
 from .landing import close_step
-from .newton_steps import factor_real, fade_contraction, judge, newton_limit, solve_real
+from .newton_steps import fade_contraction, judge, newton_limit
 from .projection import accelerate
 from .recording import move, write_cubic
 from .singular import keep_free_part
@@ -48,18 +48,15 @@ class Slopes(Table):
     v1: Array
     rz: Array
     rv: Array
-    x: Array
-    p: Array
-    g: Array
 
 
-SLOPES = TableType(Slopes, [F1] * 11)
+SLOPES = TableType(Slopes, [F1] * 8)
 
 
-def new_slopes(n_positions: int, n_velocities: int, n_rows: int) -> Slopes:
+def new_slopes(n_positions: int, n_velocities: int) -> Slopes:
     """Storage for a run."""
     n, m = n_positions, n_velocities
-    return Slopes.zeros(*((k,) for k in (n, m, n, m, n, m, n, m, m, m, n_rows)))
+    return Slopes.zeros(*((k,) for k in (n, m, n, m, n, m, n, m)))
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES))
@@ -103,7 +100,8 @@ def _newton(kernels, system, work, memory, control, slopes, h):
         for i in range(len(v1)):
             slope = memory.acceleration[i] + slopes.acc0[i]
             slopes.rv[i] = slope - mu * (v1[i] - control.v[i])
-        solve(kernels, system, work, memory, slopes, mu)
+        rz, rv = slopes.rz, slopes.rv
+        kernels.solve_real(system, work, memory, memory.real, 0, mu, rz, rv)
         memory.counters[ITERATIONS] += 1
         norm = scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
         verdict = judge(control, NEWTON_GOAL, iteration, norm, old_norm)
@@ -117,23 +115,6 @@ def _newton(kernels, system, work, memory, control, slopes, h):
             return iteration + 1
         old_norm = norm
     return 0
-
-
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, SLOPES, float64))
-def solve(kernels, system, work, memory, slopes, mu):
-    """Solves (mu - J) x = (rz, rv) in place."""
-    solve_real(
-        kernels,
-        system,
-        work,
-        memory,
-        mu,
-        slopes.rz,
-        slopes.rv,
-        slopes.x,
-        slopes.p,
-        slopes.g,
-    )
 
 
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
@@ -156,8 +137,9 @@ def _error(kernels, system, work, memory, control, slopes, h):
         change = 2.0 * ((slopes.v1[i] - control.v[i]) / h - slopes.acc0[i])
         change -= before * (slopes.acc0[i] - slopes.old_acc[i])
         slopes.rv[i] = mu * weight * change
-    solve(kernels, system, work, memory, slopes, mu)
-    z1, v1, rv, x, p = slopes.z1, slopes.v1, slopes.rv, slopes.x, slopes.p
+    z1, v1, rz, rv = slopes.z1, slopes.v1, slopes.rz, slopes.rv
+    kernels.solve_real(system, work, memory, memory.real, 0, mu, rz, rv)
+    x, p = memory.real.x, memory.real.p
     keep_free_part(kernels, system, work, memory, control, h, z1, v1, rv, x, p)
     return scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
 
@@ -165,7 +147,7 @@ def _error(kernels, system, work, memory, control, slopes, h):
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
 def accept(kernels, system, work, memory, control, slopes, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
-    z1, v1, x, p = slopes.z1, slopes.v1, slopes.x, slopes.p
+    z1, v1, x, p = slopes.z1, slopes.v1, memory.real.x, memory.real.p
     status = close_step(kernels, system, work, memory, control, h, z1, v1, x, p)
     if status != 0:
         return status
@@ -177,7 +159,7 @@ def accept(kernels, system, work, memory, control, slopes, h):
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, SLOPES, float64))
 def _factor(kernels, system, work, memory, slopes, h):
-    return factor_real(kernels, system, work, memory, 2.0 / h)
+    return kernels.factor_real(system, work, memory, memory.real, 0, 2.0 / h)
 
 
 @inner(int64(SLOPES))

@@ -23,7 +23,7 @@ from ..space.layout import (
 from .friction import JAMMED, along, directions, solve_friction
 from .grips import sticks
 from .mass import independence, mass_factor, mass_solve
-from .newton import MEMORY, PROJECT_ONCE, SOLVE_ACCELERATIONS
+from .memory import MEMORY, PROJECT_ONCE, SOLVE_ACCELERATIONS
 from .saddle import REGULARISATION, SHARED_SLACK, band_factor, band_solve
 
 #: Most corrections of accelerations for the regularisation of the constraints.
@@ -33,27 +33,6 @@ DEFECT = 1e-12
 #: Constraints that are less independent than this, in the metric of projections, are
 #: met by deformations, too: tau^2 gets so many times smaller, down to the last one.
 RIGIDLY_DEPENDENT, SOFTER, SOFTEST = 0.03, 1e-2, 1e-5
-
-
-@inner(types.void(SYSTEM, MEMORY, F1, F1))
-def _solve_mass(system, memory, x, mu):
-    mass_solve(system, memory.mass_A, memory.mass_W, memory.mass_S, x, mu)
-
-
-@inner(int64(SYSTEM, WORK, MEMORY, float64, float64))
-def _factor_mass(system, work, memory, weight, regularisation):
-    """Factors the saddle-point system of M + weight tau^2 K."""
-    return mass_factor(
-        system,
-        work.M,
-        memory.metric,
-        weight,
-        regularisation,
-        work.C,
-        memory.mass_A,
-        memory.mass_W,
-        memory.mass_S,
-    )
 
 
 @inner(float64(SYSTEM, WORK, MEMORY, F1, float64))
@@ -85,14 +64,14 @@ def _respond_to(system, work, memory, x, mu, weight):
     """
     for i in range(system.dims[N_ROWS]):
         mu[i] = weight * work.row[i, C_GAMMA]
-    _solve_mass(system, memory, x, mu)
+    mass_solve(system, memory, x, mu)
     defect = _constraint_defect(system, work, memory, x, weight)
     for _ in range(REFINEMENTS):
         if defect < DEFECT:
             break
         for i in range(len(memory.dx)):
             memory.dx[i] = 0.0
-        _solve_mass(system, memory, memory.dx, memory.dmu)
+        mass_solve(system, memory, memory.dx, memory.dmu)
         for i in range(len(memory.dx)):
             x[i] += memory.dx[i]
         for i in range(len(memory.dmu)):
@@ -106,7 +85,7 @@ def _respond_to(system, work, memory, x, mu, weight):
 @entry(SOLVE_ACCELERATIONS)
 def solve_accelerations(system, work, memory):
     """Accelerations and multipliers of the state in `work`, into `memory`."""
-    status = _factor_mass(system, work, memory, 0.0, REGULARISATION)
+    status = mass_factor(system, work, memory, 0.0, REGULARISATION)
     if status != 0:
         return status
     for i in range(len(work.f)):
@@ -124,30 +103,13 @@ def _add_friction(system, work, memory):
     directions(system, work, X)
     for j in range(len(X)):
         _respond_to(system, work, memory, X[j], L[j], 0.0)
-    status = _forces_of_friction(system, work, memory)
+    status = solve_friction(system, work, memory)
     for j in range(len(X)):
         for i in range(len(memory.acceleration)):
             memory.acceleration[i] += work.rub[j] * X[j, i]
         for r in range(len(memory.multiplier)):
             memory.multiplier[r] += work.rub[j] * L[j, r]
     return status
-
-
-@inner(int64(SYSTEM, WORK, MEMORY))
-def _forces_of_friction(system, work, memory):
-    return solve_friction(
-        system,
-        work,
-        memory.acceleration,
-        memory.multiplier,
-        memory.rub_X,
-        memory.rub_L,
-        memory.rub_P,
-        memory.rub_A,
-        memory.dmu,
-        memory.rub_t,
-        memory.rub_pivots,
-    )
 
 
 @entry(SOLVE_ACCELERATIONS)
@@ -157,7 +119,7 @@ def solve_prescribed_friction(system, work, memory):
     `multiplier` of `memory` is without friction; row j of `rub_L` is what a unit force
     along coordinate j adds to it.
     """
-    return _forces_of_friction(system, work, memory)
+    return solve_friction(system, work, memory)
 
 
 @entry(PROJECT_ONCE)
@@ -175,12 +137,12 @@ def project_once(system, work, memory, regularisation, dz, dv):
     """
     m = system.dims[N_ROWS]
     weight = 1.0
-    status = _factor_mass(system, work, memory, weight, regularisation)
+    status = mass_factor(system, work, memory, weight, regularisation)
     while status == 0 and weight > SOFTEST:
-        if independence(system, memory.mass_S) > RIGIDLY_DEPENDENT:
+        if independence(system, memory) > RIGIDLY_DEPENDENT:
             break
         weight *= SOFTER
-        status = _factor_mass(system, work, memory, weight, regularisation)
+        status = mass_factor(system, work, memory, weight, regularisation)
     if status != 0:
         return status
     for x, column in ((dz, C_VALUE), (dv, C_RATE)):
@@ -188,7 +150,7 @@ def project_once(system, work, memory, regularisation, dz, dv):
             x[i] = 0.0
         for i in range(m):
             memory.multiplier[i] = -work.row[i, column]
-        _solve_mass(system, memory, x, memory.multiplier)
+        mass_solve(system, memory, x, memory.multiplier)
     if len(system.friction) > 0:
         return _hold(system, work, memory, dz, dv)
     return 0
@@ -202,7 +164,7 @@ def _hold(system, work, memory, dz, dv):
     for j in range(n):
         for r in range(system.dims[N_ROWS]):
             memory.multiplier[r] = 0.0
-        _solve_mass(system, memory, X[j], memory.multiplier)
+        mass_solve(system, memory, X[j], memory.multiplier)
     for i in range(n):
         for k in range(n):
             A[i, k] = along(system, work, i, X[k]) if sticks(system, k) else 0.0

@@ -32,7 +32,7 @@ from ..space.layout import (
     WORK,
 )
 from .mass import mass_row_times
-from .newton import KERNELS
+from .memory import KERNELS
 from .saddle import band_factor, band_solve
 
 # Columns of the table of carried bodies, each behind its base

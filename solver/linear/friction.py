@@ -47,6 +47,7 @@ from ..space.layout import (
     WORK,
 )
 from .grips import sense_of, sticks
+from .memory import MEMORY
 from .saddle import band_factor, band_solve
 
 #: Newton's iterations for the forces of friction, the relative change at their end,
@@ -262,27 +263,28 @@ def _equation(system, work, i, multiplier, L, P, A):
     return opposed
 
 
-@inner(types.void(SYSTEM, WORK, F1, F2, F1))
-def _multipliers(system, work, multiplier, L, lam):
-    """The multipliers with friction as it is in `work.rub`."""
-    for r in range(len(lam)):
-        lam[r] = multiplier[r]
-        for k in range(len(L)):
-            lam[r] += work.rub[k] * L[k, r]
+@inner(types.void(WORK, MEMORY))
+def _multipliers(work, memory):
+    """The multipliers with friction as it is in `work.rub`, into dmu."""
+    for r in range(len(memory.dmu)):
+        memory.dmu[r] = memory.multiplier[r]
+        for k in range(len(work.rub)):
+            memory.dmu[r] += work.rub[k] * memory.rub_L[k, r]
 
 
-@inner(int64(SYSTEM, WORK, F1, F2, F2, F2, F1, F1, I1))
-def _iterate(system, work, multiplier, L, P, A, lam, dt, pivots):
+@inner(int64(SYSTEM, WORK, MEMORY))
+def _iterate(system, work, memory):
     """Newton's iteration for the forces of friction, from none; 0 or JAMMED.
 
     Compliance stands in the matrix alone: of what sticks it chooses one solution, and
     leaves no acceleration.
     """
-    n, t, before = len(A), work.rub, math.inf
+    L, P, A, dt = memory.rub_L, memory.rub_P, memory.rub_A, memory.rub_t
+    lam, n, t, before = memory.dmu, len(A), work.rub, math.inf
     for i in range(n):
         t[i] = 0.0
     for _ in range(ITERATIONS):
-        _multipliers(system, work, multiplier, L, lam)
+        _multipliers(work, memory)
         size = 0.0
         for i in range(n):
             dt[i] = -_equation(system, work, i, lam, L, P, A)
@@ -292,9 +294,9 @@ def _iterate(system, work, multiplier, L, P, A, lam, dt, pivots):
             else:
                 for k in range(n):
                     dt[i] -= P[i, k] / P[i, i] * t[k]
-        if band_factor(A, n, n, pivots) != 0:
+        if band_factor(A, n, n, memory.rub_pivots) != 0:
             return JAMMED
-        band_solve(A, n, n, pivots, dt)
+        band_solve(A, n, n, memory.rub_pivots, dt)
         change = 0.0
         for i in range(n):
             t[i] += dt[i]
@@ -315,32 +317,31 @@ def solvability(A, pivots):
     return whole
 
 
-@inner(int64(SYSTEM, WORK, F1, F1, F2, F2, F2, F2, F1, F1, I1))
-def solve_friction(system, work, acceleration, multiplier, X, L, P, A, lam, dt, pivots):
+@inner(int64(SYSTEM, WORK, MEMORY))
+def solve_friction(system, work, memory):
     """Forces of friction, into `work.rub`, with the loads that make them.
 
-    acceleration, multiplier : without friction
-    X, L : (frictions, .) what a unit force along each coordinate adds to them
-    P, A, lam, dt, pivots : scratch, P of two columns more than A
+    acceleration, multiplier of `memory` are without friction; rub_X, rub_L what a unit
+    force along each coordinate adds to them.
 
     Returns 0, or JAMMED where friction has no solution, or not one alone.
     """
-    n, shared = len(A), False
+    P, n, shared = memory.rub_P, len(memory.rub_A), False
     for i in range(n):
         work.rub[i] = 0.0
-        P[i, n] = along(system, work, i, acceleration)
+        P[i, n] = along(system, work, i, memory.acceleration)
         for k in range(n):
-            P[i, k] = along(system, work, i, X[k])
+            P[i, k] = along(system, work, i, memory.rub_X[k])
         if sticks(system, i) and system.grip[i, SHARED] > 0.0:
             shared = True
     for k in range(ROUNDS):
         if k > 0 and not shared:
             break
-        _multipliers(system, work, multiplier, L, lam)
-        _share(system, work, lam, P)
-        if _iterate(system, work, multiplier, L, P, A, lam, dt, pivots) != 0:
+        _multipliers(work, memory)
+        _share(system, work, memory.dmu, P)
+        if _iterate(system, work, memory) != 0:
             return JAMMED
-    _multipliers(system, work, multiplier, L, lam)
+    _multipliers(work, memory)
     for i in range(n):
-        work.load[i] = load_of(system, i, lam)
-    return 0 if solvability(A, pivots) > 0.0 else JAMMED
+        work.load[i] = load_of(system, i, memory.dmu)
+    return 0 if solvability(memory.rub_A, memory.rub_pivots) > 0.0 else JAMMED

@@ -41,15 +41,14 @@ from ..space.layout import (
 from .friction import friction_residual
 from .grips import sticks
 from .mass import mass_row_times
-from .newton import FACTORISATIONS, MEMORY
-from .saddle import saddle_factor, saddle_solve
+from .memory import FACTORISATIONS, MEMORY
+from .saddle import saddle_factor
 
 
 @inner(int64(SYSTEM, WORK, MEMORY, float64, float64, float64))
 def index3_factor(system, work, memory, inertia, damping, stiffness):
     """Factors the matrix; weights are h^2 beta', h^2 gamma' and h^2. 0 on success."""
-    extended = system.newton
-    A, G = memory.real_A, memory.real_G
+    A, G = memory.real.A[0], memory.real.G[0]
     for i in range(len(A)):
         A[i] = inertia * memory.M[i] + damping * work.Rv[i] + stiffness * work.Rp[i]
     constraints = system.dims[N_ENTRIES]
@@ -64,35 +63,7 @@ def index3_factor(system, work, memory, inertia, damping, stiffness):
             for i in range(at, at + system.body[stuck[k, S_BODY], NV]):
                 G[i] = memory.C[i]
     memory.counters[FACTORISATIONS] += 1
-    return saddle_factor(
-        extended,
-        memory.real_lapack,
-        A,
-        memory.C,
-        G,
-        memory.real_Y,
-        memory.real_S,
-        memory.real_pivots,
-        memory.real_row_pivots,
-        work.rubbing,
-    )
-
-
-@inner(types.void(SYSTEM, MEMORY, F1, F1))
-def index3_solve(system, memory, x, mu):
-    """Solves with that factor; right-hand sides in x and mu are overwritten."""
-    saddle_solve(
-        system.newton,
-        memory.real_lapack,
-        memory.real_A,
-        memory.real_G,
-        memory.real_Y,
-        memory.real_S,
-        memory.real_pivots,
-        memory.real_row_pivots,
-        x,
-        mu,
-    )
+    return saddle_factor(system.newton, memory.real, 0, memory.C, work.rubbing)
 
 
 @inner(types.void(SYSTEM, F1, F1, float64, F1))

@@ -34,7 +34,9 @@ from ..space.layout import (
     SEG1,
     SYSTEM,
     VEL,
+    WORK,
 )
+from .memory import MEMORY
 
 #: A constraint depends on others when this many slacks are left of it.
 CLEAR_OF_SLACK = 10.0
@@ -157,14 +159,15 @@ def _band_solve(S, m, width, x):
             x[i] -= S[k, i] * x[k]
 
 
-@inner(int64(SYSTEM, F1, F1, float64, float64, F1, F1, F1, F2))
-def mass_factor(system, M, K, weight, regularisation, C, A, W, S):
-    """Factors the system of M + weight K: A, W and S as above.
+@inner(int64(SYSTEM, WORK, MEMORY, float64, float64))
+def mass_factor(system, work, memory, weight, regularisation):
+    """Factors the system of M + weight tau^2 K: A, W and S as above.
 
     regularisation : added to the diagonal of S, relative to it
 
     Returns 0, or 1 when a block is not positive, or 2 when constraints are dependent.
     """
+    A, W, S = memory.mass_A, memory.mass_W, memory.mass_S
     m, width = system.dims[N_ROWS], system.dims[BANDWIDTH]
     for i in range(m):
         for j in range(max(0, i - width), i):
@@ -172,23 +175,23 @@ def mass_factor(system, M, K, weight, regularisation, C, A, W, S):
         S[i, i] = system.slack[i]
     for b in range(len(system.body)):
         n, o, reach = system.body[b, NV], system.body[b, BLOCK], _reach(system, b)
-        _copy_block(M, K, weight, A, o, n, reach)
+        _copy_block(work.M, memory.metric, weight, A, o, n, reach)
         if _block_factor(A, o, n, reach) != 0:
             return 1
-        _schur_of_body(system, A, C, W, S, b)
+        _schur_of_body(system, A, work.C, W, S, b)
     for i in range(m):
         S[i, i] *= 1.0 + regularisation
     return 0 if _band_factor(S, m, width) else 2
 
 
-@inner(float64(SYSTEM, F2))
-def independence(system, S):
-    """Sine of the smallest angle between a constraint and those before it, from S.
+@inner(float64(SYSTEM, MEMORY))
+def independence(system, memory):
+    """Sine of the smallest angle between a constraint and those before it.
 
-    Angles in the metric that S was factored with. It passes zero linearly where a
+    Angles in the metric of the last `mass_factor`. It passes zero linearly where a
     mechanism passes a singular position. Redundant constraints do not count.
     """
-    width, least = system.dims[BANDWIDTH], 1.0
+    S, width, least = memory.mass_S, system.dims[BANDWIDTH], 1.0
     for i in range(system.dims[N_ROWS]):
         pivot = 1.0 / S[i, i]
         if pivot < CLEAR_OF_SLACK * system.slack[i]:
@@ -200,9 +203,10 @@ def independence(system, S):
     return math.sqrt(least)
 
 
-@inner(types.void(SYSTEM, F1, F1, F2, F1, F1))
-def mass_solve(system, A, W, S, x, mu):
+@inner(types.void(SYSTEM, MEMORY, F1, F1))
+def mass_solve(system, memory, x, mu):
     """Solves with a factor of `mass_factor`; (p, g) in (x, mu) are overwritten."""
+    A, W, S = memory.mass_A, memory.mass_W, memory.mass_S
     segment = system.segment
     for b in range(len(system.body)):
         n, o = system.body[b, NV], system.body[b, BLOCK]

@@ -37,7 +37,7 @@ from ..space.layout import (
 )
 from .blocks import block_factor, block_solve
 from .grips import sticks
-from .lapack import LAPACK
+from .memory import COMPLEX_FACTORS, REAL_FACTORS
 
 #: Added to the diagonal of the Schur complement, relative to it. Where constraints
 #: become dependent (a singular position) it stands in for what they leave open;
@@ -93,21 +93,21 @@ def band_solve(S, m, width, pivots, x):
 
 @inner(
     *[
-        int64(SYSTEM, LAPACK, F1, F1, F1, F1, F2, I1, I1, F2),
-        int64(SYSTEM, LAPACK, C1, F1, C1, C1, C2, I1, I1, F2),
+        int64(SYSTEM, FACTORS, int64, F1, F2)
+        for FACTORS in (REAL_FACTORS, COMPLEX_FACTORS)
     ]
 )
-def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots, rubbing):
-    """Factors the system in place: A becomes its factors, see `blocks`, Y = A^-1 C^T
+def saddle_factor(system, factors, which, C, rubbing):
+    """Factors a system in place: A becomes its factors, see `blocks`, Y = A^-1 C^T
     and S its band LU.
 
     rubbing : (frictions, .) how friction of sliding joints follows from multipliers
 
     Returns 0, or 1 when a block is singular, or 2 when the constraints are dependent.
     """
-    m = system.dims[N_ROWS]
-    width = system.dims[BANDWIDTH]
-    segment = system.segment
+    A, G, Y, S = factors.A[which], factors.G[which], factors.Y[which], factors.S[which]
+    lapack, pivots = factors.lapack, factors.pivots[which]
+    m, width, segment = system.dims[N_ROWS], system.dims[BANDWIDTH], system.segment
     for i in range(m):
         for j in range(max(0, i - width), min(m, i + 2 * width + 1)):
             S[i, j] = 0.0
@@ -141,21 +141,20 @@ def saddle_factor(system, lapack, A, C, G, Y, S, pivots, row_pivots, rubbing):
     for j in range(len(system.friction)):
         row = system.friction[j, R_NEWTON]
         S[row, row] *= 1.0 + SHARED_SLACK * system.grip[j, SHARED]
-    if m > 0 and band_factor(S, m, width, row_pivots) != 0:
+    if m > 0 and band_factor(S, m, width, factors.row_pivots[which]) != 0:
         return 2
     return 0
 
 
 @inner(
-    *[
-        types.void(SYSTEM, LAPACK, A, A, A, B, I1, I1, A, A)
-        for A, B in ((F1, F2), (C1, C2))
-    ]
+    types.void(SYSTEM, REAL_FACTORS, int64, F1, F1),
+    types.void(SYSTEM, COMPLEX_FACTORS, int64, C1, C1),
 )
-def saddle_solve(system, lapack, A, G, Y, S, pivots, row_pivots, x, mu):
+def saddle_solve(system, factors, which, x, mu):
     """Solves with a factor of `saddle_factor`; (p, g) in (x, mu) are overwritten."""
-    m = system.dims[N_ROWS]
-    segment = system.segment
+    A, G, Y, S = factors.A[which], factors.G[which], factors.Y[which], factors.S[which]
+    lapack, pivots = factors.lapack, factors.pivots[which]
+    m, segment = system.dims[N_ROWS], system.segment
     for b in range(len(system.body)):
         n, first = system.body[b, NV], system.body[b, VEL]
         if n == 0:
@@ -167,7 +166,7 @@ def saddle_solve(system, lapack, A, G, Y, S, pivots, row_pivots, x, mu):
                 mu[row] -= G[at + k] * x[first + k]
     if m == 0:
         return
-    band_solve(S, m, system.dims[BANDWIDTH], row_pivots, mu)
+    band_solve(S, m, system.dims[BANDWIDTH], factors.row_pivots[which], mu)
     for b in range(len(system.body)):
         n, first = system.body[b, NV], system.body[b, VEL]
         for s in range(system.body[b, SEG0], system.body[b, SEG1]):

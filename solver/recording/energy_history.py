@@ -13,7 +13,7 @@ import numpy as np
 from sidtool.formats.scene import SceneFile, parse_output
 from sidtool.formats.sid import Array
 
-from ..linear.newton import Kernels
+from ..linear.memory import Kernels
 from ..system.scene import System
 from ..system.storage import new_memory, new_work
 from .dense import BATCH, Points, Steps

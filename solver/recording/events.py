@@ -18,7 +18,7 @@ from sidtool.formats.scene import Outputs, parse_output
 from sidtool.formats.scene.outputs import is_of_joint
 from sidtool.formats.sid import Array
 
-from ..linear.newton import Kernels
+from ..linear.memory import Kernels
 from ..system.bodies.eliminated import asks_for_joints
 from ..system.scene import System
 from ..system.storage import new_memory, new_work

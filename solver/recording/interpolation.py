@@ -6,7 +6,7 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..linear.newton import Kernels, Memory
+from ..linear.memory import Kernels, Memory
 from ..space.coordinates import rate
 from ..space.layout import Work
 from ..system.scene import System

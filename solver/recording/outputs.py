@@ -26,7 +26,7 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import Array
 
 from ..integrators import stepping
-from ..linear.newton import Kernels, Memory
+from ..linear.memory import Kernels, Memory
 from ..space import layout as at
 from ..space.layout import Work
 from ..system.bodies.embedded import embedded, matrices

@@ -9,7 +9,7 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..integrators import recording
-from ..linear.newton import Kernels, Memory
+from ..linear.memory import Kernels, Memory
 from ..space import layout as at
 from ..space.layout import Work
 from ..start.minimum_norm import minimum_norm

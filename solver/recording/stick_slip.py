@@ -28,7 +28,7 @@ from ..integrators.recording import (
     RUB_PUSH,
     RUB_RATE,
 )
-from ..linear.newton import Kernels
+from ..linear.memory import Kernels
 from ..space import layout as at
 from ..system import kernel_calls
 from ..system.forces.grips import Grips

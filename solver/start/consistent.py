@@ -12,7 +12,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import as_3d, rotation
 from sidtool.formats.sid import Array
 
-from ..linear.newton import Memory
+from ..linear.memory import Memory
 from ..space import layout as at
 from ..space.coordinates import retract
 from ..system import kernel_calls

@@ -10,7 +10,7 @@ from sidtool.formats.sid import SID, Array
 
 from ..equations.forces import programs
 from ..linear.lapack import lapack
-from ..linear.newton import N_COUNTERS, Memory
+from ..linear.memory import N_COUNTERS, ComplexFactors, Factors, Memory
 from ..space import layout as at
 from ..space.spaces import FRAMES, MODES, POINTS, STIFFENED, TURNING
 from .bodies.packing import elastic_mass, shape_functions, symmetric
@@ -114,19 +114,15 @@ def new_memory(system: System, pairs: int) -> Memory:
     schur = band(rows, 3 * width)
     frame = FRAMES[system.space].record.size
     rubbing, metric = len(system.rubbing), system.once(_metric)
+
+    def factors(kind: type[Factors], systems: int, precision: str) -> Factors:
+        shapes = (blocks,), (entries,), (entries,), schur, (n + len(body),), (rows,)
+        several = [(systems, *shape) for shape in shapes]
+        return kind.zeros(*several, (n,), (n,), (rows,), lapack(precision, largest))
+
     memory = Memory.zeros(
-        (blocks,),
-        (entries,),
-        (entries,),
-        schur,
-        (n + len(body),),
-        (rows,),
-        (pairs, blocks),
-        (pairs, entries),
-        (pairs, entries),
-        (pairs, *schur),
-        (pairs, n + len(body)),
-        (pairs, rows),
+        factors(Factors, 1, "d"),
+        factors(ComplexFactors, pairs, "z"),
         (blocks,),
         (entries,),
         band(m, int(system.arrays.dims[at.BANDWIDTH])),
@@ -139,8 +135,6 @@ def new_memory(system: System, pairs: int) -> Memory:
         (n,),
         (m,),
         (N_COUNTERS,),
-        lapack("d", largest),
-        lapack("z", largest),
         (rubbing, n),
         (rubbing, m),
         (rubbing, rubbing + 2),

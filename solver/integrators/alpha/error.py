@@ -8,9 +8,9 @@ from numba import boolean, float64, int64, types
 
 from ...compiler.compiling import inner
 from ...linear.friction import solvability
-from ...linear.index3 import add_mass_times, index3_solve
-from ...linear.newton import KERNELS, MEMORY
-from ...linear.saddle import REGULARISATION
+from ...linear.index3 import add_mass_times
+from ...linear.memory import KERNELS, MEMORY
+from ...linear.saddle import REGULARISATION, saddle_solve
 from ...space.layout import (
     C_RATE,
     C_VALUE,
@@ -86,10 +86,11 @@ def pass_through(system, memory, alpha, x):
     """Passes a tangent vector through the Newton matrix, into p."""
     for i in range(len(alpha.p)):
         alpha.p[i] = 0.0
-    for i in range(len(alpha.g)):
-        alpha.g[i] = 0.0
+    g = memory.real.g
+    for i in range(len(g)):
+        g[i] = 0.0
     add_mass_times(system, memory.M, x, inertia(alpha), alpha.p)
-    index3_solve(system, memory, alpha.p, alpha.g)
+    saddle_solve(system.newton, memory.real, 0, alpha.p, g)
 
 
 @inner(float64(SYSTEM, CONTROL, ALPHA, float64))

@@ -21,9 +21,9 @@ from __future__ import annotations
 from numba import float64, int64, types
 
 from ...compiler.compiling import inner
-from ...linear.index3 import index3_factor, index3_residual, index3_solve
-from ...linear.newton import EVALUATIONS, ITERATIONS, KERNELS, MEMORY
-from ...linear.saddle import REGULARISATION
+from ...linear.index3 import index3_factor, index3_residual
+from ...linear.memory import EVALUATIONS, ITERATIONS, KERNELS, MEMORY
+from ...linear.saddle import REGULARISATION, saddle_solve
 from ...space.coordinates import chords, follow_chords
 from ...space.layout import SYSTEM, WORK
 from ..implicit import step_loop
@@ -200,21 +200,20 @@ def _newton(kernels, system, work, memory, control, alpha, h):
         _place(kernels, system, control, alpha, h)
         kernels.evaluate(system, work, real[TIME] + h, alpha.z1, alpha.v1)
         memory.counters[EVALUATIONS] += 1
-        index3_residual(
-            system, work, alpha.place, alpha.acc1, alpha.lam1, h2, alpha.p, alpha.g
-        )
-        index3_solve(system, memory, alpha.p, alpha.g)
+        p, g, lam1 = alpha.p, memory.real.g, alpha.lam1
+        index3_residual(system, work, alpha.place, alpha.acc1, lam1, h2, p, g)
+        saddle_solve(system.newton, memory.real, 0, p, g)
         memory.counters[ITERATIONS] += 1
         norm = size = 0.0
-        for i in range(len(alpha.p)):
-            alpha.a1[i] += by_a * alpha.p[i]
-            norm = max(norm, abs(alpha.p[i]) / alpha.floor[i])
-            size = max(size, abs(alpha.p[i]) / alpha.scale[i])
+        for i in range(len(p)):
+            alpha.a1[i] += by_a * p[i]
+            norm = max(norm, abs(p[i]) / alpha.floor[i])
+            size = max(size, abs(p[i]) / alpha.scale[i])
         if control.whole[FIXED_STEP] == 0:
             size = norm / goal
         for i in range(len(alpha.place)):
             if alpha.place[i] >= 0:
-                alpha.lam1[i] += alpha.g[alpha.place[i]] / h2
+                lam1[i] += g[alpha.place[i]] / h2
         verdict = judge(control, NEWTON_GOAL, iteration, size, old_size)
         if verdict == 1 or norm < 1.0 or (verdict < 0 and norm < blunt):
             _place(kernels, system, control, alpha, h)

@@ -45,7 +45,7 @@ class Alpha(Table):
     dx : motion during the step, in the tangent space
     rz : scratch like z_I
     nz, nv : parts of tangent vectors that the constraints impose
-    p, g : right-hand side and solution of a correction
+    p : right-hand side and solution of a correction
     wish : tolerated errors of tangent vectors
     scale, pace : what is told from rounding of these, and of velocities
     trend_x, trend_v : errors of positions and velocities, mean of the last steps
@@ -79,7 +79,6 @@ class Alpha(Table):
     nz: Array
     nv: Array
     p: Array
-    g: Array
     wish: Array
     scale: Array
     pace: Array
@@ -90,7 +89,7 @@ class Alpha(Table):
     floor: Array
 
 
-ALPHA = TableType(Alpha, [I1] + [F1] * 34)
+ALPHA = TableType(Alpha, [I1] + [F1] * 33)
 
 
 def coefficients(rho: float) -> Array:
@@ -117,9 +116,8 @@ def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
     """Storage for a run; `sizes` are those of tangent vectors."""
     n, m = int(system.dims[N_POS]), int(system.dims[N_VEL])
     rows = int(system.dims[N_ROWS]) + len(system.friction)
-    newton_rows = int(system.newton.dims[N_ROWS])
     lengths = [m] * 6 + [n] + [m] * 4 + [rows] * 3 + [m, n, m, m, m, m, n, m, m, m]
-    vectors = [(length,) for length in (*lengths, newton_rows, *[m] * 7)]
+    vectors = [(length,) for length in (*lengths, *[m] * 7)]
     floor = ROUNDED * sizes
     return Alpha.zeros(newton_places(system), coefficients(rho), *vectors, floor)
 

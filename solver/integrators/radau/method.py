@@ -14,7 +14,7 @@ from typing import Any
 from numba import float64, int64, types
 
 from ...compiler.compiling import inner
-from ...linear.newton import KERNELS, MEMORY
+from ...linear.memory import KERNELS, MEMORY
 from ...space.layout import SYSTEM, WORK
 from ..implicit import step_loop
 from ..landing import close_step
@@ -27,7 +27,6 @@ from .stages import (
     factor,
     foretell,
     predict,
-    solve,
     sweep,
     take_correction,
     take_end,
@@ -89,7 +88,8 @@ def error_of(keep: Any) -> Any:
                     stages.rz[k] += stages.old_Zz[0, k] - stages.rate0[k]
                 for k in range(len(stages.rv)):
                     stages.rv[k] += memory.acceleration[k] - stages.acc0[k]
-            solve(kernels, system, work, memory, stages, mu)
+            rz, rv = stages.rz, stages.rv
+            kernels.solve_real(system, work, memory, memory.real, 0, mu, rz, rv)
             keep(kernels, system, work, memory, control, stages, h)
             error = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
             if error < 1.0 or not cautious or attempt == 1:
@@ -136,7 +136,7 @@ def _write_outputs(control, stages, h):
 def accept(kernels, system, work, memory, control, stages, h):
     """Moves to the end of the step, projected onto the constraints; 0 on success."""
     take_end(control, stages)
-    z1, v1, dz, dv = stages.z1, stages.v1, stages.x, stages.p
+    z1, v1, dz, dv = stages.z1, stages.v1, memory.real.x, memory.real.p
     status = close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv)
     if status != 0:
         return status

@@ -13,10 +13,10 @@ import math
 from numba import boolean, float64, int64, types
 
 from ...compiler.compiling import inner
-from ...linear.newton import ITERATIONS, KERNELS, MEMORY
+from ...linear.memory import ITERATIONS, KERNELS, MEMORY
 from ...space.layout import SYSTEM, WORK
 from ..implicit import step_loop
-from ..newton_steps import factor_real, judge, newton_goal, newton_limit
+from ..newton_steps import judge, newton_goal, newton_limit
 from ..projection import accelerate
 from ..singular import NEAR, keep_free_part
 from ..step_sizes import scaled_norm
@@ -26,7 +26,6 @@ from .stages import (
     factor,
     foretell,
     go_on,
-    solve,
     sweep,
     take_correction,
     take_end,
@@ -77,7 +76,7 @@ def _pass(kernels, system, work, memory, control, stages, h):
     go_on(control, stages, h)
     bend = _bend(method, ratio, 1.0)
     mu = 1.0 / (bend * h)
-    status = factor_real(kernels, system, work, memory, mu)
+    status = kernels.factor_real(system, work, memory, memory.real, 0, mu)
     z1, v1, dz, dv = stages.z1, stages.v1, stages.Wz[0], stages.Wv[0]
     old_norm, verdict, iteration = 0.0, 0, 0
     take_end(control, stages)
@@ -97,7 +96,8 @@ def _pass(kernels, system, work, memory, control, stages, h):
             stages.rv[k] = memory.acceleration[k] - dv[k] / h
             for i in range(s):
                 stages.rv[k] -= method.slope[i] / h * stages.Zv[i, k]
-        solve(kernels, system, work, memory, stages, mu)
+        rz, rv = stages.rz, stages.rv
+        kernels.solve_real(system, work, memory, memory.real, 0, mu, rz, rv)
         memory.counters[ITERATIONS] += 1
         norm = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
         verdict = judge(control, newton_goal(control), iteration, norm, old_norm)
@@ -118,14 +118,15 @@ def _pass(kernels, system, work, memory, control, stages, h):
         for k in range(len(v1)):
             stages.Zv[i, k] += bend * dv[k]
     mu = method.real_eigenvalue[0] / h
-    return iteration if factor_real(kernels, system, work, memory, mu) == 0 else 0
+    status = kernels.factor_real(system, work, memory, memory.real, 0, mu)
+    return iteration if status == 0 else 0
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, STAGES, float64))
 def _keep_free(kernels, system, work, memory, control, stages, h):
     """Takes from the error what projection takes from the end of the step."""
     take_end(control, stages)
-    z1, v1, rv, x, p = stages.z1, stages.v1, stages.rv, stages.x, stages.p
+    z1, v1, rv, x, p = stages.z1, stages.v1, stages.rv, memory.real.x, memory.real.p
     keep_free_part(kernels, system, work, memory, control, h, z1, v1, rv, x, p)
 
 

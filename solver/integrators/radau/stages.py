@@ -7,9 +7,8 @@ import math
 from numba import complex128, float64, int64, types
 
 from ...compiler.compiling import inner
-from ...linear.newton import ITERATIONS, KERNELS, MEMORY
+from ...linear.memory import ITERATIONS, KERNELS, MEMORY
 from ...space.layout import F1, F2, SYSTEM, WORK
-from ..newton_steps import factor_real, solve_real
 from ..projection import accelerate
 from ..step_sizes import scaled_norm
 from ..stepping import CONTROL, OLD_STEP, PREDICT, STAGE_STEP, TIME, copy
@@ -82,41 +81,13 @@ def factor(kernels, system, work, memory, stages, h):
     """Factors the Newton matrices of all eigenvalues for the step h."""
     method = stages.method
     mu = method.real_eigenvalue[0] / h
-    status = factor_real(kernels, system, work, memory, mu)
+    status = kernels.factor_real(system, work, memory, memory.real, 0, mu)
     for k in range(len(method.complex_eigenvalues)):
         if status != 0:
             return status
-        status = kernels.factor_complex(
-            system,
-            work,
-            memory,
-            memory.complex_lapack,
-            _eigenvalue(method, k, h),
-            memory.complex_A[k],
-            memory.complex_G[k],
-            memory.complex_Y[k],
-            memory.complex_S[k],
-            memory.complex_pivots[k],
-            memory.complex_row_pivots[k],
-        )
+        nu = _eigenvalue(method, k, h)
+        status = kernels.factor_complex(system, work, memory, memory.complex, k, nu)
     return status
-
-
-@inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
-def solve(kernels, system, work, memory, stages, mu):
-    """Solves (mu - J) x = (rz, rv) in place."""
-    solve_real(
-        kernels,
-        system,
-        work,
-        memory,
-        mu,
-        stages.rz,
-        stages.rv,
-        stages.x,
-        stages.p,
-        stages.g,
-    )
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, STAGES, float64))
@@ -128,7 +99,8 @@ def correct(kernels, system, work, memory, stages, h):
         stages.rz[i] = stages.Fz[0, i] - mu * stages.Wz[0, i]
     for i in range(len(stages.rv)):
         stages.rv[i] = stages.Fv[0, i] - mu * stages.Wv[0, i]
-    solve(kernels, system, work, memory, stages, mu)
+    rz, rv = stages.rz, stages.rv
+    kernels.solve_real(system, work, memory, memory.real, 0, mu, rz, rv)
     copy(stages.rz, stages.Fz[0])
     copy(stages.rv, stages.Fv[0])
     for k in range(len(method.complex_eigenvalues)):
@@ -140,24 +112,8 @@ def correct(kernels, system, work, memory, stages, h):
             stages.crz[i] = complex(stages.Fz[a, i], stages.Fz[b, i])
         for i in range(len(stages.crv)):
             stages.crv[i] = complex(stages.Fv[a, i], stages.Fv[b, i])
-        kernels.solve_complex(
-            system,
-            work,
-            memory,
-            memory.complex_lapack,
-            nu,
-            memory.complex_A[k],
-            memory.complex_G[k],
-            memory.complex_Y[k],
-            memory.complex_S[k],
-            memory.complex_pivots[k],
-            memory.complex_row_pivots[k],
-            stages.crz,
-            stages.crv,
-            stages.cx,
-            stages.cp,
-            stages.cg,
-        )
+        rz, rv = stages.crz, stages.crv
+        kernels.solve_complex(system, work, memory, memory.complex, k, nu, rz, rv)
         for i in range(len(stages.crz)):
             stages.Fz[a, i] = stages.crz[i].real
             stages.Fz[b, i] = stages.crz[i].imag

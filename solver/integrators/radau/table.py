@@ -61,21 +61,15 @@ class Stages(Table):
     v1: Array
     rz: Array
     rv: Array
-    x: Array
-    p: Array
-    g: Array
     crz: np.ndarray
     crv: np.ndarray
-    cx: np.ndarray
-    cp: np.ndarray
-    cg: np.ndarray
     old_Zz: Array
     old_Zv: Array
     last_Zz: Array
     last_Zv: Array
 
 
-STAGES = TableType(Stages, [METHOD] + [F2] * 6 + [F1] * 9 + [C1] * 5 + [F2] * 4)
+STAGES = TableType(Stages, [METHOD] + [F2] * 6 + [F1] * 6 + [C1] * 2 + [F2] * 4)
 
 
 @cache
@@ -133,10 +127,10 @@ def _error_weights(A: Array, c: Array, gamma: float) -> Array:
     return gamma * (embedded - A[-1]) @ np.linalg.inv(A)
 
 
-def new_stages(s: int, n_positions: int, n_velocities: int, n_rows: int) -> Stages:
+def new_stages(s: int, n_positions: int, n_velocities: int) -> Stages:
     """Storage for a run with s stages."""
     n, m = n_positions, n_velocities
-    lengths = [n, m, n, m, n, m, m, m, n_rows, n, m, m, m, n_rows]
+    lengths = [n, m, n, m, n, m, n, m]
     vectors = [(length,) for length in lengths]
     return Stages.zeros(
         method(s), *[(s, n), (s, m)] * 3, *vectors, *[(s, n), (s, m)] * 2

@@ -198,15 +198,11 @@ def newton_product(system: System, mu: float = 2e3) -> Array:
     acc = acceleration(v, v)
     kernel_calls.linearise(system, work, 0.0, z, v, acc, np.zeros(0))
     remember(arrays, work, memory)
-    parts = memory.real_A, memory.real_G, memory.real_Y, memory.real_S
-    parts += memory.real_pivots, memory.real_row_pivots
-    lapack = memory.real_lapack
-    assert newton_factor(arrays, work, memory, lapack, mu, *parts) == 0
+    assert newton_factor(arrays, work, memory, memory.real, 0, mu) == 0
     columns = []
     for e in np.eye(n):
         r, s = np.zeros(system.n_positions), e.copy()
-        scratch = np.zeros(n), np.zeros(n), np.zeros(system.n_newton_rows)
-        newton_solve(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
+        newton_solve(arrays, work, memory, memory.real, 0, mu, r, s)
         columns.append(s)
     product: Array = exact @ np.column_stack(columns)
     return product

@@ -10,15 +10,13 @@ import pytest
 from sidtool.formats.sid import Array
 from sidtool.solver.linear.accelerations import solve_accelerations as solve
 from sidtool.solver.linear.lapack import LARGE
-from sidtool.solver.linear.newton import (
+from sidtool.solver.linear.memory import (
     FACTOR_COMPLEX,
     FACTOR_REAL,
     SOLVE_COMPLEX,
     SOLVE_REAL,
-    newton_factor,
-    newton_solve,
-    remember,
 )
+from sidtool.solver.linear.newton import newton_factor, newton_solve, remember
 from sidtool.solver.space import layout as at
 from sidtool.solver.space.coordinates import rate
 from sidtool.solver.system.kernel_calls import linearise
@@ -53,42 +51,19 @@ def random_complex(rng: np.random.Generator, shape: Any, kind: type) -> Array:
     return values + 1j * rng.normal(size=shape) if kind is complex else values
 
 
-def factors(system: System, memory: Any, kind: type) -> tuple[Any, ...]:
-    if kind is complex:
-        return (
-            memory.complex_A[0],
-            memory.complex_G[0],
-            memory.complex_Y[0],
-            memory.complex_S[0],
-            memory.complex_pivots[0],
-            memory.complex_row_pivots[0],
-        )
-    return (
-        memory.real_A,
-        memory.real_G,
-        memory.real_Y,
-        memory.real_S,
-        memory.real_pivots,
-        memory.real_row_pivots,
-    )
-
-
 def newton_step(
     system: System, probe: Probe, memory: Any, mu: complex, r: Array, s: Array
 ) -> tuple[Array, Array]:
     """(mu - J)^-1 (r, s) by the kernels."""
     kind = complex if isinstance(mu, complex) else float
-    parts = factors(system, memory, kind)
-    lapack = memory.complex_lapack if kind is complex else memory.real_lapack
+    factors = memory.complex if kind is complex else memory.real
     arrays, work = system.arrays, probe.work
     real = kind is float
     factor = newton_factor.called(FACTOR_REAL if real else FACTOR_COMPLEX)
     solve = newton_solve.called(SOLVE_REAL if real else SOLVE_COMPLEX)
-    assert factor(arrays, work, memory, lapack, mu, *parts) == 0
+    assert factor(arrays, work, memory, factors, 0, mu) == 0
     r, s = r.astype(kind), s.astype(kind)
-    n, m = system.n_velocities, system.n_rows
-    scratch = np.zeros(n, kind), np.zeros(n, kind), np.zeros(m, kind)
-    solve(arrays, work, memory, lapack, mu, *parts, r, s, *scratch)
+    solve(arrays, work, memory, factors, 0, mu, r, s)
     return r, s
 
 
@@ -137,8 +112,8 @@ def _compare_with_dense(system: System, seed: int, mu: complex, apart: bool) -> 
     r = np.zeros(system.n_positions)
     _, found = newton_step(system, probe, memory, mu, r, s)
     assert found == pytest.approx(expected[: len(s)], rel=1e-9, abs=1e-9)
-    pivots = memory.complex_pivots[0] if kind is complex else memory.real_pivots
-    whole = pivots[system.n_velocities :]
+    factors = memory.complex if kind is complex else memory.real
+    whole = factors.pivots[0, system.n_velocities :]
     assert (whole < system.arrays.body[:, at.NV]).any() == apart
 
 
