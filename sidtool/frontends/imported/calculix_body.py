@@ -43,6 +43,8 @@ Indices = NDArray[np.int64]
 
 #: Rows of the internal modes of one element C3D8I: three functions, three directions.
 _INTERNAL = 9
+#: Places have six digits.
+_PRINTED = 5e-6
 #: A node with a smaller share in the motion of a marker has none.
 _NO_SHARE = 1e-9
 
@@ -224,11 +226,18 @@ def _condensed(
 def _known_places(
     found: Computed, names: DeckNames, labels: Indices
 ) -> tuple[Array, bool]:
-    """Positions of the expanded nodes, and whether all stand in the deck."""
-    positions = found.positions.copy()
+    """Positions of the expanded nodes, and whether all stand in the deck.
+
+    Those that were made of one node lie around it, unless a section has an offset.
+    """
+    owners, of = np.unique(labels, return_inverse=True)
+    given = np.array([names.nodes[int(label)] for label in owners])
+    counts = np.bincount(of)
+    means = np.column_stack([np.bincount(of, x) / counts for x in found.positions.T])
+    off = (np.abs(given - means) - _PRINTED * np.abs(means)).max(axis=1)
     same = found.nodes == labels
-    for i in np.flatnonzero(same):
-        positions[i] = names.nodes[int(labels[i])]
+    around = (off[of] <= 0) | same
+    positions = found.positions + np.where(around[:, None], (given - means)[of], 0.0)
     return positions, bool(same.all())
 
 

@@ -12,9 +12,9 @@ from ..finite_element_model import FiniteElementModel
 
 Array = NDArray[np.float64]
 
-#: Above the first elastic eigenvalue by this much, deformations are errors of places;
-#: below this share of the largest, they may come from the last digits of the stiffness.
-_ERRORS, _DIGITS = 1e3, 1e-7
+#: What is left of deformations, unless they may come from the last digits of the
+#: stiffness, as below this share of the largest eigenvalue.
+_SHARE, _DIGITS = 1e-3, 1e-7
 #: Rounds go on until that eigenvalue stays within this share.
 _STEADY, _ROUNDS = 0.01, 8
 
@@ -37,7 +37,7 @@ def refined(positions: Array, stiffness: sp.csr_matrix, mass: sp.csr_matrix) -> 
         if abs(first - before) < _STEADY * before:
             break
         before = first
-        shift = max(_ERRORS * abs(first), _DIGITS * largest)
+        shift = max(_SHARE * abs(first), _DIGITS * largest)
         where = np.repeat(places, 3, axis=0)
         factors = symmetric_factors(stiffness + shift * mass, where)
         rigid = body.rigid_body_modes()

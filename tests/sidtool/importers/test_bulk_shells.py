@@ -130,6 +130,23 @@ def test_a_mass_lies_where_the_plate_does_not_move(tmp_path: Path) -> None:
     assert ratio[2] < 0.95
 
 
+@needs_ccx
+@pytest.mark.filterwarnings("ignore")
+def test_a_single_element_far_away_is_where_it_is(tmp_path: Path) -> None:
+    """CalculiX writes six digits of its places, 1e-3 here; the stiffness knows more."""
+    corners = np.array([[-5, -4, 0], [5, -4, 0], [5, 4, 0], [-5, 4, 0]]) @ TURN.T
+    rows = np.round(corners + [420.0, 170.0, -440.0], 9).tolist()
+    grids = [f"GRID,{i},,{','.join(map(repr, x))}" for i, x in enumerate(rows, 1)]
+    cards = ["CQUAD4,1,1,1,2,3,4", "PSHELL,1,1,1.5,1,,1", "MAT1,1,2.+5,,0.3,7.9-9"]
+    text = "\n".join(["BEGIN BULK", *grids, *cards, "ENDDATA", ""])
+    sid = body(tmp_path, text, engine="calculix", unit=0.001)
+    mass, own = 7.9e3 * 80 * 1.5e-9, np.diag([64 + 1.5**2, 100 + 1.5**2, 164]) / 12e6
+    assert sid.mass == pytest.approx(mass, rel=1e-9)
+    inertia = mass * TURN @ own @ TURN.T
+    found = [inertia[i] for i in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    assert_allclose(sid.J.m0[:, 0], found, atol=1e-5 * np.abs(found).max())
+
+
 @pytest.mark.parametrize("tail", [",,,,,,0.001", ",0.005"])
 def test_offsets_and_corner_thicknesses_are_refused(tail: str, tmp_path: Path) -> None:
     text = plate(turned=False, tail=tail)
