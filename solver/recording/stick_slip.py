@@ -104,6 +104,7 @@ class StickSlip:
         self.fastest, self.rtol = np.zeros(len(self.grip)), rtol
         self.flat = np.array([self._flat(j) for j in range(len(self.grip))])
         self.pressed = np.zeros(self.flat.shape)
+        self.pushed, self.eased = np.zeros(len(self.grip)), np.zeros(len(self.grip))
         self.turning: list[int] = []
         self.reversing: list[int] = []
         self.changed = set[int]()
@@ -228,14 +229,16 @@ class StickSlip:
     def _certain(self, told: Array) -> Array:
         """From which force on the side is certain that presses places, (frictions, .).
 
-        Relative to the largest one so far, and to what has moved the joint.
+        Relative to the largest one so far, and to what has moved the joint where it
+        moves most easily: at a dead point no force does.
         """
-        least = np.maximum(self.memory.rub_P.diagonal(), np.finfo(float).tiny)
-        moving = np.abs(told[:, :, RUB_PUSH]).max(axis=0) / least
+        self.eased = np.fmax(self.eased, self.memory.rub_P.diagonal())
+        self.pushed = np.fmax(self.pushed, np.abs(told[:, :, RUB_PUSH]).max(axis=0))
+        moving = self.pushed / np.maximum(self.eased, np.finfo(float).tiny)
         moving[self.led] = 0.0
         press = np.abs(told[:, :, RUB_PRESS:]).max(axis=0)
-        self.pressed = np.fmax(self.pressed, np.fmax(press, moving[:, None]))
-        return max(AT_LIMIT, self.rtol) * self.pressed
+        self.pressed = np.fmax(self.pressed, press)
+        return max(AT_LIMIT, self.rtol) * np.fmax(self.pressed, moving[:, None])
 
     def _zero(self, steps: Steps, j: int, low: int, high: int) -> float:
         from scipy.optimize import brentq

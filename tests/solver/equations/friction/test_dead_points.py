@@ -11,6 +11,7 @@ from sidtool.formats.toml.reading import validated
 from sidtool.solver import compile_scene, run
 from sidtool.solver.errors import SimulationError
 from tests.solver.equations.friction import test_driven as driven
+from tests.solver.equations.friction.rubbed import simulate
 
 
 def released(speed: float, end: float, coefficient: float, without: str = "") -> Result:
@@ -64,3 +65,51 @@ def test_at_rest_in_it_friction_is_not_decided() -> None:
     for words in ("stopped at t = 0 s", "dead point of guide", "larger speed", "drive"):
         assert words in message
     assert released(0.0, 0.01, driven.MU, without="guide").completed  # as it says
+
+
+@pytest.mark.parametrize("start", [0.6, 0.0, np.pi])
+def test_the_guide_is_pressed_up_and_down_after_dead_points(start: float) -> None:
+    """A motor turns a slider-crank whose guide alone rubs, six times and more over its
+    dead points: what the motor gives is motion, height and the work of friction."""
+    crank, rod = 0.2, 0.5
+    pin = crank * np.array([np.cos(start), np.sin(start)])
+    tilt = -np.arcsin(pin[1] / rod)
+    along = rod * np.array([np.cos(tilt), np.sin(tilt)])
+
+    def bar(mass: float, length: float, middle: np.ndarray, angle: float) -> object:
+        ends = {"in": [-length / 2, 0.0], "out": [length / 2, 0.0]}
+        return {
+            "mass": mass,
+            "inertia": mass * length**2 / 12,
+            "markers": {name: {"position": place} for name, place in ends.items()},
+            "initial": {"position": middle.tolist(), "angle": angle},
+        }
+
+    piston = {"mass": 0.6, "inertia": 0.005}
+    motor = {"type": "constant", "value": 6.0}
+    result = simulate(
+        "planar",
+        1.0,
+        rtol=1e-8,
+        gravity=[0.0, -9.81],
+        bodies={
+            "crank": bar(1.0, crank, pin / 2, start),
+            "rod": bar(0.8, rod, pin + along / 2, tilt),
+            "piston": piston | {"initial": {"position": (pin + along).tolist()}},
+        },
+        joints={
+            "axle": {"type": "revolute", "markers": ["ground", "crank.in"]},
+            "pin": {"type": "revolute", "markers": ["crank.out", "rod.in"]},
+            "head": {"type": "revolute", "markers": ["rod.out", "piston"]},
+            "guide": {
+                "type": "prismatic",
+                "markers": ["ground", "piston"],
+                "friction": {"coefficient": 0.25},
+            },
+        },
+        forces={"motor": {"type": "actuator", "joint": "axle", "function": motor}},
+        outputs={"record": ["energy.balance", "energy.dissipated", "crank.angle"]},
+    )
+    assert np.ptp(result["crank.angle"]) > 6.0 * np.pi
+    lost = result["energy.dissipated"][-1]
+    assert np.ptp(result["energy.balance"]) < 1e-7 * lost
