@@ -49,9 +49,8 @@ def free_deck(path: Path, ignored: frozenset[str] = frozenset()) -> list[str]:
     """
     dropped = {"".join(word.split()) for word in (*_LEFT_OUT, *ignored)}
     lines = list(_lines(path, Included()))
-    keywords = {_keyword(text) for text, _ in lines if text.startswith("*")}
     result: list[str] = []
-    if keywords & set(_GENERATION):
+    if any(_is_foreign(text) for text, _ in lines):
         dropped |= set(_NAMING)
         body = read_deck(path, frozenset((EVERYTHING,))).assembly
         result += [_short(text) for text in _written_out(body)]
@@ -91,6 +90,14 @@ def _written_out(body: Scope) -> Iterator[str]:
         for name, group in sets.items():
             yield f"*{kind}, {kind}={name}"
             yield from (f"{label}," for _, label in dict.fromkeys(group))
+
+
+def _is_foreign(text: str) -> bool:
+    """Whether a line makes nodes or elements in a way that CalculiX does not know."""
+    if not text.startswith("*"):
+        return False
+    turned = "SYSTEM=" in "".join(text.upper().split())
+    return _keyword(text) in _GENERATION or (_keyword(text) == "NODE" and turned)
 
 
 def _of_masses(text: str) -> bool:

@@ -89,7 +89,7 @@ def read_nfill(deck: Deck, block: Block) -> None:
 
     Raises
     ------
-    InputError : the sets differ in size, or their nodes are not defined.
+    InputError : there are no two sets, or their nodes are not defined.
     """
     (bias,) = numbers([block.options.get("BIAS", "1")], block.place)
     if bias > 0 and bias != 1:
@@ -101,20 +101,25 @@ def read_nfill(deck: Deck, block: Block) -> None:
         sets = [_ordered(deck, word, place) for word in words[:2]]
         count, step = _counts(words[2:], (0, 1), place)
         sizes = [len(group) for group in sets]
-        if min(bias, count) <= 0 or not step or sizes != [sizes[0]] * 2:
+        if min(bias, count) <= 0 or not step or len(sizes) != 2:
             raise InputError(
                 f"fills {count} intervals with BIAS {bias:g} between sets of {sizes} "
                 "nodes",
                 place=place,
-                expected="two sets of as many nodes, a number of intervals and BIAS "
-                "above zero, and the step of node numbers",
+                expected="two sets of nodes, a number of intervals and BIAS above "
+                "zero, and the step of node numbers",
+            )
+        if sizes[0] != sizes[1]:
+            deck.remarks.append(
+                f"*NFILL ({place}): the last {abs(sizes[0] - sizes[1])} nodes of the "
+                "longer set have no partner and are passed over"
             )
         _check_number(count * sizes[0], place)
         powers = -np.log(bias) * np.arange(count)
         lengths = np.exp(powers - powers.max())
         t = (np.cumsum(lengths) / lengths.sum())[:-1, None]
         made = [label for group in sets for label in group]
-        for a, b in zip(*sets, strict=True):
+        for a, b in zip(*sets, strict=False):
             start, end = _places(deck, (a, b), place)
             labels = range(a + step, a + count * step, step)
             _add_nodes(deck, labels, start + t * (end - start), place)

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from sidtool.formats.errors import InputError
 
 from ..imported import ImportedMesh, integers, numbers
@@ -109,11 +111,12 @@ def _instance(deck: Deck, block: Block) -> None:
 
 
 def _nodes(deck: Deck, block: Block) -> None:
-    if block.options.get("SYSTEM", "R").upper() not in ("R", ""):
+    system = block.options.get("SYSTEM", "R").upper()
+    if system not in ("R", "C", ""):
         raise InputError(
-            "uses a cylindrical or spherical system",
+            f"uses the system {system} of coordinates",
             place=block.place,
-            expected="Cartesian coordinates",
+            expected="Cartesian or cylindrical ones (C)",
         )
     labels = []
     for words, place in block.rows:
@@ -128,7 +131,9 @@ def _nodes(deck: Deck, block: Block) -> None:
         if label in deck.scope.nodes:
             raise twice("node", label, place)
         x, y, z = (*values, 0.0, 0.0, 0.0)[:3]
-        deck.scope.nodes[label] = (x, y, z)
+        if system == "C":  # radius and degrees
+            x, y = x * np.cos(np.radians(y)), x * np.sin(np.radians(y))
+        deck.scope.nodes[label] = (float(x), float(y), z)
         labels.append(label)
     if "NSET" in block.options:
         extend(deck, deck.scope.nsets, block.options["NSET"], labels)

@@ -242,6 +242,16 @@ def test_a_deck_loses_its_steps_and_supports_only(tmp_path: Path) -> None:
     assert lines == ["*NODE", "1, 0.", "*NODE", "2, 1."]
 
 
+def test_a_deck_has_cartesian_nodes_for_calculix(tmp_path: Path) -> None:
+    """It would take radius and degrees for x and y without a word."""
+    text = "*Node, System = C, NSET=A\n7, 2., 90., 3.\n*ELSET, ELSET=B\n*MATERIAL\n"
+    (tmp_path / "part.inp").write_text(text)
+    head, node, *rest = free_deck(tmp_path / "part.inp")
+    assert head == "*NODE"
+    assert_allclose([float(w) for w in node.split(",")], [7, 0, 2, 3], atol=1e-15)
+    assert rest == ["*NSET, NSET=A", "7,", "*ELSET, ELSET=B", "*MATERIAL"]
+
+
 @needs_ccx
 @pytest.mark.filterwarnings("ignore:CalculiX")
 @pytest.mark.parametrize(("kind", "node"), [("S4", 14), ("S8R", 26), ("S8R", 29)])

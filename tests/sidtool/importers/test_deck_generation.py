@@ -118,6 +118,38 @@ def test_a_bias_is_the_ratio_of_an_interval_to_the_next(tmp_path: Path) -> None:
     assert sorted(n for _, n in scope.nsets["ALL"]) == sorted(scope.nodes)
 
 
+def test_nodes_in_cylindrical_coordinates_bound_a_vault(tmp_path: Path) -> None:
+    """Radius and degrees; an arc without a third point is about the origin.
+
+    The longer of two sets has a node that is passed over, which is said.
+    """
+    text = """*NODE, SYSTEM=C
+1, 300.
+3, 300., 40.
+5, 300., 80.
+51, 300., , 60.
+53, 300., 40., 60.
+*NGEN, LINE=C, NSET=WALL
+1, 3
+3, 5
+*NGEN, LINE=C, NSET=TOP
+51, 53, 1, , , , 60.
+*NFILL
+WALL, TOP, 2, 25
+"""
+    scope = scope_of(tmp_path, text)
+    for n, degrees, z in ((2, 20, 0), (4, 60, 0), (52, 20, 60), (27, 20, 30)):
+        a = np.radians(degrees)
+        expected = (300 * np.cos(a), 300 * np.sin(a), z)
+        assert_allclose(scope.nodes[n], expected, atol=1e-12)
+    assert 28 in scope.nodes and 29 not in scope.nodes
+    remarks = read_deck(tmp_path / "part.inp").remarks
+    assert remarks == [
+        "*NFILL (line 13): the last 2 nodes of the longer set have no partner and are "
+        "passed over"
+    ]
+
+
 def test_unsorted_sets_keep_their_order(tmp_path: Path) -> None:
     text = "*NODE\n1, 0., 0.\n2, 0., 1.\n21, 1., 0.\n22, 1., 1.\n*NSET, NSET=A\n2, 1\n"
     fill = "*NSET, NSET=B{}\n22, 21\n*NFILL\nA, B, 2, 10\n"
@@ -164,7 +196,8 @@ ODD = {
     "*NFILL, TWO STEP\nA, B, 2": "parameter TWO STEP",
     "*NFILL, SINGULAR=1\nA, B, 2": "parameter SINGULAR",
     "*NFILL\nA, B, 2": "'A', which is not defined",
-    "*NSET, NSET=A\n1, 99\n*NFILL\nA, 21, 2": r"between sets of \[2, 1\] nodes",
+    "*NSET, NSET=A\n1, 99\n*NFILL\nA": r"between sets of \[2\] nodes",
+    "*NODE, SYSTEM=S\n5, 1., 90.": "the system S of coordinates",
     "*NFILL\n1, 21, 2, 0": "the step of node numbers",
     "*NFILL\n1, 21, 99999999": "makes 99999999 nodes",
     "*NFILL\n1, 55, 2": "names node 55",
