@@ -21,7 +21,8 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import Steps, along
-from sidtool.formats.scene import SceneFile
+from sidtool.formats.scene import SceneFile, is_elastic
+from sidtool.formats.scene import parse_output as parsed
 from sidtool.formats.sid import SID, Array
 
 from ..made import Fineness, Made, Source
@@ -43,6 +44,9 @@ CHANGES = 4
 POINTS = "a body yields the more to a force at a point, the finer its mesh is"
 #: In all, from which on the search gives up.
 TOO_MUCH = 0.5
+#: Frequencies of one shape function in two bases differ by less, and those of its
+#: neighbours by more, relative.
+SAME = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +99,11 @@ def refined_meshes(
             place="accuracy.wanted",
             expected="a larger error, or models with finer meshes and more modes",
         )
+    if search.others:
+        listed = ", ".join(sorted(search.others))
+        search.sentences.append(
+            f"not judged over meshes and modes, whose shape functions differ: {listed}"
+        )
     made = {name: search.made(name, fine) for name, fine in search.state.items()}
     return Meshes(made, search.state, search.errors, tuple(search.sentences))
 
@@ -121,6 +130,8 @@ class _Search:
         self.errors: Array = np.zeros(len(request.names))
         #: What takes most of what is allowed, and its sentence.
         self.largest = (0.0, "")
+        #: Elastic coordinates that mean something else on another mesh.
+        self.others: set[str] = set()
         self.reference: Reference | None = None
         self._made: dict[tuple[str, Fineness], Made] = {}
         self._runs: dict[tuple[Fineness, ...], Runs] = {}
@@ -241,7 +252,22 @@ class _Search:
                 parts.next()
                 whole = finest(self.scene, found.sids)
                 runs.append((whole, found.attempt(whole, self.reference.setting)))
-        return after.between(*runs)
+        change = after.between(*runs)
+        for row, output in enumerate(self.request.names):
+            if np.isfinite(change[row]) and self._differs(output, before, after):
+                self.others.add(output)
+                change[row] = 0.0
+        return change
+
+    def _differs(self, output: str, before: Runs, after: Runs) -> bool:
+        """Whether an output belongs to a shape function that another SID does not have,
+        or cannot be told from others there."""
+        name = parsed(output)
+        if name.marker or not is_elastic(name.quantity) or name.owner not in self.state:
+            return False
+        sids = [runs.sids[name.owner] for runs in (before, after)]
+        number = int(name.quantity.lstrip("vq")) - 1
+        return sids[0] is not sids[1] and not _is_in_both(number, *sids)
 
     def _use(self, errors: Array) -> float:
         assert self.reference is not None
@@ -265,3 +291,14 @@ class _Search:
             sids = {**self.sids, **found}
             self._runs[key] = Runs(self.scene, sids, self.compile, self.request.names)
         return self._runs[key]
+
+
+def _is_in_both(number: int, *sids: SID) -> bool:
+    """Whether two bases have a shape function of about one frequency, and each of them
+    no other one near it."""
+    squares = [np.diag(sid.Ke.m0) / np.diag(sid.Me.m0) for sid in sids]
+    if number >= min(map(len, squares)):
+        return False
+    own = squares[0][number]
+    near = [np.abs(found - own) <= 2.0 * SAME * own for found in squares]
+    return all(rows[number] and rows.sum() == 1 for rows in near)

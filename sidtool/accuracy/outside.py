@@ -30,6 +30,14 @@ def check_inside(result: Result) -> None:
     """
     for name, body in result.bodies.items():
         place = f"bodies.{name}"
+        found = body.found or body.expected
+        lacking = not found.carried and not found.axial
+        if lacking and (found.diverges or abs(found.ratio) > UNSTIFFENED):
+            raise OutsideTheory(
+                f"outside of what the SID of {name} describes: {found.sentence()}",
+                place=place,
+                expected="a SID with geometric stiffening",
+            )
         if body.deflection > DEFLECTION:
             raise _too_far(
                 place,
@@ -44,14 +52,6 @@ def check_inside(result: Result) -> None:
                 f"{name} turns elastically by {turned:.2g} rad, where small rotations "
                 f"end at {ROTATION:g}",
                 turned / ROTATION,
-            )
-        found = body.found or body.expected
-        lacking = not found.carried and not found.axial
-        if lacking and (found.diverges or abs(found.ratio) > UNSTIFFENED):
-            raise OutsideTheory(
-                f"outside of what the SID of {name} describes: {found.sentence()}",
-                place=place,
-                expected="a SID with geometric stiffening",
             )
 
 
