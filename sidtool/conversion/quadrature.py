@@ -35,7 +35,7 @@ class QuadraturePart:
     transverse : see `Continuum`
     table : (n, d) degrees of freedom by node
     internal : (p, k, d) slopes of internal modes of the element [1/m]
-    inner : (p, k) these modes
+    inner : (p, d) the first of these modes; the others only strain
     amplitudes : (e, d k, d m) of these by the displacements of the element's nodes
     element : (p,) row of `amplitudes` of every point
     per_element : points of each element, which follow each other
@@ -85,7 +85,8 @@ class QuadraturePart:
         at_nodes = fields[self.table][self.nodes]
         result = np.einsum("pm,pmdn->pdn", self.values, at_nodes)
         if self.inner is not None:
-            result += np.einsum("pk,pkdn->pdn", self.inner, self._amplitudes(at_nodes))
+            moving = self._amplitudes(at_nodes)[:, : self.inner.shape[1]]
+            result += np.einsum("pk,pkdn->pdn", self.inner, moving)
         return result
 
     def _amplitudes(self, at_nodes: Array) -> Array:
@@ -148,13 +149,14 @@ def _law(batch: ElementBatch, continuum: Continuum, cut: slice) -> Array:
 
 def _internal(batch: ElementBatch, law: Array, cut: slice) -> dict[str, Any]:
     """What a part knows of the internal modes of some elements of a batch."""
-    if batch.internal is None:
+    if batch.internal is None or batch.directions is None:
         return {}
     some = replace(
         batch,
         gradients=batch.gradients[cut],
         measures=batch.measures[cut],
         internal=batch.internal[cut],
+        directions=batch.directions[cut],
         laws=None if batch.laws is None else batch.laws[cut],
     )
     assert some.internal is not None and some.inner is not None

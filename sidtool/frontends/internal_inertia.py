@@ -102,10 +102,13 @@ def _with_amplitudes(
 ) -> Iterator[tuple[ElementBatch, Array]]:
     """Elements at the points of the mass, all functions there, and the amplitudes."""
     inner = internal_values(reference_element(block.kind, "mass").points)[None]
+    moving = inner.shape[2] * mesh.dimension
     for batch in element_batches(mesh, block, "mass"):
         some = replace(block, nodes=batch.nodes, labels=np.arange(len(batch.nodes)))
         own = element_batches(mesh, some, relieved=True, laws=laws)
-        amplitudes = np.concatenate([internal_amplitudes(b, law) for b in own])
+        amplitudes = np.concatenate([internal_amplitudes(b, law) for b in own])[
+            :, :moving
+        ]
         values = np.concatenate([batch.values, inner], axis=2)
         yield replace(batch, values=values), amplitudes
 

@@ -31,7 +31,8 @@ class ElementBatch:
     gradients : (ne, ng, m, d) of the shape functions in space [1/m]
     measures : (ne, ng) quadrature weight times Jacobian determinant [m^d]
     internal : (ne, ng, k, d) gradients of displacements that belong to no node
-    inner : (ng, k) these displacements
+    directions : (ne, d k, r) the amplitudes that these may have
+    inner : (ng, d) the first of these displacements; the others only strain
     laws : (ne, ng, 6, 6) elasticity matrices [Pa] of a material whose axes turn
     """
 
@@ -40,6 +41,7 @@ class ElementBatch:
     gradients: Array
     measures: Array
     internal: Array | None = None
+    directions: Array | None = None
     inner: Array | None = None
     laws: Array | None = None
 
@@ -207,25 +209,25 @@ def element_stiffness(batch: ElementBatch, law: Array) -> Array:
     """
     if batch.internal is None:
         return _stiffness(batch, batch.gradients, law)
-    full, own = _with_internal(batch, law)
-    return full[:, :own, :own] + full[:, :own, own:] @ _amplitudes(full, own)
+    full, amplitudes = _with_internal(batch, law)
+    own = amplitudes.shape[2]
+    return full[:, :own, :own] + full[:, :own, own:] @ amplitudes
 
 
 def internal_amplitudes(batch: ElementBatch, law: Array) -> Array:
     """(ne, d k, d m) amplitudes of the internal modes by the displacements."""
-    return _amplitudes(*_with_internal(batch, law))
+    return _with_internal(batch, law)[1]
 
 
-def _with_internal(batch: ElementBatch, law: Array) -> tuple[Array, int]:
-    """The stiffness with internal modes behind the nodes, and the nodes' share."""
-    assert batch.internal is not None
+def _with_internal(batch: ElementBatch, law: Array) -> tuple[Array, Array]:
+    """The stiffness with internal modes behind the nodes, and their amplitudes."""
+    assert batch.internal is not None and batch.directions is not None
     gradients = np.concatenate([batch.gradients, batch.internal], axis=2)
     own = batch.gradients.shape[2] * batch.gradients.shape[3]
-    return _stiffness(batch, gradients, law), own
-
-
-def _amplitudes(full: Array, own: int) -> Array:
-    return -np.asarray(np.linalg.solve(full[:, own:, own:], full[:, own:, :own]), float)
+    full = _stiffness(batch, gradients, law)
+    rows = np.swapaxes(batch.directions, 1, 2) @ full[:, own:]
+    inside = rows[:, :, own:] @ batch.directions
+    return full, -batch.directions @ np.linalg.solve(inside, rows[:, :, :own])
 
 
 def _stiffness(batch: ElementBatch, gradients: Array, law: Array) -> Array:

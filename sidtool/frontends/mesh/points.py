@@ -180,12 +180,12 @@ class MeshPoints:
         values = internal_values(where)
         rows = np.zeros((3, len(nodes), d))
         if self._relieved(number) and np.abs(values).max() > _SLACK:
-            amplitudes = self._amplitudes(number, self._element(number, row))
+            amplitudes = self._amplitudes(number, self._element(number, row))[:d]
             rows[:d] = np.einsum("k,kcmd->cmd", values, amplitudes)
         return _sparse(rows, nodes, self.mesh.positions.size)
 
     def _gradient(self, number: int, row: int, where: Array) -> sp.csr_matrix:
-        nodes = self.mesh.blocks[number].nodes[row]
+        nodes, d = self.mesh.blocks[number].nodes[row], self.mesh.dimension
         element = reference_element(self.mesh.blocks[number].kind)
         _, gradients = element.at(where[None])
         jacobian = self.mesh.positions[nodes].T @ gradients[0]
@@ -198,7 +198,7 @@ class MeshPoints:
         inverse, inside = np.linalg.inv(jacobian), None
         if self._relieved(number):
             one = self._element(number, row)
-            inside = np.diag(1 - 2 * where) @ inverse, self._amplitudes(number, one)
+            inside = np.diag(1 - 2 * where) @ inverse, self._amplitudes(number, one)[:d]
         rows = _gradient_rows(gradients[0] @ inverse, inside)
         return _sparse(rows, nodes, self.mesh.positions.size)
 

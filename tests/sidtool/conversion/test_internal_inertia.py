@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.linalg import block_diag, null_space
 
 from sidtool.conversion.gram import body_inertia
 from sidtool.frontends.elements.reference import reference_element
@@ -49,8 +50,25 @@ def strains(gradients: np.ndarray) -> np.ndarray:
     return rows.reshape(len(pairs), -1)
 
 
+def inner_slopes(x: np.ndarray) -> np.ndarray:
+    """(d d, d) of the internal modes by the reference coordinates."""
+    d = len(x)
+    line, rows = 1 - 2 * x, list(np.diag(1 - 2 * x))
+    for i, j in permutations(range(d), 2):
+        rows.append(np.zeros(d))
+        rows[-1][i], rows[-1][j] = line[i] * line[j], -2 * x[i] * (1 - x[i])
+    return np.array(rows)
+
+
+def across(jacobian: np.ndarray) -> np.ndarray:
+    """(d^3, r) amplitudes: any of the first, of b_i (1 - 2 xi_j) none along axis j."""
+    d = len(jacobian)
+    planes = [null_space(jacobian[:, [j]].T) for _, j in permutations(range(d), 2)]
+    return block_diag(np.eye(d * d), *planes)
+
+
 def amplitudes(corners: np.ndarray, u: np.ndarray, law: np.ndarray) -> np.ndarray:
-    """(d, d, nq) of the internal modes, which the least energy of strain decides."""
+    """(d, d, nq) of the modes that move, which the least energy of strain decides."""
     d = corners.shape[1]
     element = reference_element("quad4" if d == 2 else "hex8")
     gauss = np.array(list(product([0.5 - 12**-0.5, 0.5 + 12**-0.5], repeat=d)))
@@ -58,14 +76,18 @@ def amplitudes(corners: np.ndarray, u: np.ndarray, law: np.ndarray) -> np.ndarra
     _, centre = element.at(np.full((1, d), 0.5))
     jacobians = [corners.T @ s for s in slopes]
     weights = np.array([np.linalg.det(j) for j in jacobians])
-    inner = [np.diag(1 - 2 * x) @ np.linalg.inv(corners.T @ centre[0]) for x in gauss]
+    inner = [
+        inner_slopes(x) @ np.linalg.inv(j)
+        for x, j in zip(gauss, jacobians, strict=True)
+    ]
     mean = sum(w * g for w, g in zip(weights, inner, strict=True)) / weights.sum()
-    energy, load = np.zeros((d * d, d * d)), np.zeros((d * d, u.shape[1]))
+    may = across(corners.T @ centre[0])
+    energy, load = np.zeros([may.shape[1]] * 2), np.zeros((may.shape[1], u.shape[1]))
     for w, s, j, g in zip(weights, slopes, jacobians, inner, strict=True):
-        own, outer = strains(g - mean), strains(s @ np.linalg.inv(j))
+        own, outer = strains(g - mean) @ may, strains(s @ np.linalg.inv(j))
         energy += w * own.T @ law @ own
         load -= w * own.T @ law @ outer @ u
-    return np.linalg.solve(energy, load).reshape(d, d, -1)
+    return np.linalg.solve(energy, load)[: d * d].reshape(d, d, -1)
 
 
 @pytest.mark.parametrize(("d", "seed"), [(2, 1), (2, 2), (3, 3)])

@@ -192,6 +192,24 @@ def shaken_bar(kind: str, n: int, share: float) -> Part:
     return _held(mesh, ends[0], ends[1], 0, np.array([0.08, 0.02, 0.02]))
 
 
+def twisted_blade(kind: str, n: int, thick: float) -> Part:
+    """A blade of 12 by 1.1, turned by a quarter, pushed along z at its tip.
+
+    R. H. MacNeal, R. L. Harder, "A proposed standard set of problems to test finite
+    element accuracy", Finite Elem. Anal. Des. 1, 1985.
+    """
+
+    def bend(points: Array) -> Array:
+        angle = np.pi / 2 * points[:, 0]
+        y, z = 1.1 * (points[:, 1] - 0.5), thick * (points[:, 2] - 0.5)
+        c, s = np.cos(angle), np.sin(angle)
+        return np.column_stack([12 * points[:, 0], y * c - z * s, y * s + z * c])
+
+    mesh = _meshed(*_box((12 * n, 2 * n, 1)), kind, bend)
+    x, probe = mesh.positions[:, 0], bend(np.array([[0.5, 0.5, 1.0]]))[0]
+    return _held(mesh, np.isclose(x, 0), np.isclose(x, 12), 2, probe)
+
+
 #: The parts by their names.
 PARTS: dict[str, Callable[[str, int], Part]] = {
     "rod": _rod,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sidtool.frontends.elements.internal_modes import internal_slopes
+from sidtool.frontends.elements.internal_modes import relieved
 from sidtool.frontends.elements.reference import reference_element
 from sidtool.frontends.elements.solid import (
     elasticity,
@@ -86,22 +86,30 @@ def test_what_is_left_is_the_mass_by_few_points(
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
 @pytest.mark.parametrize("part", ["rod", "bracket", "arm", "thin arm"])
 def test_incompatible_modes_on_drawn_parts(tmp_path: Path, part: str) -> None:
-    """With the slopes of the internal modes scaled by the determinants, and without
-    their inertia, frequencies were up to 6e-2 above C3D8I's and the thin arm 7e-3
-    stiffer; the patch test of distorted blocks holds as before."""
+    """None further from hex20 than C3D8I, but for the deflection of the bracket and the
+    mode that goes with it, which C3D8I overrates by 5 %, too: they cross the converged
+    value with finer cells. With three internal modes f1 of the rod was 3 % and the
+    deflection of the thin arm 10 % off."""
     drawing = drawn(part, "hex8", 1)
     own, twin = by_sidtool(drawing, "hex8"), by_calculix(drawing, "hex8", tmp_path)
-    assert_allclose(own.frequencies, twin.frequencies, rtol=3e-3)
-    assert own.deflection == pytest.approx(twin.deflection, rel=1e-3)
-    assert own.von_mises == pytest.approx(twin.von_mises, rel=1e-3)
+    best = by_sidtool(drawn(part, "hex20", 4 if part == "bracket" else 2), "hex20")
+    values = [np.append(x.frequencies, x.deflection) for x in (own, twin, best)]
+    mine, theirs = (np.abs(x / values[2] - 1) for x in values[:2])
+    crossing = [2, 6] if part == "bracket" else []
+    assert (np.delete(mine - theirs, crossing) < 1e-3).all()
+    assert (mine[crossing] < theirs[crossing] + 6.5e-3).all()
+    assert own.von_mises == pytest.approx(twin.von_mises, rel=1e-2)
     assert_allclose(own.inertia, twin.inertia, rtol=1e-9)
+    if part in ("rod", "thin arm"):
+        wrong = {"rod": (0, 0.02), "thin arm": (6, 0.06)}[part]
+        assert mine[wrong[0]] < wrong[1] < theirs[wrong[0]]
 
 
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_c3d8i_does_otherwise(seed: int, tmp_path: Path) -> None:
-    """It leaves the mean in the slopes of the internal modes, so that uniform stress
-    does work on them. Of one skewed element; reference: its own matrices."""
+    """It has three internal modes and leaves the mean in their slopes, so that uniform
+    stress does work on them. Of one skewed element; reference: its own matrices."""
     cube = reference_element("hex8")
     shift = np.random.default_rng(seed).uniform(-0.15, 0.15, cube.nodes.shape)
     positions = cube.nodes + shift
@@ -112,15 +120,16 @@ def test_what_c3d8i_does_otherwise(seed: int, tmp_path: Path) -> None:
 
     nodes, basis = np.arange(8)[None], (cube.values[None], cube.gradients[None])
     batch = mapped_batch(nodes, positions, *basis, cube.weights)
-    slopes = internal_slopes(cube, positions[nodes], batch.measures)
+    own = relieved(batch, positions, cube)
     centre = np.linalg.inv(positions.T @ cube.at(np.full((1, 3), 0.5))[1][0])
     with_mean = (1 - 2 * cube.points)[None, :, :, None] * centre
+    other = replace(own, internal=with_mean, directions=np.eye(9)[None])
     law, size = elasticity(STEEL, "solid"), np.abs(full).max()
     linear = (positions @ np.random.default_rng(seed).normal(size=(3, 3))).ravel()
-    for used, expected in ((slopes, full @ linear), (with_mean, theirs @ linear)):
-        (own,) = element_stiffness(replace(batch, internal=used), law)
-        assert_allclose(own @ linear, expected, atol=1e-9 * size)
-    assert_allclose(own, theirs, atol=1e-9 * size)
+    (found,) = element_stiffness(own, law)
+    assert_allclose(found @ linear, full @ linear, atol=1e-9 * size)
+    (found,) = element_stiffness(other, law)
+    assert_allclose(found, theirs, atol=1e-9 * size)
     forces = np.linalg.norm(full @ linear)
     assert np.linalg.norm((theirs - full) @ linear) > 1e-3 * forces
 

@@ -78,7 +78,7 @@ def by_sidtool(part: Part, element: str, *, few: bool = False) -> Found:
     held[body.dofs(part.fixed)] = True
     space = admissible(body, Frame(np.zeros(3), held))
     load = np.zeros((len(mesh.positions), 3))
-    load[:, part.direction] = FORCE * _weights(part)
+    load[:, part.direction] = FORCE * weights(part)
     u = space.static(load.reshape(-1, 1))[:, 0]
     squares, _ = space.modes(MODES)
     continua = mesh_continua(mesh, materials, "solid", incompatible_modes=relieved)
@@ -128,10 +128,10 @@ def by_calculix(part: Part, element: str, folder: Path) -> Found:
     axes = np.eye(3)[free.dofs[:, 1] - 1] * here[:, None]
     motion = np.hstack([axes, np.einsum("ij,ijk->ik", axes, -skew(where))])
     gram = motion.T @ (free.mass @ motion)
-    weights = _weights(part)
+    shares = weights(part)
     lines = ["*BOUNDARY", "FIXED,1,3", "*STEP", "*STATIC", "*CLOAD"]
     for node in part.loaded:
-        force = FORCE * weights[node]
+        force = FORCE * shares[node]
         lines.append(f"{node + 1}, {part.direction + 1}, {force:.12e}")
     lines += ["*NODE PRINT, NSET=LOADED", "U", "*EL FILE", "S", "*END STEP"]
     lines += ["*STEP", "*FREQUENCY", str(MODES), "*END STEP", ""]
@@ -143,7 +143,7 @@ def by_calculix(part: Part, element: str, folder: Path) -> Found:
     modes = [float(r[3]) for r in _rows(vibrating, 5)] or [np.nan] * MODES
     return Found(
         np.array(modes[:MODES]),
-        float(sum(weights[n] * moved[n + 1] for n in part.loaded)),
+        float(sum(shares[n] * moved[n + 1] for n in part.loaded)),
         von_mises(_stress_at(part, folder / "held.frd")),
         float(gram[0, 0]),
         np.diag(gram)[3:],
@@ -162,7 +162,7 @@ def von_mises(stress: Array) -> float:
     return float(np.sqrt((apart @ apart) / 2 + 3 * shear @ shear))
 
 
-def _weights(part: Part) -> Array:
+def weights(part: Part) -> Array:
     """The share of every node in a uniform load on the loaded set."""
     surface = named_surface(part.mesh, {"LOADED": part.loaded})(("LOADED",))
     assert surface is not None and surface.mass.nnz
