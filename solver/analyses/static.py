@@ -17,6 +17,7 @@ import numpy as np
 
 from sidtool.formats.result import Result
 from sidtool.formats.result.bodies import LARGE
+from sidtool.formats.scene.laws import Expression, Pid
 from sidtool.formats.sid import Array
 
 from ..advice.asked.questions import questions
@@ -30,7 +31,6 @@ from ..start.consistent import widest_open
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .held import held, places_for_states, state_entries, unsampled, with_held_drives
-from .limits import at_limits
 from .mechanics import Mechanics, null_space, refuse_prescribed
 from .recorded import Found, recorded
 
@@ -259,3 +259,21 @@ def _line_search(mechanics: Mechanics, z: Array, step: Array, force: Array) -> A
             return moved
         step, work = 0.5 * step, 0.5 * work
     return moved
+
+
+#: A value is at a limit within this part of it, which differences do not blur.
+NEAR = 1e-9
+
+
+def at_limits(system: System, work: at.Work) -> Iterator[str]:
+    """What is said of forces that are at a limit in the state evaluated last."""
+    for k, element in enumerate(system.forces):
+        force = system.scene.forces.get(element.name) if element.acts else None
+        law = getattr(force, "function", None)
+        limits = law.limits if isinstance(law, Expression | Pid) else None
+        if not element.code or limits is None:
+            continue
+        value = float(work.factor[k])
+        for limit in limits:
+            if abs(value - limit) <= NEAR * abs(limit):
+                yield f"{element.name} is at its limit of {limit:g}"

@@ -12,13 +12,13 @@ from ..space.spaces import BySpace, in_plane, in_space
 from .bodies import evaluate_body
 from .bodies_linear import linearise_body
 from .constraints.all import evaluate_constraints, linearise_constraints
-from .dropped import drop_derivatives, drop_rows
 from .forces.all import evaluate_forces, linearise_forces
 from .forces.programs import law_value
 from .forces.turns import keep_turns
 from .frames import free_frame, prescribed_frame
 from .marker_rows import marker_acceleration
 from .markers import evaluate_marker
+from .rows import drop_derivatives, drop_rows
 from .stiffened import add_stiffened
 from .stiffened_linear import linearise_stiffened
 

@@ -1,20 +1,30 @@
-"""Rows of the constraints: one primitive alone, or a weighted sum of several."""
+"""Rows of the constraints: one primitive alone, a weighted sum, or left out."""
 
 from __future__ import annotations
 
 import math
 
+from numba import types
+
 from ..compiler.compiling import inner
 from ..compiler.values import formula
 from ..space.layout import (
+    C_GAMMA,
+    C_RATE,
+    C_VALUE,
     COUPLED_ALONG,
     COUPLED_ANGLE,
+    SYSTEM,
     TERM_PLANAR,
     TERM_SPATIAL,
     W_CONSTANT,
     W_FIRST,
     W_PERIOD,
     W_WEIGHT,
+    WORK,
+    X_OFFSET,
+    X_ROW,
+    X_SIZE,
 )
 from .marker_rows import segment
 
@@ -70,3 +80,24 @@ def add_term(system, work, r, term, value, rate, gamma):
     row.value = total
     row.rate += weight * rate
     row.gamma += weight * gamma
+
+
+@inner(types.void(SYSTEM, WORK))
+def drop_rows(system, work):
+    """Constraint rows that are left out are zero, whatever the state."""
+    for k in range(len(system.dropped)):
+        piece = system.dropped[k]
+        for column in (C_VALUE, C_RATE, C_GAMMA):
+            work.row[piece[X_ROW], column] = 0.0
+        for i in range(piece[X_OFFSET], piece[X_OFFSET] + piece[X_SIZE]):
+            work.C[i] = 0.0
+
+
+@inner(types.void(SYSTEM, WORK))
+def drop_derivatives(system, work):
+    """The same of their derivatives, after the constraints were linearised."""
+    for k in range(len(system.dropped)):
+        piece = system.dropped[k]
+        for i in range(piece[X_OFFSET], piece[X_OFFSET] + piece[X_SIZE]):
+            work.Gp[i] = 0.0
+            work.Gv[i] = 0.0

@@ -36,7 +36,6 @@ from .energy_history import History
 from .joint_forces import COMPONENTS, friction_column, wrench
 from .momenta import momentum_column
 from .motion import Motion, frame_motion, marker_motion, place
-from .orientation import orientation_column
 from .sampling import Samples, sample, with_smallest
 from .scene_outputs import SceneQuantities
 from .stress_outputs import stress_column
@@ -322,3 +321,23 @@ def busiest_body(system: System, control: stepping.Control) -> str:
         if finite.max(initial=-1.0) > size:
             best, size = data.name, float(finite.max(initial=-1.0))
     return best
+
+
+def orientation_column(R: Array, quantity: str) -> Array:
+    """One of `sidtool.formats.scene.ORIENTATIONS` of rotation matrices (nt, 3, 3).
+
+    quaternion_0 is the scalar part and not negative; the rotation vector is at most
+    half a turn long [rad].
+    """
+    from scipy.spatial.transform import Rotation  # a quarter of a second
+
+    column = np.full(len(R), np.nan)
+    known = np.isfinite(R).all(axis=(1, 2))
+    if known.any():
+        rotation = Rotation.from_matrix(R[known])
+        if quantity.startswith("quaternion"):
+            parts = np.roll(rotation.as_quat(canonical=True), 1, axis=1)
+            column[known] = parts[:, int(quantity[-1])]
+        else:
+            column[known] = rotation.as_rotvec()[:, "xyz".index(quantity[-1])]
+    return column

@@ -11,15 +11,17 @@ from .coordinate import linearise as linearise_coordinate
 from .given import evaluate as evaluate_given
 from .given import linearise as linearise_given
 from .law import force_law, set_factor, set_slopes
-from .rotation import measure as measure_rotation
-from .rotation import rate_derivatives as rotation_derivatives
-from .rotation import stiffness as rotation_stiffness
-from .slide import measure as measure_slide
-from .slide import rate_derivatives as slide_derivatives
-from .slide import stiffness as slide_stiffness
-from .span import measure as measure_span
-from .span import rate_derivatives as span_derivatives
-from .span import stiffness as span_stiffness
+from .measures import (
+    measure_rotation,
+    measure_slide,
+    measure_span,
+    rotation_derivatives,
+    rotation_stiffness,
+    slide_derivatives,
+    slide_stiffness,
+    span_derivatives,
+    span_stiffness,
+)
 
 
 @inner()

@@ -23,8 +23,7 @@ from ...space.layout import (
 )
 from .blocks import cr1, ct1, has_second_order, oe1, without_turning
 from .first_order import cubic_stiffness
-from .free_shapes import FreeShapes, free_shapes
-from .mean_axes import MeanAxes, mean_axes
+from .mean_axes import FreeShapes, MeanAxes, free_shapes, mean_axes
 
 #: Couplings in Me and De below this part of its diagonal are rounding.
 ROUNDING = 1e-13
