@@ -38,7 +38,7 @@ from .system.forces.lapses import lapse
 from .versions import versions
 
 if TYPE_CHECKING:
-    from .run import Run
+    from .running import Run
 
 COUNTERS = {
     "steps": memory.STEPS,

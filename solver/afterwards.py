@@ -25,10 +25,10 @@ from .equations.pointers import kernels
 from .functions.callables import Derivatives
 from .functions.laws import Law
 from .linear.memory import Kernels, Memory
+from .recording.grip_choice import regripped, with_grips
 from .recording.interpolation import interpolated
 from .recording.outputs import position_names, record, velocity_names
 from .recording.sampling import Samples, sample
-from .recording.stick_slip import regripped, with_grips
 from .recording.told import tells_of_bodies
 from .recording.untold import lost_laws, sampled_laws, untold
 from .space import layout as at
@@ -74,14 +74,14 @@ class Replay:
         """
         t, z, v = self.states(times)
         system, calls, work, memory = self._parts
-        regripped(system, calls, self._closed, t, z, v)
+        regripped(system, calls, t, z, v)
         found = record(system, calls, work, memory, t, z, v, self._closed)
         return dict(zip(found.names, found.values.T, strict=True))
 
     def samples(self, times: Array | None = None) -> Samples:
         """Frames and markers at some times, see `outputs`."""
         t, z, v = self.states(times)
-        regripped(self.system, self._parts[1], self._closed, t, z, v)
+        regripped(*self._parts[:2], t, z, v)
         return sample(*self._parts, t, z, v, self._closed)
 
     def states(self, times: Array | None) -> tuple[Array, Array, Array]:
@@ -89,7 +89,7 @@ class Replay:
         if times is None or len(self.t) < 2:
             return self.t.copy(), self.z.copy(), self.v.copy()
         known = (self.t, self.z, self.v)
-        regripped(self.system, self._parts[1], self._closed, *known)
+        regripped(*self._parts[:2], *known)
         return times.copy(), *self._between(known, times)
 
     def uncertainty(self) -> float:

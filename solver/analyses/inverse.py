@@ -67,27 +67,21 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     """
     refuse_prescribed(system)
     refuse_states(system, SIMULATE)
-    system, start = assemble(system)
-    t = system.scene.time.start
-    mechanics = Mechanics(system, t, t)
-    mechanics.scale = coordinate_sizes(system)
-    motion = Motion(mechanics, quasi_static)
-    motion.refuse_freedom(start)
-    motion.rub(start)
+    motion, state = _at_start(system, quasi_static)
+    motion.refuse_freedom(state)
+    motion.rub(state)
     system = motion.system
     times = output_times(system.scene)
     kind = "inverse dynamics" + (", quasi-static deformation" if quasi_static else "")
     states: list[Found] = []
-    state = start
     for when in times:
         try:
             state = _follow(motion, state, float(when))
-            found = motion.found(state)
+            states.append(motion.found(state))
         except SimulationError as error:
             done = np.array(times[: len(states)])
             error.result = recorded(system, kind, done, states, str(error))
             raise
-        states.append(found)
     return recorded(system, kind, times, states)
 
 
@@ -117,11 +111,7 @@ def relative_equilibrium(system: System) -> Array | None:
     SimulationError : a body is too soft for a quasi-static deformation.
     """
     refuse_prescribed(system)
-    system, start = assemble(system)
-    t = system.scene.time.start
-    mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
-    mechanics.scale = coordinate_sizes(system)
-    motion = Motion(mechanics, quasi_static=True)
+    motion, start = _at_start(system, quasi_static=True)
     try:
         refuse_states(system)
         motion.refuse_freedom(start)
@@ -132,6 +122,14 @@ def relative_equilibrium(system: System) -> Array | None:
         return None
     found = motion.deformed(start.z)
     return None if found is None else found.z
+
+
+def _at_start(system: System, quasi_static: bool) -> tuple[Motion, Start]:
+    system, start = assemble(system)
+    t = system.scene.time.start
+    mechanics = Mechanics(system, t, float(system.clocks(np.array([t]))[0]))
+    mechanics.scale = coordinate_sizes(system)
+    return Motion(mechanics, quasi_static), start
 
 
 class Motion:
@@ -153,16 +151,13 @@ class Motion:
         free = null_space(self.mechanics.jacobian[:, self.driven]).shape[1]
         if not free:
             return
-        flexible = any(body.sid.nq for body in self.system.bodies if body.of_scene)
+        wanted = "as many drives as the mechanism has degrees of freedom"
+        if self.system.flexible and self.driven.all():
+            wanted += ", and the option quasi-static, which leaves out vibrations"
         raise InputError(
             f"{free} of {int(self.driven.sum())} coordinates can move freely",
             place="drives",
-            expected="as many drives as the mechanism has degrees of freedom"
-            + (
-                ", and the option quasi-static, which leaves out vibrations"
-                if flexible and self.driven.all()
-                else ""
-            ),
+            expected=wanted,
         )
 
     def rub(self, start: Start) -> None:
@@ -318,21 +313,19 @@ def _follow(motion: Motion, state: Start, when: float) -> Start:
     """The state at a later time, over smaller steps where one does not arrive."""
     mechanics = motion.mechanics
     target, halvings = when, 0
-    while True:
+    while halvings <= HALVINGS:
         reached = _reach(motion, state, target)
         if reached is None:
             halvings += 1
-            if halvings > HALVINGS:
-                raise SimulationError(
-                    f"stopped at t = {mechanics.t:.9g} s: the drives demand a position "
-                    "that the mechanism cannot reach"
-                )
             target = 0.5 * (mechanics.t + target)
-            continue
-        state, mechanics.t = reached, target
-        if target == when:
-            return state
-        target = when
+        elif target == when:
+            return reached
+        else:
+            state, target = reached, when
+    raise SimulationError(
+        f"stopped at t = {mechanics.t:.9g} s: the drives demand a position that the "
+        "mechanism cannot reach"
+    )
 
 
 def _reach(motion: Motion, state: Start, when: float) -> Start | None:

@@ -18,8 +18,7 @@ from ..errors import SimulationError
 from ..integrators.recording import RUB_LOAD, RUB_RATE
 from ..linear.accelerations import solve_prescribed_friction
 from ..linear.friction import limit
-from ..recording.dense import Points
-from ..recording.stick_slip import JAMMED, StickSlip, with_grips
+from ..recording.grip_choice import JAMMED, Grip, with_grips
 from ..space import layout as at
 from ..start.assembly import Start
 from ..start.loads import with_prescribed_friction
@@ -86,7 +85,7 @@ def gripped(system: System, t: float, start: Start) -> System:
     SimulationError : friction has no solution there.
     """
     system = with_grips(with_prescribed_friction(system, start))
-    chosen = StickSlip(system, kernels(system.planar), np.zeros((0, 2)), Points(1), 0.0)
+    chosen = Grip(system, kernels(system.planar))
     why = chosen.settle(t, start.z, start.v)
     if why:
         raise SimulationError(f"at t = {t:.9g} s: {why}")
@@ -113,8 +112,7 @@ class RubbingMechanics(Mechanics):
 
     def _settle(self, z: Array, v: Array) -> None:
         system = self.system
-        calls = kernels(system.planar)
-        chosen = StickSlip(system, calls, np.zeros((0, 2)), Points(1), 0.0)
+        chosen = Grip(system, kernels(system.planar))
         why = chosen.settle(self.t, z, v)
         if why:
             raise SimulationError(f"at t = {self.t:.9g} s: {why}")

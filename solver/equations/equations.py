@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from numba import float64, int64
 
-from ..compiler.compiling import entry, inner
+from ..compiler.compiling import Entry, entry, inner
 from ..linear.friction import hold_rows, linearise_friction
+from ..linear.memory import COMPLETE, EVALUATE, LINEARISE
 from ..space.algebra import load, size
-from ..space.layout import COMPLETE, EVALUATE, FREE, LINEARISE, STIFFENED, SYSTEM, WORK
+from ..space.layout import FREE, STIFFENED, SYSTEM, WORK
 from ..space.spaces import BySpace, in_plane, in_space
 from .bodies import evaluate_body
 from .bodies_linear import linearise_body
@@ -60,22 +63,6 @@ def _evaluate(system, work, t, z, v):
     evaluate_constraints(system, work, t)
 
 
-@entry(EVALUATE)
-def evaluate_in_plane(system, work, t, z, v):
-    """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
-    _evaluate(in_plane(system), in_plane(work), t, z, v)
-    drop_rows(system, work)
-    hold_rows(system, work)
-
-
-@entry(EVALUATE)
-def evaluate_in_space(system, work, t, z, v):
-    """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
-    _evaluate(in_space(system), in_space(work), t, z, v)
-    drop_rows(system, work)
-    hold_rows(system, work)
-
-
 @entry(float64(SYSTEM, WORK, int64, float64))
 def law_at(system, work, k, t):
     """What the law of row k yields at the state that was just evaluated."""
@@ -92,22 +79,6 @@ def _linearise(system, work, t, z, v, acc, lam):
     linearise_forces(system, work, t, v)
 
 
-@entry(LINEARISE)
-def linearise_in_plane(system, work, t, z, v, acc, lam):
-    """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
-    _linearise(in_plane(system), in_plane(work), t, z, v, acc, lam)
-    drop_derivatives(system, work)
-    linearise_friction(system, work)
-
-
-@entry(LINEARISE)
-def linearise_in_space(system, work, t, z, v, acc, lam):
-    """Rp, Rv, Gp, Gv at a state that was just evaluated, see constraints and forces."""
-    _linearise(in_space(system), in_space(work), t, z, v, acc, lam)
-    drop_derivatives(system, work)
-    linearise_friction(system, work)
-
-
 @inner()
 def _complete(system, work, acc):
     for m in range(len(system.marker)):
@@ -122,13 +93,36 @@ def _complete(system, work, acc):
             frame.al = frame.al + load(frame.al, acc, row.vel + n)
 
 
-@entry(COMPLETE)
-def complete_in_plane(system, work, acc):
-    """Adds what z_II' contributes to the accelerations of frames and markers."""
-    _complete(in_plane(system), in_plane(work), acc)
+def _entries(seen: Any, place: str) -> tuple[Entry, Entry, Entry]:
+    """The kernels of plane or space.
+
+    seen : how they see systems and works
+    """
+
+    def evaluate(system, work, t, z, v):
+        """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
+        _evaluate(seen(system), seen(work), t, z, v)
+        drop_rows(system, work)
+        hold_rows(system, work)
+
+    def linearise(system, work, t, z, v, acc, lam):
+        """Rp, Rv, Gp, Gv at a state just evaluated, see constraints and forces."""
+        _linearise(seen(system), seen(work), t, z, v, acc, lam)
+        drop_derivatives(system, work)
+        linearise_friction(system, work)
+
+    def complete(system, work, acc):
+        """Adds what z_II' contributes to the accelerations of frames and markers."""
+        _complete(seen(system), seen(work), acc)
+
+    for kernel in (evaluate, linearise, complete):
+        kernel.__qualname__ = f"{kernel.__name__}_in_{place}"
+    return (
+        entry(EVALUATE)(evaluate),
+        entry(LINEARISE)(linearise),
+        entry(COMPLETE)(complete),
+    )
 
 
-@entry(COMPLETE)
-def complete_in_space(system, work, acc):
-    """Adds what z_II' contributes to the accelerations of frames and markers."""
-    _complete(in_space(system), in_space(work), acc)
+evaluate_in_plane, linearise_in_plane, complete_in_plane = _entries(in_plane, "plane")
+evaluate_in_space, linearise_in_space, complete_in_space = _entries(in_space, "space")

@@ -6,10 +6,11 @@ Energies and momenta of bodies follow from what moves them: theory, eq. (12) and
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from numba import types
 
-from ..compiler.compiling import entry, inner
+from ..compiler.compiling import Entry, entry, inner
 from ..space.algebra import cross, dot, embedded, inertia_times, load, rotate, zero
 from ..space.layout import (
     COORDINATE,
@@ -191,39 +192,26 @@ TELL_FORCES = types.void(SYSTEM, WORK, TOLD, F1, F1, F2, F3, F2, F2, F2)
 TELL_BODIES = types.void(SYSTEM, WORK, TOLD, F2, F2, F3)
 
 
-@entry(TELL_FORCES)
-def tell_forces_in_plane(
-    system, work, told, times, clocks, z, points, factors, lam, rub
-):
-    """What constraints and forces do in some states; factors scale forces."""
-    for k in range(len(times)):
-        _set_state(work, k, clocks, points, factors)
-        near, at, to = in_plane(system), in_plane(work), in_plane(told)
-        _tell_forces(near, at, to, k, times[k], z[k], lam[k], rub[k])
+def _entries(seen: Any, place: str) -> tuple[Entry, Entry]:
+    """The kernels of plane or space, see `equations`."""
+
+    def tell_forces(system, work, told, times, clocks, z, points, factors, lam, rub):
+        """What constraints and forces do in some states; factors scale forces."""
+        for k in range(len(times)):
+            _set_state(work, k, clocks, points, factors)
+            near, at, to = seen(system), seen(work), seen(told)
+            _tell_forces(near, at, to, k, times[k], z[k], lam[k], rub[k])
+
+    def tell_bodies(system, work, told, z, v, frames):
+        """Energies and momenta of bodies in some states."""
+        for k in range(len(z)):
+            _recall(work.frame, frames[k])
+            _tell_bodies(seen(system), seen(work), seen(told), k, z[k], v[k])
+
+    for kernel in (tell_forces, tell_bodies):
+        kernel.__qualname__ = f"{kernel.__name__}_in_{place}"
+    return entry(TELL_FORCES)(tell_forces), entry(TELL_BODIES)(tell_bodies)
 
 
-@entry(TELL_FORCES)
-def tell_forces_in_space(
-    system, work, told, times, clocks, z, points, factors, lam, rub
-):
-    """What constraints and forces do in some states; factors scale forces."""
-    for k in range(len(times)):
-        _set_state(work, k, clocks, points, factors)
-        near, at, to = in_space(system), in_space(work), in_space(told)
-        _tell_forces(near, at, to, k, times[k], z[k], lam[k], rub[k])
-
-
-@entry(TELL_BODIES)
-def tell_bodies_in_plane(system, work, told, z, v, frames):
-    """Energies and momenta of bodies in some states."""
-    for k in range(len(z)):
-        _recall(work.frame, frames[k])
-        _tell_bodies(in_plane(system), in_plane(work), in_plane(told), k, z[k], v[k])
-
-
-@entry(TELL_BODIES)
-def tell_bodies_in_space(system, work, told, z, v, frames):
-    """Energies and momenta of bodies in some states."""
-    for k in range(len(z)):
-        _recall(work.frame, frames[k])
-        _tell_bodies(in_space(system), in_space(work), in_space(told), k, z[k], v[k])
+tell_forces_in_plane, tell_bodies_in_plane = _entries(in_plane, "plane")
+tell_forces_in_space, tell_bodies_in_space = _entries(in_space, "space")

@@ -16,14 +16,11 @@ from ..space.layout import (
     C1,
     C2,
     C3,
-    COMPLETE,
-    EVALUATE,
     F1,
     F2,
     F3,
     I1,
     I2,
-    LINEARISE,
     SYSTEM,
     WORK,
 )
@@ -105,6 +102,12 @@ MEMORY = TableType(
     + [F1, I1],
 )
 
+#: evaluate(system, work, t, z_I, z_II)
+EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)
+#: linearise(system, work, t, z_I, z_II, z_II', lambda), after evaluate at that state
+LINEARISE = types.void(SYSTEM, WORK, float64, F1, F1, F1, F1)
+#: complete(system, work, z_II'), after evaluate at that state
+COMPLETE = types.void(SYSTEM, WORK, F1)
 SOLVE_ACCELERATIONS = int64(SYSTEM, WORK, MEMORY)
 PROJECT_ONCE = int64(SYSTEM, WORK, MEMORY, float64, F1, F1)
 REMEMBER = types.void(SYSTEM, WORK, MEMORY)

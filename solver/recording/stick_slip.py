@@ -1,87 +1,37 @@
 """Stick and slip: when joints with friction stop, break loose or turn round.
 
 Theory, section 14. Every step is made with the grips of its beginning, for which the
-equations are smooth.
-It is looked at in the points of `dense`: a sliding joint whose rate changes its sign
-stops there; a sticking one whose friction passes what its load can hold breaks loose;
-one that is pressed along one direction alone has no load where that changes its sign.
-The run goes on from there with other grips.
+equations are smooth. It is looked at in the points of `dense`: a sliding joint whose
+rate changes its sign stops there; a sticking one whose friction passes what its load
+can hold breaks loose; one that is pressed along one direction alone has no load where
+that changes its sign. The run goes on from there with other grips.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
-
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.sid import Array
 
-from ..integrators import recording, stepping
+from ..integrators import stepping
 from ..integrators.recording import (
-    N_RUB,
     RUB_FORCE,
     RUB_LOAD,
-    RUB_PLACE,
     RUB_PRESS,
-    RUB_PUSH,
     RUB_RATE,
 )
 from ..linear.memory import Kernels
 from ..space import layout as at
-from ..system import kernel_calls
-from ..system.forces.grips import Grips
 from ..system.scene import System
-from ..system.sizes import resting_rates
-from ..system.storage import new_memory, new_work
 from .dense import Points, Steps, joined
 from .events import Moment
+from .grip_choice import AT_LIMIT, Grip
 from .sampling import sample
 
-#: Friction is at its limit within this part of it.
-AT_LIMIT = 1e-9
-#: Events without progress in time after which a run is given up.
-MOST_AT_ONCE = 100
-#: Progress in time that is none, relative to the time and the span of a run.
-ROUNDED = 4.0 * float(np.finfo(float).eps)
-#: A joint that was seen to break loose does so also where its limit seems so far.
-SEEN = 1e-6
-#: A joint turns round where to stop it would take so many times what its load holds.
-CLEARLY = 2.0
-#: Joints that stick hold the same motion where so little tells them apart.
-DEPENDENT = 1e-8
-JAMMED = "friction has no solution, or several: the load that it makes feeds it"
 
+class StickSlip(Grip):
+    """Looks at the steps of a run for instants at which grips change.
 
-def with_grips(system: System) -> System:
-    """The system with grips of its own, for one run."""
-    if not system.rubbing:
-        return system
-    grips = Grips(system.arrays.grip.copy())
-    return replace(system, arrays=system.arrays.replaced(grip=grips.now), grips=grips)
-
-
-State = tuple[Array, Array, Array]
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """An instant at which a grip changes, and the state there."""
-
-    t: float
-    z: Array
-    v: Array
-
-
-class StickSlip:
-    """Decides how joints with friction move.
-
-    Attributes
-    ----------
-    turning : joints whose grips change next
-    reversing : places of contact, in one row, whose force changes its side next
-    changed : those whose grips did last
     stride : steps to make before they are looked at
     """
 
@@ -93,34 +43,8 @@ class StickSlip:
         points: Points,
         rtol: float,
     ) -> None:
-        assert system.grips is not None
-        self.system, self.kernels = system, kernels
-        self.closed, self.points = closed, points
-        self.grips, self.grip = system.grips, system.grips.now
-        self.work, self.memory = new_work(system), new_memory(system, 0)
-        self.led, self.still = self.grip[:, at.LED] > 0.0, resting_rates(system)
-        self.span = system.scene.time.end - system.scene.time.start
-        self.rest = np.array([self._static(j) for j in range(len(self.grip))])
-        self.fastest, self.rtol = np.zeros(len(self.grip)), rtol
-        self.flat = np.array([self._flat(j) for j in range(len(self.grip))])
-        self.pressed = np.zeros(self.flat.shape)
-        self.pushed, self.eased = np.zeros(len(self.grip)), np.zeros(len(self.grip))
-        self.turning: list[int] = []
-        self.reversing: list[int] = []
-        self.changed = set[int]()
-        self.begun, self.stride = False, 1
-        self._last, self._count = -np.inf, 0
-
-    def _static(self, j: int) -> float:
-        """What a unit load holds."""
-        law = self.system.arrays.friction[j, at.R_LAW]
-        pool = self.system.arrays.pool
-        return float(pool[law + at.L_STATIC] * pool[law + at.L_ARM])
-
-    def _flat(self, j: int) -> list[bool]:
-        """Whether what presses each place of a joint has a single direction."""
-        across = [bool(place[1].any()) for place in self.system.rubbing[j].weights]
-        return [k < len(across) and not across[k] for k in range(at.MOST_PLACES)]
+        super().__init__(system, kernels, rtol)
+        self.closed, self.points, self.stride = closed, points, 1
 
     @property
     def waits(self) -> bool:
@@ -155,32 +79,21 @@ class StickSlip:
         z, v = zip(*(self.points.state(steps, when) for when in t), strict=True)
         return joined([before, Steps(t, np.array(z), np.array(v))])
 
-    def told(self, t: Array, z: Array, v: Array) -> Array:
-        """What the joints do in states of one smooth interval, (nt, frictions, .)."""
-        found = np.zeros((len(t), len(self.grip), N_RUB))
-        self.work.clock[0] = self.system.clocks(t[len(t) // 2 :])[0]
-        arrays = self.system.arrays
-        recording.rub(self.kernels, arrays, self.work, self.memory, t, z, v, found)
-        kernel_calls.go_on(self.system)
-        return found
-
     def until_change(self, control: stepping.Control, steps: Steps) -> Steps:
         """The steps as far as no grip changes; there the control goes back."""
-        change = self.look(steps)
+        t = self.look(steps) if len(steps.t) else None
         self.stride *= 2
-        if change is None:
+        if t is None:
             return steps
         self.stride, whole = 1, control.whole
-        control.real[stepping.TIME] = change.t
-        control.z[:], control.v[:] = change.z, change.v
+        control.real[stepping.TIME] = t
+        control.z[:], control.v[:] = self.points.state(steps, t)
         known = control.times[: whole[stepping.OUTPUT]]
-        whole[stepping.OUTPUT] = np.searchsorted(known, change.t, "right")
-        return self.cut(steps, change.t)
+        whole[stepping.OUTPUT] = np.searchsorted(known, t, "right")
+        return self.cut(steps, t)
 
-    def look(self, steps: Steps) -> Change | None:
-        """The first instant in a step at which a grip changes."""
-        if not len(steps.t):
-            return None
+    def look(self, steps: Steps) -> float | None:
+        """The first instant in some steps at which a grip changes."""
         told = self.told(steps.t, steps.z, steps.v)
         margins, bounds = self._margins(told), self._bounds(told)
         first, changing = np.inf, list[int]()
@@ -197,9 +110,7 @@ class StickSlip:
         count = len(self.grip)
         self.turning = [j for j in changing if j < count]
         self.reversing = [j - count for j in changing if j >= count]
-        if not changing:
-            return None
-        return Change(first, *self.points.state(steps, first))
+        return first if changing else None
 
     def _margins(self, told: Array) -> Array:
         """How far joints are from another grip, negative beyond: (nt, frictions).
@@ -226,20 +137,6 @@ class StickSlip:
         own = np.where(self._sticking, held, moving)
         return np.concatenate([own, self._certain(told).ravel()])
 
-    def _certain(self, told: Array) -> Array:
-        """From which force on the side is certain that presses places, (frictions, .).
-
-        Relative to the largest one so far, and to what has moved the joint where it
-        moves most easily: at a dead point no force does.
-        """
-        self.eased = np.fmax(self.eased, self.memory.rub_P.diagonal())
-        self.pushed = np.fmax(self.pushed, np.abs(told[:, :, RUB_PUSH]).max(axis=0))
-        moving = self.pushed / np.maximum(self.eased, np.finfo(float).tiny)
-        moving[self.led] = 0.0
-        press = np.abs(told[:, :, RUB_PRESS:]).max(axis=0)
-        self.pressed = np.fmax(self.pressed, press)
-        return max(AT_LIMIT, self.rtol) * np.fmax(self.pressed, moving[:, None])
-
     def _zero(self, steps: Steps, j: int, low: int, high: int) -> float:
         from scipy.optimize import brentq
 
@@ -255,144 +152,8 @@ class StickSlip:
         smallest = rounding * max(abs(begin), abs(end), end - begin)
         return float(brentq(margin, begin, end, xtol=smallest, rtol=4.0 * rounding))
 
-    def settle(self, t: float, z: Array, v: Array) -> str:
-        """Chooses the grips from an instant on.
-
-        What slides goes on. What rests sticks if it can. They stand in `grips.now`.
-        Returns why there is no choice, or nothing.
-        """
-        progress = ROUNDED * max(abs(t), self.span)
-        self._count = self._count + 1 if t <= self._last + progress else 0
-        self._last = t
-        if self._count > MOST_AT_ONCE:
-            count = self.flat.shape[1]
-            joints = self.turning or [k // count for k in self.reversing]
-            return f"{self._names(joints)} change between stick and slip at once"
-        states = np.array([t]), z[None], v[None]
-        before, turning = self.grip.copy(), self.turning
-        sense = self.grip[:, at.SENSE]
-        self.grip[:] = 0.0
-        self.grip[:, at.LED] = before[:, at.LED]
-        told = self.told(*states)[0]
-        stops = any(before[j, at.SENSE] != 0.0 for j in turning)
-        noise = self.rtol * self.fastest if stops else 0.0
-        rests = np.abs(told[:, RUB_RATE]) <= self.still + noise
-        rests[turning] = True
-        sense[:] = np.where(rests, 0.0, np.sign(told[:, RUB_RATE]))
-        self._follow(told)
-        rests &= ~self.led
-        stuck = (before[:, at.SENSE] == 0.0) & rests & self.begun
-        self.grip[:, at.HELD] = np.where(stuck, before[:, at.HELD], told[:, RUB_PLACE])
-        for j in np.intersect1d(turning, np.flatnonzero(rests & ~stuck)):
-            if self._passes(states, int(j), -before[j, at.SENSE]):
-                rests[j] = False
-        self.turning = []
-        why = self._choose(states, rests, [j for j in turning if stuck[j]])
-        self.grip[~self._sticking, at.HELD] = 0.0
-        self._take_sides(states, before[:, at.SIDE :])
-        changed = (before[:, at.SENSE] != sense) & self.begun
-        self.changed = {*np.flatnonzero(changed).tolist(), *turning}
-        self.begun = True
-        return why
-
-    @property
-    def _sticking(self) -> NDArray[np.bool_]:
-        """Which joints friction holds, (frictions,)."""
-        return (self.grip[:, at.SENSE] == 0.0) & ~self.led
-
-    def _follow(self, told: Array) -> None:
-        """Takes the sense of motions that are prescribed: where they rest, that in
-        which they go on."""
-        rate, push = told[:, RUB_RATE], told[:, RUB_PUSH]
-        noise = self.rtol * self.fastest
-        noise[[j for j in range(len(noise)) if j not in self.turning]] = 0.0
-        goes_on = np.where(np.abs(push) * self.span > self.still, push, 0.0)
-        ways = np.where(np.abs(rate) > self.still + noise, rate, goes_on)
-        self.grip[self.led, at.SENSE] = np.sign(ways[self.led])
-
-    def _take_sides(self, states: State, before: Array) -> None:
-        """Keeps the sides on which sliding joints are pressed, until they change."""
-        told = self.told(*states)
-        press, certain = told[0, :, RUB_PRESS:], self._certain(told)
-        sides = np.where(before == 0.0, 1.0, before)
-        sides.ravel()[self.reversing] *= -1.0
-        sides = np.where(np.abs(press) > certain, np.sign(press), sides)
-        slides = self.grip[:, at.SENSE, None] != 0.0
-        self.grip[:, at.SIDE :] = np.where(self.flat & slides, sides, 0.0)
-        self.reversing = []
-
-    def _passes(self, states: State, j: int, sense: float) -> bool:
-        """Whether a joint that turns round does so far above what could stop it.
-
-        To stop it might take any force: where other joints move on, its coordinate may
-        have a stationary value. Its sense is the new one then.
-        """
-        self._mark_shared()
-        self.grip[j, at.SENSE] = sense
-        told = self.told(*states)[0]
-        needed = told[j, RUB_FORCE] * self.memory.rub_P[j, j] - told[j, RUB_PUSH]
-        held = self.rest[j] * told[j, RUB_LOAD] * self.memory.rub_P[j, j]
-        if sense * told[j, RUB_PUSH] > 0.0 and abs(needed) > CLEARLY * held:
-            return True
-        self.grip[j, at.SENSE] = 0.0
-        return False
-
-    def _mark_shared(self) -> None:
-        """Marks joints that stick if some of them hold the same motion."""
-        stuck = np.flatnonzero(self._sticking)
-        P = self.memory.rub_P[np.ix_(stuck, stuck)]
-        size = np.sqrt(np.maximum(P.diagonal(), np.finfo(float).tiny))
-        alone = np.linalg.eigvalsh(P / np.outer(size, size)).min(initial=1.0)
-        self.grip[:, at.SHARED] = 0.0
-        self.grip[stuck, at.SHARED] = float(alone < DEPENDENT)
-
-    def _choose(self, states: State, rests: Array, loose: list[int]) -> str:
-        """Lets go, one after another, what friction cannot hold.
-
-        loose : joints that were seen to break loose
-        """
-        sense, names = self.grip[:, at.SENSE], self._names(np.flatnonzero(rests))
-        for _ in range(4 * len(sense) + 1):
-            self._mark_shared()
-            told = self.told(*states)[0]
-            if not np.isfinite(told[:, RUB_FORCE]).all():
-                return f"{JAMMED} ({names})"
-            held = self.rest * told[:, RUB_LOAD]
-            excess = np.abs(told[:, RUB_FORCE]) - held
-            excess[loose] += SEEN * held[loose]
-            excess[~self._sticking] = -np.inf
-            worst = int(np.argmax(excess - AT_LIMIT * held))
-            if excess[worst] > AT_LIMIT * held[worst]:
-                sense[worst] = -np.sign(told[worst, RUB_FORCE])
-                continue
-            least = AT_LIMIT * self.memory.rub_P.diagonal() * held
-            back = rests & (sense * told[:, RUB_PUSH] < -least)
-            if not back.any():
-                return ""
-            sense[back] = 0.0
-        return f"friction allows neither stick nor slip ({names})"
-
-    def _names(self, joints: Iterable[int]) -> str:
-        return ", ".join(self.system.rubbing[j].joint for j in joints)
-
     def _stop(self, t: float, z: Array, v: Array) -> None:
         """Brings a state onto all constraints, with what sticks at rest."""
         parts = self.system, self.kernels, self.work, self.memory
         after = np.array([np.nextafter(t, np.inf)])
         sample(*parts, after, z[None], v[None], self.closed)
-
-
-def regripped(
-    system: System, kernels: Kernels, closed: Array, t: Array, z: Array, v: Array
-) -> None:
-    """Puts the grips of known states into a system `with_grips`, from each time on.
-
-    t, z, v : (nt,), (nt, .), (nt, .)
-    """
-    if system.grips is None:
-        return
-    chosen = StickSlip(system, kernels, closed, Points(1), 0.0)
-    system.grips.forget()
-    for when, place, velocity in zip(t, z, v, strict=True):
-        chosen.settle(float(when), place, velocity)
-        system.grips.note(float(np.nextafter(when, -np.inf)))

@@ -142,17 +142,13 @@ TWIST = 4  # torque about an axis fixed in marker A; the angle from A to B
 TILT = 5  # component of the rotation vector from A to B (spatial)
 LEAN = 6  # scalar product of a direction of A and one of B (spatial)
 COORDINATE = 7  # elastic coordinate F_DATA of the body F_B
-PRESCRIBED = 8  # no force: a law gives the value of a drive; the rows F_A and F_B are
-# its rate and its second derivative
+PRESCRIBED = 8  # no force: value of a drive; rows F_A and F_B are its derivatives
 
 # --- columns of System.turn: rotations from marker A to B in space, of the kind TWIST,
 # TILT or LEAN. Orientations tell them up to full turns; those that are counted go on
 # from what stands at the end of z_I: their values where the step began.
-T_KIND = 0
-T_A = 1
-T_B = 2
-T_DATA = 3  # pool: directions of TWIST and LEAN
-T_ENTRY = 4  # first entry of Work.turn: TILT has three, others one; the counted first
+# Kind, markers A and B, pool: directions of TWIST and LEAN, first entry of Work.turn:
+# TILT has three, others one; the counted first.
 N_TURN = 5
 
 # --- columns of System.friction: joints with friction, see `friction` ------
@@ -172,7 +168,6 @@ L_SPEED = 2  # of the surfaces, over which one becomes the other; 0: at once
 L_VISCOUS = 3
 L_ARM = 4  # radius of the pin, 1 for what slides
 L_PERIOD = 5  # the coordinate is known up to multiples of it, 0 for exactly
-N_LAW = 6
 
 # --- columns of System.grip: what a run changes
 SENSE = 0  # 1 or -1: slides with a growing or a falling coordinate; 0: sticks
@@ -214,10 +209,11 @@ TURN_AXIS = 2  # inertial torque on marker B that works on the angle
 N_TURNED = 5
 
 
-#: Fields of a system that Newton matrices have of their own.
-ROWS_OF_NEWTON = ("body", "segment", "dims", "slack")
-ROWS_OF_SLIDING = ("constraint", "segment", "dims", "slack", "dropped")
-_PARTS = ("newton", "sliding")
+#: Fields that the parts of a system have of their own.
+OWN_OF_PARTS = {
+    "newton": ("body", "segment", "dims", "slack"),
+    "sliding": ("constraint", "segment", "dims", "slack", "dropped"),
+}
 
 
 class System(Table):
@@ -262,9 +258,10 @@ class System(Table):
     def replaced(self, **changes: Any) -> System:
         """The same scene with other values of some fields, also in `newton` and
         `sliding`."""
-        for part, own in (("newton", ROWS_OF_NEWTON), ("sliding", ROWS_OF_SLIDING)):
-            shared = {k: v for k, v in changes.items() if k not in (*own, *_PARTS)}
-            inner = changes.get(part, getattr(self, part))
+        given = {k: v for k, v in changes.items() if k not in OWN_OF_PARTS}
+        for part, own in OWN_OF_PARTS.items():
+            shared = {k: v for k, v in given.items() if k not in own}
+            inner = getattr(self, part)
             if shared and inner is not None and part not in changes:
                 changes[part] = inner.replaced(**shared)
         return super().replaced(**changes)
@@ -348,14 +345,6 @@ SYSTEM = TableType(
     System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None, I2, F2, None]
 )
 WORK = TableType(
-    Work,
-    [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2, F1, F1] + [F1] * 5 + [F1, F1, F2, None],
+    Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2] + [F1] * 9 + [F2, None]
 )
 TOLD = TableType(Told, [F2, F2, F2])
-
-#: evaluate(system, work, t, z_I, z_II)
-EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)
-#: linearise(system, work, t, z_I, z_II, z_II', lambda), after evaluate at that state
-LINEARISE = types.void(SYSTEM, WORK, float64, F1, F1, F1, F1)
-#: complete(system, work, z_II'), after evaluate at that state
-COMPLETE = types.void(SYSTEM, WORK, F1)

@@ -81,6 +81,7 @@ def build_system(
     original = scene
     scene = with_held_frames(_with_all_names(without_elasticity(scene), sids))
     planar, pool = scene.dimension == "planar", Pool()
+    drives, forces = drives or {}, forces or {}
     known = {} if before is None else _unchanged(before, scene, sids)
     data = {
         name: known.get(name) or body_data(name, body, sids, planar)
@@ -88,31 +89,22 @@ def build_system(
     }
     data[GROUND_NAME] = known.get(GROUND_NAME) or _ground(scene)
     functions = FunctionTable(pool, (scene.time.start, scene.time.end))
-    _check_names(scene, drives or {})
-    laws = laws_of(scene, forces or {}, drives or {}, sampled)
-    drive_index = _drive_functions(scene, functions, drives or {}, laws)
+    _check_names(scene, drives)
+    laws = laws_of(scene, forces, drives, sampled)
+    drive_index = _drive_functions(scene, functions, drives, laws)
     frames = eliminated_frames(scene, data, laws)
     data |= state_bodies(laws)
     table = LawTable(scene, data, functions, laws)
-    elements = compile_forces(scene, functions, planar, forces or {}, table.rows)
+    elements = compile_forces(scene, functions, planar, forces, table.rows)
     led, elements = _with_led(elements, scene, table)
-    scene = _with_programs(scene, functions.given, forces or {}, drives or {})
+    scene = _with_programs(scene, functions.given, forces, drives)
     others = [name for name in scene.bodies if name not in frames]
     order = (GROUND_NAME, *frames, *others, *state_bodies(laws))
     parts = Ingredients(scene, data, frames, order, drive_index, led, pool)
-    cut = _system(parts, functions, elements)
-    cut = replace(cut, sids=sids, source=original)
+    cut = replace(_system(parts, functions, elements), sids=sids, source=original)
     if any(law.sample_time is not None for law in laws.values()):
-        again = partial(
-            build_system,
-            original,
-            sids,
-            drives,
-            keep_joints,
-            forces,
-            sampled=False,
-            before=before,
-        )
+        given = original, sids, drives, keep_joints, forces
+        again = partial(build_system, *given, sampled=False, before=before)
         cut = replace(cut, unsampled=again)
     if not frames:
         return cut
@@ -190,21 +182,19 @@ def _with_all_names(scene: SceneFile, sids: Mapping[str, SID]) -> SceneFile:
 def _system(
     parts: Ingredients, functions: FunctionTable, elements: tuple[Element, ...]
 ) -> System:
-    constraints = constraints_of(parts)
+    constraints, pool = constraints_of(parts), parts.pool
     elements, coordinates, turns = _turning(parts, elements)
     markers = _used_markers(parts, constraints, [*elements, *coordinates.values()])
     body = body_table(parts, markers)
     marker, phi = marker_table(parts, markers)
     tables = constraint_tables(parts, constraints, markers, body, marker)
     dims = _dims(parts, body, tables, phi, turns)
-    force = force_table(elements, markers, parts.order, parts.pool)
-    measures = force_table(
-        tuple(coordinates.values()), markers, parts.order, parts.pool
-    )
-    turn = turn_table(turns, markers, parts.pool)
+    force = force_table(elements, markers, parts.order, pool)
+    measures = force_table(tuple(coordinates.values()), markers, parts.order, pool)
+    turn = turn_table(turns, markers, pool)
     rubbing = rubbing_joints(parts, constraints, tables.constraint)
     friction, sliding, pieces = friction_tables(
-        rubbing, markers, body, marker, dims, parts.pool
+        rubbing, markers, body, marker, dims, pool
     )
     rows_of_newton = newton_rows(
         body, marker, tables.segment, pieces, dims, force, tables.constraint
@@ -217,7 +207,7 @@ def _system(
         tables.segment,
         functions.table(),
         dims,
-        parts.pool.array(),
+        pool.array(),
         as_3d(parts.scene.gravity),
         np.zeros(int(dims[at.N_ROWS])),
         force,
