@@ -12,6 +12,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.result.bodies import LARGE
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import watched
+from sidtool.formats.storage.versions import versions
 
 from .advice import notes
 from .advice.asked.carried_away import carried_away
@@ -35,7 +36,6 @@ from .start.displacements import told_displacements
 from .start.settings import made_with
 from .start.turn_counts import lost_turn
 from .system.forces.lapses import lapse
-from .versions import versions
 
 if TYPE_CHECKING:
     from .running import Run

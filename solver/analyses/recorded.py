@@ -9,6 +9,7 @@ import numpy as np
 
 from sidtool.formats.result import Result
 from sidtool.formats.sid import Array
+from sidtool.formats.storage.versions import versions
 
 from ..advice.notes import Remarks, of_programs
 from ..equations.pointers import kernels
@@ -21,7 +22,6 @@ from ..system.bodies.held_frames import without_held_frames
 from ..system.scene import System
 from ..system.sizes import row_sizes
 from ..system.storage import new_memory, new_work
-from ..versions import versions
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ ROOMS = (
 #: Files that one folder may have.
 CROWDED = 22
 #: Loose files that every room may import.
-LEAVES = {"errors": 0, "versions": 0, "warmup": 1}
+LEAVES = {"errors": 0, "warmup": 1}
 
 
 def modules() -> dict[str, Path]:
