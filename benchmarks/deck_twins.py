@@ -28,6 +28,7 @@ from sidtool.frontends.elements.solid import (
 )
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.frontends.solid_mesh import SolidMesh
+from sidtool.importers.calculix.deck import free_deck
 from sidtool.importers.calculix.engine import computed
 from sidtool.reduction.frames import Frame
 from sidtool.reduction.space import admissible
@@ -63,6 +64,8 @@ def beside_calculix(deck: Path, sid: Any, data: dict[str, Any]) -> Difference:
     """
     result, modes = Difference(), data["reduction"]["modes"]
     text = deck.read_text("latin-1")
+    if re.search(r"(?im)^\*(NGEN|ELGEN)", text):
+        text = "\n".join(free_deck(deck))
     found = free_frequencies(text, deck.parent, modes) or _by_matrices(deck, modes)
     if found is None:
         result.reason = "ccx gives no frequencies of the free body"

@@ -10,7 +10,7 @@ from sidtool.formats.errors import InputError
 
 from ..imported_bars import BarSection, RawBar, Vector
 from .cards import Card
-from .content import BarProperty, BulkData
+from .content import BarProperty, BulkData, twice
 
 #: Whether the y axis, and the offsets of both ends, are in directions of the nodes.
 _GLOBAL = ("", "GGG", "BGG")
@@ -19,6 +19,31 @@ _GLOBAL = ("", "GGG", "BGG")
 def bar(content: BulkData, card: Card) -> None:
     """CBAR, CBEAM, CROD, CONROD: kept until all nodes and properties are known."""
     content.bars.append(card)
+
+
+def bar_defaults(content: BulkData, card: Card) -> None:
+    """BAROR and BEAMOR: PID, X1, X2, X3 (or G0) and OFFT of cards that leave them out.
+
+    Raises
+    ------
+    InputError : there are two.
+    """
+    name = {"BAROR": "CBAR", "BEAMOR": "CBEAM"}[card.name]
+    if name in content.bar_defaults:
+        raise twice("the default of", name, card)
+    content.bar_defaults[name] = card
+
+
+def completed(content: BulkData, card: Card) -> Card:
+    """The card with what BAROR or BEAMOR says instead of its blank fields."""
+    default = content.bar_defaults.get(card.name)
+    if default is None:
+        return card
+    words = [*card.words, *[""] * 8]
+    for start, end in ((1, 2), (4, 7), (7, 8)):
+        if not any(words[start:end]):
+            words[start:end] = [default.word(i) for i in range(start, end)]
+    return replace(card, words=words)
 
 
 def bars_of(content: BulkData) -> tuple[RawBar, ...]:

@@ -46,6 +46,7 @@ class BulkData:
     Attributes
     ----------
     bars, mass_cards : cards of bars and rods, and CONM2
+    bar_defaults : what cards CBAR and CBEAM leave out
     moduli : E, G and density of MAT1 as bars have them
     local : node -> the system it is given in, -1 for that of GRDSET, and where
     turned : node -> the system of its directions, in which MPC counts, -1 likewise
@@ -60,6 +61,7 @@ class BulkData:
     elements: list[tuple[int, int, str, list[int], str]] = field(default_factory=list)
     properties: dict[int, Property] = field(default_factory=dict)
     bars: list[Card] = field(default_factory=list)
+    bar_defaults: dict[str, Card] = field(default_factory=dict)
     bar_properties: dict[int, BarProperty] = field(default_factory=dict)
     moduli: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     materials: dict[str, ElasticMaterial | None] = field(default_factory=dict)

@@ -22,7 +22,7 @@ from ..imported import (
     reading_notes,
 )
 from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
-from .bars import bar, bars_of
+from .bars import bar, bar_defaults, bars_of, completed
 from .cards import CASE_CONTROL, Card, members, read_cards
 from .content import BulkData, twice
 from .couplings import conm2, rbar, rbe2, rbe3
@@ -83,6 +83,7 @@ def bulk_data(path: Path, ignored: frozenset[str], *, shells: bool = False) -> B
     for system, place in content.direction_systems().items():
         content.frames.frame(system, place)
     content.masses = [conm2(card, content.frames) for card in content.mass_cards]
+    content.bars = [completed(content, card) for card in content.bars]
     content.apart = named_apart(content)
     return content
 
@@ -239,6 +240,7 @@ _READERS: dict[str, Callable[[BulkData, Card], None]] = {
     "MAT1": mat1,
     "MAT9": mat9,
     **dict.fromkeys(("CBAR", "CBEAM", "CROD", "CONROD"), bar),
+    **dict.fromkeys(("BAROR", "BEAMOR"), bar_defaults),
     "PBAR": pbar,
     "PBARL": pbarl,
     "PBEAM": pbeam,

@@ -91,6 +91,23 @@ def test_what_own_bars_are_not_is_refused(text: str, said: str, tmp_path: Path) 
 
 
 @pytest.mark.filterwarnings("ignore")
+def test_baror_fills_what_bars_leave_blank(tmp_path: Path) -> None:
+    """Property and orientation, also of a bar that stands before it."""
+    text = frame(PBAR)
+    first, second = (x for x in text.splitlines() if x.startswith(("CBAR,1", "CBAR,2")))
+    up = first.split(",", 5)[5]
+    short = text.replace(first, "CBAR,1,,1,2").replace(
+        second, second.replace(",1,", ",,", 1)
+    )
+    short = short.replace("ENDDATA", f"BAROR,,1,,,{up}\nENDDATA")
+    assert_allclose(
+        body(tmp_path, short).Ke.m0, body(tmp_path, text).Ke.m0, rtol=1e-12, atol=1e-9
+    )
+    with pytest.raises(InputError, match="default of CBAR is defined twice"):
+        body(tmp_path, short.replace("ENDDATA", "BAROR,,1\nENDDATA"))
+
+
+@pytest.mark.filterwarnings("ignore")
 def test_a_material_of_the_model_file_and_directions(tmp_path: Path) -> None:
     """[material] stands for MAT1; OFFT = BGG counts the y axis in basic directions,
     offsets in those of the nodes, and CONM2 in its own."""
