@@ -33,6 +33,8 @@ NEAR, STEADY = 0.05, 1e-6
 #: this share are the same, and those below this share of the square of the highest are
 #: rounding.
 AT_REST, SAME, ROUNDING = 1e-12, 0.01, 1e-11
+#: Accelerations below this part of those of the forces are rounding.
+BALANCED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +125,9 @@ def _unsteady(
     mechanics.evaluate(z, v)
     a, slow = mechanics.accelerations()[0], v / mechanics.scale
     left = motion.T @ (a - turning(mechanics, spins) @ slow)
+    force = np.abs(mechanics.force).max(initial=0.0)
+    if np.abs(left).max(initial=0.0) <= BALANCED * force:
+        return ()
     forces = np.concatenate([np.zeros(len(matrix) - len(left)), -left])
     shift = np.linalg.lstsq(matrix, forces, rcond=1e-10)[0]
     sizes = coordinate_sizes(mechanics.system) / mechanics.scale

@@ -264,3 +264,32 @@ def test_modes_that_no_constant_matrix_has_are_told() -> None:
     assert "change as the bodies turn" in note
     (note,) = linearise(rotor_on(stiffness, [0.2, 0.2, 0.3]), "start").notes
     assert "axes that do not turn" in note
+
+
+def test_a_pendulum_that_hangs_from_a_cart_is_at_rest() -> None:
+    """Its hinge is above it up to rounding; (M + m, m l; m l, J + m l^2) swings."""
+    described = scene(
+        {
+            "cart": {"mass": 5.0, "inertia": 0.1, "markers": {"h": at_height(0.8)}},
+            "bob": {
+                "mass": 0.5,
+                "inertia": 0.01,
+                "markers": {"h": at_height(0.5)},
+                "initial": at_height(0.3),
+            },
+        },
+        {
+            "rail": {"type": "prismatic", "markers": ["ground", "cart"]},
+            "hinge": {"type": "revolute", "markers": ["cart.h", "bob.h"]},
+        },
+        gravity=[0.0, -9.81],
+    )
+    found = linearise(compile_scene(described, keep_joints=True), "start")
+    turning = 0.01 + 0.5 * 0.25 - 0.25**2 / 5.5
+    swing = np.sqrt(0.5 * 9.81 * 0.5 / turning) / (2.0 * np.pi)
+    assert found.frequencies[1] == pytest.approx(swing, rel=1e-6)
+    assert found.notes == ()
+
+
+def at_height(y: float) -> dict[str, Any]:
+    return {"position": [0.0, y]}
