@@ -23,13 +23,12 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .carried import Carried
 from .errors import InputError
 from .html import html_table
-
-Array = NDArray[np.float64]
+from .taylor import Array, Taylor
 
 #: Body blocks in file order. Rows and columns; "q" stands for nq.
 #: Units: mdCM kg m; J kg m2; Ct kg m/[q]; Cr kg m2/[q]; Me kg m2/[q]2;
@@ -70,55 +69,6 @@ def block_shape(name: str, nq: int) -> tuple[int, int]:
     sizes = {"q": nq, "3q": 3 * nq}
     rows, columns = (sizes[s] if isinstance(s, str) else s for s in shape)
     return rows, columns
-
-
-@dataclass(frozen=True, eq=False)
-class Taylor:
-    """A matrix that depends on the elastic coordinates: M(q) = m0 + sum_l m1[l] q_l.
-
-    Attributes
-    ----------
-    m0 : (nrow, ncol) value at q = 0
-    m1 : (nq, nrow, ncol) derivative by each elastic coordinate; None at order 0
-    mn : (nqn, nrow, ncol) coefficients of terms above the first, kept as read;
-        no producer writes them and their meaning is not defined; None otherwise
-    order : declared order of the expansion; at least 1 with m1, 2 with mn
-    """
-
-    m0: Array
-    m1: Array | None = None
-    mn: Array | None = None
-    order: int = 0
-
-    def __post_init__(self) -> None:
-        implied = 2 if self.mn is not None else (1 if self.m1 is not None else 0)
-        object.__setattr__(self, "order", max(self.order, implied))
-        for name in ("m0", "m1", "mn"):
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, _readonly(value))
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(nrow, ncol)."""
-        rows, columns = self.m0.shape
-        return rows, columns
-
-    @property
-    def is_zero(self) -> bool:
-        """True when every stored coefficient is zero."""
-        stored = (self.m0, self.m1, self.mn)
-        return not any(part is not None and part.any() for part in stored)
-
-    def first_order(self, nq: int) -> Array:
-        """m1 as (nq, nrow, ncol), zeros where the expansion has none."""
-        return np.zeros((nq, *self.shape)) if self.m1 is None else self.m1
-
-    def at(self, q: ArrayLike) -> Array:
-        """M(q), (nrow, ncol), to first order."""
-        if self.m1 is None:
-            return self.m0
-        return self.m0 + np.tensordot(np.asarray(q, float), self.m1, axes=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,12 +235,6 @@ class SID:
         raise InputError(
             f"there is no node {wanted}", expected=f"one of the nodes {known}{more}"
         )
-
-
-def _readonly(value: ArrayLike) -> Array:
-    array = np.array(value, dtype=np.float64, order="C")
-    array.setflags(write=False)
-    return array
 
 
 def _check_shape(entry: Taylor, name: str, nq: int, place: str) -> None:

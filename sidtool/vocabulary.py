@@ -4,6 +4,12 @@ file, with the same keys."""
 from __future__ import annotations
 
 from sidtool.formats.model import Material, NodeMarker
+from sidtool.formats.model.beams import (
+    BeamGeometry,
+    GeneralSection,
+    LumpedMass,
+    RectangularSection,
+)
 from sidtool.formats.model.discretisation import (
     BeamDiscretisation,
     IgaDiscretisation,
@@ -13,14 +19,10 @@ from sidtool.formats.model.discretisation import (
     SolidDiscretisation,
 )
 from sidtool.formats.model.geometry import (
-    BeamGeometry,
-    GeneralSection,
-    LumpedMass,
     MatricesGeometry,
     MeshGeometry,
     NurbsGeometry,
     PatchesGeometry,
-    RectangularSection,
     VolumeGeometry,
 )
 from sidtool.formats.model.reduction import (

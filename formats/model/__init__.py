@@ -16,10 +16,11 @@ from ..errors import InputError
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File, relocate
 from ..toml.tables import Table
-from .base import Fraction, Positive
+from .base import Fraction, Point3, Positive
+from .beams import BeamGeometry
 from .checks import check_name, check_node_numbers
 from .discretisation import FITTING, Discretisation, IgaDiscretisation, Q4Discretisation
-from .geometry import SIDES, BeamGeometry, Geometry, NurbsGeometry, Point2, Point3
+from .geometry import SIDES, Geometry, NurbsGeometry, Point2
 from .reduction import (
     BuckensFrame,
     ChordFrame,

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+Point3 = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]

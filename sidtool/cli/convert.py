@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,13 +23,12 @@ from .common import (
     tell,
 )
 from .inputs import piped
+from .processes import started
 from .progress import PATIENCE
 
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
 SIGMAS = ("stress", "section force")
 ENGINES = ("cholmod", "pardiso", "superlu", "slepc")
-#: How many processes mpirun started, as Open MPI and MPICH say it.
-_MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
 @click.command()
@@ -122,7 +120,7 @@ def convert(
       sidtool convert rod.SID_FEM -o damped.SID_FEM --damping modal:0.02
       mpirun -n 2 sidtool convert rod_q4.toml -o rod.h5 --engine slepc
     """
-    with _processes(engine) as processes:
+    with started(engine) as processes:
         targets = [Target("-o", output, "sid"), Target("--field", field, "field")]
         named = [text.partition("=")[2] for text in changes]
         check_targets(targets, [*files_of(source), *named], force)
@@ -190,49 +188,6 @@ def _data(sid: Any) -> Any:
     from ..report.data import sid_data
 
     return sid_data(sid)
-
-
-class _Alone:
-    """The only process."""
-
-    rank = 0
-
-    def go_on(self) -> None:
-        """There is nobody to wait for."""
-
-
-@contextmanager
-def _processes(engine: str | None) -> Iterator[Any]:
-    """Yield the processes of this run, of which the first writes and speaks.
-
-    Raises
-    ------
-    InputError : the engine is not there, or mpirun started one that works alone.
-    """
-    asked = engine or os.environ.get("SIDTOOL_FACTORS")
-    if asked != "slepc":
-        _refuse_mpirun()
-        yield _Alone()
-        return
-    from ..reduction.slepc import PartnerFailed, together
-
-    try:
-        with together() as processes:
-            yield processes
-    except PartnerFailed:
-        click.get_current_context().exit(1)
-
-
-def _refuse_mpirun() -> None:
-    from sidtool.formats.errors import InputError
-
-    count = next((os.environ[name] for name in _MPI_SIZES if name in os.environ), "1")
-    if count != "1":
-        raise InputError(
-            f"mpirun started {count} processes that would all do the same",
-            place="--engine",
-            expected="slepc, the engine that shares the work",
-        )
 
 
 def _sid(

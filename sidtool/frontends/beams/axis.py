@@ -11,7 +11,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model.geometry import BeamGeometry
+from sidtool.formats.model.beams import BeamGeometry
 
 from .section import run
 

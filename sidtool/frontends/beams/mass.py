@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from sidtool.formats.model.geometry import BeamGeometry, GeneralSection
+from sidtool.formats.model.beams import BeamGeometry, GeneralSection
 
 from ..geometry_mass import GeometryMass
 from .axis import Axis

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile, NodeMarker
+from sidtool.formats.model.beams import BeamGeometry
 from sidtool.formats.model.discretisation import BeamDiscretisation
-from sidtool.formats.model.geometry import BeamGeometry
 
 from ..finite_element_model import FiniteElementModel, MarkerRows, Outline
 from ..patches.markers import at_marker, check_length

@@ -10,11 +10,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model.geometry import (
-    BeamGeometry,
-    GeneralSection,
-    RectangularSection,
-)
+from sidtool.formats.model.beams import BeamGeometry, GeneralSection, RectangularSection
 
 Array = NDArray[np.float64]
 #: Sections are smaller than this [m].

@@ -1,0 +1,94 @@
+"""Beams that a model file can describe: an axis, its sections, and lumped masses."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ..toml.tables import Table
+from .base import Point3, Positive
+
+
+class RectangularSection(Table):
+    """A rectangular cross-section that may vary along a beam.
+
+    One number holds everywhere; several, at equal steps from start to end, are
+    interpolated by the polynomial through them.
+
+    Attributes
+    ----------
+    height : along the local y axis [m]
+    width : along the local z axis [m]
+    """
+
+    shape: Literal["rectangle"] = "rectangle"
+    height: Positive | tuple[Positive, ...]
+    width: Positive | tuple[Positive, ...]
+
+
+class GeneralSection(Table):
+    """A constant cross-section given by its properties.
+
+    Attributes
+    ----------
+    area [m^2]; iy, iz : second moments of area about the local y and z axes [m^4];
+    torsion : torsion constant [m^4], by default iy + iz
+    shear_y, shear_z : shear areas divided by the area
+    """
+
+    shape: Literal["general"] = "general"
+    area: Positive
+    iy: Positive
+    iz: Positive
+    torsion: Positive | None = None
+    shear_y: Positive = 5 / 6
+    shear_z: Positive = 5 / 6
+
+
+class LumpedMass(Table):
+    """A rigid particle fixed to a beam.
+
+    Attributes
+    ----------
+    at : fraction of the length of the beam
+    mass : [kg]
+    inertia : [xx, yy, zz] about its own centre [kg m^2]
+    """
+
+    at: float = Field(ge=0, le=1)
+    mass: Positive
+    inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+class BeamGeometry(Table):
+    """A beam, straight or curved, with or without pre-twist. Its ends are called start
+    and end.
+
+    Attributes
+    ----------
+    start, end : [x, y, z] in m
+    through : points between them, in order, for a curved axis: a cubic spline through
+        start, these points and end; more points follow a curve better
+    y_axis : direction of the local y axis at the start, made perpendicular to the
+        beam; along a curved one it is carried without a rotation about the tangent
+    twist : pre-twist, the angle [rad] by which cross-sections are turned about the
+        tangent from y to z; several numbers, at equal steps from start to end, are
+        interpolated by the polynomial through them
+    """
+
+    type: Literal["beam"] = "beam"
+    start: Point3
+    end: Point3
+    through: tuple[Point3, ...] = ()
+    y_axis: Point3 = (0.0, 1.0, 0.0)
+    twist: float | tuple[float, ...] = 0.0
+    section: Annotated[
+        RectangularSection | GeneralSection, Field(discriminator="shape")
+    ]
+    masses: tuple[LumpedMass, ...] = ()
+
+    @property
+    def edge_names(self) -> dict[str, tuple[int, int]]:
+        """start and end."""
+        return {"start": (0, 0), "end": (0, 1)}
