@@ -17,9 +17,9 @@ import numpy as np
 
 from .carried import DIRECTIONS, Carried
 from .errors import InputError
-from .finite import check_finite
 from .sid import NODE_SHAPES, SID, Node, Taylor
 from .sid_hdf5_reader import PARTS, Reader
+from .storage.finite import check_finite
 from .storage.hdf5_links import check_own_data
 from .storage.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal, write_sealed
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import h5py
 
-from ..finite import check_finite
 from ..sid import SID
 from ..sid_hdf5 import put_sid
 from ..sid_hdf5_reader import Reader
+from ..storage.finite import check_finite
 
 
 def write_sids(group: h5py.Group, sids: Mapping[str, SID]) -> None:

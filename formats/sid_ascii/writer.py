@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import InputError
-from ..finite import check_finite
 from ..sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Node, Taylor, symmetric_3x3
 from ..storage.atomic import atomic_path
+from ..storage.finite import check_finite
 from . import layout
 from .expansion import mean_of_halves
 from .styles import STYLES, Style

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,25 +10,23 @@ from typing import Any
 
 import click
 
-from sidtool.formats.progress import is_heard
-
 from .common import (
     Target,
     changes,
     check_targets,
     files_of,
     force,
-    is_quiet,
     target,
     tell,
 )
 from .inputs import piped
-from .processes import started
-from .progress import PATIENCE
+from .progress import Stages
 
 DIALECTS = ("fembs", "pysid", "matmorembs", "fembeam")
 SIGMAS = ("stress", "section force")
 ENGINES = ("cholmod", "pardiso", "superlu", "slepc")
+#: How many processes mpirun started, as Open MPI and MPICH say it.
+_MPI_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
 
 
 @click.command()
@@ -120,7 +118,7 @@ def convert(
       sidtool convert rod.SID_FEM -o damped.SID_FEM --damping modal:0.02
       mpirun -n 2 sidtool convert rod_q4.toml -o rod.h5 --engine slepc
     """
-    with started(engine) as processes:
+    with _processes(engine) as processes:
         targets = [Target("-o", output, "sid"), Target("--field", field, "field")]
         named = [text.partition("=")[2] for text in changes]
         check_targets(targets, [*files_of(source), *named], force)
@@ -190,6 +188,49 @@ def _data(sid: Any) -> Any:
     return sid_data(sid)
 
 
+class _Alone:
+    """The only process."""
+
+    rank = 0
+
+    def go_on(self) -> None:
+        """There is nobody to wait for."""
+
+
+@contextmanager
+def _processes(engine: str | None) -> Iterator[Any]:
+    """Yield the processes of this run, of which the first writes and speaks.
+
+    Raises
+    ------
+    InputError : the engine is not there, or mpirun started one that works alone.
+    """
+    asked = engine or os.environ.get("SIDTOOL_FACTORS")
+    if asked != "slepc":
+        _refuse_mpirun()
+        yield _Alone()
+        return
+    from ..reduction.slepc import PartnerFailed, together
+
+    try:
+        with together() as processes:
+            yield processes
+    except PartnerFailed:
+        click.get_current_context().exit(1)
+
+
+def _refuse_mpirun() -> None:
+    from sidtool.formats.errors import InputError
+
+    count = next((os.environ[name] for name in _MPI_SIZES if name in os.environ), "1")
+    if count != "1":
+        raise InputError(
+            f"mpirun started {count} processes that would all do the same",
+            place="--engine",
+            expected="slepc, the engine that shares the work",
+        )
+
+
 def _sid(
     source: Path,
     changes: tuple[str, ...],
@@ -217,7 +258,7 @@ def _sid(
     with running(engine):
         engine_name()
     model = read_model(source, settings(changes))
-    tell = _Stages() if leading else None
+    tell = Stages() if leading else None
     if with_field:
         return field_from_model(model, tell, engine)
     return sid_from_model(model, tell, engine), None
@@ -284,25 +325,3 @@ def _rescaled(sid: Any, units: str, sigma: Any) -> Any:
             f"found {units!r}", place="--units", expected="FROM:TO, as in mm-t-s:SI"
         )
     return convert_units(sid, old, new, sigma)
-
-
-class _Stages:
-    """A line for each stage, with its time, where no progress is shown."""
-
-    def __init__(self) -> None:
-        self._begin = time.monotonic()
-        self._waiting: list[str] = []
-
-    def __call__(self, text: str) -> None:
-        if text.startswith(("note: ", "basis: ")):
-            click.echo(text, err=True)
-            return
-        if is_quiet() or is_heard():
-            return
-        seconds = time.monotonic() - self._begin
-        self._waiting.append(f"{seconds:6.1f} s  {text}")
-        if seconds < PATIENCE:
-            return
-        for line in self._waiting:
-            click.echo(line, err=True)
-        self._waiting.clear()

@@ -9,7 +9,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from sidtool.formats.progress import Pace, listening
+import click
+
+from sidtool.formats.progress import Pace, is_heard, listening
 
 from .common import is_quiet
 
@@ -119,3 +121,25 @@ def _clock(seconds: float | None) -> str:
         return "-:--:--"
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02}:{rest:02}"
+
+
+class Stages:
+    """A line for each stage, with its time, where no progress is shown."""
+
+    def __init__(self) -> None:
+        self._begin = time.monotonic()
+        self._waiting: list[str] = []
+
+    def __call__(self, text: str) -> None:
+        if text.startswith(("note: ", "basis: ")):
+            click.echo(text, err=True)
+            return
+        if is_quiet() or is_heard():
+            return
+        seconds = time.monotonic() - self._begin
+        self._waiting.append(f"{seconds:6.1f} s  {text}")
+        if seconds < PATIENCE:
+            return
+        for line in self._waiting:
+            click.echo(line, err=True)
+        self._waiting.clear()

@@ -84,6 +84,8 @@ def _function_text(function: FunctionType, seen: dict[CodeType, int]) -> str:
             parts += [_function_text(function, seen) for function in either]
         elif isinstance(value, CONSTANTS):
             parts.append(f"{name}={value!r}")
+        elif isinstance(value, FunctionType):
+            parts.append(f"{name}={value.__qualname__}")
     return " ".join(parts)
 
 

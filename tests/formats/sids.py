@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sidtool.formats.finite import expansions
 from sidtool.formats.sid import SID, Array
+from sidtool.formats.storage.finite import expansions
 
 
 def assert_same(found: SID, wanted: SID, digits: float) -> None:

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .errors import InputError
-from .sid import NODE_SHAPES, SID, Taylor
+from ..errors import InputError
+from ..sid import NODE_SHAPES, SID, Taylor
 
 
 def check_finite(sid: SID) -> None:
