@@ -17,7 +17,7 @@ import pytest
 
 import sidtool
 from sidtool.formats.storage.kept import kept
-from sidtool.solver.run import Run
+from sidtool.solver.running import Run
 from sidtool.solver.system.scene import System
 
 from .sidtool.test_compiled import ARM, FOUNDING

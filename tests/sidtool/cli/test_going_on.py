@@ -22,7 +22,7 @@ from tests.places import SLIDER_CRANK
 #: The command line, whose run gets a signal when it has passed a time.
 AT = """
 import os, sys
-import sidtool.solver.run as run
+import sidtool.solver.running as run
 from sidtool.cli import main
 
 run.CHUNK = run.dense.CHUNK = run.dense.END_CHUNK = 1

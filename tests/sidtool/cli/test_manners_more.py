@@ -115,7 +115,7 @@ def test_a_run_of_a_chosen_model_goes_on(
     errors are those that were promised."""
     monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
     monkeypatch.setattr("sidtool.solver.recording.dense.CHUNK", 2)
-    for name in ("run.CHUNK", "recording.dense.END_CHUNK"):
+    for name in ("running.CHUNK", "recording.dense.END_CHUNK"):
         monkeypatch.setattr(f"sidtool.solver.{name}", 2)
     scene = sidtool.Scene.load(SCENE).with_({"time.end": 0.6})
 

@@ -56,7 +56,7 @@ def test_every_long_command_tells(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, told: Told
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("run.CHUNK", "recording.dense.CHUNK", "recording.dense.END_CHUNK"):
+    for name in ("running.CHUNK", "recording.dense.CHUNK", "recording.dense.END_CHUNK"):
         monkeypatch.setattr(f"sidtool.solver.{name}", 10)  # steps between two looks
     commands = {
         "simulating": ["simulate", SCENE, *SHORT, "-o", "r.h5"],
