@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .errors import InputError
-from .scene import SceneFile, read_scene
+
+if TYPE_CHECKING:
+    from .scene import SceneFile
 
 
 def path_of(value: Any, argument: str, instead: str = "") -> Path:
@@ -35,6 +37,8 @@ def scene_given(value: Any) -> SceneFile:
     ------
     InputError : it is neither, or the file is wrong.
     """
+    from .scene import SceneFile, read_scene  # costs commands without one 0.2 s
+
     if isinstance(value, SceneFile):
         return value
     return read_scene(path_of(value, "scene", "a sidtool.Scene"))

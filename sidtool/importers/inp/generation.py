@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from sidtool.formats.errors import InputError
 
@@ -65,6 +64,8 @@ def read_ngen(deck: Deck, block: Block) -> None:
 
 def _arc(a: Array, b: Array, normal: Array, t: Array, place: str) -> Array:
     """Places about the origin, right-handed about the normal; else the short way."""
+    from scipy.spatial.transform import Rotation  # a quarter of a second
+
     across, radii = np.cross(a, b), np.linalg.norm([a, b], axis=1)
     axis = normal if normal.any() else across
     if np.ptp(radii) > _OFF * radii.max() or (

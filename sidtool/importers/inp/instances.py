@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from sidtool.formats.errors import InputError
 
@@ -73,6 +72,8 @@ def placed(nodes: _Places, placement: list[list[float]]) -> _Places:
         return nodes
     places = np.array(list(nodes.values())) + lines[0][:3]
     if len(lines) > 1 and lines[1][6]:
+        from scipy.spatial.transform import Rotation  # a quarter of a second
+
         a, b = np.array(lines[1][:3]), np.array(lines[1][3:6])
         turn = np.radians(lines[1][6]) * (b - a) / np.linalg.norm(b - a)
         places = a + Rotation.from_rotvec(turn).apply(places - a)
