@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.field import Field, read_field, write_field
-from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.model import ModelFile, Stiffening, read_model
 from sidtool.formats.model.discretisation import BeamDiscretisation
 from sidtool.formats.model.refine import (
     modes_of,
@@ -38,11 +38,13 @@ class Fineness:
 
     modes : None for what it says itself
     static : nodes with static answers to loads
+    stiffened : with geometric stiffening by all loads, which it lacks itself
     """
 
     level: int = 0
     modes: int | None = None
     static: tuple[int, ...] = ()
+    stiffened: bool = False
 
 
 @dataclass(frozen=True)
@@ -140,6 +142,8 @@ class Source:
         if model is not None and fineness.modes is not None:
             model = with_modes(model, fineness.modes)
         assert model is not None
+        if fineness.stiffened:
+            model = model.model_copy(update={"stiffening": Stiffening()})
         return model
 
     def _kept(self, model: ModelFile) -> tuple[str, Path]:

@@ -24,11 +24,12 @@ from sidtool.formats.progress import Steps, along
 from sidtool.formats.scene import SceneFile, is_elastic
 from sidtool.formats.scene import parse_output as parsed
 from sidtool.formats.sid import SID, Array
+from sidtool.formats.stiffening import MATTERS
 
 from ..made import Fineness, Made, Source
 from ..study.reference import SLOWEST, falling, left_by
 from .candidates import finest, loaded_nodes
-from .outside import check_inside
+from .outside import check_inside, told_lack
 from .reference import Reference, make_reference
 from .runs import Compile, Runs
 from .wanted import Request
@@ -51,12 +52,16 @@ SAME = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Meshes:
-    """Bodies as they are used, and what is left of their error, (n,) by output."""
+    """Bodies as they are used, and what is left of their error, (n,) by output.
+
+    unstiffened : whose geometric stiffening is told here, as their models lack it
+    """
 
     made: Mapping[str, Made]
     finenesses: Mapping[str, Fineness]
     errors: Array
     sentences: tuple[str, ...]
+    unstiffened: frozenset[str] = frozenset()
 
     def sids(self, others: Mapping[str, SID]) -> dict[str, SID]:
         return {**others, **{name: made.sid for name, made in self.made.items()}}
@@ -99,13 +104,15 @@ def refined_meshes(
             place="accuracy.wanted",
             expected="a larger error, or models with finer meshes and more modes",
         )
+    search.judge_stiffening()
     if search.others:
         listed = ", ".join(sorted(search.others))
         search.sentences.append(
             f"not judged over meshes and modes, whose shape functions differ: {listed}"
         )
     made = {name: search.made(name, fine) for name, fine in search.state.items()}
-    return Meshes(made, search.state, search.errors, tuple(search.sentences))
+    sentences, judged = tuple(search.sentences), frozenset(search.stiffness)
+    return Meshes(made, search.state, search.errors, sentences, judged)
 
 
 class _Search:
@@ -132,6 +139,8 @@ class _Search:
         self.largest = (0.0, "")
         #: Elastic coordinates that mean something else on another mesh.
         self.others: set[str] = set()
+        #: What geometric stiffening would change, of the stiffness of bodies without.
+        self.stiffness: dict[str, float] = {}
         self.reference: Reference | None = None
         self._made: dict[tuple[str, Fineness], Made] = {}
         self._runs: dict[tuple[Fineness, ...], Runs] = {}
@@ -155,6 +164,39 @@ class _Search:
         source = self.sources[name]
         found = self._more_modes(name, source, self._static_shapes(name))
         self.state[name] = self._finer_mesh(name, source, found)
+
+    def judge_stiffening(self) -> None:
+        """The models beside those with the geometric stiffening that they lack: what
+        rotation does to a plate its SID does not tell.
+
+        Raises
+        ------
+        OutsideTheory : it changes a stiffness by much, and an output by a hundredth of
+            its variation and more than is allowed.
+        """
+        rich = {name: Fineness(static=self._loaded(name)) for name in self.state}
+        lacking = [n for n, s in self.sources.items() if s.model.stiffening is None]
+        stiff = rich | {n: replace(rich[n], stiffened=True) for n in lacking}
+        if not lacking or self.reference is None:
+            return
+        try:
+            runs = [self._runs_of(state) for state in (rich, stiff)]
+        except InputError:
+            return
+        found = [
+            (choice, r.attempt(choice, self.reference.setting))
+            for r in runs
+            for choice in [finest(self.scene, r.sids)]
+        ]
+        change, result = runs[1].between(*found), found[1][1]
+        if result is None or not np.isfinite(change).all():
+            return
+        for name in lacking:
+            body = result.bodies[name]
+            self.stiffness[name] = (body.found or body.expected).ratio
+        visible = np.maximum(self.reference.allowed, MATTERS * self.reference.variation)
+        matters = bool((change > visible).any())
+        self.sentences += told_lack(self.stiffness, self._seen(change), matters)
 
     def _first_reference(self) -> Reference:
         """With static shapes for all loads, as outputs may not move without; as the

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -53,6 +54,34 @@ def check_inside(result: Result) -> None:
                 f"end at {ROTATION:g}",
                 turned / ROTATION,
             )
+
+
+def told_lack(
+    stiffness: Mapping[str, float], change: str, matters: bool
+) -> Iterator[str]:
+    """Sentences on the geometric stiffening that the models of bodies lack.
+
+    stiffness : the change that it would be, of that of each body
+    change : of outputs, by all of it, in words
+    matters : whether that is much
+
+    Raises
+    ------
+    OutsideTheory : it matters, and is more than a quarter of a stiffness.
+    """
+    for name, ratio in stiffness.items():
+        would = f"it would be {100.0 * ratio:+.3g} % of the stiffness"
+        if matters and abs(ratio) > UNSTIFFENED:
+            raise OutsideTheory(
+                f"geometric stiffening is not in the model of {name}: {would}, and "
+                f"{change}",
+                place=f"bodies.{name}",
+                expected="a model with a table [stiffening]",
+            )
+        yield (
+            f"geometric stiffening of {name}: not in its model, and not in these "
+            f"errors; {would} at the most, and that of all bodies {change}"
+        )
 
 
 def elastic_rotation(name: str, result: Result) -> float:

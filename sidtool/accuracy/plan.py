@@ -129,7 +129,7 @@ def planned(
     seconds = time.perf_counter() - began
     report = plan.report.model_copy(update={"wanted": told(wanted), "seconds": seconds})
     if keep:
-        levels = {n: astuple(f) for n, f in meshes.finenesses.items()}
+        levels = {n: astuple(f)[:3] for n, f in meshes.finenesses.items()}
         kept = cached.Kept(
             scene=plan.scene, report=report, models=levels, frames=dict(plan.frames)
         )
@@ -159,7 +159,9 @@ def _chosen(
     sentences = (
         *meshes.sentences,
         *(decision.sentence for decision in made),
-        *remarks(scene, request, reference, sids, terms, meshes.made),
+        *remarks(
+            scene, request, reference, sids, terms, meshes.made, meshes.unstiffened
+        ),
         *found.sentences,
         *told_bounds(found.bounds, scene),
         *_not_recorded(scene, sids, chosen),

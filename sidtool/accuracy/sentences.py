@@ -121,10 +121,12 @@ def remarks(
     sids: Mapping[str, SID],
     stiffened: dict[str, bool],
     models: Collection[str],
+    unstiffened: Collection[str],
 ) -> Iterator[str]:
     """What cannot be judged, and what does not count.
 
     models : bodies whose mesh is judged
+    unstiffened : of which it is told what stiffening would be
     """
     for name, removable in stiffened.items():
         if not removable:
@@ -134,7 +136,8 @@ def remarks(
             )
     for name, body in reference.result.bodies.items():
         found = body.found or body.expected
-        if name not in stiffened and not found.axial and abs(found.ratio) > NOTED:
+        known = name in stiffened or name in unstiffened
+        if not known and not found.axial and abs(found.ratio) > NOTED:
             yield (
                 f"geometric stiffening of {name}: not in its SID, and not in these "
                 f"errors, while {found.sentence()}"

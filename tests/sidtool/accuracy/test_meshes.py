@@ -175,4 +175,5 @@ def test_bodies_are_simulated_once_while_they_are_refined() -> None:
     found = refined_meshes(scene, sids, models, request, compiled)
     mine = found.finenesses["block"]
     assert (mine.level, mine.modes, len(mine.static)) == (1, 2, 2)
-    assert len(sizes) == 4  # as it is, with static shapes, two modes, a finer mesh
+    # as it is, with static shapes, two modes, a finer mesh, and with stiffening
+    assert len(sizes) == 5

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sidtool.accuracy import OutsideTheory
+import sidtool
+from sidtool.accuracy import OutsideTheory, cached
 from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
@@ -35,6 +38,52 @@ def test_what_leaves_the_theory_is_refused_with_what_would_do(
     many parts."""
     with pytest.raises(OutsideTheory, match=message):
         simulated(scene, cantilever(2, stiffened=stiffened), accuracy=1e-2)
+
+
+@pytest.mark.parametrize(("speed", "refused"), [(4.0, True), (0.02, False)])
+def test_a_solid_that_flaps_across_its_spin_lacks_stiffening(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, speed: float, refused: bool
+) -> None:
+    """Rotation does not soften it, so that its SID tells nothing; a stiffened one would
+    add 1.19 (speed / first frequency)^2 of its stiffness."""
+    monkeypatch.setattr(cached, "folder", lambda: tmp_path / "kept")
+    monkeypatch.chdir(tmp_path)
+    corners = [
+        [[[x, y, z] for z in (-0.005, 0.005)] for y in (-0.05, 0.05)] for x in (0, 1)
+    ]
+    data = beam_data({"type": "hex20", "elements": [3, 1, 1]})
+    data["geometry"] = {
+        "type": "nurbs_volume",
+        "degrees": [1, 1, 1],
+        "knots": [[0, 0, 1, 1]] * 3,
+        "control_points": corners,
+    }
+    data["material"] = {"youngs_modulus": 1e9, "poissons_ratio": 0.0, "density": 1e4}
+    for marker in data["markers"].values():
+        marker["at"] = [0.5, 0.5]
+    Path("blade.json").write_text(json.dumps(data))
+    ramp = {"type": "sine_ramp", "from": 0.0, "to": 1.0, "end": 1.0}
+    scene = spun(
+        speed,
+        1.0,
+        dimension="spatial",
+        bodies={"arm": {"model": "blade.json", "markers": {"root": 1, "tip": 2}}},
+        forces={
+            "push": {
+                "type": "force",
+                "marker": "arm.tip",
+                "force": [0.0, 0.0, 0.5],
+                "function": ramp,
+            }
+        },
+        outputs={"record": ["arm.tip.uz"]},
+    )
+    if refused:
+        with pytest.raises(OutsideTheory, match="is not in the model of arm: .* would"):
+            sidtool.simulate(scene, accuracy=3e-2)
+    else:
+        sentences = sidtool.simulate(scene, accuracy=3e-2).accuracy.sentences
+        assert any("of arm: not in its model, and not in" in s for s in sentences)
 
 
 def test_twist_is_no_stiffening() -> None:
