@@ -65,22 +65,33 @@ def with_turns(
     coordinates : what outputs and events look at
     drives : rows of the functions that prescribe coordinates of joints
     """
-    book = _Book(drives)
+    springs = [e for e in forces if _has_spring(e) and e.coordinate]
+    book = _Book(drives, {e.coordinate: e.law.rest for e in reversed(springs)})
     known = {key: book.counted(element) for key, element in coordinates.items()}
     counted = [book.counted(e) if _depends_on_angle(e) else e for e in forces]
     return tuple(book.rated(e) for e in counted), known, tuple(book.turns)
 
 
 def _depends_on_angle(element: Element) -> bool:
-    springs = len(element.law.stiffness.starts) > 0
-    return element.kind == at.TILT or springs or element.is_read
+    return element.kind == at.TILT or _has_spring(element) or element.is_read
+
+
+def _has_spring(element: Element) -> bool:
+    return len(element.law.stiffness.starts) > 0
 
 
 class _Book:
-    """Collects rotations; the counted ones have to come first."""
+    """Collects rotations; the counted ones have to come first.
 
-    def __init__(self, drives: Mapping[Coordinate, int]) -> None:
-        self.drives = drives
+    rests : of the first spring in each coordinate, from which outputs count, too
+    """
+
+    def __init__(
+        self,
+        drives: Mapping[Coordinate, int],
+        rests: Mapping[Coordinate | None, float],
+    ) -> None:
+        self.drives, self.rests = drives, rests
         self.turns: list[Turn] = []
 
     def counted(self, element: Element) -> Element:
@@ -88,7 +99,10 @@ class _Book:
         if element.kind not in (at.TWIST, at.TILT):
             return element
         drive = self.drives.get(element.coordinate, -1) if element.coordinate else -1
-        rest = element.law.rest if drive < 0 else 0.0
+        rest = element.law.rest
+        if not _has_spring(element):
+            rest = self.rests.get(element.coordinate, rest)
+        rest = rest if drive < 0 else 0.0
         same = [t for t in self._at(element) if (t.rest, t.drive) == (rest, drive)]
         turn = same[0] if same else self._add(element, True, rest, drive)
         component = int(np.argmax(element.data)) if element.kind == at.TILT else 0

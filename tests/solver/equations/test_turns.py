@@ -273,3 +273,28 @@ def test_a_shaft_of_springs_keeps_its_energy(shaft: str) -> None:
     assert result["energy.kinetic"].max() > 30.0 > 10.0 * result["energy.kinetic"].min()
     assert np.ptp(result["energy.balance"]) < 1e-6 * result["energy.kinetic"].max()
     assert abs(result.positions[:, -1]).max() > 7.0
+
+
+def test_the_angle_that_is_told_is_the_one_that_the_spring_has() -> None:
+    """Wound up by 10 rad at rest, a rotor at 3 rad is a turn further to the spring."""
+    spring = {"type": "spring_damper", "joint": "axle", "stiffness": 5.0, "rest": 10.0}
+    found = simulate(
+        compile_scene(
+            rotor(
+                "spatial",
+                0.0,
+                bodies={
+                    "rotor": {
+                        "mass": 1.0,
+                        "inertia": [0.5, 0.5, 1.0],
+                        "initial": {"axis_angle": [0.0, 0.0, 3.0]},
+                    }
+                },
+                forces={"spring": spring},
+                outputs={"record": ["axle.angle", "spring.mz"]},
+            )
+        )
+    )
+    assert found["axle.angle"][0] == pytest.approx(3.0 + 2.0 * math.pi)
+    torque = 5.0 * (10.0 - found["axle.angle"])
+    assert found["spring.mz"] == pytest.approx(torque, abs=1e-9)
