@@ -1,10 +1,12 @@
-"""Mass and free frequencies of a converted deck beside those that CalculiX finds."""
+"""Decks with densities, and their masses and frequencies beside those of CalculiX."""
 
 from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
@@ -52,6 +54,49 @@ class Difference:
     frequency: float | None = None
     same_points: float | None = None
     reason: str = ""
+
+
+def prepared(path: Path, place: Path) -> Path:
+    """The deck with a density for every material that has none, beside its includes."""
+    folder = place / "deck"
+    shutil.copytree(path.parent, folder, ignore=_only_near(path))
+    deck = folder / path.name
+    if path.suffix.lower() == ".inp":
+        text = path.read_text("latin-1")
+        deck.write_text(_with_densities(text), "latin-1")
+    return deck
+
+
+def _only_near(path: Path) -> Any:
+    """What a deck may include, without the other decks of a large folder."""
+    names = set(re.findall(r"[\w.\-]+", path.read_text("latin-1")[:200_000]))
+
+    def ignored(_: str, files: Sequence[str]) -> set[str]:
+        return {f for f in files if f != path.name and f not in names}
+
+    return ignored
+
+
+def _with_densities(text: str) -> str:
+    parts = re.split(r"(?im)^(?=\*MATERIAL\b)", text)
+    for i, part in enumerate(parts[1:], 1):
+        own, *rest = re.split(
+            r"(?im)^(?=\*(?!ELASTIC|DENSITY|EXPANSION|PLASTIC|CONDUCTIVITY|SPECIFIC|"
+            r"MATERIAL|CREEP|DEPVAR|USER|CYCLIC|DAMPING|\*))",
+            part,
+        )
+        if re.search(r"(?im)^\*ELASTIC", own) and not re.search(
+            r"(?im)^\*DENSITY", own
+        ):
+            own = own.rstrip("\n") + f"\n*DENSITY\n{_density(own)}\n"
+        parts[i] = own + "".join(rest)
+    return "".join(parts)
+
+
+def _density(material: str) -> str:
+    """Steel's, in the units that the modulus of elasticity tells of."""
+    found = re.search(r"(?im)^\*ELASTIC.*\n\s*([^,\s]+)", material)
+    return "7.85e-9" if found and float(found.group(1)) < 1e8 else "7850."
 
 
 def beside_calculix(deck: Path, sid: Any, data: dict[str, Any]) -> Difference:

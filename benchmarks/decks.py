@@ -39,9 +39,9 @@ from sidtool.importers.imported import EVERYTHING
 from sidtool.importers.inp.reading import read_deck
 from sidtool.importers.meshes import read_mesh
 
-from .deck_twins import ELEMENT, beside_calculix
+from .deck_twins import ELEMENT, beside_calculix, prepared
 from .machine import describe_machine, results_folder, use_one_thread
-from .report import Report, Table, save
+from .report import Report, Table, load, save
 
 ENDINGS = (".inp", ".bdf", ".nas", ".dat", ".cdb")
 MODES = 6
@@ -71,9 +71,12 @@ REMARK = (
     "planestress: 0.15). Of shells, beams "
     "and C3D8 what is left are printed digits; of single cells of C3D8I internal modes "
     "vibrate by themselves (Distributing_minimal). Where rigid bodies are in a deck, "
-    "CalculiX adds up a mass that is off by 2e-4. Decks of MYSTRAN, CoFE, pyNastran "
-    "and TACS are kept with shortened case control and lists of PARAM; their bars have "
-    "no twin in CalculiX, tests compare such bars with textbook matrices and Nastran."
+    "CalculiX adds up a mass that is off by 2e-4. Decks of packages (calculix-ccx-test "
+    "and -cgx-examples, freecad, mapdl-archive, meshio) are as they come; others are "
+    "retyped from their repositories, regular meshes by their rule, with shortened "
+    "case control and steps; abaqus-manuals/barrel_vault_coarse and pressurized_pipe "
+    "are coarser and of another material than theirs. Nastran decks have no twin in "
+    "CalculiX; tests compare bars with textbook matrices and Nastran."
 )
 
 
@@ -127,7 +130,16 @@ def main(folder: Path, limit: float, output: Path | None, match: str) -> None:
     report = _report(verdicts)
     click.echo(report.tables[0].text())
     if output is not None:
+        report.tables += _others(output, {v.name for v in verdicts})
         save(output, "decks", report)
+
+
+def _others(output: Path, names: set[str]) -> list[Table]:
+    """What the table before says of decks that were not run again."""
+    last = load(output, ["decks"])
+    tables = last["decks"].tables[1:] if last else []
+    rows = [row for table in tables for row in table.rows if row[0] not in names]
+    return [Table("Not run again, of the table before:", _HEADER, rows)] if rows else []
 
 
 def _line(v: Verdict) -> str:
@@ -163,7 +175,7 @@ def _child(path: Path, name: str, place: Path) -> None:
     start = time.perf_counter()
     verdict = Verdict(name, "body", solid=_is_solid(path))
     try:
-        deck = _prepared(path, place)
+        deck = prepared(path, place)
         sid, data = _converted(deck, place)
         verdict.engine = data["geometry"].get("engine", verdict.engine)
         verdict.seconds = time.perf_counter() - start
@@ -191,49 +203,6 @@ def _is_solid(path: Path) -> bool:
     elastic = re.search(r"^\*ELASTIC", text, re.IGNORECASE | re.MULTILINE)
     whole = bool(kinds and elastic) and not _MORE.search(text)
     return whole and all(_SOLID.match(k) for k in kinds)
-
-
-def _prepared(path: Path, place: Path) -> Path:
-    """The deck with a density for every material that has none, beside its includes."""
-    folder = place / "deck"
-    shutil.copytree(path.parent, folder, ignore=_only_near(path))
-    deck = folder / path.name
-    if path.suffix.lower() == ".inp":
-        text = path.read_text("latin-1")
-        deck.write_text(_with_densities(text), "latin-1")
-    return deck
-
-
-def _only_near(path: Path) -> Any:
-    """What a deck may include, without the other decks of a large folder."""
-    names = set(re.findall(r"[\w.\-]+", path.read_text("latin-1")[:200_000]))
-
-    def ignored(_: str, files: Sequence[str]) -> set[str]:
-        return {f for f in files if f != path.name and f not in names}
-
-    return ignored
-
-
-def _with_densities(text: str) -> str:
-    parts = re.split(r"(?im)^(?=\*MATERIAL\b)", text)
-    for i, part in enumerate(parts[1:], 1):
-        own, *rest = re.split(
-            r"(?im)^(?=\*(?!ELASTIC|DENSITY|EXPANSION|PLASTIC|CONDUCTIVITY|SPECIFIC|"
-            r"MATERIAL|CREEP|DEPVAR|USER|CYCLIC|DAMPING|\*))",
-            part,
-        )
-        if re.search(r"(?im)^\*ELASTIC", own) and not re.search(
-            r"(?im)^\*DENSITY", own
-        ):
-            own = own.rstrip("\n") + f"\n*DENSITY\n{_density(own)}\n"
-        parts[i] = own + "".join(rest)
-    return "".join(parts)
-
-
-def _density(material: str) -> str:
-    """Steel's, in the units that the modulus of elasticity tells of."""
-    found = re.search(r"(?im)^\*ELASTIC.*\n\s*([^,\s]+)", material)
-    return "7.85e-9" if found and float(found.group(1)) < 1e8 else "7850."
 
 
 def _converted(deck: Path, place: Path) -> tuple[Any, dict[str, Any]]:
