@@ -30,7 +30,7 @@ from .advice.stopping import (
 from .integrators import stepping
 from .linear import memory
 from .recording import outputs
-from .recording.sampling import Samples, sample
+from .recording.sampling import Samples
 from .start import assembly
 from .start.displacements import told_displacements
 from .start.settings import made_with
@@ -139,7 +139,7 @@ def _notes(run: Run) -> Iterator[str]:
     steps = int(run.memory.counters[memory.STEPS])
     yield from dict.fromkeys((*run.told, *run.ready.asked))
     yield from crossings(system, run.kernels, run.control, rtol, run.start.z)
-    yield from told_displacements(system, recorder.work, run.start, rtol)
+    yield from told_displacements(system, recorder.sampler.work, run.start, rtol)
     if run.now >= system.scene.time.end and not _event_at_the_end(run):
         yield from notes.of_output_times(system.scene, float(run.times[-1:][0]))
     yield from notes.of_programs(system)
@@ -175,17 +175,8 @@ def _forced(run: Run) -> Iterator[str]:
 
 def _first(run: Run) -> Samples:
     """The start, with accelerations."""
-    start = run.start
-    return sample(
-        run.system,
-        run.kernels,
-        run.work,
-        run.memory,
-        np.array([run.system.scene.time.start]),
-        start.z[None],
-        start.v[None],
-        run.closed,
-    )
+    t, start = np.array([run.system.scene.time.start]), run.start
+    return run.recorder.sampler.sample(t, start.z[None], start.v[None])
 
 
 def _counters(run: Run) -> dict[str, Any]:

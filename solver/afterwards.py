@@ -21,18 +21,15 @@ from sidtool.formats.sid import Array
 from sidtool.formats.toml.reading import validated
 
 from . import compile_scene, warmup
-from .equations.pointers import kernels
 from .functions.callables import Derivatives
 from .functions.laws import Law
-from .linear.memory import Kernels, Memory
 from .recording.grip_choice import regripped, with_grips
 from .recording.interpolation import interpolated
 from .recording.outputs import position_names, record, velocity_names
-from .recording.sampling import Samples, sample
+from .recording.sampling import Sampler, Samples
 from .recording.told import tells_of_bodies
 from .recording.untold import lost_laws, sampled_laws, untold
 from .space import layout as at
-from .space.layout import Work
 from .start.assembly import assemble
 from .start.loads import with_prescribed_friction
 from .start.new_control import closed_below
@@ -40,7 +37,7 @@ from .start.settings import settings_of
 from .start.turn_counts import keep_turns, starting_turns
 from .system import kernel_calls
 from .system.scene import System
-from .system.storage import new_memory, new_work
+from .system.storage import new_work
 
 #: Rotations between two output times beyond which turns cannot be counted [rad].
 LARGEST_TURN = 0.5 * np.pi
@@ -73,23 +70,22 @@ class Replay:
             cubic Hermite polynomials and projected on the constraints
         """
         t, z, v = self.states(times)
-        system, calls, work, memory = self._parts
-        regripped(system, calls, t, z, v)
-        found = record(system, calls, work, memory, t, z, v, self._closed)
+        regripped(self.system, t, z, v)
+        found = record(self._sampler, t, z, v)
         return dict(zip(found.names, found.values.T, strict=True))
 
     def samples(self, times: Array | None = None) -> Samples:
         """Frames and markers at some times, see `outputs`."""
         t, z, v = self.states(times)
-        regripped(*self._parts[:2], t, z, v)
-        return sample(*self._parts, t, z, v, self._closed)
+        regripped(self.system, t, z, v)
+        return self._sampler.sample(t, z, v)
 
     def states(self, times: Array | None) -> tuple[Array, Array, Array]:
         """Times, positions and velocities, as copies."""
         if times is None or len(self.t) < 2:
             return self.t.copy(), self.z.copy(), self.v.copy()
         known = (self.t, self.z, self.v)
-        regripped(*self._parts[:2], *known)
+        regripped(self.system, *known)
         return times.copy(), *self._between(known, times)
 
     def uncertainty(self) -> float:
@@ -132,20 +128,12 @@ class Replay:
     def _between(
         self, known: tuple[Array, Array, Array], times: Array
     ) -> tuple[Array, Array]:
-        return interpolated(
-            *self._parts, known, self._closed, times, forces_known=self.forces_known
-        )
+        return interpolated(self._sampler, known, times, forces_known=self.forces_known)
 
     @cached_property
-    def _closed(self) -> Array:
-        return closed_below(
-            self.system, settings_of(self.system, None, None, None, None)
-        )
-
-    @cached_property
-    def _parts(self) -> tuple[System, Kernels, Work, Memory]:
-        system = self.system
-        return system, kernels(system.planar), new_work(system), new_memory(system, 0)
+    def _sampler(self) -> Sampler:
+        settings = settings_of(self.system, None, None, None, None)
+        return Sampler(self.system, closed_below(self.system, settings))
 
 
 def replay(

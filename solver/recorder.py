@@ -13,14 +13,12 @@ from sidtool.formats.result.rows import BLOCK, Rows, Sink
 from sidtool.formats.sid import Array
 
 from .advice.verdicts import Verdicts
-from .linear.memory import Kernels
 from .recording import outputs
 from .recording.dense import Steps, joined
 from .recording.energy_history import History
 from .recording.events import Moment, events_of
-from .recording.sampling import sample
+from .recording.sampling import Sampler
 from .system.scene import System
-from .system.storage import new_memory, new_work
 
 #: Ends of steps that wait for the rows between them, and coordinates of their states.
 MOST_WAITING, MOST_NUMBERS = 4096, 1_000_000
@@ -39,7 +37,6 @@ class Recorder:
     def __init__(
         self,
         system: System,
-        kernels: Kernels,
         closed: Array,
         expect: Callable[[], Mapping[str, FlexibleBody]],
         history: History | None,
@@ -49,8 +46,7 @@ class Recorder:
         """expect : what is said of flexible bodies before the run
         most : rows that there may be
         """
-        self.system, self.kernels, self.closed = system, kernels, closed
-        self.work, self.memory = new_work(system), new_memory(system, 0)
+        self.system, self.sampler = system, Sampler(system, closed)
         self.history, self.sink = history, sink
         self.verdicts, self._bends = Verdicts(system, expect), bool(system.flexible)
         self.events: list[Event] = []
@@ -116,8 +112,7 @@ class Recorder:
         return t[:-1], z[:-1], v[:-1]
 
     def _record(self, t: Array, z: Array, v: Array) -> outputs.Recorded:
-        parts = self.system, self.kernels, self.work, self.memory
-        return outputs.record(*parts, t, z, v, self.closed, self.history)
+        return outputs.record(self.sampler, t, z, v, self.history)
 
     def _add(self, found: outputs.Recorded, t: Array, z: Array, v: Array) -> None:
         tables = {
@@ -148,10 +143,8 @@ class Recorder:
         the ends of steps."""
         reached = self.verdicts.reached
         if self._bends and np.isfinite(self._last):
-            parts = self.system, self.kernels, self.work, self.memory
             for ends in self.verdicts.visited.until(self._last):
-                samples = sample(*parts, ends.t, ends.z, ends.v, self.closed)
-                reached.add(samples, ends.t)
+                reached.add(self.sampler.sample(ends.t, ends.z, ends.v), ends.t)
         return reached.all()
 
 

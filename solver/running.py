@@ -25,6 +25,7 @@ from .recording import dense, events
 from .recording.energy_history import History, is_wanted
 from .recording.grip_choice import with_grips
 from .recording.resuming import Past, rows_before
+from .recording.sampling import Sampler
 from .recording.stick_slip import StickSlip
 from .recording.window import Window
 from .space.layout import Work
@@ -67,20 +68,18 @@ class Run:
         points = dense.Points(max(m.dense for m in methods))
         self.watch = None
         if system.scene.events:
-            self.watch = events.Watch(system, self.kernels, self.closed, points)
+            self.watch = events.Watch(system, self.closed, points)
         history = None
         if is_wanted(system.scene):
             sums = None if past is None else past.sums
-            history = History(system, self.kernels, self.closed, points, sums)
+            history = History(Sampler(system, self.closed), points, sums)
         self.stick = None
         if system.rubbing:
-            parts = system, self.kernels, self.closed, points
-            self.stick = StickSlip(*parts, settings.rtol)
+            self.stick = StickSlip(system, self.closed, points, settings.rtol)
         self.inside = not (self.watch is self.stick is history is None)
         most = len(self.times) + 1
         self.recorder = Recorder(
             system,
-            self.kernels,
             self.closed,
             lambda: ready.expected,
             history,

@@ -17,6 +17,7 @@ from sidtool.formats.sid import Array
 from sidtool.solver.equations.pointers import kernels
 from sidtool.solver.linear.accelerations import solve_accelerations
 from sidtool.solver.recording import outputs
+from sidtool.solver.recording.sampling import Sampler
 from sidtool.solver.space.coordinates import rate
 from sidtool.solver.start import assembly
 from sidtool.solver.system.kernel_calls import evaluate
@@ -90,14 +91,10 @@ class Equations:
     def values(self, states: Array) -> dict[str, Array]:
         """The outputs of the scene at states (nt, n) of the output times."""
         recorded = outputs.record(
-            self.system,
-            self.kernels,
-            self.work,
-            self.memory,
+            Sampler(self.system, self._closed),
             self.times,
             np.ascontiguousarray(states[:, : self._n]),
             np.ascontiguousarray(states[:, self._n :]),
-            self._closed,
         )
         return dict(zip(recorded.names, recorded.values.T, strict=True))
 

@@ -12,16 +12,14 @@ from sidtool.formats.sid import Array
 from sidtool.formats.storage.versions import versions
 
 from ..advice.notes import Remarks, of_programs
-from ..equations.pointers import kernels
 from ..errors import SimulationError
 from ..recording import outputs
 from ..recording.energy_history import history_between, is_wanted
-from ..recording.sampling import sample_known
+from ..recording.sampling import Sampler, sample_known
 from ..start.new_control import CLOSED
 from ..system.bodies.held_frames import without_held_frames
 from ..system.scene import System
 from ..system.sizes import row_sizes
-from ..system.storage import new_memory, new_work
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +62,11 @@ def recorded(
     )
     span = system.scene.time.end - system.scene.time.start
     closed = np.outer(row_sizes(system), [1.0, 1.0 / span]) * CLOSED[0]
-    calls, history, work = kernels(system.planar), None, new_work(system)
+    sampler, history = Sampler(system, closed), None
     if is_wanted(system.scene):
-        history = history_between(system, calls, times, z, v, closed)
-    found = outputs.record(
-        system,
-        calls,
-        work,
-        new_memory(system, 0),
-        times,
-        z,
-        v,
-        closed,
-        history,
-        sample_known(system, work, times, z, v, a, multipliers, friction),
-    )
+        history = history_between(sampler, times, z, v)
+    known = sample_known(system, sampler.work, times, z, v, a, multipliers, friction)
+    found = outputs.record(sampler, times, z, v, history, known)
     remarks = Remarks(system)
     remarks.add(times, found)
     undefined = remarks.undefined()

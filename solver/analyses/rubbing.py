@@ -13,7 +13,6 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
-from ..equations.pointers import kernels
 from ..errors import SimulationError
 from ..integrators.recording import RUB_LOAD, RUB_RATE
 from ..linear.accelerations import solve_prescribed_friction
@@ -85,7 +84,7 @@ def gripped(system: System, t: float, start: Start) -> System:
     SimulationError : friction has no solution there.
     """
     system = with_grips(with_prescribed_friction(system, start))
-    chosen = Grip(system, kernels(system.planar))
+    chosen = Grip(system)
     why = chosen.settle(t, start.z, start.v)
     if why:
         raise SimulationError(f"at t = {t:.9g} s: {why}")
@@ -112,7 +111,7 @@ class RubbingMechanics(Mechanics):
 
     def _settle(self, z: Array, v: Array) -> None:
         system = self.system
-        chosen = Grip(system, kernels(system.planar))
+        chosen = Grip(system)
         why = chosen.settle(self.t, z, v)
         if why:
             raise SimulationError(f"at t = {self.t:.9g} s: {why}")

@@ -13,13 +13,10 @@ import numpy as np
 from sidtool.formats.scene import SceneFile, parse_output
 from sidtool.formats.sid import Array
 
-from ..linear.memory import Kernels
-from ..system.scene import System
-from ..system.storage import new_memory, new_work
 from .dense import BATCH, Points, Steps
 from .energies import dissipation, supply
 from .interpolation import interpolated
-from .sampling import sample
+from .sampling import Sampler
 from .told import Told
 from .whole_scene import whole_motion
 
@@ -30,17 +27,10 @@ class History:
     """Energies dissipated and supplied since the start; of the last steps in detail."""
 
     def __init__(
-        self,
-        system: System,
-        kernels: Kernels,
-        closed: Array,
-        points: Points,
-        before: Array | None = None,
+        self, sampler: Sampler, points: Points, before: Array | None = None
     ) -> None:
         """before : both energies at the start, zero by default [J]"""
-        self.points = points
-        self._system, self._kernels, self._closed = system, kernels, closed
-        self._work, self._memory = new_work(system), new_memory(system, 0)
+        self._sampler, self.points = sampler, points
         self._steps: list[Steps] = []
         self._before = np.zeros(2) if before is None else before
 
@@ -76,20 +66,10 @@ class History:
     @cached_property
     def _powers(self) -> tuple[Array, list[Array]]:
         """Times of all points, and both powers there [W]."""
-        system, t, powers = self._system, [], []
+        t, powers = [], []
         for steps in self.points.batches(self._steps):
-            z, v = steps.z.copy(), steps.v.copy()
-            samples = sample(
-                system,
-                self._kernels,
-                self._work,
-                self._memory,
-                steps.t,
-                z,
-                v,
-                self._closed,
-            )
-            whole, motion = whole_motion(system, steps.t, samples)
+            samples = self._sampler.sample(steps.t, steps.z.copy(), steps.v.copy())
+            whole, motion = whole_motion(self._sampler.system, steps.t, samples)
             told = Told(whole, motion, steps.t)
             powers.append((dissipation(told), supply(told)))
             t.append(steps.t)
@@ -102,22 +82,19 @@ def is_wanted(scene: SceneFile) -> bool:
     return any(n.owner == "energy" and n.quantity in INTEGRATED for n in names)
 
 
-def history_between(
-    system: System, kernels: Kernels, times: Array, z: Array, v: Array, closed: Array
-) -> History:
+def history_between(sampler: Sampler, times: Array, z: Array, v: Array) -> History:
     """A history of motion that is known at some times only.
 
     Between them it is interpolated by cubic Hermite polynomials of positions and of
     velocities. Of fewer than two times there is nothing to tell.
     """
-    history, memory = History(system, kernels, closed, Points(3)), new_memory(system, 0)
+    history = History(sampler, Points(3))
     if len(times) < 2:
         return history
     lengths = np.diff(times)[:, None]
     nodes = times[:-1, None] + lengths * history.points.shares
     nodes[:, 0], nodes[:, -1] = np.nextafter(times[:-1], np.inf), times[1:]
     nodes[:, -1] = np.nextafter(nodes[:, -1], -np.inf)
-    work, states = new_work(system), (times, z, v)
-    found = interpolated(system, kernels, work, memory, states, closed, nodes.ravel())
+    found = interpolated(sampler, (times, z, v), nodes.ravel())
     history.add(Steps(nodes.ravel(), *found))
     return history

@@ -18,13 +18,11 @@ from sidtool.formats.scene import Outputs, parse_output
 from sidtool.formats.scene.outputs import is_of_joint
 from sidtool.formats.sid import Array
 
-from ..linear.memory import Kernels
 from ..system.bodies.eliminated import asks_for_joints
 from ..system.scene import System
-from ..system.storage import new_memory, new_work
 from . import outputs
 from .dense import Points, Steps
-from .sampling import sample
+from .sampling import Sampler
 
 #: A quantity closer to the value than this part of its size is on it.
 ON_VALUE = 1e-13
@@ -52,22 +50,19 @@ class Watch:
     ended : name of the event that ends the run, or empty
     """
 
-    def __init__(
-        self, system: System, kernels: Kernels, closed: Array, points: Points
-    ) -> None:
+    def __init__(self, system: System, closed: Array, points: Points) -> None:
         self.points = points
         self.span = system.scene.time.end - system.scene.time.start
         self.wanted: dict[str, Wanted] = dict(system.scene.events)
         record = tuple(event.quantity for event in self.wanted.values())
         scene = system.scene.model_copy(update={"outputs": Outputs(record=record)})
-        self.system = replace(system, scene=scene)
+        system = replace(system, scene=scene)
         if not asks_for_joints(scene, system.eliminated):
-            self.system = replace(self.system, whole=None)
+            system = replace(system, whole=None)
+        self._sampler = Sampler(system, closed)
         #: whether any multipliers do that hold the mechanism
         self._any_do = not any(is_of_joint(parse_output(q).quantity) for q in record)
         self.levels = np.array([event.value for event in self.wanted.values()])
-        self.kernels, self.closed = kernels, closed
-        self.work, self.memory = new_work(system), new_memory(system, 0)
         self.sides = np.zeros(len(self.levels))
         self.sizes = np.abs(self.levels)
         self.counts = dict.fromkeys(self.wanted, 0)
@@ -101,9 +96,8 @@ class Watch:
 
         Projects z and v onto the constraints.
         """
-        parts = self.system, self.kernels, self.work, self.memory, t, z, v, self.closed
-        samples = sample(*parts) if self._any_do else None
-        recorded = outputs.record(*parts, samples=samples)
+        samples = self._sampler.sample(t, z, v) if self._any_do else None
+        recorded = outputs.record(self._sampler, t, z, v, samples=samples)
         return recorded.values - self.levels
 
     def _crossings(self, k: int, heights: Array) -> list[tuple[int, int]]:

@@ -24,13 +24,12 @@ from ..integrators.recording import (
     RUB_PUSH,
     RUB_RATE,
 )
-from ..linear.memory import Kernels
 from ..space import layout as at
 from ..system import kernel_calls
 from ..system.forces.grips import Grips
 from ..system.scene import System
 from ..system.sizes import resting_rates
-from ..system.storage import new_memory, new_work
+from .sampling import Sampler
 
 #: Friction is at its limit within this part of it.
 AT_LIMIT = 1e-9
@@ -68,11 +67,15 @@ class Grip:
     changed : those whose grips did last
     """
 
-    def __init__(self, system: System, kernels: Kernels, rtol: float = 0.0) -> None:
+    def __init__(
+        self, system: System, rtol: float = 0.0, closed: Array | None = None
+    ) -> None:
+        """closed : see `Sampler`; default states are taken as they are"""
         assert system.grips is not None
-        self.system, self.kernels = system, kernels
+        self.system = system
+        self.sampler = Sampler(system, np.zeros((0, 2)) if closed is None else closed)
         self.grips, self.grip = system.grips, system.grips.now
-        self.work, self.memory = new_work(system), new_memory(system, 0)
+        self.work, self.memory = self.sampler.work, self.sampler.memory
         self.led, self.still = self.grip[:, at.LED] > 0.0, resting_rates(system)
         self.span = system.scene.time.end - system.scene.time.start
         self.rest = np.array([self._static(j) for j in range(len(self.grip))])
@@ -101,7 +104,8 @@ class Grip:
         found = np.zeros((len(t), len(self.grip), N_RUB))
         self.work.clock[0] = self.system.clocks(t[len(t) // 2 :])[0]
         arrays = self.system.arrays
-        recording.rub(self.kernels, arrays, self.work, self.memory, t, z, v, found)
+        calls = self.sampler.kernels
+        recording.rub(calls, arrays, self.work, self.memory, t, z, v, found)
         kernel_calls.go_on(self.system)
         return found
 
@@ -240,14 +244,14 @@ class Grip:
         return ", ".join(self.system.rubbing[j].joint for j in joints)
 
 
-def regripped(system: System, kernels: Kernels, t: Array, z: Array, v: Array) -> None:
+def regripped(system: System, t: Array, z: Array, v: Array) -> None:
     """Puts the grips of known states into a system `with_grips`, from each time on.
 
     t, z, v : (nt,), (nt, .), (nt, .)
     """
     if system.grips is None:
         return
-    chosen = Grip(system, kernels)
+    chosen = Grip(system)
     system.grips.forget()
     for when, place, velocity in zip(t, z, v, strict=True):
         chosen.settle(float(when), place, velocity)

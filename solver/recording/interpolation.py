@@ -6,20 +6,14 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
-from ..linear.memory import Kernels, Memory
 from ..space.coordinates import rate
-from ..space.layout import Work
 from ..system.scene import System
-from .sampling import sample
+from .sampling import Sampler
 
 
 def interpolated(
-    system: System,
-    kernels: Kernels,
-    work: Work,
-    memory: Memory,
+    sampler: Sampler,
     states: tuple[Array, Array, Array],
-    closed: Array,
     nodes: Array,
     forces_known: bool = True,
 ) -> tuple[Array, Array]:
@@ -33,16 +27,14 @@ def interpolated(
     The error of both grows with the fourth power of the distance of times, that of
     velocities with the third where forces are not known.
     """
-    t, z, v = states
+    system, (t, z, v) = sampler.system, states
     k = np.clip(np.searchsorted(t, nodes) - 1, 0, len(t) - 2)
     h = t[k + 1] - t[k]
     x = ((nodes - t[k]) / h)[:, None]
     after, before = np.nextafter(t[:-1], np.inf), t[1:]
     if forces_known:
         accelerations = [
-            sample(
-                system, kernels, work, memory, when, a.copy(), b.copy(), closed
-            ).accelerations
+            sampler.sample(when, a.copy(), b.copy()).accelerations
             for when, a, b in ((after, z[:-1], v[:-1]), (before, z[1:], v[1:]))
         ]
     else:

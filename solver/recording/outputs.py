@@ -26,9 +26,7 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import Array
 
 from ..integrators import stepping
-from ..linear.memory import Kernels, Memory
 from ..space import layout as at
-from ..space.layout import Work
 from ..system.bodies.embedded import embedded, matrices
 from ..system.scene import System
 from ..system.storage import new_work
@@ -36,7 +34,7 @@ from .energy_history import History
 from .joint_forces import COMPONENTS, friction_column, wrench
 from .momenta import momentum_column
 from .motion import Motion, frame_motion, marker_motion, place
-from .sampling import Samples, sample, with_smallest
+from .sampling import Sampler, Samples, with_smallest
 from .scene_outputs import SceneQuantities
 from .stress_outputs import stress_column
 from .told import Told
@@ -64,14 +62,10 @@ class Recorded:
 
 
 def record(
-    system: System,
-    kernels: Kernels,
-    work: Work,
-    memory: Memory,
+    sampler: Sampler,
     times: Array,
     z: Array,
     v: Array,
-    closed: Array,
     history: History | None = None,
     samples: Samples | None = None,
 ) -> Recorded:
@@ -81,8 +75,9 @@ def record(
     samples : what is known of the states; default they are projected, and solved for
         accelerations and multipliers
     """
+    system, work = sampler.system, sampler.work
     if samples is None:
-        samples = sample(system, kernels, work, memory, times, z, v, closed)
+        samples = sampler.sample(times, z, v)
         samples = with_smallest(system, work, times, samples)
     whole, motion = whole_motion(system, times, samples)
     if system.whole is not None:

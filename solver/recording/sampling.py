@@ -8,8 +8,8 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
+from ..equations.pointers import kernels
 from ..integrators import recording
-from ..linear.memory import Kernels, Memory
 from ..space import layout as at
 from ..space.layout import Work
 from ..start.minimum_norm import minimum_norm
@@ -18,6 +18,7 @@ from ..system import kernel_calls
 from ..system.forces.grips import Grips
 from ..system.scene import System
 from ..system.sizes import resting_rates
+from ..system.storage import new_memory, new_work
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,58 +48,59 @@ class Samples:
     sticking: Array = field(default_factory=lambda: np.zeros((0, 0), bool))
 
 
-def sample(
-    system: System,
-    kernels: Kernels,
-    work: Work,
-    memory: Memory,
-    times: Array,
-    z: Array,
-    v: Array,
-    closed: Array,
-) -> Samples:
-    """Projects every recorded state and solves eq. (3) there.
+class Sampler:
+    """Looks at states of a system, with kernels and storage for that.
 
-    Multipliers of redundant constraints are some that hold the mechanism.
     closed : (rows, 2) constraints are met when |c| and |dc/dt| are below
     """
-    nt = len(times)
-    frames = np.zeros((nt, *work.frame.shape))
-    points = np.zeros((nt, *work.point.shape))
-    accelerations = np.zeros((nt, system.n_velocities))
-    multipliers = np.zeros((nt, system.n_rows))
-    factors = np.zeros((nt, len(system.forces)))
-    friction = np.zeros((nt, len(system.rubbing), recording.N_RUB))
-    sticking = np.zeros((nt, len(system.rubbing)), bool)
-    edges = np.array([system.scene.time.start, *system.breaks])
-    grips = system.grips or Grips(system.arrays.grip)
-    with grips.parts(times) as parts:
-        for part in parts:
-            recording.sample(
-                kernels,
-                system.arrays,
-                work,
-                memory,
-                closed,
-                times[part],
-                edges,
-                z[part],
-                v[part],
-                np.zeros((1, system.n_positions)),
-                np.zeros((3, system.n_velocities)),
-                frames[part],
-                points[part],
-                accelerations[part],
-                multipliers[part],
-                factors[part],
-                friction[part],
-            )
-            sense, led = grips.now[:, at.SENSE], grips.now[:, at.LED]
-            rests = np.abs(friction[part][:, :, recording.RUB_RATE]) <= led
-            sticking[part] = np.where(led > 0.0, rests, sense == 0.0)
-    kernel_calls.go_on(system)
-    found = (z, v, frames, points, accelerations, multipliers, factors, ())
-    return Samples(*found, friction, sticking)
+
+    def __init__(self, system: System, closed: Array) -> None:
+        self.system, self.closed = system, closed
+        self.kernels = kernels(system.planar)
+        self.work, self.memory = new_work(system), new_memory(system, 0)
+
+    def sample(self, times: Array, z: Array, v: Array) -> Samples:
+        """Projects every recorded state and solves eq. (3) there.
+
+        Multipliers of redundant constraints are some that hold the mechanism.
+        """
+        system, work, nt = self.system, self.work, len(times)
+        frames = np.zeros((nt, *work.frame.shape))
+        points = np.zeros((nt, *work.point.shape))
+        accelerations = np.zeros((nt, system.n_velocities))
+        multipliers = np.zeros((nt, system.n_rows))
+        factors = np.zeros((nt, len(system.forces)))
+        friction = np.zeros((nt, len(system.rubbing), recording.N_RUB))
+        sticking = np.zeros((nt, len(system.rubbing)), bool)
+        edges = np.array([system.scene.time.start, *system.breaks])
+        grips = system.grips or Grips(system.arrays.grip)
+        with grips.parts(times) as parts:
+            for part in parts:
+                recording.sample(
+                    self.kernels,
+                    system.arrays,
+                    work,
+                    self.memory,
+                    self.closed,
+                    times[part],
+                    edges,
+                    z[part],
+                    v[part],
+                    np.zeros((1, system.n_positions)),
+                    np.zeros((3, system.n_velocities)),
+                    frames[part],
+                    points[part],
+                    accelerations[part],
+                    multipliers[part],
+                    factors[part],
+                    friction[part],
+                )
+                sense, led = grips.now[:, at.SENSE], grips.now[:, at.LED]
+                rests = np.abs(friction[part][:, :, recording.RUB_RATE]) <= led
+                sticking[part] = np.where(led > 0.0, rests, sense == 0.0)
+        kernel_calls.go_on(system)
+        found = (z, v, frames, points, accelerations, multipliers, factors, ())
+        return Samples(*found, friction, sticking)
 
 
 def with_smallest(

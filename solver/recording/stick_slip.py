@@ -20,13 +20,11 @@ from ..integrators.recording import (
     RUB_PRESS,
     RUB_RATE,
 )
-from ..linear.memory import Kernels
 from ..space import layout as at
 from ..system.scene import System
 from .dense import Points, Steps, joined
 from .events import Moment
 from .grip_choice import AT_LIMIT, Grip
-from .sampling import sample
 
 
 class StickSlip(Grip):
@@ -36,15 +34,10 @@ class StickSlip(Grip):
     """
 
     def __init__(
-        self,
-        system: System,
-        kernels: Kernels,
-        closed: Array,
-        points: Points,
-        rtol: float,
+        self, system: System, closed: Array, points: Points, rtol: float
     ) -> None:
-        super().__init__(system, kernels, rtol)
-        self.closed, self.points, self.stride = closed, points, 1
+        super().__init__(system, rtol, closed)
+        self.points, self.stride = points, 1
 
     @property
     def waits(self) -> bool:
@@ -154,6 +147,4 @@ class StickSlip(Grip):
 
     def _stop(self, t: float, z: Array, v: Array) -> None:
         """Brings a state onto all constraints, with what sticks at rest."""
-        parts = self.system, self.kernels, self.work, self.memory
-        after = np.array([np.nextafter(t, np.inf)])
-        sample(*parts, after, z[None], v[None], self.closed)
+        self.sampler.sample(np.array([np.nextafter(t, np.inf)]), z[None], v[None])
