@@ -18,20 +18,20 @@ Quaternion = tuple[float, float, float, float]
 
 def _number_or_vector(value: Any) -> Any:
     if _is_number(value) or _is_vector(value):
-        return _as_tuples(value)
+        return as_tuples(value)
     raise ValueError("a number (planar) or three numbers (spatial)")
 
 
 def _inertia(value: Any) -> Any:
     rows = isinstance(value, list | tuple) and len(value) == 3
     if _is_number(value) or _is_vector(value) or (rows and all(map(_is_vector, value))):
-        return _as_tuples(value)
+        return as_tuples(value)
     raise ValueError("a number (planar), or [xx, yy, zz] or a 3 x 3 matrix (spatial)")
 
 
-def _as_tuples(value: Any) -> Any:
+def as_tuples(value: Any) -> Any:
     """Strict tuples take no lists once a validator has looked at the value."""
-    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
+    return tuple(map(as_tuples, value)) if isinstance(value, list) else value
 
 
 def _is_number(value: Any) -> bool:

@@ -155,7 +155,7 @@ class SceneFile(File):
         made = with_numbers(self, {**(changes or {}), **more})
         if made is not None:
             try:
-                return made._agreeing()
+                return made._agreeing(self)
             except (InputError, ValueError):
                 pass  # the whole scene, read again, says what is wrong
         return super().with_(changes, **more)
@@ -166,13 +166,13 @@ class SceneFile(File):
     def _consistent(self) -> SceneFile:
         return self._agreeing()
 
-    def _agreeing(self) -> Self:
-        """The scene, whose parts are checked against each other."""
+    def _agreeing(self, fitting: SceneFile | None = None) -> Self:
+        """The scene, whose parts are checked against each other; see `check`."""
         for owner in (*self.forces.values(), *self.drives.values()):
             function = getattr(owner, "function", None)
             if isinstance(function, Expression):
                 function.share(self.parameters)
-        check(self)
+        check(self, fitting)
         return self
 
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
 from ..errors import InputError
-from ..toml.files import place_of, put
+from ..toml.files import place_of
 from ..toml.tables import Table, plain
+from .base import as_tuples
 
 if TYPE_CHECKING:
     from .file import SceneFile
@@ -30,7 +29,8 @@ def with_numbers(scene: Scene, changes: Mapping[str, Any]) -> Scene | None:
     named = {table: getattr(scene, table) for table in scene.named}
     found: dict[str, Any] = {}
     for key, value in changes.items():
-        if not _is_of_numbers(plain(value)):
+        value = plain(value)
+        if not _is_of_numbers(value):
             return None
         try:
             table, *rest = place_of(key, named, type(scene))
@@ -43,17 +43,34 @@ def with_numbers(scene: Scene, changes: Mapping[str, Any]) -> Scene | None:
 
 def _with_number(whole: Any, place: list[Any], value: Any) -> Any:
     """A table of the scene, or a mapping of such tables by name, with another value."""
-    if isinstance(whole, Table) and place:
-        data = whole.said()
-        put(data, place, value, "")
-        return type(whole).checked(data, "")
-    name, *rest = place
-    if not isinstance(whole, Mapping) or name not in whole:
-        raise LookupError(name)
-    return {**whole, name: _with_number(whole[name], rest, value)}
+    key, *rest = place
+    if not isinstance(whole, Table):
+        return {**whole, key: _with_number(whole[key], rest, value)}
+    fields, said = type(whole).model_fields, whole.model_fields_set
+    data = {
+        fields[name].alias or name: part
+        for name, part in whole
+        if name in said and part is not None
+    }
+    part = data[key] if key in data else getattr(whole, key, None)
+    data[key] = _with_inner(part, rest, value)
+    return type(whole).model_validate(data, strict=True)
+
+
+def _with_inner(part: Any, place: list[Any], value: Any) -> Any:
+    """What stands in a table, with another value at a place inside of it."""
+    if not place:
+        return as_tuples(value)
+    if isinstance(part, Table):
+        return _with_number(part, place, value)
+    key, *rest = place
+    inner = _with_inner(part[key], rest, value)
+    if isinstance(part, tuple):
+        return (*part[:key], inner, *part[key + 1 :])
+    return {**part, key: inner}
 
 
 def _is_of_numbers(value: Any) -> bool:
     if isinstance(value, list):
         return all(map(_is_of_numbers, value))
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    return type(value) in (int, float)

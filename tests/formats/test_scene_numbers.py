@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import sidtool
@@ -12,11 +13,41 @@ from sidtool.formats.toml.files import File
 
 from ..sidtool.test_compiled import ARM
 
+#: A pendulum beside the arm, with tables and lists in each other.
+MORE = """
+[ground.markers.base]
+position = [0.0, 0.0, 0.5]
+
+[bodies.swing]
+mass = 1.0
+inertia = [0.1, 0.1, 0.1]
+
+[joints.hinge]
+type = "revolute"
+markers = ["ground.base", "swing"]
+axis = [0.0, 1.0, 0.0]
+
+[drives.turn]
+joint = "hinge"
+[drives.turn.function]
+type = "polynomial"
+pieces = [
+    { from = 0.0, to = 0.04, start = [0, 0, 0], end = [1, 0, 0] },
+    { from = 0.04, coefficients = [1.0] },
+]
+
+[forces.push]
+type = "force"
+marker = "load"
+force = [1.0, 0.0, 0.0]
+function = { type = "expression", value = "a*sin(t)", parameters = { a = 0.5 } }
+"""
+
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> sidtool.Scene:
     path = tmp_path_factory.mktemp("arm") / "arm.toml"
-    path.write_text(ARM)
+    path.write_text(ARM + MORE)
     return sidtool.Scene.load(path)
 
 
@@ -35,6 +66,12 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> sidtool.Scene:
         {"load.initial.position": ["2*reach", 0.0, 0.0]},
         {"title": "other"},
         {"load.initial.fixed": True},
+        {"ground.markers.base.position": [0, 0, 1]},
+        {"arm.initial.velocity": [0, 1, 0], "arm.initial.velocity[1]": 2},
+        {"shoulder.axis[0]": 0.5, "spring.stiffness": 21},
+        {"turn.function.pieces[0].to": 0.5, "turn.function.pieces[1].from": 0.5},
+        {"turn.function.pieces[0].end[0]": 2, "push.function.parameters.a": 0.25},
+        {"shoulder.friction.static": np.float64(0.3)},
     ],
 )
 def test_one_number_is_as_the_whole(
@@ -53,6 +90,8 @@ def test_other_parts_stay_the_same_objects(scene: sidtool.Scene) -> None:
     assert found.bodies["arm"] is scene.bodies["arm"]
     assert found.joints is scene.joints
     assert scene.bodies["load"].mass == 0.4
+    found = scene.with_({"turn.function.pieces[0].end[0]": 1, "spring.stiffness": 7})
+    assert found.bodies is scene.bodies and found.forces["push"] is scene.forces["push"]
 
 
 @pytest.mark.parametrize(
@@ -69,6 +108,13 @@ def test_other_parts_stay_the_same_objects(scene: sidtool.Scene) -> None:
         {"": 1.0},
         {"shoulder.axis": [0.0, 0.0, 0.0]},
         {"arm.mass": float("nan")},
+        {"turn.function.pieces[0].to": 0.05},
+        {"turn.function.pieces[2].from": 0.05},
+        {"time.end": 0.02, "time.start": 0.03},
+        {"arm.markers.elbow.position": [0.0, 0.0]},
+        {"motor.function.i": 1.0, "outputs.record": ["motor.state.nothing"]},
+        {"arm.inertia": [0.01, -0.09, 0.09], "load.initial.velocity": [1.0]},
+        {"shoulder.friction.static": 0.1},
     ],
 )
 def test_errors_are_those_of_the_whole(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ..bodies import RigidBody
@@ -45,20 +45,29 @@ if TYPE_CHECKING:
     from ..file import SceneFile
 
 
-def check(scene: SceneFile) -> None:
-    """Raise the first inconsistency of a scene as `InputError` with its key."""
-    _check_names(scene)
-    check_time(scene.time)
+def check(scene: SceneFile, fitting: SceneFile | None = None) -> None:
+    """Raise the first inconsistency of a scene as `InputError` with its key.
+
+    fitting : a scene that was checked, from which this one differs in numbers: bodies,
+        joints and forces that are the same objects are not looked at again
+    """
+    if fitting is None or fitting.time is not scene.time:
+        _check_names(scene)
+        check_time(scene.time)
+        fitting = None
     check_length(scene.gravity, "gravity", scene.dimension)
     check_markers(scene.ground.markers, "ground.markers", scene.dimension)
-    for name, body in scene.bodies.items():
+    for name, body in _new("bodies", scene, fitting):
         if isinstance(body, RigidBody):
             check_rigid_body(body, f"bodies.{name}", scene.dimension)
         check_initial(body.initial, f"bodies.{name}.initial", scene.dimension)
-    for name, joint in scene.joints.items():
+    for name, joint in _new("joints", scene, fitting):
         check_joint(joint, f"joints.{name}", scene)
+    acting = ("drives", "forces", "outputs", "accuracy", "events")
+    if all(getattr(scene, part) is getattr(fitting, part, None) for part in acting):
+        return
     check_drives(scene)
-    for name, force in scene.forces.items():
+    for name, force in _new("forces", scene, fitting):
         check_force(force, f"forces.{name}", scene)
     for index, output in enumerate(scene.outputs.record):
         if has_wildcard(output):
@@ -69,6 +78,13 @@ def check(scene: SceneFile) -> None:
         place = f"events.{name}.quantity"
         _check_output(event.quantity, place, scene)
         check_quantity(event.quantity, place)
+
+
+def _new(table: str, scene: SceneFile, fitting: SceneFile | None) -> Iterator[Any]:
+    """Parts of a table by name, but those of a scene that fits."""
+    known = getattr(fitting, table, {})
+    parts = getattr(scene, table).items()
+    return ((name, part) for name, part in parts if part is not known.get(name))
 
 
 def _check_wanted(scene: SceneFile) -> None:
