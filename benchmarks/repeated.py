@@ -38,7 +38,7 @@ def run(folder: Path, name: str, say: Callable[[str], None]) -> Report:
     rows = []
     for kind, numbers in kinds.items():
         anew, again = [], []
-        for k in range(RUNS):
+        for k in range(1, RUNS + 1):  # none with the numbers of the scene
             changes = numbers(k)
             anew.append(_beside(lambda c=changes: scene.with_(c).simulate().notes))
             again.append(_beside(lambda c=changes: compiled.run(c)))

@@ -170,13 +170,14 @@ class SID:
     carried: Carried | None = None
 
     def __post_init__(self) -> None:
+        nq = self.nq
         for name in BLOCK_SHAPES:
-            _check_shape(getattr(self, name), name, self.nq, f"block {name}")
+            _check_shape(getattr(self, name), name, nq)
         for node in self.nodes:
             for name in NODE_SHAPES:
                 entry = getattr(node, name)
                 if entry is not None:
-                    _check_shape(entry, name, self.nq, f"node {node.id}, {name}")
+                    _check_shape(entry, name, nq, node)
         ids = [node.id for node in self.nodes]
         if len(set(ids)) != len(ids):
             twice = Counter(ids).most_common(1)[0][0]
@@ -237,8 +238,11 @@ class SID:
         )
 
 
-def _check_shape(entry: Taylor, name: str, nq: int, place: str) -> None:
+def _check_shape(entry: Taylor, name: str, nq: int, node: Node | None = None) -> None:
     rows, columns = block_shape(name, nq)
+    if entry.order == 0 and entry.m0.shape == (rows, columns):
+        return
+    place = f"block {name}" if node is None else f"node {node.id}, {name}"
     if entry.shape != (rows, columns):
         found = "{} x {}".format(*entry.shape)
         raise InputError(
@@ -287,14 +291,15 @@ def rigid_sid(
     inertia : (3, 3) inertia tensor about the body-frame origin [kg m2]
     nodes : exported points; see `rigid_node`
     """
-    tensor = np.asarray(inertia, float)
-    six = np.array([[tensor[pair]] for pair in J_INDICES])
+    six = np.asarray(inertia, float)[tuple(zip(*J_INDICES, strict=True))]
     moment = Taylor(mass * np.asarray(centre, float).reshape(3, 1))
-    blocks: dict[str, Any] = {
-        name: _zero(block_shape(name, 0)) for name in BLOCK_SHAPES
-    }
-    blocks |= {"mdCM": moment, "J": Taylor(six)}
+    blocks = {**_no_blocks(), "mdCM": moment, "J": Taylor(six[:, None])}
     return SID(mass=float(mass), labels=(), nodes=nodes, **blocks)
+
+
+@cache
+def _no_blocks() -> dict[str, Any]:
+    return {name: _zero(block_shape(name, 0)) for name in BLOCK_SHAPES}
 
 
 @cache

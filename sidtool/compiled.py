@@ -110,7 +110,7 @@ class CompiledScene:
             )
             return self._compiled(content, found), told
         content, found = swapped(content, sids, self.scene.folder)
-        same = not changes and not sids
+        same = content is self._content
         system = self._before if same else self._compiled(content, found)
         return system, self._told(changes, found)
 

@@ -27,6 +27,8 @@ def swapped(
     """
     from sidtool.solver.advice.checks import check_replaced
 
+    if not sids:
+        return scene, {}
     check_replaced(scene, sids)
     bodies, found = dict(scene.bodies), {}
     for name, given in sids.items():

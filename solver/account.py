@@ -60,12 +60,14 @@ def result_of(
     """
     system, recorder, real = run.system, run.recorder, run.control.real
     columns = recorder.columns
-    tables: dict[str, Any] = {"t": np.zeros(0)}
-    tables |= {table: np.zeros((0, len(names))) for table, names in columns.items()}
-    tables |= {TABLES[table]: names for table, names in columns.items()}
+    tables: dict[str, Any] = {TABLES[table]: names for table, names in columns.items()}
+    if not rows:
+        none = {table: np.zeros((0, len(names))) for table, names in columns.items()}
+        rows = {"t": np.zeros(0), **none}
     known = Result(
         title=system.scene.title,
-        **tables | dict(rows),
+        **tables,
+        **rows,
         counters=_counters(run) | seconds,
         drift={
             "position": float(real[stepping.DRIFT]),

@@ -52,12 +52,7 @@ class Recorder:
         self.events: list[Event] = []
         self.seconds, self._waiting = 0.0, list[Steps]()
         self._last = -np.inf
-        self.columns = {
-            "values": outputs.column_names(system),
-            "positions": outputs.position_names(system),
-            "velocities": outputs.velocity_names(system),
-            "multipliers": outputs.multiplier_names(system),
-        }
+        self.columns = system.lasting(_names_of_columns)
         sink.begin(self.columns, most)
 
     def recall(self, rows: Rows) -> None:
@@ -146,6 +141,16 @@ class Recorder:
             for ends in self.verdicts.visited.until(self._last):
                 reached.add(self.sampler.sample(ends.t, ends.z, ends.v), ends.t)
         return reached.all()
+
+
+def _names_of_columns(system: System) -> dict[str, tuple[str, ...]]:
+    """Of the tables of a run, by their names."""
+    return {
+        "values": outputs.column_names(system),
+        "positions": outputs.position_names(system),
+        "velocities": outputs.velocity_names(system),
+        "multipliers": outputs.multiplier_names(system),
+    }
 
 
 def _until(steps: Steps, end: float) -> Steps:

@@ -65,7 +65,7 @@ class Run:
         self.times = OutputTimes(system.scene)
         self.samplers = Samplers(system)
         self.closed = closed_below(system, settings)
-        points = dense.Points(max(m.dense for m in methods))
+        points = dense.points(max(m.dense for m in methods))
         self.watch = None
         if system.scene.events:
             self.watch = events.Watch(system, self.closed, points)

@@ -64,8 +64,8 @@ RECORDING: Group = (
     "integrators.recording:jacobians",
     "linear.carried_joints:forces_of_carriers",
 )
-#: Entry kernels that were found on disk, or compiled, once.
-_seen: set[str] = set()
+#: Entry kernels that were found on disk, or compiled, once, and what runs needed.
+_seen: set[object] = set()
 #: Fewer kernels than this are compiled where they are used.
 WORTH_PROCESSES = 3
 #: Seconds between two looks at what other processes have done.
@@ -99,10 +99,15 @@ def ensure(
     bodies : whether energies or momenta of bodies are recorded
     say : told once, and only when something has to be compiled
     """
+    loops = tuple(step_loops)
+    wanted = planar, bodies, loops
+    if wanted in _seen:
+        return
     equations = list(PLANAR if planar else SPATIAL)
     if bodies:
         equations.append(BODIES[0 if planar else 1])
-    _compile(_missing(_groups(step_loops, equations)), say)
+    _compile(_missing(_groups(loops, equations)), say)
+    _seen.add(wanted)
 
 
 def ensure_loop(step_loop: str) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from .base import Table
@@ -157,14 +159,21 @@ def coefficients(piece: Piece) -> Values:
         return piece.coefficients
     assert piece.start is not None and piece.end is not None and piece.to is not None
     length = piece.to - piece.from_
-    count = len(piece.start) + len(piece.end)
-    matrix = np.zeros((count, count))
-    for row in range(len(piece.start)):
-        matrix[row, row] = math.factorial(row)
-    for row in range(len(piece.end)):
-        for power in range(row, count):
-            matrix[len(piece.start) + row, power] = math.perm(power, row)
     orders = [*range(len(piece.start)), *range(len(piece.end))]
     given = np.array([*piece.start, *piece.end]) * length ** np.array(orders, float)
+    matrix = _derivatives(len(piece.start), len(piece.end))
     scaled = np.linalg.solve(matrix, given)
     return tuple(float(c) / length**power for power, c in enumerate(scaled))
+
+
+@cache
+def _derivatives(at_start: int, at_end: int) -> NDArray[np.float64]:
+    """Of powers 0, 1, ... at 0, then at 1: of order 0, 1, ..., as many as are given."""
+    count = at_start + at_end
+    matrix = np.zeros((count, count))
+    for row in range(at_start):
+        matrix[row, row] = math.factorial(row)
+    for row in range(at_end):
+        for power in range(row, count):
+            matrix[at_start + row, power] = math.perm(power, row)
+    return matrix

@@ -13,8 +13,9 @@ from sidtool.formats.sid import Array
 
 from ..space import layout as at
 from ..start.conflicts import LARGEST
-from ..start.consistent import Start, State, sliding_directions
+from ..start.consistent import State, sliding_directions
 from ..start.overconstraint import complete
+from ..start.stated import Start
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 

@@ -8,8 +8,8 @@ shape, for a kernel or another table its address.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import lru_cache
+import math
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NoReturn, Self
 
 import numpy as np
@@ -53,7 +53,7 @@ class TableType(types.Type):
             owner.kind, owner.kinds = self, {}
         owner.kinds[name] = self
 
-    def write(self, memory: list[int], field: str, value: Any) -> None:
+    def write(self, memory: np.ndarray, field: str, value: Any) -> None:
         """Puts a value where kernels find it, into the words of a table."""
         kind, start = self.members[field], self.offsets[field]
         if isinstance(kind, ViewType):
@@ -79,9 +79,8 @@ class TableType(types.Type):
         return _kind_of, (self.owner, self.seen_as)
 
 
-@lru_cache(maxsize=64)
-def _places(kind: TableType, shapes: tuple[tuple[int, ...] | None, ...]) -> Any:
-    """Where arrays of some shapes lie one after the other.
+def _places(kind: TableType, shapes: Mapping[str, tuple[int, ...]]) -> Any:
+    """Where arrays of some fields lie one after the other.
 
     Shape, type and place of each by its field; which words are addresses, and the
     words where the first array is at 0; the bytes of all.
@@ -89,9 +88,7 @@ def _places(kind: TableType, shapes: tuple[tuple[int, ...] | None, ...]) -> Any:
     views: dict[str, tuple[tuple[int, ...], np.dtype[Any], int]] = {}
     addresses, words = np.zeros((2, kind.words), np.int64)
     size = 0
-    for field, shape in zip(kind.fields, shapes, strict=True):
-        if shape is None:
-            continue
+    for field, shape in shapes.items():
         member: Any = kind.members[field]
         word = kind.offsets[field]
         if len(shape) != member.ndim:
@@ -99,9 +96,13 @@ def _places(kind: TableType, shapes: tuple[tuple[int, ...] | None, ...]) -> Any:
         views[field] = shape, member.numbers, size
         addresses[word] = 1
         words[word : word + 1 + member.ndim] = size, *shape
-        bytes_ = member.numbers.itemsize * int(np.prod(shape, dtype=np.int64))
+        bytes_ = member.numbers.itemsize * math.prod(shape)
         size += -(-bytes_ // ALIGNED) * ALIGNED
     return views, addresses, words, size
+
+
+def _address_of(array: np.ndarray) -> int:
+    return int(array.__array_interface__["data"][0])
 
 
 def _kind_of(owner: type[Table], name: str) -> TableType:
@@ -133,35 +134,46 @@ class Table:
         values = (*values, *rest)
         if named:
             raise TypeError(f"no fields of a table: {', '.join(named)}")
-        self._set(
-            dict(zip(self.kind.fields, values, strict=True)), [0] * self.kind.words
-        )
+        fields = dict(zip(self.kind.fields, values, strict=True))
+        self._set(fields, np.zeros(self.kind.words, np.int64))
 
     @classmethod
     def zeros(cls, *values: Any) -> Self:
-        """A table of zeros: one after the other in memory, made at once.
+        """A table of zeros, see `maker`."""
+        return cls.maker(*values)()
 
-        values : of the fields in their order; tuples are shapes of arrays of zeros
+    @classmethod
+    def maker(cls, *values: Any) -> Callable[[], Self]:
+        """Makes tables of zeros: one after the other in memory, made at once.
+
+        values : of the fields in their order; tuples are shapes of arrays of zeros,
+            and makers make a table of their own for each
         """
-        shapes = tuple(value if type(value) is tuple else None for value in values)
-        views, addresses, words, size = _places(cls.kind, shapes)
-        memory = np.zeros(size + ALIGNED, np.uint8)
-        base = memory.__array_interface__["data"][0]
-        gap = -base % ALIGNED
-        table = cls.__new__(cls)
-        known = words + (base + gap) * addresses
-        rest = zip(cls.kind.fields, values, shapes, strict=True)
-        others = {field: value for field, value, shape in rest if shape is None}
-        table.__dict__.update(_views=views, _zeros=memory[gap:])
-        table._set(others, known.tolist())
-        return table
+        fields = dict(zip(cls.kind.fields, values, strict=True))
+        makers = {f: value for f, value in fields.items() if callable(value)}
+        shapes = {f: value for f, value in fields.items() if type(value) is tuple}
+        others = {f: fields[f] for f in fields.keys() - makers.keys() - shapes.keys()}
+        views, inside, known, size = _places(cls.kind, shapes)
+        for field, value in others.items():
+            cls.kind.write(known, field, value)
 
-    def _set(self, fields: Mapping[str, Any], words: list[int]) -> None:
+        def make() -> Any:
+            memory = np.zeros(size + ALIGNED, np.uint8)
+            base = _address_of(memory)
+            gap = -base % ALIGNED
+            table = cls.__new__(cls)
+            table.__dict__.update(others, _views=views, _zeros=memory[gap:])
+            tables = {field: made() for field, made in makers.items()}
+            table._set(tables, known + (base + gap) * inside)
+            return table
+
+        return make
+
+    def _set(self, fields: Mapping[str, Any], words: np.ndarray) -> None:
         """Takes the values of some fields; words of the others are known."""
         for field, value in fields.items():
             self.kind.write(words, field, value)
-        memory = np.array(words, np.int64)
-        self.__dict__.update(fields, _memory=memory, address=memory.ctypes.data)
+        self.__dict__.update(fields, _memory=words, address=_address_of(words))
 
     def __getattr__(self, name: str) -> np.ndarray:
         """An array of zeros that nobody asked for before."""
@@ -183,7 +195,7 @@ class Table:
         """The same table with other values of some fields."""
         twin = type(self).__new__(type(self))
         twin.__dict__.update(self.__dict__)
-        twin._set(changes, self._memory.tolist())
+        twin._set(changes, self._memory.copy())
         return twin
 
 

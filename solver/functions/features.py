@@ -47,6 +47,8 @@ NONE = Features(np.array([-np.inf]), np.array([np.inf]))
 
 def together(parts: Sequence[Features]) -> Features:
     """The shortest lengths of all."""
+    if len(parts) == 1:
+        return parts[0]
     starts = np.unique(np.concatenate([NONE.starts, *(p.starts for p in parts)]))
     lengths = np.full(len(starts), np.inf)
     for part in parts:

@@ -12,7 +12,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial import polynomial
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
@@ -177,6 +176,22 @@ def _checked(
     return _parts(compiled, span)
 
 
+def with_other_numbers(
+    known: ForceFunction,
+    function: ForceFunction,
+    span: tuple[float, float],
+    place: str,
+    joined: int,
+) -> _Parts | None:
+    """What becomes of a function that takes the place of a known one in a table; None
+    where it does not fit there, or steps have to end at other times."""
+    if type(function) is not type(known) or type(function) not in _COMPILERS:
+        return None
+    new, old = (_checked(f, span, place, joined) for f in (function, known))
+    fits = new.shape == old.shape and len(new.data) == len(old.data)
+    return new if fits and new.breaks == old.breaks else None
+
+
 def compile_function(function: ForceFunction, place: str) -> Compiled:
     """A function of time in the form that kernels evaluate.
 
@@ -200,17 +215,22 @@ def check_jumps(
     ------
     InputError : names the time and the size of the jump.
     """
+    if len(pieces.starts) == 1:
+        return
+    terms, powers = pieces.terms, np.arange(pieces.terms.shape[1])
     ends = np.append(pieces.starts[1:], max(span[1], pieces.starts[-1]))
     places = np.linspace(0.0, 1.0, 5)[:, None] * (ends - pieces.starts)
+    basis = places[:, :, None] ** powers
     for order, what in enumerate(("jumps", "jumps in its rate")[:joined]):
-        terms = polynomial.polyder(pieces.terms.T, order)
-        values = polynomial.polyval(places, terms, tensor=False)
+        values = (basis[:, :, : len(powers) - order] * terms).sum(axis=2)
+        terms = terms[:, 1:] * powers[1 : terms.shape[1]]
         largest = np.abs(values).max()
         jumps = values[0, 1:] - values[-1, :-1]
-        for t, jump in zip(pieces.starts[1:], jumps, strict=True):
-            if span[0] < t < span[1] and abs(jump) > SAME * largest:
+        for k in np.flatnonzero(np.abs(jumps) > SAME * largest):
+            t = pieces.starts[k + 1]
+            if span[0] < t < span[1]:
                 raise InputError(
-                    f"{what} by {jump:.6g} at t = {t:.9g} s",
+                    f"{what} by {jumps[k]:.6g} at t = {t:.9g} s",
                     place=place,
                     expected="a drive whose value and rate are continuous; "
                     "a jump in acceleration is fine",
@@ -291,6 +311,7 @@ def _as_given(curve: Curve) -> Given:
 
 
 def _padded(starts: list[float], terms: list[Array]) -> Pieces:
-    longest = max(map(len, terms))
-    padded = [np.pad(term, (0, longest - len(term))) for term in terms]
-    return Pieces(np.array(starts), np.array(padded))
+    padded = np.zeros((len(terms), max(map(len, terms))))
+    for row, term in zip(padded, terms, strict=True):
+        row[: len(term)] = term
+    return Pieces(np.array(starts), padded)

@@ -53,9 +53,9 @@ def _radau(stages: int) -> Integrator:
         from ..linear.memory import STEPS
         from . import stepping
         from .radau import method as radau
-        from .radau.table import new_stages
+        from .radau import table
 
-        storage = new_stages(stages, system.n_positions, system.n_velocities)
+        storage = system.lasting(table.stages, stages)()
         parts = kernels, system.arrays, work, memory
 
         def advance(control: Control, limit: int) -> int:

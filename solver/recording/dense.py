@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -105,6 +106,13 @@ class Points:
             yield Steps(t[i : i + size], z[i : i + size], v[i : i + size])
 
 
+@cache
+def points(degree: int) -> Points:
+    """Those of steps whose dense output has a degree."""
+    return Points(degree)
+
+
+@cache
 def wanted_ends(fixed: bool) -> Array:
     """`Control.shares` for `END_CHUNK` steps, of which the ends are wanted."""
     if fixed:

@@ -22,11 +22,9 @@ from ..system.storage import new_work
 from .alignment import align, check_alignment
 from .conflicts import conflict_at_start, conflict_of_rates, conflict_soon
 from .consistent import (
-    Start,
     State,
     close,
     dense_jacobian,
-    guess,
     names_of_rows,
     widest_open,
 )
@@ -34,6 +32,7 @@ from .displacements import displacements
 from .overconstraint import relax
 from .planar_turns import with_whole_turns
 from .redundancy import mark_redundant
+from .stated import Start, guess
 from .turn_counts import keep_turns
 
 __all__ = ["Start", "assemble", "dense_jacobian", "guess", "names_of_rows"]
@@ -125,7 +124,7 @@ def _close_softly(state: State, guessed: Array) -> None:
     with all of the stiffness leads far away: bodies that count as softer deform there.
     """
     found = []
-    for share in SOFTER if state.memory.metric.any() else SOFTER[:1]:
+    for share in SOFTER if state.metric.any() else SOFTER[:1]:
         state.stiffness = share
         opening = close(state)
         found.append(state.z.copy())
@@ -147,12 +146,14 @@ def _measure_start(state: State) -> None:
         pool[entry] = state.work.row[row, at.C_VALUE]
     _check_rods(state)
     state.system = replace(system, arrays=system.arrays.replaced(pool=pool))
-    state.ignored[:] = False
+    state.ignored[:], state.is_apart = False, False
     state.evaluate()
 
 
 def _check_rods(state: State) -> None:
     """Raises constraints without a direction: the two ends of a rod coincide."""
+    if np.isfinite(state.work.row).all():
+        return
     for row in state.system.rows:
         values = state.work.row[row.first : row.first + row.count]
         if not np.isfinite(values).all():

@@ -22,9 +22,10 @@ from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from ..system.storage import new_work
 from .carried import keep_frame
-from .consistent import Start, State, close, guess
+from .consistent import State, close
 from .displacements import displacements
 from .least_open import least_open, left_of_rates
+from .stated import Start, guess
 
 #: Constraints that are open by more, relative to their sizes, are not met.
 OPEN = 1e-7

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sidtool.formats.errors import InputError
-from sidtool.formats.scene import as_3d, rotation
 from sidtool.formats.sid import Array
 
-from ..linear.memory import Memory
 from ..space import layout as at
 from ..space.coordinates import retract
 from ..system import kernel_calls
-from ..system.bodies.packing import quaternion
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
-from ..system.storage import new_memory, new_work
+from ..system.storage import new_work, stiffness_metric
 from . import large_scenes
-from .carried import place_carried
 from .large_scenes import MANY, IndependentRows, jacobian_entries, sparse_jacobian
-from .turn_counts import starting_turns
+from .stated import Start
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -37,74 +31,15 @@ RANK_TOLERANCE = 1e-9
 NO_INERTIA = 1e-14
 
 
-@dataclass(frozen=True, eq=False)
-class Start:
-    """A consistent state: z_I and z_II."""
-
-    z: Array
-    v: Array
-
-
-def guess(system: System) -> Start:
-    """The state that the scene file states.
-
-    Raises
-    ------
-    InputError : wrong number of elastic coordinates.
-    """
-    z, v = np.zeros(system.n_positions), np.zeros(system.n_velocities)
-    for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        if not data.of_scene:
-            v[row[at.VEL] : row[at.VEL] + row[at.NV]] = data.starts_at
-            continue
-        initial = system.scene.bodies[data.name].initial
-        matrix = rotation(initial)
-        rigid = row[at.NP] - row[at.NQ]
-        p, u = row[at.POS], row[at.VEL]
-        if row[at.RD] > 0:
-            axes = 2 if system.planar else 3
-            z[p : p + axes] = as_3d(initial.position)[:axes]
-            v[u : u + axes] = (matrix.T @ as_3d(initial.velocity))[:axes]
-            if system.planar and rigid == 3:
-                z[p + 2] = initial.angle or 0.0
-                v[u + 2] = float(np.ravel(initial.angular_velocity or 0.0)[-1])
-            elif rigid == 7:
-                z[p + 3 : p + 7] = quaternion(matrix)
-                v[u + 3 : u + 6] = _angular_velocity(initial.angular_velocity, matrix)
-        z[p + rigid : p + row[at.NP]] = _elastic(initial, "elastic", data)
-        v[u + row[at.RD] : u + row[at.NV]] = _elastic(initial, "elastic_velocity", data)
-    place_carried(system, z, v)
-    z[len(z) - system.n_turns :] = starting_turns(system)
-    return Start(z, v)
-
-
-def _angular_velocity(value: object, matrix: Array) -> Array:
-    """Inertial components, as files hold them, in the body frame."""
-    if value is None:
-        return np.zeros(3)
-    return matrix.T @ np.asarray(value, float)
-
-
-def _elastic(initial: object, key: str, data: object) -> Array:
-    nq = data.sid.nq  # type: ignore[attr-defined]
-    values = getattr(initial, key, None)
-    if values is None:
-        return np.zeros(nq)
-    if len(values) != nq:
-        raise InputError(
-            f"has {len(values)} values",
-            place=f"bodies.{data.name}.initial.{key}",  # type: ignore[attr-defined]
-            expected=f"{nq}, one for each elastic coordinate of the SID",
-        )
-    return np.array(values)
-
-
 class State:
     """The state in hand, with dense matrices of its constraints.
 
     work : of the system, default a new one
     sizes : (rows,) what is large for each constraint, see `sizes.row_sizes`
-    stiffness : share of tau^2 K in the metric
+    metric : blocks of tau^2 K of all bodies
+    stiffness : their share in the metric
+    is_apart : True where no constraint follows from the others, not even nearly, at
+        the positions in hand; False where that is not known
     """
 
     def __init__(
@@ -113,13 +48,13 @@ class State:
         self.system = system
         self.z, self.v = start.z.copy(), start.v.copy()
         self.work = work or new_work(system)
-        self.memory: Memory = new_memory(system, 0)
+        self.metric = system.once(stiffness_metric)
         self.t = system.scene.time.start
         self.free = _free_coordinates(system)
         self.ignored = np.zeros(system.n_rows, bool)
         self.ignored[[row for _, row in system.from_start]] = True
         self.sizes = system.once(row_sizes)
-        self.stiffness = 1.0
+        self.stiffness, self.is_apart = 1.0, False
         self.start()
 
     def start(self) -> None:
@@ -173,12 +108,11 @@ class State:
         N = np.zeros((len(self.free), len(self.free)))
         for part, block in self.roots():
             N[part, part] = block * self.free[part, None]
-        Q, R = np.linalg.qr((C @ N).T)
-        lengths = np.linalg.norm(R, axis=0)
+        B = C @ N
+        lengths = np.sqrt((B * B).sum(axis=1))
         scale = np.where(lengths > 0.0, 1.0 / np.maximum(lengths, 1e-300), 0.0)
-        scaled = scale[:, None] * R.T
-        y = np.linalg.lstsq(scaled, scale * right, rcond=independent)[0]
-        x = N @ (Q @ y)
+        scaled = scale[:, None] * B
+        x = N @ np.linalg.lstsq(scaled, scale * right, rcond=independent)[0]
         return x, C @ x - right
 
     def _smallest_of_many(
@@ -239,23 +173,30 @@ class State:
         With x = N y, the metric x^T W x is y^T y. C N has the digits that C N N^T C^T
         loses where bodies are stiff.
         """
-        blocks = self.work.M + self.stiffness * self.memory.metric
-        sizes = self.system.once(coordinate_sizes)
-        bodies = []
-        for row in self.system.arrays.body:
+        blocks = self.work.M + self.stiffness * self.metric
+        diagonal = blocks[self.system.lasting(_diagonals)]
+        squares = self.system.once(coordinate_sizes) ** 2
+        least = NO_INERTIA * (diagonal @ squares) / max(1, len(squares)) / squares
+        scale = 1.0 / np.sqrt(np.maximum(diagonal, 0.0) + least)
+        for row in self.system.arrays.body.tolist():
             n, o, first = row[at.NV], row[at.BLOCK], row[at.VEL]
             if n == 0:
                 continue
             part = slice(first, first + n)
-            bodies.append((part, blocks[o : o + n * n].reshape(n, n)))
-        inertia = sum(W.diagonal() @ sizes[part] ** 2 for part, W in bodies)
-        least = NO_INERTIA * inertia / max(1, len(sizes)) / sizes**2
-        for part, W in bodies:
-            scale = 1.0 / np.sqrt(np.maximum(W.diagonal(), 0.0) + least[part])
-            W = W * np.outer(scale, scale) + np.diag(least[part] * scale**2)
-            squares, directions = np.linalg.eigh(W)
-            roots = np.sqrt(np.maximum(squares, NO_INERTIA))
-            yield part, scale[:, None] * directions / roots
+            column = scale[part, None]
+            W = blocks[o : o + n * n].reshape(n, n) * column * scale[part]
+            W += np.diag(least[part] * scale[part] ** 2)
+            inertias, directions = np.linalg.eigh(W)
+            yield part, column * directions / np.sqrt(np.maximum(inertias, NO_INERTIA))
+
+
+def _diagonals(system: System) -> np.ndarray:
+    """Where those of the blocks of all bodies stand, (n velocities,)."""
+    places = [
+        row[at.BLOCK] + (row[at.NV] + 1) * np.arange(row[at.NV])
+        for row in system.arrays.body
+    ]
+    return np.concatenate(places)
 
 
 def close(state: State, independent: float = RANK_TOLERANCE) -> float:
@@ -296,13 +237,17 @@ def _free_coordinates(system: System) -> Array:
 
 def of_length_one(C: Array) -> Array:
     """The rows (n, m) divided by their lengths, those of nothing as they are."""
-    lengths = np.linalg.norm(C, axis=1)
+    lengths = np.sqrt((C * C).sum(axis=1))
     return C / np.where(lengths > 0.0, lengths, 1.0)[:, None]
 
 
 def dense_jacobian(system: System, C: Array) -> Array:
     """The constraint Jacobian as a dense (rows, velocities) matrix."""
-    return np.asarray(dense_jacobians(system, C[None])[0])
+    rows, columns, values = jacobian_entries(system, C)
+    shape = system.n_rows, system.n_velocities
+    places = rows * shape[1] + columns
+    found = np.bincount(places, values, shape[0] * shape[1])
+    return np.asarray(found, float).reshape(shape)
 
 
 def dense_jacobians(system: System, C: Array) -> Array:

@@ -15,7 +15,7 @@ from ..system import kernel_calls
 from ..system.bodies.embedded import embedded, matrices
 from ..system.bodies.packing import quaternion
 from ..system.scene import System
-from .consistent import Start
+from .stated import Start
 
 #: Bodies that are told of, those that moved most.
 MOST = 3

@@ -49,7 +49,7 @@ def jacobian_entries(system: System, C: Array) -> tuple[np.ndarray, np.ndarray, 
 
     C : (..., .) of `Work`
     """
-    rows, columns, entries = system.once(_jacobian_places)
+    rows, columns, entries = system.lasting(_jacobian_places)
     return rows, columns, C[..., entries]
 
 

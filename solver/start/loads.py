@@ -19,8 +19,9 @@ from ..space import layout as at
 from ..system import kernel_calls
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes, resting_rates, row_sizes
-from .consistent import Start, State, names_of_rows, sliding_directions
+from .consistent import State, names_of_rows, sliding_directions
 from .overconstraint import complete
+from .stated import Start
 
 #: Constraints that follow from others but for the rounding of data, and the part of a
 #: load that such rounding may have.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from sidtool.formats.sid import Array
@@ -10,9 +12,14 @@ from ..functions.table import features
 from ..integrators import INTEGRATORS, bifurcations, stepping
 from ..space import layout as at
 from ..space.layout import IntTable
-from ..system.bodies.vibration import amplitudes, frequencies
+from ..system.bodies.vibration import frequencies
 from ..system.scene import System
-from ..system.sizes import extents, row_sizes, sliding_sizes
+from ..system.sizes import (
+    coordinate_amplitudes,
+    extents,
+    row_sizes,
+    sliding_sizes,
+)
 from .assembly import Start
 from .settings import Settings
 
@@ -44,7 +51,10 @@ def new_control(
     """times : output times that it holds, see `Window`"""
     scene = system.scene
     duration = scene.time.end - scene.time.start
-    real, whole = np.zeros(stepping.N_REAL), np.zeros(stepping.N_WHOLE, np.int64)
+    ends, starts, lengths = system.once(_features)
+    counts = times, len(shares), len(starts)
+    control = system.lasting(_control, *counts)()
+    real, whole = control.real, control.whole
     adding = INTEGRATORS[settings.integrator].order == 2 and settings.step is None
     real[stepping.TOLERANCE] = settings.rtol * (1.0 if adding else STEP_TOLERANCE)
     real[stepping.TIME] = real[stepping.BEGIN] = scene.time.start
@@ -57,61 +67,62 @@ def new_control(
     real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
     whole[stepping.FIXED_STEP] = int(settings.step is not None)
     whole[stepping.ADDING] = int(adding)
-    n, m = system.n_positions, system.n_velocities
-    count = times + len(shares)
-    amplitude, frequency = np.ones(m), np.ones(m)
-    axes = 2 if system.planar else 3
-    for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
-        amplitude[elastic] = amplitudes(data.sid, axes)
-        frequency[elastic] = frequencies(data.sid)
-    return stepping.Control(
-        real,
-        whole,
-        start.z.copy(),
-        start.v.copy(),
-        start.z.copy(),
-        extents(system),
-        np.zeros(len(system.bodies)),
-        np.zeros((len(system.bodies), 4)),
-        amplitude,
-        frequency,
-        np.ones(m),
-        np.ones(n - system.n_turns),
-        np.ones(m),
-        closed,
-        np.full(times, np.inf),
-        shares,
-        np.zeros(len(shares)),
-        np.zeros((count, n)),
-        np.zeros((count, m)),
-        *_features(system, settings),
-        _measured(system),
-        np.zeros((2 * len(system.forces), 2)),
-        np.zeros((bifurcations.MOST, bifurcations.STATES + 2 * (n + m))),
+    control.z[:] = control.start[:] = start.z
+    control.v[:] = start.v
+    control.extent[:] = extents(system)
+    control.pace[:] = control.scale_z[:] = control.scale_v[:] = 1.0
+    control.closed[:] = closed
+    control.times[:] = np.inf
+    control.shares[:] = shares
+    control.features[:] = ends
+    control.starts[:] = starts
+    control.reaches[:] = share_followed(settings) * lengths
+    for k, force in enumerate(system.forces):
+        if force.kind == at.TWIST and force.turn >= system.n_turns:
+            control.measured[k, -1] = 2.0 * np.pi
+    return control
+
+
+def _control(
+    system: System, times: int, shares: int, starts: int
+) -> Callable[[], stepping.Control]:
+    """Makes controls of so many output times, shares and starts of features."""
+    n, m, bodies = system.n_positions, system.n_velocities, len(system.bodies)
+    forces, scaled = len(system.forces), n - system.n_turns
+    return stepping.Control.maker(
+        (stepping.N_REAL,),
+        (stepping.N_WHOLE,),
+        *((n,), (m,), (n,), (bodies,), (bodies,), (bodies, 4)),
+        system.lasting(coordinate_amplitudes),
+        _frequencies(system),
+        *((m,), (scaled,), (m,), (system.n_rows + len(system.rubbing), 2)),
+        *((times,), (shares,), (shares,), (times + shares, n), (times + shares, m)),
+        *((2 * forces + 2,), (starts,), (starts,)),
+        *((forces, 5), (2 * forces, 2)),
+        (bifurcations.MOST, bifurcations.STATES + 2 * (n + m)),
     )
 
 
-def _features(system: System, settings: Settings) -> tuple[IntTable, Array, Array]:
-    """`Control.features`, starts and reaches."""
+def _frequencies(system: System) -> Array:
+    """Of elastic coordinates [rad/s], and 1 of others, (n velocities,)."""
+    found = np.ones(system.n_velocities)
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
+        found[elastic] = frequencies(data.sid)
+    return found
+
+
+def _features(system: System) -> tuple[IntTable, Array, Array]:
+    """`Control.features`, starts and lengths."""
     laws = [force.law for force in system.forces]
     parts = [features.together(list(system.features.values()))]
     parts += [axis for law in laws for axis in (law.features(), law.rate_features())]
     ends = np.cumsum([0, *(len(part.starts) for part in parts)])
-    starts = np.concatenate([part.starts for part in parts])
-    reaches = share_followed(settings) * np.concatenate(
-        [part.lengths for part in parts]
+    starts, lengths = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("starts", "lengths")
     )
-    return ends.astype(np.int64), starts, reaches
-
-
-def _measured(system: System) -> Array:
-    """`Control.measured`, which knows no measures yet."""
-    table = np.zeros((len(system.forces), 5))
-    for row, force in zip(table, system.forces, strict=True):
-        if force.kind == at.TWIST and force.turn >= system.n_turns:
-            row[-1] = 2.0 * np.pi
-    return table
+    return ends.astype(np.int64), starts, lengths
 
 
 def share_followed(settings: Settings) -> float:

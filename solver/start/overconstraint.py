@@ -84,6 +84,7 @@ def _hardly_differ(state: State) -> bool:
     if state.stands_apart(ROUNDED):
         return False
     sizes = _singular_values(state)
+    state.is_apart = len(sizes) == state.system.n_rows and bool((sizes > ROUNDED).all())
     return bool(((sizes > EXACT) & (sizes < ROUNDED)).any())
 
 

@@ -18,7 +18,7 @@ from ..system import kernel_calls
 from ..system.forces.elements import Element
 from ..system.scene import System
 from .carried import carried_rows, carrying
-from .consistent import guess
+from .stated import guess
 
 TURN = 2.0 * np.pi
 #: Whole turns from marker to marker, rows of the marker table [rad].

@@ -51,7 +51,7 @@ def mark_redundant(state: State) -> System:
         from which the motion is not determined.
     """
     system = state.system
-    dependent = _dependent_rows(state)
+    dependent = () if state.is_apart else _dependent_rows(state)
     if not dependent:
         return system
     redundant = _dependent_beside(state, dependent)

@@ -24,11 +24,9 @@ from sidtool.formats.scene import (
     coordinate_of,
     expanded,
     parse_output,
-    position_3d,
-    rotation,
     watched,
 )
-from sidtool.formats.sid import SID, rigid_node, rigid_sid
+from sidtool.formats.sid import SID, rigid_sid
 
 from ..functions.callables import Derivatives
 from ..functions.law_drives import value_at_start
@@ -38,7 +36,7 @@ from ..functions.table import FunctionTable
 from ..space import layout as at
 from ..space.layout import IntTable
 from .bodies.body_tables import body_table, marker_table, with_prescribed_frames
-from .bodies.data import BodyData, body_data
+from .bodies.data import BodyData, body_data, rigid_nodes
 from .bodies.eliminated import asks_for_joints, eliminated_frames, eliminated_joints
 from .bodies.held_frames import with_held_frames
 from .bodies.rigid_bodies import without_elasticity
@@ -289,10 +287,8 @@ def _dims(
 
 
 def _ground(scene: SceneFile) -> BodyData:
-    nodes = [rigid_node("", np.zeros(3))]
-    for name, placement in scene.ground.markers.items():
-        nodes.append(rigid_node(name, position_3d(placement), rotation(placement)))
-    sid = rigid_sid(0.0, np.zeros(3), np.zeros((3, 3)), tuple(nodes))
+    nodes = rigid_nodes(scene.ground.markers)
+    sid = rigid_sid(0.0, np.zeros(3), np.zeros((3, 3)), nodes)
     return BodyData(GROUND_NAME, sid, False, False, {}, of_scene=False)
 
 

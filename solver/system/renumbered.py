@@ -1,73 +1,68 @@
-"""A system with other numbers of its bodies: only what they fill is made anew.
+"""A system with other numbers of bodies and drives: only what they fill is made anew.
 
-All tables but the array of numbers stay what they are, as long as masses, places and
-initial values are all that changes.
+All tables but the array of numbers stay what they are, as long as masses, places,
+initial values and functions of time are all that changes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 
-from sidtool.formats.scene import Body, RigidBody, SceneFile, SidBody, rotation
+from sidtool.formats.scene import Body, Drive, RigidBody, SceneFile, SidBody, rotation
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.toml.tables import Table
 
+from ..functions.features import Features, together
 from ..functions.pool import Pool
+from ..functions.table import with_other_numbers
 from ..space import layout as at
 from .bodies.body_tables import free_orientation, packed_marker
-from .bodies.data import BodyData, body_data
-from .bodies.packing import flags, pack
+from .bodies.data import BodyData, rigid_body, rigid_nodes
+from .bodies.packing import pack
 from .building import build_system
 from .ingredients import Ingredients
 from .scene import System
 from .sizes import mechanism_size
 
-#: What may change of each kind of body.
+#: What may change of each kind of body, and of a drive.
 NUMBERS: dict[type[Table], set[str]] = {
     RigidBody: {"mass", "inertia", "centre_of_mass", "markers", "initial"},
     SidBody: {"initial"},
+    Drive: {"function"},
 }
+#: Where in the pool numbers begin, and they.
+Filled = list[tuple[int, Array]]
 
 
 def renumbered(
     before: System, scene: SceneFile, sids: Mapping[str, SID]
 ) -> System | None:
-    """The system of a scene that differs from another one in numbers of bodies.
+    """The system of a scene that differs from another one in numbers of bodies and of
+    functions of drives.
 
     before : of a scene without programs, as it was built with or without all joints
 
     None where more changes, or where numbers of the kind that changed may decide on
-    tables: places beside point masses, flexible bodies that are held or taken as
-    rigid, and any beside laws or at static equilibrium.
+    tables: orientations beside point masses and places of these, flexible bodies that
+    are held or taken as rigid, other breaks, and any beside laws or at static
+    equilibrium.
     """
     was = before.source
-    if was is None or not _same_but_bodies(was, scene) or not _plain(before, sids):
+    if was is None or not _same_but_parts(was, scene) or not _plain(before, sids):
         return None
-    changed = [
-        name for name in scene.bodies if scene.bodies[name] is not was.bodies[name]
-    ]
-    known = {data.name: data for data in before.bodies}
-    data = dict(known)
-    for name in changed:
-        body, old = scene.bodies[name], was.bodies[name]
-        if not _is_alike(old, body) or not _keeps_points(old, body, known, name):
-            return None
-        if isinstance(body, RigidBody):
-            data[name] = body_data(name, body, sids, before.planar)
-            if _kind(data[name]) != _kind(known[name]):
-                return None
-    found = _with_bodies(before, scene, changed, data)
-    every = partial(build_system, scene, sids, keep_joints=True)
-    return replace(found, every_joint=every if before.every_joint else None)
+    data = _other_bodies(before, was, scene)
+    functions = _other_functions(before, was, scene)
+    if data is None or functions is None:
+        return None
+    return _with_numbers(before, scene, data, *functions)
 
 
-def _same_but_bodies(was: SceneFile, scene: SceneFile) -> bool:
+def _same_but_parts(was: SceneFile, scene: SceneFile) -> bool:
     """Whether all other tables are the same objects."""
-    if list(was.bodies) != list(scene.bodies):
+    if (*was.bodies, *was.drives) != (*scene.bodies, *scene.drives):
         return False
-    others = set(type(scene).model_fields) - {"bodies"}
+    others = type(scene).model_fields.keys() - {"bodies", "drives"}
     return all(getattr(was, name) is getattr(scene, name) for name in others)
 
 
@@ -80,67 +75,119 @@ def _plain(before: System, sids: Mapping[str, SID]) -> bool:
     return same and not (static or laws or states or before.led or before.unsampled)
 
 
-def _is_alike(was: Body, body: Body) -> bool:
+def _is_alike(was: Body | Drive, part: Body | Drive) -> bool:
     """Whether only numbers differ that change no table."""
-    if type(was) is not type(body):
+    if type(was) is not type(part):
         return False
-    if isinstance(body, SidBody) and (body.rigid or body.frame == "held"):
+    if isinstance(part, SidBody) and (part.rigid or part.frame == "held"):
         return False
-    fixed = set(type(body).model_fields) - NUMBERS[type(body)]
-    if any(getattr(was, name) != getattr(body, name) for name in fixed):
-        return False
-    return list(was.markers) == list(body.markers)
+    fixed = type(part).model_fields.keys() - NUMBERS[type(part)]
+    return all(getattr(was, name) == getattr(part, name) for name in fixed)
 
 
-def _keeps_points(
-    was: Body, body: Body, known: Mapping[str, BodyData], name: str
-) -> bool:
+def _other_bodies(
+    before: System, was: SceneFile, scene: SceneFile
+) -> dict[str, BodyData] | None:
+    """The data of the bodies that changed; None where they change tables."""
+    known = {data.name: data for data in before.bodies}
+    has_points = any(one.of_scene and not one.rotates for one in before.bodies)
+    found = {}
+    for name, body in scene.bodies.items():
+        old, data = was.bodies[name], known[name]
+        if body is old:
+            continue
+        if not _is_alike(old, body) or list(old.markers) != list(body.markers):
+            return None
+        if has_points and not _keeps_points(old, body, data):
+            return None
+        if isinstance(body, RigidBody):
+            same = body.markers == old.markers
+            nodes = data.sid.nodes if same else rigid_nodes(body.markers)
+            found[name] = rigid_body(name, body, nodes)
+        else:
+            found[name] = data
+        if found[name].rotates != data.rotates:
+            return None
+    return found
+
+
+def _keeps_points(was: Body, body: Body, data: BodyData) -> bool:
     """Whether point masses, which have no orientation, stay where joints take them
     for places or for prescribed frames."""
-    points = [one.name for one in known.values() if one.of_scene and not one.rotates]
-    if points and was.markers != body.markers:
-        return False
-    turned = (rotation(was.initial) != rotation(body.initial)).any()
-    return not (name in points and turned)
+    if not data.rotates:
+        turned = (rotation(was.initial) != rotation(body.initial)).any()
+        return was.markers == body.markers and not turned
+    if isinstance(was, SidBody) or isinstance(body, SidBody):
+        return True
+    pairs = zip(was.markers.values(), body.markers.values(), strict=True)
+    return all(a is b or (rotation(a) == rotation(b)).all() for a, b in pairs)
 
 
-def _kind(data: BodyData) -> tuple[bool, int]:
-    return data.rotates, flags(data.sid, data.quadratic_inertia)
+def _other_functions(
+    before: System, was: SceneFile, scene: SceneFile
+) -> tuple[Filled, dict[str, Features]] | None:
+    """What functions of drives fill, and their features; None where they change more.
+
+    They are the first rows of their table, in the order of the drives.
+    """
+    span = scene.time.start, scene.time.end
+    filled, features = [], dict(before.features)
+    for row, (name, drive) in zip(
+        before.arrays.drive, scene.drives.items(), strict=False
+    ):
+        old = was.drives[name]
+        if drive is old:
+            continue
+        place = f"drives.{name}.function"
+        if name in scene.forces or not _is_alike(old, drive):
+            return None
+        found = with_other_numbers(old.function, drive.function, span, place, 2)
+        if found is None:
+            return None
+        filled.append((int(row[at.D_DATA]), found.data))
+        features[name] = together([found.features])
+    return filled, features
 
 
-def _with_bodies(
+def _with_numbers(
     before: System,
     scene: SceneFile,
-    changed: list[str],
     data: Mapping[str, BodyData],
-    filled: Sequence[tuple[int, Array]] = (),
+    filled: Filled,
+    features: Mapping[str, Features],
 ) -> System:
-    """filled : what tables fill that stand in the pool before those of `before`"""
-    new = {name: scene.bodies[name] for name in changed}
-    told = before.scene.model_copy(update={"bodies": {**before.scene.bodies, **new}})
-    order = tuple(one.name for one in before.bodies)
-    parts = Ingredients(told, data, {}, order, {}, {}, Pool())
+    """data : of the bodies that changed
+    filled : what is known of the pool of `before`, of which that of `before.whole` is
+        a continuation
+    """
+    new = {name: scene.bodies[name] for name in data}
+    parts = {"bodies": {**before.scene.bodies, **new}, "drives": scene.drives}
+    told = before.scene.model_copy(update=parts)
+    bodies = {one.name: data.get(one.name, one) for one in before.bodies}
+    named = Ingredients(told, bodies, {}, tuple(bodies), {}, {}, Pool())
+    filled = [*filled, *_filled(before, named, data)]
     pool = before.arrays.pool.copy()
-    filled = [*filled, *_filled(before, parts, changed)]
     for first, values in filled:
         pool[first : first + len(values)] = values
-    whole = before.whole
-    return replace(
-        before,
+    whole, every = before.whole, None
+    if before.every_joint is not None:
+        every = partial(build_system, scene, before.sids, keep_joints=True)
+    return before.with_numbers(
         scene=told,
         source=scene,
         arrays=before.arrays.replaced(pool=pool),
-        bodies=tuple(data.values()),
-        length=mechanism_size(told, data, before.markers),
-        whole=whole and _with_bodies(whole, scene, changed, data, filled),
+        bodies=tuple(bodies.values()),
+        features=features,
+        length=mechanism_size(told, bodies, before.markers) if data else before.length,
+        whole=whole and _with_numbers(whole, scene, data, filled, features),
+        every_joint=every,
     )
 
 
 def _filled(
-    before: System, parts: Ingredients, changed: list[str]
+    before: System, parts: Ingredients, changed: Collection[str]
 ) -> Iterator[tuple[int, Array]]:
-    """What the numbers of some bodies fill: where in the pool it begins, and with
-    what."""
+    """What the numbers of some bodies fill."""
     for name in changed:
         row = before.arrays.body[before.index(name)]
         if not parts.data[name].sid.nq:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,6 +120,21 @@ class System:
         if find not in known:
             known[find] = find(self)
         return known[find]
+
+    def lasting(self, find: Callable[..., T], *more: Any) -> T:
+        """What a function finds of names, integer tables and SIDs of flexible bodies,
+        whatever the numbers are: looked for once, with all systems of `with_numbers`.
+        """
+        known: dict[Any, T] = self.__dict__.setdefault("_lasting", {})
+        if (find, more) not in known:
+            known[find, more] = find(self, *more)
+        return known[find, more]
+
+    def with_numbers(self, **changes: Any) -> System:
+        """The system with other numbers in the same tables, as of `renumbered`."""
+        made = replace(self, **changes)
+        made.__dict__["_lasting"] = self.__dict__.setdefault("_lasting", {})
+        return made
 
     @cached_property
     def complete_scene(self) -> System:

@@ -7,9 +7,11 @@ mechanisms of micrometres are closed as well as those of kilometres.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.scene import SceneFile, as_3d
 from sidtool.formats.sid import SID, Array
@@ -32,9 +34,9 @@ def diameter(points: Array) -> float:
     From the point farthest from the mean to the one farthest from that: it changes
     neither with the axes nor with the order of the points.
     """
-    away = np.linalg.norm(points - np.mean(points, axis=0), axis=1)
-    first = points[np.argmax(away)]
-    return float(np.max(np.linalg.norm(points - first, axis=1)))
+    away = points - points.sum(axis=0) / len(points)
+    ways = points - points[(away * away).sum(axis=1).argmax()]
+    return math.sqrt((ways * ways).sum(axis=1).max())
 
 
 def mechanism_size(
@@ -67,7 +69,8 @@ def _extent(sid: SID) -> float:
 @kept
 def _reach(sid: SID) -> float:
     """How far the nodes of a body lie from its frame [m]."""
-    return max((float(np.linalg.norm(n.position)) for n in sid.nodes), default=0.0)
+    places = [node.position for node in sid.nodes]
+    return math.sqrt(max((place @ place for place in places), default=0.0))
 
 
 def _travel(scene: SceneFile) -> float:
@@ -88,13 +91,26 @@ def extents(system: System) -> Array:
 def coordinate_sizes(system: System) -> Array:
     """Of each velocity coordinate: the size of the mechanism, a radian, an elastic
     coordinate that displaces a node by the size of the mechanism; (n velocities,)."""
-    sizes = np.full(system.n_velocities, system.length)
-    axes = 2 if system.planar else 3
+    lengths = system.length / system.lasting(coordinate_amplitudes)
+    return np.where(system.lasting(_are_angles), 1.0, lengths)
+
+
+def coordinate_amplitudes(system: System) -> Array:
+    """Displacement per unit of each elastic coordinate, and 1 of others,
+    (n velocities,); see `amplitudes`."""
+    found, axes = np.ones(system.n_velocities), 2 if system.planar else 3
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
-        u, rd = int(row[at.VEL]), int(row[at.RD])
-        sizes[u + axes : u + rd] = 1.0
-        sizes[u + rd : u + row[at.NV]] = system.length / amplitudes(data.sid, axes)
-    return sizes
+        elastic = slice(row[at.VEL] + row[at.RD], row[at.VEL] + row[at.NV])
+        found[elastic] = amplitudes(data.sid, axes)
+    return found
+
+
+def _are_angles(system: System) -> NDArray[np.bool_]:
+    """Velocity coordinates that turn a body, (n velocities,)."""
+    found, axes = np.zeros(system.n_velocities, bool), 2 if system.planar else 3
+    for row in system.arrays.body:
+        found[row[at.VEL] + axes : row[at.VEL] + row[at.RD]] = True
+    return found
 
 
 def row_sizes(system: System) -> Array:
@@ -103,8 +119,8 @@ def row_sizes(system: System) -> Array:
     sizes = np.zeros(system.n_rows)
     point = 2 if system.planar else 3
     term = at.TERM_PLANAR if system.planar else at.TERM_SPATIAL
-    for con in system.arrays.constraint:
-        kind, row = int(con[at.KIND]), int(con[at.ROW])
+    for con in system.arrays.constraint.tolist():
+        kind, row = con[at.KIND], con[at.ROW]
         size = 1.0 if kind in _ANGLES else system.length
         if kind in _TERMS:
             weight = system.arrays.pool[con[at.C_DATA] + term + at.W_WEIGHT]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sidtool.formats.sid import SID, Array
+from sidtool.formats.storage.kept import kept
 
 from ..equations.forces import programs
 from ..linear.lapack import lapack
@@ -29,6 +30,15 @@ SCRATCH = 32
 
 def new_work(system: System) -> at.Work:
     """What kernels write, for one run of a system."""
+    sliding = system.lasting(_work)()
+    sliding.phi[:] = system.lasting(_shape_functions)
+    sliding.M[:] = system.lasting(_elastic_masses)
+    sliding.factor[:] = 1.0
+    return sliding.replaced(row=np.zeros((system.n_rows, at.N_ROW)), sliding=sliding)
+
+
+def _work(system: System) -> Callable[[], at.Work]:
+    """Makes `Work` with the rows of coordinates with friction."""
     body, marker = system.arrays.body, system.arrays.marker
     blocks = int((body[:, at.NV] ** 2).sum())
     entries = segment_entries(system)
@@ -38,12 +48,11 @@ def new_work(system: System) -> at.Work:
     most, space = int(body[:, at.NQ].max()), system.space
     frame, point = FRAMES[space].record.size, POINTS[space].record.size
     rubbing = len(system.rubbing)
-    phi, masses = system.once(_shape_functions), system.once(_elastic_masses)
-    sliding = at.Work.zeros(
+    return at.Work.maker(
         (len(body), frame),
         (len(marker), point),
-        phi.shape,
-        masses.shape,
+        (int(system.arrays.dims[at.N_PHI]),),
+        (blocks,),
         (blocks,),
         (blocks,),
         (system.n_velocities,),
@@ -67,8 +76,6 @@ def new_work(system: System) -> at.Work:
         (rubbing, at.MOST_LOADS),
         None,
     )
-    sliding.phi[:], sliding.M[:], sliding.factor[:] = phi, masses, 1.0
-    return sliding.replaced(row=np.zeros((system.n_rows, at.N_ROW)), sliding=sliding)
 
 
 def segment_entries(system: System) -> int:
@@ -106,21 +113,28 @@ def band(rows: int, width: int) -> tuple[int, int]:
 
 def new_memory(system: System, pairs: int) -> Memory:
     """Factors for a method with `pairs` complex eigenvalues."""
+    memory = system.lasting(_memory, pairs)()
+    memory.metric[:] = system.once(stiffness_metric)
+    return memory
+
+
+def _memory(system: System, pairs: int) -> Callable[[], Memory]:
     body = system.arrays.body
     blocks = int((body[:, at.NV] ** 2).sum())
     entries, n, m = segment_entries(system), system.n_velocities, system.n_rows
     largest = int(body[:, at.NV].max())
     width, rows = int(system.arrays.newton.dims[at.BANDWIDTH]), system.n_newton_rows
     schur = band(rows, 3 * width)
-    frame = FRAMES[system.space].record.size
-    rubbing, metric = len(system.rubbing), system.once(_metric)
+    frame, rubbing = FRAMES[system.space].record.size, len(system.rubbing)
 
-    def factors(kind: type[Factors], systems: int, precision: str) -> Factors:
+    def factors(
+        kind: type[Factors], systems: int, precision: str
+    ) -> Callable[[], Factors]:
         shapes = (blocks,), (entries,), (entries,), schur, (n + len(body),), (rows,)
         several = [(systems, *shape) for shape in shapes]
-        return kind.zeros(*several, (n,), (n,), (rows,), lapack(precision, largest))
+        return kind.maker(*several, (n,), (n,), (rows,), lapack(precision, largest))
 
-    memory = Memory.zeros(
+    return Memory.maker(
         factors(Factors, 1, "d"),
         factors(ComplexFactors, pairs, "z"),
         (blocks,),
@@ -129,7 +143,7 @@ def new_memory(system: System, pairs: int) -> Memory:
         (blocks,),
         (entries,),
         (len(body), frame),
-        metric.shape,
+        (blocks,),
         (n,),
         (m,),
         (n,),
@@ -142,8 +156,6 @@ def new_memory(system: System, pairs: int) -> Memory:
         (rubbing,),
         (rubbing,),
     )
-    memory.metric[:] = metric
-    return memory
 
 
 def _elastic_masses(system: System) -> Array:
@@ -151,7 +163,7 @@ def _elastic_masses(system: System) -> Array:
     return _elastic_blocks(system, elastic_mass)
 
 
-def _metric(system: System) -> Array:
+def stiffness_metric(system: System) -> Array:
     """tau^2 Ke of all bodies, so large that deforming it costs more than moving others.
 
     It depends neither on units nor on the basis of the shape functions, nor on the
@@ -160,16 +172,20 @@ def _metric(system: System) -> Array:
     heaviest = max(data.sid.mass for data in system.bodies)
 
     def metric(sid: SID) -> Array:
-        K = symmetric(sid.Ke.m0)
-        squares = modal_squares(sid)
-        squares = squares[squares > ZERO * squares.max(initial=0.0)]
-        if not len(squares):
-            return 0.0 * K
         share = heaviest / sid.mass if sid.mass > 0.0 else 1.0
-        weight: Array = STIFFER**2 * share / squares.min() * K
-        return weight
+        slowest = _slowest(sid)
+        weight = STIFFER**2 * share / slowest if slowest else 0.0
+        return np.asarray(weight * symmetric(sid.Ke.m0))
 
     return _elastic_blocks(system, metric)
+
+
+@kept
+def _slowest(sid: SID) -> float:
+    """Square of the angular frequency of the slowest mode that deforms a body
+    [rad2/s2], 0 if there is none."""
+    squares = modal_squares(sid)
+    return float(min(squares[squares > ZERO * squares.max(initial=0.0)], default=0.0))
 
 
 def _elastic_blocks(system: System, matrix: Callable[[SID], Array]) -> Array:

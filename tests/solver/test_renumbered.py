@@ -1,4 +1,5 @@
-"""Systems with other numbers of their bodies have the tables of systems made anew."""
+"""Systems with other numbers of bodies and drives have the tables of systems made
+anew."""
 
 from __future__ import annotations
 
@@ -65,13 +66,45 @@ def turning_links() -> tuple[SceneFile, dict[str, SID]]:
     return scene(bodies, joints, drives), {}
 
 
-SCENES = crank_slider, rubbing_chain, turning_links
+def driven_points() -> tuple[SceneFile, dict[str, SID]]:
+    """In space: a driven link, a point mass on it, a flexible body that is pulled."""
+    link = {"mass": 1.1, "inertia": [0.1, 0.2, 0.3], "centre_of_mass": [0.5, 0, 0.1]}
+    places = {"a": {"position": [0, 0, 0]}, "b": {"position": [1, 0, 0]}}
+    start = {"position": [0.0, 0.0, -0.5]}
+    bodies = {
+        "link": {**link, "markers": places},
+        "point": {"mass": 0.3, "initial": {"position": [1.0, 0.0, 0.0]}},
+        "soft": {"sid": "soft", "markers": {"end": "1"}, "initial": start},
+    }
+    pin = {"type": "revolute", "axis": [0.0, 1.0, 0.0]}
+    joints = {
+        "hinge": {**pin, "markers": ["ground", "link.a"]},
+        "ball": {"type": "spherical", "markers": ["link.b", "point"]},
+    }
+    swing = {"type": "harmonic", "amplitude": 0.2, "frequency": 3.0}
+    along = {"marker": "soft.end", "coordinate": "x", "function": swing}
+    wave = {"type": "harmonic", "amplitude": 0.4, "angular_frequency": 9.0}
+    drives = {"turn": {"joint": "hinge", "function": wave}, "pull": along}
+    content = scene(bodies, joints, drives, dimension="spatial")
+    return content, {"soft": soft_body(5, 8, planar=False)}
+
+
+SCENES = crank_slider, rubbing_chain, turning_links, driven_points
 
 
 def other_numbers(content: SceneFile, rng: np.random.Generator) -> dict[str, Any]:
-    """Of about half of the bodies, by keys of the scene."""
+    """Of about half of the bodies and drives, by keys of the scene."""
     axes = 2 if content.dimension == "planar" else 3
     found: dict[str, Any] = {}
+    for name, drive in content.drives.items():
+        if rng.random() < 0.4:
+            continue
+        if drive.function.type == "harmonic":
+            found[f"{name}.function.amplitude"] = float(rng.choice([0.0, 0.1, 0.7]))
+        elif drive.function.pieces[0].coefficients:
+            found[f"{name}.function.pieces[0].coefficients[1]"] = float(rng.random())
+        else:
+            found[f"{name}.function.pieces[0].start[0]"] = float(rng.random())
     for name, body in content.bodies.items():
         if rng.random() < 0.4:
             continue
@@ -102,6 +135,13 @@ def assert_same_tables(found: at.System | None, expected: at.System | None) -> N
 def assert_same(found: System, expected: System) -> None:
     assert_same_tables(found.arrays, expected.arrays)
     assert found.length == expected.length and found.scene == expected.scene
+    assert found.breaks == expected.breaks and found.causes == expected.causes
+    assert list(found.features) == list(expected.features)
+    for one, other in zip(
+        found.features.values(), expected.features.values(), strict=True
+    ):
+        np.testing.assert_array_equal(one.starts, other.starts)
+        np.testing.assert_array_equal(one.lengths, other.lengths)
     assert [d.rotates for d in found.bodies] == [d.rotates for d in expected.bodies]
     assert (found.whole is None) == (expected.whole is None)
     if found.whole is not None:
@@ -140,15 +180,30 @@ def test_places_of_markers_and_orientations_without_point_masses() -> None:
         assert_same(found, build_system(changed, sids))
 
 
+def test_places_beside_point_masses() -> None:
+    for make, changes in (
+        (crank_slider, {"crank.markers.pin.position": [0.11, 0.02]}),
+        (driven_points, {"link.markers.b.position": [0.8, 0.1, 0.2], "link.mass": 2.0}),
+    ):
+        content, sids = make()
+        changed = content.with_(changes)
+        found = renumbered(build_system(content, sids), changed, sids)
+        assert found is not None
+        assert_same(found, build_system(changed, sids))
+
+
 def test_what_may_change_tables_is_made_anew() -> None:
-    """A body that becomes a point mass, places beside one, and all that is no body."""
+    """A body that becomes a point mass, orientations beside one, other breaks, and all
+    that is neither body nor drive."""
     content, sids = crank_slider()
     before = build_system(content, sids)
+    start = "crank_angle.function.pieces[0]"
     for changes in (
-        {"crank.markers.pin.position": [0.0, 0.2]},
+        {"crank.markers.pin.angle": 0.2},
         {"piston.initial.angle": 0.1},
         {"piston.centre_of_mass": [0.1, 0.0]},
         {"rod.shape_functions": [1, 2]},
+        {f"{start}.to": 1.5, "crank_angle.function.pieces[1].from": 1.5},
         {"gravity": [0.0, -1.0]},
         {"time.end": 0.1},
     ):

@@ -6,7 +6,9 @@ IV.8.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +16,9 @@ from sidtool.formats.sid import Array
 
 from ...compiler.tables import Table, TableType
 from ...space.layout import C1, F1, F2
+
+if TYPE_CHECKING:
+    from ...system.scene import System
 
 
 class Method(Table):
@@ -127,11 +132,11 @@ def _error_weights(A: Array, c: Array, gamma: float) -> Array:
     return gamma * (embedded - A[-1]) @ np.linalg.inv(A)
 
 
-def new_stages(s: int, n_positions: int, n_velocities: int) -> Stages:
-    """Storage for a run with s stages."""
-    n, m = n_positions, n_velocities
+def stages(system: System, s: int) -> Callable[[], Stages]:
+    """Makes the storage of runs with s stages."""
+    n, m = system.n_positions, system.n_velocities
     lengths = [n, m, n, m, n, m, n, m]
     vectors = [(length,) for length in lengths]
-    return Stages.zeros(
+    return Stages.maker(
         method(s), *[(s, n), (s, m)] * 3, *vectors, *[(s, n), (s, m)] * 2
     )

@@ -13,6 +13,7 @@ from sidtool.formats.kinds_of_motion import named_by_kind
 from sidtool.formats.scene import (
     KIND,
     Body,
+    Marker,
     RigidBody,
     SceneFile,
     SidBody,
@@ -133,7 +134,7 @@ def body_data(name: str, body: Body, sids: Mapping[str, SID], planar: bool) -> B
     """
     if isinstance(body, SidBody):
         return _flexible_body(name, body, sids[name], planar)
-    return _rigid_body(name, body, planar)
+    return rigid_body(name, body, rigid_nodes(body.markers))
 
 
 def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData:
@@ -164,16 +165,22 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
     )
 
 
-def _rigid_body(name: str, body: RigidBody, planar: bool) -> BodyData:
+def rigid_body(name: str, body: RigidBody, nodes: tuple[Node, ...]) -> BodyData:
+    """The data of a rigid body; see `rigid_nodes`."""
     centre = as_3d(body.centre_of_mass)
     inertia = np.zeros((3, 3)) if body.inertia is None else _tensor(body.inertia)
     steiner = body.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    nodes = [rigid_node("", np.zeros(3))]
-    for marker, placement in body.markers.items():
-        nodes.append(rigid_node(marker, position_3d(placement), rotation(placement)))
-    sid = rigid_sid(body.mass, centre, inertia + steiner, tuple(nodes))
+    sid = rigid_sid(body.mass, centre, inertia + steiner, nodes)
     rotates = body.inertia is not None or bool(centre.any())
     return BodyData(name, sid, rotates, False, {})
+
+
+def rigid_nodes(markers: Mapping[str, Marker]) -> tuple[Node, ...]:
+    """The origin of a rigid body or of the ground, and its markers, as nodes."""
+    placed = (
+        (n, position_3d(marker), rotation(marker)) for n, marker in markers.items()
+    )
+    return rigid_node("", np.zeros(3)), *(rigid_node(*marker) for marker in placed)
 
 
 def _tensor(inertia: object) -> Array:

@@ -66,12 +66,15 @@ def shapes_of_stiffened(sid: SID, planar: bool) -> tuple[MeanAxes, FreeShapes]:
 @kept
 def pack(whole: SID, planar: bool) -> Array:
     """The reals of a body in the order of `equations.blocks`."""
-    sid, nq = without_turning(whole), whole.nq
-    turning = cr1(sid)
-    axes, free = shapes_of_stiffened(whole, planar)
     pairs = [(2, 2)] if planar else J_INDICES
     move, turn = slice(2 if planar else 3), slice(2 if planar else 0, 3)
     pair = slice(2, 3) if planar else slice(6)
+    if not whole.nq:
+        J0, H0 = whole.J.m0[pair, 0], np.zeros(len(pairs))
+        return np.concatenate([[whole.mass], whole.mdCM.m0[move, 0], J0, H0])
+    sid, nq = without_turning(whole), whole.nq
+    turning = cr1(sid)
+    axes, free = shapes_of_stiffened(whole, planar)
     values: dict[str, Any] = {
         "mass": sid.mass,
         "mdCM": sid.mdCM.m0[move, 0],

@@ -100,3 +100,15 @@ def test_arrays_of_zeros_are_made_together() -> None:
     assert empty.numbers.size == 0 and empty.grid.shape == (0, 4)
     with pytest.raises(TypeError, match="shape"):
         Pair.zeros((3, 3), (2, 5), None)
+
+
+def test_makers_make_tables_with_arrays_and_tables_of_their_own() -> None:
+    numbers = np.array([1.0, 2.0])
+    make = Pair.maker(numbers, (2, 5), Pair.maker((2,), (1, 5), None))
+    one, two = make(), make()
+    assert one.numbers is two.numbers is numbers and one.other is not two.other
+    one.grid[1, 4], one.other.numbers[1], one.other.grid[0, 4] = 7.0, 3.0, 2.0
+    assert not two.grid.any() and not two.other.grid.any()
+    assert last_entries(one, 10) == (20.0 + 7.0) + (30.0 + 2.0)
+    assert last_entries(two, 10) == 20.0
+    assert last_entries(one.replaced(numbers=np.ones(3)), 10) == 17.0 + 32.0

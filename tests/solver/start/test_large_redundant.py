@@ -10,7 +10,7 @@ import pytest
 from scipy.sparse import csr_array
 
 from sidtool.solver.space import layout as at
-from sidtool.solver.start import consistent, minimum_norm, redundancy
+from sidtool.solver.start import consistent, minimum_norm, redundancy, stated
 from sidtool.solver.start.assembly import assemble
 from sidtool.solver.start.large_scenes import IndependentRows
 from sidtool.solver.start.redundancy import RANK_TOLERANCE
@@ -160,7 +160,7 @@ def test_free_directions_of_a_ladder_keep_its_constraints(
     """Its rails swing: one direction for each cell."""
     monkeypatch.setattr(consistent, "MANY", 20)
     system = ladder_said_twice(CELLS)
-    state = consistent.State(system, consistent.guess(system))
+    state = consistent.State(system, stated.guess(system))
     assert state.clear_rows(RANK_TOLERANCE) is not None
     step = redundancy._free_direction(state)
     assert np.abs(step).max() > 0.0

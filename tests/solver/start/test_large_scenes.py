@@ -14,7 +14,13 @@ from sidtool.formats.scene import SceneFile
 from sidtool.solver import account, compile_scene, simulate
 from sidtool.solver.advice import bifurcations, notes
 from sidtool.solver.integrators import stepping
-from sidtool.solver.start import assembly, consistent, large_scenes, overconstraint
+from sidtool.solver.start import (
+    assembly,
+    consistent,
+    large_scenes,
+    overconstraint,
+    stated,
+)
 from sidtool.solver.start.assembly import assemble
 from sidtool.solver.start.large_scenes import (
     CLEAR,
@@ -289,7 +295,7 @@ def test_rows_of_a_long_ladder_stand_apart(cells: int) -> None:
     """Its singular values fall with the square of its length, below what counts as
     rounding, but no constraint nearly follows from the others: each keeps more."""
     system = ladder(cells)
-    state = consistent.State(system, consistent.guess(system))
+    state = consistent.State(system, stated.guess(system))
     C = large_scenes.scaled_jacobian(system, state.work.C)
     rows, inverse = IndependentRows(C), np.linalg.inv(unit(C) @ unit(C).T)
     kept = 1.0 / np.sqrt(np.diag(inverse).max())
