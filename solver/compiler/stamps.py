@@ -33,8 +33,11 @@ MACHINERY = (
 
 
 def stamp(function: FunctionType, signatures: tuple[Any, ...]) -> str:
-    """Of a kernel with all that it calls."""
-    texts = [_type_text(signature) for signature in signatures]
+    """Of a kernel with all that it calls.
+
+    Its name is a part: kernels of plane and of space are written once.
+    """
+    texts = [function.__qualname__, *map(_type_text, signatures)]
     texts.append(_function_text(function, {}))
     return _digest("\n".join(texts))
 
