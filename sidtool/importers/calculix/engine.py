@@ -44,7 +44,9 @@ _ORDERS = {
     "hex20": (*range(12), *range(16, 20), *range(12, 16)),
     "wedge15": (*range(9), *range(12, 15), *range(9, 12)),
 }
-_PROBLEM = re.compile(r"^ *\*(ERROR|WARNING)(.*(?:\n {6,}\S.*)*)", re.MULTILINE)
+_PROBLEM = re.compile(
+    r"^ *\*(ERROR|WARNING)(.*(?:(?<=:)\n.*)?(?:\n {6,}\S.*)*)", re.MULTILINE
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -85,6 +85,7 @@ class Deck:
     assembly : also what a flat file defines
     parts, instances : by name; an instance names its part
     placement : of instances: translation, and two points and an angle of rotation
+    names_only : whether CalculiX discretises the deck
     chosen, absent : whether only a part of the file is the body, and instances that
         are not
     materials : name -> keyword -> rows of numbers
@@ -101,6 +102,7 @@ class Deck:
     parts: dict[str, Scope] = field(default_factory=dict)
     instances: dict[str, str] = field(default_factory=dict)
     placement: dict[str, list[list[float]]] = field(default_factory=dict)
+    names_only: bool = False
     chosen: bool = False
     absent: tuple[str, ...] = ()
     materials: dict[str, dict[str, list[list[float]]]] = field(default_factory=dict)

@@ -117,8 +117,13 @@ _FOREIGN = (
 )
 
 
-def refusal(name: str, place: str) -> InputError:
-    """That an element type is no part of a body here, and why."""
+def refusal(name: str, place: str, *, by_calculix: bool = False) -> InputError:
+    """That an element type is no part of a body here, and why.
+
+    Parameters
+    ----------
+    by_calculix : whether it was to discretise the deck
+    """
     for pattern, what, instead in _FOREIGN:
         if re.match(pattern, name):
             return InputError(
@@ -129,7 +134,7 @@ def refusal(name: str, place: str) -> InputError:
     return InputError(
         f"element type {name or '(none)'} is not supported",
         place=place,
-        expected=supported(),
+        expected=_FOR_CALCULIX if by_calculix else supported(),
     )
 
 
@@ -158,6 +163,9 @@ _IN_CALCULIX = {
     "hex8": "C3D8I",
     "hex20": "C3D20",
 }
+
+
+_FOR_CALCULIX = "solids, or shells, beams and trusses of CalculiX, as S8R, B31, T3D2"
 
 
 def supported() -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 
-from ..imported import ImportedMesh, integers, numbers
+from ..imported import EVERYTHING, ImportedMesh, integers, numbers
 from .blocks import Block, read_blocks
 from .couplings import read_hold, read_kind, read_mass
 from .deck import Deck, Element, Scope, Section, twice
@@ -55,7 +55,7 @@ def read_inp(
 
 def read_deck(path: Path, ignored: frozenset[str] = frozenset()) -> Deck:
     """All that a deck says of the body; see `read_inp`."""
-    deck = Deck()
+    deck = Deck(names_only=EVERYTHING in ignored)
     deck.scope = deck.assembly
     in_step = False
     for block in read_blocks(path):
@@ -143,7 +143,7 @@ def _elements(deck: Deck, block: Block) -> None:
     given = block.options.get("TYPE", "").upper()
     kind = element_type(given)
     if kind is None:
-        raise refusal(given, block.place)
+        raise refusal(given, block.place, by_calculix=deck.names_only)
     labels = []
     for words, place in _records(deck, block, kind, given):
         label, *nodes = integers(words, place, "element and node numbers")

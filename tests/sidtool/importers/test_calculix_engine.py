@@ -296,6 +296,19 @@ def test_masses_that_calculix_drops_are_refused(
         _convert(tmp_path)
 
 
+@needs_ccx
+def test_what_calculix_does_not_know_is_not_sent_to_it_again(tmp_path: Path) -> None:
+    text = plate_deck("S8R", 0.3, shell(0.005), 2).replace("S8R", "S8R5")
+    (tmp_path / "part.inp").write_text(text)
+    with pytest.raises(InputError, match="says: .*S8R5 is an unknown element type"):
+        _convert(tmp_path)
+    with pytest.raises(InputError, match=r"S8R5.*geometry\.engine"):
+        _convert(tmp_path, engine=None)
+    (tmp_path / "part.inp").write_text(f"{text}*NGEN\n1, 3\n")
+    with pytest.raises(InputError, match="S8R5 is not supported.* of CalculiX, as S8R"):
+        _convert(tmp_path)
+
+
 def test_layers_become_one(tmp_path: Path) -> None:
     lines = ["*SHELL SECTION, COMPOSITE, ELSET=E, OFFSET=0.5", "1.,,A", "2.5,,B", "*X"]
     expected = ["*SHELL SECTION,ELSET=E,OFFSET=0.5,MATERIAL=A", "3.5", "*X"]
