@@ -89,7 +89,7 @@ def result_of(
 
 def _told(run: Run) -> dict[str, Any]:
     """What is known of a run beside its numbers."""
-    scene, remarks = run.system.scene, run.recorder.verdicts.remarks
+    scene, remarks = run.system.scene, run.recorder.verdicts.found.remarks
     return {
         "bodies": run.recorder.bodies,
         "notes": (*_notes(run), *remarks.sentences(watched(scene))),
@@ -148,7 +148,7 @@ def _notes(run: Run) -> Iterator[str]:
     yield from notes.of_sampled_loops(system, run.control, run.start.z)
     if run.control.whole[stepping.FIXED_STEP] != 1:
         span = run.now - system.scene.time.start
-        yield from recorder.verdicts.vibrations.sentences(steps, span)
+        yield from recorder.verdicts.found.vibrations.sentences(steps, span)
     yield from notes.hidden_errors(system, run.control, rtol, steps)
     yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)

@@ -136,9 +136,9 @@ class Recorder:
     def bodies(self) -> dict[str, FlexibleBody]:
         """What flexible bodies met in the run, which has ended, at output times and at
         the ends of steps."""
-        reached = self.verdicts.reached
+        reached = self.verdicts.found.reached
         if self._bends and np.isfinite(self._last):
-            for ends in self.verdicts.visited.until(self._last):
+            for ends in self.verdicts.found.visited.until(self._last):
                 reached.add(self.sampler.sample(ends.t, ends.z, ends.v), ends.t)
         return reached.all()
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,15 @@ from .vibrations import Vibrations
 
 #: Numbers of frames, markers and states that may wait.
 MOST = 100_000
+
+
+class Found(NamedTuple):
+    """What flexible bodies met, remarks, vibrations, and states not to be missed."""
+
+    reached: Reached
+    remarks: Remarks
+    vibrations: Vibrations
+    visited: Visited
 
 
 class Verdicts:
@@ -50,23 +60,23 @@ class Verdicts:
         samples = found.samples
 
         def look() -> None:
-            self._remarks.add(t, found)
-            self._vibrations.add(samples)
-            self._reached.add(samples, t)
+            self._found.remarks.add(t, found)
+            self._found.vibrations.add(samples)
+            self._found.reached.add(samples, t)
 
         self._later(look, samples.frames.size + samples.points.size)
 
     def recall(self, samples: Samples, t: Array) -> None:
         """Rows that a run before this one recorded."""
-        self._later(lambda: self._reached.add(samples, t), samples.frames.size)
+        self._later(lambda: self._found.reached.add(samples, t), samples.frames.size)
 
     def visit(self, ends: Steps) -> None:
         """Ends of some steps."""
-        self._later(lambda: self._visited.add(ends), ends.z.size + ends.v.size)
+        self._later(lambda: self._found.visited.add(ends), ends.z.size + ends.v.size)
 
     def go_on(self, times: Array, z: Array) -> None:
         """Rows and ends of steps in the order of time."""
-        self._later(lambda: self._reached.go_on(times, z), z.size)
+        self._later(lambda: self._found.reached.go_on(times, z), z.size)
 
     def _later(self, look: Callable[[], None], numbers: int) -> None:
         self._numbers += numbers
@@ -82,40 +92,18 @@ class Verdicts:
             look()
 
     @property
-    def reached(self) -> Reached:
-        """What flexible bodies met."""
+    def found(self) -> Found:
+        """What there is, of all that was added."""
         self._look()
-        return self._reached
-
-    @property
-    def remarks(self) -> Remarks:
-        self._look()
-        return self._remarks
-
-    @property
-    def vibrations(self) -> Vibrations:
-        self._look()
-        return self._vibrations
-
-    @property
-    def visited(self) -> Visited:
-        """States that verdicts must not miss."""
-        self._look()
-        return self._visited
+        return self._found
 
     @cached_property
-    def _reached(self) -> Reached:
-        return Reached(self._system, self._expect())
-
-    @cached_property
-    def _remarks(self) -> Remarks:
-        return Remarks(self._system)
-
-    @cached_property
-    def _vibrations(self) -> Vibrations:
-        return Vibrations(self._system)
-
-    @cached_property
-    def _visited(self) -> Visited:
-        worst = [body.expected.time for body in self._expect().values()]
-        return Visited(self._system, np.array(worst))
+    def _found(self) -> Found:
+        system, expected = self._system, self._expect()
+        worst = np.array([body.expected.time for body in expected.values()])
+        return Found(
+            Reached(system, expected),
+            Remarks(system),
+            Vibrations(system),
+            Visited(system, worst),
+        )
