@@ -94,7 +94,8 @@ def _plot_fronts(
                     alpha=0.6,
                     label=f"{axis} {kind}",
                 )
-            draw_front(panel, [(getattr(p, cost), float(p.error or 0)) for p in points])
+            found = [(getattr(p, cost), float(p.error or 0), p.told) for p in points]
+            draw_front(panel, found)
             panel.axhline(content.uncertainty, color="0.5", linestyle=":")
             scale = "linear" if cost == "size" else "log"
             panel.set(xscale=scale, yscale="log", xlabel=_COSTS[cost])
@@ -107,13 +108,16 @@ def _plot_fronts(
     return every[0].figure
 
 
-def draw_front(panel: Any, pairs: list[tuple[float, float]]) -> None:
-    """Costs and errors of which none other has less of both, joined and ringed."""
+def draw_front(panel: Any, found: list[tuple[float, float, bool]]) -> None:
+    """Costs and errors of which none other has less of both, joined and ringed, up to
+    the first error that cannot be told."""
     best: list[tuple[float, float]] = []
-    for cost, error in sorted(pairs):
-        if not best or error < best[-1][1]:
+    told = True
+    for cost, error, is_told in sorted(found):
+        if told and (not best or error < best[-1][1]):
             best.append((cost, error))
-    best.append((max(cost for cost, _ in pairs), best[-1][1]))
+            told = is_told
+    best.append((max(cost for cost, *_ in found), best[-1][1]))
     panel.step(
         *zip(*best, strict=True),
         where="post",

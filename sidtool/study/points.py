@@ -83,11 +83,11 @@ def recommended(points: Iterable[Point], wanted: float) -> Point | None:
 
 def front(points: Sequence[Point], cost: Callable[[Point], float]) -> list[Point]:
     """The Pareto front: points of which none other has less error for no more cost,
-    the cheapest first."""
+    the cheapest first. It ends where errors cannot be told any more."""
     best: list[Point] = []
     for point in sorted(points, key=lambda p: (cost(p), p.error)):
-        good = np.isfinite(point.error) and (not best or point.error < best[-1].error)
-        if good:
+        less = not best or (best[-1].told and point.error < best[-1].error)
+        if less and np.isfinite(point.error):
             best.append(point)
     return best
 

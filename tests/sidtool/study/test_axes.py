@@ -182,7 +182,7 @@ def test_a_front_of_one_point_is_drawn(pairs: list[tuple[float, float]]) -> None
     figure = Figure()
     panel = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     panel.set(xlim=(0.0, 3.0), ylim=(0.0, 1.0))
-    draw_front(panel, pairs)
+    draw_front(panel, [(*pair, True) for pair in pairs])
     panel.axis("off")
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
@@ -212,6 +212,14 @@ def test_nothing_dominates_the_front() -> None:
         (3.0, 1e-3),
         (4.0, 1e-6),
     ]
+
+
+def test_the_front_ends_where_errors_cannot_be_told() -> None:
+    """Of points that the reference does not tell apart the cheapest is the best."""
+    rows = [(1.0, 1e-2, True), (2.0, 4e-5, False), (9.0, 3e-5, False)]
+    setting = Setting("radau9", 1e-6)
+    points = [Point(setting, e, s, 1, told=told) for s, e, told in rows]
+    assert [p.seconds for p in front(points, lambda p: p.seconds)] == [1.0, 2.0]
 
 
 @pytest.mark.parametrize(
