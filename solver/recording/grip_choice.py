@@ -224,7 +224,8 @@ class Grip:
             self._mark_shared()
             told = self.told(*states)[0]
             if not np.isfinite(told[:, RUB_FORCE]).all():
-                return f"{JAMMED} ({names})"
+                moves = self._moves_at_once(states, rests)
+                return "" if moves else f"{JAMMED} ({names})"
             held = self.rest * told[:, RUB_LOAD]
             excess = np.abs(told[:, RUB_FORCE]) - held
             excess[loose] += SEEN * held[loose]
@@ -239,6 +240,28 @@ class Grip:
                 return ""
             sense[back] = 0.0
         return f"friction allows neither stick nor slip ({names})"
+
+    def _moves_at_once(self, states: State, rests: Array) -> bool:
+        """Lets go all that rests and holds one motion together, one way or the other.
+
+        Where one after another lets go, what the last of them holds may feed loads
+        without bound, though the mechanism can move.
+        """
+        at_rest, P = np.flatnonzero(rests), self.memory.rub_P.copy()
+        if not len(at_rest):
+            return False
+        first = at_rest[0]
+        size = np.sqrt(np.maximum(P.diagonal() * P[first, first], 0.0))
+        if (np.abs(P[at_rest, first]) < (1.0 - DEPENDENT) * size[at_rest]).any():
+            return False
+        ways = np.sign(P[at_rest, first])
+        for way in (ways, -ways):
+            self.grip[at_rest, at.SENSE] = way
+            self._mark_shared()
+            push = self.told(*states)[0][at_rest, RUB_PUSH]
+            if np.isfinite(push).all() and (way * push > 0.0).all():
+                return True
+        return False
 
     def _names(self, joints: Iterable[int]) -> str:
         return ", ".join(self.system.rubbing[j].joint for j in joints)
