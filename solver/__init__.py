@@ -131,6 +131,8 @@ def _same_files(before: System, scene: SceneFile) -> dict[str, SID]:
 
 
 _ELSEWHERE = {
+    "simulate": "sidtool.solver.run",
+    "describe": "sidtool.solver.advice.description",
     "static_equilibrium": "sidtool.solver.analyses.static",
     "linearise": "sidtool.solver.analyses.linear",
     "inverse_dynamics": "sidtool.solver.analyses.inverse",
@@ -140,14 +142,6 @@ _ELSEWHERE = {
 
 
 def __getattr__(name: str) -> object:
-    if name == "simulate":
-        from .run import simulate
-
-        return simulate
-    if name == "describe":
-        from .advice.description import describe
-
-        return describe
     if name in _ELSEWHERE:
         return getattr(import_module(_ELSEWHERE[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
