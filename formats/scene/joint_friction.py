@@ -38,8 +38,8 @@ class JointFriction(Table):
     length: float | None = Field(
         default=None,
         gt=0,
-        description="of the guide or bearing [m]: moments across the axis load its two "
-        "ends; default only forces count",
+        description="of the guide or bearing [m], whose middle is the second marker: "
+        "moments across the axis load its two ends; default only forces count",
     )
     viscous: float = Field(
         default=0.0,

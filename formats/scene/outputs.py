@@ -27,9 +27,9 @@ of a force are what it puts on its marker, or on the second one; its `value` is 
 scales it, a function of time or a law, whose states are FORCE.state.NAME. A joint with
 friction has friction, the force or torque along its coordinate, normal_force, the load
 that makes it, and sticking, 1 or 0; fx to mz are with friction. Of the whole scene:
-energy.kinetic, .elastic, .potential, .dissipated, .supplied and .balance (the first
-four less the fifth), and constraint.position and .velocity, the largest residual of
-the constraints.
+energy.kinetic, .elastic (of bodies), .potential (of gravity and of springs),
+.dissipated, .supplied and .balance (the first four less the fifth), and
+constraint.position and .velocity, the largest residual of the constraints.
 """
 
 from __future__ import annotations
