@@ -83,6 +83,7 @@ def simulate(
     accuracy: float | Mapping[str, float | str] | None = None,
     accept_defects: bool = False,
     progress: Callable[[float], None] | None = None,
+    searching: Callable[[str, float | None], None] | None = None,
     drives: Mapping[str, Any] | None = None,
     forces: Mapping[str, Any] | None = None,
     unfinished: Stored | None = None,
@@ -104,6 +105,9 @@ def simulate(
         {"piston.x": "1e-6 m", "pin.fx": "0.1 %"} of those that count
     accept_defects : simulate bodies whose mass matrix is impossible, and joints and
         forces on nodes that no shape function moves
+    progress : told the time that the run has reached [s]
+    searching : told what the search for `accuracy` does and which share of it is done,
+        0 to 1, or None where nobody knows
     drives : functions of time f(t), or tuples of f and its first or first two
         derivatives, that replace those of the scene's drives, by name; of one with
         `of = "acceleration"` a `Law`
@@ -139,6 +143,7 @@ def simulate(
             accept_defects=accept_defects,
             drives=drives,
             forces=forces,
+            progress=searching,
         )
         if plan is not None:
             content, told = plan.scene, [*told, *plan.told]

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.progress import Listener, listening
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene.wanted import LEAST, MOST
 from sidtool.formats.sid import SID
@@ -27,6 +29,7 @@ def plan_for(
     drives: Mapping[str, Any] | None = None,
     forces: Mapping[str, Any] | None = None,
     frames: bool = True,
+    progress: Listener | None = None,
 ) -> Plan | None:
     """The plan of a scene, or None where no accuracy is asked for.
 
@@ -39,6 +42,8 @@ def plan_for(
     accuracy : given beside the scene, replaces what it asks for
     settings : integrator, rtol, step, ... that are given
     frames : False where bodies must stay in the frames that their SIDs have
+    progress : told what the search does and which share of it is done; default whoever
+        listens already
 
     Raises
     ------
@@ -67,9 +72,10 @@ def plan_for(
 
     keep = not (drives or forces)
     models = sources(scene, folder)
-    return planned(
-        scene, known, wanted, compiled, models=models, keep=keep, frames=frames
-    )
+    with nullcontext() if progress is None else listening(progress):
+        return planned(
+            scene, known, wanted, compiled, models=models, keep=keep, frames=frames
+        )
 
 
 def with_wanted(scene: SceneFile, wanted: Wanted) -> SceneFile:

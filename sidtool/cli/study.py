@@ -177,7 +177,9 @@ def study(
         except Ended as why:
             rest = "nothing is kept without -o"
             if output is not None:
-                rest = f"finished points are in {output}; the same command goes on"
+                rest = "no point was finished"
+                if (output / "points").exists():
+                    rest = f"finished points are in {output}; the same command goes on"
             click.echo(f"sidtool: {scene}: {why}; {rest}", err=True)
             raise click.exceptions.Exit(128 + asked.number) from None
     _tell(result, wanted, output)

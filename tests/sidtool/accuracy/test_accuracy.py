@@ -121,6 +121,24 @@ def test_the_second_time_nothing_is_searched(
     assert simulated(scene, sid, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
 
 
+def test_a_script_hears_what_the_search_does() -> None:
+    """As the command line shows it; nothing, where nothing is searched."""
+    told: list[tuple[str, float | None]] = []
+
+    def heard(*what: Any) -> None:
+        told.append(what)
+
+    asked: dict[str, Any] = {"accuracy": {"arm.tip.y": 1e-2}, "searching": heard}
+    first = simulated(*particles(False), **asked)
+    count = len(told)
+    assert count >= first.accuracy.runs > 5
+    simulated(*particles(False), **asked)
+    assert len(told) == count
+    shares = [share for _, share in told]
+    assert None not in shares and shares == sorted(shares)
+    assert all(text.startswith("choosing: run") for text, _ in told)
+
+
 def test_what_a_scene_asks_for_can_be_asked_by_the_call() -> None:
     scene, sid = particles(False)
     wanted = {"arm.tip.x": "2 mm", "pin.fx": "0.5 %"}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -73,6 +75,32 @@ def test_the_command_draws_fronts_and_goes_on(
     assert "Pareto front" in (out / "study.svg").read_text()
     assert run(["plot", str(out / "study.json"), "-o", str(tmp_path / "a.png")]) == 0
     assert sidtool.read(out / "study.json").varied == ("modes", "terms", "integrator")
+
+
+@pytest.mark.parametrize("points", [0, 1])
+def test_an_end_tells_of_finished_points_where_there_are_some(
+    points: int,
+    models: list[Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path, out = written(tmp_path), tmp_path / "out"
+    name = "run" if points else "_bodies"
+    original = getattr(whole_module, name)
+
+    def ended(*given: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGINT)
+        if points:
+            return original(*given)
+        raise Ended("ended by Ctrl-C")
+
+    monkeypatch.setattr(whole_module, name, ended)
+    command = ["study", str(path), "--over", "modes=1:2", "-o", str(out)]
+    assert run([*command, "--jobs", "1"]) == 130
+    told = capsys.readouterr().err
+    assert ("finished points are in" in told) == (out / "points").exists()
+    assert ("no point was finished" in told) == (not points)
 
 
 @pytest.mark.parametrize(
