@@ -50,7 +50,7 @@ class Recorder:
         self.history, self.sink = history, sink
         self.verdicts, self._bends = Verdicts(system, expect), bool(system.flexible)
         self.events: list[Event] = []
-        self.seconds, self._waiting = 0.0, list[Steps]()
+        self.seconds, self._waiting, self._ends = 0.0, list[Steps](), 0
         self._last = -np.inf
         self.columns = system.lasting(_names_of_columns)
         sink.begin(self.columns, most)
@@ -69,13 +69,13 @@ class Recorder:
         if self._bends and len(ends.t):
             self.verdicts.visit(ends)
             self._waiting.append(ends)
+            self._ends += len(ends.t)
 
     @property
     def is_waiting(self) -> bool:
         """Whether `take` should be called with what there is."""
-        waiting = sum(len(steps.t) for steps in self._waiting)
-        numbers, history = waiting * self.system.n_positions, self.history
-        if waiting > MOST_WAITING or numbers > MOST_NUMBERS:
+        numbers, history = self._ends * self.system.n_positions, self.history
+        if self._ends > MOST_WAITING or numbers > MOST_NUMBERS:
             return True
         return history is not None and history.is_long
 
@@ -125,7 +125,7 @@ class Recorder:
         if not self._bends:
             return
         ends = joined(self._waiting) if self._waiting else Steps(t[:0], z[:0], v[:0])
-        self._waiting = []
+        self._waiting, self._ends = [], 0
         times, states = np.concatenate([t, ends.t]), np.concatenate([z, ends.z])
         order = np.argsort(times, kind="stable")
         for first in range(0, len(order), BLOCK):

@@ -10,6 +10,7 @@ frames        what small deformations leave out, seen in other frames
 outside       where the theory of a SID ends
 integration   integrator and tolerance of a model
 choose        the search
+long          the search where runs are long
 bounds        what errors cannot exceed, where that is known
 budget        what each kind of choice adds and saves
 sentences     why

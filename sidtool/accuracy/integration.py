@@ -49,7 +49,7 @@ def cheapest(
         setting = loosest(runs, reference, choice, integrator, share)
         if setting is not None:
             errors = _errors(runs, reference, choice, setting)
-            found.append(Found(setting, errors, runs.seconds(choice, setting)))
+            found.append(Found(setting, errors, runs.cost(choice, setting)))
     default = next((f for f in found if f.setting.integrator == DEFAULT), None)
     best = min(found, key=lambda f: f.seconds, default=None)
     if best is None or default is None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -63,6 +64,7 @@ class Runs:
     names : outputs that are recorded
     expected : about how many runs each part of a search makes, see `begin`
     counter : counts runs, also those of other scenes of the same search
+    whole : runs of all of the time, of which these are the first part
     """
 
     scene: SceneFile
@@ -71,6 +73,7 @@ class Runs:
     names: tuple[str, ...]
     expected: Mapping[str, float] = field(default_factory=dict)
     counter: Counter = field(default_factory=Counter)
+    whole: Runs | None = None
     _systems: dict[Choice, System] = field(default_factory=dict)
     _results: dict[tuple[Choice, Setting], Result | None] = field(default_factory=dict)
     _seconds: dict[tuple[Choice, Setting], float] = field(default_factory=dict)
@@ -113,7 +116,9 @@ class Runs:
         """Runs of the same search that end earlier."""
         scene = self.scene
         time = scene.time.model_copy(update={"end": end})
-        return self.elsewhere({}, self.names, scene.model_copy(update={"time": time}))
+        short = self.elsewhere({}, self.names, scene.model_copy(update={"time": time}))
+        short.whole = self
+        return short
 
     def tight(self, choice: Choice, setting: Setting) -> Result:
         """A run that has to succeed.
@@ -123,23 +128,15 @@ class Runs:
         InputError : the scene cannot be simulated.
         SimulationError : the run stopped early.
         """
-        from sidtool.solver import simulate
-
         key = choice, setting
         kept = self._results.get(key)
         if kept is None:
             self.counter.runs += 1
             self._steps.next()
             with along(self._steps):
-                kept = simulate(
-                    self._system(choice),
-                    integrator=setting.integrator,
-                    rtol=setting.rtol,
-                    step=None,
-                    progress=self._told(setting),
-                )
-            self._results[key] = kept
-            self._seconds[key] = float(kept.counters["seconds"])
+                told = self._told(setting)
+                kept, took, _ = _timed(self._system(choice), setting, progress=told)
+            self._results[key], self._seconds[key] = kept, took
         return kept
 
     def attempt(self, choice: Choice, setting: Setting) -> Result | None:
@@ -159,20 +156,32 @@ class Runs:
 
         short : runs that last longer [s] are not repeated
         """
-        from sidtool.solver import simulate
-
         key = choice, setting
         if self.attempt(choice, setting) is None:
             return np.inf
         for _ in range(REPEATS - 1):
             if self._seconds[key] > short:
                 break
-            again = simulate(
-                self._system(choice), integrator=setting.integrator, rtol=setting.rtol
-            )
-            took = float(again.counters["seconds"])
+            _, took, _ = _timed(self._system(choice), setting)
             self._seconds[key] = min(self._seconds[key], took)
         return self._seconds[key]
+
+    def cost(self, choice: Choice, setting: Setting) -> float:
+        """What these runs take of the solve time [s] of one that goes on to its end.
+
+        Tolerances of steps depend on how long a run is: this is seen as that begins.
+        """
+        if self.whole is None or self.attempt(choice, setting) is None:
+            return self.seconds(choice, setting)
+        begin, end = self.scene.time.start, self.scene.time.end
+        now = [begin]
+        took, last = _timed(
+            self.whole._system(choice),
+            setting,
+            progress=now.append,
+            stop=lambda: "seen" if now[-1] >= end else "",
+        )[1:]
+        return took * (end - begin) / (last - begin)
 
     def difference(self, one: Choice, other: Choice, setting: Setting) -> Array:
         """Largest differences (n,) of two models that are integrated alike."""
@@ -209,6 +218,31 @@ class Runs:
             content = recording(as_scene(self.scene, choice, self.sids), names)
             self._systems[choice] = self.compile(content, self.sids)
         return self._systems[choice]
+
+
+def _timed(
+    system: System, setting: Setting, **more: Any
+) -> tuple[Result, float, float]:
+    """A run, its solve time [s] without that of other programs, and how far it came.
+
+    Raises
+    ------
+    SimulationError : the run stopped early, and nobody asked it to.
+    """
+    from sidtool.solver import simulate
+    from sidtool.solver.errors import SimulationError
+
+    began = time.perf_counter(), time.thread_time()
+    method, rtol = setting.integrator, setting.rtol
+    try:
+        result = simulate(system, integrator=method, rtol=rtol, **more)
+    except SimulationError as stop:
+        if "stop" not in more or stop.result is None:
+            raise
+        result = stop.result
+    passed, worked = time.perf_counter() - began[0], time.thread_time() - began[1]
+    took = float(result.counters["seconds"]) * min(1.0, worked / passed)
+    return result, took, float(result.t[-1])
 
 
 def apart(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:

@@ -1,6 +1,7 @@
 """The reference of a long run: one run of the finest model on all of the time.
 
-How tightly it needs to be integrated is seen in the first part of the motion. What it
+It is integrated for a thirtieth of the tolerance of the run that it is compared with,
+more tightly where the first part of the motion shows that this does not do. What it
 errs there is open, twice over. How errors grow later on, it does not show itself: the
 chosen run is integrated so much more loosely that both differ by what that errs, and a
 part of the difference is open as well.
@@ -8,15 +9,17 @@ part of the difference is open as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sidtool.formats.result import BudgetLine
 from sidtool.formats.sid import Array
 
-from .choose import Chosen, estimated
-from .integration import Found, loosest
-from .reference import (
+from ..choose import Chosen, estimated
+from ..integration import TIGHT, Found, loosest
+from ..reference import (
     CHECKING,
     MEASURING,
     SAFETY,
@@ -24,8 +27,8 @@ from .reference import (
     Reference,
     of_one_run,
 )
-from .runs import Runs, Setting
-from .wanted import Request
+from ..runs import Runs, Setting
+from ..wanted import Request
 
 #: Of what is allowed: what a loose run of the finest model errs in the first part,
 #: what its reference may, and what that may leave open on the whole.
@@ -33,11 +36,36 @@ LOOSE, MEASURED, OPEN = 0.3, 0.03, 0.3
 #: Of what is allowed, what two runs at loose tolerances do not show of each other, as
 #: methods that both step from one output to the next err alike.
 UNSEEN = 0.005
-#: The loosest tolerance of a run of the finest model; that of the reference over that
-#: of a looser run, as it is asked for and at most.
-LOOSEST, SHARPER, SHARP = 3e-3, 0.03, 0.1
+#: The loosest tolerance of a run of the finest model, and of its reference; that of the
+#: reference over that of the run that it is compared with, as it is asked for and at
+#: most.
+LOOSEST, TOLD, SHARPER, SHARP = 3e-3, 3e-4, 0.03, 0.1
 #: Of the difference of the chosen run to the reference, what that may err.
 OWN = 0.3
+#: How errors of the reference are known, in words.
+TIGHTER = "a tighter run"
+
+
+@dataclass(frozen=True, eq=False)
+class Proven:
+    """A choice whose errors were seen on all of the time.
+
+    decided : the reference that what could be left out was compared with
+    theory : (n,) what small deformations leave out
+    lines : the budget
+    bounds : of errors, by outputs that have one
+    frames : other ones that bodies were put in
+    """
+
+    runs: Runs
+    reference: Reference
+    chosen: Chosen
+    decided: Reference
+    theory: Array
+    lines: tuple[BudgetLine, ...]
+    sentences: tuple[str, ...]
+    bounds: Mapping[str, float] = field(default_factory=dict)
+    frames: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,22 +95,36 @@ class Part:
         return errors + self.reference.uncertainty
 
 
-def loose_setting(part: Part) -> Setting | None:
+def loose_setting(part: Part) -> Setting:
     """For a run of the finest model that keeps a part of what is allowed."""
     reference = part.without_meshes
     found = loosest(part.runs, reference, reference.choice, MEASURING, LOOSE)
-    return None if found is None else Setting(MEASURING, min(found.rtol, LOOSEST))
+    return Setting(MEASURING, min(found.rtol if found else TIGHT, LOOSEST))
 
 
-def tight_setting(part: Part, loose: Setting) -> Setting | None:
-    """The cheapest one that errs much less than a loose one."""
-    rtol = SHARPER * loose.rtol
-    tried = [_tightened(part, Setting(i, rtol)) for i in (MEASURING, CHECKING)]
-    return min(
+def sharp_for(
+    setting: Setting,
+    part: Part,
+    runs: Runs,
+    request: Request,
+    known: Reference,
+    methods: tuple[str, ...] = (MEASURING, CHECKING),
+) -> Reference | None:
+    """The cheapest reference that shows what a run errs; None where there is none.
+
+    known : one that was run already, or that of the part
+    """
+    most = min(SHARP * setting.rtol, TOLD)
+    if known is not part.reference and known.setting.rtol <= most:
+        return known
+    rtol = min(SHARPER * setting.rtol, TOLD)
+    tried = [_tightened(part, Setting(method, rtol)) for method in methods]
+    best = min(
         (setting for setting in tried if setting is not None),
-        key=lambda setting: part.runs.seconds(part.reference.choice, setting),
+        key=lambda setting: part.runs.cost(part.reference.choice, setting),
         default=None,
     )
+    return None if best is None else on_the_whole(part, runs, request, best)
 
 
 def _tightened(part: Part, setting: Setting) -> Setting | None:
@@ -112,17 +154,6 @@ def on_the_whole(
         digits=digits,
     )
     return found if found.use(found.uncertainty) <= OPEN else None
-
-
-def sharp_for(
-    setting: Setting, reference: Reference, part: Part, runs: Runs, request: Request
-) -> Reference | None:
-    """The reference if it shows what a run errs, a tighter one if it does not."""
-    if reference.setting.rtol <= SHARP * setting.rtol:
-        return reference
-    tight = Setting(reference.setting.integrator, SHARPER * setting.rtol)
-    found = _tightened(part, tight)
-    return None if found is None else on_the_whole(part, runs, request, found)
 
 
 def seen_on_the_whole(
