@@ -102,7 +102,8 @@ def refined_meshes(
         raise InputError(
             f"models cannot be made as fine as is asked for: {search.largest[1]}",
             place="accuracy.wanted",
-            expected="a larger error, or models with finer meshes and more modes",
+            expected="a larger error, models with finer meshes and more modes, or "
+            "loads that do not begin at once, which moves all modes",
         )
     search.judge_stiffening()
     if search.others:

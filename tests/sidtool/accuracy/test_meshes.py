@@ -159,6 +159,21 @@ def test_a_model_of_many_modes_is_compared_with_more(
     assert any(s.startswith("1 to 2 modes of block: ") for s in sentences)
 
 
+def test_loads_that_begin_at_once_are_named_where_modes_have_no_end() -> None:
+    """A bar on two pins that gravity takes from rest: the force in a pin jumps, and no
+    number of modes has the jump."""
+    bar({"type": "chord", "markers": ["a", "b"]})
+    pins = {
+        "pin": {"type": "revolute", "markers": ["ground", "link.a"]},
+        "guide": {"type": "point_on_line", "markers": ["ground", "link.b"]},
+    }
+    record = {"record": ["pin.fy"]}
+    scene = with_bar(joints=pins, gravity=[0.0, -9.81], outputs=record)
+    short = scene.with_({"time.end": 0.01, "time.output_step": 2e-5})
+    with pytest.raises(sidtool.InputError, match="loads that do not begin at once"):
+        short.simulate(accuracy=1e-4)
+
+
 def test_bodies_are_simulated_once_while_they_are_refined() -> None:
     """A change was between two runs, of which the search had made the first before."""
     scene = pulled(2)
