@@ -74,13 +74,13 @@ def told_lack(
         if matters and abs(ratio) > UNSTIFFENED:
             raise OutsideTheory(
                 f"geometric stiffening is not in the model of {name}: {would}, and "
-                f"{change}",
+                f"would change {change}",
                 place=f"bodies.{name}",
                 expected="a model with a table [stiffening]",
             )
         yield (
             f"geometric stiffening of {name}: not in its model, and not in these "
-            f"errors; {would} at the most, and that of all bodies {change}"
+            f"errors; {would} at the most, and would change {change}"
         )
 
 
