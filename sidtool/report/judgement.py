@@ -11,7 +11,8 @@ from sidtool.formats.plausible import body_questions
 from sidtool.formats.sid import SID
 
 from ..validate.checks import Check, check, report, verdict
-from ..validate.comparison import Comparison, Row, compare, comparison_report
+from ..validate.comparison import compare, comparison_report
+from ..validate.comparisons.rows import Comparison, Row
 from ..validate.data import to_json
 from ..validate.guess import UnitGuess, guess_units
 from .tables import plural, table

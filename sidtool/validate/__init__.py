@@ -10,7 +10,7 @@ _HOME = {
     "check": "checks",
     "report": "checks",
     "verdict": "checks",
-    "Comparison": "comparison",
+    "Comparison": "comparisons.rows",
     "compare": "comparison",
     "comparison_report": "comparison",
     "Change": "repairs",

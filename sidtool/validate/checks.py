@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -10,46 +10,12 @@ import numpy as np
 
 from sidtool.formats.sid import SID
 
+from . import identities as identities
 from .magnitudes import refuse_absurd
+from .registry import IDENTITIES, Finding, Identity, Severity
 from .rounding import Rounding, rounding_of
 
-Severity = Literal["error", "warning"]
 Verdict = Literal["passed", "failed", "not applicable"]
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What a check found.
-
-    Attributes
-    ----------
-    measured : the deviation, relative to the largest entry; None if not applicable
-    detail : what the number refers to, or why there is none
-    broken : failed whatever the deviation says
-    bound : replaces the registered bound when it depends on the data
-    size : of the largest entry, and
-    terms : how many printed entries meet in the difference: what their rounding may
-        make of it, see `rounding`
-    """
-
-    measured: float | None
-    detail: str = ""
-    broken: bool = False
-    bound: float | None = None
-    size: float = 0.0
-    terms: int = 0
-
-
-@dataclass(frozen=True)
-class Identity:
-    """One registered check; `meaning` says what a failure means for a simulation."""
-
-    id: str
-    title: str
-    severity: Severity
-    bound: float
-    meaning: str
-    measure: Callable[[SID], Finding]
 
 
 @dataclass(frozen=True)
@@ -78,21 +44,6 @@ class Check:
         return self.verdict == "failed"
 
 
-IDENTITIES: dict[str, Identity] = {}
-
-
-def identity(
-    name: str, title: str, *, severity: Severity, bound: float, meaning: str
-) -> Callable[[Callable[[SID], Finding]], Callable[[SID], Finding]]:
-    """Register the decorated function as a check; one line adds one."""
-
-    def register(measure: Callable[[SID], Finding]) -> Callable[[SID], Finding]:
-        IDENTITIES[name] = Identity(name, title, severity, bound, meaning, measure)
-        return measure
-
-    return register
-
-
 def check(sid: SID) -> tuple[Check, ...]:
     """Every registered identity applied to one SID, in the order I1 ... I21.
 
@@ -100,8 +51,6 @@ def check(sid: SID) -> tuple[Check, ...]:
     ------
     InputError : an entry is not a finite number below 1e100.
     """
-    from .identities import content, kinematic, mass, order  # noqa: F401
-
     refuse_absurd(sid)
     print_ = rounding_of(sid)
     ordered = sorted(IDENTITIES.values(), key=lambda entry: int(entry.id[1:]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from sidtool.formats.sid import SID, Array, by_mode, symmetric_3x3
 
-from .checks import Finding
+from .registry import Finding
 
 # A block whose largest entry is below this fraction of its natural size holds nothing
 # but rounding errors of the writer's sums.

@@ -18,10 +18,10 @@ from sidtool.formats.sid import BLOCK_SHAPES, NODE_SHAPES, SID, Array, Taylor
 
 from ...conversion.rereference import FrameChange, changed
 from ..basis import change_basis
-from ..comparison import Row
 from ..frequencies import held_modes
 from ..measures import largest, modal_scale, rotation_scale, translation_scale
 from ..pairing import Pairing
+from .rows import Row
 
 #: Entries below this share of what a block could hold are rounding.
 _NOISE = 1e-9

@@ -11,12 +11,12 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.sid import J_INDICES, SID, Array, Node
 from sidtool.formats.sid_mass import central_inertia, centre_of_mass
 
-from ..comparison import Comparison, Row
 from ..frequencies import hertz
 from ..measures import largest
 from ..modal import ModalBody, free_body, held_body, modal_assurance, subspace_assurance
 from ..pairing import Pairing, body_size, pair
 from .blocks import block_rows
+from .rows import Comparison, Row
 
 _MOST_MARKERS = 4
 # Deflections below this share of the largest say nothing in a relative comparison.

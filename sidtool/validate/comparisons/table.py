@@ -11,8 +11,8 @@ from sidtool.formats.reference import BlockValue, Frequencies, ReferenceFile
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion, plane_of_motion
 
-from ..comparison import Comparison, Row
 from ..frequencies import free_modes, held_modes, hertz
+from .rows import Comparison, Row
 
 
 def compare_table(sid: SID, table: ReferenceFile) -> Comparison:

@@ -14,9 +14,9 @@ from sidtool.solver.system.bodies.first_order import (
     missing_energy,
 )
 
-from ..checks import Finding, identity
 from ..gravity_sign import agreement
 from ..measures import modes_of, swapped
+from ..registry import Finding, identity
 
 
 @identity(

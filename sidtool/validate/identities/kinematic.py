@@ -14,7 +14,6 @@ from sidtool.formats.sid import SID, Array, by_mode
 from sidtool.formats.sid_mass import IN_PLANE, free_motion, plane_of_motion, skew
 from sidtool.formats.stiffening import has_second_order_field, stiffens_by_turning
 
-from ..checks import Finding, identity
 from ..measures import (
     compared,
     modal_scale,
@@ -24,6 +23,7 @@ from ..measures import (
     swapped,
     translation_scale,
 )
+from ..registry import Finding, identity
 
 # A print of 12 digits is off by at most 5e-12 of the entry; two to four printed numbers
 # meet in each identity below, so 1e-11 (2e-11 for the sum of four) is exact.

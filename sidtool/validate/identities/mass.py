@@ -13,9 +13,9 @@ from sidtool.formats.sid_mass import (
     plane_of_motion,
 )
 
-from ..checks import Finding, identity
 from ..frequencies import free_modes, held_modes, hertz, label_hertz, symmetric
 from ..measures import largest, relative
+from ..registry import Finding, identity
 
 # Eigenvalues of a printed matrix (12 digits) may be off by its size times this.
 _PRINT = 1e-10

@@ -9,8 +9,8 @@ import numpy as np
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_mass import skew
 
-from ..checks import Finding, identity
 from ..measures import compared
+from ..registry import Finding, identity
 
 # How the readers note a count in the file that contradicts its contents.
 _COUNT = re.compile(r"\bpromises\b|\bhave no label\b")

@@ -34,7 +34,8 @@ from sidtool.validate import (
     to_json,
     verdict,
 )
-from sidtool.validate.checks import IDENTITIES, Check
+from sidtool.validate.checks import Check
+from sidtool.validate.registry import IDENTITIES
 from tests.bodies import particle_body
 from tests.solver.scenes import with_cubic_energy
 

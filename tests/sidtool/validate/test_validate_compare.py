@@ -17,7 +17,7 @@ from sidtool.formats.sid import SID, Taylor, rigid_sid
 from sidtool.formats.sid_files import write_sid
 from sidtool.report.sid import describe_sid
 from sidtool.validate import change_basis, check, compare, comparison_report
-from sidtool.validate.comparison import Comparison
+from sidtool.validate.comparisons.rows import Comparison
 from sidtool.validate.modal import free_body, held_body
 from tests.bodies import particle_body
 from tests.sidtool.networks import clamped, mean_axis, random_network, sid_of
