@@ -26,18 +26,22 @@ from .dense import Points, Steps, joined
 from .events import Moment
 from .grip_choice import AT_LIMIT, Grip
 
+#: Steps that may be lost at once, and which share of those since the last change.
+STRIDE, LOST = 4, 0.25
+
 
 class StickSlip(Grip):
     """Looks at the steps of a run for instants at which grips change.
 
-    stride : steps to make before they are looked at
+    stride : steps to make before they are looked at; those behind a change are lost
+    since : steps since the last change
     """
 
     def __init__(
         self, system: System, closed: Array, points: Points, rtol: float
     ) -> None:
         super().__init__(system, rtol, closed)
-        self.points, self.stride = points, 1
+        self.points, self.stride, self.since = points, 1, 0
 
     @property
     def waits(self) -> bool:
@@ -75,10 +79,11 @@ class StickSlip(Grip):
     def until_change(self, control: stepping.Control, steps: Steps) -> Steps:
         """The steps as far as no grip changes; there the control goes back."""
         t = self.look(steps) if len(steps.t) else None
-        self.stride *= 2
+        self.since += len(steps.t) // self.points.count
+        self.stride = max(min(2 * self.stride, STRIDE), int(LOST * self.since))
         if t is None:
             return steps
-        self.stride, whole = 1, control.whole
+        self.stride, self.since, whole = 1, 0, control.whole
         control.real[stepping.TIME] = t
         control.z[:], control.v[:] = self.points.state(steps, t)
         known = control.times[: whole[stepping.OUTPUT]]
