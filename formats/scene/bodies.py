@@ -30,7 +30,10 @@ class Marker(Placement):
 
 
 class Initial(Placement):
-    """Where a body starts; the assembly moves it unless it is `fixed`."""
+    """Where a body starts; the assembly moves it unless it is `fixed`.
+
+    Velocities that are not stated are zero, or what joints and drives make of others.
+    """
 
     velocity: Vector | None = Field(
         default=None, description="of the frame's origin, in inertial axes [m/s]"

@@ -29,6 +29,8 @@ CLOSED = 1e-13
 RANK_TOLERANCE = 1e-9
 #: Inertia below this part of the mean one counts as so much.
 NO_INERTIA = 1e-14
+#: How much less readily coordinates move that are to be kept.
+KEPT = 1e-3
 
 
 class State:
@@ -38,6 +40,7 @@ class State:
     sizes : (rows,) what is large for each constraint, see `sizes.row_sizes`
     metric : blocks of tau^2 K of all bodies
     stiffness : their share in the metric
+    kept : True for coordinates that move only where no others can
     is_apart : True where no constraint follows from the others, not even nearly, at
         the positions in hand; False where that is not known
     """
@@ -51,6 +54,7 @@ class State:
         self.metric = system.once(stiffness_metric)
         self.t = system.scene.time.start
         self.free = _free_coordinates(system)
+        self.kept = np.zeros(system.n_velocities, bool)
         self.ignored = np.zeros(system.n_rows, bool)
         self.ignored[[row for _, row in system.from_start]] = True
         self.sizes = system.once(row_sizes)
@@ -186,6 +190,9 @@ class State:
             column = scale[part, None]
             W = blocks[o : o + n * n].reshape(n, n) * column * scale[part]
             W += np.diag(least[part] * scale[part] ** 2)
+            kept = self.kept[part]
+            W[np.not_equal.outer(kept, kept)] = 0.0
+            column = np.where(kept[:, None], KEPT, 1.0) * column
             inertias, directions = np.linalg.eigh(W)
             yield part, column * directions / np.sqrt(np.maximum(inertias, NO_INERTIA))
 

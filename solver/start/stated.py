@@ -59,6 +59,22 @@ def guess(system: System) -> Start:
     return Start(z, v)
 
 
+def stated_velocities(system: System) -> Array:
+    """True for the velocity coordinates that the scene file states, (n,)."""
+    stated = np.zeros(system.n_velocities, bool)
+    for row, data in zip(system.arrays.body.tolist(), system.bodies, strict=True):
+        if not data.of_scene:
+            continue
+        initial = system.scene.bodies[data.name].initial
+        u, axes = row[at.VEL], 2 if system.planar else 3
+        turns, elastic = u + min(axes, row[at.RD]), u + row[at.RD]
+        stated[u:turns] = initial.velocity is not None
+        stated[turns:elastic] = initial.angular_velocity is not None
+        given = getattr(initial, "elastic_velocity", None)
+        stated[elastic : u + row[at.NV]] = given is not None
+    return stated
+
+
 def _in_frame(initial: Initial, value: Any) -> Array:
     """Inertial components, as files hold them, in the body frame, (3,)."""
     return np.zeros(3) if value is None else rotation(initial).T @ as_3d(value)

@@ -64,6 +64,31 @@ def test_bodies_move_onto_their_joints_and_velocities_follow() -> None:
     assert abs(probe.work.row[:, :2]).max() < 1e-12
 
 
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"angular_velocity": 2.0},
+        {"velocity": [0.0, -2.0]},
+        {"velocity": [0.0, -2.0], "angular_velocity": 2.0},
+    ],
+)
+def test_velocities_that_a_scene_leaves_open_follow_those_that_it_states(
+    stated: dict[str, Any],
+) -> None:
+    """A rod turns about its far end with 2 rad/s, whatever of its motion is stated and
+    whatever it takes along."""
+    bodies = {
+        "crank": slender_rod(1.0, position=[-1.0, 0.0], **stated),
+        "rod": slender_rod(1.0, position=[-1.0, 0.0], angle=np.pi),
+    }
+    joints = {"pin": hinge("ground", "crank.b"), "end": hinge("crank.a", "rod.a")}
+    record = ["crank.vx", "crank.vy", "crank.wz", "rod.vy"]
+    result = simulate(compile_scene(scene(bodies, joints, end=0.01, record=record)))
+    found = [result[name][0] for name in record]
+    assert found == pytest.approx([0.0, -2.0, 2.0, -2.0], abs=1e-10)
+    assert not result.notes
+
+
 def test_a_fixed_body_stays_where_it_is() -> None:
     described = two_rods(
         {"angle": 0.2, "fixed": True}, {"position": [0.8, 0.4], "angle": 1.0}
