@@ -140,10 +140,17 @@ def _point_masses(names: DeckNames, labels: Indices, size: int) -> sp.csr_matrix
 
     Raises
     ------
-    InputError : no element holds such a node.
+    InputError : no element holds such a node, or it has inertia.
     """
     total = sp.csr_matrix((size, size))
     for mass in names.masses:
+        if any(mass.inertia):
+            raise InputError(
+                f"the mass at node {mass.node} has inertia",
+                place=mass.place,
+                expected="plain masses, or a marker tied there and a rigid body in the "
+                "scene",
+            )
         made = np.flatnonzero(labels == mass.node)
         if not made.size:
             raise InputError(

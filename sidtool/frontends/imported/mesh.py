@@ -166,7 +166,8 @@ def _materials(
         if name is None or name not in own:
             what = "elements without a material" if name is None else f"material {name}"
             raise InputError(
-                f"has {what}, of which E, nu and density are not known",
+                f"has {what}, of which E, nu or density is not known: it is missing, "
+                "or has values for several temperatures",
                 expected="complete and constant materials in the mesh file, or a table "
                 "[material]",
             )
@@ -195,7 +196,8 @@ def _state(settings: MeshDiscretisation, imported: ImportedMesh) -> str:
         raise InputError(
             "is missing",
             place="discretisation.state",
-            expected="plane_stress or plane_strain, which this file does not say",
+            expected="plane_stress or plane_strain, which this file does not say; "
+            'geometry.engine = "calculix" makes shells of the elements of a .bdf',
         )
     return state
 

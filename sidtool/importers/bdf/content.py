@@ -48,6 +48,8 @@ class BulkData:
     bars, mass_cards : cards of bars and rods, and CONM2
     bar_defaults : what cards CBAR and CBEAM leave out
     moduli : E, G and density of MAT1 as bars have them
+    corners : plane element -> its own thicknesses at the corners as they are written,
+        and last what TFLAG says of them
     local : node -> the system it is given in, -1 for that of GRDSET, and where
     turned : node -> the system of its directions, in which MPC counts, -1 likewise
     multipoint, sums : set -> cards MPC, and sets of MPCADD with their cards
@@ -60,6 +62,7 @@ class BulkData:
     nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     elements: list[tuple[int, int, str, list[int], str]] = field(default_factory=list)
     properties: dict[int, Property] = field(default_factory=dict)
+    corners: dict[int, list[str]] = field(default_factory=dict)
     bars: list[Card] = field(default_factory=list)
     bar_defaults: dict[str, Card] = field(default_factory=dict)
     bar_properties: dict[int, BarProperty] = field(default_factory=dict)

@@ -102,26 +102,28 @@ def conm2(card: Card, frames: Frames) -> RawMass:
     """EID, G, CID, M, X1, X2, X3, blank, I11, I21, I22, I31, I32, I33.
 
     Products of inertia are integrals of x y dm there; offset and inertia are along the
-    axes of the system CID.
+    axes of the system CID. With CID = -1 the X are the place of the mass.
 
     Raises
     ------
-    InputError : the axes of its system turn from place to place, or it is -1.
+    InputError : the axes of its system turn from place to place.
     """
-    system = card.integer(2, "a system", 0)
-    if system < 0 or (system and not frames.is_rectangular(system, card.place)):
+    given = card.integer(2, "a system", 0)
+    node, system = card.integer(1, "a node"), max(given, 0)
+    if given < -1 or (system and not frames.is_rectangular(system, card.place)):
         raise InputError(
             f"CONM2 {card.word(0)} is given in the system {card.word(2)}",
             place=card.place,
             expected="the basic system or a rectangular one",
         )
     axes = frames.frame(system, card.place)[1]
-    x, y, z = axes.T @ [card.real(i, "an offset") for i in (4, 5, 6)]
+    offset = axes.T @ [card.real(i, "an offset") for i in (4, 5, 6)]
+    x, y, z = offset - (frames.named(node, card.place) if given < 0 else np.zeros(3))
     i11, i21, i22, i31, i32, i33 = (card.real(i, "an inertia") for i in range(8, 14))
     own = np.array([[i11, -i21, -i31], [-i21, i22, -i32], [-i31, -i32, i33]])
     i = (axes.T @ own @ axes).tolist()
     return RawMass(
-        card.integer(1, "a node"),
+        node,
         card.real(3, "a mass"),
         card.place,
         (float(x), float(y), float(z)),

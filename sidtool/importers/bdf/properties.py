@@ -4,8 +4,58 @@ from __future__ import annotations
 
 from sidtool.formats.errors import InputError
 
-from .cards import Card
+from .cards import Card, real_number
 from .content import BulkData, Property, twice
+
+#: Behind the nodes of a plane element: where T1, T2, ... begin and end, and TFLAG.
+_CORNERS = {
+    "quad4": (4, 8, 3),
+    "tri3": (5, 8, 4),
+    "quad8": (0, 4, 6),
+    "tri6": (2, 5, 5),
+}
+_ROUNDED = 1e-9
+
+
+def corner_thicknesses(kind: str, words: list[str]) -> list[str]:
+    """T1, T2, ... and TFLAG among what an element has behind its nodes."""
+    first, end, flag = _CORNERS[kind]
+    padded = [*words, *[""] * (end + 1)]
+    return [*padded[first:end], padded[flag]]
+
+
+def rest_of(kind: str, words: list[str]) -> list[str]:
+    """What else it has there."""
+    first, end, flag = _CORNERS[kind]
+    return [w for i, w in enumerate(words) if i != flag and not first <= i < end]
+
+
+def thickness_of(
+    content: BulkData, label: int, given: Property | None, place: str
+) -> float | None:
+    """The thickness of an element: its own one, or that of its property.
+
+    Raises
+    ------
+    InputError : it has another one at every corner.
+    """
+    depth = given.thickness if given else None
+    *corners, flag = content.corners.get(label, [""])
+    unit = (depth or 0.0) if flag == "1" else 1.0
+    values = [
+        unit * real_number(word, "a thickness", place) if word else depth or 0.0
+        for word in corners
+    ]
+    if not values:
+        return depth
+    if max(values) - min(values) > _ROUNDED * max(values):
+        raise InputError(
+            f"element {label} has the thicknesses "
+            f"{', '.join(f'{value:g}' for value in values)} at its corners",
+            place=place,
+            expected="one thickness for an element",
+        )
+    return values[0] or None
 
 
 def psolid(content: BulkData, card: Card) -> None:

@@ -30,7 +30,13 @@ from .equations import case_control, equations_of, mpc, mpcadd
 from .handedness import count_right_handed
 from .materials import mat1, mat9, material_name, materials_of
 from .naming import named_apart
-from .properties import pshell, psolid
+from .properties import (
+    corner_thicknesses,
+    pshell,
+    psolid,
+    rest_of,
+    thickness_of,
+)
 from .systems import Frames, systems_of
 from .vocabulary import INSTEAD, WITHOUT_EFFECT
 
@@ -161,7 +167,9 @@ def _element(content: BulkData, card: Card) -> None:
             place=card.place,
             expected="shells in the middle of their thickness, which PSHELL gives",
         )
-    if flat and any(own):
+    if flat and any(corners := corner_thicknesses(kind, own)):
+        content.corners[label] = corners
+    if flat and any(rest_of(kind, own)):
         content.said[f"further fields of {card.name} (angles, offsets)"] = None
     order = _ORDERS.get(kind, range(len(nodes)))
     listed = [nodes[i] for i in order]
@@ -300,7 +308,7 @@ def _imported(content: BulkData) -> ImportedMesh:
     for label, property_, kind, nodes, place in content.elements:
         given = content.properties.get(property_)
         material = material_name(content, given) if given else None
-        depth = given.thickness if given else None
+        depth = thickness_of(content, label, given, place)
         raw.append(RawElement(label, kind, nodes, place, material, depth))
     equations, bars = equations_of(content), bars_of(content)
     notes = reading_notes(content.nodes, [*raw, *bars], len(raw) + len(bars))

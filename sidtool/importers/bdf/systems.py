@@ -71,6 +71,21 @@ class Frames:
             place = self._basic(place, system, where)
         return place
 
+    def named(self, label: int, place: str, who: str = "the card") -> Point:
+        """A node in the basic system, which a card names.
+
+        Raises
+        ------
+        InputError : it is not defined.
+        """
+        if label not in self._nodes:
+            raise InputError(
+                f"{who} names node {label}, which is not defined",
+                place=place,
+                expected="a node of this file",
+            )
+        return self.node(label)
+
     def is_rectangular(self, label: int, place: str) -> bool:
         """Whether the axes of a system are the same everywhere."""
         self.frame(label, place)
@@ -152,14 +167,7 @@ class Frames:
     def _point(self, system: System, point: Point | int) -> Point:
         if not isinstance(point, int):
             return self._basic(point, system.parent, system.place)
-        if point not in self._nodes:
-            raise InputError(
-                f"coordinate system {system.label} names node {point}, which is not "
-                "defined",
-                place=system.place,
-                expected="a node of this file",
-            )
-        return self.node(point)
+        return self.named(point, system.place, f"coordinate system {system.label}")
 
 
 def _rectangular(point: Point, kind: str) -> Array:

@@ -10,18 +10,19 @@ from sidtool.formats.errors import InputError
 from ..imported import EVERYTHING, read_lines
 from ..included import Included
 from ..inp.deck import Scope
+from ..inp.elements import POINTS
 from ..inp.reading import read_deck
 
 #: Supports, which the frame of the model file says instead, and point masses, which
 #: are added to the matrices: CalculiX would hang them on shells and beams by equations.
-_LEFT_OUT = ("BOUNDARY", "BOUNDARYF", "MASS")
+_LEFT_OUT = ("BOUNDARY", "BOUNDARYF", "MASS", "ROTARYINERTIA")
 #: Numbers of an element in its first line.
 _PER_LINE = 12
 #: Characters of a number that CalculiX reads.
 _LONGEST = 20
 #: What CalculiX does not know, and what is written for it instead.
 _GENERATION = ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY")
-_NAMING = ("NODE", "ELEMENT", "NSET", "ELSET", *_GENERATION)
+_NAMING = ("NODE", "SYSTEM", "ELEMENT", "NSET", "ELSET", *_GENERATION)
 #: What makes a deck more than one free, linear body.
 _REFUSED = {
     "CONTACTPAIR": "one body without contact",
@@ -80,7 +81,7 @@ def _written_out(body: Scope) -> Iterator[str]:
     yield "*NODE"
     yield from (f"{n}, {x!r}, {y!r}, {z!r}" for n, (x, y, z) in body.nodes.items())
     for element in body.elements.values():
-        if element.given == "MASS":
+        if element.given in POINTS:
             continue
         yield f"*ELEMENT, TYPE={element.given}"
         words = [str(n) for n in (element.label, *element.nodes)]
@@ -97,13 +98,16 @@ def _is_foreign(text: str) -> bool:
     if not text.startswith("*"):
         return False
     turned = "SYSTEM=" in "".join(text.upper().split())
-    return _keyword(text) in _GENERATION or (_keyword(text) == "NODE" and turned)
+    if _keyword(text) in ("SYSTEM", *_GENERATION):
+        return True
+    return _keyword(text) == "NODE" and turned
 
 
 def _of_masses(text: str) -> bool:
-    """Whether a line is *ELEMENT, TYPE=MASS."""
+    """Whether a line is *ELEMENT of point masses."""
     options = "".join(text.upper().split()).split(",")
-    return options[0] == "*ELEMENT" and "TYPE=MASS" in options
+    types = {f"TYPE={name}" for name in POINTS}
+    return options[0] == "*ELEMENT" and not types.isdisjoint(options)
 
 
 def _keyword(text: str) -> str:

@@ -7,6 +7,7 @@ unless the part has them, too.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from sidtool.formats.errors import InputError
 
@@ -16,6 +17,10 @@ from .deck import Deck, Hold, Scope, owner_of
 from .surfaces import nodes_named, surface_nodes
 
 _DISPLACEMENTS = {1, 2, 3}
+#: Sets of nodes of *RIGID BODY; those of a solid do not turn by themselves.
+_OF_NODES = ("NSET", "TIE NSET", "PIN NSET")
+#: Numbers of *ROTARY INERTIA: I11, I22, I33, I12, I13, I23.
+_MOMENTS = 6
 
 
 def read_hold(deck: Deck, block: Block) -> None:
@@ -137,8 +142,11 @@ def _of_surface(
 
 def _of_rigid_body(deck: Deck, hold: Hold, body: Scope, instance: str) -> list[int]:
     options = hold.block.options
-    if "NSET" in options:
-        return nodes_named(deck, hold.scope, instance, options["NSET"])
+    named = [options[key] for key in _OF_NODES if key in options]
+    if named:
+        return [
+            n for word in named for n in nodes_named(deck, hold.scope, instance, word)
+        ]
     group = hold.scope.elsets.get(deck.name(options.get("ELSET", "")), [])
     known = [body.elements[label] for _, label in group if label in body.elements]
     return [n for element in known for n in element.nodes]
@@ -189,7 +197,7 @@ def _label(deck: Deck, hold: Hold, body: Scope, instance: str, word: str) -> int
 
 
 def masses_of(deck: Deck, body: Scope, instance: str) -> Iterator[RawMass]:
-    """The masses of elements of type MASS.
+    """The masses of elements of type MASS, and the inertia of those of ROTARYI.
 
     Raises
     ------
@@ -202,16 +210,38 @@ def masses_of(deck: Deck, body: Scope, instance: str) -> Iterator[RawMass]:
         group = hold.scope.elsets.get(elset)
         if group is None or not block.rows:
             raise InputError(
-                f"*MASS names {elset!r} and has {len(block.rows)} lines",
+                f"*{block.keyword} names {elset!r} and has {len(block.rows)} lines",
                 place=block.place,
-                expected="an *ELSET of elements MASS, and a mass",
+                expected="an *ELSET of its elements, and a line of numbers",
             )
-        (value,) = numbers(block.rows[0][0][:1], block.rows[0][1], "a mass")
+        lump = _lump(block)
+        turned = any(any(line[6:]) for rows in deck.placement.values() for line in rows)
+        if turned and any(lump.inertia) and hold.scope is not deck.assembly:
+            raise InputError(
+                "*ROTARY INERTIA stands in a part whose instance is turned",
+                place=block.place,
+                expected="elements ROTARYI of the assembly",
+            )
         for owner, label in dict.fromkeys(group):
             apart = hold.scope is not body and owner == ""
             scope = hold.scope if apart else body
             if label in scope.elements:
                 node = scope.elements[label].nodes[0]
-                yield RawMass(
-                    own.get(node, node) if apart else node, value, block.place
-                )
+                yield replace(lump, node=own.get(node, node) if apart else node)
+
+
+def _lump(block: Block) -> RawMass:
+    """What a line of *MASS or *ROTARY INERTIA says, at no node yet."""
+    words, place = block.rows[0]
+    values = numbers([word or "0" for word in words], place, "a mass or an inertia")
+    if block.keyword == "MASS":
+        return RawMass(0, values[0], block.place)
+    xx, yy, zz, *products = [*values, *[0.0] * _MOMENTS][:_MOMENTS]
+    if any(products):
+        raise InputError(
+            "*ROTARY INERTIA has products of inertia",
+            place=place,
+            expected="moments about the global axes, or a rigid body in the scene, "
+            "fixed to a marker",
+        )
+    return RawMass(0, 0.0, block.place, inertia=(xx, yy, zz, 0.0, 0.0, 0.0))

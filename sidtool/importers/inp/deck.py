@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sidtool.formats.errors import InputError
 
 from .blocks import Block
 from .elements import ElementType
+
+Array = NDArray[np.float64]
 
 #: A node or element of an assembly by its instance ("" for the assembly's own).
 Member = tuple[str, int]
@@ -94,6 +99,7 @@ class Deck:
     unsorted : node sets that keep their order, by names alike
     holds, masses : what holds nodes together, and point masses
     equations, ties : equations between displacements with their axes, tied surfaces
+    system : that of *SYSTEM, where it holds: origin and axes, (4, 3)
     said : keywords without effect
     remarks : sentences on what has another name here
     """
@@ -116,6 +122,7 @@ class Deck:
     said: dict[str, None] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     scope: Scope = field(default_factory=Scope)
+    system: tuple[Scope, Array] | None = None
     material: str = ""
     spelling: dict[str, str] = field(default_factory=dict)
 

@@ -31,9 +31,11 @@ _KINDS = {
 }
 #: Letters behind the number of nodes.
 _SUFFIXES = "IRHMTSEPLV"
+#: Types of point masses and of their inertia.
+POINTS = ("MASS", "ROTARYI")
 #: Types of lines, of triangles and quadrilaterals, as pre-processors leave them behind.
 _LOWER = {
-    "MASS": (0, 1),
+    **dict.fromkeys(POINTS, (0, 1)),
     **dict.fromkeys(("T2D2", "T3D2", "B21", "B31", "B31R", "SPRINGA"), (1, 2)),
     **dict.fromkeys(("T3D3", "T2D3", "B22", "B32", "B32R"), (1, 3)),
     **dict.fromkeys(("S3", "S3R", "M3D3", "STRI3", "SFM3D3", "R3D3"), (2, 3)),

@@ -15,6 +15,7 @@ from .blocks import Block
 from .deck import Deck, twice
 from .instances import placed
 from .sets import extend, members_of, spanned
+from .systems import refuse_in_system
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,8 @@ def read_ngen(deck: Deck, block: Block) -> None:
             place=block.place,
             expected="P for a parabola or C for an arc",
         )
+    if line:
+        refuse_in_system(deck, block)
     for words, place in block.rows:
         labels = spanned(words[:3], place)
         if [labels[-1]] != integers(words[1:2], place):
@@ -136,6 +139,7 @@ def read_ncopy(deck: Deck, block: Block) -> None:
     ------
     InputError : it is no SHIFT, or a node is not defined.
     """
+    refuse_in_system(deck, block)
     if "SHIFT" not in block.options:
         raise InputError(
             "*NCOPY without SHIFT is not supported",

@@ -15,6 +15,7 @@ from .blocks import Block
 READ: dict[str, tuple[str, ...]] = {
     "NODE": ("NSET", "SYSTEM", "INPUT"),
     "ELEMENT": ("TYPE", "ELSET", "INPUT"),
+    "SYSTEM": (),
     "NGEN": ("NSET", "LINE"),
     "NFILL": ("NSET", "BIAS"),
     "NCOPY": ("OLD SET", "NEW SET", "CHANGE NUMBER", "SHIFT", "MULTIPLE"),
@@ -39,8 +40,12 @@ READ: dict[str, tuple[str, ...]] = {
     "KINEMATIC": (),
     "DISTRIBUTING": ("COUPLING", "WEIGHTING METHOD", "CYCLIC SYMMETRY"),
     "KINEMATIC COUPLING": ("REF NODE",),
-    "RIGID BODY": ("NSET", "ELSET", "REF NODE", "ROT NODE", "POSITION"),
+    "RIGID BODY": (
+        *("NSET", "TIE NSET", "PIN NSET", "ELSET"),
+        *("REF NODE", "ROT NODE", "POSITION"),
+    ),
     "MASS": ("ELSET",),
+    "ROTARY INERTIA": ("ELSET",),
     "ORIENTATION": ("NAME", "SYSTEM", "DEFINITION", "LOCAL DIRECTIONS"),
     "EQUATION": (),
     "MPC": (),
@@ -112,11 +117,9 @@ _INSTEAD = {
         "CYCLIC SYMMETRY MODEL": "a mesh of the whole body",
         "DISTRIBUTING COUPLING": "a marker with a distributing tie",
         "NONSTRUCTURAL MASS": "densities that hold all mass",
-        "ROTARY INERTIA": "a rigid body in the scene, fixed to a marker",
         "SPRING": "a force in the scene between markers",
         "DASHPOT": "a force in the scene between markers",
         "MODEL CHANGE": "a deck of the elements that are there",
-        "SYSTEM": "nodes in the global Cartesian system",
         "CONTACT PAIR": "one body without contact",
         "EMBEDDED ELEMENT": "one mesh whose nodes are merged",
         **dict.fromkeys(("SHELL SECTION", "BEAM SECTION", "NORMAL"), BY_CALCULIX),
@@ -127,7 +130,7 @@ _INSTEAD = {
 #: What is read where only the nodes, their names and masses are asked for.
 _NAMING = _listed(
     "NODE; ELEMENT; NSET; ELSET; PART; END PART; ASSEMBLY; END ASSEMBLY; INSTANCE; "
-    "END INSTANCE; NGEN; NFILL; NCOPY; ELGEN; ELCOPY; MASS"
+    "END INSTANCE; SYSTEM; NGEN; NFILL; NCOPY; ELGEN; ELCOPY; MASS; ROTARY INERTIA"
 )
 #: Shortest abbreviation of a parameter.
 _SHORTEST = 3

@@ -11,7 +11,7 @@ from sidtool.formats.errors import InputError
 from ..imported import ImportedMesh, RawElement, assembled_mesh
 from .couplings import couplings_of, masses_of, reference_labels
 from .deck import Deck, Element, Member, Scope, Section
-from .elements import refusal
+from .elements import POINTS, refusal
 from .equations import equations_of
 from .instances import placed
 from .materials import material_name, materials_of
@@ -75,7 +75,7 @@ def _body(deck: Deck) -> tuple[Scope, str]:
                 expected="an *INSTANCE that says which part is the body",
             )
         return deck.assembly, ""
-    own = [e for e in deck.assembly.elements.values() if e.given != "MASS"]
+    own = [e for e in deck.assembly.elements.values() if e.given not in POINTS]
     if own:
         element = own[0]
         raise InputError(
@@ -214,11 +214,12 @@ def _notes(
     for name, count in given.items():
         if kinds[name].replaced:
             yield f"{count} elements {name}: {kinds[name].replaced}"
-    idle = [element.given for element in apart if element.given != "MASS"]
+    idle = [element.given for element in apart if element.given not in POINTS]
     if deck.masses:
-        yield "*MASS gives nodes a mass"
+        keywords = dict.fromkeys(f"*{hold.block.keyword}" for hold in deck.masses)
+        yield f"{' and '.join(keywords)} at nodes"
     elif len(idle) < len(apart):
-        yield f"{len(apart) - len(idle)} elements MASS have no *MASS"
+        yield f"{len(apart) - len(idle)} elements {' and '.join(POINTS)} have no mass"
     for name, count in Counter(idle).items():
         yield f"{count} elements {name} without a section only name nodes"
     for part in deck.parts.values():

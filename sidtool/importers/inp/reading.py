@@ -26,6 +26,7 @@ from .keywords import kind_of, readable
 from .materials import read_elastic, read_orientation
 from .sets import extend, read_elset, read_nset
 from .surfaces import read_surface
+from .systems import in_system, read_system
 from .ties import read_tie
 
 
@@ -133,7 +134,7 @@ def _nodes(deck: Deck, block: Block) -> None:
         x, y, z = (*values, 0.0, 0.0, 0.0)[:3]
         if system == "C":  # radius and degrees
             x, y = x * np.cos(np.radians(y)), x * np.sin(np.radians(y))
-        deck.scope.nodes[label] = (float(x), float(y), z)
+        deck.scope.nodes[label] = in_system(deck, (float(x), float(y), z))
         labels.append(label)
     if "NSET" in block.options:
         extend(deck, deck.scope.nsets, block.options["NSET"], labels)
@@ -229,7 +230,8 @@ _READERS = {
     "SURFACE": read_surface,
     "KINEMATIC": read_kind,
     "DISTRIBUTING": read_kind,
-    "MASS": read_mass,
+    **dict.fromkeys(("MASS", "ROTARY INERTIA"), read_mass),
+    "SYSTEM": read_system,
     "ORIENTATION": read_orientation,
     "TIE": read_tie,
     **dict.fromkeys(("EQUATION", "MPC", "TRANSFORM"), read_equation),
