@@ -58,7 +58,7 @@ def result_of(
 
     rows : t and the tables, where they are known; default they are empty
     """
-    system, recorder, real = run.system, run.recorder, run.control.real
+    system, recorder = run.system, run.recorder
     columns = recorder.columns
     tables: dict[str, Any] = {TABLES[table]: names for table, names in columns.items()}
     if not rows:
@@ -70,8 +70,8 @@ def result_of(
         **rows,
         counters=_counters(run) | seconds,
         drift={
-            "position": float(real[stepping.DRIFT]),
-            "velocity": float(real[stepping.DRIFT_RATE]),
+            "position": run.control.drift,
+            "velocity": run.control.drift_rate,
         },
         settings=_settings(run),
         events=tuple(sorted(recorder.events, key=lambda event: event.t)),
@@ -146,7 +146,7 @@ def _notes(run: Run) -> Iterator[str]:
         yield from notes.of_output_times(system.scene, float(run.times[-1:][0]))
     yield from notes.of_programs(system)
     yield from notes.of_sampled_loops(system, run.control, run.start.z)
-    if run.control.whole[stepping.FIXED_STEP] != 1:
+    if run.control.fixed_step != 1:
         span = run.now - system.scene.time.start
         yield from recorder.verdicts.found.vibrations.sentences(steps, span)
     yield from notes.hidden_errors(system, run.control, rtol, steps)
@@ -182,7 +182,7 @@ def _first(run: Run) -> Samples:
 
 
 def _counters(run: Run) -> dict[str, Any]:
-    stiff = int(run.control.whole[stepping.STIFF])
+    stiff = run.control.stiff_steps
     explicit = {"stiff_steps": stiff} if run.method.explicit else {}
     counters = run.memory.counters
     return {name: int(counters[i]) for name, i in COUNTERS.items()} | explicit

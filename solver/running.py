@@ -113,7 +113,7 @@ class Run:
 
     def _go_on_from(self, past: Past) -> None:
         """The rows, times and events of an unfinished run are behind this one."""
-        self.control.real[stepping.TIME] = self.control.real[stepping.BEGIN] = past.t
+        self.control.time = self.control.begin = past.t
         rows = rows_before(past)
         self.window.skip(sum(len(part.t) for part in rows))
         for part in rows:
@@ -208,17 +208,16 @@ class Run:
     @property
     def now(self) -> float:
         """Time that was reached [s]."""
-        return float(self.control.real[stepping.TIME])
+        return self.control.time
 
     def _is_hard(self, code: int) -> bool:
         """Whether another method has to go on: stiffness, or a singular position."""
         waits = self.settings.when_stiff and math.isnan(self.switched)
         if not waits or code not in (stepping.CHUNK, stepping.CRAWLING):
             return False
-        whole = self.control.whole
-        if whole[stepping.CROSSING] == NEAR:
+        if self.control.crossing == NEAR:
             return True
-        stiff = whole[stepping.STIFF]
+        stiff = self.control.stiff_steps
         return bool(stepping.STIFF_PART * stiff > self.memory.counters[memory.STEPS])
 
     def _switch(self) -> None:
@@ -254,18 +253,18 @@ class Run:
         failure = self._grip()
         if failure:
             return failure
-        control, real, begin = self.control, self.control.real, self.now
-        real[stepping.STOP] = end
-        real[stepping.OLD_STEP] = 0.0
-        real[stepping.FACTORED_STEP] = 0.0
-        real[stepping.FRONTIER] = np.inf
-        control.whole[stepping.WELL] = newton_steps.OFTEN
-        control.whole[stepping.NEEDS_JACOBIAN] = 1
-        control.whole[stepping.PREDICT] = 0
+        control, begin = self.control, self.now
+        control.stop = end
+        control.old_step = 0.0
+        control.factored_step = 0.0
+        control.frontier = np.inf
+        control.well = newton_steps.OFTEN
+        control.needs_jacobian = 1
+        control.predict = 0
         self.work.clock[0] = 0.5 * (begin + end)
         if self.settings.step is not None:
             count = max(1, int(np.ceil((end - begin) / self.settings.step - 1e-9)))
-            real[stepping.STEP] = (end - begin) / count
+            control.step = (end - begin) / count
         status = self._begin()
         if status == 0 and self.samplers.take(self.work, begin, control.v):
             failure = self._grip()

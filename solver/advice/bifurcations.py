@@ -78,7 +78,7 @@ def crossings(
     rtol : tolerated error
     begin : z_I at the beginning
     """
-    steps = int(control.whole[stepping.CROSSED])
+    steps = control.crossings
     if not steps:
         return
     limit = min(AT_MOST, max(CLOSE, TIMES_ROOT * rtol**0.5))

@@ -144,20 +144,20 @@ def hidden_errors(
 ) -> list[str]:
     """Of motions that are so small against coordinates that rounding hides errors."""
     rows = system.arrays.body[system.arrays.body[:, at.RD] > 0]
-    if control.whole[stepping.FIXED_STEP] == 1 or len(rows) == 0:
+    if control.fixed_step == 1 or len(rows) == 0:
         return []
     axes = 2 if system.planar else 3
     away = np.abs(np.array([control.z[p : p + axes] for p in rows[:, at.POS]])).max()
     span = max(system.length, float(away))
     rounding = scales.RESOLVED * scales.ROUNDED * span
-    motion = float(control.real[stepping.MOTION])
-    turns = control.real[stepping.ROTATION] > ROUNDED_TURN  # of what has no extent
+    motion = control.motion
+    turns = control.rotation > ROUNDED_TURN  # of what has no extent
     if 0.0 < motion < rounding and not turns:
         return [
             f"nothing moves by more than rounding of coordinates, {rounding:.0e} m: "
             f"{_why_at_rest(system, control)}"
         ]
-    least = rounding * (steps if control.whole[stepping.ADDING] == 1 else 1)
+    least = rounding * (steps if control.adding == 1 else 1)
     if not 0.0 < MISSED * rtol * motion < least:
         return []
     return [
@@ -169,7 +169,7 @@ def hidden_errors(
 
 def _why_at_rest(system: System, control: stepping.Control) -> str:
     """What keeps a scene where it is."""
-    work, t = new_work(system), float(control.real[stepping.TIME])
+    work, t = new_work(system), control.time
     work.clock[0] = float(system.clocks(np.array([t]))[0])
     kernel_calls.evaluate(system, work, t, control.z, control.v)
     rank = _rank(system, work)
@@ -192,7 +192,7 @@ def _rank(system: System, work: Work) -> int:
 
 def many_turns(control: stepping.Control, settings: Settings) -> list[str]:
     """Of rotations in which what Newton's iteration leaves of long steps adds up."""
-    turns = float(control.real[stepping.SPIN] * control.real[stepping.PERIOD])
+    turns = float(control.spin * control.period)
     turns /= 2.0 * np.pi
     loose = settings.rtol > ADDS_UP and settings.step is None
     if settings.integrator != "radau13" or not loose or turns < MANY_TURNS:
@@ -211,7 +211,7 @@ def passed_over(
     if settings.step is None:
         return []
     share = share_followed(settings)
-    until, told = float(control.real[stepping.TIME]), []
+    until, told = control.time, []
     for name, known in system.features.items():
         met = (share * OVER * known.lengths < settings.step) & (known.starts < until)
         met[:-1] &= known.starts[1:] > system.scene.time.start

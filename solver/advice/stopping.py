@@ -195,8 +195,8 @@ def jammed(system: System, memory: Memory, t: float, control: stepping.Control) 
 
 def near_singular(control: stepping.Control) -> str:
     """What to know where a run stops close to a singular position."""
-    clearest = control.real[stepping.CLEAREST]
-    if control.real[stepping.INDEPENDENCE] >= NEARLY_SINGULAR * clearest:
+    clearest = control.clearest
+    if control.independence >= NEARLY_SINGULAR * clearest:
         return ""
     return (
         "; the constraints hardly differ from each other here (singular position): "

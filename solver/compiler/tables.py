@@ -3,14 +3,15 @@
 A table has the same attributes in Python and in compiled code. There it is one
 address, however many arrays it holds, so that calls are cheap to make and to compile.
 In memory it is a row of 64-bit words: for an array the address of its data and its
-shape, for a kernel or another table its address.
+shape, for a kernel or another table its address; numbers stand there themselves.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, NoReturn, Self
+from functools import partial
+from typing import Any, ClassVar, Self, get_type_hints
 
 import numpy as np
 from llvmlite import ir
@@ -18,12 +19,17 @@ from numba import types
 from numba.core import cgutils
 from numba.core.datamodel import models
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.extending import lower_getattr_generic, register_model
+from numba.extending import (
+    lower_getattr_generic,
+    lower_setattr_generic,
+    register_model,
+)
 
 from .records import RowsType, constant_word
 from .views import PointerType, ViewType, array_words, make_view
 
 _WORD = ir.IntType(64)
+_NUMBERS: dict[Any, Any] = {float: types.float64, int: types.int64}
 #: Bytes of which the addresses of arrays that are made together are multiples.
 ALIGNED = 64
 
@@ -31,16 +37,20 @@ ALIGNED = 64
 class TableType(types.Type):
     """The compiled type of a subclass of `Table`.
 
-    members : types of its fields; None stands for the table type itself
     name : of what kernels see a table as, which is compiled in their place
+    seen : types of fields that they see otherwise
     """
 
-    def __init__(self, owner: type[Table], members: list[Any], name: str = "") -> None:
-        self.fields = tuple(owner.__annotations__ or owner.__mro__[1].__annotations__)
+    def __init__(self, owner: type[Table], name: str = "", **seen: Any) -> None:
         super().__init__(f"{owner.__module__}.{owner.__qualname__}{name}")
-        self.members = {
-            field: self if kind is None else kind
-            for field, kind in zip(self.fields, members, strict=True)
+        hints = get_type_hints(owner, include_extras=True)
+        self.fields = tuple(owner.__annotations__)
+        known = {field: self._member(owner, hints[field]) for field in self.fields}
+        self.members = known | seen
+        self.scalars = {
+            field: np.dtype(str(kind))
+            for field, kind in self.members.items()
+            if isinstance(kind, types.Number)
         }
         self.offsets: dict[str, int] = {}
         words = 0
@@ -53,18 +63,33 @@ class TableType(types.Type):
             owner.kind, owner.kinds = self, {}
         owner.kinds[name] = self
 
+    def _member(self, owner: type[Table], hint: Any) -> Any:
+        """What kernels see of an annotation: a number, a table, or what it is
+        annotated with."""
+        if hasattr(hint, "__metadata__"):
+            return hint.__metadata__[0]
+        if hint is owner:
+            return self
+        return _NUMBERS.get(hint) or hint.kind
+
+    def number(self, memory: np.ndarray, field: str) -> np.ndarray:
+        """(1,) the place of a number in the words of a table."""
+        start = self.offsets[field]
+        return memory[start : start + 1].view(self.scalars[field])
+
     def write(self, memory: np.ndarray, field: str, value: Any) -> None:
         """Puts a value where kernels find it, into the words of a table."""
         kind, start = self.members[field], self.offsets[field]
-        if isinstance(kind, ViewType):
+        if field in self.scalars:
+            self.number(memory, field)[0] = value
+        elif isinstance(kind, ViewType):
             memory[start : start + 1 + kind.ndim] = array_words(kind, value)
         else:
             memory[start] = _address(kind, value)
 
     def seen(self, name: str, **members: Any) -> TableType:
         """The same table with other types of some fields."""
-        kinds = {field: None if k is self else k for field, k in self.members.items()}
-        return TableType(self.owner, [*(kinds | members).values()], name)
+        return TableType(self.owner, name, **members)
 
     def checked(self, table: Any) -> Table:
         """A table that is of this type.
@@ -101,6 +126,13 @@ def _places(kind: TableType, shapes: Mapping[str, tuple[int, ...]]) -> Any:
     return views, addresses, words, size
 
 
+def _check_names(kind: TableType, given: Mapping[str, Any]) -> None:
+    """Raises TypeError where a field that is no number lacks, or one does not exist."""
+    wrong = ({*kind.members} ^ {*given}) - {*kind.scalars}
+    if wrong:
+        raise TypeError(f"lacking or no fields of {kind}: {', '.join(sorted(wrong))}")
+
+
 def _address_of(array: np.ndarray) -> int:
     return int(array.__array_interface__["data"][0])
 
@@ -119,9 +151,10 @@ def _address(kind: Any, value: Any) -> int:
 
 
 class Table:
-    """A record of arrays, kernels and tables; the fields are its annotations.
+    """A record of arrays, kernels, tables and numbers; its fields are its annotations.
 
-    The values of arrays may change, the fields may not.
+    Arrays and kernels are annotated with their compiled types, float and int are
+    numbers. Numbers and the values of arrays may change, other fields may not.
     """
 
     kind: ClassVar[TableType]
@@ -129,40 +162,37 @@ class Table:
     address: int
     _memory: np.ndarray
 
-    def __init__(self, *values: Any, **named: Any) -> None:
-        rest = (named.pop(field) for field in self.kind.fields[len(values) :])
-        values = (*values, *rest)
-        if named:
-            raise TypeError(f"no fields of a table: {', '.join(named)}")
-        fields = dict(zip(self.kind.fields, values, strict=True))
+    def __init__(self, **fields: Any) -> None:
+        _check_names(self.kind, fields)
         self._set(fields, np.zeros(self.kind.words, np.int64))
 
     @classmethod
-    def zeros(cls, *values: Any) -> Self:
+    def zeros(cls, **fields: Any) -> Self:
         """A table of zeros, see `maker`."""
-        return cls.maker(*values)()
+        return cls.maker(**fields)()
 
     @classmethod
-    def maker(cls, *values: Any) -> Callable[[], Self]:
+    def maker(cls, **fields: Any) -> Callable[[], Self]:
         """Makes tables of zeros: one after the other in memory, made at once.
 
-        values : of the fields in their order; tuples are shapes of arrays of zeros,
-            and makers make a table of their own for each
+        fields : tuples are shapes of arrays of zeros, and makers make a table of their
+            own for each; numbers are zero if they are not given
         """
-        fields = dict(zip(cls.kind.fields, values, strict=True))
+        _check_names(cls.kind, fields)
         makers = {f: value for f, value in fields.items() if callable(value)}
         shapes = {f: value for f, value in fields.items() if type(value) is tuple}
         others = {f: fields[f] for f in fields.keys() - makers.keys() - shapes.keys()}
         views, inside, known, size = _places(cls.kind, shapes)
         for field, value in others.items():
             cls.kind.write(known, field, value)
+        kept = {f: others[f] for f in others.keys() - cls.kind.scalars.keys()}
 
         def make() -> Any:
             memory = np.zeros(size + ALIGNED, np.uint8)
             base = _address_of(memory)
             gap = -base % ALIGNED
             table = cls.__new__(cls)
-            table.__dict__.update(others, _views=views, _zeros=memory[gap:])
+            table.__dict__.update(kept, _views=views, _zeros=memory[gap:])
             tables = {field: made() for field, made in makers.items()}
             table._set(tables, known + (base + gap) * inside)
             return table
@@ -171,12 +201,17 @@ class Table:
 
     def _set(self, fields: Mapping[str, Any], words: np.ndarray) -> None:
         """Takes the values of some fields; words of the others are known."""
+        scalars = self.kind.scalars
         for field, value in fields.items():
             self.kind.write(words, field, value)
-        self.__dict__.update(fields, _memory=words, address=_address_of(words))
+            if field not in scalars:
+                self.__dict__[field] = value
+        self.__dict__.update(_memory=words, address=_address_of(words))
 
-    def __getattr__(self, name: str) -> np.ndarray:
-        """An array of zeros that nobody asked for before."""
+    def __getattr__(self, name: str) -> Any:
+        """A number, or an array of zeros that nobody asked for before."""
+        if name in self.kind.scalars:
+            return self.kind.number(self._memory, name)[0].item()
         views = self.__dict__.get("_views", {})
         if name not in views:
             raise AttributeError(f"{type(self).__name__} has no {name}")
@@ -184,12 +219,15 @@ class Table:
         view = np.ndarray(shape, kind, self._zeros, start)
         return self.__dict__.setdefault(name, view)
 
-    def __setattr__(self, name: str, value: Any) -> NoReturn:
-        raise AttributeError(f"a table does not change: {name}; see `replaced`")
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in self.kind.scalars:
+            raise AttributeError(f"not a number of a table: {name}; see `replaced`")
+        self.kind.write(self._memory, name, value)
 
     def __reduce__(self) -> Any:
         """Copies have an address of their own."""
-        return type(self), tuple(getattr(self, field) for field in self.kind.fields)
+        fields = {field: getattr(self, field) for field in self.kind.fields}
+        return partial(type(self), **fields), ()
 
     def replaced(self, **changes: Any) -> Self:
         """The same table with other values of some fields."""
@@ -216,6 +254,8 @@ class _TableAttribute(AttributeTemplate):
 @lower_getattr_generic(TableType)
 def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: str):  # type: ignore[no-untyped-def]
     member, start = kind.members[field], kind.offsets[field]
+    if field in kind.scalars:
+        return builder.load(_place_of_number(context, builder, kind, table, field))
     words = builder.bitcast(table, _WORD.as_pointer())
     address = constant_word(builder, words, start)
     if isinstance(member, RowsType):
@@ -228,3 +268,18 @@ def _get_field(context: Any, builder: Any, kind: TableType, table: Any, field: s
     extents = [constant_word(builder, words, start + 1 + i) for i in range(member.ndim)]
     data = builder.inttoptr(address, kind_of_entry)
     return make_view(context, member, builder, [data, *extents])
+
+
+@lower_setattr_generic(TableType)
+def _set_field(context: Any, builder: Any, sig: Any, args: Any, field: str) -> None:
+    kind, (table, value) = sig.args[0], args
+    value = context.cast(builder, value, sig.args[1], kind.members[field])
+    builder.store(value, _place_of_number(context, builder, kind, table, field))
+
+
+def _place_of_number(
+    context: Any, builder: Any, kind: TableType, table: Any, field: str
+) -> Any:
+    number = context.get_data_type(kind.members[field])
+    numbers = builder.bitcast(table, number.as_pointer())
+    return builder.gep(numbers, [ir.Constant(_WORD, kind.offsets[field])])

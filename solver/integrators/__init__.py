@@ -106,11 +106,10 @@ def _generalised_alpha(
     system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
 ) -> Advance:
     from ..system.sizes import coordinate_sizes
-    from . import stepping
     from .alpha import generalised_alpha
     from .alpha import table as alpha_table
 
-    rho = float(control.real[stepping.RADIUS])
+    rho = control.radius
     sizes = coordinate_sizes(system)
     storage = alpha_table.new_alpha(system.arrays, rho, sizes)
     return lambda control, limit: generalised_alpha.advance(

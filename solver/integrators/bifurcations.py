@@ -6,7 +6,7 @@ from numba import float64, types
 
 from ..compiler.compiling import inner
 from ..space.layout import F1
-from .stepping import CONTROL, CROSSED, INDEPENDENCE, TIME
+from .stepping import CONTROL
 
 #: Columns of `Control.crossed` before both states of a step.
 BEGAN, LASTED, STATES = range(3)
@@ -25,17 +25,17 @@ def note_crossing(control, h, before, slope, z1, v1):
 
     before, slope : of the independence, at its beginning and over the step before
     """
-    now, fall = control.real[INDEPENDENCE], -slope * h
+    now, fall = control.independence, -slope * h
     over = before + now < RISEN * fall and now > before - FALLEN * fall
     beside = fall > 0.0 and before < LITTLE and now > before
     if not (over or beside):
         return
-    k = control.whole[CROSSED]
-    control.whole[CROSSED] += 1
+    k = control.crossings
+    control.crossings += 1
     if k >= control.crossed.shape[0]:
         return
     kept, n, m = control.crossed[k], len(z1), len(v1)
-    kept[BEGAN], kept[LASTED] = control.real[TIME], h
+    kept[BEGAN], kept[LASTED] = control.time, h
     for i in range(n):
         kept[STATES + i] = control.z[i]
         kept[STATES + n + m + i] = z1[i]

@@ -14,7 +14,7 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ..compiler.tables import Table, TableType
-from ..space.layout import F1, F2
+from ..space.layout import Reals, Reals2
 
 #: The slope at the end of a step, and the slopes that dense output needs beside those
 #: of the step.
@@ -33,14 +33,14 @@ class Tableau(Table):
         output
     """
 
-    c: Array
-    A: Array
-    fifth: Array
-    third: Array
-    dense: Array
+    c: Reals
+    A: Reals2
+    fifth: Reals2
+    third: Reals
+    dense: Reals2
 
 
-TABLEAU = TableType(Tableau, [F1, F2, F2, F1, F2])
+TABLEAU = TableType(Tableau)
 
 _STAGES: dict[int, dict[int, float]] = {
     1: {0: 0.05260015195876773},

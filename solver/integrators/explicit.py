@@ -13,12 +13,10 @@ import math
 
 from numba import boolean, float64, int64, types
 
-from sidtool.formats.sid import Array
-
 from ..compiler.compiling import entry, inner
 from ..compiler.tables import Table, TableType
 from ..linear.memory import KERNELS, MEMORY, REJECTED, STEPS
-from ..space.layout import F1, F2, SYSTEM, WORK
+from ..space.layout import F1, F2, SYSTEM, WORK, Reals, Reals2
 from .dop853 import END, STAGES, TABLEAU
 from .landing import close_step
 from .projection import accelerate
@@ -37,19 +35,11 @@ from .stepping import (
     CHUNK,
     CONTROL,
     CRAWLING,
-    CROSSING,
-    FIXED_STEP,
     FULL,
     NOT_FINITE,
     OFF_CONSTRAINTS,
-    OLD_STEP,
-    OUTPUT,
-    PERIOD,
     REACHED,
-    SHARE,
-    STIFF,
     STIFF_PART,
-    TIME,
     TOO_SMALL,
     copy,
 )
@@ -70,25 +60,28 @@ PATIENCE, MOST_STEPS = 200, 200_000
 class StageSlopes(Table):
     """StageSlopes of all stages, a stage, the end of the step, and scratch vectors."""
 
-    Kz: Array
-    Kv: Array
-    z: Array
-    v: Array
-    z1: Array
-    v1: Array
-    dz: Array
-    dv: Array
-    p: Array
+    Kz: Reals2
+    Kv: Reals2
+    z: Reals
+    v: Reals
+    z1: Reals
+    v1: Reals
+    dz: Reals
+    dv: Reals
+    p: Reals
 
 
-STAGE_SLOPES = TableType(StageSlopes, [F2] * 2 + [F1] * 7)
+STAGE_SLOPES = TableType(StageSlopes)
 
 
 def new_slopes(n_positions: int, n_velocities: int) -> StageSlopes:
     """Storage for a run."""
     n, m = n_positions, n_velocities
-    vectors = [(length,) for length in (n, m, n, m, n, m, m)]
-    return StageSlopes.zeros((STAGES, n), (STAGES, m), *vectors)
+    z, v = (
+        dict.fromkeys(("z", "z1", "dz"), (n,)),
+        dict.fromkeys(("v", "v1", "dv"), (m,)),
+    )
+    return StageSlopes.zeros(Kz=(STAGES, n), Kv=(STAGES, m), **z, **v, p=(m,))
 
 
 @inner(types.void(F1, float64, F1, F2, int64, F1))
@@ -109,7 +102,7 @@ def _stage(kernels, system, work, memory, tableau, control, slopes, h, i):
     """The slope of stage i; 0 on success."""
     _add_slopes(control.z, h, tableau.A[i], slopes.Kz, i, slopes.z)
     _add_slopes(control.v, h, tableau.A[i], slopes.Kv, i, slopes.v)
-    at = control.real[TIME] + tableau.c[i] * h
+    at = control.time + tableau.c[i] * h
     status = accelerate(kernels, system, work, memory, at, slopes.z, slopes.v)
     kernels.rate(system, slopes.z, slopes.v, slopes.Kz[i])
     copy(memory.acceleration, slopes.Kv[i])
@@ -159,7 +152,7 @@ def _look_for_stiffness(control, slopes, h):
         slopes.dv[n] = slopes.v1[n] - slopes.v[n]
     slow = scaled_norm(slopes.dz, slopes.dv, control.scale_z, control.scale_v)
     if h * fast > STABILITY_LIMIT * slow:
-        control.whole[STIFF] += 1
+        control.stiff_steps += 1
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, float64))
@@ -168,15 +161,14 @@ def _write_outputs(kernels, system, work, memory, tableau, control, slopes, h):
 
     Its three more stages are only computed when there are such times.
     """
-    whole = control.whole
-    output, share = whole[OUTPUT], whole[SHARE]
+    output, share = control.output, control.share
     k = output_due(control, h)
     if k < 0:
         return 0
     for i in range(END + 1, STAGES):
         status = _stage(kernels, system, work, memory, tableau, control, slopes, h, i)
         if status != 0:
-            whole[OUTPUT], whole[SHARE] = output, share
+            control.output, control.share = output, share
             return status
     copy(slopes.Kv[END], memory.acceleration)
     while k >= 0:
@@ -238,9 +230,9 @@ def _accept(kernels, system, work, memory, tableau, control, slopes, h):
 @inner(boolean(MEMORY, CONTROL, float64))
 def _crawls(memory, control, h):
     """Whether stability keeps the steps short, and too many of them are to come."""
-    stiff = control.whole[STIFF]
+    stiff = control.stiff_steps
     usual = stiff > PATIENCE and STIFF_PART * stiff > memory.counters[STEPS]
-    return usual and control.real[PERIOD] > MOST_STEPS * h
+    return usual and control.period > MOST_STEPS * h
 
 
 @entry(int64(KERNELS, SYSTEM, WORK, MEMORY, TABLEAU, CONTROL, STAGE_SLOPES, int64))
@@ -250,13 +242,12 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
     Entered and left with (z, v) on the constraints, accelerations in memory. Returns
     one of the codes of `stepping`.
     """
-    whole = control.whole
     for _ in range(limit):
         h = next_step(control)
         if h == 0.0:
             return REACHED
         note_motion(system, memory, control)
-        if control.real[OLD_STEP] == 0.0:
+        if control.old_step == 0.0:
             h = leave_start(system, memory, control, h)
         if is_full(control, h):
             return FULL
@@ -272,7 +263,7 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
             status = _try_step(
                 kernels, system, work, memory, tableau, control, slopes, h
             )
-            if status == 0 and whole[FIXED_STEP] == 0:
+            if status == 0 and control.fixed_step == 0:
                 error = _error(
                     kernels, system, work, memory, tableau, control, slopes, h
                 )
@@ -284,7 +275,7 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
                 if status == 0:
                     break
                 factor = 0.5
-            if whole[FIXED_STEP] == 1:
+            if control.fixed_step == 1:
                 return OFF_CONSTRAINTS
             failures += 1
             memory.counters[REJECTED] += 1
@@ -293,8 +284,8 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
         memory.counters[STEPS] += 1
         if not all_finite(control.z, control.v):
             return NOT_FINITE
-        if whole[FIXED_STEP] == 0 and _crawls(memory, control, h):
+        if control.fixed_step == 0 and _crawls(memory, control, h):
             return CRAWLING
-        if whole[CROSSING] == NEAR:
+        if control.crossing == NEAR:
             return CHUNK
     return CHUNK

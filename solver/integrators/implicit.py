@@ -21,36 +21,19 @@ from .scales import note_motion, set_scales
 from .singular import FAR, NEAR, beside_singular, leave_start
 from .step_sizes import all_finite, finish_step, growth, next_step, too_small
 from .stepping import (
-    ADDING,
     AHEAD,
     BESIDE,
     BLURRED,
     CHUNK,
-    CONTRACTION,
     CONTROL,
-    CROSSING,
-    FACTORED_STEP,
-    FAILURES,
     FINEST,
-    FIXED_STEP,
     FRESH,
     FULL,
-    INDEPENDENCE,
-    JACOBIAN,
-    MISSED,
     MOST_MISSED,
-    NEEDS_JACOBIAN,
     NO_CONVERGENCE,
     NOT_FINITE,
     OFF_CONSTRAINTS,
-    OLD_STEP,
-    PREDICT,
     REACHED,
-    SINGULAR,
-    STAGE_STEP,
-    STEP,
-    TIME,
-    TOLERANCE,
     TOO_SMALL,
 )
 
@@ -105,10 +88,10 @@ def step_loop(
     def look_ahead(kernels, system, work, memory, control, storage, h):  # type: ignore[no-untyped-def]
         """Linearises at the end of the step, as it seems before."""
         foretell(kernels, system, control, storage, h)
-        t, z, v = control.real[TIME] + h, storage.z1, storage.v1
+        t, z, v = control.time + h, storage.z1, storage.v1
         accelerate(kernels, system, work, memory, t, z, v)
         take_jacobian(kernels, system, work, memory, control, t, z, v)
-        control.whole[JACOBIAN] = AHEAD
+        control.jacobian = AHEAD
 
     look_ahead = inner(
         types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, storage_type, float64)
@@ -120,7 +103,7 @@ def step_loop(
         Less than nothing where a mass matrix is not positive.
         """
         foretell(kernels, system, control, storage, later)
-        t, z, v = control.real[TIME] + later, storage.z1, storage.v1
+        t, z, v = control.time + later, storage.z1, storage.v1
         if accelerate(kernels, system, work, memory, t, z, v) == 1:
             return -1.0
         return independence(system, memory)
@@ -134,22 +117,21 @@ def step_loop(
 
         Where a body loses its inertia the model ends: no step may pass that.
         """
-        real = control.real
-        left = real[SINGULAR] - real[TIME]
+        left = control.singular - control.time
         behind = seen(kernels, system, work, memory, control, storage, BEHIND * left)
         rest = seen(kernels, system, work, memory, control, storage, left)
         if min(behind, rest) < 0.0:
-            real[SINGULAR] = math.inf
+            control.singular = math.inf
             return
         for _ in range(LOOKS):
-            off = left * rest / real[INDEPENDENCE]
+            off = left * rest / control.independence
             later = left + off
             then = seen(kernels, system, work, memory, control, storage, later)
             if not then < rest:
                 left -= off
                 break
             left, rest = later, then
-        real[SINGULAR] = real[TIME] + left
+        control.singular = control.time + left
 
     def leave(kernels, system, work, memory, control, storage):  # type: ignore[no-untyped-def]
         """In the place of `sharpen` in a loop that does not come so far."""
@@ -164,93 +146,92 @@ def step_loop(
         Entered and left with (z, v) on the constraints and evaluated, accelerations in
         memory. Returns one of the codes of `stepping`.
         """
-        real, whole = control.real, control.whole
         order = order_of(storage)
-        if whole[ADDING] == 1 and real[TOLERANCE] < FINEST:
+        if control.adding == 1 and control.tolerance < FINEST:
             return BLURRED
         for _ in range(limit):
             h = next_step(control)
             if h == 0.0:
                 return REACHED
             note_motion(system, memory, control)
-            t = real[TIME]
-            if real[OLD_STEP] == 0.0:
-                part = first_step if whole[FIXED_STEP] == 0 else 1.0
+            t = control.time
+            if control.old_step == 0.0:
+                part = first_step if control.fixed_step == 0 else 1.0
                 h = leave_start(system, memory, control, part * h)
             if is_full(control, h):
                 return FULL
             begin(kernels, system, work, memory, control, storage)
-            whole[JACOBIAN] = whole[NEEDS_JACOBIAN]
-            if whole[JACOBIAN] == FRESH:
+            control.jacobian = control.needs_jacobian
+            if control.jacobian == FRESH:
                 take_jacobian(
                     kernels, system, work, memory, control, t, control.z, control.v
                 )
-                real[CONTRACTION] = 1.0
-            whole[FAILURES], whole[CROSSING] = 0, FAR
+                control.contraction = 1.0
+            control.failures, control.crossing = 0, FAR
             while True:
                 if too_small(control, h):
                     return TOO_SMALL
-                was = whole[CROSSING]
+                was = control.crossing
                 proposed, h = h, beside_singular(control, h, reach)
-                if leaves and whole[CROSSING] != FAR:
+                if leaves and control.crossing != FAR:
                     return BESIDE
-                known = real[OLD_STEP] > 0.0 and whole[FIXED_STEP] == 0
-                if whole[CROSSING] == NEAR and was != NEAR and known:
+                known = control.old_step > 0.0 and control.fixed_step == 0
+                if control.crossing == NEAR and was != NEAR and known:
                     sharpen(kernels, system, work, memory, control, storage)
                     h = beside_singular(control, proposed, reach)
-                last_try = whole[FIXED_STEP] == 1 and whole[JACOBIAN] == AHEAD
+                last_try = control.fixed_step == 1 and control.jacobian == AHEAD
                 set_scales(system, control, h)
-                if whole[CROSSING] == NEAR or last_try:
+                if control.crossing == NEAR or last_try:
                     look_ahead(kernels, system, work, memory, control, storage, h)
-                elif whole[JACOBIAN] == AHEAD:
+                elif control.jacobian == AHEAD:
                     look_back(kernels, system, work, memory, control)
                 status = 0
-                if real[FACTORED_STEP] != h:
+                if control.factored_step != h:
                     status = factor(kernels, system, work, memory, storage, h)
-                    real[FACTORED_STEP] = h
+                    control.factored_step = h
                 iterations = 0
                 if status == 0:
                     iterations = newton(
                         kernels, system, work, memory, control, storage, h
                     )
-                real[STAGE_STEP] = h
+                control.stage_step = h
                 if iterations == 0:
-                    whole[FAILURES] += 1
-                    whole[PREDICT] = 0
+                    control.failures += 1
+                    control.predict = 0
                     shorter = after_divergence(
                         kernels, system, work, memory, control, h
                     )
                     if shorter == 0.0:
                         return NO_CONVERGENCE
                     h *= shorter
-                    real[CONTRACTION] = 1.0
+                    control.contraction = 1.0
                     continue
                 error = 0.0
-                if whole[FIXED_STEP] == 0:
+                if control.fixed_step == 0:
                     error = error_of(kernels, system, work, memory, control, storage, h)
                 if not error < 1.0:
-                    whole[FAILURES] += 1
+                    control.failures += 1
                     memory.counters[REJECTED] += 1
-                    whole[PREDICT] = 2 if math.isfinite(error) else 0
+                    control.predict = 2 if math.isfinite(error) else 0
                     h *= growth(order, error, iterations)
                     continue
                 if accept(kernels, system, work, memory, control, storage, h) == 0:
                     break
-                whole[FAILURES] += 1
+                control.failures += 1
                 memory.counters[REJECTED] += 1
-                whole[PREDICT] = 0
-                if whole[FIXED_STEP] == 1:
+                control.predict = 0
+                if control.fixed_step == 1:
                     return OFF_CONSTRAINTS
                 h *= 0.5
-            whole[PREDICT] = 1
-            finish(control, order, serves, h, error, iterations, whole[FAILURES])
-            if whole[JACOBIAN] == AHEAD:
-                whole[NEEDS_JACOBIAN] = 1
-                real[STEP] = max(real[STEP], 0.8 * h)
+            control.predict = 1
+            finish(control, order, serves, h, error, iterations, control.failures)
+            if control.jacobian == AHEAD:
+                control.needs_jacobian = 1
+                control.step = max(control.step, 0.8 * h)
             memory.counters[STEPS] += 1
             if not all_finite(control.z, control.v):
                 return NOT_FINITE
-            if real[MISSED] > MOST_MISSED:
+            if control.missed > MOST_MISSED:
                 return BLURRED
         return CHUNK
 

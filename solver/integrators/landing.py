@@ -11,7 +11,7 @@ from .bifurcations import note_crossing
 from .passing import check_ways
 from .projection import count_turns, note_drift, project
 from .singular import foresee, is_near, project_near
-from .stepping import CONTROL, DECLINE, INDEPENDENCE, TIME
+from .stepping import CONTROL
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
@@ -21,7 +21,7 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
     dz and dv are scratch. Returns 0, or the code of `project`, `count_turns` or
     `check_ways`.
     """
-    at, closed = control.real[TIME] + h, control.closed
+    at, closed = control.time + h, control.closed
     if is_near(control, h):
         status = project_near(
             kernels, system, work, memory, control, at, z1, v1, dz, dv
@@ -34,7 +34,7 @@ def close_step(kernels, system, work, memory, control, h, z1, v1, dz, dv):
     if status == 0:
         status = check_ways(work, control, h)
     if status == 0:
-        before, slope = control.real[INDEPENDENCE], control.real[DECLINE]
+        before, slope = control.independence, control.decline
         status = foresee(system, memory, control, h)
         if status == 0:
             note_crossing(control, h, before, slope, z1, v1)

@@ -10,21 +10,7 @@ from ..compiler.compiling import inner
 from ..linear.memory import JACOBIANS, KERNELS, MEMORY, REJECTED
 from ..space.layout import F1, SYSTEM, WORK
 from .projection import accelerate
-from .stepping import (
-    AHEAD,
-    CONTRACTION,
-    CONTROL,
-    FACTORED_STEP,
-    FIXED_STEP,
-    FRESH,
-    FRONTIER,
-    JACOBIAN,
-    KEPT,
-    NOISE,
-    TIME,
-    TOLERANCE,
-    WELL,
-)
+from .stepping import AHEAD, CONTROL, FRESH, KEPT
 
 NEWTON_LIMIT = 8
 #: Trust in a known contraction of Newton's iteration fades from step to step.
@@ -47,7 +33,7 @@ RETREAT, ADVANCE, OFTEN = 0.8, 1.05, 4
 @inner(int64(CONTROL))
 def newton_limit(control):
     """Iterations after which Newton's iteration is given up."""
-    if control.whole[FIXED_STEP] == 1:
+    if control.fixed_step == 1:
         return PATIENT_NEWTON_LIMIT
     return NEWTON_LIMIT
 
@@ -55,8 +41,7 @@ def newton_limit(control):
 @inner(float64(CONTROL))
 def newton_goal(control):
     """What Newton's iteration may leave of the tolerance (Hairer, Wanner, IV.8)."""
-    real = control.real
-    return max(ROUNDING * real[NOISE], min(0.03, math.sqrt(real[TOLERANCE])))
+    return max(ROUNDING * control.noise, min(0.03, math.sqrt(control.tolerance)))
 
 
 @inner(int64(CONTROL, float64, int64, float64, float64))
@@ -65,22 +50,21 @@ def judge(control, goal, iteration, norm, old_norm):
 
     The contraction of the iteration is kept in the control; 1 or more is unknown.
     """
-    real = control.real
     if not math.isfinite(norm):
         return -1
     if norm == 0.0:
-        real[CONTRACTION] = 0.0
+        control.contraction = 0.0
         return 1
     if iteration > 0:
-        real[CONTRACTION] = norm / old_norm
-    contraction = real[CONTRACTION]
+        control.contraction = norm / old_norm
+    contraction = control.contraction
     if contraction < 1.0 and contraction / (1.0 - contraction) * norm < goal:
         return 1
     if iteration == 0:
         return 0
     if contraction >= 1.0 and norm < max(STAGNATION, goal):
         return 1
-    if control.whole[FIXED_STEP] == 1 and iteration < PATIENCE:
+    if control.fixed_step == 1 and iteration < PATIENCE:
         return 0
     left = newton_limit(control) - 1 - iteration
     if (
@@ -94,8 +78,8 @@ def judge(control, goal, iteration, norm, old_norm):
 @inner(types.void(CONTROL))
 def fade_contraction(control):
     """Lets a single iteration do as long as the contraction was seen lately."""
-    known = max(control.real[CONTRACTION], LEAST_CONTRACTION)
-    control.real[CONTRACTION] = known**FADING
+    known = max(control.contraction, LEAST_CONTRACTION)
+    control.contraction = known**FADING
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1))
@@ -104,16 +88,16 @@ def take_jacobian(kernels, system, work, memory, control, t, z, v):
     kernels.linearise(system, work, t, z, v, memory.acceleration, memory.multiplier)
     kernels.remember(system, work, memory)
     memory.counters[JACOBIANS] += 1
-    control.real[FACTORED_STEP] = 0.0
+    control.factored_step = 0.0
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL))
 def look_back(kernels, system, work, memory, control):
     """Linearises at the current state again, after others were evaluated."""
-    t, z, v = control.real[TIME], control.z, control.v
+    t, z, v = control.time, control.z, control.v
     accelerate(kernels, system, work, memory, t, z, v)
     take_jacobian(kernels, system, work, memory, control, t, z, v)
-    control.whole[JACOBIAN] = FRESH
+    control.jacobian = FRESH
 
 
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64))
@@ -124,18 +108,17 @@ def after_divergence(kernels, system, work, memory, control, h):
     ones are limited if this happens often. A fixed one is tried with the Jacobian of
     its end.
     """
-    whole = control.whole
-    if whole[FIXED_STEP] == 1 and whole[JACOBIAN] == AHEAD:
+    if control.fixed_step == 1 and control.jacobian == AHEAD:
         return 0.0
-    if whole[FIXED_STEP] == 1 and whole[JACOBIAN] == FRESH:
-        whole[JACOBIAN] = AHEAD
+    if control.fixed_step == 1 and control.jacobian == FRESH:
+        control.jacobian = AHEAD
         return 1.0
-    if whole[JACOBIAN] != KEPT:
+    if control.jacobian != KEPT:
         memory.counters[REJECTED] += 1
-        again = 0 < whole[WELL] < OFTEN
-        if again or 2.0 * h > control.real[FRONTIER]:
-            control.real[FRONTIER] = RETREAT * h
-        whole[WELL] = 0
+        again = 0 < control.well < OFTEN
+        if again or 2.0 * h > control.frontier:
+            control.frontier = RETREAT * h
+        control.well = 0
         return 0.5
     look_back(kernels, system, work, memory, control)
     return 1.0

@@ -8,7 +8,7 @@ from numba import boolean, float64, int64, types
 
 from ..compiler.compiling import inner
 from ..space.layout import F1, WORK
-from .stepping import CONTROL, FIXED_STEP, LENGTH, TIME, UNTURNED
+from .stepping import CONTROL
 
 #: A step may pass so much more than the reach of a piece: what was foreseen is not
 #: exact.
@@ -82,16 +82,16 @@ def _look(control, axis, x, furthest, y, pace, h):
         return 0
     out = _passed(control, axis, x, furthest)
     if out or _passed(control, axis, furthest, y):
-        if control.whole[FIXED_STEP] == 0:
+        if control.fixed_step == 0:
             return 5
         passed = control.passed[axis - 1]
         if passed[0] == 0.0:
-            passed[1] = control.real[TIME]
+            passed[1] = control.time
         passed[0] += 1.0
     way = GROWTH * h * pace
     allowed = passable(control, axis, y, way)
     if allowed < abs(way):
-        control.real[UNTURNED] = min(control.real[UNTURNED], allowed / abs(pace))
+        control.unturned = min(control.unturned, allowed / abs(pace))
     return 0
 
 
@@ -116,7 +116,7 @@ def check_ways(work, control, h):
         if measured[k, 4] > 0.0:
             turn = measured[k, 4] / h
             bow -= turn * math.floor(bow / turn + 0.5)
-        size = max(1.0, control.real[LENGTH], abs(x), abs(y))
+        size = max(1.0, control.length, abs(x), abs(y))
         if abs(bow) * h < RESOLVED_WAY * size:
             bow = 0.0
         slope, extreme = then - rate, then

@@ -26,7 +26,7 @@ from ..space.layout import (
     VEL,
     WORK,
 )
-from .stepping import CONTROL, DRIFT, DRIFT_RATE, UNTURNED
+from .stepping import CONTROL
 
 #: Most attempts of a projection.
 PROJECTIONS_LIMIT = 6
@@ -106,10 +106,9 @@ def rates_of_rows(system, work, x, column):
 @inner(types.void(SYSTEM, WORK, CONTROL))
 def note_drift(system, work, control):
     """Keeps the largest residuals of the constraints, just evaluated."""
-    real = control.real
     for i in range(system.dims[N_ROWS]):
-        real[DRIFT] = max(real[DRIFT], abs(work.row[i, C_VALUE]))
-        real[DRIFT_RATE] = max(real[DRIFT_RATE], abs(work.row[i, C_RATE]))
+        control.drift = max(control.drift, abs(work.row[i, C_VALUE]))
+        control.drift_rate = max(control.drift_rate, abs(work.row[i, C_RATE]))
 
 
 @inner(int64(SYSTEM, WORK, CONTROL, float64, F1))
@@ -125,7 +124,7 @@ def count_turns(system, work, control, h, z):
         fastest = max(fastest, way / h, abs(work.turn[i, TURN_RATE]))
     if h * fastest > LARGEST_TURN:
         return 4
-    control.real[UNTURNED] = 0.8 * LARGEST_TURN / max(fastest, 1e-300)
+    control.unturned = 0.8 * LARGEST_TURN / max(fastest, 1e-300)
     for i in range(count):
         z[first + i] = work.turn[i, TURNED]
     return 0

@@ -25,13 +25,13 @@ from ..space.layout import (
 )
 from .passing import keep_ways
 from .projection import accelerate, project
-from .stepping import CONTROL, OUTPUT, PERIOD, SHARE, STOP, TIME, copy
+from .stepping import CONTROL, copy
 
 
 @inner(boolean(CONTROL, int64, float64))
 def is_inside(control, k, h):
     """Whether an output time lies in the next step of length h."""
-    t = control.real[TIME]
+    t = control.time
     return control.times[k] <= t + h + 1e-12 * max(h, abs(t))
 
 
@@ -44,14 +44,14 @@ def is_full(control, h):
 @inner(int64(CONTROL, float64))
 def output_due(control, h):
     """The row of the next state that is wanted inside the step, or -1."""
-    k, t = control.whole[OUTPUT], control.real[TIME]
+    k, t = control.output, control.time
     if k < len(control.times) and is_inside(control, k, h):
-        control.whole[OUTPUT] += 1
+        control.output += 1
         return k
-    i = control.whole[SHARE]
+    i = control.share
     if i == len(control.shares):
         return -1
-    control.whole[SHARE] += 1
+    control.share += 1
     if control.shares[i] < 0.0:
         return -1
     control.moments[i] = t + control.shares[i] * h
@@ -63,20 +63,19 @@ def share_of_step(control, k, h):
     """Where the state of row k lies in the step, from 0 to 1."""
     count = len(control.times)
     if k < count:
-        return (control.times[k] - control.real[TIME]) / h
+        return (control.times[k] - control.time) / h
     return control.shares[k - count]
 
 
 @inner(types.void(CONTROL, float64, F1, F1))
 def move(control, h, z, v):
     """Makes the state at the end of a step the current one."""
-    real = control.real
     copy(z, control.z)
     copy(v, control.v)
     keep_ways(control)
-    real[TIME] += h
-    if real[STOP] - real[TIME] <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
-        real[TIME] = real[STOP]
+    control.time += h
+    if control.stop - control.time <= 1e-13 * max(abs(control.stop), control.period):
+        control.time = control.stop
 
 
 @inner(types.void(KERNELS, SYSTEM, MEMORY, CONTROL, float64, F1, F1, F1, F1, F1))

@@ -15,23 +15,7 @@ from numba import float64, types
 from ..compiler.compiling import inner
 from ..linear.memory import MEMORY
 from ..space.layout import F1, FLAGS, NP, NQ, POS, RD, STATE, SYSTEM, VEL
-from .stepping import (
-    ADDING,
-    CONTROL,
-    LENGTH,
-    MOTION,
-    MOTION_PUSH,
-    MOTION_RATE,
-    NOISE,
-    PART,
-    PERIOD,
-    ROTATION,
-    ROTATION_PUSH,
-    ROTATION_RATE,
-    SPEED,
-    SPIN,
-    TOLERANCE,
-)
+from .stepping import CONTROL
 
 #: Relative to the motion of the mechanism: the elastic displacement below which the
 #: error of a deformation is not resolved any further.
@@ -54,7 +38,7 @@ TINY = 1e-300
 @inner(types.void(SYSTEM, MEMORY, CONTROL))
 def note_motion(system, memory, control):
     """Keeps the largest motion so far, and how fast it changes now."""
-    real, z, v, a = control.real, control.z, control.v, memory.acceleration
+    z, v, a = control.z, control.v, memory.acceleration
     motion_rate = motion_push = turn_rate = turn_push = 0.0
     for b in range(len(system.body)):
         row = system.body[b]
@@ -63,23 +47,23 @@ def note_motion(system, memory, control):
         axes = 2 if rd == 2 or (rd == 3 and rigid == 3) else 3
         way = _distance(z, control.start, p, p + min(axes, rigid))
         pace, push = _size(v, u, u + min(axes, rd)), _size(a, u, u + min(axes, rd))
-        real[SPEED] = max(real[SPEED], pace)
+        control.speed = max(control.speed, pace)
         if rd > axes:
             angle = _distance(z, control.start, p + axes, p + rigid)
             if rigid == 7:
                 angle *= 2.0
             spin, jerk = _size(v, u + axes, u + rd), _size(a, u + axes, u + rd)
-            real[ROTATION] = max(real[ROTATION], angle)
-            real[SPIN] = max(real[SPIN], spin)
+            control.rotation = max(control.rotation, angle)
+            control.spin = max(control.spin, spin)
             turn_rate, turn_push = max(turn_rate, spin), max(turn_push, jerk)
             extent = control.extent[b]
             way, pace = max(way, extent * angle), max(pace, extent * spin)
             push = max(push, extent * jerk)
         motion_rate, motion_push = max(motion_rate, pace), max(motion_push, push)
         deformation = _note_deformation(system, memory, control, b)
-        real[MOTION] = max(real[MOTION], way, deformation)
-    real[MOTION_RATE], real[MOTION_PUSH] = motion_rate, motion_push
-    real[ROTATION_RATE], real[ROTATION_PUSH] = turn_rate, turn_push
+        control.motion = max(control.motion, way, deformation)
+    control.motion_rate, control.motion_push = motion_rate, motion_push
+    control.rotation_rate, control.rotation_push = turn_rate, turn_push
 
 
 @inner(float64(SYSTEM, MEMORY, CONTROL, types.int64))
@@ -132,24 +116,26 @@ def set_scales(system, control, h):
     An error of elastic velocities may be as large as the frequency times that of the
     deformation; of others as large as what it moves until it is forgotten.
     """
-    real, length, period = control.real, control.real[LENGTH], control.real[PERIOD]
-    real[PART], floor = 1.0, RESOLVED * ROUNDED
-    if control.whole[ADDING] == 1:
-        real[PART], floor = h / period, RESOLVED_PART * ROUNDED
-    tolerance = real[TOLERANCE] * real[PART]
+    length, period = control.length, control.period
+    control.part, floor = 1.0, RESOLVED * ROUNDED
+    if control.adding == 1:
+        control.part, floor = h / period, RESOLVED_PART * ROUNDED
+    tolerance = control.tolerance * control.part
     resolved = max(tolerance, floor)
-    motion = h * (real[MOTION_RATE] + 0.5 * h * real[MOTION_PUSH])
-    motion = min(max(motion, real[MOTION]), length)
-    turn = h * (real[ROTATION_RATE] + 0.5 * h * real[ROTATION_PUSH])
-    turn = min(max(turn, real[ROTATION], motion / length), 1.0)
-    speed = max(real[MOTION_RATE] + h * real[MOTION_PUSH], ROUNDED * length / period)
-    speed = max(real[SPEED], speed)
-    spin = real[ROTATION_RATE] + h * real[ROTATION_PUSH]
-    spin = max(real[SPIN], spin, speed / length)
+    motion = h * (control.motion_rate + 0.5 * h * control.motion_push)
+    motion = min(max(motion, control.motion), length)
+    turn = h * (control.rotation_rate + 0.5 * h * control.rotation_push)
+    turn = min(max(turn, control.rotation, motion / length), 1.0)
+    speed = max(
+        control.motion_rate + h * control.motion_push, ROUNDED * length / period
+    )
+    speed = max(control.speed, speed)
+    spin = control.rotation_rate + h * control.rotation_push
+    spin = max(control.spin, spin, speed / length)
     lasting, tolerated = LASTING * turn * period, tolerance
-    if control.whole[ADDING] == 0:
+    if control.adding == 0:
         tolerated /= max(1.0, spin * period / MANY)
-    real[NOISE], least = 0.0, min(length, 1.0)
+    control.noise, least = 0.0, min(length, 1.0)
     for b in range(len(system.body)):
         row = system.body[b]
         rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
@@ -160,7 +146,7 @@ def set_scales(system, control, h):
             extent = max(whole, abs(control.z[p + k]))
             control.scale_z[p + k] = max(tolerance * size, floor * extent)
             noise = ROUNDED * extent / control.scale_z[p + k]
-            real[NOISE] = max(real[NOISE], noise)
+            control.noise = max(control.noise, noise)
         for k in range(rd):
             size, rate, whole = motion, speed, length
             if k >= axes:
@@ -170,7 +156,7 @@ def set_scales(system, control, h):
             wanted = max(tolerated * size, floor * whole) / lasts
             control.scale_v[u + k] = max(wanted, floor * rate)
             noise = ROUNDED * rate / control.scale_v[u + k]
-            real[NOISE] = max(real[NOISE], noise)
+            control.noise = max(control.noise, noise)
         coming = control.coming[b]
         if row[FLAGS] & STATE:
             size = max(control.elastic[b], h * coming[1], SMALLEST_STATE * least)
@@ -180,7 +166,7 @@ def set_scales(system, control, h):
             continue
         size = min(h * coming[0], coming[2]) + min(0.5 * h * h * coming[1], coming[3])
         size = max(size, control.elastic[b], SMALLEST_DEFORMATION * motion)
-        size = max(size, ROUNDED_DEFORMATION / real[TOLERANCE] * length)
+        size = max(size, ROUNDED_DEFORMATION / control.tolerance * length)
         for k in range(nq):
             i = u + rd + k
             control.pace[i] = size / control.amplitude[i]

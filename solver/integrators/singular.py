@@ -26,24 +26,7 @@ from ..linear.saddle import REGULARISATION
 from ..space.layout import C_RATE, C_VALUE, F1, N_ROWS, SYSTEM, WORK
 from .projection import accelerate, rates_of_rows
 from .step_sizes import scaled_norm
-from .stepping import (
-    CLEAREST,
-    CONTROL,
-    CROSSING,
-    DECLINE,
-    FAILURES,
-    FIXED_STEP,
-    INDEPENDENCE,
-    LENGTH,
-    OLD_STEP,
-    PERIOD,
-    SINGULAR,
-    SPEED,
-    SPIN,
-    STOP,
-    TIME,
-    TOLERANCE,
-)
+from .stepping import CONTROL
 
 #: How a step lies to a singular position: it may be before it, or behind.
 FAR, BEYOND, NEAR = range(3)
@@ -69,8 +52,8 @@ ALIKE, TOO_NEAR = 1e-5, 0.03
 @inner(float64(CONTROL))
 def noisy(control):
     """The independence below which rounding is seen, where it has been much larger."""
-    noise = math.sqrt(SOFT / control.real[TOLERANCE])
-    return min(LOST * control.real[CLEAREST], noise)
+    noise = math.sqrt(SOFT / control.tolerance)
+    return min(LOST * control.clearest, noise)
 
 
 @inner(float64(CONTROL, float64, float64))
@@ -80,13 +63,12 @@ def beside_singular(control, h, reach):
     It passes it, or is one of a few equal steps before one that does. Each is at most
     as long as the one before, the passing one times `reach`.
     """
-    real, whole = control.real, control.whole
-    left, old = real[SINGULAR] - real[TIME], real[OLD_STEP]
-    whole[CROSSING] = BEYOND if real[INDEPENDENCE] < noisy(control) else FAR
-    warned = real[INDEPENDENCE] < DEPENDENT or whole[FAILURES] > 0
+    left, old = control.singular - control.time, control.old_step
+    control.crossing = BEYOND if control.independence < noisy(control) else FAR
+    warned = control.independence < DEPENDENT or control.failures > 0
     if abs(left) < NEAR_SHARE * h and warned:
-        whole[CROSSING] = NEAR if left >= 0.0 else BEYOND
-    if whole[FIXED_STEP] == 1 or whole[CROSSING] != NEAR:
+        control.crossing = NEAR if left >= 0.0 else BEYOND
+    if control.fixed_step == 1 or control.crossing != NEAR:
         return h
     if old == 0.0:
         return min(h, left / NEAR_SHARE) if left > 0.0 else h
@@ -103,11 +85,10 @@ def beside_singular(control, h, reach):
 @inner(boolean(CONTROL, float64))
 def is_near(control, h):
     """Whether a step ends where rounding of positions would spoil velocities."""
-    real = control.real
-    left = abs(real[SINGULAR] - real[TIME] - h)
-    if left < NEAR_SHARE * h and real[INDEPENDENCE] < DEPENDENT:
+    left = abs(control.singular - control.time - h)
+    if left < NEAR_SHARE * h and control.independence < DEPENDENT:
         return True
-    return real[INDEPENDENCE] < noisy(control)
+    return control.independence < noisy(control)
 
 
 @inner(int64(SYSTEM, MEMORY, CONTROL, float64))
@@ -118,29 +99,24 @@ def foresee(system, memory, control, h):
     is one. A singular position that was passed is kept. Returns 0, or 5 when the step
     ends where the motions that meet there cannot be told apart.
     """
-    real = control.real
-    old, now = real[OLD_STEP], independence(system, memory)
-    ahead = real[SINGULAR] > real[TIME]
-    too_near = min(LOST * real[CLEAREST], max(ALIKE, TOO_NEAR * noisy(control)))
-    if (
-        ahead
-        and control.whole[CROSSING] == NEAR
-        and now < min(real[INDEPENDENCE], too_near)
-    ):
+    old, now = control.old_step, independence(system, memory)
+    ahead = control.singular > control.time
+    too_near = min(LOST * control.clearest, max(ALIKE, TOO_NEAR * noisy(control)))
+    if ahead and control.crossing == NEAR and now < min(control.independence, too_near):
         return 5
-    mean = (now - real[INDEPENDENCE]) / h
-    known = real[DECLINE] < 0.0
-    bend = (mean - real[DECLINE]) / (h + old) if known else 0.0
+    mean = (now - control.independence) / h
+    known = control.decline < 0.0
+    bend = (mean - control.decline) / (h + old) if known else 0.0
     slope = mean + bend * h
     root = slope * slope - 4.0 * bend * now
-    falls = max(mean, slope) < 0.0 and (known or ahead and real[SINGULAR] < math.inf)
-    real[INDEPENDENCE], real[CLEAREST] = now, max(now, real[CLEAREST])
-    real[DECLINE] = mean
+    falls = max(mean, slope) < 0.0 and (known or ahead and control.singular < math.inf)
+    control.independence, control.clearest = now, max(now, control.clearest)
+    control.decline = mean
     if falls and now < INDEPENDENT and root >= 0.0:
         left = 2.0 * now / (math.sqrt(root) - slope)
-        real[SINGULAR] = real[TIME] + h + left
-    elif real[SINGULAR] > real[TIME] + h:
-        real[SINGULAR] = math.inf
+        control.singular = control.time + h + left
+    elif control.singular > control.time + h:
+        control.singular = math.inf
     return 0
 
 
@@ -151,22 +127,21 @@ def leave_start(system, memory, control, h):
     There it ends where rounding does not spoil velocities. A fixed step stays.
     """
     least = _least_start(system, memory, control)
-    if control.whole[FIXED_STEP] == 1:
+    if control.fixed_step == 1:
         return h
-    return max(h, min(least, 0.1 * (control.real[STOP] - control.real[TIME])))
+    return max(h, min(least, 0.1 * (control.stop - control.time)))
 
 
 @inner(float64(SYSTEM, MEMORY, CONTROL))
 def _least_start(system, memory, control):
     """Looks for a singular position at a start; returns the least step out of it."""
-    real = control.real
-    real[INDEPENDENCE] = independence(system, memory)
-    real[DECLINE] = 0.0
-    if real[INDEPENDENCE] > SINGULAR_START:
+    control.independence = independence(system, memory)
+    control.decline = 0.0
+    if control.independence > SINGULAR_START:
         return 0.0
-    real[SINGULAR], real[CLEAREST] = real[TIME], 1.0
-    fast = max(real[SPEED] / real[LENGTH], real[SPIN], 1.0 / real[PERIOD])
-    return LEAVING * math.sqrt(SOFT / real[TOLERANCE]) / fast
+    control.singular, control.clearest = control.time, 1.0
+    fast = max(control.speed / control.length, control.spin, 1.0 / control.period)
+    return LEAVING * math.sqrt(SOFT / control.tolerance) / fast
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, float64, F1, F1, F1, F1))
@@ -177,7 +152,7 @@ def project_near(kernels, system, work, memory, control, t, z, v, dz, dv):
     numbers: so much is left as it is. Returns 0, or a code also when velocities would
     have to change too much: then the step has left the motion.
     """
-    soft = SOFT / control.real[TOLERANCE]
+    soft = SOFT / control.tolerance
     for _ in range(PROJECTIONS_NEAR):
         kernels.evaluate(system, work, t, z, v)
         memory.counters[EVALUATIONS] += 1
@@ -198,9 +173,9 @@ def keep_free_part(kernels, system, work, memory, control, h, z1, v1, error, dz,
 
     Far from singular positions all of it counts. dz and dv are scratch.
     """
-    if control.whole[CROSSING] == FAR:
+    if control.crossing == FAR:
         return
-    kernels.evaluate(system, work, control.real[TIME] + h, z1, v1)
+    kernels.evaluate(system, work, control.time + h, z1, v1)
     memory.counters[EVALUATIONS] += 1
     for i in range(system.dims[N_ROWS]):
         work.row[i, C_VALUE] = 0.0

@@ -10,24 +10,7 @@ from ..compiler.compiling import inner
 from ..space.layout import F1
 from .newton_steps import ADVANCE, NEWTON_LIMIT
 from .passing import unpassed
-from .stepping import (
-    CONTRACTION,
-    CONTROL,
-    FIXED_STEP,
-    FRONTIER,
-    LARGEST,
-    NEEDS_JACOBIAN,
-    OLD_ERROR,
-    OLD_STEP,
-    PERIOD,
-    SAME,
-    STEP,
-    STOP,
-    STUB,
-    TIME,
-    UNTURNED,
-    WELL,
-)
+from .stepping import CONTROL, STUB
 
 SAFETY = 0.9
 #: For methods that a change of the step disturbs: the factor by which steps grow, and
@@ -65,14 +48,15 @@ def next_step(control):
 
     Zero when the end of the interval is reached.
     """
-    real = control.real
-    remaining = real[STOP] - real[TIME]
-    if remaining <= 1e-13 * max(abs(real[STOP]), real[PERIOD]):
+    remaining = control.stop - control.time
+    if remaining <= 1e-13 * max(abs(control.stop), control.period):
         return 0.0
-    fixed = control.whole[FIXED_STEP] == 1
-    h = real[STEP]
+    fixed = control.fixed_step == 1
+    h = control.step
     if not fixed:
-        h = unpassed(control, real[TIME], min(h, real[LARGEST], real[UNTURNED]))
+        h = unpassed(
+            control, control.time, min(h, control.largest_step, control.unturned)
+        )
     if h >= remaining * (1.0 - (STUB if fixed else 1e-9)):
         return remaining
     if h > 0.5 * remaining and not fixed:
@@ -83,7 +67,7 @@ def next_step(control):
 @inner(boolean(CONTROL, float64))
 def too_small(control, h):
     """Whether the time does not resolve a step."""
-    return h <= 1e-13 * max(abs(control.real[TIME]), control.real[PERIOD])
+    return h <= 1e-13 * max(abs(control.time), control.period)
 
 
 @inner(float64(int64, float64, int64))
@@ -101,26 +85,25 @@ def finish_step(control, order, serves, h, error, iterations, failures):
 
     It does while Newton's iteration contracts the error by `serves`.
     """
-    real, whole = control.real, control.whole
-    whole[NEEDS_JACOBIAN] = 1 if real[CONTRACTION] > serves else 0
-    if whole[FIXED_STEP] == 1:
-        real[OLD_STEP] = h
+    control.needs_jacobian = 1 if control.contraction > serves else 0
+    if control.fixed_step == 1:
+        control.old_step = h
         return
     factor = growth(order, error, iterations)
-    if real[OLD_STEP] > 0.0 and real[OLD_ERROR] > 0.0:
-        ratio = h / real[OLD_STEP]
-        change = (real[OLD_ERROR] / max(error, 1e-10)) ** (1.0 / (order + 1))
+    if control.old_step > 0.0 and control.old_error > 0.0:
+        ratio = h / control.old_step
+        change = (control.old_error / max(error, 1e-10)) ** (1.0 / (order + 1))
         factor = min(factor, max(0.15, factor * ratio * change))
     if failures > 0:
         factor = min(factor, 1.0)
-    factor = min(factor, real[FRONTIER] / h)
-    real[FRONTIER] *= ADVANCE
-    whole[WELL] += 1
-    real[OLD_STEP] = h
-    real[OLD_ERROR] = max(1e-2, error)
-    if whole[NEEDS_JACOBIAN] == 0 and 1.0 <= factor < 1.2:
+    factor = min(factor, control.frontier / h)
+    control.frontier *= ADVANCE
+    control.well += 1
+    control.old_step = h
+    control.old_error = max(1e-2, error)
+    if control.needs_jacobian == 0 and 1.0 <= factor < 1.2:
         factor = 1.0
-    real[STEP] = h * factor
+    control.step = h * factor
 
 
 @inner(types.void(CONTROL, int64, float64, float64, float64, int64, int64))
@@ -129,13 +112,12 @@ def keep_step(control, order, serves, h, error, iterations, failures):
 
     Steps are lengthened when the last change has died out, by one factor or not at all.
     """
-    real, whole = control.real, control.whole
-    whole[NEEDS_JACOBIAN] = 1 if real[CONTRACTION] > serves else 0
-    same = abs(h - real[OLD_STEP]) <= STUB * h
-    whole[SAME] = whole[SAME] + 1 if same else 0
-    real[OLD_STEP] = h
-    if whole[FIXED_STEP] == 1:
+    control.needs_jacobian = 1 if control.contraction > serves else 0
+    same = abs(h - control.old_step) <= STUB * h
+    control.same = control.same + 1 if same else 0
+    control.old_step = h
+    if control.fixed_step == 1:
         return
-    real[STEP] = h
-    if whole[SAME] >= SETTLED and growth(order, error, iterations) > LONGER:
-        real[STEP] = LONGER * h
+    control.step = h
+    if control.same >= SETTLED and growth(order, error, iterations) > LONGER:
+        control.step = LONGER * h

@@ -2,66 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import types
-
-from sidtool.formats.sid import Array
 
 from ..compiler.compiling import inner
 from ..compiler.tables import Table, TableType
-from ..space.layout import F1, F2, I1
-
-# Entries of Control.real
-TIME = 0  # current time
-STOP = 1  # end of the smooth interval
-STEP = 2  # proposed step
-OLD_STEP = 3  # last accepted step, 0 at a start
-OLD_ERROR = 4  # its error estimate
-TOLERANCE = 5  # relative tolerance
-LENGTH = 6  # size of the mechanism [m]
-PERIOD = 7  # duration of the run [s]
-INDEPENDENCE = 8  # of the constraints, see `kernels.mass`
-SINGULAR = 9  # when they become dependent if it goes on falling
-SPEED = 10  # largest speed so far
-SPIN = 11  # largest angular velocity so far
-DRIFT = 12  # largest |c| met at the end of a step, after projection
-DRIFT_RATE = 13
-LARGEST = 14  # largest allowed step
-CONTRACTION = 15  # of the last Newton iteration
-FACTORED_STEP = 16  # step of the factors at hand, 0 for none
-STAGE_STEP = 17  # step that the stages at hand belong to
-RADIUS = 18  # wanted spectral radius at infinite frequency, of methods that have one
-UNTURNED = 19  # step in which nothing turns or moves too far to be followed
-CLEAREST = 20  # largest independence so far
-DECLINE = 21  # mean slope of the independence in the last step, 0 for unknown
-PART = 22  # of the tolerance, that the present step may use up
-MISSED = 23  # errors of all steps, in units of the tolerated one
-BEGIN = 24  # of the run
-FRONTIER = 25  # step beyond which Newton's iteration has failed lately
-MOTION = 26  # largest displacement so far [m]
-MOTION_RATE = 27  # its speed now
-MOTION_PUSH = 28  # its acceleration now
-ROTATION = 29  # largest rotation so far [rad]
-ROTATION_RATE = 30
-ROTATION_PUSH = 31
-NOISE = 32  # what rounding may be of tolerated errors, at most
-N_REAL = 33
-
-# Entries of Control.whole
-FIXED_STEP = 0  # 1: no error control
-OUTPUT = 1  # next entry of `Control.times`
-NEEDS_JACOBIAN = 2
-PREDICT = 3  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected one
-SHARE = 4  # next entry of the shares
-STIFF = 5  # steps that stability, not accuracy, has limited
-FAILURES = 6  # attempts of the present step that failed
-CROSSING = 7  # how the step lies to a singular position, see `singular`
-JACOBIAN = 8  # the one at hand, see below
-SAME = 9  # steps of the same length before this one
-WELL = 10  # steps since one with which Newton's iteration failed
-CROSSED = 11  # steps that may have passed a singular configuration
-ADDING = 12  # 1: steps may err by their share of what the run may
-N_WHOLE = 13
+from ..space.layout import F1, Integers, Reals, Reals2
 
 #: Of a step before, of the beginning of this step, or of its end.
 KEPT, FRESH, AHEAD = range(3)
@@ -88,7 +33,6 @@ CRAWLING, BLURRED, BESIDE, FULL = 6, 7, 8, 9
 class Control(Table):
     """State of a step loop.
 
-    real, whole : see the entries above
     z, v : current z_I and z_II
     start : z at the beginning of the run
     extent : (bodies,) of each body [m]
@@ -117,44 +61,80 @@ class Control(Table):
     crossed : steps that may have passed a singular configuration, see `bifurcations`
     """
 
-    real: Array
-    whole: np.ndarray
-    z: Array
-    v: Array
-    start: Array
-    extent: Array
-    elastic: Array
-    coming: Array
-    amplitude: Array
-    frequency: Array
-    pace: Array
-    scale_z: Array
-    scale_v: Array
-    closed: Array
-    times: Array
-    shares: Array
-    moments: Array
-    out_z: Array
-    out_v: Array
-    features: np.ndarray
-    starts: Array
-    reaches: Array
-    measured: Array
-    passed: Array
-    crossed: Array
+    time: float  # current time
+    stop: float  # end of the smooth interval
+    step: float  # proposed step
+    old_step: float  # last accepted step, 0 at a start
+    old_error: float  # its error estimate
+    tolerance: float  # relative tolerance
+    length: float  # size of the mechanism [m]
+    period: float  # duration of the run [s]
+    independence: float  # of the constraints, see `kernels.mass`
+    singular: float  # when they become dependent if it goes on falling
+    speed: float  # largest speed so far
+    spin: float  # largest angular velocity so far
+    drift: float  # largest |c| met at the end of a step, after projection
+    drift_rate: float
+    largest_step: float  # largest allowed step
+    contraction: float  # of the last Newton iteration
+    factored_step: float  # step of the factors at hand, 0 for none
+    stage_step: float  # step that the stages at hand belong to
+    radius: (
+        float  # wanted spectral radius at infinite frequency, of methods that have one
+    )
+    unturned: float  # step in which nothing turns or moves too far to be followed
+    clearest: float  # largest independence so far
+    decline: float  # mean slope of the independence in the last step, 0 for unknown
+    part: float  # of the tolerance, that the present step may use up
+    missed: float  # errors of all steps, in units of the tolerated one
+    begin: float  # of the run
+    frontier: float  # step beyond which Newton's iteration has failed lately
+    motion: float  # largest displacement so far [m]
+    motion_rate: float  # its speed now
+    motion_push: float  # its acceleration now
+    rotation: float  # largest rotation so far [rad]
+    rotation_rate: float
+    rotation_push: float
+    noise: float  # what rounding may be of tolerated errors, at most
+    fixed_step: int  # 1: no error control
+    output: int  # next entry of `Control.times`
+    needs_jacobian: int
+    predict: int  # stages at hand: 0 useless, 1 of the last step, 2 of a rejected one
+    share: int  # next entry of the shares
+    stiff_steps: int  # steps that stability, not accuracy, has limited
+    failures: int  # attempts of the present step that failed
+    crossing: int  # how the step lies to a singular position, see `singular`
+    jacobian: int  # the one at hand, see below
+    same: int  # steps of the same length before this one
+    well: int  # steps since one with which Newton's iteration failed
+    crossings: int  # steps that may have passed a singular configuration
+    adding: int  # 1: steps may err by their share of what the run may
+    z: Reals
+    v: Reals
+    start: Reals
+    extent: Reals
+    elastic: Reals
+    coming: Reals2
+    amplitude: Reals
+    frequency: Reals
+    pace: Reals
+    scale_z: Reals
+    scale_v: Reals
+    closed: Reals2
+    times: Reals
+    shares: Reals
+    moments: Reals
+    out_z: Reals2
+    out_v: Reals2
+    features: Integers
+    starts: Reals
+    reaches: Reals
+    measured: Reals2
+    passed: Reals2
+    crossed: Reals2
 
 
-CONTROL = TableType(
-    Control,
-    [F1, I1]
-    + [F1] * 5
-    + [F2]
-    + [F1] * 5
-    + [F2]
-    + [F1] * 3
-    + [F2, F2]
-    + [I1, F1, F1, F2, F2, F2],
-)
+CONTROL = TableType(Control)
 
 
 @inner(types.void(F1, F1))

@@ -14,12 +14,10 @@ from __future__ import annotations
 
 from numba import float64, int64, types
 
-from sidtool.formats.sid import Array
-
 from ..compiler.compiling import inner
 from ..compiler.tables import Table, TableType
 from ..linear.memory import ITERATIONS, KERNELS, MEMORY
-from ..space.layout import F1, SYSTEM, WORK
+from ..space.layout import SYSTEM, WORK, Reals
 from .implicit import step_loop
 from .landing import close_step
 from .newton_steps import fade_contraction, judge, newton_limit
@@ -27,7 +25,7 @@ from .projection import accelerate
 from .recording import move, write_cubic
 from .singular import keep_free_part
 from .step_sizes import scaled_norm
-from .stepping import CONTROL, NOISE, OLD_STEP, TIME, copy
+from .stepping import CONTROL, copy
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 1e-2
@@ -40,23 +38,24 @@ BLUNT = 0.3
 class Slopes(Table):
     """Slopes at the beginning of this step and of the last one, and scratch vectors."""
 
-    rate0: Array
-    acc0: Array
-    old_rate: Array
-    old_acc: Array
-    z1: Array
-    v1: Array
-    rz: Array
-    rv: Array
+    rate0: Reals
+    acc0: Reals
+    old_rate: Reals
+    old_acc: Reals
+    z1: Reals
+    v1: Reals
+    rz: Reals
+    rv: Reals
 
 
-SLOPES = TableType(Slopes, [F1] * 8)
+SLOPES = TableType(Slopes)
 
 
 def new_slopes(n_positions: int, n_velocities: int) -> Slopes:
     """Storage for a run."""
-    n, m = n_positions, n_velocities
-    return Slopes.zeros(*((k,) for k in (n, m, n, m, n, m, n, m)))
+    z = dict.fromkeys(("rate0", "old_rate", "z1", "rz"), (n_positions,))
+    v = dict.fromkeys(("acc0", "old_acc", "v1", "rv"), (n_velocities,))
+    return Slopes.zeros(**z, **v)
 
 
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES))
@@ -71,7 +70,7 @@ def begin_step(kernels, system, work, memory, control, slopes):
 @inner(types.void(KERNELS, SYSTEM, CONTROL, SLOPES, float64))
 def predict(kernels, system, control, slopes, h):
     """First guess of the end of the step: slopes go on as they changed so far."""
-    old = control.real[OLD_STEP]
+    old = control.old_step
     bend = 0.5 * h * h / old if old > 0.0 else 0.0
     for i in range(len(slopes.z1)):
         change = slopes.rate0[i] - slopes.old_rate[i]
@@ -84,15 +83,14 @@ def predict(kernels, system, control, slopes, h):
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, SLOPES, float64))
 def _newton(kernels, system, work, memory, control, slopes, h):
     """Solves y1 = y0 + h (y0' + y1') / 2; iterations used, or 0 without convergence."""
-    real = control.real
     mu = 2.0 / h
     predict(kernels, system, control, slopes, h)
     fade_contraction(control)
-    blunt = min(BLUNT, real[NOISE])
+    blunt = min(BLUNT, control.noise)
     old_norm = 0.0
     for iteration in range(newton_limit(control)):
         z1, v1 = slopes.z1, slopes.v1
-        if accelerate(kernels, system, work, memory, real[TIME] + h, z1, v1) != 0:
+        if accelerate(kernels, system, work, memory, control.time + h, z1, v1) != 0:
             return 0
         kernels.rate(system, z1, v1, slopes.rz)
         for i in range(len(z1)):
@@ -125,7 +123,7 @@ def _error(kernels, system, work, memory, control, slopes, h):
     step follows from the rule itself. In a first step, the slope before is missing:
     h y''' counts as y''.
     """
-    old, mu = control.real[OLD_STEP], 2.0 / h
+    old, mu = control.old_step, 2.0 / h
     weight, before = h / 6.0, 0.0
     if old > 0.0:
         weight, before = h * h / (6.0 * (h + old)), h / old

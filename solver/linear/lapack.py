@@ -8,22 +8,26 @@ transposed factor.
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numba import int64, types
 from numba.extending import get_cython_function_address, intrinsic
-from numpy.typing import NDArray
 
 from ..compiler.compiling import inner
 from ..compiler.tables import Table, TableType
-from ..compiler.views import Pointer, PointerType, ViewType
+from ..compiler.views import Pointer, PointerType
+from ..space.layout import Integers
 
 #: Blocks from this size on go to LAPACK: measured, real blocks.
 LARGE = 24
 
 # Entries of Lapack.word: arguments that LAPACK takes by address
 SIZE, ONE, INFO, TRANSPOSED = range(4)
+
+
+FACTOR = types.void(*[int64] * 6)
+SOLVE = types.void(*[int64] * 9)
 
 
 class Lapack(Table):
@@ -33,16 +37,12 @@ class Lapack(Table):
     word : see the entries above
     """
 
-    factor: Any
-    solve: Any
-    word: NDArray[np.int64]
+    factor: Annotated[Any, PointerType(FACTOR)]
+    solve: Annotated[Any, PointerType(SOLVE)]
+    word: Integers
 
 
-FACTOR = types.void(*[int64] * 6)
-SOLVE = types.void(*[int64] * 9)
-LAPACK = TableType(
-    Lapack, [PointerType(FACTOR), PointerType(SOLVE), ViewType(int64, 1)]
-)
+LAPACK = TableType(Lapack)
 
 
 @cache
@@ -58,7 +58,8 @@ def lapack(kind: str, largest: int) -> Lapack:
         for name in names
     ]
     word = np.array([0, 1, 0, ord("T")], np.int64)
-    return Lapack(Pointer(found[0], FACTOR), Pointer(found[1], SOLVE), word)
+    factor, solve = Pointer(found[0], FACTOR), Pointer(found[1], SOLVE)
+    return Lapack(factor=factor, solve=solve, word=word)
 
 
 @intrinsic

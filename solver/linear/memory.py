@@ -2,29 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-import numpy as np
 from numba import complex128, float64, int64, types
-
-from sidtool.formats.sid import Array
 
 from ..compiler.tables import Table, TableType
 from ..compiler.views import PointerType
 from ..space.coordinates import RATE, RETRACT
 from ..space.layout import (
     C1,
-    C2,
-    C3,
     F1,
-    F2,
-    F3,
-    I1,
-    I2,
     SYSTEM,
     WORK,
+    Complexes,
+    Complexes2,
+    Complexes3,
+    Integers,
+    Integers2,
+    Reals,
+    Reals2,
+    Reals3,
 )
-from .lapack import LAPACK, Lapack
+from .lapack import Lapack
 
 
 class Factors(Table):
@@ -34,26 +33,34 @@ class Factors(Table):
     lapack : for large blocks
     """
 
-    A: np.ndarray
-    G: np.ndarray
-    Y: np.ndarray
-    S: np.ndarray
-    pivots: np.ndarray
-    row_pivots: np.ndarray
-    x: np.ndarray
-    p: np.ndarray
-    g: np.ndarray
+    A: Reals2
+    G: Reals2
+    Y: Reals2
+    S: Reals3
+    pivots: Integers2
+    row_pivots: Integers2
+    x: Reals
+    p: Reals
+    g: Reals
     lapack: Lapack
 
 
-class ComplexFactors(Factors):
+class ComplexFactors(Table):
     """The same of complex systems."""
 
+    A: Complexes2
+    G: Complexes2
+    Y: Complexes2
+    S: Complexes3
+    pivots: Integers2
+    row_pivots: Integers2
+    x: Complexes
+    p: Complexes
+    g: Complexes
+    lapack: Lapack
 
-REAL_FACTORS = TableType(Factors, [F2] * 3 + [F3, I2, I2] + [F1] * 3 + [LAPACK])
-COMPLEX_FACTORS = TableType(
-    ComplexFactors, [C2] * 3 + [C3, I2, I2] + [C1] * 3 + [LAPACK]
-)
+
+REAL_FACTORS, COMPLEX_FACTORS = TableType(Factors), TableType(ComplexFactors)
 
 
 class Memory(Table):
@@ -72,35 +79,28 @@ class Memory(Table):
     """
 
     real: Factors
-    complex: Factors
-    mass_A: Array
-    mass_W: Array
-    mass_S: Array
-    M: Array
-    C: Array
-    frame: Array
-    metric: Array
-    acceleration: Array
-    multiplier: Array
-    dx: Array
-    dmu: Array
-    counters: np.ndarray
-    rub_X: Array
-    rub_L: Array
-    rub_P: Array
-    rub_A: Array
-    rub_t: Array
-    rub_pivots: np.ndarray
+    complex: ComplexFactors
+    mass_A: Reals
+    mass_W: Reals
+    mass_S: Reals2
+    M: Reals
+    C: Reals
+    frame: Reals2
+    metric: Reals
+    acceleration: Reals
+    multiplier: Reals
+    dx: Reals
+    dmu: Reals
+    counters: Integers
+    rub_X: Reals2
+    rub_L: Reals2
+    rub_P: Reals2
+    rub_A: Reals2
+    rub_t: Reals
+    rub_pivots: Integers
 
 
-MEMORY = TableType(
-    Memory,
-    [REAL_FACTORS, COMPLEX_FACTORS]
-    + [F1, F1, F2]
-    + [F1, F1, F2, F1, F1, F1, F1, F1, I1]
-    + [F2] * 4
-    + [F1, I1],
-)
+MEMORY = TableType(Memory)
 
 #: evaluate(system, work, t, z_I, z_II)
 EVALUATE = types.void(SYSTEM, WORK, float64, F1, F1)
@@ -120,35 +120,21 @@ SOLVE_COMPLEX = types.void(*FACTOR_COMPLEX.args, C1, C1)
 class Kernels(Table):
     """Pointers to the kernels of a run, so that each is compiled once and alone."""
 
-    evaluate: Any
-    linearise: Any
-    solve_accelerations: Any
-    project_once: Any
-    remember: Any
-    factor_real: Any
-    factor_complex: Any
-    solve_real: Any
-    solve_complex: Any
-    rate: Any
-    retract: Any
-    complete: Any
+    evaluate: Annotated[Any, PointerType(EVALUATE)]
+    linearise: Annotated[Any, PointerType(LINEARISE)]
+    solve_accelerations: Annotated[Any, PointerType(SOLVE_ACCELERATIONS)]
+    project_once: Annotated[Any, PointerType(PROJECT_ONCE)]
+    remember: Annotated[Any, PointerType(REMEMBER)]
+    factor_real: Annotated[Any, PointerType(FACTOR_REAL)]
+    factor_complex: Annotated[Any, PointerType(FACTOR_COMPLEX)]
+    solve_real: Annotated[Any, PointerType(SOLVE_REAL)]
+    solve_complex: Annotated[Any, PointerType(SOLVE_COMPLEX)]
+    rate: Annotated[Any, PointerType(RATE)]
+    retract: Annotated[Any, PointerType(RETRACT)]
+    complete: Annotated[Any, PointerType(COMPLETE)]
 
 
-SIGNATURES = (
-    EVALUATE,
-    LINEARISE,
-    SOLVE_ACCELERATIONS,
-    PROJECT_ONCE,
-    REMEMBER,
-    FACTOR_REAL,
-    FACTOR_COMPLEX,
-    SOLVE_REAL,
-    SOLVE_COMPLEX,
-    RATE,
-    RETRACT,
-    COMPLETE,
-)
-KERNELS = TableType(Kernels, [PointerType(sig) for sig in SIGNATURES])
+KERNELS = TableType(Kernels)
 
 # Columns of Memory.counters
 STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS = (

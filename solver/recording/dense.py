@@ -16,7 +16,6 @@ from numpy.polynomial import chebyshev
 
 from sidtool.formats.sid import Array
 
-from ..integrators import stepping
 from ..integrators.stepping import Control
 
 #: Steps that a control keeps the points of.
@@ -122,8 +121,8 @@ def wanted_ends(fixed: bool) -> Array:
 
 def taken_ends(control: Control) -> Steps:
     """Ends of steps since the last call, by `wanted_ends`; the control forgets them."""
-    used = int(control.whole[stepping.SHARE])
-    control.whole[stepping.SHARE] = 0
+    used = control.share
+    control.share = 0
     inside = np.flatnonzero(control.shares[:used] > 0.0)
     rows = len(control.times) + inside
     return Steps(control.moments[inside], control.out_z[rows], control.out_v[rows])
@@ -131,14 +130,14 @@ def taken_ends(control: Control) -> Steps:
 
 def taken(control: Control) -> Steps:
     """The steps since the last call, which the control forgets."""
-    used = int(control.whole[stepping.SHARE])
-    control.whole[stepping.SHARE] = 0
+    used = control.share
+    control.share = 0
     shares = control.shares[:used]
     inside = np.flatnonzero(shares >= 0.0)
     t = control.moments[inside]
     first, last = shares[inside] == 0.0, shares[inside] == 1.0
     starts = t[first]
-    ends = [*starts[1:], control.real[stepping.TIME]] if used else []
+    ends = [*starts[1:], control.time] if used else []
     t[first] = np.nextafter(starts, np.inf)
     t[last] = np.nextafter(ends, -np.inf)
     rows = len(control.times) + inside

@@ -83,11 +83,11 @@ class StickSlip(Grip):
         self.stride = max(min(2 * self.stride, STRIDE), int(LOST * self.since))
         if t is None:
             return steps
-        self.stride, self.since, whole = 1, 0, control.whole
-        control.real[stepping.TIME] = t
+        self.stride, self.since = 1, 0
+        control.time = t
         control.z[:], control.v[:] = self.points.state(steps, t)
-        known = control.times[: whole[stepping.OUTPUT]]
-        whole[stepping.OUTPUT] = np.searchsorted(known, t, "right")
+        known = control.times[: control.output]
+        control.output = int(np.searchsorted(known, t, "right"))
         return self.cut(steps, t)
 
     def look(self, steps: Steps) -> float | None:

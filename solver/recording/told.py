@@ -127,8 +127,11 @@ class Told:
 
     def _empty(self, wrenches: int, forces: int, bodies: int) -> at.Told:
         nt = len(self.times)
-        sizes = ((wrenches, WRENCH), (forces, MEASURED), (bodies, MOVED))
-        return at.Told(*(np.zeros((nt * n, rows.record.size)) for n, rows in sizes))
+        return at.Told.zeros(
+            wrench=(nt * wrenches, WRENCH.record.size),
+            force=(nt * forces, MEASURED.record.size),
+            body=(nt * bodies, MOVED.record.size),
+        )
 
     def _rows(self, values: Array, rows: RowsType, count: int) -> Rows:
         return rows.record.named(values).reshape(len(self.times), count)

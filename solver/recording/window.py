@@ -8,7 +8,6 @@ from sidtool.formats.result.rows import BLOCK
 from sidtool.formats.scene import OutputTimes
 from sidtool.formats.sid import Array
 
-from ..integrators import stepping
 from ..integrators.stepping import Control
 
 #: Numbers in the states of a window, and the fewest output times that it holds.
@@ -31,14 +30,14 @@ class Window:
 
     def fill(self, control: Control) -> None:
         """Has the next times in the control, from its first row on."""
-        control.whole[stepping.OUTPUT] = 0
+        control.output = 0
         coming = self.times[self._first : self._first + len(control.times)]
         control.times[: len(coming)] = coming
         control.times[len(coming) :] = np.inf
 
     def reached(self, control: Control) -> tuple[Array, Array, Array]:
         """Times and states of the rows so far; see `go_on`."""
-        count = int(control.whole[stepping.OUTPUT])
+        count = control.output
         return control.times[:count], control.out_z[:count], control.out_v[:count]
 
     def go_on(self, control: Control, full: bool) -> Control:
@@ -47,7 +46,7 @@ class Window:
         full : these are all that there is room for in a step; if there are none, the
             step needs more room
         """
-        count = int(control.whole[stepping.OUTPUT])
+        count = control.output
         self._first += count
         if full and count == 0:
             control = _roomier(control)

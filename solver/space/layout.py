@@ -8,7 +8,7 @@ a run. Kernels are free functions on the two.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numba import float64, int64, types
@@ -20,6 +20,18 @@ from ..compiler.tables import Table, TableType
 from ..compiler.views import ViewType
 
 IntTable = NDArray[np.int64]
+F1, F2, F3 = (ViewType(float64, ndim) for ndim in (1, 2, 3))
+C1, C2, C3 = (ViewType(types.complex128, ndim) for ndim in (1, 2, 3))
+I1, I2 = (ViewType(int64, ndim) for ndim in (1, 2))
+# Fields of tables
+Reals = Annotated[Array, F1]
+Reals2 = Annotated[Array, F2]
+Reals3 = Annotated[Array, F3]
+Complexes = Annotated[NDArray[np.complex128], C1]
+Complexes2 = Annotated[NDArray[np.complex128], C2]
+Complexes3 = Annotated[NDArray[np.complex128], C3]
+Integers = Annotated[IntTable, I1]
+Integers2 = Annotated[IntTable, I2]
 
 # --- columns of System.body -----------------------------------------------
 NQ = 0  # number of elastic coordinates
@@ -238,21 +250,21 @@ class System(Table):
         a row: other constraint, segment and dims
     """
 
-    body: IntTable
-    marker: IntTable
-    constraint: IntTable
-    segment: IntTable
-    drive: IntTable
-    dims: IntTable
-    pool: Array
-    gravity: Array
-    slack: Array
-    force: IntTable
-    turn: IntTable
-    dropped: IntTable
+    body: Integers2
+    marker: Integers2
+    constraint: Integers2
+    segment: Integers2
+    drive: Integers2
+    dims: Integers
+    pool: Reals
+    gravity: Reals
+    slack: Reals
+    force: Integers2
+    turn: Integers2
+    dropped: Integers2
     newton: System
-    friction: IntTable
-    grip: Array
+    friction: Integers2
+    grip: Reals2
     sliding: System
 
     def replaced(self, **changes: Any) -> System:
@@ -296,31 +308,31 @@ class Work(Table):
     scratch, modal, stiffened, turning : intermediate results of one body
     """
 
-    frame: Array
-    point: Array
-    phi: Array
-    M: Array
-    Rp: Array
-    Rv: Array
-    f: Array
-    C: Array
-    Gp: Array
-    Gv: Array
-    row: Array
-    turn: Array
-    measure: Array
-    factor: Array
-    slope: Array
-    stack: Array
-    lapse: Array
-    clock: Array
-    scratch: Array
-    modal: Array
-    stiffened: Array
-    turning: Array
-    rub: Array
-    load: Array
-    rubbing: Array
+    frame: Reals2
+    point: Reals2
+    phi: Reals
+    M: Reals
+    Rp: Reals
+    Rv: Reals
+    f: Reals
+    C: Reals
+    Gp: Reals
+    Gv: Reals
+    row: Reals2
+    turn: Reals2
+    measure: Reals2
+    factor: Reals
+    slope: Reals2
+    stack: Reals
+    lapse: Reals
+    clock: Reals
+    scratch: Reals
+    modal: Reals
+    stiffened: Reals
+    turning: Reals
+    rub: Reals
+    load: Reals
+    rubbing: Reals2
     sliding: Work
 
 
@@ -332,19 +344,9 @@ class Told(Table):
     body : of all bodies
     """
 
-    wrench: Array
-    force: Array
-    body: Array
+    wrench: Reals2
+    force: Reals2
+    body: Reals2
 
 
-F1, F2, F3 = (ViewType(float64, ndim) for ndim in (1, 2, 3))
-C1, C2, C3 = (ViewType(types.complex128, ndim) for ndim in (1, 2, 3))
-I1, I2 = (ViewType(int64, ndim) for ndim in (1, 2))
-
-SYSTEM = TableType(
-    System, [I2, I2, I2, I2, I2, I1, F1, F1, F1, I2, I2, I2, None, I2, F2, None]
-)
-WORK = TableType(
-    Work, [F2] * 2 + [F1] * 8 + [F2] * 3 + [F1, F2] + [F1] * 9 + [F2, None]
-)
-TOLD = TableType(Told, [F2, F2, F2])
+SYSTEM, WORK, TOLD = TableType(System), TableType(Work), TableType(Told)

@@ -54,19 +54,18 @@ def new_control(
     ends, starts, lengths = system.once(_features)
     counts = times, len(shares), len(starts)
     control = system.lasting(_control, *counts)()
-    real, whole = control.real, control.whole
     adding = INTEGRATORS[settings.integrator].order == 2 and settings.step is None
-    real[stepping.TOLERANCE] = settings.rtol * (1.0 if adding else STEP_TOLERANCE)
-    real[stepping.TIME] = real[stepping.BEGIN] = scene.time.start
-    real[stepping.LENGTH] = system.length
-    real[stepping.PERIOD] = duration
-    real[stepping.RADIUS] = settings.radius
-    real[stepping.SINGULAR] = np.inf
-    real[stepping.LARGEST] = 0.1 * duration
-    real[stepping.UNTURNED] = np.inf
-    real[stepping.STEP] = 1e-4 * duration * settings.rtol**0.25
-    whole[stepping.FIXED_STEP] = int(settings.step is not None)
-    whole[stepping.ADDING] = int(adding)
+    control.tolerance = settings.rtol * (1.0 if adding else STEP_TOLERANCE)
+    control.time = control.begin = scene.time.start
+    control.length = system.length
+    control.period = duration
+    control.radius = settings.radius
+    control.singular = np.inf
+    control.largest_step = 0.1 * duration
+    control.unturned = np.inf
+    control.step = 1e-4 * duration * settings.rtol**0.25
+    control.fixed_step = int(settings.step is not None)
+    control.adding = int(adding)
     control.z[:] = control.start[:] = start.z
     control.v[:] = start.v
     control.extent[:] = extents(system)
@@ -90,16 +89,29 @@ def _control(
     n, m, bodies = system.n_positions, system.n_velocities, len(system.bodies)
     forces, scaled = len(system.forces), n - system.n_turns
     return stepping.Control.maker(
-        (stepping.N_REAL,),
-        (stepping.N_WHOLE,),
-        *((n,), (m,), (n,), (bodies,), (bodies,), (bodies, 4)),
-        system.lasting(coordinate_amplitudes),
-        _frequencies(system),
-        *((m,), (scaled,), (m,), (system.n_rows + len(system.rubbing), 2)),
-        *((times,), (shares,), (shares,), (times + shares, n), (times + shares, m)),
-        *((2 * forces + 2,), (starts,), (starts,)),
-        *((forces, 5), (2 * forces, 2)),
-        (bifurcations.MOST, bifurcations.STATES + 2 * (n + m)),
+        z=(n,),
+        v=(m,),
+        start=(n,),
+        extent=(bodies,),
+        elastic=(bodies,),
+        coming=(bodies, 4),
+        amplitude=system.lasting(coordinate_amplitudes),
+        frequency=_frequencies(system),
+        pace=(m,),
+        scale_z=(scaled,),
+        scale_v=(m,),
+        closed=(system.n_rows + len(system.rubbing), 2),
+        times=(times,),
+        shares=(shares,),
+        moments=(shares,),
+        out_z=(times + shares, n),
+        out_v=(times + shares, m),
+        features=(2 * forces + 2,),
+        starts=(starts,),
+        reaches=(starts,),
+        measured=(forces, 5),
+        passed=(2 * forces, 2),
+        crossed=(bifurcations.MOST, bifurcations.STATES + 2 * (n + m)),
     )
 
 

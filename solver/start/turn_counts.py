@@ -32,8 +32,8 @@ def keep_turns(system: System, work: Work, z: Array) -> None:
 
 def lost_turn(system: System, work: Work, control: stepping.Control) -> str:
     """Why the last step could not be counted; empty if it could."""
-    fixed = control.whole[stepping.FIXED_STEP] == 1
-    n, h = system.n_turns, float(control.real[stepping.STEP]) if fixed else 0.0
+    fixed = control.fixed_step == 1
+    n, h = system.n_turns, control.step if fixed else 0.0
     known, reached = control.z[len(control.z) - n :], work.turn[:n]
     way = abs(reached[:, at.TURNED] - known)
     way = np.maximum(way, h * abs(reached[:, at.TURN_RATE]))

@@ -199,22 +199,22 @@ def _system(
     )
     place_in_newton(friction, tables.segment, pieces, rows_of_newton.segment)
     arrays = at.System(
-        body,
-        marker,
-        tables.constraint,
-        tables.segment,
-        functions.table(),
-        dims,
-        pool.array(),
-        as_3d(parts.scene.gravity),
-        np.zeros(int(dims[at.N_ROWS])),
-        force,
-        turn,
-        np.zeros((0, at.N_DROPPED), np.int64),
-        None,
-        friction,
-        np.zeros((len(rubbing), at.N_GRIP)),
-        None,
+        body=body,
+        marker=marker,
+        constraint=tables.constraint,
+        segment=tables.segment,
+        drive=functions.table(),
+        dims=dims,
+        pool=pool.array(),
+        gravity=as_3d(parts.scene.gravity),
+        slack=np.zeros(int(dims[at.N_ROWS])),
+        force=force,
+        turn=turn,
+        dropped=np.zeros((0, at.N_DROPPED), np.int64),
+        newton=None,
+        friction=friction,
+        grip=np.zeros((len(rubbing), at.N_GRIP)),
+        sliding=None,
     )
     rows = dims.copy()
     rows[at.N_ROWS] = len(rubbing)

@@ -9,6 +9,7 @@ import numpy as np
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.storage.kept import kept
 
+from ..compiler.tables import Table
 from ..equations.forces import programs
 from ..linear.lapack import lapack
 from ..linear.memory import N_COUNTERS, ComplexFactors, Factors, Memory
@@ -49,32 +50,32 @@ def _work(system: System) -> Callable[[], at.Work]:
     frame, point = FRAMES[space].record.size, POINTS[space].record.size
     rubbing = len(system.rubbing)
     return at.Work.maker(
-        (len(body), frame),
-        (len(marker), point),
-        (int(system.arrays.dims[at.N_PHI]),),
-        (blocks,),
-        (blocks,),
-        (blocks,),
-        (system.n_velocities,),
-        (entries,),
-        (entries,),
-        (entries,),
-        (rubbing, at.N_ROW),
-        (turns, at.N_TURNED),
-        (len(system.forces), 2),
-        (len(system.forces),),
-        (len(system.forces), 2),
-        (programs.DEPTH * (1 + 2 * read),),
-        (programs.LAPSED_MEASURES + 2 * read,),
-        (1,),
-        (max(2 * largest, SCRATCH),),
-        (MODES[space].record.size * most,),
-        (STIFFENED[space].record.size * most,),
-        (TURNING[space].record.size,),
-        (rubbing,),
-        (rubbing,),
-        (rubbing, at.MOST_LOADS),
-        None,
+        frame=(len(body), frame),
+        point=(len(marker), point),
+        phi=(int(system.arrays.dims[at.N_PHI]),),
+        M=(blocks,),
+        Rp=(blocks,),
+        Rv=(blocks,),
+        f=(system.n_velocities,),
+        C=(entries,),
+        Gp=(entries,),
+        Gv=(entries,),
+        row=(rubbing, at.N_ROW),
+        turn=(turns, at.N_TURNED),
+        measure=(len(system.forces), 2),
+        factor=(len(system.forces),),
+        slope=(len(system.forces), 2),
+        stack=(programs.DEPTH * (1 + 2 * read),),
+        lapse=(programs.LAPSED_MEASURES + 2 * read,),
+        clock=(1,),
+        scratch=(max(2 * largest, SCRATCH),),
+        modal=(MODES[space].record.size * most,),
+        stiffened=(STIFFENED[space].record.size * most,),
+        turning=(TURNING[space].record.size,),
+        rub=(rubbing,),
+        load=(rubbing,),
+        rubbing=(rubbing, at.MOST_LOADS),
+        sliding=None,
     )
 
 
@@ -127,34 +128,41 @@ def _memory(system: System, pairs: int) -> Callable[[], Memory]:
     schur = band(rows, 3 * width)
     frame, rubbing = FRAMES[system.space].record.size, len(system.rubbing)
 
-    def factors(
-        kind: type[Factors], systems: int, precision: str
-    ) -> Callable[[], Factors]:
-        shapes = (blocks,), (entries,), (entries,), schur, (n + len(body),), (rows,)
-        several = [(systems, *shape) for shape in shapes]
-        return kind.maker(*several, (n,), (n,), (rows,), lapack(precision, largest))
+    def factors(kind: type[Table], systems: int, precision: str) -> Callable[[], Table]:
+        return kind.maker(
+            A=(systems, blocks),
+            G=(systems, entries),
+            Y=(systems, entries),
+            S=(systems, *schur),
+            pivots=(systems, n + len(body)),
+            row_pivots=(systems, rows),
+            x=(n,),
+            p=(n,),
+            g=(rows,),
+            lapack=lapack(precision, largest),
+        )
 
     return Memory.maker(
-        factors(Factors, 1, "d"),
-        factors(ComplexFactors, pairs, "z"),
-        (blocks,),
-        (entries,),
-        band(m, int(system.arrays.dims[at.BANDWIDTH])),
-        (blocks,),
-        (entries,),
-        (len(body), frame),
-        (blocks,),
-        (n,),
-        (m,),
-        (n,),
-        (m,),
-        (N_COUNTERS,),
-        (rubbing, n),
-        (rubbing, m),
-        (rubbing, rubbing + 2),
-        (rubbing, rubbing),
-        (rubbing,),
-        (rubbing,),
+        real=factors(Factors, 1, "d"),
+        complex=factors(ComplexFactors, pairs, "z"),
+        mass_A=(blocks,),
+        mass_W=(entries,),
+        mass_S=band(m, int(system.arrays.dims[at.BANDWIDTH])),
+        M=(blocks,),
+        C=(entries,),
+        frame=(len(body), frame),
+        metric=(blocks,),
+        acceleration=(n,),
+        multiplier=(m,),
+        dx=(n,),
+        dmu=(m,),
+        counters=(N_COUNTERS,),
+        rub_X=(rubbing, n),
+        rub_L=(rubbing, m),
+        rub_P=(rubbing, rubbing + 2),
+        rub_A=(rubbing, rubbing),
+        rub_t=(rubbing,),
+        rub_pivots=(rubbing,),
     )
 
 

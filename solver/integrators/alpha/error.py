@@ -28,23 +28,8 @@ from ..landing import close_step
 from ..projection import rates_of_rows
 from ..singular import FAR
 from ..step_sizes import scaled_norm
-from ..stepping import (
-    BEGIN,
-    CLEAREST,
-    CONTROL,
-    CROSSING,
-    DECLINE,
-    INDEPENDENCE,
-    MISSED,
-    OLD_STEP,
-    PART,
-    PERIOD,
-    SINGULAR,
-    TIME,
-    UNTURNED,
-    copy,
-)
-from .table import ALPHA, ALPHA_F, ALPHA_M, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR
+from ..stepping import CONTROL, copy
+from .table import ALPHA
 
 #: Errors are told from rounding above so many times as much.
 MARGIN = 15.0
@@ -78,7 +63,7 @@ def split(kernels, system, work, memory, alpha, x, y):
 def inertia(alpha):
     """h^2 beta'."""
     w = alpha.weights
-    return (1.0 - w[ALPHA_M]) / (w[BETA] * (1.0 - w[ALPHA_F]))
+    return (1.0 - w.alpha_m) / (w.beta * (1.0 - w.alpha_f))
 
 
 @inner(types.void(SYSTEM, MEMORY, ALPHA, F1))
@@ -101,7 +86,7 @@ def tolerate(system, control, alpha, h):
     Returns what Newton's iteration may leave, in units of rounding: constraints make
     errors of large motions errors of small deformations.
     """
-    goal, rate = math.inf, alpha.weights[BETA] * h / alpha.weights[GAMMA]
+    goal, rate = math.inf, alpha.weights.beta * h / alpha.weights.gamma
     for b in range(len(system.body)):
         row = system.body[b]
         rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
@@ -127,9 +112,8 @@ def error_of(kernels, system, work, memory, control, alpha, h):
     error of deformations: positions meet them, and the algorithm's v makes up for it.
     The step ends on the constraints with that, and only has to be accepted.
     """
-    real = control.real
-    singular, independence = real[SINGULAR], real[INDEPENDENCE]
-    clearest, decline, unturned = real[CLEAREST], real[DECLINE], real[UNTURNED]
+    singular, independence = control.singular, control.independence
+    clearest, decline, unturned = control.clearest, control.decline, control.unturned
     error = math.inf
     copy(alpha.v1, alpha.v0)
     z1, v1, x, y = alpha.z1, alpha.v1, alpha.dx, alpha.dv
@@ -137,8 +121,12 @@ def error_of(kernels, system, work, memory, control, alpha, h):
     if status == 0 and not _jams(system, memory, control, alpha):
         error = _free_error(kernels, system, work, memory, control, alpha, h)
     if not error < 1.0:
-        real[SINGULAR], real[INDEPENDENCE] = singular, independence
-        real[CLEAREST], real[DECLINE], real[UNTURNED] = clearest, decline, unturned
+        control.singular, control.independence = singular, independence
+        control.clearest, control.decline, control.unturned = (
+            clearest,
+            decline,
+            unturned,
+        )
     return error
 
 
@@ -162,19 +150,17 @@ def _jams(system, memory, control, alpha):
 @inner(float64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
 def _free_error(kernels, system, work, memory, control, alpha, h):
     """The estimate, after the end of the step was brought onto the constraints."""
-    w, x, y, old = alpha.weights, alpha.dx, alpha.dv, control.real[OLD_STEP]
+    w, x, y, old = alpha.weights, alpha.dx, alpha.dv, control.old_step
     for i in range(len(x)):
         jerk = (memory.acceleration[i] - alpha.acc0[i]) / h
-        x[i] = w[POSITION_ERROR] * h * h * h * jerk
-        y[i] = (
-            w[VELOCITY_ERROR] * h * h * h * (jerk - alpha.jerk[i]) / (0.5 * (h + old))
-        )
+        x[i] = w.position_error * h * h * h * jerk
+        y[i] = w.velocity_error * h * h * h * (jerk - alpha.jerk[i]) / (0.5 * (h + old))
     if split(kernels, system, work, memory, alpha, x, y) != 0:
         return math.inf
     pass_through(system, memory, alpha, x)
     copy(alpha.p, x)
     pass_through(system, memory, alpha, y)
-    if control.whole[CROSSING] == FAR:
+    if control.crossing == FAR:
         for b in range(len(system.body)):
             first = system.body[b, VEL]
             for i in range(first, first + system.body[b, RD]):
@@ -192,16 +178,15 @@ def note_error(control, alpha):
     of the estimate changes its sign from step to step. Not judged before the largest
     motions are known.
     """
-    real = control.real
     sum_x, sum_v = alpha.sum_x, alpha.sum_v
     for i in range(len(sum_x)):
         alpha.trend_x[i] += (alpha.dx[i] - alpha.trend_x[i]) / TREND
         alpha.trend_v[i] += (alpha.p[i] - alpha.trend_v[i]) / TREND
         sum_x[i] += abs(alpha.trend_x[i])
         sum_v[i] += abs(alpha.trend_v[i])
-    if real[TIME] - real[BEGIN] > EARLY * real[PERIOD]:
+    if control.time - control.begin > EARLY * control.period:
         total = scaled_norm(sum_x, sum_v, alpha.wish, control.scale_v)
-        real[MISSED] = total * real[PART]
+        control.missed = total * control.part
 
 
 @inner(float64(SYSTEM, CONTROL, float64))
@@ -226,4 +211,4 @@ def _turning_error(system, control, h):
         else:
             continue
         worst = max(worst, way * turn**3 / control.scale_z[p])
-    return worst / 384.0 * control.real[PART]
+    return worst / 384.0 * control.part

@@ -34,21 +34,9 @@ from ..projection import accelerate, count_turns, note_drift
 from ..recording import move, write_cubic
 from ..singular import FAR, SINGULAR_START, SOFT
 from ..step_sizes import keep_step
-from ..stepping import (
-    CONTROL,
-    CROSSING,
-    FIXED_STEP,
-    INDEPENDENCE,
-    OLD_STEP,
-    STEP,
-    STOP,
-    STUB,
-    TIME,
-    TOLERANCE,
-    copy,
-)
+from ..stepping import CONTROL, STUB, copy
 from .error import error_of, inertia, note_error, pass_through, split, tolerate
-from .table import ALPHA, ALPHA_F, ALPHA_M, BETA, CURVATURE, FORCE_ERROR, GAMMA
+from .table import ALPHA
 
 #: A Jacobian is kept while Newton's iteration contracts the error this much.
 JACOBIAN_SERVES = 0.1
@@ -66,7 +54,7 @@ STAGNANT = 100.0
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA))
 def _begin_step(kernels, system, work, memory, control, alpha):
     """Slopes at the beginning."""
-    old = control.real[OLD_STEP]
+    old = control.old_step
     kernels.rate(system, control.z, control.v, alpha.rate0)
     if old > 0.0:
         for i in range(len(alpha.acc0)):
@@ -81,7 +69,7 @@ def _begin_step(kernels, system, work, memory, control, alpha):
 @inner(types.void(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA))
 def _glance(kernels, system, work, memory, control, alpha):
     """The slope of the acceleration after a break, and the slope of that."""
-    t, glance = control.real[TIME], GLANCE * control.real[STEP]
+    t, glance = control.time, GLANCE * control.step
     copy(control.z, alpha.z1)
     copy(control.v, alpha.v1)
     for _ in range(2):
@@ -103,7 +91,7 @@ def _glance(kernels, system, work, memory, control, alpha):
             alpha.jerk[i] = jerk
     for i in range(len(alpha.jerk)):
         alpha.jerk[i] -= 1.5 * glance * alpha.snap[i]
-    t = control.real[TIME]
+    t = control.time
     accelerate(kernels, system, work, memory, t, control.z, control.v)
     copy(memory.multiplier, alpha.lam)
     first = len(memory.multiplier)
@@ -119,7 +107,7 @@ def _place(kernels, system, control, alpha, h):
     Frames follow the screw that dx is, the exponential map.
     """
     w = alpha.weights
-    beta, gamma, am, af = w[BETA], w[GAMMA], w[ALPHA_M], w[ALPHA_F]
+    beta, gamma, am, af = w.beta, w.gamma, w.alpha_m, w.alpha_f
     for i in range(len(alpha.a1)):
         a0, a1, v0 = alpha.a0[i], alpha.a1[i], alpha.v0[i]
         alpha.dx[i] = h * (v0 + h * ((0.5 - beta) * a0 + beta * a1))
@@ -139,7 +127,7 @@ def _fit_to_step(kernels, system, work, memory, control, alpha, h):
     a smooth motion: what constraints leave of rounding in a and v is a part of it that
     would grow with the steps.
     """
-    old, w = control.real[OLD_STEP], alpha.weights
+    old, w = control.old_step, alpha.weights
     ratio = h / old if old > 0.0 else 0.0
     for i in range(len(alpha.lam)):
         alpha.lam1[i] = alpha.lam[i] + ratio * (alpha.lam[i] - alpha.old_lam[i])
@@ -162,18 +150,18 @@ def _fit_to_step(kernels, system, work, memory, control, alpha, h):
     for i in range(len(y)):
         y[i] = alpha.p[i] - alpha.nv[i]
     pass_through(system, memory, alpha, y)
-    lag = w[ALPHA_M] - w[ALPHA_F]
+    lag = w.alpha_m - w.alpha_f
     for i in range(len(alpha.a)):
-        alpha.acc[i] = alpha.acc0[i] - w[FORCE_ERROR] * (y[i] - alpha.p[i])
-        alpha.a0[i] = alpha.acc[i] + (w[FORCE_ERROR] + w[CURVATURE]) * y[i] + lag * x[i]
+        alpha.acc[i] = alpha.acc0[i] - w.force_error * (y[i] - alpha.p[i])
+        alpha.a0[i] = alpha.acc[i] + (w.force_error + w.curvature) * y[i] + lag * x[i]
         alpha.a1[i] = alpha.a0[i] + x[i] + (0.5 + lag) * y[i]
     copy(control.v, alpha.v0)
     _place(kernels, system, control, alpha, h)
-    kernels.evaluate(system, work, control.real[TIME] + h, alpha.z1, alpha.v1)
+    kernels.evaluate(system, work, control.time + h, alpha.z1, alpha.v1)
     memory.counters[EVALUATIONS] += 1
     soft = REGULARISATION
-    if control.whole[CROSSING] != FAR:
-        soft = SOFT / control.real[TOLERANCE]
+    if control.crossing != FAR:
+        soft = SOFT / control.tolerance
     kernels.project_once(system, work, memory, soft, alpha.nz, alpha.nv)
     for i in range(len(alpha.v0)):
         alpha.v0[i] += alpha.nz[i] / h
@@ -181,24 +169,23 @@ def _fit_to_step(kernels, system, work, memory, control, alpha, h):
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, ALPHA, float64))
 def _factor(kernels, system, work, memory, alpha, h):
-    damping = h * alpha.weights[GAMMA] / alpha.weights[BETA]
+    damping = h * alpha.weights.gamma / alpha.weights.beta
     return index3_factor(system, work, memory, inertia(alpha), damping, h * h)
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, CONTROL, ALPHA, float64))
 def _newton(kernels, system, work, memory, control, alpha, h):
     """Finds a1 and lambda; iterations used, or 0 without convergence."""
-    real = control.real
     h2 = h * h
-    by_a = 1.0 / (alpha.weights[BETA] * h2)
+    by_a = 1.0 / (alpha.weights.beta * h2)
     goal = tolerate(system, control, alpha, h)
     _fit_to_step(kernels, system, work, memory, control, alpha, h)
     fade_contraction(control)
-    blunt = STAGNANT / max(real[INDEPENDENCE], SINGULAR_START)
+    blunt = STAGNANT / max(control.independence, SINGULAR_START)
     old_size = 0.0
     for iteration in range(newton_limit(control)):
         _place(kernels, system, control, alpha, h)
-        kernels.evaluate(system, work, real[TIME] + h, alpha.z1, alpha.v1)
+        kernels.evaluate(system, work, control.time + h, alpha.z1, alpha.v1)
         memory.counters[EVALUATIONS] += 1
         p, g, lam1 = alpha.p, memory.real.g, alpha.lam1
         index3_residual(system, work, alpha.place, alpha.acc1, lam1, h2, p, g)
@@ -209,7 +196,7 @@ def _newton(kernels, system, work, memory, control, alpha, h):
             alpha.a1[i] += by_a * p[i]
             norm = max(norm, abs(p[i]) / alpha.floor[i])
             size = max(size, abs(p[i]) / alpha.scale[i])
-        if control.whole[FIXED_STEP] == 0:
+        if control.fixed_step == 0:
             size = norm / goal
         for i in range(len(alpha.place)):
             if alpha.place[i] >= 0:
@@ -233,10 +220,10 @@ def _accept(kernels, system, work, memory, control, alpha, h):
     end of an interval: steps of one length need no projection, and recorded states are
     projected anyway. Friction is looked at in every end, whether it has a solution.
     """
-    real, z1, v1 = control.real, alpha.z1, alpha.v1
-    if control.whole[FIXED_STEP] == 1:
+    z1, v1 = alpha.z1, alpha.v1
+    if control.fixed_step == 1:
         copy(v1, alpha.v0)
-        if real[TIME] + 1.5 * h < real[STOP] and len(system.friction) == 0:
+        if control.time + 1.5 * h < control.stop and len(system.friction) == 0:
             status = count_turns(system, work, control, h, z1)
             if status == 0:
                 status = check_ways(work, control, h)

@@ -8,23 +8,35 @@ from sidtool.formats.sid import Array
 
 from ...compiler.tables import Table, TableType
 from ...space.layout import (
-    F1,
-    I1,
     N_POS,
     N_ROWS,
     N_VEL,
     R_NEWTON,
     S_OFFSET,
     S_ROW,
+    Integers,
+    Reals,
     System,
 )
 
 #: What rounding leaves of positions, relative to their size.
 ROUNDED = 2e-16
 
-# Entries of Alpha.weights
-ALPHA_M, ALPHA_F, BETA, GAMMA, POSITION_ERROR, VELOCITY_ERROR = range(6)
-FORCE_ERROR, CURVATURE = 6, 7
+
+class Weights(Table):
+    """Of the method, see `coefficients`."""
+
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+    position_error: float
+    velocity_error: float
+    force_error: float
+    curvature: float
+
+
+WEIGHTS = TableType(Weights)
 
 
 class Alpha(Table):
@@ -32,7 +44,6 @@ class Alpha(Table):
 
     place : row of each constraint in the Newton matrix, -1 for none, and behind them
         of each joint with friction
-    weights : see the entries above
     a, v, kept : accelerations, velocities and z_II' that the last step left
     old_a : a one step before
     a0, v0, acc : the same at the beginning of this step
@@ -53,73 +64,83 @@ class Alpha(Table):
     floor : what rounding makes of positions, as tangent vectors
     """
 
-    place: np.ndarray
-    weights: Array
-    a: Array
-    v: Array
-    acc: Array
-    old_a: Array
-    a0: Array
-    v0: Array
-    rate0: Array
-    acc0: Array
-    jerk: Array
-    kept: Array
-    snap: Array
-    lam: Array
-    old_lam: Array
-    lam1: Array
-    a1: Array
-    z1: Array
-    v1: Array
-    acc1: Array
-    dx: Array
-    dv: Array
-    rz: Array
-    nz: Array
-    nv: Array
-    p: Array
-    wish: Array
-    scale: Array
-    pace: Array
-    trend_x: Array
-    trend_v: Array
-    sum_x: Array
-    sum_v: Array
-    floor: Array
+    place: Integers
+    weights: Weights
+    a: Reals
+    v: Reals
+    acc: Reals
+    old_a: Reals
+    a0: Reals
+    v0: Reals
+    rate0: Reals
+    acc0: Reals
+    jerk: Reals
+    kept: Reals
+    snap: Reals
+    lam: Reals
+    old_lam: Reals
+    lam1: Reals
+    a1: Reals
+    z1: Reals
+    v1: Reals
+    acc1: Reals
+    dx: Reals
+    dv: Reals
+    rz: Reals
+    nz: Reals
+    nv: Reals
+    p: Reals
+    wish: Reals
+    scale: Reals
+    pace: Reals
+    trend_x: Reals
+    trend_v: Reals
+    sum_x: Reals
+    sum_v: Reals
+    floor: Reals
 
 
-ALPHA = TableType(Alpha, [I1] + [F1] * 33)
+ALPHA = TableType(Alpha)
 
 
-def coefficients(rho: float) -> Array:
+def coefficients(rho: float) -> Weights:
     """Weights for a spectral radius rho at infinite frequency, 0 to 1.
 
     The errors are those of one step with the exact acceleration z_II' + (alpha_m -
-    alpha_f) h z_II'' + ... as a: h^3 z_II'' and h^3 z_II''' times the last but two.
-    Where constraints prescribe z_I, z_II' is off by h^2 z_II''' times the last one.
+    alpha_f) h z_II'' + ... as a: h^3 z_II'' times `position_error` and h^3 z_II'''
+    times `velocity_error`. Where constraints prescribe z_I, z_II' is off by h^2
+    z_II''' times `curvature`.
     """
     alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
     shift = alpha_m - alpha_f
     gamma = 0.5 - shift
     beta = 0.25 * (gamma + 0.5) ** 2
     bend = 0.5 * (1.0 - alpha_f) - (1.0 - alpha_m) * (0.5 + shift)
-    position = beta + 0.5 * shift - 1.0 / 6.0
-    velocity = bend + gamma * (0.5 + shift) - 1.0 / 6.0
-    force = 1.0 / 6.0 + 0.5 * shift + 0.25 * shift**2 - (1.0 - alpha_f) * shift
-    curvature = shift**2 + 1.0 / 12.0 - beta - 0.5 * shift
-    weights = [alpha_m, alpha_f, beta, gamma, position, velocity, force, curvature]
-    return np.array(weights)
+    return Weights(
+        alpha_m=alpha_m,
+        alpha_f=alpha_f,
+        beta=beta,
+        gamma=gamma,
+        position_error=beta + 0.5 * shift - 1.0 / 6.0,
+        velocity_error=bend + gamma * (0.5 + shift) - 1.0 / 6.0,
+        force_error=1.0 / 6.0 + 0.5 * shift + 0.25 * shift**2 - (1.0 - alpha_f) * shift,
+        curvature=shift**2 + 1.0 / 12.0 - beta - 0.5 * shift,
+    )
 
 
 def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
     """Storage for a run; `sizes` are those of tangent vectors."""
     n, m = int(system.dims[N_POS]), int(system.dims[N_VEL])
     rows = int(system.dims[N_ROWS]) + len(system.friction)
-    lengths = [m] * 6 + [n] + [m] * 4 + [rows] * 3 + [m, n, m, m, m, m, n, m, m, m]
-    vectors = [(length,) for length in (*lengths, *[m] * 7)]
-    floor = ROUNDED * sizes
-    return Alpha.zeros(newton_places(system), coefficients(rho), *vectors, floor)
+    vectors = dict.fromkeys(Alpha.kind.fields, (m,))
+    vectors |= dict.fromkeys(("rate0", "z1", "rz"), (n,))
+    vectors |= dict.fromkeys(("lam", "old_lam", "lam1"), (rows,))
+    given = {
+        "place": newton_places(system),
+        "weights": coefficients(rho),
+        "floor": ROUNDED * sizes,
+    }
+    return Alpha.zeros(**(vectors | given))
 
 
 def newton_places(system: System) -> np.ndarray:

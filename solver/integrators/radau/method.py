@@ -22,7 +22,7 @@ from ..newton_steps import judge, newton_goal, newton_limit
 from ..projection import accelerate
 from ..recording import move, output_due, share_of_step
 from ..step_sizes import scaled_norm
-from ..stepping import CONTRACTION, CONTROL, FAILURES, OLD_STEP, TIME, copy
+from ..stepping import CONTROL, copy
 from .stages import (
     factor,
     foretell,
@@ -42,7 +42,7 @@ JACOBIAN_SERVES = 1e-2
 def newton(kernels, system, work, memory, control, stages, h):
     """Solves the collocation equations; iterations used, or 0 without convergence."""
     method = stages.method
-    control.real[CONTRACTION] = 1.0
+    control.contraction = 1.0
     predict(control, stages, h)
     transform(method.TI, stages.Zz, stages.Wz)
     transform(method.TI, stages.Zv, stages.Wv)
@@ -70,9 +70,9 @@ def error_of(keep: Any) -> Any:
     def error(kernels, system, work, memory, control, stages, h):
         """Norm of the error estimate, made anew where it first seems too large."""
         method = stages.method
-        cautious = control.whole[FAILURES] > 0 or control.real[OLD_STEP] == 0.0
+        cautious = control.failures > 0 or control.old_step == 0.0
         s = len(method.c)
-        mu = method.real_eigenvalue[0] / h
+        mu = method.real_eigenvalue / h
         for attempt in range(2):
             for k in range(len(stages.rz)):
                 stages.rz[k] = stages.rate0[k]
@@ -98,7 +98,7 @@ def error_of(keep: Any) -> Any:
                 stages.z1[k] = control.z[k] + stages.rz[k]
             for k in range(len(stages.rv)):
                 stages.v1[k] = control.v[k] + stages.rv[k]
-            t = control.real[TIME]
+            t = control.time
             if accelerate(kernels, system, work, memory, t, stages.z1, stages.v1) != 0:
                 return error
         return error

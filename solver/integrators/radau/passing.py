@@ -20,7 +20,7 @@ from ..newton_steps import judge, newton_goal, newton_limit
 from ..projection import accelerate
 from ..singular import NEAR, keep_free_part
 from ..step_sizes import scaled_norm
-from ..stepping import CONTRACTION, CONTROL, CROSSING, OLD_STEP, TIME, copy
+from ..stepping import CONTROL, copy
 from .method import JACOBIAN_SERVES, accept, begin_step, error_of, newton, order
 from .stages import (
     factor,
@@ -43,7 +43,7 @@ LARGEST_CORRECTION, LEFT_ALONE = 10.0, 0.3
 @inner(boolean(CONTROL))
 def _is_beside(control):
     """Whether a singular position is near and a step before is known."""
-    return control.whole[CROSSING] == NEAR and control.real[OLD_STEP] > 0.0
+    return control.crossing == NEAR and control.old_step > 0.0
 
 
 @inner(float64(METHOD, float64, float64))
@@ -70,9 +70,9 @@ def _pass(kernels, system, work, memory, control, stages, h):
     the stages of the last step and the one at the end of this step, an Adams formula of
     order s + 1: the polynomial E of the last step goes on as E + d q, see `_bend`.
     """
-    method, real = stages.method, control.real
+    method = stages.method
     s = len(method.c)
-    ratio = h / real[OLD_STEP]
+    ratio = h / control.old_step
     go_on(control, stages, h)
     bend = _bend(method, ratio, 1.0)
     mu = 1.0 / (bend * h)
@@ -85,7 +85,7 @@ def _pass(kernels, system, work, memory, control, stages, h):
     for k in range(len(v1)):
         dv[k] = 0.0
     while status == 0 and verdict == 0 and iteration < newton_limit(control):
-        at = real[TIME] + h
+        at = control.time + h
         status = accelerate(kernels, system, work, memory, at, z1, v1)
         kernels.rate(system, z1, v1, stages.rz)
         for k in range(len(z1)):
@@ -117,7 +117,7 @@ def _pass(kernels, system, work, memory, control, stages, h):
             stages.Zz[i, k] += bend * dz[k]
         for k in range(len(v1)):
             stages.Zv[i, k] += bend * dv[k]
-    mu = method.real_eigenvalue[0] / h
+    mu = method.real_eigenvalue / h
     status = kernels.factor_real(system, work, memory, memory.real, 0, mu)
     return iteration if status == 0 else 0
 
@@ -163,7 +163,7 @@ def _solve(kernels, system, work, memory, control, stages, h):
     """The stages of a step; iterations used, or 0 without convergence."""
     if not _is_beside(control):
         return newton(kernels, system, work, memory, control, stages, h)
-    control.real[CONTRACTION] = 1.0
+    control.contraction = 1.0
     return _pass(kernels, system, work, memory, control, stages, h)
 
 

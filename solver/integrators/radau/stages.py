@@ -11,7 +11,7 @@ from ...linear.memory import ITERATIONS, KERNELS, MEMORY
 from ...space.layout import F1, F2, SYSTEM, WORK
 from ..projection import accelerate
 from ..step_sizes import scaled_norm
-from ..stepping import CONTROL, OLD_STEP, PREDICT, STAGE_STEP, TIME, copy
+from ..stepping import CONTROL, copy
 from .table import METHOD, STAGES
 
 
@@ -30,10 +30,10 @@ def predict(control, stages, h):
             stages.Zz[i, n] = 0.0
         for n in range(stages.Zv.shape[1]):
             stages.Zv[i, n] = 0.0
-    if control.whole[PREDICT] == 0:
+    if control.predict == 0:
         return
-    ratio = h / control.real[STAGE_STEP]
-    begin = 1.0 if control.whole[PREDICT] == 1 else 0.0
+    ratio = h / control.stage_step
+    begin = 1.0 if control.predict == 1 else 0.0
     for i in range(s):
         at = begin + method.c[i] * ratio
         for j in range(s):
@@ -80,7 +80,7 @@ def _subtract(nu, w_real, w_imag, f_real, f_imag):
 def factor(kernels, system, work, memory, stages, h):
     """Factors the Newton matrices of all eigenvalues for the step h."""
     method = stages.method
-    mu = method.real_eigenvalue[0] / h
+    mu = method.real_eigenvalue / h
     status = kernels.factor_real(system, work, memory, memory.real, 0, mu)
     for k in range(len(method.complex_eigenvalues)):
         if status != 0:
@@ -94,7 +94,7 @@ def factor(kernels, system, work, memory, stages, h):
 def correct(kernels, system, work, memory, stages, h):
     """One Newton correction of W, left in F (which held the transformed slopes)."""
     method = stages.method
-    mu = method.real_eigenvalue[0] / h
+    mu = method.real_eigenvalue / h
     for i in range(len(stages.rz)):
         stages.rz[i] = stages.Fz[0, i] - mu * stages.Wz[0, i]
     for i in range(len(stages.rv)):
@@ -142,7 +142,7 @@ def sweep(kernels, system, work, memory, control, stages, h):
             stages.z1[k] = control.z[k] + stages.Zz[i, k]
         for k in range(len(stages.v1)):
             stages.v1[k] = control.v[k] + stages.Zv[i, k]
-        at = control.real[TIME] + method.c[i] * h
+        at = control.time + method.c[i] * h
         if accelerate(kernels, system, work, memory, at, stages.z1, stages.v1) != 0:
             return math.inf
         kernels.rate(system, stages.z1, stages.v1, stages.old_Zz[i])
@@ -176,15 +176,15 @@ def go_on(control, stages, h):
     for i in range(len(stages.Zz)):
         copy(stages.last_Zz[i], stages.Zz[i])
         copy(stages.last_Zv[i], stages.Zv[i])
-    control.whole[PREDICT] = 1
-    control.real[STAGE_STEP] = control.real[OLD_STEP]
+    control.predict = 1
+    control.stage_step = control.old_step
     predict(control, stages, h)
 
 
 @inner(types.void(KERNELS, SYSTEM, CONTROL, STAGES, float64))
 def foretell(kernels, system, control, stages, h):
     """The end of the step as the last one goes on; without one, as slopes are."""
-    if control.real[OLD_STEP] > 0.0:
+    if control.old_step > 0.0:
         go_on(control, stages, h)
         take_end(control, stages)
         return

@@ -15,7 +15,7 @@ import numpy as np
 from sidtool.formats.sid import Array
 
 from ...compiler.tables import Table, TableType
-from ...space.layout import C1, F1, F2
+from ...space.layout import Complexes, Reals, Reals2
 
 if TYPE_CHECKING:
     from ...system.scene import System
@@ -27,24 +27,23 @@ class Method(Table):
     c : (s,) nodes
     T, TI : (s, s) transformation of the stages that makes A^-1 block diagonal: one
         real eigenvalue first, then pairs of rows for complex ones, and its inverse
-    real_eigenvalue : (1,)
-    complex_eigenvalues : (pairs,)
+    real_eigenvalue, complex_eigenvalues : of A^-1, (pairs,)
     error : (s,) weights of the stages in the error estimate
     weights : (s,) of the stages in an integral over the step
     slope : (s,) of the stages in the slope at the end
     """
 
-    c: Array
-    T: Array
-    TI: Array
-    real_eigenvalue: Array
-    complex_eigenvalues: np.ndarray
-    error: Array
-    weights: Array
-    slope: Array
+    c: Reals
+    T: Reals2
+    TI: Reals2
+    real_eigenvalue: float
+    complex_eigenvalues: Complexes
+    error: Reals
+    weights: Reals
+    slope: Reals
 
 
-METHOD = TableType(Method, [F1, F2, F2, F1, C1] + [F1] * 3)
+METHOD = TableType(Method)
 
 
 class Stages(Table):
@@ -54,27 +53,27 @@ class Stages(Table):
     """
 
     method: Method
-    Zz: Array
-    Zv: Array
-    Wz: Array
-    Wv: Array
-    Fz: Array
-    Fv: Array
-    rate0: Array
-    acc0: Array
-    z1: Array
-    v1: Array
-    rz: Array
-    rv: Array
-    crz: np.ndarray
-    crv: np.ndarray
-    old_Zz: Array
-    old_Zv: Array
-    last_Zz: Array
-    last_Zv: Array
+    Zz: Reals2
+    Zv: Reals2
+    Wz: Reals2
+    Wv: Reals2
+    Fz: Reals2
+    Fv: Reals2
+    rate0: Reals
+    acc0: Reals
+    z1: Reals
+    v1: Reals
+    rz: Reals
+    rv: Reals
+    crz: Complexes
+    crv: Complexes
+    old_Zz: Reals2
+    old_Zv: Reals2
+    last_Zz: Reals2
+    last_Zv: Reals2
 
 
-STAGES = TableType(Stages, [METHOD] + [F2] * 6 + [F1] * 6 + [C1] * 2 + [F2] * 4)
+STAGES = TableType(Stages)
 
 
 @cache
@@ -102,7 +101,7 @@ def method(stages: int) -> Method:
         c=c,
         T=np.ascontiguousarray(T),
         TI=np.ascontiguousarray(np.linalg.inv(T)),
-        real_eigenvalue=np.array([gamma]),
+        real_eigenvalue=gamma,
         complex_eigenvalues=np.conj(eigenvalues[pairs]),
         error=_error_weights(A, c, gamma),
         weights=A[-1].copy(),
@@ -135,8 +134,8 @@ def _error_weights(A: Array, c: Array, gamma: float) -> Array:
 def stages(system: System, s: int) -> Callable[[], Stages]:
     """Makes the storage of runs with s stages."""
     n, m = system.n_positions, system.n_velocities
-    lengths = [n, m, n, m, n, m, n, m]
-    vectors = [(length,) for length in lengths]
-    return Stages.maker(
-        method(s), *[(s, n), (s, m)] * 3, *vectors, *[(s, n), (s, m)] * 2
-    )
+    stage_z = dict.fromkeys(("Zz", "Wz", "Fz", "old_Zz", "last_Zz"), (s, n))
+    stage_v = dict.fromkeys(("Zv", "Wv", "Fv", "old_Zv", "last_Zv"), (s, m))
+    z = dict.fromkeys(("rate0", "z1", "rz", "crz"), (n,))
+    v = dict.fromkeys(("acc0", "v1", "rv", "crv"), (m,))
+    return Stages.maker(method=method(s), **stage_z, **stage_v, **z, **v)

@@ -9,19 +9,20 @@ import numpy as np
 import pytest
 from numba import float64, int64
 
-from sidtool.formats.sid import Array
 from sidtool.solver.compiler.compiling import entry
 from sidtool.solver.compiler.tables import Table, TableType
-from sidtool.solver.space.layout import F1, F2
+from sidtool.solver.space.layout import Reals, Reals2
 
 
 class Pair(Table):
-    numbers: Array
-    grid: Array
-    other: Pair | None
+    numbers: Reals
+    grid: Reals2
+    other: Pair
+    weight: float
+    count: int
 
 
-PAIR = TableType(Pair, [F1, F2, None])
+PAIR = TableType(Pair)
 
 
 @entry(float64(PAIR, int64))
@@ -36,8 +37,12 @@ def last_entries(pair, scale):
 
 
 def pair() -> Pair:
-    inner = Pair(np.array([1.0, 2.0]), np.arange(6.0).reshape(2, 3), None)
-    return Pair(np.array([5.0]), np.full((3, 1), 7.0), inner)
+    return Pair(numbers=np.array([5.0]), grid=np.full((3, 1), 7.0), other=last())
+
+
+def last() -> Pair:
+    grid = np.arange(6.0).reshape(2, 3)
+    return Pair(numbers=np.array([1.0, 2.0]), grid=grid, other=None)
 
 
 def test_kernels_see_arrays_shapes_and_tables_within_tables() -> None:
@@ -59,8 +64,8 @@ def test_a_table_with_other_values_keeps_the_rest_and_the_original() -> None:
     assert changed.numbers is table.numbers and changed.other is table.other
     assert last_entries(changed, 10) == (50.0 + 3.0) + (20.0 + 5.0)
     assert last_entries(table, 10) == (50.0 + 7.0) + (20.0 + 5.0)
-    with pytest.raises(KeyError, match="weight"):
-        table.replaced(weight=np.zeros(3))
+    with pytest.raises(KeyError, match="width"):
+        table.replaced(width=np.zeros(3))
     with pytest.raises(TypeError, match="not an array"):
         table.replaced(numbers=np.zeros(3, int))
 
@@ -79,32 +84,35 @@ def test_copies_outlive_the_original() -> None:
 )
 def test_arrays_of_another_kind_are_refused(numbers: np.ndarray) -> None:
     with pytest.raises(TypeError, match="array"):
-        Pair(numbers, np.zeros((1, 1)), None)
+        Pair(numbers=numbers, grid=np.zeros((1, 1)), other=None)
 
 
 def test_fields_that_do_not_exist_are_refused() -> None:
-    with pytest.raises(TypeError, match="weight"):
-        Pair(numbers=np.zeros(1), grid=np.zeros((1, 1)), other=None, weight=1.0)
+    with pytest.raises(TypeError, match="width"):
+        Pair(numbers=np.zeros(1), grid=np.zeros((1, 1)), other=None, width=1.0)
+    with pytest.raises(TypeError, match="grid"):
+        Pair(numbers=np.zeros(1), other=None)
 
 
 def test_arrays_of_zeros_are_made_together() -> None:
-    inner = Pair(np.array([1.0, 2.0]), np.arange(6.0).reshape(2, 3), None)
-    table = Pair.zeros((3,), (2, 5), inner)
+    inner = last()
+    table = Pair.zeros(numbers=(3,), grid=(2, 5), other=inner)
     assert table.numbers.shape == (3,) and table.grid.shape == (2, 5)
     assert not table.numbers.any() and not table.grid.any()
     table.numbers[2], table.grid[1, 4] = 5.0, 7.0
     assert last_entries(table, 10) == (50.0 + 7.0) + (20.0 + 5.0)
-    other = Pair.zeros((3,), (2, 5), inner)
+    other = Pair.zeros(numbers=(3,), grid=(2, 5), other=inner)
     assert not other.numbers.any() and not other.grid.any()
-    empty = Pair.zeros((0,), (0, 4), None)
+    empty = Pair.zeros(numbers=(0,), grid=(0, 4), other=None)
     assert empty.numbers.size == 0 and empty.grid.shape == (0, 4)
     with pytest.raises(TypeError, match="shape"):
-        Pair.zeros((3, 3), (2, 5), None)
+        Pair.zeros(numbers=(3, 3), grid=(2, 5), other=None)
 
 
 def test_makers_make_tables_with_arrays_and_tables_of_their_own() -> None:
     numbers = np.array([1.0, 2.0])
-    make = Pair.maker(numbers, (2, 5), Pair.maker((2,), (1, 5), None))
+    inner = Pair.maker(numbers=(2,), grid=(1, 5), other=None)
+    make = Pair.maker(numbers=numbers, grid=(2, 5), other=inner, weight=0.5)
     one, two = make(), make()
     assert one.numbers is two.numbers is numbers and one.other is not two.other
     one.grid[1, 4], one.other.numbers[1], one.other.grid[0, 4] = 7.0, 3.0, 2.0
@@ -112,3 +120,24 @@ def test_makers_make_tables_with_arrays_and_tables_of_their_own() -> None:
     assert last_entries(one, 10) == (20.0 + 7.0) + (30.0 + 2.0)
     assert last_entries(two, 10) == 20.0
     assert last_entries(one.replaced(numbers=np.ones(3)), 10) == 17.0 + 32.0
+    assert one.weight == 0.5 and one.count == 0
+
+
+@entry(float64(PAIR, float64))
+def weigh(pair, more):
+    """Counts, adds to a weight, and returns it."""
+    pair.count += 1
+    pair.weight += more
+    return pair.weight * pair.other.numbers[1]
+
+
+def test_numbers_change_in_python_and_in_kernels() -> None:
+    table = pair()
+    assert (table.weight, table.count) == (0.0, 0)
+    table.weight, table.count = 2, 7
+    assert weigh(table, 0.25) == 4.5
+    assert (table.weight, table.count) == (2.25, 8)
+    assert type(table.weight) is float and type(table.count) is int
+    twin, changed = copy.deepcopy(table), table.replaced(weight=1.0)
+    assert weigh(twin, 0.0) == 4.5 and weigh(changed, 0.0) == 2.0
+    assert (table.count, twin.count, changed.count) == (8, 9, 9)

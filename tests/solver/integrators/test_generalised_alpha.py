@@ -21,20 +21,21 @@ def amplification(rho: float, frequency: float) -> Array:
 
     Chung and Hulbert, eq. (12).
     """
-    alpha_m, alpha_f, beta, gamma = coefficients(rho)[:4]
-    w = frequency**2
+    w = coefficients(rho)
+    alpha_m, alpha_f, beta, gamma = w.alpha_m, w.alpha_f, w.beta, w.gamma
+    square = frequency**2
     left = np.array(
         [
             [1.0, 0.0, -beta],
             [0.0, 1.0, -gamma],
-            [w * (1.0 - alpha_f), 0.0, 1.0 - alpha_m],
+            [square * (1.0 - alpha_f), 0.0, 1.0 - alpha_m],
         ]
     )
     right = np.array(
         [
             [1.0, 1.0, 0.5 - beta],
             [0.0, 1.0, 1.0 - gamma],
-            [-w * alpha_f, 0.0, -alpha_m],
+            [-square * alpha_f, 0.0, -alpha_m],
         ]
     )
     return np.linalg.solve(left, right)
@@ -55,16 +56,17 @@ def test_the_spectral_radius_falls_from_one_to_rho(rho: float) -> None:
 @pytest.mark.parametrize("rho", RADII)
 def test_the_error_constants_are_those_of_one_step(rho: float) -> None:
     """q = t^3 with a = 6 (t + (alpha_m - alpha_f) h), from t = 0 with h = 1."""
-    alpha_m, alpha_f, beta, gamma, position, velocity = coefficients(rho)[:6]
+    w = coefficients(rho)
+    alpha_m, alpha_f, beta, gamma = w.alpha_m, w.alpha_f, w.beta, w.gamma
     shift = alpha_m - alpha_f
     a0, a1 = 6.0 * shift, 6.0 * (1.0 + shift)
-    assert (0.5 - beta) * a0 + beta * a1 - 1.0 == pytest.approx(6.0 * position)
+    assert (0.5 - beta) * a0 + beta * a1 - 1.0 == pytest.approx(6.0 * w.position_error)
     assert (1.0 - gamma) * a0 + gamma * a1 == pytest.approx(3.0)
     lag = (1.0 - alpha_m) * a1 + alpha_m * a0 - (1.0 - alpha_f) * 6.0
     assert lag == pytest.approx(0.0, abs=1e-14)
     bend = 12.0 * (0.5 * (1.0 - alpha_f) - (1.0 - alpha_m) * (0.5 + shift))
     quartic = 12.0 * (0.5 + shift) * gamma + bend - 4.0 * 0.5
-    assert quartic == pytest.approx(12.0 * velocity, abs=1e-12)
+    assert quartic == pytest.approx(12.0 * w.velocity_error, abs=1e-12)
 
 
 @pytest.mark.parametrize(("rho", "last"), [(0.8, 100), (0.6, 60)])

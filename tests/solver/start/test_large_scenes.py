@@ -13,7 +13,6 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile
 from sidtool.solver import account, compile_scene, simulate
 from sidtool.solver.advice import bifurcations, notes
-from sidtool.solver.integrators import stepping
 from sidtool.solver.start import (
     assembly,
     consistent,
@@ -110,11 +109,9 @@ def test_an_open_chain_that_falls_passes_nothing_singular(
     told = []
 
     def crossings(system: System, kernels: Any, control: Any, *more: Any) -> list[str]:
-        control.whole[stepping.CROSSED] = 1
+        control.crossings = 1
         states = [control.z, control.v]
-        control.crossed[0] = np.concatenate(
-            [[control.real[stepping.TIME], 1e-4], *states, *states]
-        )
+        control.crossed[0] = np.concatenate([[control.time, 1e-4], *states, *states])
         told.append(list(bifurcations.crossings(system, kernels, control, *more)))
         return told[-1]
 
