@@ -53,7 +53,7 @@ def budget(
         *(lines.plane() if whole.flat else ()),
         lines.switched("shape functions", _shapes_told(whole, reference), shapes),
         lines.switched("terms", _terms_told(whole, reference), terms),
-        lines.line("integration", method, loose + reference.uncertainty, tight),
+        lines.line("integration", method, loose + reference.resolution, tight),
         lines.line("reference", seen_by, reference.uncertainty, None),
         *(digits if reference.digits.any() else ()),
         *(frames if reference.frames.any() else ()),
@@ -73,7 +73,7 @@ class _Lines:
         errors = self.runs.difference(plane, space, self.reference.setting)
         seconds = self.runs.seconds(space, setting)
         told = "planar, for spatial"
-        return (self.line("space", told, errors + self.reference.uncertainty, seconds),)
+        return (self.line("space", told, errors + self.reference.resolution, seconds),)
 
     def switched(self, part: str, told: str, finer: Choice) -> BudgetLine:
         """The line of what `finer` has at its finest."""
@@ -83,7 +83,7 @@ class _Lines:
             return self.line(part, told, nothing, self.chosen.found.seconds)
         errors = self.runs.difference(choice, finer, self.reference.setting)
         seconds = self.runs.seconds(finer, setting)
-        return self.line(part, told, errors + self.reference.uncertainty, seconds)
+        return self.line(part, told, errors + self.reference.resolution, seconds)
 
     def line(
         self, part: str, told: str, errors: Array, finest: float | None

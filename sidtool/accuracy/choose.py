@@ -151,11 +151,25 @@ class _Search:
 
         of : the model that it is left out of, default the finest one
         """
-        whole, setting = of or self.base, self.reference.setting
+        whole = of or self.base
         less = whole.without(candidate)
-        errors = self.runs.difference(whole, less, setting)
+        errors = self._missing(whole, less)
+        if self.reference.use(errors) <= MODEL:
+            errors = self.runs.difference(whole, less, self.reference.setting)
         self.measured.append(Measured(candidate, errors))
         return self.reference.use(errors)
+
+    def _missing(self, whole: Choice, less: Choice) -> Array:
+        """The errors (n,) of outputs that a model does not have, which are zero there:
+        known without a run."""
+        names, result = (
+            self.runs.names,
+            self.runs.attempt(whole, self.reference.setting),
+        )
+        if result is None or all(map(less.knows, names)):
+            return np.zeros(len(names))
+        sizes = np.abs(self.runs.columns(whole, result)).max(axis=0)
+        return np.where([*map(less.knows, names)], 0.0, sizes)
 
     def rigid_bodies(self, choice: Choice) -> Choice:
         """Bodies that may be rigid, those first that cost least."""

@@ -28,8 +28,9 @@ SAFETY = 2.0
 #: Of the variation: what rounding alone does between two tight runs of one motion,
 #: which different methods, factorisations and processors share in part.
 ROUNDING = 5e-12
-#: From one tolerance to the next, if it was not tight enough.
-NEXT = 1.0 / 30.0
+#: Errors are taken to fall like the tolerance: to this part of what is needed, for the
+#: next one; by how much it changes at most and at least.
+AIM, MOST, LEAST = 0.5, 1e-5, 0.2
 #: The part of the time at whose rows both are compared with a run as tight as can be.
 START = 1.0 / 16.0
 #: Two methods tell how far each is right; the second one is asked for this more.
@@ -49,6 +50,7 @@ class Reference:
     allowed : (n,) errors that are asked for, infinite where only rounding is seen
     uncertainty : (n,) twice the difference of the run by `MEASURING` to the reference,
         and rounding
+    blur : (n,) the same of a looser one, by which models are compared
     left_out : outputs that hold rounding only
     units : (n,)
     meshes : (n,) what meshes of bodies and modes that they lack add
@@ -62,6 +64,7 @@ class Reference:
     variation: Array
     allowed: Array
     uncertainty: Array
+    blur: Array
     left_out: tuple[str, ...]
     units: tuple[str, ...]
     meshes: Array
@@ -77,6 +80,11 @@ class Reference:
     def with_meshes(self, errors: Array) -> Reference:
         """With what the meshes of bodies and modes that they lack add, (n,)."""
         return replace(self, meshes=errors)
+
+    @property
+    def resolution(self) -> Array:
+        """What differences of two models do not show, (n,)."""
+        return np.maximum(self.uncertainty, self.blur)
 
     @property
     def doubt(self) -> Array:
@@ -103,18 +111,39 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
         moves.
     SimulationError : the run stopped early.
     """
-    rtol = first_rtol(request)
+    first = rtol = first_rtol(request)
     start = _tight_start(runs, choice)
     while True:
         setting = Setting(MEASURING, rtol)
         tighter = Setting(CHECKING, max(MORE * rtol, 0.1 * TIGHTEST))
         found = of_two_runs(runs, choice, request, setting, tighter)
         found = _with_start(runs, found, start)
-        if found.use(found.uncertainty) <= PART:
-            return found
+        use = found.use(found.uncertainty)
+        if use <= PART:
+            return _as_loosely(runs, found, first)
         if rtol <= TIGHTEST:
             raise _unpredictable(request, found)
-        rtol = max(TIGHTEST, rtol * NEXT)
+        rtol = max(TIGHTEST, _next(rtol, use))
+
+
+def _next(rtol: float, use: float) -> float:
+    """A tolerance at which little enough is used, from what is at another one."""
+    return rtol * float(np.clip(AIM * PART / use, MOST, LEAST))
+
+
+def _as_loosely(runs: Runs, found: Reference, rtol: float) -> Reference:
+    """With models compared at the first tolerance, or at the one that this asks for, if
+    that does: outputs that hold rounding only, as momenta that are conserved, are known
+    as such at tight tolerances alone, and ask for none."""
+    while rtol > found.setting.rtol / LEAST:
+        setting = Setting(MEASURING, rtol)
+        run = found.choice, runs.tight(found.choice, setting)
+        blur = SAFETY * runs.between(run, (found.choice, found.result))
+        use = found.use(blur)
+        if use <= PART:
+            return replace(found, setting=setting, blur=blur)
+        rtol = _next(rtol, use)
+    return found
 
 
 def _tight_start(runs: Runs, choice: Choice) -> tuple[Array, Array] | None:
@@ -195,6 +224,7 @@ def of_one_run(
         variation=variation,
         allowed=np.where(judged, request.allowed(variation), np.inf),
         uncertainty=ROUNDING * variation,
+        blur=nothing,
         left_out=tuple(np.array(request.names)[~judged].tolist()),
         units=tuple(unit_of(name, runs.scene) for name in request.names),
         meshes=nothing,

@@ -43,11 +43,11 @@ def _decision(
     row = reference.worst(one.errors)
     name = request.names[row]
     runs = bool(np.isfinite(one.errors[row]))
-    effect = float(max(one.errors[row], reference.uncertainty[row])) if runs else 0.0
+    effect = float(max(one.errors[row], reference.resolution[row])) if runs else 0.0
     allowed, kept = float(reference.allowed[row]), is_kept(choice, one.candidate)
     unit = reference.units[row]
     seen = f"{effect:.1e} {unit}".rstrip() + f" in {name}"
-    if runs and one.errors[row] <= reference.uncertainty[row]:
+    if runs and one.errors[row] <= reference.resolution[row]:
         seen = f"less than {seen}"
     if not runs:
         seen = "the scene does not run without it"

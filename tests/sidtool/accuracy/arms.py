@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -9,9 +10,15 @@ from typing import Any
 import numpy as np
 
 import sidtool
+from sidtool.accuracy.candidates import finest as scene_finest
+from sidtool.accuracy.reference import Reference, make_reference
+from sidtool.accuracy.runs import Runs
+from sidtool.accuracy.wanted import requested
 from sidtool.convert import sid_from_model
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Taylor
+from sidtool.solver import compile_scene
+from sidtool.solver.system.scene import System
 from tests.bodies import particle_body
 
 from ..beams import beam
@@ -72,6 +79,17 @@ def swinging(end: float = 0.8, **changes: Any) -> SceneFile:
 
 def simulated(scene: SceneFile, sid: SID, **more: Any) -> sidtool.Result:
     return sidtool.simulate(scene, sids={"arm": sid}, **more)
+
+
+def reference_of(scene: SceneFile, sids: Mapping[str, SID], wanted: float) -> Reference:
+    """What a search measures errors against."""
+
+    def compiled(content: SceneFile, sids: Mapping[str, SID]) -> System:
+        return compile_scene(content, ".", sids)
+
+    request = requested(scene, sids, wanted)
+    runs = Runs(scene, sids, compiled, request.names)
+    return make_reference(runs, scene_finest(scene, sids), request)
 
 
 def particles(spatial: bool) -> tuple[SceneFile, SID]:

@@ -12,16 +12,28 @@ import pytest
 
 import sidtool
 from sidtool.accuracy import cached, candidates
-from sidtool.accuracy.reference import Reference
+from sidtool.accuracy.reference import PART, Reference
 from sidtool.accuracy.runs import Setting
 from sidtool.cli import run
 from sidtool.formats.result import read_result, write_result
-from sidtool.formats.scene import SceneFile, tolerance
+from sidtool.formats.scene import SceneFile, read_scene, tolerance
 from sidtool.formats.sid import Taylor
 from sidtool.formats.sid_files import write_sid
 from sidtool.study import moves
+from tests.places import EXAMPLES
 
-from .arms import TIGHT, cantilever, finest, particles, simulated, spun, swinging
+from .arms import (
+    TIGHT,
+    cantilever,
+    finest,
+    particles,
+    reference_of,
+    simulated,
+    spun,
+    swinging,
+)
+
+SATELLITE = EXAMPLES / "satellite"
 
 
 @pytest.fixture(autouse=True)
@@ -308,7 +320,8 @@ def test_the_worst_output_is_one_that_counts() -> None:
         candidates.Choice((), frozenset()),
         simulated(swinging(0.1), cantilever(1)),
         Setting("radau9", 1e-5),
-        *(nothing, allowed, nothing, (), ("", "", ""), nothing, nothing, nothing),
+        *(nothing, allowed, nothing, nothing, (), ("", "", "")),
+        *(nothing, nothing, nothing),
     )
     assert reference.worst(np.array([np.inf, np.inf, 1.0])) == 1
 
@@ -325,3 +338,42 @@ def test_an_oscillation_that_both_methods_step_over_is_part_of_the_error(
     exact = simulated(finest(scene), sid, **TIGHT)["arm.q3"]
     error = np.abs(found["arm.q3"] - exact).max() / np.ptp(exact)
     assert error <= found.error["arm.q3"] <= wanted
+
+
+def test_what_is_conserved_asks_for_no_tighter_runs() -> None:
+    """Momenta of a free satellite vary by what runs err at every tolerance: models were
+    compared at the one at which rounding was left of that, 1e-11, not at 1e-8."""
+    sid = sidtool.convert(SATELLITE / "panel.toml")
+    scene = read_scene(SATELLITE / "scene.toml")
+    momenta = [f"{kind}momentum.{axis}" for kind in ("", "angular_") for axis in "xyz"]
+    moving = ["hub.rotation_y", "right.end.uz", "right.q1"]
+    alone, both = (
+        reference_of(
+            scene.model_copy(
+                update={
+                    "time": scene.time.model_copy(update={"end": 11.0}),
+                    "outputs": scene.outputs.model_copy(update={"record": names}),
+                }
+            ),
+            {"left": sid, "right": sid},
+            1e-3,
+        )
+        for names in (tuple(moving), (*moving, *momenta))
+    )
+    assert both.left_out == tuple(momenta)
+    assert both.setting.rtol == pytest.approx(alone.setting.rtol, rel=0.5)
+    assert both.use(both.blur) <= PART
+
+
+def test_shape_functions_whose_coordinates_are_asked_for_stay_without_a_run() -> None:
+    """Without one its coordinate would be nothing, which errs by all that it is."""
+    sid, names = cantilever(6), ["arm.tip.uy", "arm.q1", "arm.q3"]
+    scene = spun(0.8, 20.0, outputs={"record": names})
+    few = simulated(scene, sid, accuracy=1e-3)
+    none = simulated(spun(0.8, 20.0, outputs={"record": names[:1]}), sid, accuracy=1e-3)
+    one, three = (np.abs(few[f"arm.q{n}"]).max() for n in (1, 3))
+    kept = {d.number: d for d in few.accuracy.decisions if d.number in (1, 3)}
+    assert all(decision.kept for decision in kept.values())
+    assert kept[1].effect == pytest.approx(one, rel=1e-2)
+    assert kept[3].effect == pytest.approx(three, rel=1e-2)
+    assert few.accuracy.runs < none.accuracy.runs
