@@ -44,8 +44,9 @@ HELD = 1e-10
 CLOSE = 1e-10
 #: Shares of the stiffness in the metric that are tried, one after the other.
 SOFTER = (1.0, 1e-3, 1e-6)
-#: Each leaves a millionth of what stated velocities gave way without need.
-PASSES = 3
+#: Each leaves less of what stated velocities give way without need, a millionth between
+#: bodies of like inertia; and when they change no more, relative to the largest one.
+PASSES, SETTLED = 30, 1e-13
 #: Times of each smooth interval at which prescribed frames are compared.
 SAMPLES = 21
 
@@ -195,10 +196,13 @@ def _reach_velocities(state: State) -> None:
     state.kept = stated_velocities(system)
     wanted = state.v[state.kept]
     for _ in range(PASSES if state.kept.any() else 1):
+        before = state.v.copy()
         state.v[state.kept] = wanted
         state.evaluate()
         change, left = state.smallest(-state.work.row[:, at.C_RATE])
         state.v += change
+        if state.speed_of(state.v - before) <= SETTLED * state.speed:
+            break
     state.kept = np.zeros_like(state.kept)
     state.evaluate()
     size = max(1.0 / state.duration, state.speed, state.relative(rates))

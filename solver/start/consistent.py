@@ -85,8 +85,12 @@ class State:
     @property
     def speed(self) -> float:
         """The largest velocity relative to the sizes of the coordinates [1/s]."""
+        return self.speed_of(self.v)
+
+    def speed_of(self, v: Array) -> float:
+        """The same of other velocities."""
         sizes = self.system.once(coordinate_sizes)
-        return float(np.max(np.abs(self.v) / sizes, initial=0.0))
+        return float(np.max(np.abs(v) / sizes, initial=0.0))
 
     def relative(self, rows: Array) -> float:
         """The largest of some values of the constraint rows, relative to its size."""

@@ -60,7 +60,10 @@ def guess(system: System) -> Start:
 
 
 def stated_velocities(system: System) -> Array:
-    """True for the velocity coordinates that the scene file states, (n,)."""
+    """True for the velocity coordinates that the scene file states, (n,).
+
+    A body of which it states any has elastic velocities of zero unless it says others.
+    """
     stated = np.zeros(system.n_velocities, bool)
     for row, data in zip(system.arrays.body.tolist(), system.bodies, strict=True):
         if not data.of_scene:
@@ -71,7 +74,8 @@ def stated_velocities(system: System) -> Array:
         stated[u:turns] = initial.velocity is not None
         stated[turns:elastic] = initial.angular_velocity is not None
         given = getattr(initial, "elastic_velocity", None)
-        stated[elastic : u + row[at.NV]] = given is not None
+        moves = stated[u:elastic].any() or given is not None
+        stated[elastic : u + row[at.NV]] = moves
     return stated
 
 
