@@ -121,7 +121,8 @@ def long_row(
     sids: Mapping[str, SID],
     compile_: Callable[[SceneFile, Mapping[str, SID]], System],
 ) -> list[str]:
-    """The search beside the finest run of the chosen tolerance, and the chosen one."""
+    """The search, with the run that it delivers, beside the finest run of the chosen
+    tolerance, and the chosen one."""
     output, end = LONG[name]
     more = {"end": end, "output_step": end / 2000}
     time_ = scene.time.model_copy(update=more)
@@ -136,7 +137,7 @@ def long_row(
     chosen, fine = (
         min(_run_seconds(system, setting) for _ in range(3)) for system in systems
     )
-    ratio = f"{took / chosen:.0f}"
+    ratio = f"{took / chosen:.1f}"
     numbers = [f"{took:.1f}", f"{fine:.2f}", f"{chosen:.2f}", ratio]
     return [name, output, str(plan.report.runs), *numbers]
 

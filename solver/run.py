@@ -10,7 +10,7 @@ from sidtool.formats.result import FlexibleBody, InMemory, Result, Sink
 
 from . import warmup
 from .account import result_of
-from .advice.prepared import prepare
+from .advice.prepared import Prepared, prepare
 from .errors import SimulationError
 from .integrators import INTEGRATORS
 from .recording.resuming import past_of
@@ -65,12 +65,7 @@ def simulate(
     loops = [INTEGRATORS[name].step_loop for name in settings.possible]
     warmup.ensure(system.planar, loops, tells_of_bodies(system.scene))
     began = time.perf_counter()
-    ready = system.once(prepare)
-    if tell is not None:
-        for sentence in ready.asked:
-            tell(sentence)
-    if foresee is not None:
-        foresee(ready.expected)
+    ready = announced(system, foresee, tell)
     kept = InMemory()
     told = chain(system.told, told)
     past = None if unfinished is None else past_of(ready.system, settings, unfinished)
@@ -88,3 +83,16 @@ def simulate(
     if failure:
         raise SimulationError(result.message, result)
     return result
+
+
+def announced(
+    system: System, foresee: Foresee | None, tell: Callable[[str], None] | None
+) -> Prepared:
+    """What a run begins with, said as `simulate` does before it."""
+    ready = system.once(prepare)
+    if tell is not None:
+        for sentence in ready.asked:
+            tell(sentence)
+    if foresee is not None:
+        foresee(ready.expected)
+    return ready

@@ -44,12 +44,13 @@ def cheapest(
     runs: Runs, reference: Reference, choice: Choice, share: float
 ) -> Found | None:
     """The fastest run that uses at most a share of what is allowed."""
-    found = []
-    for integrator in _integrators(reference, choice):
-        setting = loosest(runs, reference, choice, integrator, share)
-        if setting is not None:
-            errors = _errors(runs, reference, choice, setting)
-            found.append(Found(setting, errors, runs.cost(choice, setting)))
+    tried = _integrators(reference, choice)
+    settings = [loosest(runs, reference, choice, name, share) for name in tried]
+    fit = [setting for setting in settings if setting is not None]
+    seconds = runs.cost if len(fit) > 1 else runs.seconds
+    found = [
+        Found(s, _errors(runs, reference, choice, s), seconds(choice, s)) for s in fit
+    ]
     default = next((f for f in found if f.setting.integrator == DEFAULT), None)
     best = min(found, key=lambda f: f.seconds, default=None)
     if best is None or default is None:

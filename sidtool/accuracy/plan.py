@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field, replace
 from typing import TypeVar
 
@@ -44,18 +44,31 @@ class Plan:
 
     sids : of all bodies that have one
     frames : that bodies were put in, of those whose SIDs are not in their own
+    ran : the run of it whose errors the search has seen; None where there is none that
+        recorded all that the scene asks for
     """
 
     scene: SceneFile
     report: AccuracyReport
     sids: Mapping[str, SID]
     frames: Mapping[str, str] = field(default_factory=dict)
+    ran: Result | None = None
 
     @property
     def told(self) -> list[str]:
         """Sentences for the notes of the result."""
         theory = told_theory(self.report)
         return [*told_rigid(self.scene), *told_left_out(self.scene), *theory]
+
+    def delivered(self, told: Iterable[str]) -> Result | None:
+        """What the search has run, as another run of its scene would be.
+
+        told : sentences for the notes, behind those of the compiled scene
+        """
+        if self.ran is None:
+            return None
+        notes = tuple(dict.fromkeys((*told, *self.ran.notes)))
+        return self.certified(replace(self.ran, notes=notes))
 
     def certified(self, result: Kind) -> Kind:
         """The result of the run with its errors."""
@@ -175,8 +188,11 @@ def _chosen(
         runs=found.runs.count,
         seconds=0.0,
     )
-    model = chosen_scene(found.runs.scene, found.runs.sids, chosen)
-    return Plan(model, report, found.runs.sids, found.frames)
+    runs, choice = found.runs, chosen.choice
+    model = chosen_scene(runs.scene, runs.sids, chosen)
+    as_asked = model.outputs.record == tuple(filter(choice.knows, runs.names))
+    ran = runs.attempt(choice, chosen.found.setting) if as_asked else None
+    return Plan(model, report, runs.sids, found.frames, ran)
 
 
 def _of_whole_runs(

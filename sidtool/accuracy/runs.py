@@ -49,6 +49,17 @@ def expected_runs(finest: Choice, dimension: str) -> dict[str, float]:
     }
 
 
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """The beginning of a run, None where there is none.
+
+    seconds : solve time [s] of the part that is asked for
+    """
+
+    result: Result | None
+    seconds: float
+
+
 @dataclass
 class Counter:
     """How many runs a search has made."""
@@ -77,6 +88,7 @@ class Runs:
     _systems: dict[Choice, System] = field(default_factory=dict)
     _results: dict[tuple[Choice, Setting], Result | None] = field(default_factory=dict)
     _seconds: dict[tuple[Choice, Setting], float] = field(default_factory=dict)
+    _begun: dict[tuple[Choice, Setting], Begun] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.parts = Course(self.expected)
@@ -154,12 +166,12 @@ class Runs:
     def seconds(self, choice: Choice, setting: Setting, short: float = SHORT) -> float:
         """The least solve time out of several runs [s]; infinite if there is none.
 
-        short : runs that last longer [s] are not repeated
+        short : runs that last longer [s] are not repeated, nor are those of a part
         """
         key = choice, setting
         if self.attempt(choice, setting) is None:
             return np.inf
-        for _ in range(REPEATS - 1):
+        for _ in range(REPEATS - 1 if self.whole is None else 0):
             if self._seconds[key] > short:
                 break
             _, took, _ = _timed(self._system(choice), setting)
@@ -167,21 +179,41 @@ class Runs:
         return self._seconds[key]
 
     def cost(self, choice: Choice, setting: Setting) -> float:
-        """What these runs take of the solve time [s] of one that goes on to its end.
+        """What these runs take of the solve time [s] of one that goes on to its end."""
+        return self.begun(choice, setting).seconds
 
-        Tolerances of steps depend on how long a run is: this is seen as that begins.
+    def begun(self, choice: Choice, setting: Setting) -> Begun:
+        """This part of a run that goes on to its end, which is only begun.
+
+        Tolerances of steps depend on how long a run is: this one has those of the
+        whole.
         """
-        if self.whole is None or self.attempt(choice, setting) is None:
-            return self.seconds(choice, setting)
+        key = choice, setting
+        if key not in self._begun:
+            self._begun[key] = self._begin(choice, setting)
+        return self._begun[key]
+
+    def _begin(self, choice: Choice, setting: Setting) -> Begun:
+        from sidtool.solver.errors import SimulationError
+
+        if self.whole is None:
+            seconds = self.seconds(choice, setting)
+            return Begun(self.attempt(choice, setting), seconds)
         begin, end = self.scene.time.start, self.scene.time.end
         now = [begin]
-        took, last = _timed(
-            self.whole._system(choice),
-            setting,
-            progress=now.append,
-            stop=lambda: "seen" if now[-1] >= end else "",
-        )[1:]
-        return took * (end - begin) / (last - begin)
+        self.counter.runs += 1
+        try:
+            result, took, last = _timed(
+                self.whole._system(choice),
+                setting,
+                progress=now.append,
+                stop=lambda: "seen" if now[-1] >= end else "",
+            )
+        except (InputError, SimulationError):
+            return Begun(None, np.inf)
+        if last < end and not result.completed:
+            return Begun(None, np.inf)
+        return Begun(result, took * (end - begin) / (last - begin))
 
     def difference(self, one: Choice, other: Choice, setting: Setting) -> Array:
         """Largest differences (n,) of two models that are integrated alike."""

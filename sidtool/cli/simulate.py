@@ -242,9 +242,11 @@ def _run(
     files: Any,
     ends: dict[str, Any],
 ) -> Any:
+    from sidtool.formats.result.rows import pass_on
     from sidtool.formats.toml.files import located
     from sidtool.solver import compile_scene
     from sidtool.solver import simulate as run
+    from sidtool.solver.run import announced
 
     from ..accuracy import Certified, plan_for
     from ..chosen import chosen
@@ -265,18 +267,28 @@ def _run(
             scene, told, files = plan.scene, [*told, *plan.told], Certified(files, plan)
             sids = dict(plan.sids)
         system = compile_scene(scene, folder, sids=sids, accept_defects=defects)
+        said: dict[str, Any] = {"foresee": _foresee, "tell": _tell}
+        if plan is not None and ends["unfinished"] is None:
+            known = plan.delivered((*system.told, *told))
+            if known is not None:
+                announced(system, **said)
+                pass_on(known, files)
+                return known
         with ending(*NAMES, asked=ends["stop"]):
             result = run(
                 system,
                 progress=_share(scene.time),
-                foresee=_foresee,
-                tell=lambda text: click.echo(f"before the run: {text}"),
                 told=told,
                 into=files,
+                **said,
                 **settings,
                 **ends,
             )
         return result if plan is None else plan.certified(result)
+
+
+def _tell(text: str) -> None:
+    click.echo(f"before the run: {text}")
 
 
 def _foresee(bodies: Any) -> None:

@@ -258,7 +258,7 @@ def _lines(
 ) -> tuple[BudgetLine, ...]:
     """The budget: single choices in the first part, their sum on the whole."""
     lines = budget(part.runs, part.reference, found, part.theory, TIGHTER)
-    slower = chosen.found.seconds / found.found.seconds
+    slower = chosen.found.seconds / part.runs.seconds(found.choice, found.found.setting)
     seen = {"reference": reference.uncertainty, "all together": chosen.errors}
     result = []
     for line in lines:

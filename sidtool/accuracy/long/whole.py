@@ -27,7 +27,7 @@ from ..reference import (
     Reference,
     of_one_run,
 )
-from ..runs import Runs, Setting
+from ..runs import Runs, Setting, apart
 from ..wanted import Request
 
 #: Of what is allowed: what a loose run of the finest model errs in the first part,
@@ -88,10 +88,14 @@ class Part:
         return self.reference.with_meshes(np.zeros(len(self.runs.names)))
 
     def errors(self, setting: Setting) -> Array:
-        """What the finest model errs, (n,)."""
-        choice = self.reference.choice
-        one = self.runs.attempt(choice, setting)
-        errors = self.runs.between((choice, one), (choice, self.reference.result))
+        """What a run of the finest model to the end errs in this part, (n,)."""
+        choice, best = self.reference.choice, self.reference.result
+        one = self.runs.begun(choice, setting).result
+        if one is None:
+            return np.full(len(self.runs.names), np.inf)
+        rows = slice(len(best.t))
+        found = one.t[rows], self.runs.columns(choice, one)[rows]
+        errors = apart(found, (best.t, self.runs.columns(choice, best)))
         return errors + self.reference.uncertainty
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import sidtool
+from sidtool import interrupting
 from sidtool.accuracy import OutsideTheory, cached, candidates
 from sidtool.accuracy import runs as runs_
 from sidtool.accuracy.long import part as long
@@ -37,16 +38,19 @@ def _all_are_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def ends(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
     """Until when each run of the search goes."""
     found: list[float] = []
-    tight = runs_.Runs.tight
 
-    def told(self: runs_.Runs, *key: Any) -> sidtool.Result:
-        known = self.count
-        result = tight(self, *key)
-        if self.count > known:
-            found.append(self.scene.time.end)
-        return result
+    def told(make: Any) -> Any:
+        def made(self: runs_.Runs, *key: Any) -> Any:
+            known = self.count
+            result = make(self, *key)
+            if self.count > known:
+                found.append(self.scene.time.end)
+            return result
 
-    monkeypatch.setattr(runs_.Runs, "tight", told)
+        return made
+
+    for name in ("tight", "begun"):
+        monkeypatch.setattr(runs_.Runs, name, told(getattr(runs_.Runs, name)))
     yield found
 
 
@@ -77,6 +81,25 @@ def test_a_long_motion_is_run_to_its_end_a_few_times_only(
     told = [s for s in found.accuracy.sentences if s.startswith("long runs")]
     assert len(told) == 1
     assert found.accuracy.decisions
+
+
+def test_the_run_that_proves_the_model_is_the_one_that_is_delivered(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Kept choices are run: both tell the same."""
+    scene, sid = particles(False)
+    scene = lasting(scene, 60.0 * scene.time.end, 1200)
+    again = interrupting.ran
+    monkeypatch.setattr(interrupting, "ran", None)
+    found = simulated(scene, sid, accuracy=WANTED)
+    monkeypatch.setattr(interrupting, "ran", again)
+    expected = simulated(scene, sid, accuracy=WANTED)
+    assert found.accuracy is not None and found.accuracy.searched
+    assert expected.accuracy is not None and not expected.accuracy.searched
+    for table in ("t", "values", "positions", "velocities", "multipliers"):
+        assert np.array_equal(getattr(found, table), getattr(expected, table))
+    for told in ("notes", "scene", "settings", "names", "drift", "error"):
+        assert getattr(found, told) == getattr(expected, told)
 
 
 def test_a_motion_that_begins_late_is_not_judged_by_its_beginning(
