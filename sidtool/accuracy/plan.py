@@ -132,7 +132,7 @@ def planned(
         there = in_frames(scene, meshes.sids(sids), kept.frames)
         return Plan(_named(kept.scene, meshes.scene(scene)), report, there)
     began = time.perf_counter()
-    request = requested(scene, sids, wanted)
+    request = requested(scene, sids, wanted, compile_)
     with along(Course({"meshes": MESHES * len(models), "choices": 1.0})) as parts:
         parts.enter("meshes")
         meshes = refined_meshes(scene, sids, models, request, compile_)

@@ -20,6 +20,9 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.sid import SID, Array
 
+from .candidates import recording
+from .runs import Compile
+
 Wanted = float | Mapping[str, float | str]
 
 #: Outputs that measure the run itself, or jump between two values.
@@ -46,8 +49,18 @@ class Request:
         return np.array([t.value if t.absolute else t.value * v for t, v in pairs])
 
 
-def requested(scene: SceneFile, sids: Mapping[str, SID], wanted: Wanted) -> Request:
+def requested(
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    wanted: Wanted,
+    compile_: Compile | None = None,
+) -> Request:
     """The outputs that a request speaks of, wildcards expanded.
+
+    Parameters
+    ----------
+    compile_ : makes a system of a scene and SIDs, which tells how many multipliers a
+        joint has; by default without callables
 
     Raises
     ------
@@ -56,10 +69,10 @@ def requested(scene: SceneFile, sids: Mapping[str, SID], wanted: Wanted) -> Requ
     if isinstance(wanted, Mapping):
         found = {}
         for text, amount in wanted.items():
-            for name in _each(scene, sids, (text,), "accuracy.wanted"):
+            for name in _each(scene, sids, (text,), "accuracy.wanted", compile_):
                 found[name] = tolerance(name, amount, scene)
         return Request(found)
-    names = _each(scene, sids, scene.outputs.record, "outputs.record")
+    names = _each(scene, sids, scene.outputs.record, "outputs.record", compile_)
     ignored = tuple(n for n in names if n in _NO_QUANTITIES or n.endswith(".sticking"))
     found = {n: Tolerance(wanted, False) for n in names if n not in ignored}
     if not found:
@@ -72,7 +85,11 @@ def requested(scene: SceneFile, sids: Mapping[str, SID], wanted: Wanted) -> Requ
 
 
 def _each(
-    scene: SceneFile, sids: Mapping[str, SID], texts: tuple[str, ...], place: str
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    texts: tuple[str, ...],
+    place: str,
+    compile_: Compile | None,
 ) -> list[str]:
     """Single outputs, also of q*, vq* and f*."""
     found: list[str] = []
@@ -87,12 +104,20 @@ def _each(
             numbers = scene.bodies[parsed.owner].numbers(sid.nq)  # type: ignore[union-attr]
             found += [f"{name[:-1]}{k}" for k in numbers]
         else:
-            raise InputError(
-                f"found {name!r}",
-                place=place,
-                expected="single multipliers, such as f1, where an accuracy is wanted",
-            )
+            found += _multipliers(scene, sids, name, compile_)
     return found
+
+
+def _multipliers(
+    scene: SceneFile, sids: Mapping[str, SID], text: str, compile_: Compile | None
+) -> list[str]:
+    """All that a joint has, JOINT.f1 and so on."""
+    from sidtool.solver import compile_scene
+    from sidtool.solver.recording.outputs import multiplier_rows
+
+    bare, name = recording(scene, (text,)), parse_output(text)
+    system = compile_(bare, sids) if compile_ else compile_scene(bare, ".", sids)
+    return list(multiplier_rows(system, name.owner, name.quantity))
 
 
 def _numbered(scene: SceneFile, sids: Mapping[str, SID], name: str, place: str) -> str:

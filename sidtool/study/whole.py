@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -231,8 +232,9 @@ class _Study:
         scene, sids = self.plan.bodies.as_scene(Variant(), self._sids(Variant()))
         asked = dict.fromkeys(self.outputs, 1.0)
         check_recorded(scene.outputs.record)
-        names = requested(scene, sids, asked or 1.0).names
-        compiled(recording(scene, names), sids, self.programs)
+        compile_ = partial(compiled, programs=self.programs)
+        names = requested(scene, sids, asked or 1.0, compile_).names
+        compile_(recording(scene, names), sids)
         kept, dropped = comparable(names, scene, self.plan.varied, bool(asked))
         if not kept:
             raise InputError(

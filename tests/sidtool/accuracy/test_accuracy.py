@@ -377,3 +377,15 @@ def test_shape_functions_whose_coordinates_are_asked_for_stay_without_a_run() ->
     assert kept[1].effect == pytest.approx(one, rel=1e-2)
     assert kept[3].effect == pytest.approx(three, rel=1e-2)
     assert few.accuracy.runs < none.accuracy.runs
+
+
+def test_all_multipliers_of_a_joint_may_be_asked_for() -> None:
+    scene, sid = swinging(outputs={"record": ["arm.tip.x", "pin.f*"]}), cantilever(3)
+    found = simulated(scene, sid, accuracy=1e-3)
+    exact = simulated(finest(scene), sid, **TIGHT)
+    assert list(found.error) == ["arm.tip.x", "pin.f1", "pin.f2"]
+    for name, error in found.error.items():
+        assert np.abs(found[name] - exact[name]).max() <= error
+        assert error <= 1e-3 * np.ptp(exact[name])
+    single = simulated(scene, sid, accuracy={"pin.f*": "1e-3 N"})
+    assert list(single.error) == ["pin.f1", "pin.f2"]
