@@ -140,8 +140,8 @@ def _checked(
             "an equation resists a rigid motion of the body: it is a support, or joins "
             "nodes that are apart without following their rotation",
             place=equations[source].place,
-            expected="equations that a free body meets; geometry.ignore = "
-            '["EQUATION"] or ["MPC"] leaves them out',
+            expected="equations that a free body meets; geometry.ignore leaves them "
+            'out: ["EQUATION"], ["MPC"], ["CE"] or ["CP"]',
         )
     dependent = number[np.fromiter(given, np.int64, len(given))]
     return Equations(matrix, dependent)

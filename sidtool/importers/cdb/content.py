@@ -7,9 +7,39 @@ from dataclasses import dataclass, field
 from sidtool.formats.errors import InputError
 
 
+@dataclass(frozen=True)
+class System:
+    """A system of LOCAL.
+
+    Attributes
+    ----------
+    kind : 0 Cartesian, 1 cylindrical, 2 spherical, 3 toroidal
+    origin, angles : in the global system; about z, x and y in turn [degrees]
+    """
+
+    kind: int
+    origin: tuple[float, ...] = (0.0, 0.0, 0.0)
+    angles: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+
+@dataclass
+class Sum:
+    """A CE: nodes, labels of directions and factors."""
+
+    place: str
+    terms: list[tuple[int, str, float]] = field(default_factory=list)
+
+
 @dataclass
 class Content:
-    """The lines of an archive, and what was read of them."""
+    """The lines of an archive, and what was read of them.
+
+    Attributes
+    ----------
+    turned : node -> angles of its directions, where these are not zero
+    systems : of LOCAL
+    sums, coupled, reals : CE, CP by number and direction, and R
+    """
 
     lines: list[str]
     at: int = 0
@@ -24,6 +54,11 @@ class Content:
     current: dict[str, int] = field(default_factory=dict)
     said: dict[str, None] = field(default_factory=dict)
     branches: int = 0
+    turned: dict[int, tuple[float, ...]] = field(default_factory=dict)
+    systems: dict[int, System] = field(default_factory=dict)
+    sums: dict[int, Sum] = field(default_factory=dict)
+    coupled: dict[tuple[str, str], tuple[str, list[int]]] = field(default_factory=dict)
+    reals: dict[int, list[float]] = field(default_factory=dict)
 
     @property
     def place(self) -> str:

@@ -20,6 +20,8 @@ _ANSYS = {
     183: "quad8",
     82: "quad8",
 }
+#: Integers before the nodes of an element: material, type, ..., nodes, unused, label.
+HEAD = 11
 #: Types that carry loads on surfaces, or only serve meshing.
 WITHOUT_STIFFNESS = (153, 154, 200)
 _PLANE = (182, 42, 183, 82)
@@ -44,6 +46,19 @@ _MIDDLES = {
 }
 
 
+_CONTACT = (
+    ", which is contact",
+    "parts that share their nodes, or ties as CE and CP: ",
+)
+_SPRING = (", which is a spring", "a force in the scene between markers: ")
+#: Types that are no solids: what they are, and what would do instead.
+_FOREIGN: dict[int | None, tuple[str, str]] = {
+    **dict.fromkeys(range(169, 179), _CONTACT),
+    **dict.fromkeys((14, 37, 39, 40), _SPRING),
+    184: (", which is a joint or a rigid link", "a marker with a rigid tie: "),
+}
+
+
 def element_kind(
     given: int | None, keys: Mapping[int, int], label: int, place: str
 ) -> tuple[str, str | None, list[str]]:
@@ -55,11 +70,12 @@ def element_kind(
     """
     plane = given in _PLANE
     if given not in _ANSYS or (plane and keys.get(3, 0) not in (0, 2, 3)):
+        what, instead = _FOREIGN.get(given, ("", ""))
         raise InputError(
-            f"element {label} is of type {given}"
+            f"element {label} is of type {given}{what}"
             + (f", KEYOPT(3) = {keys[3]}" if plane else ""),
             place=place,
-            expected="one of " + ", ".join(map(str, _ANSYS)),
+            expected=instead + "one of " + ", ".join(map(str, _ANSYS)),
         )
     kind, option = _ANSYS[given], keys.get(2, 0)
     if given in (45, 42):
@@ -93,6 +109,10 @@ def collapsed(kind: str, nodes: list[int]) -> tuple[str, list[int]]:
         kind, nodes = linear, nodes[:least]
     if kind == "quad4" and len(set(nodes)) == 3:
         return "tri3", list(dict.fromkeys(nodes))
+    if kind == "quad8" and len(nodes) == 6:  # KEYOPT(1) = 1
+        return "tri6", nodes
+    if kind == "quad8" and len(nodes) == 8 and len(set(nodes[:4])) == 3:
+        return "tri6", [nodes[i] for i in (0, 1, 2, 4, 5, 7)]
     if kind not in ("hex8", "hex20"):
         return kind, nodes
     distinct = len(dict.fromkeys(nodes[:8]))
@@ -101,3 +121,25 @@ def collapsed(kind: str, nodes: list[int]) -> tuple[str, list[int]]:
     shape, corners = _CORNERS[distinct]
     places = corners + (_MIDDLES[distinct] if kind == "hex20" else ())
     return f"{shape}{len(places)}", [nodes[i] for i in places]
+
+
+def check_element(values: list[int], place: str) -> None:
+    """Whether an element has the nodes that it announces, and is alive.
+
+    Raises
+    ------
+    InputError : it has others, or is dead.
+    """
+    given = len(values) - HEAD
+    if given < values[8] or any(values[HEAD + values[8] :]):
+        raise InputError(
+            f"element {values[10]} announces {values[8]} nodes and has {given}",
+            place=place,
+            expected="as many as it announces",
+        )
+    if values[5]:
+        raise InputError(
+            f"element {values[10]} is dead (EKILL)",
+            place=place,
+            expected="elements that are there",
+        )

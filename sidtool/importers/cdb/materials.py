@@ -9,11 +9,13 @@ from sidtool.formats.model import Material
 
 from ...frontends.anisotropic import (
     AnisotropicMaterial,
+    CylindricalMaterial,
     ElasticMaterial,
     orthotropic_law,
 )
 from ..imported import integers, numbers
 from .content import Content
+from .systems import axes_of, system_of
 
 _MODULI, _SHEARS = ("EX", "EY", "EZ"), ("GXY", "GXZ", "GYZ")
 #: The first and second axis of each ratio.
@@ -25,7 +27,17 @@ _ESYS = 4
 #: GXY of an isotropic material may be rounded by this share.
 _ROUNDED = 1e-3
 #: Properties that a linear elastic body does not ask for.
-_OTHER_CONSTANTS = ("ALPX", "CTEX", "REFT", "KXX", "C", "MU", "DMPR", "DAMP", "BETD")
+_OTHER_CONSTANTS = (
+    *("ALPX", "ALPY", "ALPZ", "CTEX", "CTEY", "CTEZ", "REFT", "KXX", "KYY", "KZZ"),
+    *("THSX", "THSY", "THSZ", "C", "ENTH", "EMIS", "HF", "VISC", "SONC", "QRATE"),
+    *("RSVX", "RSVY", "RSVZ", "MURX", "MURY", "MURZ", "PERX", "PERY", "PERZ"),
+    *("MU", "DMPR", "DAMP", "ALPD", "BETD"),
+)
+#: Tables of TB that say what happens beyond the elastic limit, to surfaces or in time.
+_BEYOND_ELASTIC = """
+    BISO MISO NLISO BKIN MKIN KINH CHABOCHE PLASTIC CREEP HILL RATE FRIC SDAMP AVALUE
+    FATIGUE FCLI CTE THERM SPHT
+"""
 
 
 def read_property(content: Content, words: list[str]) -> None:
@@ -70,13 +82,30 @@ def read_property(content: Content, words: list[str]) -> None:
         constants[name] = table[0]
 
 
+def read_table(content: Content, words: list[str]) -> None:
+    """TB, kind, material, ...: without effect, unless it is the elasticity.
+
+    Raises
+    ------
+    InputError : it is, or is not known.
+    """
+    kind = "".join(words[1:2]).upper()
+    if kind not in _BEYOND_ELASTIC.split():
+        raise InputError(
+            f"TB, {kind} is not supported",
+            place=content.place,
+            expected="the elasticity by MP: EX, PRXY, GXY, ...",
+        )
+    content.said[f"TB, {kind}"] = None
+
+
 def materials_of(content: Content) -> dict[str, ElasticMaterial]:
     """The materials that are complete and constant.
 
     Raises
     ------
     InputError : orthotropic constants are those of no material, or elements of theirs
-        stand in a system of their own.
+        stand in a system that is neither Cartesian nor cylindrical.
     """
     materials: dict[str, ElasticMaterial] = {}
     for number, table in content.constants.items():
@@ -95,9 +124,18 @@ def materials_of(content: Content) -> dict[str, ElasticMaterial]:
             continue
         law = _law(number, given)
         if law is not None:
-            _check_systems(content, number)
             materials[str(number)] = AnisotropicMaterial(law, table["DENS"])
+    for values, place in content.elements:
+        own, name = materials.get(str(values[0])), material_name(values)
+        if isinstance(own, AnisotropicMaterial) and name not in materials:
+            materials[name] = _oriented(own, content, values[_ESYS], place)
     return materials
+
+
+def material_name(values: list[int]) -> str:
+    """The material of an element, along the system that it stands in."""
+    system = f" along {values[_ESYS]}" if values[_ESYS] else ""
+    return f"{values[0]}{system}"
 
 
 def _ratio(given: dict[str, float]) -> float | None:
@@ -146,12 +184,12 @@ def _law(number: int, given: dict[str, float]) -> np.ndarray | None:
         ) from None
 
 
-def _check_systems(content: Content, number: int) -> None:
-    for values, place in content.elements:
-        if values[0] == number and values[_ESYS]:
-            raise InputError(
-                f"element {values[10]} of material {number}, which is not isotropic, "
-                f"stands in the system {values[_ESYS]}",
-                place=place,
-                expected="elements in the global system (ESYS 0)",
-            )
+def _oriented(
+    own: AnisotropicMaterial, content: Content, label: int, place: str
+) -> AnisotropicMaterial:
+    """Along a system; of a cylindrical one along the radius, around it and along z."""
+    system = system_of(content, label, place)
+    axes = axes_of(system.angles)
+    if system.kind == 0:
+        return own.turned(axes)
+    return CylindricalMaterial(own.law, own.density, np.array(system.origin), axes[2])

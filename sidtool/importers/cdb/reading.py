@@ -22,26 +22,42 @@ from ..imported import (
     reading_notes,
 )
 from .content import Content
-from .elements import WITHOUT_STIFFNESS, collapsed, element_kind, plane_state
-from .materials import materials_of, read_property
+from .elements import (
+    HEAD,
+    WITHOUT_STIFFNESS,
+    check_element,
+    collapsed,
+    element_kind,
+    plane_state,
+)
+from .holds import (
+    POINT_MASS,
+    equations_of,
+    point_mass,
+    read_constant_block,
+    read_constants,
+    read_coupled,
+    read_equation,
+    real_thickness,
+)
+from .materials import material_name, materials_of, read_property, read_table
+from .systems import read_local
 
 #: Supports, loads, output and names, which have no part in the body.
 _IDLE = """
     /COM /PREP7 /SOLU /POST1 /NOPR /GOPR /GO /TITLE /UNITS /VIEW /AUTO /NERR /WB /OUT
     /CONFIG /BATCH /FILN /FILNAME *SET *GET FINI FINISH NUMOFF EXTOPT SHPP DSYS
-    ESYS CSCIR DOF D DDELE DSYM F FDELE SF SFE SFL SFA SFDELE BF BFE BFUNIF
+    CSCIR DOF D DDELE DSYM F FDELE SF SFE SFL SFA SFDELE BF BFE BFUNIF
     TUNIF TREF TOFFST ACEL OMEGA DOMEGA CGLOC CGOMGA DCGOMG IRLF ANTYPE NLGEOM NSUBST
     DELTIM AUTOTS TIME OUTRES OUTPR KBC NCNV ERESX ALPHAD BETAD DMPRAT DMPSTR LSWRITE
     LSCLEAR SOLVE SAVE MODOPT MXPAND EQSLV BFDELE MPTEMP MPTGEN NROPT LNSRCH PRED TINTP
     CNVTOL CUTCONTROL MONITOR LUMPM PSTRES CNKMOD MODCONTROL QRDOPT KUSE NEQIT CRPLIM
-    CGOMEGA
+    CGOMEGA TBTEMP TBDATA TBPT TBFIELD
 """
 _WITHOUT_EFFECT = frozenset(_IDLE.split())
 #: What depends on a parameter must have no effect either way.
 _BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
 _FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
-#: Integers before the nodes of an element: material, type, ..., nodes, unused, label.
-_HEAD = 11
 
 
 def read_cdb(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
@@ -158,6 +174,10 @@ def _add_node(content: Content, label: int, words: list[str]) -> None:
     given = [word.strip() or "0" for word in words[:3]]
     x, y, z = (*numbers(given, content.place, "coordinates"), 0.0, 0.0, 0.0)[:3]
     content.nodes[label] = (x, y, z)
+    angles = [word.strip() or "0" for word in [*words[3:6], "", "", ""][:3]]
+    turned = tuple(numbers(angles, content.place, "angles"))
+    if any(turned):
+        content.turned[label] = turned
 
 
 def _node(content: Content, words: list[str]) -> None:
@@ -174,7 +194,7 @@ def _node(content: Content, words: list[str]) -> None:
             expected="N in the global Cartesian system (CSYS, 0)",
         )
     if label > 0:
-        _add_node(content, label, words[2:5])
+        _add_node(content, label, words[2:8])
 
 
 def _eblock(content: Content, words: list[str]) -> None:
@@ -188,14 +208,14 @@ def _eblock(content: Content, words: list[str]) -> None:
     for whole, _ in _rows(content):
         values = integers(whole, content.place, "element data")
         wanted = content.elements[-1][0] if len(content.elements) > before else []
-        if wanted and len(wanted) < _HEAD + wanted[8]:
+        if wanted and len(wanted) < HEAD + wanted[8]:
             wanted.extend(values)
             continue
-        if len(values) < _HEAD:
+        if len(values) < HEAD:
             raise InputError(
                 f"has {len(values)} entries",
                 place=content.place,
-                expected=f"at least {_HEAD}",
+                expected=f"at least {HEAD}",
             )
         content.elements.append((values, content.place))
     _check_count("EBLOCK", announced, len(content.elements) - before)
@@ -203,17 +223,10 @@ def _eblock(content: Content, words: list[str]) -> None:
 
 def _now(name: str) -> Callable[[Content, list[str]], None]:
     def read(content: Content, words: list[str]) -> None:
-        content.current[name] = integers(words[1:2], content.place, name)[0]
+        label = [word or "0" for word in words[1:2]] or ["0"]
+        content.current[name] = integers(label, content.place, name)[0]
 
     return read
-
-
-def _system(content: Content, words: list[str]) -> None:
-    """CSYS, LOCAL and CLOCAL: the system that further nodes are given in."""
-    given = "5" if words[1:2] and words[1].upper().startswith("R5") else ""
-    at = 3 if given else 1
-    content.current["CSYS"] = integers(words[at : at + 1] or ["0"], content.place)[0]
-    content.said[words[0].upper()] = None
 
 
 def _single(content: Content, words: list[str]) -> None:
@@ -222,8 +235,19 @@ def _single(content: Content, words: list[str]) -> None:
         return
     label, *nodes = integers([word for word in words[1:] if word], content.place)
     material, kind = (content.current.get(key, 1) for key in ("MAT", "TYPE"))
-    head = [material, kind, 1, 1, 0, 0, 0, 0, len(nodes), 0, label]
+    real, system = content.current.get("REAL", 1), content.current.get("ESYS", 0)
+    head = [material, kind, real, 1, system, 0, 0, 0, len(nodes), 0, label]
     content.elements.append(([*head, *nodes], content.place))
+
+
+def _more(content: Content, words: list[str]) -> None:
+    """EMORE, nodes: further ones of the element above."""
+    if not content.elements:
+        raise InputError("EMORE stands alone", place=content.place, expected="EN")
+    values, _ = content.elements[-1]
+    nodes = integers([word for word in words[1:] if word], content.place, "nodes")
+    values.extend(nodes)
+    values[8] += len(nodes)
 
 
 def _component(content: Content, words: list[str]) -> None:
@@ -262,48 +286,51 @@ _READERS: dict[str, Callable[[Content, list[str]], None]] = {
     "TYPE": _now("TYPE"),
     "MAT": _now("MAT"),
     "REAL": _now("REAL"),
-    **dict.fromkeys(("CSYS", "LOCAL", "CLOCAL"), _system),
+    "ESYS": _now("ESYS"),
+    "EMORE": _more,
+    **dict.fromkeys(("CSYS", "CLOCAL"), _now("CSYS")),
+    "LOCAL": read_local,
+    "CE": read_equation,
+    "CP": read_coupled,
+    "R": read_constants,
+    "RLBLOCK": read_constant_block,
     "CMBLOCK": _component,
     "MP": read_property,
+    "TB": read_table,
     "MPDATA": read_property,
 }
 
 
-def _check_element(values: list[int], place: str) -> None:
-    """Whether an element has the nodes that it announces, and is alive."""
-    given = len(values) - _HEAD
-    if given < values[8] or any(values[_HEAD + values[8] :]):
-        raise InputError(
-            f"element {values[10]} announces {values[8]} nodes and has {given}",
-            place=place,
-            expected="as many as it announces",
-        )
-    if values[5]:
-        raise InputError(
-            f"element {values[10]} is dead (EKILL)",
-            place=place,
-            expected="elements that are there",
-        )
-
-
 def _imported(content: Content) -> ImportedMesh:
-    raw, replaced, states = [], dict[str, None](), set[str | None]()
+    raw, masses, replaced = [], [], dict[str, None]()
+    materials = materials_of(content)
+    states = set[str | None]()
     for values, place in content.elements:
-        material, key, label = values[0], values[1], values[10]
-        nodes = values[_HEAD : _HEAD + values[8]]
-        _check_element(values, place)
+        key, label = values[1], values[10]
+        nodes = values[HEAD : HEAD + values[8]]
+        check_element(values, place)
         given = content.types.get(key)
         if given in WITHOUT_STIFFNESS:
             content.said[f"elements of type {given}"] = None
             continue
+        if given == POINT_MASS:
+            masses.append(point_mass(content, values, place))
+            continue
         keys = {i: value for (k, i), value in content.options.items() if k == key}
         kind, formulation, said = element_kind(given, keys, label, place)
         states.add(plane_state(kind, keys))
+        name = material_name(values)
         ours, listed = collapsed(kind, nodes)
         replaced |= dict.fromkeys(said)
         raw.append(
             RawElement(
-                label, ours, listed, place, str(material), formulation=formulation
+                label,
+                ours,
+                listed,
+                place,
+                name if name in materials else str(values[0]),
+                real_thickness(content, kind, keys, values[2], place),
+                formulation,
             )
         )
     if len(states) > 1:
@@ -314,8 +341,10 @@ def _imported(content: Content) -> ImportedMesh:
         notes.append("without effect on the body: " + ", ".join(content.said))
     return ImportedMesh(
         mesh,
-        materials_of(content),
+        materials,
         states.pop(),
         tuple(notes),
+        masses=tuple(masses),
+        equations=equations_of(content),
         parts={name: content.parts[name] for name in sorted(content.parts)},
     )

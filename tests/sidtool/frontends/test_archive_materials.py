@@ -78,8 +78,8 @@ def test_incomplete_materials_are_not_guessed(
     assert not read_mesh(archive(tmp_path, given)).materials
 
 
-def test_axes_of_elements_are_refused(tmp_path: Path) -> None:
+def test_axes_that_are_not_there_are_refused(tmp_path: Path) -> None:
     head = [1, 1, 1, 1, 0, 0, 0, 0, 8]
     old, new = ("".join(f"{x:9d}" for x in (*head[:4], e, *head[5:])) for e in (0, 12))
-    with pytest.raises(InputError, match="stands in the system 12"):
+    with pytest.raises(InputError, match="the system 12 is not defined"):
         read_mesh(archive(tmp_path, wood(False), old, new))

@@ -230,8 +230,12 @@ def test_elements_that_carry_loads_alone_are_listed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("CE,1,0,1,UX,1,2,UX,-1", "CE is not supported"),
-        ("CP,1,UX,1,2", "CP is not supported"),
+        ("CE,1,0,1,UX,1,2,UX", "node, label and factor of every term"),
+        ("CE,1,0.1,1,UX,1,2,UX,-1", "CE 1 has the constant 0.1"),
+        ("CE,R5.0,DEFI,2,1,0.\nCE,R5.0,NODE,1,TEMP,1,2,UX,-1", "names TEMP of node 1"),
+        ("CP,1,UX,1,99", "names UX of node 99"),
+        ("CP,R5.0,DEFI,2,1,UX", "CP, number, label, nodes"),
+        ("RLBLOCK,1,2,6,7\nno\nformats", "RLBLOCK|no formats"),
         ("CERIG,1,2", "CERIG is not supported"),
         ("RBE3,1,ALL,2", "RBE3 is not supported"),
         ("NGEN,2,4,1,4,1", "NGEN is not supported"),
