@@ -97,7 +97,7 @@ def expanded(
         if _is_pattern(text):
             names = matching(text, known) or matching(text, rarer_outputs(scene))
         if not names and has_wildcard(text):
-            _fail(text, known, place)
+            _fail(text, [*known, *rarer_outputs(scene)], place)
         found |= dict.fromkeys(names)
     return tuple(found)
 
@@ -127,7 +127,11 @@ def owners(names: Iterable[str]) -> list[str]:
 
 def quantities_of(owner: str, scene: SceneFile) -> list[str]:
     """What a part of a scene has, as far as that is known without its SIDs."""
-    names = (name.rpartition(".") for name in known_outputs(scene, {}))
+    names = (
+        name.rpartition(".")
+        for outputs in (known_outputs(scene, {}), rarer_outputs(scene))
+        for name in outputs
+    )
     return [quantity for found, _, quantity in names if found == owner]
 
 
@@ -139,6 +143,7 @@ def rarer_outputs(scene: SceneFile) -> Iterator[str]:
         yield from _named(name, [q for q in rare if q in MOMENTA or not point_mass])
         for marker in () if point_mass else body.markers:
             yield from _named(f"{name}.{marker}", _RARE_OF_MARKER[scene.dimension])
+    yield from (f"{n}.f1" for n, j in scene.joints.items() if not marker_names(j))
 
 
 def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:

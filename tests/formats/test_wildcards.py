@@ -46,6 +46,27 @@ def test_nothing_found_is_told() -> None:
         expanded(["pist*.k*"], scene, {})
 
 
+def test_what_a_gear_has_is_found_and_told() -> None:
+    """Its force is its multiplier; it was said that nothing has its name."""
+    body = {"mass": 1.0, "inertia": 1.0}
+    hinges = {f"h{b}": {"type": "revolute", "markers": ["ground", b]} for b in "ab"}
+    gear = {"type": "gear", "joints": ["ha", "hb"], "ratio": 2.0}
+
+    def found(name: str) -> tuple[str, ...]:
+        scene = Scene(
+            dimension="planar",
+            time={"end": 1.0},
+            bodies={"a": body, "b": body},
+            joints={**hinges, "wheels": gear},
+            outputs={"record": [name]},
+        )
+        return expanded(scene.outputs.record, scene, {})
+
+    assert found("wheels.*") == ("wheels.f1",)
+    with pytest.raises(InputError, match=r"wheels has no 'q\*'; expected one of f1$"):
+        found("wheels.q*")
+
+
 def test_wildcards_find_what_the_whole_of_a_body_leaves_out() -> None:
     """Each name is one of the scene; those in body axes are zero in the plane."""
     scene = Scene(
