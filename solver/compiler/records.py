@@ -71,6 +71,7 @@ class RowsType(types.Type):
 
     def __init__(self, record: RecordType, ndim: int = 2) -> None:
         self.record, self.ndim = record, ndim
+        self.numbers = np.dtype(np.int64 if record.number is INDEX else np.float64)
         super().__init__(f"rows of {record} in {ndim} dimensions")
 
 

@@ -28,6 +28,7 @@ MACHINERY = (
     "compiler.records",
     "compiler.values",
     "space.algebra",
+    "space.rows",
     "space.spaces",
 )
 

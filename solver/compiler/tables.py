@@ -82,7 +82,7 @@ class TableType(types.Type):
         kind, start = self.members[field], self.offsets[field]
         if field in self.scalars:
             self.number(memory, field)[0] = value
-        elif isinstance(kind, ViewType):
+        elif isinstance(kind, ViewType | RowsType):
             memory[start : start + 1 + kind.ndim] = array_words(kind, value)
         else:
             memory[start] = _address(kind, value)

@@ -57,7 +57,7 @@ class ViewType(types.Type):
         super().__init__(f"view of {dtype} in {ndim} dimensions")
 
 
-def array_words(kind: ViewType, array: Any) -> list[int]:
+def array_words(kind: Any, array: Any) -> list[int]:
     """The address of an array and its shape.
 
     Raises TypeError where it is not one of this kind.

@@ -66,7 +66,7 @@ def _evaluate(system, work, t, z, v):
 @entry(float64(SYSTEM, WORK, int64, float64))
 def law_at(system, work, k, t):
     """What the law of row k yields at the state that was just evaluated."""
-    return law_value(in_plane(system), in_plane(work), k, t, False)
+    return law_value(system, in_plane(work), k, t, False)
 
 
 @inner()
@@ -96,24 +96,24 @@ def _complete(system, work, acc):
 def _entries(seen: Any, place: str) -> tuple[Entry, Entry, Entry]:
     """The kernels of plane or space.
 
-    seen : how they see systems and works
+    seen : how they see works
     """
 
     def evaluate(system, work, t, z, v):
         """Everything that eq. (11) needs at one state: M, f, C, c, dc/dt and gamma."""
-        _evaluate(seen(system), seen(work), t, z, v)
+        _evaluate(system, seen(work), t, z, v)
         drop_rows(system, work)
         hold_rows(system, work)
 
     def linearise(system, work, t, z, v, acc, lam):
         """Rp, Rv, Gp, Gv at a state just evaluated, see constraints and forces."""
-        _linearise(seen(system), seen(work), t, z, v, acc, lam)
+        _linearise(system, seen(work), t, z, v, acc, lam)
         drop_derivatives(system, work)
         linearise_friction(system, work)
 
     def complete(system, work, acc):
         """Adds what z_II' contributes to the accelerations of frames and markers."""
-        _complete(seen(system), seen(work), acc)
+        _complete(system, seen(work), acc)
 
     for kernel in (evaluate, linearise, complete):
         kernel.__qualname__ = f"{kernel.__name__}_in_{place}"

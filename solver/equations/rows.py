@@ -22,9 +22,6 @@ from ..space.layout import (
     W_PERIOD,
     W_WEIGHT,
     WORK,
-    X_OFFSET,
-    X_ROW,
-    X_SIZE,
 )
 from .marker_rows import segment
 
@@ -88,8 +85,8 @@ def drop_rows(system, work):
     for k in range(len(system.dropped)):
         piece = system.dropped[k]
         for column in (C_VALUE, C_RATE, C_GAMMA):
-            work.row[piece[X_ROW], column] = 0.0
-        for i in range(piece[X_OFFSET], piece[X_OFFSET] + piece[X_SIZE]):
+            work.row[piece.row, column] = 0.0
+        for i in range(piece.offset, piece.offset + piece.size):
             work.C[i] = 0.0
 
 
@@ -98,6 +95,6 @@ def drop_derivatives(system, work):
     """The same of their derivatives, after the constraints were linearised."""
     for k in range(len(system.dropped)):
         piece = system.dropped[k]
-        for i in range(piece[X_OFFSET], piece[X_OFFSET] + piece[X_SIZE]):
+        for i in range(piece.offset, piece.offset + piece.size):
             work.Gp[i] = 0.0
             work.Gv[i] = 0.0

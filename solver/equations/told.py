@@ -199,14 +199,14 @@ def _entries(seen: Any, place: str) -> tuple[Entry, Entry]:
         """What constraints and forces do in some states; factors scale forces."""
         for k in range(len(times)):
             _set_state(work, k, clocks, points, factors)
-            near, at, to = seen(system), seen(work), seen(told)
-            _tell_forces(near, at, to, k, times[k], z[k], lam[k], rub[k])
+            at, to = seen(work), seen(told)
+            _tell_forces(system, at, to, k, times[k], z[k], lam[k], rub[k])
 
     def tell_bodies(system, work, told, z, v, frames):
         """Energies and momenta of bodies in some states."""
         for k in range(len(z)):
             _recall(work.frame, frames[k])
-            _tell_bodies(seen(system), seen(work), seen(told), k, z[k], v[k])
+            _tell_bodies(system, seen(work), seen(told), k, z[k], v[k])
 
     for kernel in (tell_forces, tell_bodies):
         kernel.__qualname__ = f"{kernel.__name__}_in_{place}"

@@ -13,17 +13,9 @@ from ..space.layout import (
     C_VALUE,
     F1,
     F2,
-    N_ROWS,
-    N_TURNS,
-    NV,
-    PLANAR,
-    S_BODY,
-    S_OFFSET,
-    S_ROW,
     SYSTEM,
     TURN_RATE,
     TURNED,
-    VEL,
     WORK,
 )
 from .stepping import CONTROL
@@ -59,8 +51,8 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
     move them by rounding spoils velocities.
     Returns 0, or a code when the constraints are singular or cannot be met.
     """
-    m = system.dims[N_ROWS]
-    if system.dims[PLANAR] == 0:
+    m = system.n_rows
+    if system.planar == 0:
         for i in range(len(dz)):
             dz[i] = 0.0
         kernels.retract(system, work.frame, z, dz)
@@ -93,20 +85,20 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
 @inner(types.void(SYSTEM, WORK, F1, int64))
 def rates_of_rows(system, work, x, column):
     """C x of a tangent vector x, into a column of the rows."""
-    for i in range(system.dims[N_ROWS]):
+    for i in range(system.n_rows):
         work.row[i, column] = 0.0
     for k in range(len(system.segment)):
-        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
-        b = system.segment[k, S_BODY]
-        first = system.body[b, VEL]
-        for i in range(system.body[b, NV]):
+        row, at = system.segment[k].row, system.segment[k].offset
+        b = system.segment[k].body
+        first = system.body[b].vel
+        for i in range(system.body[b].nv):
             work.row[row, column] += work.C[at + i] * x[first + i]
 
 
 @inner(types.void(SYSTEM, WORK, CONTROL))
 def note_drift(system, work, control):
     """Keeps the largest residuals of the constraints, just evaluated."""
-    for i in range(system.dims[N_ROWS]):
+    for i in range(system.n_rows):
         control.drift = max(control.drift, abs(work.row[i, C_VALUE]))
         control.drift_rate = max(control.drift_rate, abs(work.row[i, C_RATE]))
 
@@ -117,7 +109,7 @@ def count_turns(system, work, control, h, z):
 
     Returns 0, or 4 when they turned too far in the step to be sure.
     """
-    count = system.dims[N_TURNS]
+    count = system.n_turns
     first, fastest = len(z) - count, 0.0
     for i in range(count):
         way = abs(work.turn[i, TURNED] - z[first + i])

@@ -17,7 +17,6 @@ from ..space.layout import (
     F2,
     F3,
     MOST_PLACES,
-    N_TURNS,
     R_PLACES,
     SYSTEM,
     TURNED,
@@ -206,8 +205,8 @@ def sample(
             copy(step_v[0], v[k])
         else:
             status = accelerate(kernels, system, work, memory, times[k], z[k], v[k])
-        first = z.shape[1] - system.dims[N_TURNS]
-        for i in range(system.dims[N_TURNS]):
+        first = z.shape[1] - system.n_turns
+        for i in range(system.n_turns):
             z[k, first + i] = work.turn[i, TURNED]
         copy(memory.acceleration, acc[k])
         copy(memory.multiplier, lam[k])

@@ -14,7 +14,7 @@ from numba import float64, types
 
 from ..compiler.compiling import inner
 from ..linear.memory import MEMORY
-from ..space.layout import F1, FLAGS, NP, NQ, POS, RD, STATE, SYSTEM, VEL
+from ..space.layout import F1, STATE, SYSTEM
 from .stepping import CONTROL
 
 #: Relative to the motion of the mechanism: the elastic displacement below which the
@@ -42,8 +42,8 @@ def note_motion(system, memory, control):
     motion_rate = motion_push = turn_rate = turn_push = 0.0
     for b in range(len(system.body)):
         row = system.body[b]
-        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
-        rigid = row[NP] - nq
+        rd, nq, u, p = row.rd, row.nq, row.vel, row.pos
+        rigid = row.np - nq
         axes = 2 if rd == 2 or (rd == 3 and rigid == 3) else 3
         way = _distance(z, control.start, p, p + min(axes, rigid))
         pace, push = _size(v, u, u + min(axes, rd)), _size(a, u, u + min(axes, rd))
@@ -73,12 +73,12 @@ def _note_deformation(system, memory, control, b):
     They go no further in a step than their static deflection and a vibration do.
     """
     row, coming = system.body[b], control.coming[b]
-    first, q = row[VEL] + row[RD], row[POS] + row[NP] - row[NQ]
+    first, q = row.vel + row.rd, row.pos + row.np - row.nq
     for i in range(len(coming)):
         coming[i] = 0.0
-    for k in range(row[NQ]):
+    for k in range(row.nq):
         i = first + k
-        if row[FLAGS] & STATE:
+        if row.flags & STATE:
             control.elastic[b] = max(control.elastic[b], abs(control.v[i]))
             coming[1] = abs(memory.acceleration[i])
             return 0.0
@@ -138,8 +138,8 @@ def set_scales(system, control, h):
     control.noise, least = 0.0, min(length, 1.0)
     for b in range(len(system.body)):
         row = system.body[b]
-        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
-        rigid = row[NP] - nq
+        rd, nq, u, p = row.rd, row.nq, row.vel, row.pos
+        rigid = row.np - nq
         axes = 2 if rd == 2 or (rd == 3 and rigid == 3) else 3
         for k in range(rigid):
             size, whole = (motion, length) if k < axes else (turn, 1.0)
@@ -158,7 +158,7 @@ def set_scales(system, control, h):
             noise = ROUNDED * rate / control.scale_v[u + k]
             control.noise = max(control.noise, noise)
         coming = control.coming[b]
-        if row[FLAGS] & STATE:
+        if row.flags & STATE:
             size = max(control.elastic[b], h * coming[1], SMALLEST_STATE * least)
             control.pace[u] = size
             control.scale_v[u] = max(resolved * size, ROUNDED_STATE * least)

@@ -23,7 +23,7 @@ from ..compiler.compiling import inner
 from ..linear.mass import independence
 from ..linear.memory import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
 from ..linear.saddle import REGULARISATION
-from ..space.layout import C_RATE, C_VALUE, F1, N_ROWS, SYSTEM, WORK
+from ..space.layout import C_RATE, C_VALUE, F1, SYSTEM, WORK
 from .projection import accelerate, rates_of_rows
 from .step_sizes import scaled_norm
 from .stepping import CONTROL
@@ -177,7 +177,7 @@ def keep_free_part(kernels, system, work, memory, control, h, z1, v1, error, dz,
         return
     kernels.evaluate(system, work, control.time + h, z1, v1)
     memory.counters[EVALUATIONS] += 1
-    for i in range(system.dims[N_ROWS]):
+    for i in range(system.n_rows):
         work.row[i, C_VALUE] = 0.0
     rates_of_rows(system, work, error, C_RATE)
     rates_of_rows(system.sliding, work.sliding, error, C_RATE)

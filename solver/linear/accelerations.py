@@ -10,14 +10,8 @@ from ..space.layout import (
     C_RATE,
     C_VALUE,
     F1,
-    N_ROWS,
-    NV,
-    S_BODY,
-    S_OFFSET,
-    S_ROW,
     SHARED,
     SYSTEM,
-    VEL,
     WORK,
 )
 from .friction import JAMMED, along, directions, solve_friction
@@ -38,15 +32,15 @@ RIGIDLY_DEPENDENT, SOFTER, SOFTEST = 0.03, 1e-2, 1e-5
 @inner(float64(SYSTEM, WORK, MEMORY, F1, float64))
 def _constraint_defect(system, work, memory, x, weight):
     """What weight gamma - C x leaves, into dmu; its size relative to the terms."""
-    m = system.dims[N_ROWS]
+    m = system.n_rows
     size = 0.0
     for i in range(m):
         memory.dmu[i] = weight * work.row[i, C_GAMMA]
     for k in range(len(system.segment)):
-        row, at = system.segment[k, S_ROW], system.segment[k, S_OFFSET]
-        b = system.segment[k, S_BODY]
-        first = system.body[b, VEL]
-        for i in range(system.body[b, NV]):
+        row, at = system.segment[k].row, system.segment[k].offset
+        b = system.segment[k].body
+        first = system.body[b].vel
+        for i in range(system.body[b].nv):
             term = work.C[at + i] * x[first + i]
             memory.dmu[row] -= term
             size = max(size, abs(term))
@@ -62,7 +56,7 @@ def _respond_to(system, work, memory, x, mu, weight):
 
     With C x = weight gamma; factored before.
     """
-    for i in range(system.dims[N_ROWS]):
+    for i in range(system.n_rows):
         mu[i] = weight * work.row[i, C_GAMMA]
     mass_solve(system, memory, x, mu)
     defect = _constraint_defect(system, work, memory, x, weight)
@@ -135,7 +129,7 @@ def project_once(system, work, memory, regularisation, dz, dv):
     a mechanism, tau is made smaller, so that deformations help: else rounding and
     errors of dense output would become large motions.
     """
-    m = system.dims[N_ROWS]
+    m = system.n_rows
     weight = 1.0
     status = mass_factor(system, work, memory, weight, regularisation)
     while status == 0 and weight > SOFTEST:
@@ -162,7 +156,7 @@ def _hold(system, work, memory, dz, dv):
     X, A, t, n = memory.rub_X, memory.rub_A, memory.rub_t, len(memory.rub_X)
     directions(system, work, X)
     for j in range(n):
-        for r in range(system.dims[N_ROWS]):
+        for r in range(system.n_rows):
             memory.multiplier[r] = 0.0
         mass_solve(system, memory, X[j], memory.multiplier)
     for i in range(n):

@@ -16,7 +16,7 @@ from numba import float64, int64, types
 
 from ..compiler.compiling import inner
 from ..compiler.quotients import quotient
-from ..space.layout import BLOCK, C1, F1, I1, N_VEL, NV, RD, SYSTEM, VEL
+from ..space.layout import C1, F1, I1, SYSTEM
 from .lapack import LAPACK, LARGE, factor_large, solve_large
 
 #: Blocks below this size are factored as they are, and B is below that of LAPACK.
@@ -115,12 +115,12 @@ def block_factor(system, lapack, A, body, pivots):
     pivots : of all bodies, then how many coordinates of each keep their full rows
     """
     row = system.body[body]
-    n, o, first = row[NV], row[BLOCK], row[VEL]
+    n, o, first = row.nv, row.block, row.vel
     whole = n
     if n >= SMALL:
-        found = _weakly_coupled(A, o, n, row[RD])
+        found = _weakly_coupled(A, o, n, row.rd)
         whole = found if found < LARGE and 2 * found <= n else n
-    pivots[system.dims[N_VEL] + body] = whole
+    pivots[system.n_vel + body] = whole
     if whole >= LARGE:
         return factor_large(lapack, A, o, n, pivots, first)
     _eliminate(A, o, n, whole)
@@ -131,8 +131,8 @@ def block_factor(system, lapack, A, body, pivots):
 def block_solve(system, lapack, A, body, pivots, x, at):
     """Solves with a factor of `block_factor`; x[at:] is overwritten."""
     row = system.body[body]
-    n, o, first = row[NV], row[BLOCK], row[VEL]
-    whole = pivots[system.dims[N_VEL] + body]
+    n, o, first = row.nv, row.block, row.vel
+    whole = pivots[system.n_vel + body]
     if whole >= LARGE:
         solve_large(lapack, A, o, n, pivots, first, x, at)
         return

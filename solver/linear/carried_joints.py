@@ -21,14 +21,7 @@ from ..space.layout import (
     F2,
     I1,
     I2,
-    RD,
-    S_BODY,
-    S_OFFSET,
-    S_ROW,
-    SEG0,
-    SEG1,
     SYSTEM,
-    VEL,
     WORK,
 )
 from .mass import mass_row_times
@@ -45,34 +38,34 @@ N_HELD = H_ROWS + MOST_ROWS
 @inner(types.void(SYSTEM, WORK, int64, F1, F1, F1, F1))
 def _unbalanced(system, work, b, acceleration, multipliers, friction, left):
     """M z_II' - f - C^T lambda of the frame of a body, without what is not known."""
-    first, rigid = system.body[b, VEL], system.body[b, RD]
+    first, rigid = system.body[b].vel, system.body[b].rd
     for i in range(rigid):
         left[i] = mass_row_times(system, work.M, b, i, acceleration)
         left[i] -= work.f[first + i]
-    for s in range(system.body[b, SEG0], system.body[b, SEG1]):
-        at, row = system.segment[s, S_OFFSET], system.segment[s, S_ROW]
+    for s in range(system.body[b].seg0, system.body[b].seg1):
+        at, row = system.segment[s].offset, system.segment[s].row
         for i in range(rigid):
             left[i] -= work.C[at + i] * multipliers[row]
     rubbing = system.sliding.segment
     for s in range(len(rubbing)):
-        if rubbing[s, S_BODY] == b:
-            at = rubbing[s, S_OFFSET]
+        if rubbing[s].body == b:
+            at = rubbing[s].offset
             for i in range(rigid):
-                left[i] -= work.C[at + i] * friction[rubbing[s, S_ROW]]
+                left[i] -= work.C[at + i] * friction[rubbing[s].row]
 
 
 @inner(int64(SYSTEM, WORK, I1, F1, F2, F1, I1))
 def _solve_joint(system, work, held, multipliers, H, left, pivots):
     """Multipliers of the joint of one body; 1 if it does not hold its frame."""
     b = held[H_BODY]
-    n = system.body[b, RD]
+    n = system.body[b].rd
     for j in range(n):
         for i in range(n):
             H[i, j] = 0.0
-        for s in range(system.body[b, SEG0], system.body[b, SEG1]):
-            if system.segment[s, S_ROW] == held[H_ROWS + j]:
+        for s in range(system.body[b].seg0, system.body[b].seg1):
+            if system.segment[s].row == held[H_ROWS + j]:
                 for i in range(n):
-                    H[i, j] += work.C[system.segment[s, S_OFFSET] + i]
+                    H[i, j] += work.C[system.segment[s].offset + i]
     if band_factor(H, n, n, pivots) != 0:
         return 1
     band_solve(H, n, n, pivots, left)
@@ -115,5 +108,5 @@ def forces_of_carriers(
                 _solve_joint(system, work, held[c], multipliers[k], H, left, pivots)
                 != 0
             ):
-                for j in range(system.body[b, RD]):
+                for j in range(system.body[b].rd):
                     multipliers[k, held[c, H_ROWS + j]] = math.nan

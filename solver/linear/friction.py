@@ -29,21 +29,15 @@ from ..space.layout import (
     L_SPEED,
     L_STATIC,
     L_VISCOUS,
-    N_ROWS,
-    NV,
     R_COUNT,
     R_LAW,
     R_LOAD,
     R_NEWTON,
     R_PLACES,
     R_ROWS,
-    S_BODY,
-    S_OFFSET,
-    S_ROW,
     SHARED,
     SIDE,
     SYSTEM,
-    VEL,
     WORK,
 )
 from .grips import sense_of, sticks
@@ -127,9 +121,9 @@ def directions(system, work, X):
         for i in range(X.shape[1]):
             X[j, i] = 0.0
     for k in range(len(table)):
-        j, at, b = table[k, S_ROW], table[k, S_OFFSET], table[k, S_BODY]
-        first = system.body[b, VEL]
-        for i in range(system.body[b, NV]):
+        j, at, b = table[k].row, table[k].offset, table[k].body
+        first = system.body[b].vel
+        for i in range(system.body[b].nv):
             X[j, first + i] += work.C[at + i]
 
 
@@ -138,10 +132,10 @@ def along(system, work, j, x):
     """The rate of a coordinate that velocities x make."""
     table, total = system.sliding.segment, 0.0
     for k in range(len(table)):
-        if table[k, S_ROW] == j:
-            at, b = table[k, S_OFFSET], table[k, S_BODY]
-            first = system.body[b, VEL]
-            for i in range(system.body[b, NV]):
+        if table[k].row == j:
+            at, b = table[k].offset, table[k].body
+            first = system.body[b].vel
+            for i in range(system.body[b].nv):
                 total += work.C[at + i] * x[first + i]
     return total
 
@@ -166,13 +160,13 @@ def linearise_friction(system, work):
     """
     table = system.sliding.segment
     for k in range(len(table)):
-        j, at, b = table[k, S_ROW], table[k, S_OFFSET], table[k, S_BODY]
+        j, at, b = table[k].row, table[k].offset, table[k].body
         if sticks(system, j):
             continue
         _, limited = limit(system, j, work.sliding.row[j, C_RATE])
         damping = sense_of(system, work, j) * limited * work.load[j]
         damping += system.pool[system.friction[j, R_LAW] + L_VISCOUS]
-        for i in range(at, at + system.body[b, NV]):
+        for i in range(at, at + system.body[b].nv):
             work.Gp[i] = 0.0
             work.Gv[i] = damping * work.C[i]
 
@@ -223,7 +217,7 @@ def friction_residual(system, work, forces, scale, p, g):
 
     forces : the multipliers, and behind them t
     """
-    first = system.dims[N_ROWS]
+    first = system.n_rows
     for j in range(len(system.friction)):
         row, t = system.friction[j, R_NEWTON], forces[first + j]
         g[row] = -work.sliding.row[j, C_VALUE]
@@ -232,10 +226,10 @@ def friction_residual(system, work, forces, scale, p, g):
             g[row] = -scale * (t + _opposed(system, work, j, forces))
     table = system.sliding.segment
     for k in range(len(table)):
-        t = scale * forces[first + table[k, S_ROW]]
-        at, b = table[k, S_OFFSET], table[k, S_BODY]
-        start = system.body[b, VEL]
-        for i in range(system.body[b, NV]):
+        t = scale * forces[first + table[k].row]
+        at, b = table[k].offset, table[k].body
+        start = system.body[b].vel
+        for i in range(system.body[b].nv):
             p[start + i] += work.C[at + i] * t
 
 

@@ -28,14 +28,7 @@ from ..space.layout import (
     C_VALUE,
     F1,
     I1,
-    N_ENTRIES,
-    N_ROWS,
-    NV,
-    S_BODY,
-    S_OFFSET,
-    S_ROW,
     SYSTEM,
-    VEL,
     WORK,
 )
 from .friction import friction_residual
@@ -51,16 +44,16 @@ def index3_factor(system, work, memory, inertia, damping, stiffness):
     A, G = memory.real.A[0], memory.real.G[0]
     for i in range(len(A)):
         A[i] = inertia * memory.M[i] + damping * work.Rv[i] + stiffness * work.Rp[i]
-    constraints = system.dims[N_ENTRIES]
+    constraints = system.n_entries
     for i in range(constraints):
         G[i] = memory.C[i]
     for i in range(constraints, len(G)):
         G[i] = damping * work.Gv[i] + stiffness * work.Gp[i]
     stuck = system.sliding.segment
     for k in range(len(stuck)):
-        if sticks(system, stuck[k, S_ROW]):
-            at = stuck[k, S_OFFSET]
-            for i in range(at, at + system.body[stuck[k, S_BODY], NV]):
+        if sticks(system, stuck[k].row):
+            at = stuck[k].offset
+            for i in range(at, at + system.body[stuck[k].body].nv):
                 G[i] = memory.C[i]
     memory.counters[FACTORISATIONS] += 1
     return saddle_factor(system.newton, memory.real, 0, memory.C, work.rubbing)
@@ -70,7 +63,7 @@ def index3_factor(system, work, memory, inertia, damping, stiffness):
 def add_mass_times(system, M, x, weight, out):
     """out += weight M x, M in blocks."""
     for b in range(len(system.body)):
-        n, first = system.body[b, NV], system.body[b, VEL]
+        n, first = system.body[b].nv, system.body[b].vel
         for i in range(n):
             out[first + i] += weight * mass_row_times(system, M, b, i, x)
 
@@ -85,14 +78,14 @@ def index3_residual(system, work, place, acceleration, multiplier, h2, p, g):
         p[i] = h2 * work.f[i]
     add_mass_times(system, work.M, acceleration, -h2, p)
     for k in range(len(system.segment)):
-        force = h2 * multiplier[system.segment[k, S_ROW]]
-        at, b = system.segment[k, S_OFFSET], system.segment[k, S_BODY]
-        first = system.body[b, VEL]
-        for i in range(system.body[b, NV]):
+        force = h2 * multiplier[system.segment[k].row]
+        at, b = system.segment[k].offset, system.segment[k].body
+        first = system.body[b].vel
+        for i in range(system.body[b].nv):
             p[first + i] += work.C[at + i] * force
     for i in range(len(g)):
         g[i] = 0.0
-    for i in range(system.dims[N_ROWS]):
+    for i in range(system.n_rows):
         if place[i] >= 0:
             g[place[i]] = -work.row[i, C_VALUE]
     if len(system.friction) > 0:

@@ -18,22 +18,11 @@ from numba import boolean, complex128, float64, int64, types
 from ..compiler.compiling import inner
 from ..compiler.lanes import row_times
 from ..space.layout import (
-    BANDWIDTH,
-    BLOCK,
     C1,
     DIAGONAL_ME,
     F1,
     F2,
-    FLAGS,
-    N_ROWS,
-    NV,
-    RD,
-    S_OFFSET,
-    S_ROW,
-    SEG0,
-    SEG1,
     SYSTEM,
-    VEL,
     WORK,
 )
 from .memory import MEMORY
@@ -94,7 +83,7 @@ def _backward(A, o, n, reach, x, at):
 @inner(int64(SYSTEM, int64))
 def _reach(system, b):
     row = system.body[b]
-    return row[RD] if row[FLAGS] & DIAGONAL_ME else row[NV]
+    return row.rd if row.flags & DIAGONAL_ME else row.nv
 
 
 @inner(
@@ -102,8 +91,8 @@ def _reach(system, b):
 )
 def mass_row_times(system, M, b, i, x):
     """Row i of the block of a body in M, times x."""
-    n, first, reach = system.body[b, NV], system.body[b, VEL], _reach(system, b)
-    row = system.body[b, BLOCK] + i * n
+    n, first, reach = system.body[b].nv, system.body[b].vel, _reach(system, b)
+    row = system.body[b].block + i * n
     if i < reach:
         return row_times(M, row, x, first, n)
     total = M[row + i] * x[first + i]
@@ -116,17 +105,17 @@ def mass_row_times(system, M, b, i, x):
 def _schur_of_body(system, A, C, W, S, b):
     """W of one body, and what it adds to the lower triangle of S."""
     segment, reach = system.segment, _reach(system, b)
-    n, o = system.body[b, NV], system.body[b, BLOCK]
-    for s in range(system.body[b, SEG0], system.body[b, SEG1]):
-        at = segment[s, S_OFFSET]
+    n, o = system.body[b].nv, system.body[b].block
+    for s in range(system.body[b].seg0, system.body[b].seg1):
+        at = segment[s].offset
         for k in range(at, at + n):
             W[k] = C[k]
         _forward(A, o, n, reach, W, at)
-        for r in range(system.body[b, SEG0], s + 1):
-            g, total = segment[r, S_OFFSET], 0.0
+        for r in range(system.body[b].seg0, s + 1):
+            g, total = segment[r].offset, 0.0
             for k in range(n):
                 total += W[g + k] * W[at + k] * A[o + k * n + k]
-            i, j = segment[s, S_ROW], segment[r, S_ROW]
+            i, j = segment[s].row, segment[r].row
             S[max(i, j), min(i, j)] += 2.0 * total if i == j and r < s else total
 
 
@@ -168,13 +157,13 @@ def mass_factor(system, work, memory, weight, regularisation):
     Returns 0, or 1 when a block is not positive, or 2 when constraints are dependent.
     """
     A, W, S = memory.mass_A, memory.mass_W, memory.mass_S
-    m, width = system.dims[N_ROWS], system.dims[BANDWIDTH]
+    m, width = system.n_rows, system.bandwidth
     for i in range(m):
         for j in range(max(0, i - width), i):
             S[i, j] = 0.0
         S[i, i] = system.slack[i]
     for b in range(len(system.body)):
-        n, o, reach = system.body[b, NV], system.body[b, BLOCK], _reach(system, b)
+        n, o, reach = system.body[b].nv, system.body[b].block, _reach(system, b)
         _copy_block(work.M, memory.metric, weight, A, o, n, reach)
         if _block_factor(A, o, n, reach) != 0:
             return 1
@@ -191,8 +180,8 @@ def independence(system, memory):
     Angles in the metric of the last `mass_factor`. It passes zero linearly where a
     mechanism passes a singular position. Redundant constraints do not count.
     """
-    S, width, least = memory.mass_S, system.dims[BANDWIDTH], 1.0
-    for i in range(system.dims[N_ROWS]):
+    S, width, least = memory.mass_S, system.bandwidth, 1.0
+    for i in range(system.n_rows):
         pivot = 1.0 / S[i, i]
         if pivot < CLEAR_OF_SLACK * system.slack[i]:
             continue
@@ -209,18 +198,18 @@ def mass_solve(system, memory, x, mu):
     A, W, S = memory.mass_A, memory.mass_W, memory.mass_S
     segment = system.segment
     for b in range(len(system.body)):
-        n, o = system.body[b, NV], system.body[b, BLOCK]
-        first = system.body[b, VEL]
+        n, o = system.body[b].nv, system.body[b].block
+        first = system.body[b].vel
         _forward(A, o, n, _reach(system, b), x, first)
-        for s in range(system.body[b, SEG0], system.body[b, SEG1]):
-            at, row = segment[s, S_OFFSET], segment[s, S_ROW]
+        for s in range(system.body[b].seg0, system.body[b].seg1):
+            at, row = segment[s].offset, segment[s].row
             for k in range(n):
                 mu[row] -= W[at + k] * x[first + k] * A[o + k * n + k]
-    _band_solve(S, system.dims[N_ROWS], system.dims[BANDWIDTH], mu)
+    _band_solve(S, system.n_rows, system.bandwidth, mu)
     for b in range(len(system.body)):
-        n, first = system.body[b, NV], system.body[b, VEL]
-        for s in range(system.body[b, SEG0], system.body[b, SEG1]):
-            at, row = segment[s, S_OFFSET], segment[s, S_ROW]
+        n, first = system.body[b].nv, system.body[b].vel
+        for s in range(system.body[b].seg0, system.body[b].seg1):
+            at, row = segment[s].offset, segment[s].row
             for k in range(n):
                 x[first + k] += W[at + k] * mu[row]
-        _backward(A, system.body[b, BLOCK], n, _reach(system, b), x, first)
+        _backward(A, system.body[b].block, n, _reach(system, b), x, first)

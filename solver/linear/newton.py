@@ -19,17 +19,10 @@ from ..compiler.compiling import entry, inner
 from ..compiler.lanes import row_times
 from ..space.coordinates import add_row_response, lift, resolve, respond
 from ..space.layout import (
-    BLOCK,
     C1,
     F1,
-    N_ENTRIES,
-    NV,
     R_NEWTON,
-    S_BODY,
-    S_OFFSET,
-    S_ROW,
     SYSTEM,
-    VEL,
     WORK,
 )
 from .grips import sticks
@@ -75,21 +68,21 @@ def newton_matrix(system, work, memory, mu, A, G):
         A[i] = mu * memory.M[i] + work.Rv[i]
     for i in range(len(G)):
         G[i] = work.Gv[i]
-    for i in range(system.dims[N_ENTRIES]):
+    for i in range(system.n_entries):
         G[i] += mu * memory.C[i]
     stuck = system.sliding.segment
     for k in range(len(stuck)):
-        if sticks(system, stuck[k, S_ROW]):
-            at = stuck[k, S_OFFSET]
-            for i in range(at, at + system.body[stuck[k, S_BODY], NV]):
+        if sticks(system, stuck[k].row):
+            at = stuck[k].offset
+            for i in range(at, at + system.body[stuck[k].body].nv):
                 G[i] += mu * memory.C[i]
     for b in range(len(system.body)):
-        n, o = system.body[b, NV], system.body[b, BLOCK]
+        n, o = system.body[b].nv, system.body[b].block
         for k in range(n):
             at = o + k * n
             add_row_response(system, memory.frame, b, mu, work.Rp, at, A, at)
     for s in range(len(system.segment)):
-        b, at = system.segment[s, S_BODY], system.segment[s, S_OFFSET]
+        b, at = system.segment[s].body, system.segment[s].offset
         add_row_response(system, memory.frame, b, mu, work.Gp, at, G, at)
 
 
@@ -111,22 +104,22 @@ def newton_solve(system, work, memory, factors, k, mu, r, s):
     for i in range(len(g)):
         g[i] = 0.0
     for n in range(len(system.segment)):
-        row, at = system.segment[n, S_ROW], system.segment[n, S_OFFSET]
-        b = system.segment[n, S_BODY]
-        first = system.body[b, VEL]
-        for i in range(system.body[b, NV]):
+        row, at = system.segment[n].row, system.segment[n].offset
+        b = system.segment[n].body
+        first = system.body[b].vel
+        for i in range(system.body[b].nv):
             g[row] -= work.Gp[at + i] * x[first + i]
-            if at < system.dims[N_ENTRIES]:
+            if at < system.n_entries:
                 g[row] += memory.C[at + i] * s[first + i]
     stuck = system.sliding.segment
     for n in range(len(stuck)):
-        j, at, b = stuck[n, S_ROW], stuck[n, S_OFFSET], stuck[n, S_BODY]
+        j, at, b = stuck[n].row, stuck[n].offset, stuck[n].body
         if sticks(system, j):
-            row, first = system.friction[j, R_NEWTON], system.body[b, VEL]
-            for i in range(system.body[b, NV]):
+            row, first = system.friction[j, R_NEWTON], system.body[b].vel
+            for i in range(system.body[b].nv):
                 g[row] += memory.C[at + i] * s[first + i]
     for b in range(len(system.body)):
-        n, o, first = system.body[b, NV], system.body[b, BLOCK], system.body[b, VEL]
+        n, o, first = system.body[b].nv, system.body[b].block, system.body[b].vel
         for i in range(n):
             p[first + i] = mass_row_times(system, memory.M, b, i, s)
             p[first + i] -= row_times(work.Rp, o + i * n, x, first, n)

@@ -17,23 +17,15 @@ from numba import int64, types
 from ..compiler.compiling import inner
 from ..compiler.quotients import quotient
 from ..space.layout import (
-    BANDWIDTH,
     C1,
     C2,
     F1,
     F2,
     I1,
-    N_ROWS,
-    NV,
     R_COUNT,
     R_NEWTON,
-    S_OFFSET,
-    S_ROW,
-    SEG0,
-    SEG1,
     SHARED,
     SYSTEM,
-    VEL,
 )
 from .blocks import block_factor, block_solve
 from .grips import sticks
@@ -107,7 +99,7 @@ def saddle_factor(system, factors, which, C, rubbing):
     """
     A, G, Y, S = factors.A[which], factors.G[which], factors.Y[which], factors.S[which]
     lapack, pivots = factors.lapack, factors.pivots[which]
-    m, width, segment = system.dims[N_ROWS], system.dims[BANDWIDTH], system.segment
+    m, width, segment = system.n_rows, system.bandwidth, system.segment
     for i in range(m):
         for j in range(max(0, i - width), min(m, i + 2 * width + 1)):
             S[i, j] = 0.0
@@ -119,23 +111,23 @@ def saddle_factor(system, factors, which, C, rubbing):
             for r in range(system.friction[j, R_COUNT]):
                 S[row, system.friction[j, R_NEWTON + 1 + r]] += rubbing[j, r]
     for b in range(len(system.body)):
-        n = system.body[b, NV]
+        n = system.body[b].nv
         if n == 0:
             continue
         if block_factor(system, lapack, A, b, pivots) != 0:
             return 1
-        for s in range(system.body[b, SEG0], system.body[b, SEG1]):
-            at = segment[s, S_OFFSET]
+        for s in range(system.body[b].seg0, system.body[b].seg1):
+            at = segment[s].offset
             for k in range(at, at + n):
                 Y[k] = C[k]
             block_solve(system, lapack, A, b, pivots, Y, at)
-            column = segment[s, S_ROW]
-            for r in range(system.body[b, SEG0], system.body[b, SEG1]):
-                g = segment[r, S_OFFSET]
+            column = segment[s].row
+            for r in range(system.body[b].seg0, system.body[b].seg1):
+                g = segment[r].offset
                 total = G[g] * Y[at]
                 for k in range(1, n):
                     total += G[g + k] * Y[at + k]
-                S[segment[r, S_ROW], column] += total
+                S[segment[r].row, column] += total
     for i in range(m):
         S[i, i] *= 1.0 + REGULARISATION
     for j in range(len(system.friction)):
@@ -154,22 +146,22 @@ def saddle_solve(system, factors, which, x, mu):
     """Solves with a factor of `saddle_factor`; (p, g) in (x, mu) are overwritten."""
     A, G, Y, S = factors.A[which], factors.G[which], factors.Y[which], factors.S[which]
     lapack, pivots = factors.lapack, factors.pivots[which]
-    m, segment = system.dims[N_ROWS], system.segment
+    m, segment = system.n_rows, system.segment
     for b in range(len(system.body)):
-        n, first = system.body[b, NV], system.body[b, VEL]
+        n, first = system.body[b].nv, system.body[b].vel
         if n == 0:
             continue
         block_solve(system, lapack, A, b, pivots, x, first)
-        for s in range(system.body[b, SEG0], system.body[b, SEG1]):
-            at, row = segment[s, S_OFFSET], segment[s, S_ROW]
+        for s in range(system.body[b].seg0, system.body[b].seg1):
+            at, row = segment[s].offset, segment[s].row
             for k in range(n):
                 mu[row] -= G[at + k] * x[first + k]
     if m == 0:
         return
-    band_solve(S, m, system.dims[BANDWIDTH], factors.row_pivots[which], mu)
+    band_solve(S, m, system.bandwidth, factors.row_pivots[which], mu)
     for b in range(len(system.body)):
-        n, first = system.body[b, NV], system.body[b, VEL]
-        for s in range(system.body[b, SEG0], system.body[b, SEG1]):
-            at, row = segment[s, S_OFFSET], segment[s, S_ROW]
+        n, first = system.body[b].nv, system.body[b].vel
+        for s in range(system.body[b].seg0, system.body[b].seg1):
+            at, row = segment[s].offset, segment[s].row
             for k in range(n):
                 x[first + k] += Y[at + k] * mu[row]

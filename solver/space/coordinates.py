@@ -21,7 +21,7 @@ from numba import complex128, float64, int64, types
 
 from ..compiler.compiling import entry, inner
 from ..compiler.quotients import quotient
-from .layout import C1, F1, F2, FRAME, NP, NQ, NV, PLANAR, POS, RD, SYSTEM, VEL
+from .layout import C1, F1, F2, SYSTEM
 from .spaces import FRAMES, PLANE, SPACE
 
 
@@ -29,10 +29,10 @@ from .spaces import FRAMES, PLANE, SPACE
 def frame_rate(system, b, z, v, out):
     """Rates of position and quaternion of a body frame: r' = R v, p' = p (0, w) / 2."""
     row = system.body[b]
-    p, u = row[POS], row[VEL]
+    p, u = row.pos, row.vel
     quaternion, at = z, p + 3
-    if row[RD] == 3:
-        quaternion, at = system.pool, row[FRAME]
+    if row.rd == 3:
+        quaternion, at = system.pool, row.frame
     a, b1, c, d = (
         quaternion[at],
         quaternion[at + 1],
@@ -56,7 +56,7 @@ def frame_rate(system, b, z, v, out):
         + n * (c * d + a * b1) * v2
         + (1.0 - n * (b1 * b1 + c * c)) * v3
     )
-    if row[RD] == 6:
+    if row.rd == 6:
         w1, w2, w3 = 0.5 * v[u + 3], 0.5 * v[u + 4], 0.5 * v[u + 5]
         out[p + 3] = -b1 * w1 - c * w2 - d * w3
         out[p + 4] = a * w1 + c * w3 - d * w2
@@ -96,9 +96,9 @@ def rate(system, z, v, out):
     """z_I' = Z(z_I) z_II, eq. (3)."""
     for b in range(len(system.body)):
         row = system.body[b]
-        p, u, rd, nq = row[POS], row[VEL], row[RD], row[NQ]
-        if rd > 0 and system.dims[PLANAR] == 1:
-            angle = z[p + 2] if rd == 3 else system.pool[row[FRAME]]
+        p, u, rd, nq = row.pos, row.vel, row.rd, row.nq
+        if rd > 0 and system.planar == 1:
+            angle = z[p + 2] if rd == 3 else system.pool[row.frame]
             c, s = math.cos(angle), math.sin(angle)
             out[p] = c * v[u] - s * v[u + 1]
             out[p + 1] = s * v[u] + c * v[u + 1]
@@ -107,7 +107,7 @@ def rate(system, z, v, out):
         elif rd > 0:
             frame_rate(system, b, z, v, out)
         for k in range(nq):
-            out[p + row[NP] - nq + k] = v[u + rd + k]
+            out[p + row.np - nq + k] = v[u + rd + k]
 
 
 @inner(*[types.void(SYSTEM, F2, X, A, A) for X, A in ((float64, F1), (complex128, C1))])
@@ -115,9 +115,9 @@ def resolve(system, frame, mu, z, x):
     """A right-hand side z of (mu - E) dz_I, from coordinates to the tangent space."""
     for b in range(len(system.body)):
         row = system.body[b]
-        p, u, rd, nq = row[POS], row[VEL], row[RD], row[NQ]
+        p, u, rd, nq = row.pos, row.vel, row.rd, row.nq
         g = frame[b]
-        if rd > 0 and system.dims[PLANAR] == 1:
+        if rd > 0 and system.planar == 1:
             x[u] = g[COS] * z[p] + g[SIN] * z[p + 1]
             x[u + 1] = -g[SIN] * z[p] + g[COS] * z[p + 1]
             if rd == 3:
@@ -137,7 +137,7 @@ def resolve(system, frame, mu, z, x):
                 for i in range(3):
                     x[u + 3 + i] += stretch * g[OMEGA + i]
         for k in range(nq):
-            x[u + rd + k] = z[p + row[NP] - nq + k]
+            x[u + rd + k] = z[p + row.np - nq + k]
 
 
 @inner(*[types.void(SYSTEM, F2, float64, F1), types.void(SYSTEM, F2, complex128, C1)])
@@ -146,11 +146,11 @@ def respond(system, frame, mu, x):
     inverse = quotient(1.0, mu)
     for b in range(len(system.body)):
         row = system.body[b]
-        u, rd = row[VEL], row[RD]
+        u, rd = row.vel, row.rd
         g = frame[b]
-        for k in range(u + rd, u + row[NV]):
+        for k in range(u + rd, u + row.nv):
             x[k] *= inverse
-        if rd == 3 and system.dims[PLANAR] == 1:
+        if rd == 3 and system.planar == 1:
             x[u + 2] *= inverse
             x[u] -= g[VY] * x[u + 2]
             x[u + 1] += g[VX] * x[u + 2]
@@ -166,7 +166,7 @@ def respond(system, frame, mu, x):
             x[u] += a2 * v3 - a3 * v2
             x[u + 1] += a3 * v1 - a1 * v3
             x[u + 2] += a1 * v2 - a2 * v1
-        translations = 2 if system.dims[PLANAR] == 1 else 3
+        translations = 2 if system.planar == 1 else 3
         for k in range(u, u + min(rd, translations)):
             x[k] *= inverse
 
@@ -180,13 +180,13 @@ def respond(system, frame, mu, x):
 def add_row_response(system, frame, b, mu, source, at, out, to):
     """Adds the row source (mu - E)^-1 of one body to a row of `out`."""
     row = system.body[b]
-    nv, rd = row[NV], row[RD]
+    nv, rd = row.nv, row.rd
     g = frame[b]
     inverse = quotient(1.0, mu)
     for k in range(nv):
         if rd != 6 or k < 3 or k > 5:
             out[to + k] += source[at + k] * inverse
-    if rd == 3 and system.dims[PLANAR] == 1:
+    if rd == 3 and system.planar == 1:
         turn = source[at + 1] * g[VX] - source[at] * g[VY]
         out[to + 2] += turn * inverse * inverse
     elif rd == 6:
@@ -215,9 +215,9 @@ def lift(system, frame, mu, x, r, out):
     """
     for b in range(len(system.body)):
         row = system.body[b]
-        p, u, rd, nq = row[POS], row[VEL], row[RD], row[NQ]
+        p, u, rd, nq = row.pos, row.vel, row.rd, row.nq
         g = frame[b]
-        if rd > 0 and system.dims[PLANAR] == 1:
+        if rd > 0 and system.planar == 1:
             out[p] = g[COS] * x[u] - g[SIN] * x[u + 1]
             out[p + 1] = g[SIN] * x[u] + g[COS] * x[u + 1]
             if rd == 3:
@@ -237,7 +237,7 @@ def lift(system, frame, mu, x, r, out):
                 out[p + 5] = along * b2 + a * t2 + b3 * t1 - b1 * t3
                 out[p + 6] = along * b3 + a * t3 + b1 * t2 - b2 * t1
         for k in range(nq):
-            out[p + row[NP] - nq + k] = x[u + rd + k]
+            out[p + row.np - nq + k] = x[u + rd + k]
 
 
 @entry(RETRACT)
@@ -245,9 +245,9 @@ def retract(system, frame, z, x):
     """Moves z_I by a small tangent vector x, keeping quaternions of unit length."""
     for b in range(len(system.body)):
         row = system.body[b]
-        p, u, rd, nq = row[POS], row[VEL], row[RD], row[NQ]
+        p, u, rd, nq = row.pos, row.vel, row.rd, row.nq
         g = frame[b]
-        if rd > 0 and system.dims[PLANAR] == 1:
+        if rd > 0 and system.planar == 1:
             z[p] += g[COS] * x[u] - g[SIN] * x[u + 1]
             z[p + 1] += g[SIN] * x[u] + g[COS] * x[u + 1]
             if rd == 3:
@@ -259,7 +259,7 @@ def retract(system, frame, z, x):
             if rd == 6:
                 turn(z, p + 3, x[u + 3], x[u + 4], x[u + 5])
         for k in range(nq):
-            z[p + row[NP] - nq + k] += x[u + rd + k]
+            z[p + row.np - nq + k] += x[u + rd + k]
 
 
 @inner(types.void(SYSTEM, F1, F1))
@@ -273,8 +273,8 @@ def chords(system, x, y):
     for i in range(len(x)):
         y[i] = x[i]
     for b in range(len(system.body)):
-        u, rd = system.body[b, VEL], system.body[b, RD]
-        if rd == 3 and system.dims[PLANAR] == 1:
+        u, rd = system.body[b].vel, system.body[b].rd
+        if rd == 3 and system.planar == 1:
             t1, t2, t3, u3 = 0.0, 0.0, x[u + 2], 0.0
         elif rd == 6:
             t1, t2, t3, u3 = x[u + 3], x[u + 4], x[u + 5], x[u + 2]
@@ -300,8 +300,8 @@ def follow_chords(system, z0, x, dz, z1):
     for i in range(len(z0)):
         z1[i] = z0[i] + dz[i]
     for b in range(len(system.body)):
-        if system.body[b, RD] == 6:
-            p, u = system.body[b, POS] + 3, system.body[b, VEL] + 3
+        if system.body[b].rd == 6:
+            p, u = system.body[b].pos + 3, system.body[b].vel + 3
             n = math.sqrt(x[u] * x[u] + x[u + 1] * x[u + 1] + x[u + 2] * x[u + 2])
             c, s = math.cos(0.5 * n), 2.0 * math.sin(0.5 * n) / max(n, 1e-300)
             for i in range(p, p + 4):

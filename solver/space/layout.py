@@ -18,6 +18,7 @@ from sidtool.formats.sid import Array
 
 from ..compiler.tables import Table, TableType
 from ..compiler.views import ViewType
+from . import rows
 
 IntTable = NDArray[np.int64]
 F1, F2, F3 = (ViewType(float64, ndim) for ndim in (1, 2, 3))
@@ -190,41 +191,24 @@ SIDE = 4  # of each place of contact, 1 or -1: where it is pressed; 0: on any si
 MOST_PLACES = 2
 N_GRIP = SIDE + MOST_PLACES
 
-# --- entries of System.dims -----------------------------------------------
-PLANAR = 0
-N_POS = 1
-N_VEL = 2
-N_ROWS = 3
-BANDWIDTH = 4  # of the Schur complement
-N_PHI = 5  # entries of Work.phi
-N_ENTRIES = 6  # entries of Work.C that belong to constraints; friction rows follow
-N_TURNS = 7  # entries of Work.turn that are counted, the last ones of z_I
-N_SLIDING = 8  # entries of Work.C before those of force rows
-N_DIMS = 9
-
 # --- columns of Work.row: one constraint row ------------------------------
 C_VALUE = 0  # c(z_I, t)
 C_RATE = 1  # dc/dt
 C_GAMMA = 2  # right-hand side of C z_II' = gamma
 N_ROW = 3
 
-# --- columns of System.dropped ------------------------------------------
-X_ROW = 0
-X_OFFSET = 1  # first entry in Work.C and its likes
-X_SIZE = 2
+# --- columns of System.dropped: row, first entry in Work.C and its likes, size
 N_DROPPED = 3
 
 # --- columns of Work.turn -------------------------------------------------
 TURNED = 0
 TURN_RATE = 1
-TURN_AXIS = 2  # inertial torque on marker B that works on the angle
-N_TURNED = 5
-
+N_TURNED = 5  # behind them the inertial torque on marker B that works on the angle
 
 #: Fields that the parts of a system have of their own.
 OWN_OF_PARTS = {
-    "newton": ("body", "segment", "dims", "slack"),
-    "sliding": ("constraint", "segment", "dims", "slack", "dropped"),
+    "newton": ("body", "segment", "slack", "n_rows", "bandwidth"),
+    "sliding": ("constraint", "segment", "slack", "dropped", "n_rows"),
 }
 
 
@@ -232,7 +216,13 @@ class System(Table):
     """A compiled scene.
 
     body, marker, constraint, segment, drive : integer tables, columns as above
-    dims : sizes and switches
+    planar : 1 in the plane
+    n_pos, n_vel, n_rows : of z_I, of z_II and of constraints
+    bandwidth : of the Schur complement
+    n_phi : entries of Work.phi
+    n_entries : of Work.C that belong to constraints; friction rows follow
+    n_sliding : entries of Work.C before those of force rows
+    n_turns : entries of Work.turn that are counted, the last ones of z_I
     pool : all real data
     gravity : (3,) acceleration in the inertial frame [m/s2]
     slack : (rows,) added to the diagonal of the Schur complement: positive for
@@ -242,26 +232,34 @@ class System(Table):
     dropped : segments of constraint rows that are left out, see
         `sidtool.solver.start.overconstraint`
     newton : the same for Newton matrices, whose rows are constraints and forces, see
-        `newton`: other body, segment, dims and slack
+        `newton`: other body, segment, slack, rows and bandwidth
     friction : integer table, columns as above
     grip : (frictions, N_GRIP) how joints with friction move; a run changes a copy of
         its own
     sliding : the same with the coordinates of joints with friction as constraints, each
-        a row: other constraint, segment and dims
+        a row: other constraint, segment and rows
     """
 
-    body: Integers2
-    marker: Integers2
-    constraint: Integers2
-    segment: Integers2
+    body: Annotated[IntTable, rows.BODY]
+    marker: Annotated[IntTable, rows.MARKER]
+    constraint: Annotated[IntTable, rows.CONSTRAINT]
+    segment: Annotated[IntTable, rows.SEGMENT]
     drive: Integers2
-    dims: Integers
+    planar: int
+    n_pos: int
+    n_vel: int
+    n_rows: int
+    bandwidth: int
+    n_phi: int
+    n_entries: int
+    n_sliding: int
+    n_turns: int
     pool: Reals
     gravity: Reals
     slack: Reals
-    force: Integers2
-    turn: Integers2
-    dropped: Integers2
+    force: Annotated[IntTable, rows.FORCE]
+    turn: Annotated[IntTable, rows.TURN]
+    dropped: Annotated[IntTable, rows.DROPPED]
     newton: System
     friction: Integers2
     grip: Reals2

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import float64, int64, types
+from numba import float64, types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin, typeof_impl
 
 from ..compiler.inner import Inner, InnerType
 from ..compiler.records import RecordType, RowsType
 from ..compiler.values import Symmetric, Turn, ValueType, Vector
-from .layout import SYSTEM, TOLD, WORK
+from .layout import TOLD, WORK
 
 PLANE, SPACE = "plane", "space"
 
@@ -20,25 +20,6 @@ def _rows(name: str, **fields: Any) -> RowsType:
     return RowsType(RecordType(name, **fields))
 
 
-def _integers(name: str, *fields: str) -> RowsType:
-    return _rows(name, **dict.fromkeys(fields, int64))
-
-
-#: Rows of the tables of a system, in the order of the columns in `layout`.
-BODY = _integers(
-    "Body", "nq", "nv", "rd", "pos", "vel", "np", "block", "seg0", "seg1", "data",
-    "flags", "motion", "base", "tip", "drive", "frame",
-)  # fmt: skip
-MARKER = _integers("Marker", "body", "data", "phi", "phi1", "psi1")
-CONSTRAINT = _integers(
-    "Constraint", "kind", "row", "a", "b", "seg_a", "seg_b", "data", "drive", "law",
-)  # fmt: skip
-SEGMENT = _integers("Segment", "row", "body", "offset")
-FORCE = _integers(
-    "Force", "kind", "a", "b", "seg_a", "seg_b", "data", "law", "time", "turn", "code",
-    "owner", "sampled",
-)  # fmt: skip
-TURN = _integers("Turn", "kind", "a", "b", "data", "entry")
 ROW = _rows("Row", value=float64, rate=float64, gamma=float64)
 _V2, _V1, _V3 = ValueType(Vector, 2), ValueType(Vector, 1), ValueType(Vector, 3)
 _COSINE_SINE, _MATRIX = ValueType(Turn, 2), ValueType(Turn, 9)
@@ -118,18 +99,6 @@ POINTS = {
         x=_V3, v=_V3, a=_V3, d=_V3, u=_V3, R=_MATRIX, w=_V3, al=_V3, T=_MATRIX,
     ),
 }  # fmt: skip
-SYSTEMS = {
-    space: SYSTEM.seen(
-        space,
-        body=BODY,
-        marker=MARKER,
-        constraint=CONSTRAINT,
-        segment=SEGMENT,
-        force=FORCE,
-        turn=TURN,
-    )
-    for space in (PLANE, SPACE)
-}
 WORKS = {
     space: WORK.seen(
         space,
@@ -167,12 +136,12 @@ TOLDS = {
 
 
 def in_plane(table: Any) -> Any:
-    """A system or work as the equations of the plane see it."""
+    """A work as the equations of the plane see it."""
     raise TypeError("for kernels only")
 
 
 def in_space(table: Any) -> Any:
-    """A system or work as the equations of space see it."""
+    """A work as the equations of space see it."""
     raise TypeError("for kernels only")
 
 
@@ -180,7 +149,7 @@ for _function, _space in ((in_plane, PLANE), (in_space, SPACE)):
 
     class _Seen(AbstractTemplate):
         key = _function
-        kinds = {SYSTEM: SYSTEMS[_space], WORK: WORKS[_space], TOLD: TOLDS[_space]}
+        kinds = {WORK: WORKS[_space], TOLD: TOLDS[_space]}
 
         def generic(self, args: Any, kws: Any) -> Any:
             return signature(self.kinds[args[0]], *args)

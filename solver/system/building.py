@@ -34,13 +34,12 @@ from ..functions.laws import Law, LawParts
 from ..functions.pool import Pool
 from ..functions.table import FunctionTable
 from ..space import layout as at
-from ..space.layout import IntTable
 from .bodies.body_tables import body_table, marker_table, with_prescribed_frames
 from .bodies.data import BodyData, body_data, rigid_nodes
 from .bodies.eliminated import asks_for_joints, eliminated_frames, eliminated_joints
 from .bodies.held_frames import with_held_frames
 from .bodies.rigid_bodies import without_elasticity
-from .constraint_tables import ConstraintTables, constraint_tables
+from .constraint_tables import constraint_tables
 from .constraints import Constraint, constraints_of
 from .forces.elements import Element, force_table, joint_coordinate
 from .forces.friction import friction_tables, place_in_newton, rubbing_joints
@@ -186,28 +185,38 @@ def _system(
     body = body_table(parts, markers)
     marker, phi = marker_table(parts, markers)
     tables = constraint_tables(parts, constraints, markers, body, marker)
-    dims = _dims(parts, body, tables, phi, turns)
+    n_rows = sum(row.count for row in tables.rows)
+    entries = int(body[tables.segment[:, at.S_BODY], at.NV].sum())
     force = force_table(elements, markers, parts.order, pool)
     measures = force_table(tuple(coordinates.values()), markers, parts.order, pool)
     turn = turn_table(turns, markers, pool)
     rubbing = rubbing_joints(parts, constraints, tables.constraint)
-    friction, sliding, pieces = friction_tables(
-        rubbing, markers, body, marker, dims, pool
+    friction, sliding, pieces, offset = friction_tables(
+        rubbing, markers, body, marker, entries, pool
     )
     rows_of_newton = newton_rows(
-        body, marker, tables.segment, pieces, dims, force, tables.constraint
+        body, marker, tables.segment, pieces, n_rows, offset, force, tables.constraint
     )
     place_in_newton(friction, tables.segment, pieces, rows_of_newton.segment)
+    counted = sum(len(turn.angles) for turn in turns if turn.counted)
     arrays = at.System(
         body=body,
         marker=marker,
         constraint=tables.constraint,
         segment=tables.segment,
         drive=functions.table(),
-        dims=dims,
+        planar=parts.planar,
+        n_pos=body[:, at.NP].sum() + counted,
+        n_vel=body[:, at.NV].sum(),
+        n_rows=n_rows,
+        bandwidth=tables.bandwidth,
+        n_phi=phi,
+        n_entries=entries,
+        n_sliding=offset,
+        n_turns=counted,
         pool=pool.array(),
         gravity=as_3d(parts.scene.gravity),
-        slack=np.zeros(int(dims[at.N_ROWS])),
+        slack=np.zeros(n_rows),
         force=force,
         turn=turn,
         dropped=np.zeros((0, at.N_DROPPED), np.int64),
@@ -216,10 +225,8 @@ def _system(
         grip=np.zeros((len(rubbing), at.N_GRIP)),
         sliding=None,
     )
-    rows = dims.copy()
-    rows[at.N_ROWS] = len(rubbing)
     arrays = arrays.replaced(
-        sliding=arrays.replaced(constraint=sliding, segment=pieces, dims=rows)
+        sliding=arrays.replaced(constraint=sliding, segment=pieces, n_rows=len(rubbing))
     )
     newton = arrays.replaced(**rows_of_newton._asdict())
     return System(
@@ -264,26 +271,6 @@ def _turning(
         for coordinate, name in driven.items()
     }
     return with_turns(elements, coordinates, drives)
-
-
-def _dims(
-    parts: Ingredients,
-    body: IntTable,
-    tables: ConstraintTables,
-    phi: int,
-    turns: tuple[Turn, ...],
-) -> np.ndarray:
-    dims = np.zeros(at.N_DIMS, np.int64)
-    dims[at.PLANAR] = int(parts.planar)
-    dims[at.N_TURNS] = sum(len(turn.angles) for turn in turns if turn.counted)
-    dims[at.N_POS] = body[:, at.NP].sum() + dims[at.N_TURNS]
-    dims[at.N_VEL] = body[:, at.NV].sum()
-    dims[at.N_ROWS] = sum(row.count for row in tables.rows)
-    dims[at.BANDWIDTH] = tables.bandwidth
-    dims[at.N_PHI] = phi
-    dims[at.N_ENTRIES] = body[tables.segment[:, at.S_BODY], at.NV].sum()
-    dims[at.N_SLIDING] = dims[at.N_ENTRIES]
-    return dims
 
 
 def _ground(scene: SceneFile) -> BodyData:

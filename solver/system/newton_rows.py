@@ -18,11 +18,12 @@ from .ordering import reverse_cuthill_mckee
 
 
 class NewtonRows(NamedTuple):
-    """What replaces body, segment, dims and slack of `space.layout.System`."""
+    """What replaces fields of `space.layout.System`."""
 
     body: IntTable
     segment: IntTable
-    dims: IntTable
+    n_rows: int
+    bandwidth: int
     slack: Array
 
 
@@ -31,7 +32,8 @@ def newton_rows(
     marker: IntTable,
     segment: IntTable,
     sliding: IntTable,
-    dims: IntTable,
+    count: int,
+    offset: int,
     force: IntTable,
     constraint: IntTable,
 ) -> NewtonRows:
@@ -40,9 +42,10 @@ def newton_rows(
     What the law of a drive reads belongs to the row of its constraint.
 
     sliding : segments of joints with friction
+    count : constraint rows
+    offset : of the first segment of a force
     """
-    count = int(dims[at.N_ROWS])
-    pieces = _force_pieces(body, marker, dims, force, constraint)
+    pieces = _force_pieces(body, marker, count, offset, force, constraint)
     found = [(int(r), int(b), int(o)) for r, b, o in segment]
     found += pieces
     last = count + len(force)
@@ -59,20 +62,20 @@ def newton_rows(
         sorted(((place[row], b, o) for row, b, o in found), key=lambda s: (s[1], s[2])),
         np.int64,
     ).reshape(-1, at.N_SEGMENT)
-    new_body, new_dims = body.copy(), dims.copy()
+    new_body = body.copy()
     bodies, owner = np.arange(len(body)), table[:, at.S_BODY]
     new_body[:, at.SEG0] = np.searchsorted(owner, bodies)
     new_body[:, at.SEG1] = np.searchsorted(owner, bodies, side="right")
-    new_dims[at.N_ROWS], new_dims[at.BANDWIDTH] = len(rows), bandwidth
     slack = np.zeros(len(rows))
     slack[[place[row] for row in rows if count <= row < last]] = 1.0
-    return NewtonRows(new_body, table, new_dims, slack)
+    return NewtonRows(new_body, table, len(rows), bandwidth, slack)
 
 
 def _force_pieces(
     body: IntTable,
     marker: IntTable,
-    dims: IntTable,
+    count: int,
+    offset: int,
     force: IntTable,
     constraint: IntTable,
 ) -> list[tuple[int, int, int]]:
@@ -81,12 +84,11 @@ def _force_pieces(
     What a law reads belongs to the row of its force, or of the constraint whose second
     derivative it gives.
     """
-    row_of = {k: int(dims[at.N_ROWS]) + k for k in range(len(force))}
+    row_of = {k: count + k for k in range(len(force))}
     row_of |= dict.fromkeys(np.flatnonzero(force[:, at.F_KIND] == at.PRESCRIBED), -1)
     for led in constraint[constraint[:, at.C_LAW] >= 0]:
         row_of[int(force[led[at.C_LAW], at.F_B])] = int(led[at.ROW])
     pieces = []
-    offset = int(dims[at.N_SLIDING])
     for k, row in enumerate(force):
         owner = k if row[at.F_OWNER] < 0 else int(row[at.F_OWNER])
         if force[owner, at.F_SAMPLED] or row_of[owner] < 0:

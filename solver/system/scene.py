@@ -200,24 +200,24 @@ class System:
     @property
     def n_positions(self) -> int:
         """Entries of z_I: coordinates of bodies, then counted rotations."""
-        return int(self.arrays.dims[at.N_POS])
+        return self.arrays.n_pos
 
     @property
     def n_turns(self) -> int:
-        return int(self.arrays.dims[at.N_TURNS])
+        return self.arrays.n_turns
 
     @property
     def n_velocities(self) -> int:
-        return int(self.arrays.dims[at.N_VEL])
+        return self.arrays.n_vel
 
     @property
     def n_rows(self) -> int:
-        return int(self.arrays.dims[at.N_ROWS])
+        return self.arrays.n_rows
 
     @property
     def n_newton_rows(self) -> int:
         """Constraints and forces, see `newton_rows`."""
-        return int(self.arrays.newton.dims[at.N_ROWS])
+        return self.arrays.newton.n_rows
 
     def clocks(self, times: Array) -> Array:
         """The middle of the smooth interval that each time lies in, (nt,) [s]."""

@@ -52,7 +52,7 @@ def _work(system: System) -> Callable[[], at.Work]:
     return at.Work.maker(
         frame=(len(body), frame),
         point=(len(marker), point),
-        phi=(int(system.arrays.dims[at.N_PHI]),),
+        phi=(system.arrays.n_phi,),
         M=(blocks,),
         Rp=(blocks,),
         Rv=(blocks,),
@@ -88,7 +88,7 @@ def segment_entries(system: System) -> int:
 def _shape_functions(system: System) -> Array:
     """Phi and Psi of all markers at q = 0."""
     arrays = system.arrays
-    phi = np.zeros(int(arrays.dims[at.N_PHI]))
+    phi = np.zeros(arrays.n_phi)
     for (body, name), m in system.markers.items():
         data = system.bodies[arrays.marker[m, at.M_BODY]]
         assert data.name == body
@@ -124,7 +124,7 @@ def _memory(system: System, pairs: int) -> Callable[[], Memory]:
     blocks = int((body[:, at.NV] ** 2).sum())
     entries, n, m = segment_entries(system), system.n_velocities, system.n_rows
     largest = int(body[:, at.NV].max())
-    width, rows = int(system.arrays.newton.dims[at.BANDWIDTH]), system.n_newton_rows
+    width, rows = system.arrays.newton.bandwidth, system.n_newton_rows
     schur = band(rows, 3 * width)
     frame, rubbing = FRAMES[system.space].record.size, len(system.rubbing)
 
@@ -147,7 +147,7 @@ def _memory(system: System, pairs: int) -> Callable[[], Memory]:
         complex=factors(ComplexFactors, pairs, "z"),
         mass_A=(blocks,),
         mass_W=(entries,),
-        mass_S=band(m, int(system.arrays.dims[at.BANDWIDTH])),
+        mass_S=band(m, system.arrays.bandwidth),
         M=(blocks,),
         C=(entries,),
         frame=(len(body), frame),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...compiler.compiling import inner
 from ...space.algebra import zero
-from ...space.layout import COORDINATE, FOLLOWING, N_SLIDING, PRESCRIBED, SLIDE, SPAN
+from ...space.layout import COORDINATE, FOLLOWING, PRESCRIBED, SLIDE, SPAN
 from ..marker_rows import segment, vary_psi, vary_velocity
 from .coordinate import evaluate as evaluate_coordinate
 from .coordinate import linearise as linearise_coordinate
@@ -122,7 +122,7 @@ def linearise_forces(system, work, t, v):
     Rp leaves out how the motion of one body turns the force on another and, in space,
     that elastic coordinates turn forces that follow their body.
     """
-    for i in range(system.dims[N_SLIDING], len(work.C)):
+    for i in range(system.n_sliding, len(work.C)):
         work.C[i] = 0.0
     set_slopes(system, work, t)
     for k in range(len(system.force)):

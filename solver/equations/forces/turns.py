@@ -7,7 +7,7 @@ import math
 from ...compiler.compiling import inner
 from ...compiler.values import Vector, formula
 from ...space.algebra import back, cross, dot, load, rotate, unit
-from ...space.layout import LEAN, N_TURNS, TILT
+from ...space.layout import LEAN, TILT
 
 #: Below this rotation the series of the coefficient of the inverse of T is used.
 SMALL_ROTATION = 0.05
@@ -109,7 +109,7 @@ def _keep_turn(work, to, a, value, axis, w):
 @inner()
 def keep_turns(system, work, z):
     """Rotations between markers, those that are counted near their values in z."""
-    counted = system.dims[N_TURNS]
+    counted = system.n_turns
     for k in range(len(system.turn)):
         row = system.turn[k]
         A, B, to = work.point[row.a], work.point[row.b], row.entry

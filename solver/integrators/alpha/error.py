@@ -15,13 +15,7 @@ from ...space.layout import (
     C_RATE,
     C_VALUE,
     F1,
-    NP,
-    NQ,
-    PLANAR,
-    POS,
-    RD,
     SYSTEM,
-    VEL,
     WORK,
 )
 from ..landing import close_step
@@ -89,11 +83,11 @@ def tolerate(system, control, alpha, h):
     goal, rate = math.inf, alpha.weights.beta * h / alpha.weights.gamma
     for b in range(len(system.body)):
         row = system.body[b]
-        rd, nq, u, p = row[RD], row[NQ], row[VEL], row[POS]
+        rd, nq, u, p = row.rd, row.nq, row.vel, row.pos
         for k in range(rd):
             alpha.wish[u + k] = control.scale_z[p + k]
         for k in range(nq):
-            alpha.wish[u + rd + k] = control.scale_z[p + row[NP] - nq + k]
+            alpha.wish[u + rd + k] = control.scale_z[p + row.np - nq + k]
     for i in range(len(alpha.floor)):
         least = MARGIN * alpha.floor[i]
         alpha.scale[i] = max(alpha.wish[i], least)
@@ -162,8 +156,8 @@ def _free_error(kernels, system, work, memory, control, alpha, h):
     pass_through(system, memory, alpha, y)
     if control.crossing == FAR:
         for b in range(len(system.body)):
-            first = system.body[b, VEL]
-            for i in range(first, first + system.body[b, RD]):
+            first = system.body[b].vel
+            for i in range(first, first + system.body[b].rd):
                 x[i] -= alpha.nz[i]
                 alpha.p[i] -= alpha.nv[i]
     error = scaled_norm(x, alpha.p, alpha.scale, alpha.pace)
@@ -199,13 +193,13 @@ def _turning_error(system, control, h):
     worst, v = 0.0, control.v
     for b in range(len(system.body)):
         row = system.body[b]
-        rd, u, p = row[RD], row[VEL], row[POS]
+        rd, u, p = row.rd, row.vel, row.pos
         if rd == 6:
             way = h * math.sqrt(v[u] * v[u] + v[u + 1] * v[u + 1] + v[u + 2] * v[u + 2])
             x, y, z = v[u + 3], v[u + 4], v[u + 5]
             turn = h * math.sqrt(x * x + y * y + z * z)
             worst = max(worst, (0.5 * turn) ** 4 / control.scale_z[p + 3])
-        elif rd == 3 and system.dims[PLANAR] == 1:
+        elif rd == 3 and system.planar == 1:
             way = h * math.sqrt(v[u] * v[u] + v[u + 1] * v[u + 1])
             turn = h * abs(v[u + 2])
         else:

@@ -8,9 +8,6 @@ from sidtool.formats.sid import Array
 
 from ...compiler.tables import Table, TableType
 from ...space.layout import (
-    N_POS,
-    N_ROWS,
-    N_VEL,
     R_NEWTON,
     S_OFFSET,
     S_ROW,
@@ -130,8 +127,8 @@ def coefficients(rho: float) -> Weights:
 
 def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
     """Storage for a run; `sizes` are those of tangent vectors."""
-    n, m = int(system.dims[N_POS]), int(system.dims[N_VEL])
-    rows = int(system.dims[N_ROWS]) + len(system.friction)
+    n, m = system.n_pos, system.n_vel
+    rows = system.n_rows + len(system.friction)
     vectors = dict.fromkeys(Alpha.kind.fields, (m,))
     vectors |= dict.fromkeys(("rate0", "z1", "rz"), (n,))
     vectors |= dict.fromkeys(("lam", "old_lam", "lam1"), (rows,))
@@ -146,7 +143,7 @@ def new_alpha(system: System, rho: float, sizes: Array) -> Alpha:
 def newton_places(system: System) -> np.ndarray:
     """Row of each constraint in the Newton matrix, -1 for none, and behind them of each
     joint with friction, (rows + frictions,)."""
-    places = np.full(int(system.dims[N_ROWS]), -1, np.int64)
+    places = np.full(system.n_rows, -1, np.int64)
     newton_row = dict(system.newton.segment[:, [S_OFFSET, S_ROW]].tolist())
     for row, offset in system.segment[:, [S_ROW, S_OFFSET]].tolist():
         places[row] = newton_row[offset]

@@ -125,17 +125,16 @@ def friction_tables(
     markers: dict[Reference, int],
     body: IntTable,
     marker: IntTable,
-    dims: IntTable,
+    offset: int,
     pool: Pool,
-) -> tuple[IntTable, IntTable, IntTable]:
+) -> tuple[IntTable, IntTable, IntTable, int]:
     """Tables of friction, of the coordinates as constraints and of their segments.
 
-    Moves `dims[N_SLIDING]` behind the entries of the latter.
+    Last the offset behind the entries of the latter, which begin at `offset`.
     """
     friction = np.zeros((len(rubbing), at.N_FRICTION), np.int64)
     table = np.zeros((len(rubbing), at.N_CONSTRAINT), np.int64)
     pieces: list[Segment] = []
-    offset = int(dims[at.N_ENTRIES])
     for j, rub in enumerate(rubbing):
         row, ends = table[j], (markers[rub.a], markers[rub.b])
         row[at.KIND], row[at.ROW] = rub.primitive.kind, j
@@ -158,9 +157,8 @@ def friction_tables(
         friction[j, at.R_LOAD] = pool.add(tuple(rub.weights.ravel()))
         friction[j, [at.R_PLACES, at.R_COUNT]] = places, count
         friction[j, at.R_ROWS : at.R_ROWS + count] = rub.rows
-    dims[at.N_SLIDING] = offset
     segment = np.array(pieces, np.int64).reshape(-1, at.N_SEGMENT)
-    return friction, table, segment
+    return friction, table, segment, offset
 
 
 def place_in_newton(

@@ -87,7 +87,7 @@ def test_forces_are_linearised(dimension: str) -> None:
     linearise(system, work, probe.t, probe.z, probe.v, rest, np.zeros(system.n_rows))
     block = slice(row[at.BLOCK], row[at.BLOCK] + n * n)
     found = [work.Rp[block].reshape(n, n), work.Rv[block].reshape(n, n)]
-    entries = system.arrays.dims[at.N_ENTRIES]
+    entries = system.arrays.n_entries
     for _, owner, offset in system.arrays.newton.segment:
         if owner == b and offset >= entries:
             part = slice(offset, offset + n)
