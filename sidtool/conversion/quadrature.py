@@ -57,8 +57,11 @@ class QuadraturePart:
     continuum: int = 0
 
     def only(self, row: int) -> QuadraturePart:
-        """One of the points."""
-        cut = slice(row, row + 1)
+        """One of the points, without holding on to the others."""
+        cut = [row]
+        chosen, amplitudes = self.element, self.amplitudes
+        if chosen is not None and amplitudes is not None:
+            amplitudes, chosen = amplitudes[chosen[cut]], np.zeros(1, np.int64)
         return replace(
             self,
             nodes=self.nodes[cut],
@@ -68,7 +71,8 @@ class QuadraturePart:
             law=self.law if self.law.ndim == 2 else self.law[cut],
             internal=None if self.internal is None else self.internal[cut],
             inner=None if self.inner is None else self.inner[cut],
-            element=None if self.element is None else self.element[cut],
+            amplitudes=amplitudes,
+            element=chosen,
             per_element=1,
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -169,35 +170,34 @@ def peak_points(
     energy = np.sqrt(np.maximum(np.diag(basis.stiffness), 1e-300))
     random = np.random.default_rng(0).standard_normal((nq, _STATES))
     states = np.hstack([np.eye(nq), random]) / energy[:, None]
-    parts = list(quadrature(body, _POINTS))
-    where, peaks = _peaks(parts, basis.shapes, states)
-    candidates = list(dict.fromkeys(where))
-    sigma = np.stack([_sigma(parts[i].only(j), basis.shapes)[0] for i, j in candidates])
+    peaks, points = _peaks(quadrature(body, _POINTS), basis.shapes, states)
+    sigma = np.stack([_sigma(one, basis.shapes)[0] for one in points])
     mises = _mises(sigma, states)
     covered = np.zeros(len(peaks))
-    chosen: list[tuple[int, int]] = []
-    while len(chosen) < min(count, len(candidates)):
+    chosen: list[int] = []
+    while len(chosen) < min(count, len(points)):
         worst = int((covered / np.maximum(peaks, 1e-300)).argmin())
-        fresh = [k for k, place in enumerate(candidates) if place not in chosen]
-        best = max(fresh, key=lambda k: mises[k, worst])
-        chosen.append(candidates[best])
-        covered = np.maximum(covered, mises[best])
-    return [_point(body, basis, parts[i], j, initial) for i, j in chosen]
+        fresh = [k for k in range(len(points)) if k not in chosen]
+        chosen.append(max(fresh, key=lambda k: mises[k, worst]))
+        covered = np.maximum(covered, mises[chosen[-1]])
+    return [_point(body, basis, points[k], initial) for k in chosen]
 
 
 def _peaks(
-    parts: list[QuadraturePart], shapes: Array, states: Array
-) -> tuple[list[tuple[int, int]], Array]:
-    """Part and point of the peak of every state, and the peaks themselves."""
+    parts: Iterable[QuadraturePart], shapes: Array, states: Array
+) -> tuple[Array, list[QuadraturePart]]:
+    """The peak of every state, and the points that have one of these, each once."""
     best = np.full(states.shape[1], -1.0)
-    where: list[tuple[int, int]] = [(0, 0)] * states.shape[1]
+    found: dict[int, tuple[tuple[int, int], QuadraturePart]] = {}
     for number, part in enumerate(parts):
         mises = _mises(_sigma(part, shapes), states)
         rows = mises.argmax(axis=0)
         for state in np.flatnonzero(mises.max(axis=0) > best):
-            best[state] = mises[rows[state], state]
-            where[state] = (number, int(rows[state]))
-    return where, best
+            row = int(rows[state])
+            best[state] = mises[row, state]
+            found[int(state)] = ((number, row), part.only(row))
+    places = dict(found[state] for state in sorted(found))
+    return best, list(places.values())
 
 
 def _mises(sigma: Array, states: Array) -> Array:
@@ -215,11 +215,9 @@ def _sigma(part: QuadraturePart, shapes: Array) -> Array:
 def _point(
     body: FiniteElementModel,
     basis: ReducedBasis,
-    part: QuadraturePart,
-    row: int,
+    one: QuadraturePart,
     initial: InitialStress | None,
 ) -> StressPoint:
-    one = part.only(row)
     d, nq = body.dimension, basis.shapes.shape[1]
     position = np.zeros(3)
     position[:d] = one.values[0] @ body.positions[one.nodes[0]]
