@@ -7,6 +7,8 @@ runs          models, each compiled and run once, and how much two differ
 reference     every choice at its finest, integrated tightly
 digits        what the digits of SID files leave open
 frames        what small deformations leave out, seen in other frames
+meshes        bodies of models, as fine as is needed
+same_shapes   elastic coordinates that mean the same in two SIDs of one body
 outside       where the theory of a SID ends
 integration   integrator and tolerance of a model
 choose        the search

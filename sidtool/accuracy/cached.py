@@ -17,7 +17,7 @@ from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.storage.atomic import atomic_path
 
 #: How choices are made; a choice of another one is not used.
-METHOD = 17
+METHOD = 18
 
 
 class Kept(Table):

@@ -13,7 +13,7 @@ last change, as nothing is known of those that follow.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -21,8 +21,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import Steps, along
-from sidtool.formats.scene import SceneFile, is_elastic
-from sidtool.formats.scene import parse_output as parsed
+from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.stiffening import MATTERS
 
@@ -32,6 +31,7 @@ from .candidates import finest, loaded_nodes
 from .outside import check_inside, told_lack
 from .reference import Reference, make_reference
 from .runs import Compile, Runs
+from .same_shapes import differs
 from .wanted import Request
 
 #: What meshes and shape functions that are not there may cost of what is allowed.
@@ -45,9 +45,9 @@ CHANGES = 4
 POINTS = "a body yields the more to a force at a point, the finer its mesh is"
 #: In all, from which on the search gives up.
 TOO_MUCH = 0.5
-#: Frequencies of one shape function in two bases differ by less, and those of its
-#: neighbours by more, relative.
-SAME = 0.05
+
+#: What finer bodies leave, (n,), and how fine they are, by name and from where on.
+Finer = Callable[[str, Fineness], tuple[Array, Fineness]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def refined_meshes(
     with along(Steps(CHANGES * len(sources))) as search.steps:
         for name in sources:
             search.settle(name)
-    if sources and search.use() > TOO_MUCH:
+    if sources and search.use(search.errors) > TOO_MUCH:
         raise InputError(
             f"models cannot be made as fine as is asked for: {search.largest[1]}",
             place="accuracy.wanted",
@@ -138,6 +138,8 @@ class _Search:
         self.errors: Array = np.zeros(len(request.names))
         #: What takes most of what is allowed, and its sentence.
         self.largest = (0.0, "")
+        #: Whether the last changes by finer meshes hardly got smaller, (n,).
+        self.slow = np.zeros(len(request.names), dtype=bool)
         #: Elastic coordinates that mean something else on another mesh.
         self.others: set[str] = set()
         #: What geometric stiffening would change, of the stiffness of bodies without.
@@ -145,10 +147,6 @@ class _Search:
         self.reference: Reference | None = None
         self._made: dict[tuple[str, Fineness], Made] = {}
         self._runs: dict[tuple[Fineness, ...], Runs] = {}
-
-    def use(self) -> float:
-        assert self.reference is not None
-        return self.reference.use(self.errors)
 
     def made(self, name: str, fineness: Fineness) -> Made:
         key = name, fineness
@@ -226,7 +224,7 @@ class _Search:
         if not nodes:
             return Fineness()
         change = self._change(name, Fineness(static=nodes))
-        matters = self._use(change) > SHARE
+        matters = self.use(change) > SHARE
         if not matters:
             self.state[name] = Fineness()
         loaded = ", ".join(loaded_nodes(self.scene, name))
@@ -237,50 +235,79 @@ class _Search:
         return self.state[name]
 
     def _more_modes(self, name: str, source: Source, fineness: Fineness) -> Fineness:
-        left = np.zeros(len(self.request.names))
         if not source.modes:
             self.sentences.append(
                 f"shape functions of {name}: its reduction counts no modes, so that "
                 "others than these are not judged"
             )
             return fineness
-        most = max(MODES, 2 * source.modes)
-        for _ in range(DOUBLINGS):
-            count = min(2 * (fineness.modes or source.modes), most)
-            more = replace(fineness, modes=count)
-            left = self._change(name, more)
-            fineness = more
-            if self._use(left) <= SHARE or count == most:
-                break
-        told = f"{source.modes} to {fineness.modes} modes of {name}"
+        left, found = self._told_from_steps(name, fineness, self._doubled)
+        told = f"{source.modes} to {found.modes} modes of {name}"
         self._tell(f"{told}: the last change {self._seen(left)}", left)
-        return fineness
+        return found
+
+    def _doubled(self, name: str, fineness: Fineness) -> tuple[Array, Fineness]:
+        """What is left (n,) with more modes, and how many."""
+        own = self.sources[name].modes or 0
+        most = max(MODES, 2 * own)
+        for _ in range(DOUBLINGS):
+            count = min(2 * (fineness.modes or own), most)
+            fineness = replace(fineness, modes=count)
+            left = self._change(name, fineness)
+            if self.use(left) <= SHARE or count == most:
+                break
+        return left, fineness
 
     def _finer_mesh(self, name: str, source: Source, fineness: Fineness) -> Fineness:
         if not source.can_refine():
             self.sentences.append(f"mesh of {name}: as it is, not judged")
             return fineness
-        left = np.zeros(len(self.request.names))
+        left, found = self._told_from_steps(name, fineness, self._halved)
+        times = "once" if found.level == 1 else f"{found.level} times"
+        told = f"mesh of {name}: halved {times}, the rest {self._seen(left)}"
+        if self.slow[self._worst(left)]:
+            told += ", as changes hardly get smaller"
+            told += "" if source.is_of_beams else f"; {POINTS}"
+        self._tell(told, left)
+        return found
+
+    def _halved(self, name: str, fineness: Fineness) -> tuple[Array, Fineness]:
+        """What is left (n,) with finer meshes, and how fine."""
         changes: list[Array] = []
         for level in range(1, HALVINGS + 1):
             fineness = replace(fineness, level=level)
             changes.insert(0, self._change(name, fineness))
             left = np.asarray(left_by(changes))
-            if self._use(left) <= SHARE:
+            if self.use(left) <= SHARE:
                 break
-        times = "once" if fineness.level == 1 else f"{fineness.level} times"
-        told = f"mesh of {name}: halved {times}, the rest {self._seen(left)}"
-        if falling(*changes[:2])[self._worst(left)] == SLOWEST:
-            told += ", as changes hardly get smaller"
-            told += "" if source.is_of_beams else f"; {POINTS}"
-        self._tell(told, left)
-        return fineness
+        self.slow = falling(*changes[:2]) == SLOWEST
+        return left, fineness
+
+    def _told_from_steps(
+        self, name: str, fineness: Fineness, finer: Finer
+    ) -> tuple[Array, Fineness]:
+        """Once more with tighter runs, if what is left may be that of their steps."""
+        left, found = finer(name, fineness)
+        if self.use(left) <= SHARE or not self._tightened():
+            return left, found
+        self.state[name] = fineness
+        return finer(name, fineness)
+
+    def _tightened(self) -> bool:
+        """Whether finer bodies need tighter runs, which are made from then on."""
+        from sidtool.solver.errors import SimulationError
+
+        assert self.reference is not None
+        before = self.reference.setting.rtol
+        with suppress(InputError, SimulationError):
+            self.reference = self._reference(self.state)
+        return self.reference.setting.rtol < before
 
     def _tell(self, sentence: str, left: Array) -> None:
         """A step of the search, and the errors (n,) that it leaves."""
         self.sentences.append(sentence)
         self.errors += left
-        self.largest = max(self.largest, (self._use(left), sentence))
+        self.largest = max(self.largest, (self.use(left), sentence))
 
     def _change(self, name: str, fineness: Fineness) -> Array:
         """What a finer body changes, (n,); from then on it is used."""
@@ -297,22 +324,12 @@ class _Search:
                 runs.append((whole, found.attempt(whole, self.reference.setting)))
         change = after.between(*runs)
         for row, output in enumerate(self.request.names):
-            if np.isfinite(change[row]) and self._differs(output, before, after):
+            if np.isfinite(change[row]) and differs(output, before.sids, after.sids):
                 self.others.add(output)
                 change[row] = 0.0
         return change
 
-    def _differs(self, output: str, before: Runs, after: Runs) -> bool:
-        """Whether an output belongs to a shape function that another SID does not have,
-        or cannot be told from others there."""
-        name = parsed(output)
-        if name.marker or not is_elastic(name.quantity) or name.owner not in self.state:
-            return False
-        sids = [runs.sids[name.owner] for runs in (before, after)]
-        number = int(name.quantity.lstrip("vq")) - 1
-        return sids[0] is not sids[1] and not _is_in_both(number, *sids)
-
-    def _use(self, errors: Array) -> float:
+    def use(self, errors: Array) -> float:
         assert self.reference is not None
         return self.reference.use(errors)
 
@@ -334,14 +351,3 @@ class _Search:
             sids = {**self.sids, **found}
             self._runs[key] = Runs(self.scene, sids, self.compile, self.request.names)
         return self._runs[key]
-
-
-def _is_in_both(number: int, *sids: SID) -> bool:
-    """Whether two bases have a shape function of about one frequency, and each of them
-    no other one near it."""
-    squares = [np.diag(sid.Ke.m0) / np.diag(sid.Me.m0) for sid in sids]
-    if number >= min(map(len, squares)):
-        return False
-    own = squares[0][number]
-    near = [np.abs(found - own) <= 2.0 * SAME * own for found in squares]
-    return all(rows[number] and rows.sum() == 1 for rows in near)
