@@ -167,16 +167,19 @@ def _refuse(
     mesh: Mesh, block: ElementBlock, row: int, ratio: Array, place: str
 ) -> None:
     where = mesh.positions[block.nodes[row]].mean(axis=0)
-    near = ", ".join(f"{x:.4g}" for x in where)
+    element = reference_element(block.kind)
+    near, instead = ", ".join(f"{x:.4g}" for x in where), ""
     if (ratio <= 1e-10).all():
         flat = np.abs(ratio).max() <= 1e-10
         what = "has no volume" if flat else "is inverted"
     else:
         what = "is folded"
+        if len(element.nodes) > element.corners:
+            instead = ", or straight edges there (Gmsh: Mesh.HighOrderOptimize)"
     raise InputError(
         f"element {block.labels[row]} ({block.kind}) near ({near}) {what}",
         place=place,
-        expected="elements whose Jacobian determinant is positive everywhere",
+        expected=f"elements whose Jacobian determinant is positive everywhere{instead}",
     )
 
 

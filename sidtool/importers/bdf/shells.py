@@ -50,10 +50,11 @@ def _nodes(content: BulkData) -> str:
     places += [equation.place for equation in equations_of(content)]
     if places:
         raise InputError(
-            "bars, couplings, MPC and CONM2 with offset or inertia beside shells are "
-            "not supported",
+            "bars, couplings, MPC and CONM2 with offset or inertia are not handed to "
+            "CalculiX",
             place=places[0],
-            expected="shells and solids alone; geometry.ignore leaves cards out",
+            expected="shells and solids alone; geometry.ignore leaves cards out, and "
+            "rigid bodies, beams and ties may be joined at markers instead",
         )
     rows = (f"{n}, {x!r}, {y!r}, {z!r}\n" for n, (x, y, z) in content.nodes.items())
     sets = "".join(

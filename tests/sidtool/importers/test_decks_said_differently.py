@@ -85,7 +85,9 @@ def test_a_mass_may_be_given_by_its_place(tmp_path: Path) -> None:
 
 def test_scalar_points_without_elements_change_nothing(tmp_path: Path) -> None:
     """Decks that were reduced have them for their modes."""
-    found = body(tmp_path, bulk("SPOINT,5001,THRU,5010", "QSET1,0,5001,THRU,5010"))
+    cards = ["SPOINT,5001,THRU,5010", "QSET1,0,5001,THRU,5010", "BNDFIX1,123,1"]
+    cards += ["SET3,9,GRID,1,2", "TABLEM1,7", ",0.,1.,100.,0.9,ENDT"]
+    found = body(tmp_path, bulk(*cards))
     assert_same(found, body(tmp_path, bulk()))
 
 
@@ -187,3 +189,18 @@ def test_a_constant_that_is_missing_is_told(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match="values for several temperatures"):
         decks.body(tmp_path, text)
+
+
+def test_where_a_curved_edge_folds_an_element_it_is_told(tmp_path: Path) -> None:
+    """Gmsh draws such ones where its elements are large beside a fillet."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    pairs = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+    places = [*corners, *(corners[[a, b]].mean(axis=0) for a, b in pairs)]
+    places[4] = np.array([0.5, 0.4, 0.4])
+    rows = [
+        f"GRID,{i},,{','.join(map(repr, x.tolist()))}" for i, x in enumerate(places, 1)
+    ]
+    rows += ["CTETRA,1,1,1,2,3,4,5,6", ",7,8,9,10", "PSOLID,1,1"]
+    text = "\n".join(["BEGIN BULK", *rows, "MAT1,1,2.1e11,,0.3,7850.", "ENDDATA", ""])
+    with pytest.raises(InputError, match=r"is folded.*Mesh\.HighOrderOptimize"):
+        body(tmp_path, text)
