@@ -29,8 +29,8 @@ SAFETY = 2.0
 #: which different methods, factorisations and processors share in part.
 ROUNDING = 5e-12
 #: Errors are taken to fall like the tolerance: to this part of what is needed, for the
-#: next one; by how much it changes at most and at least.
-AIM, MOST, LEAST = 0.5, 1e-5, 0.2
+#: reference and for models that are compared; by how much it changes at most and least.
+AIM, AIM_OF_MODELS, MOST, LEAST = 0.1, 0.5, 1e-5, 0.2
 #: The part of the time at whose rows both are compared with a run as tight as can be.
 START = 1.0 / 16.0
 #: Two methods tell how far each is right; the second one is asked for this more.
@@ -123,12 +123,12 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
             return _as_loosely(runs, found, first)
         if rtol <= TIGHTEST:
             raise _unpredictable(request, found)
-        rtol = max(TIGHTEST, _next(rtol, use))
+        rtol = max(TIGHTEST, _next(rtol, AIM * PART / use))
 
 
-def _next(rtol: float, use: float) -> float:
-    """A tolerance at which little enough is used, from what is at another one."""
-    return rtol * float(np.clip(AIM * PART / use, MOST, LEAST))
+def _next(rtol: float, share: float) -> float:
+    """A tolerance at which errors are about a share of what they are at this one."""
+    return rtol * float(np.clip(share, MOST, LEAST))
 
 
 def _as_loosely(runs: Runs, found: Reference, rtol: float) -> Reference:
@@ -142,7 +142,7 @@ def _as_loosely(runs: Runs, found: Reference, rtol: float) -> Reference:
         use = found.use(blur)
         if use <= PART:
             return replace(found, setting=setting, blur=blur)
-        rtol = _next(rtol, use)
+        rtol = _next(rtol, AIM_OF_MODELS * PART / use)
     return found
 
 

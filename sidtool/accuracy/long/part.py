@@ -41,7 +41,7 @@ from .whole import (
 )
 
 #: Runs are long that take more than this [s].
-LONG = 0.2
+LONG = 0.1
 #: The first part of the time span, and the longest one that is tried.
 FIRST, LONGEST = 1.0 / 128.0, 1.0 / 8.0
 #: Tight runs of all of the time that choices in a first part may cost.
@@ -50,7 +50,7 @@ CHEAP = 2.0
 SEEN = 0.7
 #: Of what is allowed, how much is asked for in the first part, and of what a run errs
 #: on the whole, where that was too much.
-CAUTION, LESS, ROUNDS = 0.5, 0.6, 2
+CAUTION, LESS, ROUNDS = 0.5, 0.6, 3
 #: Of the tolerance of the first part, that of all of the time where joints rub: errors
 #: grow by leaps there, and few of the steps are as long as tolerances allow.
 RUBBING = 0.2
@@ -221,7 +221,7 @@ def _proven(
         check_inside(sharp.result)
         seen, chosen = seen_on_the_whole(runs, sharp, found)
         use, open_ = seen.use(chosen.errors), sharp.use(sharp.doubt)
-        if use <= ALL:
+        if use <= 1.0:
             return Proven(
                 runs,
                 seen,

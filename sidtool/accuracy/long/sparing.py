@@ -14,10 +14,12 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import BudgetLine
+from sidtool.formats.sid import Array
 
 from ..budget import budget
 from ..candidates import SHAPES, Candidate, Choice
 from ..choose import ALL, Chosen
+from ..frames import with_frames
 from ..integration import STUCK, Found
 from ..outside import check_inside
 from ..reference import MEASURING, Reference
@@ -47,9 +49,10 @@ def chosen_sparingly(runs: Runs, part: Part, request: Request) -> Proven:
     """
     reference, bare = _settled(runs, part, request)
     seen, chosen = _with_fewer(runs, reference, bare)
-    lines = _lines(runs, seen, chosen, bare)
-    told = (*_told(runs, reference, bare, chosen), "frames: not judged")
-    return Proven(runs, seen, chosen, seen, np.zeros(len(runs.names)), lines, told)
+    frames = with_frames(runs, reference, request, fixed=True)
+    lines = _lines(runs, seen, chosen, bare, frames.theory)
+    told = (*_told(runs, reference, bare, chosen), *frames.sentences)
+    return Proven(runs, seen, chosen, seen, frames.theory, lines, told)
 
 
 def _settled(runs: Runs, part: Part, request: Request) -> tuple[Reference, Chosen]:
@@ -114,12 +117,11 @@ def _without(reference: Reference, share: float) -> Choice:
 
 
 def _lines(
-    runs: Runs, reference: Reference, chosen: Chosen, bare: Chosen
+    runs: Runs, reference: Reference, chosen: Chosen, bare: Chosen, theory: Array
 ) -> tuple[BudgetLine, ...]:
     """The budget: loose runs tell what is left out, a tight one what they err."""
     alike = replace(reference, setting=chosen.found.setting)
-    nothing = np.zeros(len(runs.names))
-    lines = budget(runs, alike, chosen, nothing, TIGHTER)
+    lines = budget(runs, alike, chosen, theory, TIGHTER)
     pairs = zip(runs.names, bare.errors, reference.allowed, strict=True)
     seen = {
         "errors": {n: float(e) for n, e, a in pairs if np.isfinite(a)},
