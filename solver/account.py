@@ -28,7 +28,7 @@ from .advice.stopping import (
     too_light,
 )
 from .integrators import stepping
-from .linear import memory
+from .linear.memory import Memory
 from .recording import outputs
 from .recording.sampling import Samples
 from .start import assembly
@@ -39,16 +39,6 @@ from .system.forces.lapses import lapse
 
 if TYPE_CHECKING:
     from .running import Run
-
-COUNTERS = {
-    "steps": memory.STEPS,
-    "rejected": memory.REJECTED,
-    "evaluations": memory.EVALUATIONS,
-    "jacobians": memory.JACOBIANS,
-    "factorisations": memory.FACTORISATIONS,
-    "newton_iterations": memory.ITERATIONS,
-    "projections": memory.PROJECTIONS,
-}
 
 
 def result_of(
@@ -138,7 +128,7 @@ def _settings(run: Run) -> dict[str, str | float]:
 def _notes(run: Run) -> Iterator[str]:
     """What a reader has to know of the numbers."""
     system, recorder, rtol = run.system, run.recorder, run.settings.rtol
-    steps = int(run.memory.counters[memory.STEPS])
+    steps = run.memory.steps
     yield from dict.fromkeys((*run.told, *run.ready.asked))
     yield from crossings(system, run.kernels, run.control, rtol, run.start.z)
     yield from told_displacements(system, recorder.sampler.work, run.start, rtol)
@@ -184,8 +174,7 @@ def _first(run: Run) -> Samples:
 def _counters(run: Run) -> dict[str, Any]:
     stiff = run.control.stiff_steps
     explicit = {"stiff_steps": stiff} if run.method.explicit else {}
-    counters = run.memory.counters
-    return {name: int(counters[i]) for name, i in COUNTERS.items()} | explicit
+    return {name: getattr(run.memory, name) for name in Memory.kind.scalars} | explicit
 
 
 def _event_at_the_end(run: Run) -> str:

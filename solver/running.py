@@ -18,7 +18,6 @@ from .advice.stopping import singular
 from .equations.pointers import kernels
 from .integrators import INTEGRATORS, Advance, newton_steps, recording, stepping
 from .integrators.singular import NEAR
-from .linear import memory
 from .linear.memory import Memory
 from .recorder import Recorder
 from .recording import dense, events
@@ -161,11 +160,11 @@ class Run:
         """Makes some steps, however many output times lie in them; why they end."""
         left = self.limit
         while True:
-            before = int(self.memory.counters[memory.STEPS])
+            before = self.memory.steps
             most = left if self.stick is None else min(left, self.stick.stride)
             code = self.advance(self.control, most)
             go_on(self.system)
-            left -= int(self.memory.counters[memory.STEPS]) - before
+            left -= self.memory.steps - before
             self._look_inside()
             if self.enters or (self.watch is not None and self.watch.ended):
                 return code
@@ -218,7 +217,7 @@ class Run:
         if self.control.crossing == NEAR:
             return True
         stiff = self.control.stiff_steps
-        return bool(stepping.STIFF_PART * stiff > self.memory.counters[memory.STEPS])
+        return bool(stepping.STIFF_PART * stiff > self.memory.steps)
 
     def _switch(self) -> None:
         """Goes on from here with the method for hard scenes."""

@@ -50,7 +50,6 @@ def _radau(stages: int) -> Integrator:
         system: System, kernels: Kernels, work: Work, memory: Memory, control: Control
     ) -> Advance:
         from .. import warmup
-        from ..linear.memory import STEPS
         from . import stepping
         from .radau import method as radau
         from .radau import table
@@ -59,14 +58,14 @@ def _radau(stages: int) -> Integrator:
         parts = kernels, system.arrays, work, memory
 
         def advance(control: Control, limit: int) -> int:
-            before = memory.counters[STEPS]
+            before = memory.steps
             code = radau.advance(*parts, control, storage, limit)
             if code != stepping.BESIDE:
                 return code
             warmup.ensure_loop(passing)
             from .radau import passing as radau_passing
 
-            left = limit - int(memory.counters[STEPS] - before)
+            left = limit - (memory.steps - before)
             return radau_passing.advance(*parts, control, storage, left)
 
         return advance

@@ -15,7 +15,7 @@ from numba import boolean, float64, int64, types
 
 from ..compiler.compiling import entry, inner
 from ..compiler.tables import Table, TableType
-from ..linear.memory import KERNELS, MEMORY, REJECTED, STEPS
+from ..linear.memory import KERNELS, MEMORY
 from ..space.layout import F1, F2, SYSTEM, WORK, Reals, Reals2
 from .dop853 import END, STAGES, TABLEAU
 from .landing import close_step
@@ -231,7 +231,7 @@ def _accept(kernels, system, work, memory, tableau, control, slopes, h):
 def _crawls(memory, control, h):
     """Whether stability keeps the steps short, and too many of them are to come."""
     stiff = control.stiff_steps
-    usual = stiff > PATIENCE and STIFF_PART * stiff > memory.counters[STEPS]
+    usual = stiff > PATIENCE and STIFF_PART * stiff > memory.steps
     return usual and control.period > MOST_STEPS * h
 
 
@@ -278,10 +278,10 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
             if control.fixed_step == 1:
                 return OFF_CONSTRAINTS
             failures += 1
-            memory.counters[REJECTED] += 1
+            memory.rejected += 1
             h *= factor
         finish_step(control, ORDER_OF_ERROR, NO_JACOBIAN, h, error, 1, failures)
-        memory.counters[STEPS] += 1
+        memory.steps += 1
         if not all_finite(control.z, control.v):
             return NOT_FINITE
         if control.fixed_step == 0 and _crawls(memory, control, h):

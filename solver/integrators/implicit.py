@@ -12,7 +12,7 @@ from numba import float64, int64, types
 
 from ..compiler.compiling import Entry, entry, inner
 from ..linear.mass import independence
-from ..linear.memory import KERNELS, MEMORY, REJECTED, STEPS
+from ..linear.memory import KERNELS, MEMORY
 from ..space.layout import SYSTEM, WORK
 from .newton_steps import after_divergence, look_back, take_jacobian
 from .projection import accelerate
@@ -211,14 +211,14 @@ def step_loop(
                     error = error_of(kernels, system, work, memory, control, storage, h)
                 if not error < 1.0:
                     control.failures += 1
-                    memory.counters[REJECTED] += 1
+                    memory.rejected += 1
                     control.predict = 2 if math.isfinite(error) else 0
                     h *= growth(order, error, iterations)
                     continue
                 if accept(kernels, system, work, memory, control, storage, h) == 0:
                     break
                 control.failures += 1
-                memory.counters[REJECTED] += 1
+                memory.rejected += 1
                 control.predict = 0
                 if control.fixed_step == 1:
                     return OFF_CONSTRAINTS
@@ -228,7 +228,7 @@ def step_loop(
             if control.jacobian == AHEAD:
                 control.needs_jacobian = 1
                 control.step = max(control.step, 0.8 * h)
-            memory.counters[STEPS] += 1
+            memory.steps += 1
             if not all_finite(control.z, control.v):
                 return NOT_FINITE
             if control.missed > MOST_MISSED:

@@ -7,7 +7,7 @@ import math
 from numba import float64, int64, types
 
 from ..compiler.compiling import inner
-from ..linear.memory import JACOBIANS, KERNELS, MEMORY, REJECTED
+from ..linear.memory import KERNELS, MEMORY
 from ..space.layout import F1, SYSTEM, WORK
 from .projection import accelerate
 from .stepping import AHEAD, CONTROL, FRESH, KEPT
@@ -87,7 +87,7 @@ def take_jacobian(kernels, system, work, memory, control, t, z, v):
     """Linearises at a state that was just evaluated and solved."""
     kernels.linearise(system, work, t, z, v, memory.acceleration, memory.multiplier)
     kernels.remember(system, work, memory)
-    memory.counters[JACOBIANS] += 1
+    memory.jacobians += 1
     control.factored_step = 0.0
 
 
@@ -114,7 +114,7 @@ def after_divergence(kernels, system, work, memory, control, h):
         control.jacobian = AHEAD
         return 1.0
     if control.jacobian != KEPT:
-        memory.counters[REJECTED] += 1
+        memory.rejected += 1
         again = 0 < control.well < OFTEN
         if again or 2.0 * h > control.frontier:
             control.frontier = RETREAT * h

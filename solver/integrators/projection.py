@@ -6,7 +6,7 @@ from numba import float64, int64, types
 
 from ..compiler.compiling import inner
 from ..linear.grips import sticks
-from ..linear.memory import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
+from ..linear.memory import KERNELS, MEMORY
 from ..linear.saddle import REGULARISATION
 from ..space.layout import (
     C_RATE,
@@ -36,7 +36,7 @@ def accelerate(kernels, system, work, memory, t, z, v):
     Returns 0, or the code of a singular system.
     """
     kernels.evaluate(system, work, t, z, v)
-    memory.counters[EVALUATIONS] += 1
+    memory.evaluations += 1
     return kernels.solve_accelerations(system, work, memory)
 
 
@@ -58,7 +58,7 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
         kernels.retract(system, work.frame, z, dz)
     for attempt in range(PROJECTIONS_LIMIT):
         kernels.evaluate(system, work, t, z, v)
-        memory.counters[EVALUATIONS] += 1
+        memory.evaluations += 1
         loose = 1.0 if attempt + 1 < PROJECTIONS_LIMIT else 100.0
         placed = still = True
         for i in range(m):
@@ -71,7 +71,7 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
                 still = still and abs(row[C_RATE]) <= loose * closed[m + j, 1]
         if placed and still:
             return kernels.solve_accelerations(system, work, memory)
-        memory.counters[PROJECTIONS] += 1
+        memory.projections += 1
         status = kernels.project_once(system, work, memory, REGULARISATION, dz, dv)
         if status != 0:
             return status

@@ -21,7 +21,7 @@ from numba import boolean, float64, int64, types
 
 from ..compiler.compiling import inner
 from ..linear.mass import independence
-from ..linear.memory import EVALUATIONS, KERNELS, MEMORY, PROJECTIONS
+from ..linear.memory import KERNELS, MEMORY
 from ..linear.saddle import REGULARISATION
 from ..space.layout import C_RATE, C_VALUE, F1, SYSTEM, WORK
 from .projection import accelerate, rates_of_rows
@@ -155,8 +155,8 @@ def project_near(kernels, system, work, memory, control, t, z, v, dz, dv):
     soft = SOFT / control.tolerance
     for _ in range(PROJECTIONS_NEAR):
         kernels.evaluate(system, work, t, z, v)
-        memory.counters[EVALUATIONS] += 1
-        memory.counters[PROJECTIONS] += 1
+        memory.evaluations += 1
+        memory.projections += 1
         status = kernels.project_once(system, work, memory, soft, dz, dv)
         jump = scaled_norm(dv, dv, control.pace, control.pace)
         if status != 0 or not jump < LARGEST_JUMP:
@@ -176,7 +176,7 @@ def keep_free_part(kernels, system, work, memory, control, h, z1, v1, error, dz,
     if control.crossing == FAR:
         return
     kernels.evaluate(system, work, control.time + h, z1, v1)
-    memory.counters[EVALUATIONS] += 1
+    memory.evaluations += 1
     for i in range(system.n_rows):
         work.row[i, C_VALUE] = 0.0
     rates_of_rows(system, work, error, C_RATE)

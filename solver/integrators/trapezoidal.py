@@ -16,7 +16,7 @@ from numba import float64, int64, types
 
 from ..compiler.compiling import inner
 from ..compiler.tables import Table, TableType
-from ..linear.memory import ITERATIONS, KERNELS, MEMORY
+from ..linear.memory import KERNELS, MEMORY
 from ..space.layout import SYSTEM, WORK, Reals
 from .implicit import step_loop
 from .landing import close_step
@@ -100,7 +100,7 @@ def _newton(kernels, system, work, memory, control, slopes, h):
             slopes.rv[i] = slope - mu * (v1[i] - control.v[i])
         rz, rv = slopes.rz, slopes.rv
         kernels.solve_real(system, work, memory, memory.real, 0, mu, rz, rv)
-        memory.counters[ITERATIONS] += 1
+        memory.newton_iterations += 1
         norm = scaled_norm(slopes.rz, slopes.rv, control.scale_z, control.scale_v)
         verdict = judge(control, NEWTON_GOAL, iteration, norm, old_norm)
         if verdict < 0 and not norm < blunt:

@@ -34,7 +34,7 @@ from ..space.layout import (
 from .friction import friction_residual
 from .grips import sticks
 from .mass import mass_row_times
-from .memory import FACTORISATIONS, MEMORY
+from .memory import MEMORY
 from .saddle import saddle_factor
 
 
@@ -55,7 +55,7 @@ def index3_factor(system, work, memory, inertia, damping, stiffness):
             at = stuck[k].offset
             for i in range(at, at + system.body[stuck[k].body].nv):
                 G[i] = memory.C[i]
-    memory.counters[FACTORISATIONS] += 1
+    memory.factorisations += 1
     return saddle_factor(system.newton, memory.real, 0, memory.C, work.rubbing)
 
 

@@ -74,7 +74,7 @@ class Memory(Table):
     metric : blocks of tau^2 K, the stiffness part of the projection metric
     acceleration, multiplier : solution of eq. (3) at the last evaluated state
     dx, dmu : scratch of one entry per velocity and per constraint row
-    counters : see `N_COUNTERS`
+    steps, rejected, ... : what a run counts, all numbers of it
     rub_* : scratch for friction of joints, see `friction`
     """
 
@@ -91,7 +91,13 @@ class Memory(Table):
     multiplier: Reals
     dx: Reals
     dmu: Reals
-    counters: Integers
+    steps: int
+    rejected: int
+    evaluations: int
+    jacobians: int
+    factorisations: int
+    newton_iterations: int
+    projections: int
     rub_X: Reals2
     rub_L: Reals2
     rub_P: Reals2
@@ -135,9 +141,3 @@ class Kernels(Table):
 
 
 KERNELS = TableType(Kernels)
-
-# Columns of Memory.counters
-STEPS, REJECTED, EVALUATIONS, JACOBIANS, FACTORISATIONS, ITERATIONS, PROJECTIONS = (
-    range(7)
-)
-N_COUNTERS = 7

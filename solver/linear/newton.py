@@ -30,7 +30,6 @@ from .mass import mass_row_times
 from .memory import (
     FACTOR_COMPLEX,
     FACTOR_REAL,
-    FACTORISATIONS,
     MEMORY,
     REMEMBER,
     SOLVE_COMPLEX,
@@ -90,7 +89,7 @@ def newton_matrix(system, work, memory, mu, A, G):
 def newton_factor(system, work, memory, factors, k, mu):
     """Factors mu - J into system k of `factors`; see `newton_matrix`."""
     newton_matrix(system.newton, work, memory, mu, factors.A[k], factors.G[k])
-    memory.counters[FACTORISATIONS] += 1
+    memory.factorisations += 1
     return saddle_factor(system.newton, factors, k, memory.C, work.rubbing)
 
 

@@ -12,7 +12,7 @@ from sidtool.formats.storage.kept import kept
 from ..compiler.tables import Table
 from ..equations.forces import programs
 from ..linear.lapack import lapack
-from ..linear.memory import N_COUNTERS, ComplexFactors, Factors, Memory
+from ..linear.memory import ComplexFactors, Factors, Memory
 from ..space import layout as at
 from ..space.spaces import FRAMES, MODES, POINTS, STIFFENED, TURNING
 from .bodies.packing import elastic_mass, shape_functions, symmetric
@@ -156,7 +156,6 @@ def _memory(system: System, pairs: int) -> Callable[[], Memory]:
         multiplier=(m,),
         dx=(n,),
         dmu=(m,),
-        counters=(N_COUNTERS,),
         rub_X=(rubbing, n),
         rub_L=(rubbing, m),
         rub_P=(rubbing, rubbing + 2),

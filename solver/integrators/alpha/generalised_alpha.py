@@ -22,7 +22,7 @@ from numba import float64, int64, types
 
 from ...compiler.compiling import inner
 from ...linear.index3 import index3_factor, index3_residual
-from ...linear.memory import EVALUATIONS, ITERATIONS, KERNELS, MEMORY
+from ...linear.memory import KERNELS, MEMORY
 from ...linear.saddle import REGULARISATION, saddle_solve
 from ...space.coordinates import chords, follow_chords
 from ...space.layout import SYSTEM, WORK
@@ -158,7 +158,7 @@ def _fit_to_step(kernels, system, work, memory, control, alpha, h):
     copy(control.v, alpha.v0)
     _place(kernels, system, control, alpha, h)
     kernels.evaluate(system, work, control.time + h, alpha.z1, alpha.v1)
-    memory.counters[EVALUATIONS] += 1
+    memory.evaluations += 1
     soft = REGULARISATION
     if control.crossing != FAR:
         soft = SOFT / control.tolerance
@@ -186,11 +186,11 @@ def _newton(kernels, system, work, memory, control, alpha, h):
     for iteration in range(newton_limit(control)):
         _place(kernels, system, control, alpha, h)
         kernels.evaluate(system, work, control.time + h, alpha.z1, alpha.v1)
-        memory.counters[EVALUATIONS] += 1
+        memory.evaluations += 1
         p, g, lam1 = alpha.p, memory.real.g, alpha.lam1
         index3_residual(system, work, alpha.place, alpha.acc1, lam1, h2, p, g)
         saddle_solve(system.newton, memory.real, 0, p, g)
-        memory.counters[ITERATIONS] += 1
+        memory.newton_iterations += 1
         norm = size = 0.0
         for i in range(len(p)):
             alpha.a1[i] += by_a * p[i]

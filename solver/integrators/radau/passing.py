@@ -13,7 +13,7 @@ import math
 from numba import boolean, float64, int64, types
 
 from ...compiler.compiling import inner
-from ...linear.memory import ITERATIONS, KERNELS, MEMORY
+from ...linear.memory import KERNELS, MEMORY
 from ...space.layout import SYSTEM, WORK
 from ..implicit import step_loop
 from ..newton_steps import judge, newton_goal, newton_limit
@@ -98,7 +98,7 @@ def _pass(kernels, system, work, memory, control, stages, h):
                 stages.rv[k] -= method.slope[i] / h * stages.Zv[i, k]
         rz, rv = stages.rz, stages.rv
         kernels.solve_real(system, work, memory, memory.real, 0, mu, rz, rv)
-        memory.counters[ITERATIONS] += 1
+        memory.newton_iterations += 1
         norm = scaled_norm(stages.rz, stages.rv, control.scale_z, control.scale_v)
         verdict = judge(control, newton_goal(control), iteration, norm, old_norm)
         for k in range(len(z1)):

@@ -7,7 +7,7 @@ import math
 from numba import complex128, float64, int64, types
 
 from ...compiler.compiling import inner
-from ...linear.memory import ITERATIONS, KERNELS, MEMORY
+from ...linear.memory import KERNELS, MEMORY
 from ...space.layout import F1, F2, SYSTEM, WORK
 from ..projection import accelerate
 from ..step_sizes import scaled_norm
@@ -150,7 +150,7 @@ def sweep(kernels, system, work, memory, control, stages, h):
     transform(method.TI, stages.old_Zz, stages.Fz)
     transform(method.TI, stages.old_Zv, stages.Fv)
     correct(kernels, system, work, memory, stages, h)
-    memory.counters[ITERATIONS] += 1
+    memory.newton_iterations += 1
     norm = 0.0
     for i in range(s):
         size = scaled_norm(stages.Fz[i], stages.Fv[i], control.scale_z, control.scale_v)
