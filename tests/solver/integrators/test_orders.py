@@ -25,9 +25,9 @@ from tests.solver.test_invariance import arm_in_space
 
 #: Numbers of steps in one second, by order.
 STEPS = {2: (100, 400), 5: (25, 100), 8: (20, 60), 9: (24, 48), 13: (8, 12)}
+SHAKEN: dict[str, Any] = {"elastic": [0.1, -0.05], "elastic_velocity": [1.0, 1.0]}
 #: All velocities are stated, so that joints take a part of each and the motion is calm.
 TURNED: dict[str, Any] = {"angle": 0.3, "angular_velocity": -3.0}
-SHAKEN: dict[str, Any] = {"elastic": [0.1, -0.05], "elastic_velocity": [1.0, 1.0]}
 
 
 def in_the_plane() -> System:
