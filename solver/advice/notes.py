@@ -17,8 +17,9 @@ from ..space import layout as at
 from ..space.layout import Work
 from ..start import large_scenes
 from ..start.consistent import dense_jacobian, names_of_rows
+from ..start.freer_joints import advice
 from ..start.new_control import share_followed
-from ..start.overconstraint import advice, widest_left_open
+from ..start.overconstraint import widest_left_open
 from ..start.settings import Settings
 from ..system import kernel_calls
 from ..system.scene import System

@@ -13,7 +13,8 @@ from ..integrators.recording import RUB_FORCE
 from ..linear import carried_joints
 from ..space import layout as at
 from ..start.carried import keep_frame
-from ..start.overconstraint import TURNING, complete
+from ..start.freer_joints import TURNING
+from ..start.overconstraint import complete
 from ..system.bodies.embedded import embedded
 from ..system.kernel_calls import go_on
 from ..system.scene import Row, System

@@ -16,7 +16,10 @@ from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from ..system.storage import new_work, stiffness_metric
 from . import large_scenes
+from .balance import balanced_sizes
 from .large_scenes import MANY, IndependentRows, jacobian_entries, sparse_jacobian
+from .orthogonal import OrthogonalFactor
+from .peeled import rows_left
 from .stated import Start
 
 if TYPE_CHECKING:
@@ -132,6 +135,10 @@ class State:
         C = sparse_jacobian(self.system, self.work.C)
         N = diags_array(self.free.astype(float)) @ self.root()
         rows = IndependentRows(C @ N)
+        if rows.dependent.any():
+            sizes = self.system.once(coordinate_sizes) * self.free
+            relative = IndependentRows(C.multiply(sizes[None, :]).tocsr())
+            rows = IndependentRows(C @ N, follow=relative.dependent)
         if rows.least > independent:
             x = rows.smallest(right)
         elif (without := rows.small(independent)) is not None:
@@ -158,9 +165,18 @@ class State:
 
     def stands_apart(self, rounded: float) -> bool:
         """Whether more than rounding is left of each row of a large scene without the
-        others, see `IndependentRows.stand_apart`."""
+        others, see `IndependentRows.stand_apart`; with one or the other sizes."""
         rows = self._large_rows()
-        return rows is not None and rows.stand_apart(rounded)
+        if rows is None or rows.stand_apart(rounded):
+            return rows is not None
+        sizes = self.balanced_sizes() / self.system.once(coordinate_sizes)
+        B = large_scenes.of_length_one(rows.given.multiply(sizes[None, :]).tocsr())
+        follow = OrthogonalFactor(B[::-1].tocsr()).dependent[::-1]
+        left = rows_left(self.system, B, ~follow, rounded)
+        return not left.any() or IndependentRows(B[left]).stand_apart(rounded)
+
+    def balanced_sizes(self) -> Array:
+        return balanced_sizes(self.system, self.work.C)
 
     def _large_rows(self) -> IndependentRows | None:
         if len(self.ignored) < MANY or self.ignored.any():

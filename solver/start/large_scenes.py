@@ -110,16 +110,26 @@ class IndependentRows:
     given, lengths : B, and those of its rows, (rows,), 1 of those of nothing
     """
 
-    def __init__(self, B: csr_array, factor: OrthogonalFactor | None = None) -> None:
-        """factor : of these rows, none of which follows from others"""
+    def __init__(
+        self,
+        B: csr_array,
+        factor: OrthogonalFactor | None = None,
+        follow: np.ndarray | None = None,
+    ) -> None:
+        """factor : of these rows, none of which follows from others
+        follow : (rows,) those that are known to follow from others
+        """
         self.given = B
         lengths = np.sqrt(B.multiply(B).sum(axis=1))
         self.lengths = np.where(lengths > 0.0, lengths, 1.0)
         self._scale, self._B = 1.0 / self.lengths, of_length_one(B)
         self.least, self.dependent = 0.0, np.zeros(B.shape[0], bool)
-        self._factor = factor or OrthogonalFactor(self._B)
+        if follow is not None:
+            self.dependent |= follow
+        asked = ~self.dependent
+        self._factor = factor or OrthogonalFactor(self._B[asked])
         if factor is None:
-            self.dependent = self._factor.dependent
+            self.dependent[asked] = self._factor.dependent
         clear = self._factor.diagonal.min(initial=1.0) > CLEAR
         if clear and not self.dependent.any():
             self.least = self._least_singular_value()

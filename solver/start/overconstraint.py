@@ -23,6 +23,7 @@ from ..system.scene import System
 from ..system.sizes import coordinate_sizes, row_sizes
 from ..system.storage import new_work
 from .consistent import State, close, names_of_rows
+from .freer_joints import TURNING, freer_joints, kind_of_row
 
 #: Relative size, of what data leave open and of what is left of a constraint without
 #: the others, that rounding may have.
@@ -37,29 +38,6 @@ POSITIONS, WAY = 12, 0.15
 INVOLVED = 1e-3
 #: Choices that are compared, and the part of the best one that is good as well.
 CHOICES, AS_GOOD = 5000, 0.1
-#: Constraints of rotations.
-TURNING = (at.PERPENDICULAR, at.ANGLE)
-#: What joints become without so many constraints of places and of rotations.
-FREER = {
-    ("revolute", 0, 1): "universal",
-    ("revolute", 0, 2): "spherical",
-    ("revolute", 1, 0): "cylindrical",
-    ("revolute", 1, 2): "point_on_line",
-    ("fixed", 0, 3): "spherical",
-    ("spherical", 1, 0): "point_on_line",
-    ("spherical", 2, 0): "point_on_plane",
-    ("cylindrical", 0, 2): "point_on_line",
-    ("prismatic", 0, 1): "cylindrical",
-    ("prismatic", 0, 3): "point_on_line",
-    ("universal", 0, 1): "spherical",
-    ("planar", 0, 2): "point_on_plane",
-}
-FREER_IN_THE_PLANE = {
-    ("revolute", 1, 0): "point_on_line",
-    ("fixed", 0, 1): "revolute",
-    ("fixed", 1, 0): "prismatic",
-    ("prismatic", 0, 1): "point_on_line",
-}
 
 
 def relax(state: State, guessed: Array) -> bool:
@@ -83,8 +61,15 @@ def _hardly_differ(state: State) -> bool:
     """Whether constraints nearly follow from others, as rounding makes it."""
     if state.stands_apart(ROUNDED):
         return False
-    sizes = _singular_values(state)
+    sizes = np.asarray(np.linalg.svd(state.scaled_jacobian(), compute_uv=False), float)
     state.is_apart = len(sizes) == state.system.n_rows and bool((sizes > ROUNDED).all())
+    if not _are_rounded(sizes):
+        return False
+    return _are_rounded(_decomposed(state)[1])
+
+
+def _are_rounded(sizes: Array) -> bool:
+    """Whether there are singular values that may be those of rounding."""
     return bool(((sizes > EXACT) & (sizes < ROUNDED)).any())
 
 
@@ -107,67 +92,6 @@ def widest_left_open(system: System, times: Array, z: Array, v: Array) -> float:
         relative = np.abs(work.row[:, at.C_VALUE]) / sizes
         widest = max(widest, float(relative.max(initial=0.0)))
     return widest
-
-
-def advice(system: System, rows: tuple[int, ...]) -> str:
-    """Joint types that would do without some rows, in words."""
-    counts = dict.fromkeys(names_of_rows(system, rows), 0)
-    for name in names_of_rows(system, rows):
-        counts[name] += 1
-    return ", ".join(
-        f"{name} as a {freer} joint{_axes(system, rows, name, freer)}"
-        if freer
-        else f"{name} with {counts[name]} constraint{'s'[: counts[name] > 1]} less"
-        for name, freer in sorted(_freer(system, rows).items())
-    )
-
-
-def _axes(system: System, rows: tuple[int, ...], name: str, freer: str) -> str:
-    """The axes of a freer joint that keeps the other constraints of a joint.
-
-    Other ones would make singular configurations of their own. Where nothing is said
-    the joint keeps its axis.
-    """
-    left: dict[int, list[Array]] = {at.ALONG: [], at.PERPENDICULAR: []}
-    kept: dict[int, list[Array]] = {at.ALONG: [], at.PERPENDICULAR: []}
-    for con in system.arrays.constraint:
-        row, kind = int(con[at.ROW]), int(con[at.KIND])
-        if kind in left and names_of_rows(system, (row,)) == [name]:
-            found = left if row in rows else kept
-            found[kind].append(system.arrays.pool[con[at.C_DATA] :][:6])
-    was = system.scene.joints[name].type
-    if freer == "universal":
-        axis, second = kept[at.PERPENDICULAR][0].reshape(2, 3)
-        return f" (axis = {_written(axis)}, second_axis = {_written(second)})"
-    if was not in ("revolute", "spherical", "fixed") or freer == "cylindrical":
-        return ""
-    slides = (kept if freer == "point_on_plane" else left)[at.ALONG]
-    if not slides:
-        return ""
-    axis = slides[0][:3]
-    if system.planar:
-        axis = np.array([np.cos(slides[0][0]), np.sin(slides[0][0])])
-    return f" (axis = {_written(axis)})"
-
-
-def _written(axis: Array) -> str:
-    """Digits enough for a direction at right angles to another one."""
-    return f"[{', '.join(f'{x:.10g}' for x in np.round(axis, 12) + 0.0)}]"
-
-
-def _freer(system: System, rows: tuple[int, ...]) -> dict[str, str | None]:
-    """Types that joints become without some of their rows; None for no standard one."""
-    lost: dict[str, list[int]] = {}
-    for row, name in zip(rows, names_of_rows(system, rows), strict=True):
-        lost.setdefault(name, []).append(_kind(system, row) in TURNING)
-    known = FREER_IN_THE_PLANE if system.planar else FREER
-    joints = system.scene.joints
-    return {
-        name: known.get((joints[name].type, len(own) - sum(own), sum(own)))
-        if name in joints
-        else None
-        for name, own in lost.items()
-    }
 
 
 def _drop(state: State) -> bool:
@@ -238,7 +162,7 @@ def _choice(system: System, bases: list[Array], count: int) -> tuple[int, ...]:
     owners = names_of_rows(system, tuple(rows))
     passive = [i for i, n in zip(rows, owners, strict=True) if n in system.scene.joints]
     involved = passive if len(passive) >= count else rows
-    turning = {i for i in involved if _kind(system, i) in TURNING}
+    turning = {i for i in involved if kind_of_row(system, i) in TURNING}
     involved.sort(key=lambda i: i not in turning)
     pivoted = qr(bases[0][involved].T, mode="r", pivoting=True)[1][:count]
     found = [[involved[i] for i in pivoted]]
@@ -251,7 +175,7 @@ def _choice(system: System, bases: list[Array], count: int) -> tuple[int, ...]:
 
     def rank(k: int) -> tuple[int, int, float]:
         rows = tuple(int(i) for i in choices[k])
-        named = sum(freer is None for freer in _freer(system, rows).values())
+        named = sum(freer is None for freer in freer_joints(system, rows).values())
         return named, -len(turning.intersection(rows)), -round(float(worst[k]), 6)
 
     return tuple(int(i) for i in choices[min(map(int, good), key=rank)])
@@ -283,12 +207,13 @@ def _dependencies(state: State) -> list[Array]:
 
 def _way(state: State, sign: float) -> tuple[Array, float]:
     """A step along a mixture of free motions and with the drives; how long it takes."""
-    system, sizes = state.system, coordinate_sizes(state.system)
+    system, sizes = state.system, state.balanced_sizes()
     left, values, right = _decomposed(state)
+    relative = sizes / coordinate_sizes(system)
     rank = int(np.sum(values > ROUNDED))
     free = right[rank:]
     step = np.cos(np.arange(len(free))) @ free
-    step *= sign * WAY / max(float(np.max(np.abs(step), initial=0.0)), 1e-300)
+    step *= sign * WAY / max(_largest(relative * step), 1e-300)
     if sign < 0.0:
         return step * sizes, 0.0
     rest = np.zeros(system.n_velocities)
@@ -297,9 +222,13 @@ def _way(state: State, sign: float) -> tuple[Array, float]:
     norms = np.linalg.norm(state.jacobian() * sizes, axis=1)
     scaled = drift / np.where(norms > 0.0, norms, 1.0)
     driven = -right[:rank].T @ ((left[:, :rank].T @ scaled) / values[:rank])
-    speed = max(float(np.max(np.abs(driven), initial=0.0)), 1e-300)
+    speed = max(_largest(relative * driven), 1e-300)
     duration = min(WAY / speed, (system.breaks[0] - state.t) / POSITIONS)
     return (step + duration * driven) * sizes, duration
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values), initial=0.0))
 
 
 def _walk(state: State, step: Array, duration: float) -> bool:
@@ -314,16 +243,12 @@ def _walk(state: State, step: Array, duration: float) -> bool:
     return False
 
 
-def _singular_values(state: State) -> Array:
-    return np.asarray(np.linalg.svd(state.scaled_jacobian(), compute_uv=False))
-
-
 def _decomposed(state: State) -> tuple[Array, Array, Array]:
-    """U (rows, .), singular values and V^T of C for relative changes of coordinates.
+    """U (rows, .), singular values and V^T of C for balanced sizes of coordinates.
 
     Rows have length 1; those that nothing can move are left out, zero in U.
     """
-    C = state.jacobian() * coordinate_sizes(state.system)
+    C = state.jacobian() * state.balanced_sizes()
     norms = np.linalg.norm(C, axis=1)
     active = norms > 0.0
     left, sizes, right = np.linalg.svd(C[active] / norms[active, None])
@@ -336,9 +261,3 @@ def _dependency(state: State) -> Array:
     """Orthonormal columns that C^T maps to less than rounding of data."""
     left, sizes, _ = _decomposed(state)
     return left[:, int(np.sum(sizes > ROUNDED)) :]
-
-
-def _kind(system: System, row: int) -> int:
-    """Kind of the primitive constraint that a row belongs to."""
-    first = [con for con in system.arrays.constraint if con[at.ROW] <= row]
-    return int(max(first, key=lambda con: con[at.ROW])[at.KIND])

@@ -62,12 +62,12 @@ def test_more_rows_than_columns() -> None:
     assert np.flatnonzero(rows.dependent).tolist() == list(range(20, 60))
 
 
+@pytest.mark.parametrize("cells", [65, 450])
 def test_a_ladder_in_space_starts_without_dense_matrices(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, cells: int
 ) -> None:
     """Axes are parallel: three constraints of each cell follow from the others, but for
     the rounding of many; in its plane each cell can swing."""
-    cells = 65
     system = ladder(cells, space=True, angular_velocity=[0.0, 0.0, 0.3])
     for name in ("svd", "lstsq"):
         monkeypatch.setattr(np.linalg, name, of_small(getattr(np.linalg, name)))
