@@ -97,7 +97,7 @@ def particles(spatial: bool) -> tuple[SceneFile, SID]:
     sid = particle_body(4, 9, planar=not spatial, seed=5)
     Ke = np.diag([4e3, 9e3, 6e5, 5e6])
     sid = replace(sid, Ke=Taylor(Ke), De=Taylor(2e-4 * Ke))
-    spin = [0.0, 0.0, 3.0] if spatial else 3.0
+    spin = [0.5, 1.0, 3.0] if spatial else 3.0
     scene = swinging(
         0.4,
         dimension="spatial" if spatial else "planar",
