@@ -86,7 +86,7 @@ class Source:
         return refined(self.model, 1) is not None
 
     def can_have_static_shapes(self, nodes: Collection[int]) -> bool:
-        """False without modes alone, or where the frame holds the nodes."""
+        """False without modes alone, or without a marker there."""
         return with_static_shapes(self.model, nodes) is not None
 
     def sid(self, fineness: Fineness) -> Made:

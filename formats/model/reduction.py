@@ -153,10 +153,13 @@ class AttachmentReduction(InterfaceReduction):
     ----------
     inertia_relief : whether to add the static answers to uniform accelerations, which
         only a body that is held somewhere has
+    centrifugal : whether to add the static answers to the centrifugal loads of its own
+        rotation, which stretch it
     """
 
     method: Literal["attachment"] = "attachment"
     inertia_relief: bool = True
+    centrifugal: bool = False
 
 
 class HertingReduction(InterfaceReduction):

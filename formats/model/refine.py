@@ -52,25 +52,23 @@ def with_modes(model: ModelFile, count: int) -> ModelFile | None:
 
 
 def with_static_shapes(model: ModelFile, nodes: Collection[int]) -> ModelFile | None:
-    """The model with static answers to forces and moments at nodes beside its modes.
+    """The model with static answers to forces and moments at nodes, and to the loads of
+    its own inertia, beside its modes.
 
-    None where it has no normal modes alone, or its frame clamps all of these nodes. The
-    markers of a chord turn, and the second one moves along it.
+    None where it has no normal modes alone, or no marker at these nodes. The markers of
+    a chord turn, and the second one moves along it.
     """
     frame = model.frame
     held = frame.marker_names if frame.clamped_edges else ()
-    named = tuple(
-        name
-        for name, marker in model.markers.items()
-        if marker.node in nodes and name not in held
-    )
+    there = [name for name, marker in model.markers.items() if marker.node in nodes]
+    named = tuple(name for name in there if name not in held) or tuple(there)
     if not isinstance(model.reduction, ModalReduction) or not named:
         return None
     reduction = AttachmentReduction(
         interfaces=named,
         modes=model.reduction.modes,
         fix=model.reduction.fix,
-        inertia_relief=False,
+        centrifugal=True,
     )
     return model.model_copy(update={"reduction": reduction})
 

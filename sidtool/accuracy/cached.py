@@ -17,7 +17,7 @@ from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.storage.atomic import atomic_path
 
 #: How choices are made; a choice of another one is not used.
-METHOD = 18
+METHOD = 19
 
 
 class Kept(Table):

@@ -1,14 +1,15 @@
 """Bodies that are given by models: mesh and number of shape functions, as needed.
 
 Where the model asks for modes alone, static answers to forces and moments at the nodes
-that the scene loads are added first, and stay if they change what is wanted by more
-than a small part. A body is made on a mesh and on one of half the size, with as many
-modes as its model asks for and with twice as many, until neither changes what is wanted
-by more than a small part. The finer of both is used. What is left of the error of a
-mesh is what a geometric series leaves of the last two changes; half of the last one at
-least, where second order would leave a third. Changes by forces at points of plane
-bodies and solids do not get smaller: they have no limit. Of the modes it is all of the
-last change, as nothing is known of those that follow.
+that the scene loads, and to the loads of its own inertia, are added first, and stay if
+they change what is wanted by more than a small part: the modes that stretch a slender
+body as it turns stand far above those that bend it. A body is made on a mesh and on one
+of half the size, with as many modes as its model asks for and with twice as many, until
+neither changes what is wanted by more than a small part. The finer of both is used.
+What is left of the error of a mesh is what a geometric series leaves of the last two
+changes; half of the last one at least, where second order would leave a third. Changes
+by forces at points of plane bodies and solids do not get smaller: they have no limit.
+Of the modes it is all of the last change, as nothing is known of those that follow.
 """
 
 from __future__ import annotations
@@ -213,9 +214,13 @@ class _Search:
         return make_reference(runs, finest(self.scene, runs.sids), self.request)
 
     def _loaded(self, name: str) -> tuple[int, ...]:
-        """Nodes with loads that static shape functions can be had for."""
+        """Nodes with loads that static shape functions can be had for; all nodes with
+        markers of a body that nothing loads but its own inertia."""
         loaded = loaded_nodes(self.scene, name).values()
         nodes = tuple(sorted(int(node) for node in loaded if node.isdecimal()))
+        if not nodes:
+            markers = self.sources[name].model.markers.values()
+            nodes = tuple(sorted(marker.node for marker in markers))
         return nodes if self.sources[name].can_have_static_shapes(nodes) else ()
 
     def _static_shapes(self, name: str) -> Fineness:
@@ -228,7 +233,8 @@ class _Search:
         if not matters:
             self.state[name] = Fineness()
         loaded = ", ".join(loaded_nodes(self.scene, name))
-        told = f"static shape functions of {name} for loads at {loaded}"
+        told = f"static shape functions of {name} for its own inertia"
+        told += f", and for loads at {loaded}" if loaded else ""
         verdict = "kept" if matters else "dropped"
         left = np.zeros_like(change) if matters else change
         self._tell(f"{told}: {self._seen(change)}, {verdict}", left)

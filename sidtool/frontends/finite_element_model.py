@@ -246,6 +246,26 @@ class FiniteElementModel:
         modes[self.table[there]] = motion[there]
         return modes if d == 3 else modes[:, [0, 1, 5]]
 
+    def linear_fields(self, origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+        """(ndof, 1 or 6) displacements S r with symmetric S at r from `origin`.
+
+        The accelerations w x (w x r) of all angular velocities w are among them: of a
+        plane body r, of a spatial one those of every S. Rotations are zero.
+        """
+        n, d = self.positions.shape
+        arms = self.positions - np.asarray(origin, float)[:d]
+        pairs = [(a, b) for a in range(d) for b in range(a, d)]
+        fields = np.zeros((n, d, len(pairs)))
+        for column, (a, b) in enumerate(pairs):
+            fields[:, a, column] = arms[:, b]
+            fields[:, b, column] = arms[:, a]
+        if d == 2:
+            fields = arms[:, :, None]
+        there = self.place_table[:, :d] >= 0
+        found = np.zeros((self.ndof, fields.shape[2]))
+        found[self.table[:, :d][there]] = fields[there]
+        return found
+
     def _spread(self, scalar: sp.csr_matrix) -> sp.csr_matrix:
         """The scalar mass on every displacement component."""
         d = self.dimension

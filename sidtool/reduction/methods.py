@@ -90,7 +90,7 @@ def attachment(
     settings: AttachmentReduction,
     space: Space | None = None,
 ) -> ReducedBasis:
-    """Normal modes, static answers to unit loads at markers, inertia-relief modes.
+    """Normal modes, static answers to unit loads at markers and to its own inertia.
 
     Source: R. Craig, "Structural Dynamics", Wiley 1981, chapter 19.
     """
@@ -103,6 +103,9 @@ def attachment(
     ]
     if settings.inertia_relief:
         families.append(_inertia_relief(model, frame, space))
+    if settings.centrifugal:
+        loads = model.mass @ model.linear_fields(frame.origin)
+        families.append(Family("centrifugal mode", space.static(loads)))
     return replace(finished(model, frame, families, "Attachment"), space=space)
 
 

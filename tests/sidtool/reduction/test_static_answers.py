@@ -10,9 +10,11 @@ from scipy.linalg import eigh, null_space
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.toml.reading import validated
-from sidtool.reduction.frames import Frame, motion_rows
+from sidtool.reduction.frames import FRAMES, Frame, motion_rows
+from sidtool.reduction.methods import attachment
 from sidtool.reduction.space import Space, admissible
 
+from ..beams import IGA, beam
 from ..bodies import volume_data
 from ..models import rod_data
 
@@ -92,3 +94,35 @@ def test_a_body_is_factored_once(
     sid_from_model(validated(data, ModelFile), told.append)
     assert len([text for text in told if text.startswith("factorising")]) == 1
     assert searched and len(searched) == len({id(space) for space in searched})
+
+
+def test_a_centrifugal_mode_is_the_stretch_of_a_bar_that_turns() -> None:
+    """u(L) = rho w^2 L^3 / 3 E at the tip of a bar that turns about its root."""
+    reduction = {
+        "method": "attachment",
+        "interfaces": ["root"],
+        "inertia_relief": False,
+        "centrifugal": True,
+    }
+    model = beam(IGA, reduction=reduction)
+    body = finite_element_model(model)
+    frame = FRAMES["tangent"](body, model.frame)
+    basis = attachment(body, frame, model.reduction)
+    arms = np.zeros(body.ndof)
+    arms[body.table[:, 0]] = body.positions[:, 0]
+    load = basis.shapes.T @ (body.mass @ arms)
+    u = basis.reconstruct(np.linalg.solve(basis.stiffness, load))
+    material = model.material
+    stretch = material.density / (3.0 * material.youngs_modulus)
+    assert_allclose((body.marker("tip").displacement @ u)[0], stretch, rtol=1e-4)
+
+
+def test_fields_of_turning_bodies_hold_centripetal_accelerations() -> None:
+    body = finite_element_model(validated(volume_data(HEX), ModelFile))
+    origin, spin = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, -3.0])
+    found = np.zeros(body.ndof)
+    arms = body.positions - origin
+    found[body.table[:, :3]] = np.cross(spin, np.cross(spin, arms))
+    fields = body.linear_fields(origin)
+    parts = np.linalg.lstsq(fields, found, rcond=None)[0]
+    assert_allclose(fields @ parts, found, atol=1e-12)
