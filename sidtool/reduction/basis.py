@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: A candidate is dependent if less than this share of it is new.
 DEPENDENT = 1e-8
+#: Components of a shape function differ by rounding up to this part of the largest.
+AS_LARGE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,21 +128,24 @@ def oriented(shapes: Array, model: FiniteElementModel) -> Array:
     """The same shape functions with signs that do not depend on the solver.
 
     A shape function is positive in the largest component of its displacement at the
-    last marker of the model file at which it moves; if it moves at none, in the
-    largest component of all.
+    last marker of the model file at which it moves; if it moves at none, and nodes
+    have rotations, of that at the first one that it turns; else in the largest
+    component of all. Of components that are as large but for rounding the first one
+    counts, which is the same place on finer meshes.
     """
     signs = [_sign(shape, model) for shape in shapes.T]
     return shapes * signs
 
 
 def _sign(shape: Array, model: FiniteElementModel) -> float:
-    visible = 1e-6 * np.abs(shape).max()
-    for marker in reversed(model.markers):
-        motion = marker.displacement @ shape
-        largest = motion[np.argmax(np.abs(motion))]
-        if abs(largest) > visible:
-            return np.sign(largest)
-    return np.sign(shape[np.argmax(np.abs(shape))])
+    visible = AS_LARGE * np.abs(shape).max()
+    rows = [marker.displacement for marker in reversed(model.markers)]
+    if (model.table[:, 3:] >= 0).any():  # elsewhere they are gradients of a mesh
+        rows += [marker.rotation for marker in model.markers]
+    seen = (row @ shape for row in rows)
+    motion = next((m for m in seen if np.abs(m).max() > visible), shape)
+    sizes = np.abs(motion)
+    return np.sign(motion[np.argmax(sizes >= (1.0 - AS_LARGE) * sizes.max())])
 
 
 def _names(family: Family) -> tuple[str, ...]:

@@ -302,3 +302,45 @@ def test_how_far_its_own_rotation_stretches_a_body_is_judged() -> None:
     )
     (line,) = (s for s in found.accuracy.sentences if s.startswith(told))
     assert line.endswith("rad in axle.angle, kept")
+
+
+def test_elastic_coordinates_of_a_coupler_are_judged() -> None:
+    """Both of its ends turn as far: rounding told the signs of its shape functions,
+    which changed from mesh to mesh, by twice the amplitude."""
+    link(0.5, 0.004, 0.02, "link.json")
+    data = json.loads(Path("link.json").read_text())
+    data["frame"] = {"type": "chord", "markers": ["a", "b"]}
+    Path("link.json").write_text(json.dumps(data))
+    crank = {"mass": 1.0, "inertia": 0.01, "markers": {"top": {"position": [0.0, 0.1]}}}
+    rocker = {
+        "mass": 1.0,
+        "inertia": 0.01,
+        "markers": {"top": {"position": [0.0, 0.25]}},
+        "initial": {"position": [0.5, -0.15]},
+    }
+    pairs = {
+        "crank_pin": ["ground", "crank"],
+        "first": ["crank.top", "link.a"],
+        "second": ["link.b", "rocker.top"],
+        "rocker_pin": ["rocker", "ground.foot"],
+    }
+    speed = {"type": "sine_ramp", "of": "rate", "from": 0.0, "to": 0.3, "end": 6.0}
+    scene = sidtool.Scene(
+        dimension="planar",
+        time={"end": 0.6, "output_step": 0.01},
+        ground={"markers": {"foot": {"position": [0.5, -0.15]}}},
+        bodies={
+            "crank": crank,
+            "rocker": rocker,
+            "link": {
+                "model": "link.json",
+                "markers": {"a": 1, "b": 2},
+                "initial": {"position": [0.0, 0.1]},
+            },
+        },
+        joints={n: {"type": "revolute", "markers": m} for n, m in pairs.items()},
+        drives={"turn": {"joint": "crank_pin", "function": speed}},
+        outputs={"record": ["link.q1"]},
+    )
+    told = scene.simulate(accuracy={"link.q1": 1e-2}).accuracy.sentences
+    assert any(s.startswith("mesh of link: halved once") for s in told)

@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 
 from sidtool.convert import finite_element_model
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import ModalReduction, TangentFrame
+from sidtool.formats.model import ModalReduction, ModelFile, TangentFrame
+from sidtool.formats.toml.reading import validated
 from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.reduction.eigen import free_body_shift, lowest_eigenpairs
 from sidtool.reduction.frames import FRAMES, Frame, tangent_frame
@@ -169,3 +170,37 @@ def test_a_point_cannot_hold_a_body() -> None:
     data["geometry"]["control_points"][1] = [[0.5, -0.1], [0.5, 0.1]]
     with pytest.raises(InputError, match="markers.crank_pin: the geometry degenerates"):
         finite_element_model(rod(Q4, geometry=data["geometry"]))
+
+
+@pytest.mark.parametrize("end", [[1.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.6, 0.7, 0.0]])
+def test_signs_between_two_pins_are_those_of_other_meshes(end: list[float]) -> None:
+    """Both ends turn as far, and neither moves: the first one turns positively."""
+    section = {"shape": "rectangle", "height": 0.01, "width": 0.02}
+    data = {
+        "format": "sidtool model",
+        "version": 1,
+        "material": {"youngs_modulus": 2e11, "poissons_ratio": 0.3, "density": 8e3},
+        "geometry": {
+            "type": "beam",
+            "start": 3 * [0.0],
+            "end": end,
+            "section": section,
+        },
+        "frame": {"type": "chord", "markers": ["a", "b"]},
+        "markers": {
+            "a": {"node": 1, "parameters": [0.0]},
+            "b": {"node": 2, "parameters": [1.0]},
+        },
+        "reduction": {"method": "modal", "modes": 5},
+    }
+    for elements in (6, 8, 12, 16, 24):
+        mesh = {"type": "beam", "elements": elements}
+        model = validated(data | {"discretisation": mesh}, ModelFile)
+        body = finite_element_model(model)
+        frame = FRAMES["chord"](body, model.frame)
+        shapes = REDUCTIONS["modal"](body, frame, model.reduction).shapes
+        turns = body.marker("a").rotation @ shapes
+        sizes = np.abs(turns).max(axis=0)
+        assert (sizes > 0.1 * np.abs(shapes).max(axis=0)).all()
+        first = np.argmax(np.abs(turns) > (1.0 - 1e-6) * sizes, axis=0)
+        assert (turns[first, range(5)] > 0.0).all()
