@@ -29,7 +29,8 @@ from .records import RowsType, constant_word
 from .views import PointerType, ViewType, array_words, make_view
 
 _WORD = ir.IntType(64)
-_NUMBERS: dict[Any, Any] = {float: types.float64, int: types.int64}
+_NUMBERS: dict[Any, Any] = {int: types.int64, float: types.float64}
+_NUMBERS_SEEN = [*_NUMBERS.values()]
 #: Bytes of which the addresses of arrays that are made together are multiples.
 ALIGNED = 64
 
@@ -47,8 +48,8 @@ class TableType(types.Type):
         self.fields = tuple(owner.__annotations__)
         known = {field: self._member(owner, hints[field]) for field in self.fields}
         self.members = known | seen
-        self.scalars = {
-            field: np.dtype(str(kind))
+        self.scalars: dict[str, int] = {
+            field: _NUMBERS_SEEN.index(kind)
             for field, kind in self.members.items()
             if isinstance(kind, types.Number)
         }
@@ -72,16 +73,11 @@ class TableType(types.Type):
             return self
         return _NUMBERS.get(hint) or hint.kind
 
-    def number(self, memory: np.ndarray, field: str) -> np.ndarray:
-        """(1,) the place of a number in the words of a table."""
-        start = self.offsets[field]
-        return memory[start : start + 1].view(self.scalars[field])
-
     def write(self, memory: np.ndarray, field: str, value: Any) -> None:
         """Puts a value where kernels find it, into the words of a table."""
         kind, start = self.members[field], self.offsets[field]
         if field in self.scalars:
-            self.number(memory, field)[0] = value
+            _as_numbers(memory)[self.scalars[field]][start] = value
         elif isinstance(kind, ViewType | RowsType):
             memory[start : start + 1 + kind.ndim] = array_words(kind, value)
         else:
@@ -102,6 +98,11 @@ class TableType(types.Type):
 
     def __reduce__(self) -> Any:
         return _kind_of, (self.owner, self.seen_as)
+
+
+def _as_numbers(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The words of a table, seen as each of `_NUMBERS`."""
+    return words, words.view(np.float64)
 
 
 def _places(kind: TableType, shapes: Mapping[str, tuple[int, ...]]) -> Any:
@@ -161,6 +162,7 @@ class Table:
     kinds: ClassVar[dict[str, TableType]]
     address: int
     _memory: np.ndarray
+    _numbers: tuple[np.ndarray, np.ndarray]
 
     def __init__(self, **fields: Any) -> None:
         _check_names(self.kind, fields)
@@ -206,23 +208,26 @@ class Table:
             self.kind.write(words, field, value)
             if field not in scalars:
                 self.__dict__[field] = value
-        self.__dict__.update(_memory=words, address=_address_of(words))
+        more = {"_memory": words, "_numbers": _as_numbers(words)}
+        self.__dict__.update(more, address=_address_of(words))
 
     def __getattr__(self, name: str) -> Any:
         """A number, or an array of zeros that nobody asked for before."""
-        if name in self.kind.scalars:
-            return self.kind.number(self._memory, name)[0].item()
+        kind = self.kind
+        if name in kind.scalars:
+            return self._numbers[kind.scalars[name]].item(kind.offsets[name])
         views = self.__dict__.get("_views", {})
         if name not in views:
             raise AttributeError(f"{type(self).__name__} has no {name}")
-        shape, kind, start = views[name]
-        view = np.ndarray(shape, kind, self._zeros, start)
+        shape, numbers, start = views[name]
+        view = np.ndarray(shape, numbers, self._zeros, start)
         return self.__dict__.setdefault(name, view)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name not in self.kind.scalars:
+        kind = self.kind
+        if name not in kind.scalars:
             raise AttributeError(f"not a number of a table: {name}; see `replaced`")
-        self.kind.write(self._memory, name, value)
+        self._numbers[kind.scalars[name]][kind.offsets[name]] = value
 
     def __reduce__(self) -> Any:
         """Copies have an address of their own."""
