@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.optional import NAMES, Machine
+
 # Tests assert no wall-clock times: neither does hypothesis on a busy machine.
 settings.register_profile(
     "sidtool", deadline=None, suppress_health_check=[HealthCheck.too_slow]
@@ -19,12 +21,41 @@ settings.load_profile("sidtool")
 
 # Where the suite itself was started with ignored signals (`nohup make test &`), the
 # commands that it starts and ends would inherit that.
-for number, usual in (
-    (signal.SIGINT, signal.default_int_handler),
-    (signal.SIGHUP, signal.SIG_DFL),
+for name, usual in (
+    ("SIGINT", signal.default_int_handler),
+    ("SIGHUP", signal.SIG_DFL),  # Windows has none
 ):
-    if signal.getsignal(number) is signal.SIG_IGN:
+    number = getattr(signal, name, None)
+    if number is not None and signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, usual)
+
+# Hidden from here on: what a test module imports must be on every machine.
+MACHINE = Machine()
+
+
+def pytest_unconfigure() -> None:
+    MACHINE.close()
+
+
+def _needed(item: pytest.Item) -> list[str]:
+    return [name for mark in item.iter_markers("needs") for name in mark.args]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip what needs a program or package that this machine does not have."""
+    for item in items:
+        for name in _needed(item):
+            if name not in NAMES:
+                raise pytest.UsageError(f"{item.nodeid}: unknown need {name!r}")
+            if not MACHINE.has(name):
+                item.add_marker(pytest.mark.skip(reason=f"{name} is not installed"))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """A test finds the optional programs and packages that it is marked with."""
+    with MACHINE.showing(_needed(item)):
+        return (yield)
 
 
 @pytest.hookimpl(wrapper=True)

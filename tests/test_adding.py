@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 
 import pytest
@@ -17,7 +16,7 @@ def test_every_example_is_known() -> None:
     assert {path.stem for path in (ROOT / "docs/adding").iterdir()} == set(MOST)
 
 
-@pytest.mark.skipif(shutil.which("git") is None, reason="git is not there")
+@pytest.mark.needs("git")
 @pytest.mark.parametrize("name", MOST)
 def test_an_example_of_how_to_add_applies(name: str) -> None:
     diff = ROOT / "docs/adding" / f"{name}.diff"

@@ -121,6 +121,7 @@ def test_the_picture_that_moves_needs_nothing_beside_it() -> None:
     assert "![A crank turns" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.needs("chromium", "playwright")
 def test_the_picture_moves_in_a_browser(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     page.write_text(f'<img src="{(DOCS / "moving.svg").as_uri()}">', encoding="utf-8")
@@ -155,9 +156,8 @@ def test_every_page_is_in_the_contents() -> None:
         assert name == "index" or f"\n{name}\n" in index, name
 
 
+@pytest.mark.needs("sphinx")
 def test_the_site_is_built_without_warnings(tmp_path: Path) -> None:
-    for package in ("sphinx", "myst_parser", "furo"):
-        pytest.importorskip(package, reason="`make docs` installs what builds the site")
     command = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", DOCS, tmp_path]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -56,7 +56,6 @@ def test_natural_modes_are_a_table(pendulum: sidtool.Scene) -> None:
 
 
 def test_tables_of_pandas(pendulum: sidtool.Scene) -> None:
-    pytest.importorskip("pandas")
     table = pendulum.static_equilibrium().to_dataframe()
     assert table.loc["bob.y", "value"] == pytest.approx(-LENGTH)
     assert table.loc["bob.y", "unit"] == "m"

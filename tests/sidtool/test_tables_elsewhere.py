@@ -28,7 +28,6 @@ def thrown() -> sidtool.Result:
 
 
 def test_a_table_of_pandas(thrown: sidtool.Result) -> None:
-    pytest.importorskip("pandas", reason="pandas is not installed")
     table = thrown.to_dataframe()
     assert list(table.columns) == ["stone.y", "stone.x"] and table.index.name == "t"
     t = table.index.to_numpy()
@@ -51,7 +50,6 @@ def test_a_table_of_pandas(thrown: sidtool.Result) -> None:
 
 
 def test_a_data_set_of_xarray(thrown: sidtool.Result) -> None:
-    pytest.importorskip("xarray", reason="xarray is not installed")
     data = thrown.to_xarray(["stone.y", "stone.ay"])
     assert dict(data.sizes) == {"t": len(thrown.t)} and data.attrs["title"] == "thrown"
     assert data.t.attrs["units"] == "s"

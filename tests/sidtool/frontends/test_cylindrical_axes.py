@@ -130,6 +130,7 @@ def test_equal_moduli_know_no_axes(kind: str, tmp_path: Path) -> None:
     assert abs(a - b).max() < 1e-9 * abs(b).max()
 
 
+@pytest.mark.needs("ccx")
 def test_a_tilted_arc_is_that_of_calculix(tmp_path: Path) -> None:
     """The axes at every point of the quadrature, as there."""
     text = ring(WOOD, "C3D8", turn=TURN, start=(0.1, 0.2, 0.3))

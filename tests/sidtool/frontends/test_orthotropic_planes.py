@@ -80,6 +80,7 @@ def test_tension_off_the_fibres_shears(own: str, tmp_path: Path) -> None:
     assert_allclose(found, exact, atol=1e-9 * np.abs(exact).max())
 
 
+@pytest.mark.needs("ccx")
 @pytest.mark.filterwarnings("ignore")
 def test_a_thin_plate_of_fibres_is_that_of_calculix(tmp_path: Path) -> None:
     text = fibrous(plate8(0.001), OWN["constants"])

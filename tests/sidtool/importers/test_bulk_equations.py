@@ -170,6 +170,7 @@ def wood(*, system: str = "") -> str:
     return text.replace("PSOLID,1,1", f"PSOLID,1,3,{system}")
 
 
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("system", ["", "8"])
 @pytest.mark.filterwarnings("ignore")
 def test_wood_has_the_frequencies_of_calculix(system: str, tmp_path: Path) -> None:
@@ -186,6 +187,7 @@ def test_wood_has_the_frequencies_of_calculix(system: str, tmp_path: Path) -> No
     assert_allclose(found, calculix(tmp_path, deck, None), rtol=2e-6)
 
 
+@pytest.mark.needs("ccx")
 @pytest.mark.filterwarnings("ignore")
 def test_rings_of_growth_are_those_of_calculix(tmp_path: Path) -> None:
     """Material axes along r, theta and z of a CORD2C beside the bar."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +22,6 @@ TURN = Rotation.from_euler("zyx", [40.0, 25.0, -70.0], degrees=True).as_matrix()
 #: Free square plates of nu = 0.3: a^2 omega sqrt(rho h/D) (A. W. Leissa, "Vibration of
 #: plates", NASA SP-160, 1969).
 LEISSA = (13.489, 19.789, 24.432)
-needs_ccx = pytest.mark.skipif(
-    shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed"
-)
 
 
 def plate(*, turned: bool, tail: str = "", property_: str = "1") -> str:
@@ -73,7 +69,7 @@ def body(folder: Path, text: str, **geometry: Any) -> SID:
     return sid_from_model(folder / "model.json")
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.filterwarnings("ignore")
 def test_a_free_plate_has_the_frequencies_of_leissa(
@@ -88,7 +84,7 @@ def test_a_free_plate_has_the_frequencies_of_leissa(
     assert sid.mass == pytest.approx(STEEL["rho"] * SIDE**2 * DEPTH, rel=1e-6)
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -114,7 +110,7 @@ def test_what_shells_do_not_say_is_refused(
         body(tmp_path, text.replace(*change), engine="calculix")
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.filterwarnings("ignore")
 def test_a_mass_lies_where_the_plate_does_not_move(tmp_path: Path) -> None:
     """In its middle: of the first two modes alone, which have nodal lines there."""
@@ -130,7 +126,7 @@ def test_a_mass_lies_where_the_plate_does_not_move(tmp_path: Path) -> None:
     assert ratio[2] < 0.95
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.filterwarnings("ignore")
 def test_a_single_element_far_away_is_where_it_is(tmp_path: Path) -> None:
     """CalculiX writes six digits of its places, 1e-3 here; the stiffness knows more."""

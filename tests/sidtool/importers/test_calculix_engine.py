@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,6 @@ from .decks import STEEL, calculix, frequencies, listed
 
 E, NU, RHO = STEEL["e"], STEEL["nu"], STEEL["rho"]
 MATERIAL = f"*MATERIAL, NAME=M\n*ELASTIC\n{E!r}, {NU!r}\n*DENSITY\n{RHO!r}\n"
-needs_ccx = pytest.mark.skipif(
-    shutil.which("ccx") is None, reason="CalculiX (ccx) is not installed"
-)
 
 
 def beam_deck(length: float, height: float, width: float, count: int = 40) -> str:
@@ -107,7 +103,7 @@ def model_file(
     return folder / "model.json"
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 def test_a_beam_bends_as_bernoulli_says(tmp_path: Path) -> None:
     """Two clamped modes about each axis, and how much its end turns as it bends."""
     length, height, width = 1.2, 0.012, 0.02
@@ -123,7 +119,7 @@ def test_a_beam_bends_as_bernoulli_says(tmp_path: Path) -> None:
     assert turn * length / bend == pytest.approx(1.3765, rel=2e-3)
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("unit", ["m", "mm-t-s"])
 def test_a_clamped_plate_has_the_frequencies_of_leissa(
     tmp_path: Path, unit: str
@@ -146,7 +142,7 @@ def test_a_clamped_plate_has_the_frequencies_of_leissa(
     assert_allclose(frequencies(sid)[:3] / scale, [3.492, 8.525, 21.43], rtol=8e-3)
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("kind", ["S4", "S8R"])
 def test_frequencies_are_those_of_calculix(tmp_path: Path, kind: str) -> None:
     """Also of S4, whose internal modes are degrees of freedom with mass."""
@@ -155,7 +151,7 @@ def test_frequencies_are_those_of_calculix(tmp_path: Path, kind: str) -> None:
     assert_allclose(own, calculix(tmp_path, deck, None), rtol=1e-6)
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 def test_moments_of_inertia_of_a_free_plate(tmp_path: Path) -> None:
     """Bounds: places of CalculiX's nodes are refined beyond their six digits."""
     side, depth = 0.371, 0.0061
@@ -168,7 +164,7 @@ def test_moments_of_inertia_of_a_free_plate(tmp_path: Path) -> None:
     assert_allclose(sid.J.m0[3:, 0], 0, atol=1e-6 * expected[0])
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 def test_layers_of_one_material_are_a_plate(tmp_path: Path) -> None:
     layers = "*SHELL SECTION, ELSET=EP, COMPOSITE\n0.001,,M\n0.003,,M"
     found = []
@@ -179,7 +175,7 @@ def test_layers_of_one_material_are_a_plate(tmp_path: Path) -> None:
     assert_allclose(frequencies(found[1]), frequencies(found[0]), rtol=1e-5)
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -252,7 +248,7 @@ def test_a_deck_has_cartesian_nodes_for_calculix(tmp_path: Path) -> None:
     assert rest == ["*NSET, NSET=A", "7,", "*ELSET, ELSET=B", "*MATERIAL"]
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.filterwarnings("ignore:CalculiX")
 @pytest.mark.parametrize(("kind", "node"), [("S4", 14), ("S8R", 26), ("S8R", 29)])
 def test_a_mass_at_a_node_of_a_shell(kind: str, node: int, tmp_path: Path) -> None:
@@ -271,7 +267,7 @@ def test_a_mass_at_a_node_of_a_shell(kind: str, node: int, tmp_path: Path) -> No
     assert (expected / bare).min() < 0.97
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize(
     ("more", "said"),
     [
@@ -296,7 +292,7 @@ def test_masses_that_calculix_drops_are_refused(
         _convert(tmp_path)
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 def test_what_calculix_does_not_know_is_not_sent_to_it_again(tmp_path: Path) -> None:
     text = plate_deck("S8R", 0.3, shell(0.005), 2).replace("S8R", "S8R5")
     (tmp_path / "part.inp").write_text(text)
@@ -344,7 +340,7 @@ def hoop_deck(radius: float, thickness: float, along: float) -> str:
     )
 
 
-@needs_ccx
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("along", [1.1e10, 6e9])
 def test_a_ring_with_cylindrical_axes_becomes_oval(
     along: float, tmp_path: Path

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,7 +44,7 @@ CASES = [
 OTHER_STRESS = ("hex8 full", "wedge6")
 
 
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize(("part", "element"), CASES)
 def test_no_element_is_stiffer_than_its_twin(
     tmp_path: Path, part: str, element: str
@@ -65,7 +64,7 @@ def test_no_element_is_stiffer_than_its_twin(
         assert own.von_mises == pytest.approx(twin.von_mises, rel=1e-3)
 
 
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize(
     ("part", "element"), [("rod", "tet4"), ("rod", "tet10"), ("bracket", "wedge15")]
 )
@@ -83,7 +82,7 @@ def test_what_is_left_is_the_mass_by_few_points(
     assert np.abs(exact.frequencies / twin.frequencies - 1).max() > 1e-4
 
 
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("part", ["rod", "bracket", "arm", "thin arm"])
 def test_incompatible_modes_on_drawn_parts(tmp_path: Path, part: str) -> None:
     """None further from hex20 than C3D8I, but for the deflection of the bracket and the
@@ -105,7 +104,7 @@ def test_incompatible_modes_on_drawn_parts(tmp_path: Path, part: str) -> None:
         assert mine[wrong[0]] < wrong[1] < theirs[wrong[0]]
 
 
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_c3d8i_does_otherwise(seed: int, tmp_path: Path) -> None:
     """It has three internal modes and leaves the mean in their slopes, so that uniform
@@ -134,7 +133,7 @@ def test_what_c3d8i_does_otherwise(seed: int, tmp_path: Path) -> None:
     assert np.linalg.norm((theirs - full) @ linear) > 1e-3 * forces
 
 
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("seed", [3, 4])
 def test_inertia_of_internal_modes(seed: int, tmp_path: Path) -> None:
     """Of one sheared box: C3D8I's mass with its internal modes condensed statically.
@@ -194,6 +193,7 @@ def plate8(thickness: float) -> str:
     )
 
 
+@pytest.mark.needs("ccx")
 def test_plane_stress_is_that_of_thin_solids(tmp_path: Path) -> None:
     """CalculiX makes solids of plane elements, whose thickness moves: what differs
     goes with the thickness, and is no property of plane stress."""

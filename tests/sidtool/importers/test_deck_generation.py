@@ -217,6 +217,7 @@ def test_what_is_odd_is_refused_by_name(tmp_path: Path, lines: str) -> None:
         scope_of(tmp_path, f"{ENDS}{lines}\n")
 
 
+@pytest.mark.needs("ccx")
 def test_calculix_gets_what_it_does_not_know_written_out(tmp_path: Path) -> None:
     """A cantilever of shells; Euler-Bernoulli's first frequency to three per cent."""
     text = """*NODE

@@ -43,6 +43,7 @@ def test_plane_elements_that_bend_are_read_as_such(tmp_path: Path, kind: str) ->
     assert frequencies(sid)[0] == pytest.approx(beam_theory(0.05), rel=0.02)
 
 
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("kind", ["C3D8", "C3D8I"])
 def test_hexahedra_are_those_of_calculix(tmp_path: Path, kind: str) -> None:
     text = deck(Block((7, 2, 1), (0.6, 0.05, 0.03)), kind)

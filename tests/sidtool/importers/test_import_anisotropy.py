@@ -120,6 +120,7 @@ def test_a_further_angle_turns_about_an_axis_of_the_system(tmp_path: Path) -> No
         assert_allclose(found, direct, rtol=1e-9)
 
 
+@pytest.mark.needs("ccx")
 def test_frequencies_are_those_of_calculix(tmp_path: Path) -> None:
     text = wooden(CONSTANTS, orientation(TURN.T), kind="C3D8")
     found = frequencies(body(tmp_path, text))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -306,7 +305,7 @@ def test_a_cut_off_matrix(tmp_path: Path, solid: FiniteElementModel) -> None:
     assert "rod.sti: line" in str(caught.value)
 
 
-@pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
+@pytest.mark.needs("ccx")
 @pytest.mark.parametrize("kind", ["hex8", "hex20", "tet10"])
 def test_calculix_itself(tmp_path: Path, kind: str) -> None:
     """Its matrices give its own free frequencies; its mesh those of our elements.

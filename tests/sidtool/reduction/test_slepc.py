@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -16,29 +15,12 @@ from numpy.testing import assert_allclose
 
 from sidtool.cli import run
 from sidtool.convert import sid_from_model
-from sidtool.formats.errors import InputError
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid
-from sidtool.reduction.slepc import check_slepc
 
 from ..models import rod_data
 
 COMMAND = [sys.executable, "-c", "from sidtool.cli import main; main()"]
-
-
-def missing() -> str:
-    """What is not here, as a sentence; empty if all is."""
-    if shutil.which("mpirun") is None:
-        return "mpirun is not installed"
-    try:
-        check_slepc()
-    except InputError as error:
-        return str(error)
-    return ""
-
-
-MISSING = missing()
-needs_slepc = pytest.mark.skipif(bool(MISSING), reason=MISSING)
 
 
 def held_rod() -> dict[str, Any]:
@@ -119,7 +101,7 @@ def compare(found: SID, expected: SID) -> None:
     assert found.labels == expected.labels
 
 
-@needs_slepc
+@pytest.mark.needs("mpirun", "slepc4py")
 def test_two_processes_give_the_serial_sid(tmp_path: Path) -> None:
     """A clamped rod by its modes; a free one by Craig and Bampton."""
     for name, data in (("held", held_rod()), ("free", free_rod())):
@@ -133,7 +115,7 @@ def test_two_processes_give_the_serial_sid(tmp_path: Path) -> None:
         compare(read_sid(output), sid_from_model(path))
 
 
-@needs_slepc
+@pytest.mark.needs("mpirun", "slepc4py")
 def test_one_bad_process_ends_all_with_its_message(tmp_path: Path) -> None:
     write(tmp_path, "good", held_rod())
     end = ["-o", "x.h5", "--engine=slepc"]
@@ -146,7 +128,7 @@ def test_one_bad_process_ends_all_with_its_message(tmp_path: Path) -> None:
     assert not (tmp_path / "x.h5").exists()
 
 
-@needs_slepc
+@pytest.mark.needs("mpirun", "slepc4py")
 def test_processes_that_work_alone_are_refused(tmp_path: Path) -> None:
     write(tmp_path, "good", held_rod())
     done = mpirun(tmp_path, ["2", "convert", "good.json", "-o", "x.h5"])

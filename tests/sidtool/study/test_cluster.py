@@ -18,15 +18,15 @@ from .parts import ONE, written
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[str]:
-    distributed = pytest.importorskip(
-        "distributed", reason="dask and distributed are not installed"
-    )
+    import distributed
+
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, dashboard_address=None
     ) as made:
         yield made.scheduler_address
 
 
+@pytest.mark.needs("dask")
 def test_a_cluster_of_two_workers_tells_the_same(
     cluster: str, models: list[Path], tmp_path: Path
 ) -> None:
@@ -40,6 +40,7 @@ def test_a_cluster_of_two_workers_tells_the_same(
         assert other.steps == one.steps
 
 
+@pytest.mark.needs("dask")
 def test_the_command_computes_on_the_cluster(
     cluster: str, models: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -65,7 +65,6 @@ def test_a_study_tells_its_points(found: Study) -> None:
 
 
 def test_a_table_of_pandas(found: Study) -> None:
-    pytest.importorskip("pandas", reason="pandas is not installed")
     table = found.to_dataframe()
     assert list(table["error"]) == [p.error for p in found.points]
     assert table.attrs["units"]["seconds"] == "s"

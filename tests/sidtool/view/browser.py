@@ -1,16 +1,14 @@
-"""A browser without a window, if one is installed; else tests are skipped."""
+"""A browser without a window, for tests that are marked with what they need."""
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
+from tests.optional import program
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 #: WebGL by the processor alone, as machines for tests have no graphics.
 FLAGS = (
     "--no-sandbox",
@@ -43,24 +41,14 @@ class Page:
         return self.page.evaluate(script)
 
 
-def needed() -> tuple[str, Any]:
-    """A Chromium and what drives it; without them a test is skipped."""
-    found = next(filter(None, map(shutil.which, NAMES)), None)
-    if found is None:
-        pytest.skip("no Chromium is installed here (apt-get install chromium)")
-    api = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is not installed (sidtool[pictures])"
-    )
-    return found, api
-
-
 @contextmanager
 def opened(path: Path) -> Iterator[Page]:
-    """A page of a file in a headless Chromium that is installed here."""
-    found, api = needed()
-    with api.sync_playwright() as driver:
+    """A page of a file in a headless Chromium: `needs("chromium", "playwright")`."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as driver:
         browser = driver.chromium.launch(
-            executable_path=found, args=list(FLAGS), timeout=PATIENCE
+            executable_path=program("chromium"), args=list(FLAGS), timeout=PATIENCE
         )
         try:
             page = browser.new_page(viewport={"width": 900, "height": 600})

@@ -32,10 +32,6 @@ from .browser import Page, opened
 
 
 def page_of(result: Result, path: Path, **settings: object) -> list[str]:
-    """Writes a page, where three.js is installed."""
-    pytest.importorskip(
-        library.PACKAGE, reason="three.js is not installed (sidtool[view])"
-    )
     return animate(result, path, **settings)  # type: ignore[arg-type]
 
 
@@ -79,6 +75,7 @@ def test_the_played_motion_is_that_of_the_outputs(result: Result) -> None:
     assert np.allclose(place[:, 1], result["rod.piston_pin.y"], atol=1e-9)
 
 
+@pytest.mark.needs("chromium", "playwright")
 def test_the_page_plays_the_mechanism(motion: Path, result: Result) -> None:
     with opened(motion) as page:
         assert page.run("player.state.time") == 0.0
@@ -111,6 +108,7 @@ def _slide(page: Page, t: float) -> None:
     )
 
 
+@pytest.mark.needs("chromium", "playwright")
 def test_a_point_of_the_page_is_where_its_elastic_motion_puts_it(
     motion: Path, result: Result, made: tuple[sidtool.SID, Field]
 ) -> None:
@@ -129,6 +127,7 @@ def test_a_point_of_the_page_is_where_its_elastic_motion_puts_it(
     assert np.allclose(middle, [*expected, 0.0], atol=1e-6)
 
 
+@pytest.mark.needs("chromium", "playwright")
 def test_the_page_is_not_blank_and_changes(motion: Path, tmp_path: Path) -> None:
     from PIL import Image
 
@@ -196,6 +195,7 @@ def test_many_triangles_are_thinned_and_said(result: Result, tmp_path: Path) -> 
     del sid
 
 
+@pytest.mark.needs("chromium", "playwright")
 def test_a_slow_browser_plays_fewer_triangles_and_says_so(
     result: Result,
     made: tuple[sidtool.SID, Field],
@@ -236,6 +236,7 @@ PICTURES = """(() => {
 })()"""
 
 
+@pytest.mark.needs("chromium", "playwright")
 def test_a_browser_is_slow_by_what_follows_its_first_picture(
     result: Result,
     made: tuple[sidtool.SID, Field],

@@ -13,7 +13,6 @@ from matplotlib.collections import PolyCollection
 import sidtool
 from sidtool.formats.result import AccuracyReport, OutputError, Result
 from sidtool.plot.results import drawn
-from sidtool.view import library
 
 NAMES = ("bob.x", "bob.y", "pin.angle", "energy.kinetic")
 #: Tables of a pendulum whose error is that of a loose tolerance.
@@ -79,7 +78,6 @@ def test_the_true_motion_runs_inside_the_bands(certified: sidtool.Result) -> Non
 def test_the_page_tells_the_errors_of_its_curves(
     certified: sidtool.Result, tmp_path: Path
 ) -> None:
-    pytest.importorskip(library.PACKAGE, reason="three.js is not installed")
     for result in (certified, pendulum()):
         result.animate(tmp_path / "m.html")
         text = (tmp_path / "m.html").read_text()

@@ -21,25 +21,19 @@ import sidtool
 from sidtool.convert import field_from_model
 from sidtool.formats.field import Field
 from sidtool.formats.scene import read_scene
-from sidtool.view import library
 from sidtool.view.animating import animate, shown
 from tests.places import EXAMPLES, SLIDER_CRANK
 
 from ..models import QM6, rod
-from .browser import Page, needed, opened
+from .browser import Page, opened
 
+pytestmark = pytest.mark.needs("chromium", "playwright")
 Array = np.ndarray
 #: Widths and heights of the browser's window.
 WINDOWS = ((1200, 800), (700, 900), (1500, 420))
 VIEWS = ("iso", "front", "top", "side")
 #: Pixels at the edge of a picture where nothing is drawn.
 EDGE = 5
-
-
-@pytest.fixture(scope="module", autouse=True)
-def everything_is_installed() -> None:
-    needed()
-    pytest.importorskip(library.PACKAGE, reason="three.js is not installed")
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +48,7 @@ def mesh(result: Result, made: tuple[sidtool.SID, Field]) -> Exported:
 
 
 def vtk() -> Any:
-    return pytest.importorskip(
-        "vtkmodules.all", reason="VTK is not installed (sidtool[pictures])"
-    )
+    return import_module("vtkmodules.all")
 
 
 def arrays(grid: Any) -> dict[str, np.ndarray]:
@@ -79,6 +78,7 @@ def read_vtu(path: Path) -> Any:
     return reader.GetOutput()
 
 
+@pytest.mark.needs("vtk")
 def test_beams_are_tubes_with_the_volume_of_the_beam(tmp_path: Path) -> None:
     """Closed surfaces that VTK measures: 0.2 m of 8 x 6 mm, and a rigid arm beside."""
     reduction = {"method": "modal", "modes": 2}
@@ -116,6 +116,7 @@ def test_beams_are_tubes_with_the_volume_of_the_beam(tmp_path: Path) -> None:
         assert 0 < measure.GetVolume() <= np.prod(high - low) * (1 + 1e-4)
 
 
+@pytest.mark.needs("vtk")
 @pytest.mark.parametrize("kind", ["vtkhdf", "pvd"])
 def test_vtk_reads_the_motion_of_the_markers(
     kind: str, result: Result, mesh: Exported, tmp_path: Path
@@ -145,6 +146,7 @@ def test_vtk_reads_the_motion_of_the_markers(
             assert np.allclose(found["displacement"][first + row], own, atol=1e-9)
 
 
+@pytest.mark.needs("vtk")
 def test_stresses_are_those_of_the_field_and_unknown_elsewhere(
     result: Result, mesh: Exported, made: tuple[sidtool.SID, Field], tmp_path: Path
 ) -> None:
@@ -167,6 +169,7 @@ def test_stresses_are_those_of_the_field_and_unknown_elsewhere(
     assert set(found["body"]) == {0, 1, 2}
 
 
+@pytest.mark.needs("vtk")
 @pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10", "iga"])
 def test_cells_have_the_order_of_vtk(kind: str, tmp_path: Path) -> None:
     """VTK's own volumes of the cells, all positive, add up to that of the body."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import re
-import shutil
 import subprocess
 from html.parser import HTMLParser
 from pathlib import Path
@@ -16,9 +15,8 @@ from matplotlib.image import imread
 
 import sidtool
 from sidtool.cli import run
+from tests.optional import program
 from tests.places import SLIDER_CRANK
-
-from .browser import NAMES
 
 VOID = {"meta", "img", "br", "path", "use"}
 
@@ -137,13 +135,13 @@ def test_tables_of_outputs_have_units(
     assert (units["output"], units["crank_pin.fy"]) == ("unit", "N")
 
 
+@pytest.mark.needs("chromium")
 def test_a_browser_prints_it(filed: tuple[sidtool.Result, Path]) -> None:
-    program = next((shutil.which(name) for name in NAMES if shutil.which(name)), None)
-    if program is None:
-        pytest.skip("no browser is installed")
+    browser = program("chromium")
+    assert browser is not None
     page = filed[1]
     target = page.with_suffix(".pdf")
-    command = [program, "--headless", "--no-sandbox", "--disable-gpu"]
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu"]
     command += [f"--print-to-pdf={target}", str(page)]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     data = target.read_bytes()

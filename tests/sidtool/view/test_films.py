@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -91,10 +90,9 @@ def probed(path: Path) -> dict[str, Any]:
     return dict(stream)
 
 
+@pytest.mark.needs("ffmpeg")
 def test_mp4(tmp_path: Path) -> None:
     """Frames, length and format by ffprobe; a turning point is where it should be."""
-    if shutil.which("ffmpeg") is None or shutil.which("ffprobe") is None:
-        pytest.skip("ffmpeg is not installed")
     places = {"one": [0.0, 0.0, 0.0], "two": [1.0, 0.0, 0.0]}
     scene = bodies(places, [0.0, 0.0, 0.0]).said()
     # the second one moves away by its own length of the mechanism

@@ -1,0 +1,195 @@
+"""Programs and packages that the tests can use, but that no machine has to have.
+
+A test that uses one says so: `@pytest.mark.needs("ccx")`. It is skipped where the
+program or package is missing. All other tests run as on a machine that has none of
+them: they are not on the PATH, and their import fails, here and in processes that a
+test starts. So a test without its mark fails on every machine, not only where the
+program is missing.
+
+`python tests/optional.py FOLDER` prints a PATH without the optional programs; FOLDER
+gets what that takes. This file needs the standard library only, as `.ci/run` calls it
+before anything is installed.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+
+#: Name of a mark to the names under which the program is installed.
+PROGRAMS = {
+    "ccx": ("ccx",),
+    "chromium": (
+        "chromium",
+        "chromium-browser",
+        "google-chrome",
+        "google-chrome-stable",
+    ),
+    "ffmpeg": ("ffmpeg", "ffprobe"),
+    "git": ("git",),
+    "gmsh": ("gmsh",),
+    "mpirun": ("mpirun", "mpiexec"),
+    "wine": ("wine", "wine64"),
+}
+#: Name of a mark to the top-level modules of the package.
+PACKAGES = {
+    "cholespy": ("cholespy",),
+    "dask": ("dask", "distributed"),
+    "exudyn": ("exudyn",),
+    "gmsh": ("gmsh",),
+    "mpi4py": ("mpi4py",),
+    "playwright": ("playwright",),
+    "pyamg": ("pyamg",),
+    "pypardiso": ("pypardiso",),
+    "sksparse": ("sksparse",),
+    "sksundae": ("sksundae",),
+    "slepc4py": ("slepc4py", "petsc4py"),
+    "sphinx": ("sphinx", "myst_parser", "furo"),
+    "vtk": ("vtk", "vtkmodules"),
+}
+NAMES = frozenset(PROGRAMS) | frozenset(PACKAGES)
+
+_WINDOWS = sys.platform == "win32"
+_PREFIX = "sidtool-tests-"
+
+
+def _within(name: str, module: str) -> bool:
+    return name == module or name.startswith(f"{module}.")
+
+
+def program(name: str) -> str | None:
+    """The path of an optional program, by any name that it is installed under."""
+    return next(filter(None, map(shutil.which, PROGRAMS[name])), None)
+
+
+def hidden_path(path: str, folder: Path) -> str:
+    """A search path without the optional programs.
+
+    A folder that holds one is replaced by links to all others that it holds, below
+    `folder`. Windows has no links without rights: there the whole entry is left out.
+    """
+    hidden = {alias for aliases in PROGRAMS.values() for alias in aliases}
+    entries = []
+    for k, entry in enumerate(path.split(os.pathsep)):
+        if not entry or not Path(entry).is_dir():
+            continue
+        held = {item.name for item in os.scandir(entry)}
+        if not any(Path(name).stem in hidden for name in held):
+            entries.append(entry)
+        elif not _WINDOWS:
+            links = folder / f"path{k}"
+            links.mkdir(parents=True)
+            for name in held - hidden:
+                (links / name).symlink_to(Path(entry, name).absolute())
+            entries.append(str(links))
+    return os.pathsep.join(entries)
+
+
+class Machine:
+    """The programs and packages of this machine, hidden from all but marked tests."""
+
+    def __init__(self) -> None:
+        # a worker of pytest-xdist inherits the environment after programs were hidden
+        self._path = os.environ.setdefault("SIDTOOL_TESTS_PATH", os.environ["PATH"])
+        sys.path[:] = [entry for entry in sys.path if _PREFIX not in entry]
+        self._folder = tempfile.TemporaryDirectory(prefix=_PREFIX)
+        self._root = Path(self._folder.name)
+        self._hidden = hidden_path(self._path, self._root)
+        self._programs = {
+            name: [p for a in aliases if (p := shutil.which(a, path=self._path))]
+            for name, aliases in PROGRAMS.items()
+        }
+        self._packages = {
+            name: all(find_spec(module) is not None for module in modules)
+            for name, modules in PACKAGES.items()
+            if name != "vtk"
+        } | {"vtk": find_spec("vtkmodules") is not None}
+        self._unloaded: dict[str, ModuleType] = {}
+        self._show(())
+
+    def has(self, name: str) -> bool:
+        """Whether a program or package is there; one that is both counts as either."""
+        return bool(self._programs.get(name)) or self._packages.get(name, False)
+
+    @contextmanager
+    def showing(self, names: Collection[str]) -> Iterator[None]:
+        """With some of the optional programs and packages, for one test."""
+        self._show(names)
+        try:
+            yield
+        finally:
+            self._show(())
+
+    def close(self) -> None:
+        """Remove the links."""
+        self._folder.cleanup()
+
+    def _show(self, names: Collection[str]) -> None:
+        os.environ["PATH"] = os.pathsep.join(
+            [*self._folders_of_programs(names), self._hidden]
+        )
+        os.environ["PYTHONPATH"] = os.pathsep.join(
+            [str(self._folder_of_blocked(names)), *self._python_path()]
+        )
+        for name, modules in PACKAGES.items():
+            for module in modules:
+                if name in names:
+                    self._load(module)
+                else:
+                    self._unload(module)
+        factors = sys.modules.get("sidtool.reduction.factors")
+        if factors is not None:
+            factors._missing.cache_clear()
+
+    def _load(self, module: str) -> None:
+        if sys.modules.get(module, module) is None:
+            del sys.modules[module]
+        for name in [n for n in self._unloaded if _within(n, module)]:
+            sys.modules[name] = self._unloaded.pop(name)
+
+    def _unload(self, module: str) -> None:
+        for name in [n for n in sys.modules if _within(n, module)]:
+            loaded = sys.modules.pop(name)
+            if loaded is not None:
+                self._unloaded[name] = loaded
+        sys.modules[module] = None  # type: ignore[assignment]
+
+    def _python_path(self) -> list[str]:
+        given = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+        return [p for p in given if p and _PREFIX not in p]
+
+    def _folders_of_programs(self, names: Collection[str]) -> list[str]:
+        found = [p for name in names for p in self._programs.get(name, ())]
+        if _WINDOWS or not found:
+            return [str(Path(path).parent) for path in found]
+        folder = self._root / "-".join(["programs", *sorted(names)])
+        if not folder.is_dir():
+            folder.mkdir()
+            for path in found:
+                (folder / Path(path).name).symlink_to(path)
+        return [str(folder)]
+
+    def _folder_of_blocked(self, names: Collection[str]) -> Path:
+        """Modules that cannot be imported, for processes that a test starts."""
+        folder = self._root / "-".join(["blocked", *sorted(names)])
+        if not folder.is_dir():
+            folder.mkdir()
+            for name, modules in PACKAGES.items():
+                for module in modules if name not in names else ():
+                    text = f"No module named {module!r} (hidden by the tests)"
+                    (folder / f"{module}.py").write_text(
+                        f"raise ModuleNotFoundError({text!r}, name={module!r})\n",
+                        encoding="utf-8",
+                    )
+        return folder
+
+
+if __name__ == "__main__":
+    print(hidden_path(os.environ["PATH"], Path(sys.argv[1])))
