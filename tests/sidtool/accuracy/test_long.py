@@ -72,7 +72,7 @@ def test_a_long_motion_is_run_to_its_end_a_few_times_only(
     spatial: bool, ends: list[float]
 ) -> None:
     scene, sid = particles(spatial)
-    scene = lasting(scene, 60.0 * scene.time.end, 1200)
+    scene = lasting(scene, 30.0 * scene.time.end, 600)
     found = simulated(scene, sid, accuracy=WANTED)
     check(scene, sid, found)
     assert found.accuracy is not None
@@ -152,7 +152,7 @@ def test_where_choices_in_a_part_cost_too_much_a_few_whole_runs_do(
     """An undamped spatial four-bar of 36 elastic coordinates had made 62 tight ones."""
     monkeypatch.setattr(long, "CHEAP", 0.0)
     scene, sid = particles(spatial)
-    scene = lasting(scene, 60.0 * scene.time.end, 1200)
+    scene = lasting(scene, 30.0 * scene.time.end, 600)
     found = simulated(scene, sid, accuracy=WANTED)
     check(scene, sid, found)
     assert found.accuracy is not None
