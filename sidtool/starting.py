@@ -24,7 +24,9 @@ STARTS = {
 }
 #: The files that make an example; commands write the others.
 _OWN = ("*.toml", "*.py", "*.md", "rod_*.SID_FEM")
-_EXAMPLES = Path(__file__).resolve().parent / "examples"
+_HERE = Path(__file__).resolve().parent
+#: Where examples are: in an installed package, beside the package in a checkout.
+_EXAMPLES = (_HERE / "examples", _HERE.parent / "examples")
 
 
 def example_folder(name: str) -> Path:
@@ -34,14 +36,14 @@ def example_folder(name: str) -> Path:
     ------
     InputError : sidtool was installed without its examples.
     """
-    folder = _EXAMPLES / name
-    if not (folder / "README.md").is_file():
-        raise InputError(
-            "the files of the example are not here",
-            source=folder,
-            expected="sidtool from its repository or its wheel",
-        )
-    return folder
+    for folder in _EXAMPLES:
+        if (folder / name / "README.md").is_file():
+            return folder / name
+    raise InputError(
+        "the files of the example are not here",
+        source=_EXAMPLES[0] / name,
+        expected="sidtool from its repository or its wheel",
+    )
 
 
 def begin(folder: Path, start: str) -> list[str]:

@@ -13,13 +13,11 @@ FACES = {"sidtool.scenes", "sidtool.results", "sidtool.study.outcome"}
 
 
 def modules() -> dict[str, Path]:
-    """By their names below `sidtool`; links to folders are not followed."""
+    """By their names below `sidtool`."""
     found = {}
     for top in ("sidtool", "formats", "solver"):
         for path in (ROOT / top).rglob("*.py"):
             below = path.relative_to(ROOT)
-            if any((ROOT / folder).is_symlink() for folder in below.parents):
-                continue
             parts = below.with_suffix("").parts
             parts = parts if top == "sidtool" else ("sidtool", *parts)
             found[".".join(part for part in parts if part != "__init__")] = path

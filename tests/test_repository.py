@@ -29,20 +29,31 @@ TOP_LEVEL = {
     "examples",
     "formats",
     "pyproject.toml",
+    "setup.py",
     "sidtool",
     "solver",
     "tests",
 }
 
 
-@pytest.mark.needs("git")
-def test_the_top_level_holds_what_belongs_there() -> None:
+def tracked() -> list[str]:
+    """Mode, digest and path of every file of a clone."""
     if not (ROOT / ".git").exists():
         pytest.skip("this copy is not a clone")
-    listed = subprocess.run(
-        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True
-    ).stdout.decode()
-    assert {path.split("/")[0] for path in listed.split("\0") if path} == TOP_LEVEL
+    command = ["git", "-c", "core.quotepath=off", "ls-files", "-s"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, check=True)
+    return done.stdout.decode().splitlines()
+
+
+@pytest.mark.needs("git")
+def test_the_top_level_holds_what_belongs_there() -> None:
+    assert {line.split("\t")[1].split("/")[0] for line in tracked()} == TOP_LEVEL
+
+
+@pytest.mark.needs("git")
+def test_no_file_is_a_link() -> None:
+    """Windows writes links as text files, and the package would lack what they name."""
+    assert [line for line in tracked() if line.startswith("120000")] == []
 
 
 @pytest.mark.parametrize("name", PROGRAMS)

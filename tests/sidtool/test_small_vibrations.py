@@ -19,11 +19,12 @@ from sidtool.formats.sid import SID
 from sidtool.formats.toml.reading import validated
 from sidtool.frontends.mesh.data import Mesh
 
+from ..places import SLIDER_CRANK
 from .bodies import beam_data
 from .frontends.bores import pinned
 from .frontends.drawn_parts import drawn
 
-FOLDER = sidtool.__path__[0] + "/examples/slider_crank"
+FOLDER = str(SLIDER_CRANK)
 
 
 @pytest.fixture(scope="module")

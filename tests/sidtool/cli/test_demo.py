@@ -37,7 +37,7 @@ def test_without_the_examples_the_demo_says_so(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(starting, "_EXAMPLES", tmp_path / "examples")
+    monkeypatch.setattr(starting, "_EXAMPLES", (tmp_path / "examples",))
     assert run(["demo", "-o", str(tmp_path / "demo")]) == 2
     assert "files of the example are not here" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
