@@ -7,18 +7,26 @@ from pathlib import Path
 
 from .imported import EVERYTHING, RawMass
 from .inp.couplings import masses_of
-from .inp.mesh import node_sets
+from .inp.mesh import node_sets, undefined_of
 from .inp.reading import read_deck
 
 
 @dataclass(frozen=True)
 class DeckNames:
-    """Nodes of a deck by number, node sets by name, how many elements, and masses."""
+    """What a deck calls its nodes.
+
+    Attributes
+    ----------
+    nodes, sets : nodes by number, and node sets by name
+    elements, masses : how many elements there are, and point masses
+    undefined : set -> its members that the deck does not define, in words
+    """
 
     nodes: dict[int, tuple[float, float, float]]
     sets: dict[str, list[int]]
     elements: int
     masses: tuple[RawMass, ...]
+    undefined: dict[str, str]
 
 
 def deck_names(path: Path, ignored: frozenset[str] = frozenset()) -> DeckNames:
@@ -35,4 +43,5 @@ def deck_names(path: Path, ignored: frozenset[str] = frozenset()) -> DeckNames:
     deck = read_deck(path, ignored | {EVERYTHING})
     body = deck.assembly
     sets, masses = node_sets(deck, body, body, ""), tuple(masses_of(deck, body, ""))
-    return DeckNames(body.nodes, sets, len(body.elements), masses)
+    undefined = undefined_of(deck, body, sets)
+    return DeckNames(body.nodes, sets, len(body.elements), masses, undefined)

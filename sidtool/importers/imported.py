@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -93,6 +93,7 @@ class ImportedMesh:
     equations, ties : between displacements, and of surfaces
     bars : instead of elements of the mesh, which has nodes alone then
     parts : name -> labels of the elements of a part that may be chosen
+    undefined : set -> its members that the file does not define, in words
     """
 
     mesh: Mesh
@@ -105,6 +106,7 @@ class ImportedMesh:
     ties: tuple[RawTie, ...] = ()
     bars: tuple[RawBar, ...] = ()
     parts: Mapping[str, Sequence[int]] = field(default_factory=dict)
+    undefined: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -242,6 +244,31 @@ def _members(
     }
 
 
+def undefined_members(
+    known: Container[int], sets: Mapping[str, Iterable[int]], what: str = "node"
+) -> dict[str, str]:
+    """The first member of each set that the file does not define, in words.
+
+    Parameters
+    ----------
+    known : labels that the file defines
+    what : which kind of members the sets have
+    """
+    lost = {
+        name: next((n for n in group if n not in known), None)
+        for name, group in sets.items()
+    }
+    return {name: f"{what} {n}" for name, n in lost.items() if n is not None}
+
+
+def undefined_notes(undefined: Mapping[str, str]) -> list[str]:
+    """A sentence on sets that cannot be used, if there are some."""
+    if not undefined:
+        return []
+    listed = ", ".join(f"{name} ({member})" for name, member in undefined.items())
+    return [f"sets with members that the file does not define: {listed}"]
+
+
 def _check_finite(positions: Array, labels: Indices) -> None:
     lost = np.flatnonzero(~np.isfinite(positions).all(axis=1))
     if lost.size:
@@ -283,11 +310,23 @@ def _check_nodes(element: RawElement, row: Mapping[int, int]) -> None:
             place=element.place,
             expected=f"{needed} nodes",
         )
-    for node in element.nodes:
-        if node not in row:
+    check_defined(element.label, element.nodes, row, element.place)
+
+
+def check_defined(
+    label: int, nodes: Iterable[int], known: Container[int], place: str
+) -> None:
+    """Whether an element names defined nodes alone.
+
+    Raises
+    ------
+    InputError : it does not.
+    """
+    for node in nodes:
+        if node not in known:
             raise InputError(
-                f"element {element.label} names node {node}, which is not defined",
-                place=element.place,
+                f"element {label} names node {node}, which is not defined",
+                place=place,
                 expected="a node of this file",
             )
 

@@ -17,6 +17,7 @@ from .imported import (
     ImportedMesh,
     RawElement,
     assembled_mesh,
+    check_defined,
     integers,
     numbers,
     read_lines,
@@ -327,6 +328,7 @@ def _imported(content: _Content, idle: list[str]) -> ImportedMesh:
     raw, sets = [], {name: set[int]() for name in content.names.values()}
     for label, kind, nodes, tags, place in content.elements:
         dimension, _, ours, order = _TYPES[kind]
+        check_defined(label, nodes, content.nodes, place)
         names = [content.names.get((dimension, t), f"{dimension}.{t}") for t in tags]
         for name in names:
             sets.setdefault(name, set()).update(nodes)

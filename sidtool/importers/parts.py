@@ -10,7 +10,7 @@ import numpy as np
 from sidtool.formats.errors import InputError
 
 from ..frontends.mesh.data import ElementBlock
-from .imported import ImportedMesh
+from .imported import ImportedMesh, undefined_members
 
 
 def part_of(imported: ImportedMesh, name: str) -> ImportedMesh:
@@ -29,6 +29,15 @@ def part_of(imported: ImportedMesh, name: str) -> ImportedMesh:
             expected=f"one of {known}",
         )
     chosen = parts[name.upper()]
+    there = {n for b in imported.mesh.blocks for n in b.labels.tolist()}
+    there |= {bar.label for bar in imported.bars}
+    lost = undefined_members(there, {name: sorted(chosen)}, "element")
+    if lost:
+        raise InputError(
+            f"the part {name!r} names {lost[name]}, which the file does not define",
+            place="geometry.part",
+            expected="elements of this file",
+        )
     blocks = tuple(_blocks(imported, chosen))
     bars = tuple(bar for bar in imported.bars if bar.label in chosen)
     rows = [b.nodes.ravel() for b in blocks]

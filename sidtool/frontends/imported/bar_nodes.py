@@ -134,10 +134,12 @@ def _check_connected(
         )
 
 
-def node_sets(nodes: BarNodes, used: Indices) -> NamedSets:
+def node_sets(
+    nodes: BarNodes, used: Indices, undefined: Mapping[str, str]
+) -> NamedSets:
     """Node sets; the nodes of rigid pieces by what they are fixed to."""
     number = {int(i): k for k, i in enumerate(used)}
-    sets = NamedSets()
+    sets = NamedSets(undefined=undefined)
     for name, rows in nodes.mesh.node_sets.items():
         labels = (int(nodes.mesh.labels[i]) for i in rows)
         bases = {nodes.row[nodes.owner.get(n, n)] for n in labels}

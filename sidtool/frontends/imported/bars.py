@@ -19,7 +19,7 @@ from sidtool.formats.model import Material, ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
 
-from ...importers.imported import ImportedMesh
+from ...importers.imported import ImportedMesh, undefined_notes
 from ...importers.imported_bars import RawBar
 from ...validate.units import UnitSystem
 from ..beams.points import MaterialPoints, Particles, placed
@@ -87,13 +87,18 @@ def bars_model(
         positions=mesh.positions[used],
         scalar_mass=None,
         stiffness=stiffness,
-        node_sets=node_sets(nodes, used),
+        node_sets=node_sets(nodes, used, imported.undefined),
         markers=_markers(model, imported.bars, nodes, ndof),
         inertia_points=particles.points(),
         dof_table=nodes.table[used],
         beam_material=points.material(),
         outlines=tuple(outlines),
-        notes=(*imported.notes, _NOTE, *_limits(imported.bars, nodes)),
+        notes=(
+            *imported.notes,
+            *undefined_notes(imported.undefined),
+            _NOTE,
+            *_limits(imported.bars, nodes),
+        ),
     )
     _check_mechanism(body)
     return body

@@ -20,6 +20,7 @@ from sidtool.formats.model.geometry import MeshGeometry
 from ...importers.bdf.shells import deck_of_bulk
 from ...importers.calculix.engine import Computed, computed
 from ...importers.deck_names import DeckNames, deck_names
+from ...importers.imported import undefined_notes
 from ...importers.matrices.checks import (
     balanced,
     check_definite,
@@ -118,7 +119,7 @@ def _solid(found: Computed, names: DeckNames) -> _Solid:
     rows, internal = _rows(found, names)
     labels = found.dofs[rows[:, 0], 0]
     positions, exact = _known_places(found, names, labels)
-    notes = _notes(found, len(internal), names)
+    notes = _notes(found, len(internal), names) + undefined_notes(names.undefined)
     if not exact:
         positions = refined(positions, *_condensed(found, rows.ravel(), internal))
     order = np.concatenate([rows.ravel(), internal])
@@ -296,7 +297,8 @@ def _checked(body: _Solid, names: DeckNames, units: UnitSystem) -> FiniteElement
         {
             name: np.flatnonzero(np.isin(body.labels, list(nodes)))
             for name, nodes in names.sets.items()
-        }
+        },
+        names.undefined,
     )
     return FiniteElementModel(
         positions=mesh.positions,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sp
@@ -36,12 +36,15 @@ def body_couplings(
 
     Raises
     ------
-    InputError : a coupling holds no node of the body, or one that is a reference node
-        of another.
+    InputError : a coupling holds no node of the body, one that the file does not
+        define or that is a reference node of another, or the mean motion of nodes
+        without elements.
     """
     row = {int(label): i for i, label in enumerate(mesh.labels)}
     place = {int(label): i for i, label in enumerate(whole.labels)}
     references = {c.reference for c in imported.couplings}
+    for coupling in imported.couplings:
+        _check_members(coupling, place, row)
     result = []
     for group in _by_reference(imported.couplings):
         first = group[0]
@@ -73,6 +76,24 @@ def body_couplings(
         weights = _weights(first, mesh, row)
         result.append(Coupling(first.name, first.rigid, nodes, where, markers, weights))
     return tuple(result)
+
+
+def _check_members(
+    coupling: RawCoupling, defined: Container[int], used: Container[int]
+) -> None:
+    named = (*coupling.nodes, coupling.reference)
+    lost = [n for n in named if n is not None and n not in defined]
+    free = [] if coupling.rigid else [n for n in coupling.nodes if n not in used]
+    if lost or (free and len(free) < len(coupling.nodes)):
+        node = (lost or free)[0]
+        what = "is not defined" if lost else "no element of the body uses"
+        raise InputError(
+            f"{coupling.name} names node {node}, which {what}",
+            place=coupling.place,
+            expected="nodes of this file"
+            if lost
+            else "a mean over nodes of elements alone",
+        )
 
 
 def _weights(

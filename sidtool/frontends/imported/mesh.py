@@ -10,7 +10,7 @@ from sidtool.formats.model import Material, ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
 
-from ...importers.imported import ImportedMesh
+from ...importers.imported import ImportedMesh, undefined_notes
 from ...importers.meshes import read_mesh
 from ...validate.units import UnitSystem, unit_system
 from ..anisotropic import AnisotropicMaterial, CylindricalMaterial, ElasticMaterial
@@ -92,7 +92,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         positions=mesh.positions,
         scalar_mass=mass,
         stiffness=stiffness,
-        node_sets=NamedSets(mesh.node_sets),
+        node_sets=NamedSets(mesh.node_sets, imported.undefined),
         surface=named_surface(mesh, mesh.node_sets),
         markers=tuple(markers),
         continua=continua,
@@ -101,7 +101,12 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         couplings=couplings,
         point_masses=masses,
         equations=equations,
-        notes=(*imported.notes, *told, *_notes(model, imported, own)),
+        notes=(
+            *imported.notes,
+            *undefined_notes(imported.undefined),
+            *told,
+            *_notes(model, imported, own),
+        ),
         geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
     )
 

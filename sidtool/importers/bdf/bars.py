@@ -9,7 +9,7 @@ import numpy as np
 from sidtool.formats.errors import InputError
 
 from ..imported_bars import BarSection, RawBar, Vector
-from .cards import Card
+from .cards import Card, is_real
 from .content import BarProperty, BulkData, twice
 
 #: Whether the y axis, and the offsets of both ends, are in directions of the nodes.
@@ -101,7 +101,14 @@ def _bar(content: BulkData, card: Card) -> RawBar:
 def _orientation(content: BulkData, card: Card, start: int) -> Vector:
     """X1, X2, X3 in the directions of the first node, or from it to the node G0."""
     words = card.words[4:7]
-    if words[0] and not any(words[1:]) and "." not in words[0]:
+    if words[0] and not is_real(words[0]):
+        if any(words[1:]):
+            raise InputError(
+                f"{card.name} {card.word(0)} has {', '.join(words)} as X1, X2, X3",
+                place=card.place,
+                expected="real numbers with a decimal point, as in 1., or a node G0 "
+                "alone, as which Nastran reads a whole number",
+            )
         other = card.integer(4, "a node")
         if other not in content.nodes:
             raise _unknown(card, other)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -72,6 +72,11 @@ def real_number(word: str, what: str, place: str) -> float:
     InputError : it is none.
     """
     return numbers([_EXPONENT.sub(r"\1E\2", word)], place, what)[0]
+
+
+def is_real(word: str) -> bool:
+    """Whether Nastran reads a field as a real number: it has a decimal point."""
+    return "." in word
 
 
 def read_cards(path: Path, included: Included | None = None) -> list[Card]:
@@ -198,6 +203,17 @@ def members(words: list[str], place: str) -> Iterator[int]:
     ------
     InputError : they are none.
     """
+    for labels in member_groups(words, place):
+        yield from labels
+
+
+def member_groups(words: list[str], place: str) -> Iterator[Sequence[int]]:
+    """The same one by one: a tuple of one number, or a range.
+
+    Raises
+    ------
+    InputError : they are none.
+    """
     given = [word.upper() for word in words if word]
     i = 0
     while i < len(given):
@@ -206,8 +222,8 @@ def members(words: list[str], place: str) -> Iterator[int]:
             if len(ends) < 2 or not 0 <= ends[1] - ends[0] < MOST_MEMBERS:
                 found = " ".join(given[i : i + 3])
                 raise InputError(f"found {found!r}", place=place, expected="a THRU b")
-            yield from range(ends[0], ends[1] + 1)
+            yield range(ends[0], ends[1] + 1)
             i += 3
             continue
-        yield integers([given[i]], place)[0]
+        yield tuple(integers([given[i]], place))
         i += 1

@@ -9,7 +9,7 @@ from sidtool.formats.errors import InputError
 from ...frontends.anisotropic import ElasticMaterial
 from ..imported import RawCoupling, RawMass
 from ..imported_bars import BarSection
-from .cards import Card
+from .cards import Card, member_groups
 from .systems import Frames, System
 
 
@@ -45,6 +45,7 @@ class BulkData:
 
     Attributes
     ----------
+    gaps : set -> members of its ranges, which need not all be defined
     bars, mass_cards : cards of bars and rods, and CONM2
     bar_defaults : what cards CBAR and CBEAM leave out
     moduli : E, G and density of MAT1 as bars have them
@@ -69,6 +70,7 @@ class BulkData:
     moduli: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     materials: dict[str, ElasticMaterial | None] = field(default_factory=dict)
     sets: dict[str, list[int]] = field(default_factory=dict)
+    gaps: dict[str, set[int]] = field(default_factory=dict)
     said: dict[str, None] = field(default_factory=dict)
     weight: float = 1.0
     couplings: list[RawCoupling] = field(default_factory=list)
@@ -86,6 +88,25 @@ class BulkData:
     shells: bool = False
     apart: tuple[str, ...] = ()
     frames: Frames = field(default_factory=lambda: Frames({}, {}, {}))
+
+    def extend_set(self, name: str, words: list[str], place: str) -> None:
+        """Add numbers and ranges to a node set.
+
+        Raises
+        ------
+        InputError : they are none.
+        """
+        for labels in member_groups(words, place):
+            self.sets.setdefault(name, []).extend(labels)
+            if isinstance(labels, range):
+                self.gaps.setdefault(name, set()).update(labels)
+
+    def close_gaps(self) -> None:
+        """Remove the members of ranges that are not defined, as Nastran does."""
+        for name, spanned in self.gaps.items():
+            self.sets[name] = [
+                n for n in self.sets[name] if n in self.nodes or n not in spanned
+            ]
 
     def direction_system(self, node: int) -> int:
         """The system of the directions of a node."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from sidtool.formats.errors import InputError
 
 from ..imported import RawCoupling, RawMass
-from .cards import Card, members, real_number
+from .cards import Card, is_real, members, real_number
 from .systems import Frames
 
 
@@ -21,7 +23,7 @@ def rbe2(card: Card) -> RawCoupling:
     label, node = (card.integer(i, "a number") for i in (0, 1))
     _check_directions(card, f"RBE2 {label} holds", card.word(2))
     words = [word for word in card.words[3:] if word]
-    if words and "." in words[-1]:
+    while words and is_real(words[-1]):  # ALPHA and TREF
         words.pop()
     nodes = tuple(members(words, card.place))
     turns = set(card.word(2)) == set("123456")
@@ -55,8 +57,9 @@ def rbe3(card: Card) -> RawCoupling:
 
     Raises
     ------
-    InputError : nodes take part with less than their three displacements, or with no
-        weight.
+    InputError : nodes take part with less than their three displacements, with no
+        weight, or twice with one weight; a weight is written as a whole number, which
+        Nastran reads as a node.
     """
     label, node = card.integer(0, "a number"), card.integer(2, "a node")
     _check_directions(card, f"RBE3 {label} moves", card.word(3))
@@ -71,9 +74,18 @@ def rbe3(card: Card) -> RawCoupling:
         _check_directions(card, f"RBE3 {label} takes", directions)
         i += 2
         start = i
-        while i < len(words) and "." not in words[i]:
+        while i < len(words) and not is_real(words[i]):
             i += 1
-        for own in members(words[start:i], card.place):
+        listed = list(members(words[start:i], card.place))
+        repeated = next((n for n, k in Counter(listed).items() if k > 1), None)
+        if repeated is not None or not listed:
+            raise InputError(
+                f"RBE3 {label} gives one weight to "
+                + (f"node {repeated} twice" if listed else "no node"),
+                place=card.place,
+                expected="nodes once each; a weight has a decimal point, as in 1.",
+            )
+        for own in listed:
             shares[own] = shares.get(own, 0.0) + weight
     weights = tuple(shares.values()) if len(set(shares.values())) > 1 else ()
     name = f"RBE3 {label}"
@@ -81,6 +93,13 @@ def rbe3(card: Card) -> RawCoupling:
 
 
 def _weight(word: str, name: str, place: str) -> float:
+    if not is_real(word):
+        raise InputError(
+            f"{name} has {word!r} where a weight stands",
+            place=place,
+            expected="a real number with a decimal point, as in 1.: Nastran reads "
+            "whole numbers as nodes",
+        )
     value = real_number(word, f"{name}: a weight", place)
     if value <= 0:
         raise InputError(

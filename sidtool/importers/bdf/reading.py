@@ -20,10 +20,11 @@ from ..imported import (
     assembled_mesh,
     points_mesh,
     reading_notes,
+    undefined_members,
 )
 from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
 from .bars import bar, bar_defaults, bars_of, completed
-from .cards import CASE_CONTROL, Card, members, read_cards
+from .cards import CASE_CONTROL, Card, read_cards
 from .content import BulkData, twice
 from .couplings import conm2, rbar, rbe2, rbe3
 from .equations import case_control, equations_of, mpc, mpcadd
@@ -91,6 +92,7 @@ def bulk_data(path: Path, ignored: frozenset[str], *, shells: bool = False) -> B
     content.masses = [conm2(card, content.frames) for card in content.mass_cards]
     content.bars = [completed(content, card) for card in content.bars]
     content.apart = named_apart(content)
+    content.close_gaps()
     return content
 
 
@@ -195,7 +197,7 @@ def _supported(
 ) -> None:
     """Supports only name nodes here, whatever directions they hold."""
     name = f"SPC{card.integer(0, 'a set')}"
-    content.sets.setdefault(name, []).extend(members(words, card.place))
+    content.extend_set(name, words, card.place)
     if not {"1", "2", "3"} <= set(components):
         content.said[f"directions of {name}: as a set it names nodes"] = None
 
@@ -204,7 +206,7 @@ def _set1(content: BulkData, card: Card) -> None:
     name = f"SET{card.integer(0, 'a set')}"
     if name in content.sets:
         raise twice("set", name, card)
-    content.sets[name] = list(members(card.words[1:], card.place))
+    content.extend_set(name, card.words[1:], card.place)
 
 
 def _system(content: BulkData, card: Card) -> None:
@@ -329,4 +331,5 @@ def _imported(content: BulkData) -> ImportedMesh:
         equations=equations,
         bars=bars,
         parts=_parts(content),
+        undefined=undefined_members(content.nodes, content.sets),
     )

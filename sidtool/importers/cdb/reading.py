@@ -20,6 +20,7 @@ from ..imported import (
     numbers,
     read_lines,
     reading_notes,
+    undefined_members,
 )
 from .content import Content
 from .elements import (
@@ -339,6 +340,8 @@ def _imported(content: Content) -> ImportedMesh:
     notes = [*reading_notes(content.nodes, raw, len(raw)), *replaced]
     if content.said:
         notes.append("without effect on the body: " + ", ".join(content.said))
+    made = {element.label for element in raw}
+    idle = {values[10] for values, _ in content.elements} - made
     return ImportedMesh(
         mesh,
         materials,
@@ -346,5 +349,9 @@ def _imported(content: Content) -> ImportedMesh:
         tuple(notes),
         masses=tuple(masses),
         equations=equations_of(content),
-        parts={name: content.parts[name] for name in sorted(content.parts)},
+        parts={
+            name: [label for label in content.parts[name] if label not in idle]
+            for name in sorted(content.parts)
+        },
+        undefined=undefined_members(content.nodes, content.sets),
     )

@@ -11,10 +11,10 @@ from dataclasses import replace
 
 from sidtool.formats.errors import InputError
 
-from ..imported import RawCoupling, RawMass, numbers
+from ..imported import RawCoupling, RawMass, numbers, undefined_members
 from .blocks import Block
 from .deck import Deck, Hold, Scope, owner_of
-from .surfaces import nodes_named, surface_nodes
+from .surfaces import defined_elements, nodes_named, surface_nodes
 
 _DISPLACEMENTS = {1, 2, 3}
 #: Sets of nodes of *RIGID BODY; those of a solid do not turn by themselves.
@@ -147,8 +147,14 @@ def _of_rigid_body(deck: Deck, hold: Hold, body: Scope, instance: str) -> list[i
         return [
             n for word in named for n in nodes_named(deck, hold.scope, instance, word)
         ]
-    group = hold.scope.elsets.get(deck.name(options.get("ELSET", "")), [])
-    known = [body.elements[label] for _, label in group if label in body.elements]
+    name = deck.name(options.get("ELSET", ""))
+    group = hold.scope.elsets.get(name)
+    if group is None:
+        raise InputError(
+            f"there is no element set {name!r}", expected="an *ELSET of this file"
+        )
+    labels = [label for owner, label in group if owner in (instance, "")]
+    known = defined_elements(deck, body, labels, f"the rigid body {name!r}")
     return [n for element in known for n in element.nodes]
 
 
@@ -177,6 +183,14 @@ def labels_named(
     group = hold.scope.nsets.get(deck.name(word), [])
     if word.isdecimal():
         group = [("", int(word))]
+    single = [n for owner, n in group if owner == ""]
+    lost = undefined_members(own, {word: single})
+    if lost and hold.scope is deck.assembly:
+        raise InputError(
+            f"{word!r} names {lost[word]}, which is not defined",
+            place=hold.block.place,
+            expected="nodes of this file",
+        )
     return [
         own[n] if o == "" else n
         for o, n in group
@@ -225,7 +239,10 @@ def masses_of(deck: Deck, body: Scope, instance: str) -> Iterator[RawMass]:
         for owner, label in dict.fromkeys(group):
             apart = hold.scope is not body and owner == ""
             scope = hold.scope if apart else body
-            if label in scope.elements:
+            known = defined_elements(
+                deck, scope, [label] if apart or owner in ("", instance) else [], elset
+            )
+            if known:
                 node = scope.elements[label].nodes[0]
                 yield replace(lump, node=own.get(node, node) if apart else node)
 

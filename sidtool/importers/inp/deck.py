@@ -57,6 +57,8 @@ class Scope:
 
     Attributes
     ----------
+    gaps : "nsets" or "elsets" and set -> members of its ranges, which need not all be
+        defined
     first : what the file's own node and element numbers here are raised by
     instances : the same for those of instances that were put together here
     """
@@ -66,6 +68,7 @@ class Scope:
     elements: dict[int, Element] = field(default_factory=dict)
     nsets: dict[str, list[Member]] = field(default_factory=dict)
     elsets: dict[str, list[Member]] = field(default_factory=dict)
+    gaps: dict[tuple[str, str], set[Member]] = field(default_factory=dict)
     sections: list[Section] = field(default_factory=list)
     surfaces: dict[str, list[SurfacePart]] = field(default_factory=dict)
     first: tuple[int, int] = (0, 0)
@@ -93,6 +96,7 @@ class Deck:
     names_only : whether CalculiX discretises the deck
     chosen, absent : whether only a part of the file is the body, and instances that
         are not
+    outside : labels of elements of the body's scope that are left out
     materials : name -> keyword -> rows of numbers
     kinds : of the elasticity of materials that are not isotropic
     orientations : by name, those of a part after its name and a point
@@ -111,6 +115,7 @@ class Deck:
     names_only: bool = False
     chosen: bool = False
     absent: tuple[str, ...] = ()
+    outside: frozenset[int] = frozenset()
     materials: dict[str, dict[str, list[list[float]]]] = field(default_factory=dict)
     kinds: dict[str, str] = field(default_factory=dict)
     orientations: dict[str, Block] = field(default_factory=dict)
@@ -125,6 +130,23 @@ class Deck:
     system: tuple[Scope, Array] | None = None
     material: str = ""
     spelling: dict[str, str] = field(default_factory=dict)
+
+    def close_gaps(self) -> None:
+        """Remove the members of ranges that are not defined, as Abaqus does."""
+        for scope in (self.assembly, *self.parts.values()):
+            for (which, name), spanned in scope.gaps.items():
+                sets = getattr(scope, which)
+                sets[name] = [
+                    member
+                    for member in sets[name]
+                    if member not in spanned or self._is_defined(scope, which, member)
+                ]
+
+    def _is_defined(self, scope: Scope, which: str, member: Member) -> bool:
+        instance, label = member
+        if instance in self.instances:
+            scope = self.parts[self.instances[instance]]
+        return label in (scope.nodes if which == "nsets" else scope.elements)
 
     def own_name(self, text: str) -> str:
         """A name that belongs to the part that is being read."""

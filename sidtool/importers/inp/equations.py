@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 
-from ..imported import RawCoupling, integers, numbers
+from ..imported import RawCoupling, integers, numbers, undefined_members
 from ..imported_ties import RawEquation
 from .blocks import Block
 from .couplings import labels_named
@@ -30,13 +30,22 @@ def read_equation(deck: Deck, block: Block) -> None:
 class Axes:
     """The axes that *TRANSFORM gives nodes, in which equations count directions."""
 
-    def __init__(self, deck: Deck, body: Scope, instance: str) -> None:
+    def __init__(
+        self, deck: Deck, body: Scope, instance: str, positions: Container[int]
+    ) -> None:
         self._systems: dict[int, tuple[str, Array, str]] = {}
         for hold in deck.equations:
             if hold.block.keyword == "TRANSFORM":
-                self._add(deck, hold, body, instance)
+                self._add(deck, hold, body, instance, positions)
 
-    def _add(self, deck: Deck, hold: Hold, body: Scope, instance: str) -> None:
+    def _add(
+        self,
+        deck: Deck,
+        hold: Hold,
+        body: Scope,
+        instance: str,
+        positions: Container[int],
+    ) -> None:
         block = hold.block
         values = [x for words, place in block.rows for x in numbers(words, place)]
         kind = (block.options.get("TYPE") or "R").upper()
@@ -47,7 +56,14 @@ class Axes:
                 expected="type R or C and two points",
             )
         name = block.options.get("NSET", "")
-        for label in labels_named(deck, hold, body, instance, name):
+        labels = labels_named(deck, hold, body, instance, name)
+        if lost := undefined_members(positions, {name: labels}):
+            raise InputError(
+                f"*TRANSFORM of {name!r} names {lost[name]}, which is not defined",
+                place=block.place,
+                expected="nodes of this file",
+            )
+        for label in labels:
             self._systems[label] = (kind, np.array(values), block.place)
 
     def direction(self, label: int, number: int, position: Sequence[float]) -> Array:
@@ -87,7 +103,7 @@ def equations_of(
     ------
     InputError : a node or a direction is unknown, or an *MPC of another type.
     """
-    axes = Axes(deck, body, instance)
+    axes = Axes(deck, body, instance, positions)
     equations: list[RawEquation] = []
     beams: list[RawCoupling] = []
     for hold in deck.equations:

@@ -9,6 +9,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 
+from ..imported import undefined_members
 from .deck import Deck, Element, Hold, Member, Scope, SurfacePart
 
 _Places = dict[int, tuple[float, float, float]]
@@ -33,7 +34,21 @@ def one_body(deck: Deck, part: str | None) -> Deck:
         others = tuple(other for other in deck.instances if other != name)
         deck.remarks += [f"instance {other} is left out" for other in others]
         chosen = {name: deck.instances[name]} if name is not None else {}
-        return replace(deck, instances=chosen, chosen=True, absent=others)
+        scopes = [deck.assembly, *(deck.parts[part] for part in chosen.values())]
+
+        def kept(holds: list[Hold]) -> list[Hold]:
+            return [hold for hold in holds if any(hold.scope is s for s in scopes)]
+
+        return replace(
+            deck,
+            instances=chosen,
+            chosen=True,
+            absent=others,
+            holds=kept(deck.holds),
+            masses=kept(deck.masses),
+            equations=kept(deck.equations),
+            ties=kept(deck.ties),
+        )
     if len(deck.instances) > 1:
         deck = _flat(deck)
     if name is None:
@@ -49,7 +64,15 @@ def one_body(deck: Deck, part: str | None) -> Deck:
             place="geometry.part",
             expected=f"one of {known}",
         )
+    there = body.elements.keys() | deck.assembly.elements.keys()
+    if lost := undefined_members(there, {name: sorted(labels)}, "element"):
+        raise InputError(
+            f"the part {name!r} names {lost[name]}, which the file does not define",
+            place="geometry.part",
+            expected="elements of this file",
+        )
     left = len(body.elements) - len(labels)
+    deck.outside = frozenset(body.elements) - labels
     deck.remarks.append(f"{left} elements outside {name} are left out")
     body.elements = {n: e for n, e in body.elements.items() if n in labels}
     body.sections = [

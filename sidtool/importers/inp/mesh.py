@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from sidtool.formats.errors import InputError
 
-from ..imported import ImportedMesh, RawElement, assembled_mesh
+from ..imported import (
+    ImportedMesh,
+    RawElement,
+    assembled_mesh,
+    undefined_members,
+)
 from .couplings import couplings_of, masses_of, reference_labels
 from .deck import Deck, Element, Member, Scope, Section
 from .elements import POINTS, refusal
@@ -36,7 +41,8 @@ def mesh_of(deck: Deck) -> ImportedMesh:
     couplings = [*couplings_of(deck, body, instance), *beams]
     masses = tuple(masses_of(deck, body, instance))
     ties = tuple(ties_of(deck, body, instance))
-    mesh = assembled_mesh(nodes, raw, _sets(deck, body, instance))
+    sets = _sets(deck, body, instance)
+    mesh = assembled_mesh(nodes, raw, sets)
     states = {element.type.state for element in elements}
     if len(states) > 1:
         raise InputError("mixes plane stress and plane strain", expected="one of them")
@@ -49,6 +55,7 @@ def mesh_of(deck: Deck) -> ImportedMesh:
         masses,
         tuple(equations),
         ties,
+        undefined=undefined_of(deck, body, sets, instance),
     )
 
 
@@ -178,10 +185,7 @@ def node_sets(
     deck: Deck, scope: Scope, body: Scope, instance: str
 ) -> dict[str, list[int]]:
     """The nodes of the body in all sets of a scope, element sets after node sets."""
-    sets = {
-        name: [n for n in _labels(group, instance) if n in body.nodes]
-        for name, group in scope.nsets.items()
-    }
+    sets = {name: _labels(group, instance) for name, group in scope.nsets.items()}
     for name, group in scope.elsets.items():
         known = [body.elements.get(label) for label in _labels(group, instance)]
         nodes = dict.fromkeys(n for e in known if e is not None for n in e.nodes)
@@ -191,6 +195,23 @@ def node_sets(
         if on_faces is not None:
             sets.setdefault(name, on_faces)
     return sets
+
+
+def undefined_of(
+    deck: Deck, body: Scope, sets: Mapping[str, Iterable[int]], instance: str = ""
+) -> dict[str, str]:
+    """Sets with members that the deck does not define, and the first of them."""
+    elsets: dict[str, list[int]] = {}
+    for scope in {id(s): s for s in (deck.assembly, body)}.values():
+        own = "" if scope is body else instance
+        for name, group in scope.elsets.items():
+            if name not in scope.nsets:
+                elsets.setdefault(name, []).extend(_labels(group, own))
+    there = body.elements.keys() | deck.outside
+    lost = undefined_members(there, elsets, "element")
+    return undefined_members(body.nodes, sets) | {
+        name: member for name, member in lost.items() if name in sets
+    }
 
 
 def _labels(group: Iterable[Member], instance: str) -> list[int]:

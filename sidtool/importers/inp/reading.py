@@ -69,6 +69,7 @@ def read_deck(path: Path, ignored: frozenset[str] = frozenset()) -> Deck:
             deck.said["all steps"] = None
         else:
             deck.said[f"*{block.keyword}" + _REMARKS.get(kind, "")] = None
+    deck.close_gaps()
     return deck
 
 

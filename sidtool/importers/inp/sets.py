@@ -24,7 +24,14 @@ def read_nset(deck: Deck, block: Block) -> None:
     members = deck.scope.elsets.get(elset)
     if members is None:
         raise _undefined_set(elset, block.place)
-    nodes = dict.fromkeys(n for _, e in members if e in known for n in known[e].nodes)
+    lost = next((e for _, e in members if e not in known), None)
+    if lost is not None:
+        raise InputError(
+            f"the set {elset!r} names element {lost}, which is not defined",
+            place=block.place,
+            expected="a set of elements above",
+        )
+    nodes = dict.fromkeys(n for _, e in members for n in known[e].nodes)
     return extend(deck, deck.scope.nsets, name, list(nodes))
 
 
@@ -45,7 +52,10 @@ def _members(deck: Deck, block: Block, name: str, which: str) -> None:
     found: list[Member] = []
     for words, place in block.rows:
         if "GENERATE" in block.options:
-            found += [(instance, n) for n in spanned(words, place)]
+            spread = [(instance, n) for n in spanned(words, place)]
+            gaps = deck.scope.gaps.setdefault((which, deck.name(name)), set())
+            gaps.update(spread)
+            found += spread
             continue
         for word in filter(None, words):
             found += members_of(deck, which, instance, word, place)

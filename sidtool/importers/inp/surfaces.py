@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from sidtool.formats.errors import InputError
 
 from .blocks import Block
@@ -47,7 +49,8 @@ def surface_nodes(
     if found is None:
         return None
     nodes = dict.fromkeys([*(n for face in found[0] for n in face), *found[1]])
-    return [n for n in nodes if n in body.nodes]
+    elsewhere = deck.assembly.nodes.keys() - body.nodes.keys()
+    return [n for n in nodes if n not in elsewhere]
 
 
 def surface_faces(
@@ -115,6 +118,25 @@ def _elements(
             )
         group = [("", int(number))]
     labels = [label for owner, label in group if owner in (instance, "")]
+    return defined_elements(deck, body, labels, f"the surface of {word!r}")
+
+
+def defined_elements(
+    deck: Deck, body: Scope, labels: Iterable[int], who: str
+) -> list[Element]:
+    """The elements of the body among these.
+
+    Raises
+    ------
+    InputError : the file does not define one.
+    """
+    there = (body.elements, deck.outside, deck.assembly.elements)
+    for label in labels:
+        if not any(label in known for known in there):
+            raise InputError(
+                f"{who} names element {label}, which is not defined",
+                expected="elements of this file",
+            )
     return [body.elements[label] for label in labels if label in body.elements]
 
 

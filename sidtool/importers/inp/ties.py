@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from sidtool.formats.errors import InputError
 
-from ..imported import numbers
+from ..imported import numbers, undefined_members
 from ..imported_ties import RawTie
 from .blocks import Block
 from .deck import Deck, Hold, Scope, owner_of
@@ -76,11 +76,32 @@ def _side(
         found = surface_faces(deck, scope, body, instance, name)
         if found is not None:
             faces = dict.fromkeys(tuple(face) for face in found[0])
-            return tuple(faces), tuple(n for n in found[1] if n in body.nodes)
+            return tuple(faces), _defined(deck, body, found[1], word, place)
     elif name in scope.nsets:
-        return (), tuple(nodes_named(deck, scope, instance, own))
+        nodes = nodes_named(deck, scope, instance, own)
+        return (), _defined(deck, body, nodes, word, place)
     raise InputError(
         f"names the surface {word!r}, which is not one of solids here",
         place=place,
         expected=f"a *SURFACE of faces S1, S2, ... or nodes; {_IGNORABLE}",
     )
+
+
+def _defined(
+    deck: Deck, body: Scope, nodes: Iterable[int], word: str, place: str
+) -> tuple[int, ...]:
+    """The nodes of the body among these; those of the assembly are none.
+
+    Raises
+    ------
+    InputError : the file does not define one.
+    """
+    elsewhere = deck.assembly.nodes.keys() - body.nodes.keys()
+    found = tuple(n for n in nodes if n not in elsewhere)
+    if lost := undefined_members(body.nodes, {word: found}):
+        raise InputError(
+            f"the surface {word!r} names {lost[word]}, which is not defined",
+            place=place,
+            expected="nodes of this file",
+        )
+    return found
