@@ -53,6 +53,12 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     units = _units(geometry)
     if geometry.engine == "calculix":
         return calculix_model(model, units)
+    if geometry.order is not None:
+        raise InputError(
+            "is for elements of CalculiX alone",
+            place="geometry.order",
+            expected='geometry.engine = "calculix", or a mesh of that order',
+        )
     imported = read_mesh(geometry.file, geometry.ignore, geometry.part)
     try:
         if imported.bars:
