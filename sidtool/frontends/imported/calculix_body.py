@@ -18,7 +18,7 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.model.geometry import MeshGeometry
 
 from ...importers.bdf.shells import deck_of_bulk
-from ...importers.calculix.deck import free_deck
+from ...importers.calculix.deck import free_deck, with_density
 from ...importers.calculix.engine import Computed, computed
 from ...importers.calculix.raised import RaisedDeck, expected_size, raised_deck
 from ...importers.deck_names import DeckNames, deck_names
@@ -75,12 +75,18 @@ class _Solid:
     notes: tuple[str, ...]
 
 
-def calculix_model(model: ModelFile, units: UnitSystem) -> FiniteElementModel:
+def calculix_model(
+    model: ModelFile, units: UnitSystem, density: float | None = None
+) -> FiniteElementModel:
     """The body of a model file whose deck CalculiX discretises.
 
     Markers and ties take their place in the solids that CalculiX makes of shells and
     beams; a node of the deck stands amid those that were made of it, and a set of the
     deck holds all of these.
+
+    Parameters
+    ----------
+    density : of materials without one, in the units of the file
 
     Raises
     ------
@@ -98,8 +104,14 @@ def calculix_model(model: ModelFile, units: UnitSystem) -> FiniteElementModel:
     path = Path(geometry.file)
     ignored = frozenset(" ".join(w.upper().strip("*").split()) for w in geometry.ignore)
     try:
-        with _deck(path, ignored) as (deck_file, left_out):
+        if density == 0:
+            raise InputError(
+                "is zero", place="geometry.density", expected="a density above zero"
+            )
+        with _deck(path, ignored, density) as (deck_file, left_out):
             lines = free_deck(deck_file, left_out)
+            if density is not None and deck_file == path:
+                lines = with_density(lines, density)
             ours = geometry.order is None and deck_file != path
             if geometry.order == 2 or ours:
                 names = deck_names(deck_file, left_out)
@@ -150,14 +162,16 @@ def _alternative(deck: RaisedDeck, path: Path, units: UnitSystem) -> Alternative
 
 
 @contextmanager
-def _deck(path: Path, ignored: frozenset[str]) -> Iterator[tuple[Path, frozenset[str]]]:
+def _deck(
+    path: Path, ignored: frozenset[str], density: float | None
+) -> Iterator[tuple[Path, frozenset[str]]]:
     """A deck that CalculiX reads, and what of it is left out."""
     if path.suffix.lower() == ".inp":
         yield path, ignored
         return
     with tempfile.TemporaryDirectory() as name:
         made = Path(name) / f"{path.stem}.inp"
-        made.write_text(deck_of_bulk(path, ignored))
+        made.write_text(deck_of_bulk(path, ignored, density))
         yield made, frozenset()
 
 

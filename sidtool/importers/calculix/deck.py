@@ -28,6 +28,13 @@ _LONGEST = 20
 #: What CalculiX does not know, and what is written for it instead.
 _GENERATION = ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY")
 _NAMING = ("NODE", "SYSTEM", "ELEMENT", "NSET", "ELSET", *_GENERATION)
+#: What ends the keywords of a material.
+_AFTER_MATERIALS = (
+    *("MATERIAL", "SOLIDSECTION", "SHELLSECTION", "BEAMSECTION", "MEMBRANESECTION"),
+    *("NODE", "ELEMENT", "NSET", "ELSET", "ORIENTATION", "STEP", "SURFACE", "MASS"),
+    *("AMPLITUDE", "BEAMGENERALSECTION", "EQUATION", "MPC", "TRANSFORM", "TIE"),
+    *("NODALTHICKNESS", "NORMAL", "RIGIDBODY", "COUPLING", "PHYSICALCONSTANTS"),
+)
 #: What makes a deck more than one free, linear body.
 _REFUSED = {
     "CONTACTPAIR": "one body without contact",
@@ -132,6 +139,23 @@ def _fitting(word: str) -> str:
         return word if len(word) <= _LONGEST else f"{float(word):.12e}"
     except ValueError:
         return word
+
+
+def with_density(lines: list[str], density: float) -> list[str]:
+    """The deck with a density for materials that have none."""
+    result: list[str] = []
+    lacking = False
+    for text in [*lines, "*"]:
+        keyword = _keyword(text) if text.startswith("*") else ""
+        if keyword == "DENSITY":
+            lacking = False
+        if lacking and (text == "*" or keyword in _AFTER_MATERIALS):
+            result += ["*DENSITY", f"{density!r}"]
+            lacking = False
+        if keyword == "MATERIAL":
+            lacking = True
+        result.append(text)
+    return result[:-1]
 
 
 def centred(lines: list[str]) -> tuple[list[str], Array]:
