@@ -147,7 +147,7 @@ def judge_all(
     """
     known: dict[int, Verdict] = {}
     if path is not None and path.exists():
-        for line in path.read_text().splitlines():
+        for line in path.read_text(encoding="utf-8").splitlines():
             search, verdict = json.loads(line)
             if search == SEARCH:
                 known[verdict["seed"]] = Verdict(**verdict)
@@ -157,7 +157,7 @@ def judge_all(
         if verdict is None:
             verdict = judged(seed)
             if path is not None:
-                with path.open("a") as file:
+                with path.open("a", encoding="utf-8") as file:
                     file.write(json.dumps([SEARCH, asdict(verdict)]) + "\n")
         say(told(verdict))
         verdicts.append(verdict)

@@ -98,10 +98,10 @@ def _calculix(kind: str, place: Path) -> Any:
         "free": "*STEP\n*FREQUENCY, SOLVER=MATRIXSTORAGE\n6\n*END STEP\n",
     }
     for name, step in steps.items():
-        (place / f"{name}.inp").write_text(text + step)
+        (place / f"{name}.inp").write_text(text + step, encoding="utf-8")
         command = ["ccx", name]
         subprocess.run(command, cwd=place, capture_output=True, check=False)
-    lines = (place / "clamped.dat").read_text().splitlines()
+    lines = (place / "clamped.dat").read_text(encoding="utf-8").splitlines()
     rows = [line.split() for line in lines]
     found = [float(r[3]) for r in rows if len(r) == 5 and r[0].isdigit()]
     return np.array(found[:MODES])
@@ -155,5 +155,5 @@ def _frequencies(place: Path, geometry: dict[str, Any]) -> Any:
     data["markers"] = {"pin": {"node": 1, "mesh_node": 1}}
     data["reduction"] = {"method": "modal", "modes": MODES}
     path = place / "model.json"
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     return np.sqrt(np.diag(sid_from_model(path).Ke.m0)) / (2 * np.pi)

@@ -86,6 +86,7 @@ class Campaign:
             text=True,
             start_new_session=True,
             preexec_fn=prepare,
+            encoding="utf-8",
         )
 
     def run(
@@ -155,7 +156,9 @@ def staying(session: int) -> list[str]:
 
 def _belongs(process: Path, session: int) -> bool:
     try:
-        fields = (process / "stat").read_text().rpartition(")")[2].split()
+        fields = (
+            (process / "stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        )
     except OSError:
         return False
     return fields[0] != "Z" and int(fields[3]) == session

@@ -193,7 +193,7 @@ def _frequencies(k: np.ndarray, m: np.ndarray, rigid: int, modes: int) -> Any:
 def _by_matrices(deck: Path, modes: int) -> tuple[float, np.ndarray] | None:
     """The same from CalculiX's matrices: its eigenvalues fail for few unknowns."""
     try:
-        found = computed(free_deck(deck), deck)
+        found = computed(deck)
     except InputError:
         return None
     k, m = found.stiffness.toarray(), found.mass.toarray()
@@ -216,7 +216,10 @@ def free_frequencies(
     rigid = 3 if plane else 6
     step = f"\n*STEP\n*FREQUENCY\n{modes + rigid}\n*NODE FILE\nU\n*END STEP\n"
     (folder / "free.inp").write_text(head + step, "latin-1")
-    with suppress(subprocess.TimeoutExpired), (folder / "log").open("w") as log:
+    with (
+        suppress(subprocess.TimeoutExpired),
+        (folder / "log").open("w", encoding="utf-8") as log,
+    ):
         subprocess.run(
             ["ccx", "free"],
             cwd=folder,

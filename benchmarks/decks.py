@@ -167,7 +167,7 @@ def _tried(path: Path, name: str, limit: float) -> Verdict:
             return Verdict(name, "hang", f"after {limit:g} s", _is_solid(path))
         if not result.exists():
             return Verdict(name, "traceback", f"ended with {child.exitcode}")
-        return Verdict(**json.loads(result.read_text()))
+        return Verdict(**json.loads(result.read_text(encoding="utf-8")))
 
 
 def _child(path: Path, name: str, place: Path) -> None:
@@ -191,7 +191,7 @@ def _child(path: Path, name: str, place: Path) -> None:
         verdict.outcome = "traceback"
         verdict.reason = traceback.format_exc()[-600:]
     temporary = place / "half.json"
-    temporary.write_text(json.dumps(asdict(verdict)))
+    temporary.write_text(json.dumps(asdict(verdict)), encoding="utf-8")
     os.replace(temporary, place / "result.json")
 
 
@@ -218,7 +218,7 @@ def _converted(deck: Path, place: Path) -> tuple[Any, dict[str, Any]]:
     }
     for _ in range(6):
         model = place / "model.json"
-        model.write_text(json.dumps(data))
+        model.write_text(json.dumps(data), encoding="utf-8")
         try:
             return sid_from_model(model), data
         except InputError as error:

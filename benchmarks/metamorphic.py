@@ -120,7 +120,7 @@ def judge_all(
         for count, done in enumerate(as_completed(running), start=1):
             verdicts = done.result()
             known[verdicts[0].seed] = verdicts
-            with kept.open("a") as file:
+            with kept.open("a", encoding="utf-8") as file:
                 file.write(json.dumps([asdict(v) for v in verdicts]) + "\n")
             for v in verdicts:
                 if not v.equal:
@@ -139,9 +139,9 @@ def _known(kept: Path) -> dict[int, list[Verdict]]:
         for file in [path] if path.is_file() else sorted(path.rglob("*.py")):
             digest.update(file.read_bytes())
     stamp = json.dumps(digest.hexdigest())
-    lines = kept.read_text().splitlines() if kept.is_file() else []
+    lines = kept.read_text(encoding="utf-8").splitlines() if kept.is_file() else []
     if not lines or lines[0] != stamp:
-        kept.write_text(stamp + "\n")
+        kept.write_text(stamp + "\n", encoding="utf-8")
         lines = []
     scenes = [[Verdict(**v) for v in json.loads(line)] for line in lines[1:]]
     return {verdicts[0].seed: verdicts for verdicts in scenes}

@@ -38,8 +38,8 @@ SCENE = "format = 'sidtool scene'\nversion = 1\n"
 
 def _mesh(text: str, name: str = "mesh.inp") -> Callable[[Path, Path], tuple[str, ...]]:
     def made(folder: Path, sid: Path) -> tuple[str, ...]:
-        (folder / name).write_text(text)
-        (folder / "model.toml").write_text(MODEL.format(file=name))
+        (folder / name).write_text(text, encoding="utf-8")
+        (folder / "model.toml").write_text(MODEL.format(file=name), encoding="utf-8")
         return "convert", "model.toml", "-o", "made.h5"
 
     return made
@@ -54,7 +54,9 @@ def _pipe(folder: Path, sid: Path) -> tuple[str, ...]:
 
 def _cascade(folder: Path, sid: Path) -> tuple[str, ...]:
     for i in range(30):
-        (folder / f"part{i}.inp").write_text(f"*INCLUDE, INPUT=part{i + 1}.inp\n" * 10)
+        (folder / f"part{i}.inp").write_text(
+            f"*INCLUDE, INPUT=part{i + 1}.inp\n" * 10, encoding="utf-8"
+        )
     return _mesh(CUBE, "part30.inp")(folder, sid) and _mesh(
         "*INCLUDE, INPUT=part0.inp\n"
     )(folder, sid)
@@ -62,7 +64,7 @@ def _cascade(folder: Path, sid: Path) -> tuple[str, ...]:
 
 def _text(content: str) -> Callable[[Path, Path], tuple[str, ...]]:
     def made(folder: Path, sid: Path) -> tuple[str, ...]:
-        (folder / "odd.toml").write_text(content)
+        (folder / "odd.toml").write_text(content, encoding="utf-8")
         return "info", "odd.toml"
 
     return made
@@ -113,7 +115,9 @@ def _escapes(file: h5py.File) -> None:
 
 def _sid(change: Callable[[str], str]) -> Callable[[Path, Path], tuple[str, ...]]:
     def made(folder: Path, sid: Path) -> tuple[str, ...]:
-        (folder / "odd.SID_FEM").write_text(change(sid.read_text()))
+        (folder / "odd.SID_FEM").write_text(
+            change(sid.read_text(encoding="utf-8")), encoding="utf-8"
+        )
         return "validate", "odd.SID_FEM"
 
     return made

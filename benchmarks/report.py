@@ -74,7 +74,9 @@ class Report:
 def save(folder: Path, name: str, report: Report) -> None:
     """Keeps what was measured beside its picture."""
     with atomic_path(folder / f"{name}.json") as temporary:
-        temporary.write_text(json.dumps(asdict(report), indent=1) + "\n")
+        temporary.write_text(
+            json.dumps(asdict(report), indent=1) + "\n", encoding="utf-8"
+        )
 
 
 def load(folder: Path, names: Iterable[str]) -> dict[str, Report]:
@@ -83,7 +85,7 @@ def load(folder: Path, names: Iterable[str]) -> dict[str, Report]:
     for name in names:
         path = folder / f"{name}.json"
         if path.is_file():
-            content = json.loads(path.read_text())
+            content = json.loads(path.read_text(encoding="utf-8"))
             content["tables"] = [Table(**entry) for entry in content["tables"]]
             reports[name] = Report(**content)
     return reports
@@ -94,7 +96,7 @@ def write_page(path: Path, reports: Mapping[str, Report]) -> None:
     head = "# Speed against error\n\nWritten by `python -m benchmarks`. " + NOTE
     with atomic_path(path) as temporary:
         pages = [head, *(report.markdown() for report in reports.values())]
-        temporary.write_text("\n\n".join(pages) + "\n")
+        temporary.write_text("\n\n".join(pages) + "\n", encoding="utf-8")
 
 
 def write_section(
@@ -106,7 +108,7 @@ def write_section(
     ------
     ValueError : the markers are not there.
     """
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     if text.count(START) != 1 or text.count(END) != 1:
         raise ValueError(f"{path} needs {START} and {END} once")
     before, rest = text.split(START)
@@ -115,4 +117,4 @@ def write_section(
     parts.append(NOTE if note else "")
     body = "\n\n".join(part for part in parts if part)
     with atomic_path(path) as temporary:
-        temporary.write_text(f"{before}{START}\n{body}\n{END}{after}")
+        temporary.write_text(f"{before}{START}\n{body}\n{END}{after}", encoding="utf-8")

@@ -147,6 +147,7 @@ def _in_own_process(data: dict[str, Any], engine: str) -> dict[str, Any]:
         capture_output=True,
         text=True,
         check=False,
+        encoding="utf-8",
     )
     if result.returncode:
         return {"failed": result.stderr.strip().splitlines()[-1:]}

@@ -42,7 +42,9 @@ def main() -> None:
         bent = points + MAGNIFIED * (moved[rows] - points[:, :1] * moved[tip])
         c, s = np.array([pistons[frame], 0.0]) - pins[frame]
         shapes.append(pins[frame] + bent[:, :2] @ np.array([[c, s], [-s, c]]))
-    (HERE / "moving.svg").write_text(_picture(shapes, pins, pistons, q[:, 0]))
+    (HERE / "moving.svg").write_text(
+        _picture(shapes, pins, pistons, q[:, 0]), encoding="utf-8"
+    )
 
 
 def _outline(positions: np.ndarray) -> np.ndarray:

@@ -73,4 +73,4 @@ def write_study(path: str | Path, content: StudyFile) -> None:
     """
     check_ending(path, "study")
     with atomic_path(path) as temporary:
-        temporary.write_text(content.model_dump_json(indent=1) + "\n")
+        temporary.write_text(content.model_dump_json(indent=1) + "\n", encoding="utf-8")

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import os
-import signal
 from typing import NoReturn
+
+from .formats.storage.operating_system import (
+    DEFAULT,
+    INTERRUPT,
+    handle_signal,
+    is_usual_interrupt,
+    signal_handler,
+)
 
 
 def main() -> NoReturn:
@@ -15,8 +22,8 @@ def main() -> NoReturn:
     for each other, which made `convert` take up to three times as long.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if is_usual_interrupt(signal_handler(INTERRUPT)):
+        handle_signal(INTERRUPT, DEFAULT)
     from .cli import main as command_line
 
     command_line()

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from types import FrameType
 from typing import TYPE_CHECKING, Any
+
+from sidtool.formats.storage.operating_system import (
+    DEFAULT,
+    handle_signal,
+    present_signals,
+    signal_handler,
+    signal_name,
+)
 
 if TYPE_CHECKING:
     from sidtool.solver.system.scene import System
@@ -17,9 +24,6 @@ if TYPE_CHECKING:
     from .results import Result
 
 Programs = Mapping[str, Any] | None
-
-#: Signals that end a run, and what they are called.
-NAMES = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM", "SIGHUP": "the end of its terminal"}
 
 
 class Interrupted(KeyboardInterrupt):
@@ -46,13 +50,12 @@ class Ending:
         """Why the run is to end; empty while it is not."""
         if not self.number:
             return ""
-        name = signal.Signals(self.number).name
-        return f"ended by {NAMES.get(name, name)}"
+        return f"ended by {signal_name(self.number)}"
 
     def take(self, number: int, frame: FrameType | None) -> None:
         """The first signal asks; the second one does what it did before."""
         self.number = number
-        signal.signal(number, self.before[number])
+        handle_signal(number, self.before[number])
         if sys.stderr.isatty():
             os.write(2, b"sidtool: ends at the next step; again: at once\n")
 
@@ -64,19 +67,19 @@ def ending(*names: str, asked: Ending | None = None) -> Iterator[Ending]:
     asked : what is told, default a new one
     """
     asked = asked or Ending()
-    present = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    present: Sequence[int] = present_signals(names)
     if threading.current_thread() is not threading.main_thread():
         present = []
     for number in present:
-        before = signal.getsignal(number)
-        if callable(before) or before is signal.SIG_DFL:
+        before = signal_handler(number)
+        if callable(before) or before is DEFAULT:
             asked.before[number] = before
-            signal.signal(number, asked.take)
+            handle_signal(number, asked.take)
     try:
         yield asked
     finally:
         for number, handler in asked.before.items():
-            signal.signal(number, handler)
+            handle_signal(number, handler)
 
 
 @contextmanager

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from pathlib import Path
 
 from sidtool.formats.endings import check_ending
 from sidtool.formats.errors import InputError
+from sidtool.formats.storage.operating_system import (
+    is_writable_folder,
+    path_problem,
+    replace_file,
+)
 
 #: What `sidtool new` offers, by the name of the folder of the example.
 STARTS = {
@@ -59,19 +63,27 @@ def begin(folder: Path, start: str) -> list[str]:
     """
     source = example_folder(start)
     check_ending(folder, "folder")
+    if problem := path_problem(folder):
+        raise InputError(problem, source=folder, expected="another name")
     if folder.is_symlink() or folder.exists():
         raise InputError(
             "exists already", source=folder, expected="the name of a new folder"
         )
     names = sorted(path.name for own in _OWN for path in source.glob(own))
+    parent = folder.absolute().parent
+    if parent.is_dir() and not is_writable_folder(parent):
+        raise InputError(
+            "cannot be made (Permission denied)",
+            source=folder,
+            expected="a name in a folder that can be written",
+        )
     try:
-        parent = folder.absolute().parent
         with tempfile.TemporaryDirectory(dir=parent, prefix=".sidtool-") as temporary:
             made = Path(temporary) / "new"
             made.mkdir()
             for name in names:
                 shutil.copyfile(source / name, made / name)
-            os.rename(made, folder)
+            replace_file(made, folder)
     except OSError as error:
         raise InputError(
             f"cannot be made ({error.strerror})",

@@ -17,9 +17,9 @@ from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from queue import Queue
 
 from sidtool.formats.progress import is_heard, reached
+from sidtool.formats.storage.operating_system import end_with, processors
 
 from .compiler import stored
 
@@ -76,7 +76,7 @@ GARBAGE_THRESHOLD = 500_000
 #: working folder; all else is looked for where every program looks.
 HELPER = (
     "import sys; sys.path.insert(0, sys.argv[1]); import sidtool; "
-    "del sys.path[0]; from sidtool.solver.warmup import serve; serve()"
+    "del sys.path[0]; from sidtool.solver.warmup import serve; serve(int(sys.argv[2]))"
 )
 #: Settings of numba there: what it does not optimise is optimised once, as a whole.
 SETTINGS = {"NUMBA_OPT": "0", "NUMBA_DISABLE_JIT": "0"}
@@ -152,13 +152,13 @@ def _compile(
     if many and say is not None and not is_heard():
         say(f"compiling {count} kernels, once (half a minute or less)")
     queue, done = deque(groups), list[Group]()
-    processors = os.cpu_count() or 1 if many and stored.is_writable() else 0
+    width = processors() if many and stored.is_writable() else 0
 
     def tell() -> None:
         if count:
             reached("compiling, once", sum(map(len, done)) / count)
 
-    with _helpers(queue, min(len(groups), processors), done, tell):
+    with _helpers(queue, min(len(groups), width), done, tell):
         pass
     _work(queue, done, tell)
 
@@ -211,12 +211,13 @@ def _new_process() -> subprocess.Popen[str]:
     assert spec is not None and spec.origin is not None
     root = Path(spec.origin).parents[1]
     return subprocess.Popen(
-        [sys.executable, "-P", "-c", HELPER, str(root)],
+        [sys.executable, "-P", "-c", HELPER, str(root), str(os.getpid())],
         env=os.environ | SETTINGS,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
+        encoding="utf-8",
     )
 
 
@@ -238,7 +239,7 @@ def _feed(
             if not process.stdout.readline():
                 return
             done.append(group)
-    except (IndexError, BrokenPipeError):
+    except (IndexError, OSError):  # a closed pipe is an invalid argument on Windows
         return
 
 
@@ -262,21 +263,15 @@ def _compile_here(name: str) -> None:
         kernel.address(signature)
 
 
-def serve() -> None:
+def serve(parent: int) -> None:
     """Compiles the kernels named on standard input, answering each line with one.
 
-    It ends with its input: at once, too, while it compiles for somebody who is gone.
+    It ends with its input, and with `parent` also while it compiles. No thread reads
+    the input: Windows would have every library wait for that which is loaded meanwhile.
     """
     gc.set_threshold(GARBAGE_THRESHOLD)
-    lines: Queue[str] = Queue()
-    threading.Thread(target=_listen, args=(lines,), daemon=True).start()
-    while True:
-        for name in lines.get().split():
+    end_with(parent)
+    for line in sys.stdin:
+        for name in line.split():
             _compile_here(name)
         print("done", flush=True)
-
-
-def _listen(lines: Queue[str]) -> None:
-    for line in sys.stdin:
-        lines.put(line)
-    os._exit(0)

@@ -1,13 +1,13 @@
 """Writing a file wholly or not at all.
 
 What is being written has a name that tells the machine and the process. A process that
-is killed leaves its file; whoever writes into the same folder next removes it.
+is killed leaves its file; whoever writes into the same folder next removes it. A file
+that is whole is not given up: where its name cannot be had, it gets one beside it.
 """
 
 from __future__ import annotations
 
 import os
-import platform
 import re
 import shutil
 import stat
@@ -17,9 +17,21 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from itertools import count
 from pathlib import Path
 
 from ..errors import InputError
+from .operating_system import (
+    create_file,
+    extended_path,
+    flush_to_disk,
+    has_ended,
+    is_open_elsewhere,
+    path_problem,
+    process_list,
+    replace_file,
+    set_mode,
+)
 
 #: Bytes of a target's name that its temporary file takes over.
 LONGEST = 120
@@ -32,23 +44,35 @@ _lock = threading.Lock()
 
 
 @contextmanager
-def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
+def atomic_path(
+    target: str | os.PathLike[str], keep_beside: bool = True
+) -> Iterator[Path]:
     """Yield a temporary path beside `target`; it replaces `target` only on success.
 
     A killed or failing run leaves whatever stood at `target` untouched. A symbolic link
     stays one: what it points to is replaced. An existing file keeps its mode. Devices
     and pipes are not replaced but written to.
 
+    Parameters
+    ----------
+    target : the file
+    keep_beside : keep a whole file under another name where it cannot replace `target`,
+        as on Windows while another program has that open; else it is removed
+
     Raises
     ------
-    InputError : the folder does not exist or cannot be written to.
-    OSError : the file cannot be written whole, as on a full disk; it names `target`.
+    InputError : the folder does not exist or cannot be written to, or a file cannot
+        have this name.
+    OSError : the file cannot be written whole, as on a full disk, or cannot replace
+        `target`; it names `target`, and says where the file is instead.
     """
-    target = Path(target)
+    named = target = Path(target)
+    if problem := path_problem(target):
+        raise InputError(problem, source=target, expected="another name")
     mode = _mode(target)
     stream = mode is not None and not stat.S_ISREG(mode)
     if not stream:
-        target = Path(os.path.realpath(target))
+        target = extended_path(Path(os.path.realpath(target)))
     if stream and target.is_dir():
         raise InputError("is a folder", source=target, expected="the name of a file")
     temporary = _beside(Path(tempfile.gettempdir()) / target.name if stream else target)
@@ -57,16 +81,37 @@ def atomic_path(target: str | os.PathLike[str]) -> Iterator[Path]:
         if stream:
             _pour(temporary, target)
             return
-        _flush_to_disk(temporary)
-        temporary.chmod(0o666 & ~_umask() if mode is None else stat.S_IMODE(mode))
-        temporary.replace(target)
+        flush_to_disk(temporary)
+        set_mode(temporary, mode)
+        _give_name(temporary, target, keep_beside)
     except OSError as error:
         if error.errno is None:
             raise
-        raise OSError(error.errno, error.strerror, os.fspath(target)) from error
+        raise OSError(error.errno, error.strerror, os.fspath(named)) from error
     finally:
         temporary.unlink(missing_ok=True)
         _living.discard(temporary)
+
+
+def _give_name(temporary: Path, target: Path, keep_beside: bool) -> None:
+    """Replaces the target, or says under which name beside it the file is kept."""
+    try:
+        replace_file(temporary, target)
+    except OSError as error:
+        if not keep_beside:
+            raise
+        other = _free_name(target)
+        replace_file(temporary, other)
+        problem = f"cannot be replaced ({error.strerror})"
+        if is_open_elsewhere(target):
+            problem = "is open in another program"
+        text = f"{problem}: it is as before, and what was to replace it is {other.name}"
+        raise OSError(error.errno, text) from error
+
+
+def _free_name(target: Path) -> Path:
+    names = (f"{target.stem}.new{n}{target.suffix}" for n in count(1))
+    return next(p for p in map(target.with_name, names) if not p.exists())
 
 
 def _mode(target: Path) -> int | None:
@@ -82,28 +127,22 @@ def _beside(target: Path) -> Path:
     prefix = f".{short}.{_machine()}-{os.getpid()}-"
     with _lock:
         try:
-            handle, name = tempfile.mkstemp(
-                dir=target.parent, prefix=prefix, suffix=".part"
-            )
+            path = create_file(target.parent, prefix, ".part")
         except OSError as error:
             raise InputError(
                 f"cannot write here ({error.strerror})",
                 source=target,
                 expected="an existing folder with permission to write",
             ) from error
-        os.close(handle)
-        _living.add(Path(name))
+        _living.add(path)
         _remove_rests(target.parent)
-    return Path(name)
+    return path
 
 
 @cache
 def _machine() -> str:
     """Tells those who count the same processes: a machine, or a container on it."""
-    name = platform.node()
-    with suppress(OSError):
-        name += os.readlink("/proc/self/ns/pid")
-    return f"{zlib.crc32(name.encode()):08x}"
+    return f"{zlib.crc32(process_list().encode()):08x}"
 
 
 def _remove_rests(folder: Path) -> None:
@@ -117,32 +156,15 @@ def _remove_rests(folder: Path) -> None:
 
 def _is_rest(path: Path) -> bool:
     found = REST.fullmatch(path.name)
-    if found is None or found["machine"] != _machine() or os.name != "posix":
+    if found is None or found["machine"] != _machine():
         return False
     process = int(found["process"])
     if process == os.getpid():
         return path not in _living
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return True
-    except (OSError, OverflowError):
-        return False
-    return False
+    return has_ended(process)
 
 
 def _pour(source: Path, target: Path) -> None:
     """Writes a file into a device or a pipe."""
     with source.open("rb") as reader, target.open("wb", buffering=0) as writer:
         shutil.copyfileobj(reader, writer)
-
-
-def _flush_to_disk(path: Path) -> None:
-    with path.open("rb") as stream:
-        os.fsync(stream.fileno())
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

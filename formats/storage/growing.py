@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import os
 import shutil
-import signal
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -19,10 +18,12 @@ from typing import Any
 
 from ..errors import InputError
 from .atomic import atomic_path
-
-#: Signals that a program may answer with an exception.
-_SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP")
-
+from .operating_system import (
+    ENDING_SIGNALS,
+    handle_signal,
+    present_signals,
+    signal_handler,
+)
 
 #: Bytes that are kept in memory together.
 PAGE = 4096
@@ -202,15 +203,14 @@ def undisturbed() -> Iterator[None]:
     waiting: list[tuple[int, Any]] = []
     before: dict[int, Any] = {}
     if threading.current_thread() is threading.main_thread():
-        numbers = [getattr(signal, n) for n in _SIGNALS if hasattr(signal, n)]
-        before = {n: signal.getsignal(n) for n in numbers}
+        before = {n: signal_handler(n) for n in present_signals(ENDING_SIGNALS)}
         before = {n: handler for n, handler in before.items() if callable(handler)}
     for number in before:
-        signal.signal(number, lambda *told: waiting.append(told))
+        handle_signal(number, lambda *told: waiting.append(told))
     try:
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            handle_signal(number, handler)
         for number, frame in waiting:
             before[number](number, frame)

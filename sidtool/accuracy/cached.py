@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene.base import Table
 from sidtool.formats.sid import SID, Array, Taylor
 from sidtool.formats.storage.atomic import atomic_path
+from sidtool.formats.storage.operating_system import cache_folder
 
 #: How choices are made; a choice of another one is not used.
 METHOD = 19
@@ -36,12 +36,8 @@ class Kept(Table):
 
 def folder() -> Path | None:
     """Where choices are kept; None where the user has no home."""
-    try:
-        cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
-        cache = cache if cache.is_absolute() else Path.home() / ".cache"
-    except RuntimeError:
-        return None
-    return cache / "sidtool" / "accuracy"
+    users = cache_folder()
+    return None if users is None else users / "accuracy"
 
 
 def key_of(
@@ -73,7 +69,9 @@ def read(key: str) -> Kept | None:
     """What is kept under a key, if it is whole."""
     path = _path(key)
     try:
-        return Kept.model_validate_json(path.read_text()) if path else None
+        return (
+            Kept.model_validate_json(path.read_text(encoding="utf-8")) if path else None
+        )
     except (OSError, ValueError, ValidationError, InputError):
         return None
 
@@ -85,8 +83,8 @@ def write(key: str, kept: Kept) -> None:
         return
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path) as temporary:
-            temporary.write_text(kept.model_dump_json(by_alias=True))
+        with atomic_path(path, keep_beside=False) as temporary:
+            temporary.write_text(kept.model_dump_json(by_alias=True), encoding="utf-8")
     except (OSError, InputError):
         return
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import os
-import signal
 import sys
 import warnings
 from collections.abc import Sequence
@@ -13,6 +12,17 @@ from typing import NoReturn, TextIO
 import click
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.storage.operating_system import (
+    DEFAULT,
+    ENDING_SIGNALS,
+    INTERRUPT,
+    handle_signal,
+    is_closed_pipe,
+    is_usual_interrupt,
+    outlive_console,
+    present_signals,
+    signal_handler,
+)
 
 from .. import __version__
 from .analyse import analyse
@@ -105,15 +115,14 @@ def _end(number: int, frame: object) -> NoReturn:
 
 def _interrupt(number: int, frame: object) -> NoReturn:
     """The first Ctrl-C cleans up; the second one ends the program as it is."""
-    signal.signal(number, signal.SIG_DFL)
+    handle_signal(number, DEFAULT)
     raise KeyboardInterrupt
 
 
-def _ending_signals() -> list[signal.Signals]:
+def _ending_signals() -> list[int]:
     """Those that end a program without cleaning up, and are not ignored (nohup)."""
-    present = [n for n in ("SIGTERM", "SIGHUP") if hasattr(signal, n)]
-    numbers = [signal.Signals[name] for name in present]
-    return [n for n in numbers if signal.getsignal(n) is signal.SIG_DFL]
+    numbers = [n for n in present_signals(ENDING_SIGNALS) if n != INTERRUPT]
+    return [n for n in numbers if signal_handler(n) is DEFAULT]
 
 
 def main() -> NoReturn:
@@ -121,12 +130,13 @@ def main() -> NoReturn:
     _open_standard_streams()
     gc.set_threshold(GARBAGE_THRESHOLD)
     warnings.showwarning = _tell
-    before = {number: signal.signal(number, _end) for number in _ending_signals()}
-    if signal.getsignal(signal.SIGINT) in (signal.SIG_DFL, signal.default_int_handler):
-        before[signal.SIGINT] = signal.signal(signal.SIGINT, _interrupt)
+    outlive_console()
+    before = {number: handle_signal(number, _end) for number in _ending_signals()}
+    if is_usual_interrupt(signal_handler(INTERRUPT)):
+        before[INTERRUPT] = handle_signal(INTERRUPT, _interrupt)
     status = run(sys.argv[1:])
     for number, handler in before.items():
-        signal.signal(number, handler)
+        handle_signal(number, handler)
     gc.freeze()
     sys.exit(status)
 
@@ -134,7 +144,8 @@ def main() -> NoReturn:
 def _open_standard_streams() -> None:
     """A caller may have closed them (``>&-``): what is said there goes nowhere.
 
-    Else the next file that is opened would be the standard output.
+    Else the next file that is opened would be the standard output. Characters that a
+    terminal or pipe cannot show, as of Greek in a code page of Windows, are escaped.
     """
     for number in range(3):
         try:
@@ -143,7 +154,11 @@ def _open_standard_streams() -> None:
             os.open(os.devnull, os.O_RDWR)
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
-            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            setattr(sys, name, os.fdopen(nowhere, "w", encoding="utf-8"))
+        stream = getattr(sys, name)
+        if stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -169,6 +184,8 @@ def run(arguments: Sequence[str]) -> int:
     except MemoryError:
         return _complain("there is not enough memory for this", FAILED)
     except OSError as error:
+        if is_closed_pipe(error):
+            return _closed_pipe()
         name = f"{error.filename}: " if error.filename else ""
         return _complain(f"{name}{error.strerror or error}", FAILED)
 

@@ -125,7 +125,9 @@ def modes(
         from sidtool.formats.storage.atomic import atomic_path
 
         with atomic_path(output) as path:
-            Path(path).write_text(json.dumps(modes_as_data(found), indent=1) + "\n")
+            Path(path).write_text(
+                json.dumps(modes_as_data(found), indent=1) + "\n", encoding="utf-8"
+            )
         click.echo(f"{output} written")
     tell(describe_modes(found), lambda: modes_as_data(found))
 

@@ -14,6 +14,13 @@ import click
 
 from sidtool.formats.endings import WRITTEN, check_ending, kind_by_ending
 from sidtool.formats.errors import InputError
+from sidtool.formats.storage.operating_system import (
+    STANDARD_OUTPUT,
+    is_open_elsewhere,
+    is_read_only,
+    is_writable_folder,
+    path_problem,
+)
 
 if TYPE_CHECKING:
     from ..scenes import Scene
@@ -117,11 +124,12 @@ def check_targets(
     wanted = [(t, t.path) for t in targets if t.path is not None]
     for i, (target, path) in enumerate(wanted):
         if str(path) == "-":
+            stdout = f"; {STANDARD_OUTPUT} is the standard output"
             raise InputError(
                 "is no file name here",
                 source="-",
                 place=target.option,
-                expected="a file; /dev/stdout is the standard output",
+                expected="a file" + (stdout if STANDARD_OUTPUT else ""),
             )
         _check_place(path)
         for other in map(Path, inputs):
@@ -153,12 +161,24 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _check_place(path: Path) -> None:
+    if problem := path_problem(path):
+        raise InputError(problem, source=path, expected="another name")
     if path.is_dir():
         raise InputError("is a folder", source=path, expected="the name of a file")
     folder = Path(os.path.realpath(path)).parent
     if path.exists() and not path.is_file():
         return
-    if not (folder.is_dir() and os.access(folder, os.W_OK)):
+    if is_read_only(path):
+        raise InputError(
+            "is read-only", source=path, expected="a file that may be replaced"
+        )
+    if is_open_elsewhere(path):
+        raise InputError(
+            "is open in another program and cannot be replaced",
+            source=path,
+            expected="it to be closed there, or another name",
+        )
+    if not is_writable_folder(folder):
         raise InputError(
             "cannot be written here",
             source=path,
@@ -209,7 +229,8 @@ def hush(ctx: click.Context, _: click.Parameter, value: bool) -> None:
     """Of --quiet: what a command says on its standard output goes nowhere."""
     if value:
         ctx.meta[_QUIET] = sys.stdout  # which --json may want
-        nowhere = ctx.with_resource(Path(os.devnull).open("w"))  # noqa: SIM115
+        nowhere = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+        ctx.with_resource(nowhere)
         ctx.with_resource(redirect_stdout(nowhere))
 
 

@@ -11,8 +11,9 @@ import click
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import reached
+from sidtool.formats.storage.operating_system import ENDING_SIGNALS
 
-from ..interrupting import NAMES, Ending, ending
+from ..interrupting import Ending, ending
 from .body_files import files_by_body
 from .common import (
     Target,
@@ -138,7 +139,8 @@ def simulate(
 
     Ctrl-C, SIGTERM and SIGHUP end a run at its next step; its files hold what there is,
     marked as unfinished, and `--continue` goes on from there. A second signal ends the
-    program at once.
+    program at once. On Windows these are Ctrl-C, Ctrl-Break and the end of the console;
+    a program that is ended from outside leaves the files as they were.
 
     Exit status: 0 done, or ended by an event; 1 the run stopped early (the files hold
     what there is); 130 or 143 a signal ended it (likewise); 2 the input is wrong, and
@@ -274,7 +276,7 @@ def _run(
                 announced(system, **said)
                 pass_on(known, files)
                 return known
-        with ending(*NAMES, asked=ends["stop"]):
+        with ending(*ENDING_SIGNALS, asked=ends["stop"]):
             result = run(
                 system,
                 progress=_share(scene.time),

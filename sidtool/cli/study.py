@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,8 +13,13 @@ import click
 from sidtool.formats.endings import check_ending
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import is_heard, reached
+from sidtool.formats.storage.operating_system import (
+    ENDING_SIGNALS,
+    is_writable_folder,
+    processors,
+)
 
-from ..interrupting import NAMES, ending
+from ..interrupting import ending
 from .common import changes, existing, is_quiet, read_changed, target, tell
 
 if TYPE_CHECKING:
@@ -155,7 +159,7 @@ def study(
     if output is not None:
         _check_folder(output)
     content = read_changed(scene, changes)
-    with ending(*NAMES) as asked:
+    with ending(*ENDING_SIGNALS) as asked:
         try:
             with _progress() as say:
                 result = asked_study(
@@ -168,7 +172,7 @@ def study(
                     outputs=outputs,
                     differ=differ,
                     folder=output,
-                    jobs=jobs or len(os.sched_getaffinity(0)),
+                    jobs=jobs or processors(),
                     dask=dask,
                     title=content.title or scene.stem,
                     stop=asked,
@@ -209,7 +213,7 @@ def _check_folder(folder: Path) -> None:
     """Refuse a folder that cannot be made at the end, before any work is done."""
     check_ending(folder, "folder", "-o")
     there = next(p for p in (folder, *folder.absolute().parents) if p.exists())
-    if not (there.is_dir() and os.access(there, os.W_OK)):
+    if not is_writable_folder(there):
         raise InputError(
             "cannot be a folder to write to",
             source=folder,

@@ -97,7 +97,7 @@ class Store:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
         with (
-            atomic_path(self.folder / f"{key}.npz") as temporary,
+            atomic_path(self.folder / f"{key}.npz", keep_beside=False) as temporary,
             temporary.open("wb") as stream,
         ):
             np.savez(stream, numbers=np.array(json.dumps(numbers)), values=values)

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
-import threading
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -20,6 +17,12 @@ from typing import Any, TypeVar
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import listening
+from sidtool.formats.storage.operating_system import (
+    IGNORED,
+    INTERRUPT,
+    end_with,
+    handle_signal,
+)
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
@@ -93,14 +96,8 @@ def _processes(jobs: int) -> Iterator[Executor]:
 
 def _begin(parent: int) -> None:
     """Ctrl-C is the parent's matter; without it the process ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
+    handle_signal(INTERRUPT, IGNORED)
+    end_with(parent)
 
 
 @contextmanager

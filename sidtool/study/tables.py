@@ -223,7 +223,10 @@ def write_table(path: Path, content: StudyFile) -> None:
     """All points as CSV."""
     found = columns(content)
     found["told"] = [int(bool(told)) for told in found["told"]]
-    with atomic_path(path) as temporary, temporary.open("w", newline="") as stream:
+    with (
+        atomic_path(path) as temporary,
+        temporary.open("w", newline="", encoding="utf-8") as stream,
+    ):
         writer = csv.writer(stream)
         writer.writerow(found)
         writer.writerows(zip(*found.values(), strict=True))
@@ -241,7 +244,7 @@ def write_all(folder: Path, result: Study, wanted: Sequence[float]) -> list[str]
     text, numbers, data, *pictures = (folder / name for name in names)
     content = study_file(result)
     with atomic_path(text) as temporary:
-        temporary.write_text(whole_report(result, wanted) + "\n")
+        temporary.write_text(whole_report(result, wanted) + "\n", encoding="utf-8")
         for picture in pictures:
             plot_study(picture, content)
         write_table(numbers, content)

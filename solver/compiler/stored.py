@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import os
-import tempfile
 from pathlib import Path
 
 from sidtool.formats.errors import InputError, warn_caller
 from sidtool.formats.storage.atomic import atomic_path
+from sidtool.formats.storage.operating_system import cache_folder, create_file
 
 MAGIC = b"sidtool kernel 1\n"
 #: Bytes of the checksum and of the length of the key.
@@ -36,13 +36,8 @@ def folders() -> list[Path]:
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
         return [Path(chosen).absolute() / f"sidtool-{package}"]
-    found = [HERE / "__pycache__"]
-    try:
-        cache = Path(os.environ.get("XDG_CACHE_HOME", ""))
-        cache = cache if cache.is_absolute() else Path.home() / ".cache"
-    except RuntimeError:  # the user has no home
-        return found
-    return [*found, cache / "sidtool" / package]
+    found, users = [HERE / "__pycache__"], cache_folder()
+    return found if users is None else [*found, users / package]
 
 
 def read(name: str, key: str) -> bytes | None:
@@ -70,7 +65,7 @@ def write(name: str, key: str, code: bytes) -> None:
     for folder in folders():
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            with atomic_path(folder / name) as temporary:
+            with atomic_path(folder / name, keep_beside=False) as temporary:
                 temporary.write_bytes(content)
             return
         except OSError as error:
@@ -86,7 +81,7 @@ def is_writable() -> bool:
     for folder in folders():
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            tempfile.TemporaryFile(dir=folder).close()
+            create_file(folder, ".sidtool-", ".tmp").unlink()
             return True
         except OSError as error:
             failures.append(f"{folder} ({error.strerror})")

@@ -181,8 +181,7 @@ def _raw(
     e, g, rho = content.moduli.get(found.material, (0.0, 0.0, 0.0))
     heavy = tuple((at, weight * value) for at, value in section.extra)
     section = replace(section, extra=heavy)
-    rho *= content.weight_of(found.material)
-    return RawBar(*ends, card.place, y_axis, e, g, rho, section, offsets)
+    return RawBar(*ends, card.place, y_axis, e, g, rho * weight, section, offsets)
 
 
 def _property(content: BulkData, card: Card, label: int) -> BarProperty:

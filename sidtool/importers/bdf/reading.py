@@ -59,38 +59,26 @@ _ORDERS = {
 }
 
 
-def read_bdf(
-    path: str | Path,
-    ignored: frozenset[str] = frozenset(),
-    *,
-    density: float | None = None,
-) -> ImportedMesh:
+def read_bdf(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
     """The mesh of a Nastran bulk data file.
 
     Parameters
     ----------
     ignored : cards that are left out on purpose, in capitals
-    density : of materials whose RHO is blank or zero, in the units of the file
 
     Raises
     ------
     InputError : names file, line and expectation.
     """
     try:
-        return _imported(bulk_data(Path(path), ignored, density=density))
+        return _imported(bulk_data(Path(path), ignored))
     except InputError as error:
         raise error.located(path) from None
 
 
-def bulk_data(
-    path: Path,
-    ignored: frozenset[str],
-    *,
-    shells: bool = False,
-    density: float | None = None,
-) -> BulkData:
+def bulk_data(path: Path, ignored: frozenset[str], *, shells: bool = False) -> BulkData:
     """All cards of a file, with the nodes where they are in the basic system."""
-    content = BulkData(shells=shells, density=density)
+    content = BulkData(shells=shells)
     for card in read_cards(path):
         _take(content, card, ignored)
     systems = {

@@ -20,9 +20,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.storage.operating_system import processors
 
 from ...frontends.mesh.data import ElementBlock
-from .deck import centred, without_layers
+from .deck import free_deck, without_layers
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -59,8 +60,7 @@ class Computed:
     dofs : (ndof, 2) the deck's node that a row belongs to, or was expanded from, and
         the direction; nodes of internal modes have numbers beyond those of the deck
     nodes : numbers of the nodes of the expanded mesh, in the order of `positions`
-    positions : (n, 3) to six digits of what they are from `centre`
-    centre : (3,) of the nodes of the deck
+    positions : (n, 3) to six digits
     blocks : the solids, by rows of `positions`
     warnings : what CalculiX warns of, once each
     """
@@ -70,18 +70,12 @@ class Computed:
     dofs: Indices
     nodes: Indices
     positions: Array
-    centre: Array
     blocks: tuple[ElementBlock, ...]
     warnings: tuple[str, ...]
 
 
-def computed(lines: list[str], source: Path) -> Computed:
+def computed(path: Path, ignored: frozenset[str] = frozenset()) -> Computed:
     """Matrices and mesh of a deck's free body by CalculiX (``ccx``).
-
-    Parameters
-    ----------
-    lines : of the deck, without steps
-    source : the file that messages name
 
     Raises
     ------
@@ -93,13 +87,16 @@ def computed(lines: list[str], source: Path) -> Computed:
             place="geometry.engine",
             expected="ccx on the path: apt install calculix-ccx, or from calculix.de",
         )
-    moved, centre = centred(lines)
+    lines = free_deck(path, ignored)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        said = _run(folder, "body", [*lines, _MATRICES], source, ".dof")
-        _run(folder, "mesh", [*without_layers(moved), _MESH], source, ".frd")
+        said = _run(folder, "body", [*lines, _MATRICES], path, ".dof")
+        _run(folder, "mesh", [*without_layers(lines), _MESH], path, ".frd")
         dofs = np.array(
-            [line.split(".") for line in (folder / "body.dof").read_text().split()],
+            [
+                line.split(".")
+                for line in (folder / "body.dof").read_text(encoding="utf-8").split()
+            ],
             np.int64,
         ).reshape(-1, 2)
         nodes, positions, blocks = read_frd(folder / "mesh.frd")
@@ -108,8 +105,7 @@ def computed(lines: list[str], source: Path) -> Computed:
             _matrix(folder / "body.mas", len(dofs)),
             dofs,
             nodes,
-            positions + centre,
-            centre,
+            positions,
             blocks,
             said,
         )
@@ -127,7 +123,7 @@ def _run(
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-        env={**os.environ, "OMP_NUM_THREADS": str(os.cpu_count() or 1)},
+        env={**os.environ, "OMP_NUM_THREADS": str(processors())},
         check=False,
     )
     found = _PROBLEM.findall(done.stdout.decode("latin-1"))

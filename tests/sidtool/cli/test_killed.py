@@ -51,7 +51,7 @@ def killed(
     folder: Path,
     arguments: list[str],
     number: signal.Signals,
-    stop: str = "module._flush_to_disk",
+    stop: str = "module.flush_to_disk",
     module: str = "sidtool.formats.storage.atomic",
 ) -> subprocess.CompletedProcess[str]:
     """A command that gets a signal while it writes."""
@@ -232,7 +232,7 @@ warmup._new_process = new
 warmup.all_groups = lambda loops: [("a:a",), ("b:b",)]
 warmup._is_cached = lambda name: False
 warmup._compile_here = lambda name: time.sleep(60)
-os.cpu_count = lambda: 2
+warmup.processors = lambda: 2
 sys.argv[1:] = ["warmup"]
 main()
 """
@@ -240,7 +240,7 @@ main()
 SLOW = (
     "import sys, time; sys.path.insert(0, sys.argv[1]); import sidtool; "
     "from sidtool.solver import warmup; "
-    "warmup._compile_here = lambda name: time.sleep(60); warmup.serve()"
+    "warmup._compile_here = lambda name: time.sleep(60); warmup.serve(int(sys.argv[2]))"
 )
 
 

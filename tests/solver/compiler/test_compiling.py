@@ -87,7 +87,7 @@ def test_processes_help_only_where_kernels_can_be_kept(
     monkeypatch.setattr(stored, "_told", set())
     monkeypatch.setattr(warmup, "_helpers", helpers)
     monkeypatch.setattr(warmup, "_compile_here", here.append)
-    monkeypatch.setattr(os, "cpu_count", lambda: 3)
+    monkeypatch.setattr(warmup, "processors", lambda: 3)
     groups = [("a:a", "a:b"), ("b:a",), ("c:a",)]
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     warmup._compile(groups, None)

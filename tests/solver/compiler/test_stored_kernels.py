@@ -209,10 +209,10 @@ def test_kernels_of_a_package_that_cannot_be_written_are_used(
     assert file.parent == made
     write = stored.atomic_path
 
-    def read_only(path: Path) -> Any:
+    def read_only(path: Path, **more: bool) -> Any:
         if path.parent == made:
             raise OSError(30, "Read-only file system")
-        return write(path)
+        return write(path, **more)
 
     monkeypatch.setattr(stored, "atomic_path", read_only)
     with warnings.catch_warnings():

@@ -1,0 +1,378 @@
+"""Everything that differs between Linux, macOS and Windows.
+
+Files and folders, processes and their ends, signals, processors. No other module calls
+the functions behind these: `tests/test_operating_system.py` looks for them.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import signal
+import stat
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path, PureWindowsPath
+from typing import Any
+
+WINDOWS = sys.platform == "win32"
+MACOS = sys.platform == "darwin"
+#: What users know the signals by that end a program. Windows has no SIGHUP and lets
+#: no other program send SIGTERM; the others have no SIGBREAK.
+ENDING_SIGNALS = {
+    "SIGINT": "Ctrl-C",
+    "SIGTERM": "SIGTERM",
+    "SIGHUP": "the end of its terminal",
+    "SIGBREAK": "Ctrl-Break or the end of its console",
+}
+#: For how long and how often a file is replaced that another program holds [s].
+PATIENCE, PAUSE = 2.0, 0.05
+#: How often the parent of a process is looked for where it cannot be waited for [s].
+PARENT_PAUSE = 1.0
+#: Windows ends a program so long after its console was closed [s].
+CLOSING = 5.0
+#: Error numbers of Windows: refused, as the file is open in another program.
+_SHARING_VIOLATION, _LOCK_VIOLATION, _ACCESS_DENIED = 32, 33, 5
+#: Longer paths are refused by Windows unless they are extended or it is set up for
+#: them; folders have to leave room for a name of 8.3 characters.
+LONGEST_PATH, LONGEST_FOLDER = 259, 247
+_DEVICES = {"CON", "PRN", "AUX", "NUL", "CONIN$", "CONOUT$"} | {
+    f"{port}{digit}" for port in ("COM", "LPT") for digit in "123456789\xb9\xb2\xb3"
+}
+
+
+# Files
+
+
+def create_file(folder: Path, prefix: str, suffix: str) -> Path:
+    """A new empty file that only its owner may read.
+
+    `tempfile.mkstemp` never ends in a folder of Windows that cannot be written
+    (CPython issue 66305).
+
+    Raises
+    ------
+    OSError : the folder does not exist or cannot be written to.
+    """
+    while True:
+        path = folder / f"{prefix}{secrets.token_hex(4)}{suffix}"
+        try:
+            with open(path, "xb", opener=lambda p, flags: os.open(p, flags, 0o600)):
+                return path
+        except FileExistsError:
+            continue
+
+
+def flush_to_disk(path: Path) -> None:
+    """Wait until a file is on its disk; Windows flushes only what may be written."""
+    with path.open("rb+") as stream:
+        os.fsync(stream.fileno())
+
+
+def set_mode(path: Path, mode: int | None) -> None:
+    """Permissions of a new file: those of the file that it replaces, or the usual.
+
+    On Windows they are those of its folder.
+    """
+    if not WINDOWS:
+        path.chmod(0o666 & ~_umask() if mode is None else stat.S_IMODE(mode))
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def replace_file(source: Path, target: Path) -> None:
+    """Give a file or folder its name, in place of the file that has it.
+
+    On Windows a file that is open elsewhere cannot be replaced: antivirus programs and
+    indexes hold new files for a moment, so that it is tried again for two seconds.
+
+    Raises
+    ------
+    OSError : `target` cannot be replaced; both files are as before.
+    """
+    if is_read_only(target):
+        raise PermissionError(errno.EACCES, "is read-only", os.fspath(target))
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return os.replace(source, target)
+        except OSError as error:
+            if not _is_held(error) or time.monotonic() > deadline:
+                raise
+        time.sleep(PAUSE)
+
+
+def _is_held(error: OSError) -> bool:
+    held = _SHARING_VIOLATION, _LOCK_VIOLATION, _ACCESS_DENIED
+    return getattr(error, "winerror", None) in held
+
+
+def is_open_elsewhere(path: Path) -> bool:
+    """Whether a file cannot be replaced now, as another program has it open.
+
+    Only Windows refuses that. To give a file its own name changes nothing there, and
+    asks for all that replacing it does.
+    """
+    if not WINDOWS or not path.is_file():
+        return False
+    try:
+        os.rename(path, path)
+    except OSError as error:
+        return _is_held(error)
+    return False
+
+
+def is_read_only(path: Path) -> bool:
+    """Whether a file cannot be replaced because of its own attribute, as on Windows."""
+    if not WINDOWS:
+        return False
+    try:
+        return not path.stat().st_mode & stat.S_IWRITE
+    except OSError:
+        return False
+
+
+def is_writable_folder(folder: Path) -> bool:
+    """Whether files can be made there. Windows tells by trying only."""
+    if not folder.is_dir():
+        return False
+    if not WINDOWS:
+        return os.access(folder, os.W_OK)
+    try:
+        create_file(folder, ".sidtool-", ".tmp").unlink()
+    except OSError:
+        return False
+    return True
+
+
+def extended_path(path: Path) -> Path:
+    """The same path, in the form that Windows takes at any length."""
+    text = os.path.abspath(path)
+    if not WINDOWS or len(text) <= LONGEST_FOLDER or text.startswith("\\\\?\\"):
+        return path
+    if text.startswith("\\\\"):
+        return Path("\\\\?\\UNC\\" + text[2:])
+    return Path("\\\\?\\" + text)
+
+
+def path_problem(path: Path) -> str:
+    """Why this system has no file of such a name; empty if it may have one."""
+    return windows_path_problem(os.fspath(path)) if WINDOWS else ""
+
+
+def length_problem(path: Path) -> str:
+    """That a path is too long for a Windows that is not set up for long ones."""
+    length = len(os.path.abspath(path))
+    if not WINDOWS or length <= LONGEST_PATH:
+        return ""
+    return f"has {length} characters, of which Windows takes {LONGEST_PATH}"
+
+
+def windows_path_problem(path: str) -> str:
+    """The same for Windows: devices, forbidden characters, dots that it drops."""
+    pure = PureWindowsPath(path)
+    for part in pure.parts[1:] if pure.anchor else pure.parts:
+        stem = part.partition(".")[0].rstrip(" ").upper()
+        if stem in _DEVICES:
+            return f"{part!r} is the name of a device of Windows"
+        if part in (".", ".."):
+            continue
+        if part[-1] in ". ":
+            return f"{part!r} ends with a dot or space, which Windows drops"
+        found = [c for c in part if c in '<>:"|?*' or ord(c) < 32]
+        if found:
+            return f"{part!r} holds {found[0]!r}, which Windows forbids in names"
+    return ""
+
+
+def cache_folder() -> Path | None:
+    """Where sidtool may keep what can be computed anew, for this user.
+
+    XDG_CACHE_HOME decides on all systems. Else it is ~/.cache on Linux,
+    ~/Library/Caches on macOS, and LOCALAPPDATA on Windows.
+
+    Returns
+    -------
+    the folder, or None where the user has no home
+    """
+    chosen = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if chosen.is_absolute():
+        return chosen / "sidtool"
+    local = Path(os.environ.get("LOCALAPPDATA", ""))
+    if WINDOWS and local.is_absolute():
+        return local / "sidtool" / "Cache"
+    try:
+        home = Path.home()
+    except RuntimeError:
+        return None
+    return home / ("Library/Caches" if MACOS else ".cache") / "sidtool"
+
+
+#: What writes to the standard output where a file is asked for; Windows has nothing.
+STANDARD_OUTPUT = None if WINDOWS else "/dev/stdout"
+
+
+def is_closed_pipe(error: OSError) -> bool:
+    """Whether the reader of the output has gone; Windows calls that invalid."""
+    if isinstance(error, BrokenPipeError):
+        return True
+    return WINDOWS and error.errno == errno.EINVAL and error.filename is None
+
+
+# Processes
+
+
+def processors() -> int:
+    """How many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@cache
+def process_list() -> str:
+    """A name for those who count the same processes: a machine, or a container."""
+    if sys.platform == "win32":
+        return os.environ.get("COMPUTERNAME", "")
+    name = os.uname().nodename
+    with suppress(OSError):
+        name += os.readlink("/proc/self/ns/pid")
+    return name
+
+
+def has_ended(process: int) -> bool:
+    """Whether no process has this number; False if that cannot be known."""
+    if sys.platform == "win32":
+        return _has_ended_on_windows(process)
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    except (OSError, OverflowError):
+        return False
+    return False
+
+
+def end_with(parent: int) -> None:
+    """End this process as soon as `parent`, which started it, has ended."""
+
+    def watch() -> None:
+        _wait_for_end(parent)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _wait_for_end(parent: int) -> None:
+    if sys.platform == "win32":
+        _wait_on_windows(parent)
+    else:
+        while os.getppid() == parent:
+            time.sleep(PARENT_PAUSE)
+
+
+# `os.kill(process, 0)` ends a process of Windows, and `os.getppid` goes on telling the
+# number of a parent that has ended. A handle can be asked and waited for.
+if sys.platform == "win32":
+    _SYNCHRONIZE, _NO_SUCH_PROCESS, _ENDED, _ALWAYS = 0x00100000, 87, 0, 0xFFFFFFFF
+
+    def _kernel() -> Any:
+        import ctypes
+        from ctypes import wintypes
+
+        kernel = ctypes.WinDLL("kernel32", use_last_error=True)
+        kernel.OpenProcess.restype = wintypes.HANDLE
+        kernel.OpenProcess.argtypes = wintypes.DWORD, wintypes.BOOL, wintypes.DWORD
+        kernel.WaitForSingleObject.argtypes = wintypes.HANDLE, wintypes.DWORD
+        kernel.WaitForSingleObject.restype = wintypes.DWORD
+        kernel.CloseHandle.argtypes = (wintypes.HANDLE,)
+        return kernel
+
+    def _has_ended_on_windows(process: int) -> bool:
+        import ctypes
+
+        if process >= 1 << 32:
+            return False
+        kernel = _kernel()
+        handle = kernel.OpenProcess(_SYNCHRONIZE, False, process)
+        if not handle:
+            return ctypes.get_last_error() == _NO_SUCH_PROCESS
+        try:
+            return bool(kernel.WaitForSingleObject(handle, 0) == _ENDED)
+        finally:
+            kernel.CloseHandle(handle)
+
+    def _wait_on_windows(process: int) -> None:
+        kernel = _kernel()
+        handle = kernel.OpenProcess(_SYNCHRONIZE, False, process)
+        if handle:
+            kernel.WaitForSingleObject(handle, _ALWAYS)
+
+
+# Signals
+
+Handler = Any
+DEFAULT, IGNORED = signal.SIG_DFL, signal.SIG_IGN
+INTERRUPT = signal.SIGINT
+
+
+def present_signals(names: Any) -> list[signal.Signals]:
+    """Those of some signals, given by name, that this system has."""
+    return [getattr(signal, name) for name in names if hasattr(signal, name)]
+
+
+def signal_name(number: int) -> str:
+    """What users know a signal by."""
+    name = signal.Signals(number).name
+    return ENDING_SIGNALS.get(name, name)
+
+
+def signal_handler(number: int) -> Handler:
+    """What answers a signal now."""
+    return signal.getsignal(number)
+
+
+def handle_signal(number: int, handler: Handler) -> Handler:
+    """Answer a signal with `handler(number, frame)`; what answered it before."""
+    return signal.signal(number, handler)
+
+
+def is_usual_interrupt(handler: Handler) -> bool:
+    """Whether Ctrl-C is answered by Python or the system, as nobody changed it."""
+    return handler in (signal.default_int_handler, signal.SIG_DFL)
+
+
+def outlive_console() -> None:
+    """Answer the end of a console as SIGBREAK, and use the seconds that are left.
+
+    Windows ends a program when its handler returns, and after five seconds at latest.
+    """
+    if sys.platform == "win32":
+        import _thread
+        import ctypes
+
+        closing = 2, 5, 6  # CTRL_CLOSE_EVENT, CTRL_LOGOFF_EVENT, CTRL_SHUTDOWN_EVENT
+
+        def on_close(kind: int) -> bool:
+            if kind not in closing:
+                return False
+            _thread.interrupt_main(signal.SIGBREAK)
+            time.sleep(CLOSING)
+            return True
+
+        handler = ctypes.WINFUNCTYPE(ctypes.c_int, ctypes.c_uint)(on_close)
+        _kept_handlers.append(handler)
+        ctypes.WinDLL("kernel32").SetConsoleCtrlHandler(handler, True)
+
+
+#: Of functions that Windows calls, as long as the process lives.
+_kept_handlers: list[Callable[..., Any]] = []

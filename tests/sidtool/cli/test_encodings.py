@@ -1,0 +1,40 @@
+"""The encoding of a terminal never ends a command."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.places import SLIDER_CRANK
+
+TITLE = (
+    "\N{GREEK SMALL LETTER OMEGA} \N{RIGHTWARDS ARROW} \N{CJK UNIFIED IDEOGRAPH-8F74}"
+)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "cp850", "utf-8"])
+@pytest.mark.parametrize("option", [(), ("--json",)])
+def test_text_beyond_the_code_page_is_escaped(
+    encoding: str, option: tuple[str, ...], tmp_path: Path
+) -> None:
+    """It ended in a UnicodeEncodeError."""
+    scene = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
+    lines = [line for line in scene.splitlines() if not line.startswith("title")]
+    text = "\n".join([f'title = "{TITLE}"', *lines])
+    sid = SLIDER_CRANK / "rod_q4.SID_FEM"
+    path = tmp_path / "scene.toml"
+    path.write_text(text.replace("rod_q4.SID_FEM", sid.as_posix()), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "sidtool", "info", str(path), *option],
+        env=os.environ | {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"},
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    said = done.stdout.decode(encoding)
+    assert (TITLE if encoding == "utf-8" and not option else r"\u2192") in said
+    assert b"Traceback" not in done.stderr

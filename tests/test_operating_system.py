@@ -1,0 +1,162 @@
+"""What differs between systems stands in one module, and text is UTF-8."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.places import ROOT
+
+PRODUCT = ("sidtool", "formats", "solver")
+MODULE = ROOT / "formats" / "storage" / "operating_system.py"
+#: Modules that other systems lack, or that act otherwise there.
+MODULES = {"signal", "resource", "fcntl", "pwd", "grp", "termios", "msvcrt", "winreg"}
+#: The same of functions, by where they are called from.
+FUNCTIONS = {
+    "os": {"replace", "rename", "fsync", "kill", "killpg", "getppid", "fork"}
+    | {"sched_getaffinity", "cpu_count", "process_cpu_count", "sysconf", "uname"}
+    | {"access", "chmod", "umask", "getuid", "geteuid", "mkfifo", "statvfs", "name"}
+    | {"readlink", "link", "symlink", "startfile"},
+    "sys": {"platform", "getwindowsversion"},
+    "tempfile": {"mkstemp"},
+    "platform": {"node", "system", "release"},
+    "ctypes": {"WinDLL", "windll", "wintypes"},
+    "Path": {"home"},
+    "multiprocessing": {"cpu_count"},
+}
+#: Methods of paths; `replace` and `rename` of paths take one argument.
+METHODS = {"chmod", "lchmod", "expanduser", "symlink_to", "hardlink_to", "touch"}
+#: Beginnings of paths, and variables that name folders, of one system.
+TEXTS = ("/dev/", "/proc/", "XDG_", "LOCALAPPDATA", "APPDATA", "USERPROFILE")
+
+
+def sources(*tops: str) -> list[Path]:
+    return [path for top in tops for path in sorted((ROOT / top).rglob("*.py"))]
+
+
+def called(node: ast.Call) -> str:
+    function = node.func
+    return (
+        function.attr if isinstance(function, ast.Attribute) else ast.unparse(function)
+    )
+
+
+def docstrings(tree: ast.AST) -> set[int]:
+    return {
+        id(node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    }
+
+
+def differing(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Lines that use what is not the same on all systems."""
+    said = docstrings(tree)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for entry in node.names:
+                if entry.name.partition(".")[0] in MODULES:
+                    yield node.lineno, f"import {entry.name}"
+        elif isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            if module in MODULES:
+                yield node.lineno, f"from {module} import"
+            for entry in node.names:
+                if entry.name in FUNCTIONS.get(module, ()):
+                    yield node.lineno, f"from {module} import {entry.name}"
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            if node.attr in FUNCTIONS.get(node.value.id, ()):
+                yield node.lineno, f"{node.value.id}.{node.attr}"
+        elif isinstance(node, ast.Constant) and id(node) not in said:
+            text = node.value if isinstance(node.value, str) else ""
+            if text.startswith(TEXTS):
+                yield node.lineno, repr(text)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            alone = len(node.args) == 1 and not node.keywords
+            if node.func.attr in METHODS or (
+                node.func.attr in ("replace", "rename") and alone
+            ):
+                yield node.lineno, f".{node.func.attr}()"
+
+
+def without_encoding(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Calls that read or write text in the encoding of the system."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        name, keys = called(node), {key.arg for key in node.keywords}
+        if "encoding" in keys:
+            continue
+        texts = {"read_text": 0, "write_text": 1}
+        if (
+            (name in texts and len(node.args) <= texts[name])
+            or (name in ("open", "fdopen") and opens_text(node))
+            or {"text", "universal_newlines"} & keys
+        ):
+            yield node.lineno, name
+
+
+def opens_text(node: ast.Call) -> bool:
+    """Of `open`, `Path.open`, `os.fdopen`; `os.open` opens no text."""
+    function = node.func
+    owner = ast.unparse(function.value) if isinstance(function, ast.Attribute) else ""
+    if owner in ("os", "webbrowser") and called(node) == "open":
+        return False
+    at = 0 if owner not in ("", "os", "io") else 1
+    modes = [key.value for key in node.keywords if key.arg == "mode"]
+    modes += node.args[at : at + 1]
+    return not (modes and isinstance(modes[0], ast.Constant) and "b" in modes[0].value)
+
+
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("import signal", 1),
+        ("from os import kill, getpid", 1),
+        ("import os\nos.replace(a, b); os.sched_getaffinity(0)", 2),
+        ("path.replace(other); text.replace('a', 'b')", 1),
+        ("path.chmod(1); Path.home(); sys.platform", 3),
+        ("'''/dev/null is a device'''; open('/dev/null', encoding='ascii')", 1),
+        ("replace(record, field=1); os.getpid()", 0),
+    ],
+)
+def test_what_differs_between_systems_is_seen(code: str, found: int) -> None:
+    assert len(list(differing(ast.parse(code)))) == found
+
+
+@pytest.mark.parametrize(
+    ("code", "found"),
+    [
+        ("open(a); open(a, 'w'); path.open(); path.open('a')", 4),
+        ("open(a, 'rb'); path.open('wb'); os.open(a, b)", 0),
+        ("path.read_text(); path.read_text('latin-1'); path.write_text(text)", 2),
+        ("path.write_text(text, 'ascii'); path.read_text(encoding='utf-8')", 0),
+        ("run(command, text=True); run(command, text=True, encoding='utf-8')", 1),
+    ],
+)
+def test_text_without_encoding_is_seen(code: str, found: int) -> None:
+    assert len(list(without_encoding(ast.parse(code)))) == found
+
+
+def test_one_module_holds_what_differs_between_systems() -> None:
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {what}"
+        for path in sources(*PRODUCT)
+        if path != MODULE
+        for line, what in differing(ast.parse(path.read_bytes()))
+    ]
+    assert found == []
+    assert len(list(differing(ast.parse(MODULE.read_bytes())))) > 20
+
+
+def test_text_is_read_and_written_with_an_encoding() -> None:
+    """Not in the code page of Windows, in which others cannot read it."""
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {what}"
+        for path in sources(*PRODUCT, "benchmarks", "docs", "examples")
+        for line, what in without_encoding(ast.parse(path.read_bytes()))
+    ]
+    assert found == []
