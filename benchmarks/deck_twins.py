@@ -193,7 +193,7 @@ def _frequencies(k: np.ndarray, m: np.ndarray, rigid: int, modes: int) -> Any:
 def _by_matrices(deck: Path, modes: int) -> tuple[float, np.ndarray] | None:
     """The same from CalculiX's matrices: its eigenvalues fail for few unknowns."""
     try:
-        found = computed(deck)
+        found = computed(free_deck(deck), deck)
     except InputError:
         return None
     k, m = found.stiffness.toarray(), found.mass.toarray()

@@ -134,6 +134,7 @@ def _beam() -> dict[str, Any]:
             "start": [0, 0, 0],
             "end": [1, 0, 0],
             "section": section,
+            "interpolation": "polynomial",
         },
         "frame": {"type": "tangent", "marker": "crank_pin", "clamp": "start"},
         "markers": {

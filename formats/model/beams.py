@@ -9,12 +9,14 @@ from pydantic import Field
 from ..toml.tables import Table
 from .base import Point3, Positive
 
+Stations = Annotated[tuple[Positive, ...], Field(min_length=1)]
+
 
 class RectangularSection(Table):
     """A rectangular cross-section that may vary along a beam.
 
-    One number holds everywhere; several, at equal steps from start to end, are
-    interpolated by the polynomial through them.
+    One number holds everywhere; several stand at stations, at equal steps from start to
+    end, see `interpolation` of the geometry.
 
     Attributes
     ----------
@@ -23,8 +25,8 @@ class RectangularSection(Table):
     """
 
     shape: Literal["rectangle"] = "rectangle"
-    height: Positive | tuple[Positive, ...]
-    width: Positive | tuple[Positive, ...]
+    height: Positive | Stations
+    width: Positive | Stations
 
 
 class GeneralSection(Table):
@@ -73,8 +75,10 @@ class BeamGeometry(Table):
     y_axis : direction of the local y axis at the start, made perpendicular to the
         beam; along a curved one it is carried without a rotation about the tangent
     twist : pre-twist, the angle [rad] by which cross-sections are turned about the
-        tangent from y to z; several numbers, at equal steps from start to end, are
-        interpolated by the polynomial through them
+        tangent from y to z; several numbers stand at stations, at equal steps from
+        start to end
+    interpolation : of sections and twist between their stations: `linear`, a `smooth`
+        cubic spline, or one `polynomial` through all, which swings beside steps
     """
 
     type: Literal["beam"] = "beam"
@@ -82,7 +86,8 @@ class BeamGeometry(Table):
     end: Point3
     through: tuple[Point3, ...] = ()
     y_axis: Point3 = (0.0, 1.0, 0.0)
-    twist: float | tuple[float, ...] = 0.0
+    twist: float | Annotated[tuple[float, ...], Field(min_length=1)] = 0.0
+    interpolation: Literal["linear", "smooth", "polynomial"] = "linear"
     section: Annotated[
         RectangularSection | GeneralSection, Field(discriminator="shape")
     ]

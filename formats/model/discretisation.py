@@ -95,7 +95,8 @@ class BeamDiscretisation(Table):
 
     Attributes
     ----------
-    elements : along the beam, of equal length
+    elements : along the beam, of equal length between stations of its section or twist,
+        which lie between two elements
     theory : without or with deformation by shear
     mass : consistent (that of the displacement field and the turning cross-sections) or
         lumped (half of an element as a rigid piece that each of its nodes carries, with

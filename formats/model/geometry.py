@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..toml.tables import Table
-from .base import Count, Point3, Positive
+from .base import Count, NonNegative, Point3, Positive
 from .beams import BeamGeometry
 from .checks import check_grid, check_knots
 
@@ -183,6 +183,10 @@ class MeshGeometry(Table):
     ignore : keywords, cards or commands of the file that are left out on purpose
     engine : "calculix": CalculiX (ccx, which must be installed) discretises an .inp
         with all elements that it knows (shells, beams, composites), or shells of a .bdf
+    density : of materials of the file that have none [kg/m^3]; E and nu stay. 0 is for
+        bars whose mass is in CONM2
+    order : of the elements that CalculiX takes: 2 puts nodes in the middle of the edges
+        of linear ones, 1 leaves them as they are; without it shells of a .bdf have 2
     part : of an .inp, the instance or the set of elements that is the body, of a .bdf
         the number of a property, of a .cdb a component of elements; without it
         everything, which ties have to join
@@ -194,6 +198,8 @@ class MeshGeometry(Table):
     thickness: Positive | None = None
     ignore: tuple[str, ...] = ()
     engine: Literal["calculix"] | None = None
+    density: NonNegative | None = None
+    order: Literal[1, 2] | None = None
     part: str | None = None
 
     @property

@@ -32,14 +32,19 @@ _COORDINATE = "coordinate of the joint, such as angle, default the first it has"
 
 
 class Characteristic(Table):
-    """A table of forces; between its points without overshoot, beyond them linear.
+    """A table of forces: straight lines between its points, as stops and play have.
 
-    Source: F. N. Fritsch, R. E. Carlson, SIAM J. Numer. Anal. 17 (1980): monotone
-    piecewise cubic interpolation.
+    `interpolation = "smooth"` makes one curve without corners and without overshoot of
+    it: monotone piecewise cubic interpolation (F. N. Fritsch, R. E. Carlson, SIAM J.
+    Numer. Anal. 17, 1980). Beyond its points the force goes on in a straight line, with
+    the slope at the end.
     """
 
     deflection: Values = Field(min_length=2, description="growing, [m] or [rad]")
     force: Values = Field(min_length=2, description="as many values, [N] or [N m]")
+    interpolation: Literal["linear", "smooth"] = Field(
+        default="linear", description="between the points"
+    )
 
 
 class _Force(Table):

@@ -94,17 +94,26 @@ class SineRamp(Table):
 
 
 class Spline(Table):
-    """A table of values, joined by a cubic spline with two continuous derivatives.
+    """A table of values over time, joined by straight lines or by a smooth curve.
 
-    `ends` is what holds at both ends: `not-a-knot` (the outer two pieces are one
-    polynomial), `clamped` (no slope) or `natural` (no curvature).
+    `interpolation = "linear"`, the default of forces and of prescribed accelerations:
+    straight lines; beyond its ends the first and the last value hold.
+    `interpolation = "smooth"`, the default of prescribed positions and rates, whose
+    derivatives are in the equations of motion: a cubic spline with two continuous
+    derivatives; beyond its ends it goes on in a straight line. `ends` is what holds at
+    both ends of the spline: `not-a-knot` (the outer two pieces are one polynomial),
+    `clamped` (no slope) or `natural` (no curvature).
     """
 
     type: Literal["table"] = "table"
     times: Values = Field(min_length=2, description="[s], growing")
     values: Values = Field(min_length=2, description="as many as there are times")
+    interpolation: Literal["linear", "smooth"] | None = Field(
+        default=None,
+        description="between the points; default linear, of positions and rates smooth",
+    )
     ends: Literal["not-a-knot", "clamped", "natural"] = Field(
-        default="not-a-knot", description="what holds at both ends"
+        default="not-a-knot", description="what holds at both ends of a smooth curve"
     )
 
 

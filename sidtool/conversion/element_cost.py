@@ -15,9 +15,11 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator, lobpcg
 
+from sidtool.formats.errors import InputError
+
 from ..frontends.elements.internal_modes import RELIEVED_KINDS
 from ..frontends.equations import Equations
-from ..frontends.finite_element_model import FiniteElementModel
+from ..frontends.finite_element_model import Alternative, FiniteElementModel
 from ..frontends.solid_mesh import SolidMesh, raised, with_internal_modes
 from ..reduction.basis import hertz
 from ..reduction.frames import Frame
@@ -28,6 +30,8 @@ Array = NDArray[np.float64]
 
 #: How many frequencies are compared, and the difference that is told.
 _MODES, _TOLD = 3, 0.01
+#: The same for elements of another program.
+_COMPARED = 6
 #: Degrees of freedom of the better mesh above which comparing would dominate the time,
 #: and below which its eigenvectors are computed outright.
 _LARGEST, _SMALL = 150_000, 2_000
@@ -46,6 +50,8 @@ class _Better:
 
 def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
     """A sentence on linear elements that make this body too stiff, if they do."""
+    if body.alternative is not None:
+        return _compared(body, body.alternative)
     if body.solids is None or not body.solids.plain_kinds:
         return ()
     kinds = " and ".join(body.solids.plain_kinds)
@@ -73,8 +79,39 @@ def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
     )
 
 
+def _compared(body: FiniteElementModel, other: Alternative) -> tuple[str, ...]:
+    """How the elements of another program differ from better ones of its own."""
+    what = f"{other.own} elements of CalculiX"
+    try:
+        if other.size > _LARGEST:
+            raise InputError(f"it would have {other.size} degrees of freedom")
+        tell(f"comparing {other.own} elements with {other.better}")
+        better = other.discretise()
+    except InputError as error:
+        return (
+            f"{what} may be too stiff by a factor; what that costs here is not "
+            f"measured with {other.better} on the same mesh: {error.problem}",
+        )
+    own, found = (hertz(_whole(model).modes(_COMPARED)[0]) for model in (body, better))
+    apart = own / found - 1
+    if np.abs(apart).max() <= _TOLD:
+        return ()
+    listed = ", ".join(f"{f:.5g}" for f in own)
+    shares = ", ".join(_percent(x) for x in apart)
+    return (
+        f"{what}: the first frequencies of the free body, {listed} Hz, differ by "
+        f"{shares} from those with {other.better} on the same mesh; {other.remedy} "
+        "takes these",
+    )
+
+
+def _whole(body: FiniteElementModel) -> Space:
+    nothing = np.zeros(body.ndof, bool)
+    return admissible(body, Frame(np.zeros(3), nothing))
+
+
 def _percent(share: float) -> str:
-    return f"{100 * share:.{1 if share < 0.1 else 0}f} %"
+    return f"{100 * share:.{1 if abs(share) < 0.1 else 0}f} %"
 
 
 def _better(solids: SolidMesh) -> _Better:

@@ -97,6 +97,25 @@ def _apart(_: tuple[str, ...]) -> Surface | None:
 
 
 @dataclass(frozen=True, eq=False)
+class Alternative:
+    """Better elements on the same mesh, to judge those that a body has.
+
+    Attributes
+    ----------
+    own, better : names of the elements
+    size : degrees of freedom with the better ones, at most
+    remedy : how to have the better ones
+    discretise : makes the body of them, without markers; raises InputError
+    """
+
+    own: str
+    better: str
+    size: int
+    remedy: str
+    discretise: Callable[[], FiniteElementModel]
+
+
+@dataclass(frozen=True, eq=False)
 class FiniteElementModel:
     """Nodes (or control points) with mass and stiffness, in two or three dimensions.
 
@@ -134,6 +153,7 @@ class FiniteElementModel:
         lie apart
     geometry_mass : mass and centre of the geometry by a rule of its own
     solids : the elements, if the body is a mesh of solid ones
+    alternative : the same body with better elements, if another program discretises it
     drawn : a mesh whose nodes are the first rows of `positions`, if pictures need one
         beside `solids`
     patches : NURBS patches with the nodes that their control points are
@@ -161,6 +181,7 @@ class FiniteElementModel:
     surface: Callable[[tuple[str, ...]], Surface | None] = _apart
     geometry_mass: Callable[[], GeometryMass] | None = None
     solids: SolidMesh | None = None
+    alternative: Alternative | None = None
     drawn: Mesh | None = None
     patches: tuple[tuple[NurbsPatch, Indices], ...] = ()
     outlines: tuple[Outline, ...] = ()

@@ -26,7 +26,10 @@ MESH_READERS = {
 
 
 def read_mesh(
-    path: str | Path, ignored: Iterable[str] = (), part: str | None = None
+    path: str | Path,
+    ignored: Iterable[str] = (),
+    part: str | None = None,
+    density: float | None = None,
 ) -> ImportedMesh:
     """The mesh of a file.
 
@@ -35,6 +38,7 @@ def read_mesh(
     ignored : keywords, cards or commands that are left out on purpose
     part : the instance, the set or component of elements, or the number of the
         property, that is the body; None for all
+    density : of materials that the file gives none, in its units
 
     Raises
     ------
@@ -51,10 +55,10 @@ def read_mesh(
     module, name = MESH_READERS[ending]
     reader: Reader = getattr(import_module(f".{module}", __package__), name)
     if part is None:
-        return reader(path, words)
+        return reader(path, words, density=density)
     if ending == ".inp":
-        return reader(path, words, part)
-    imported = reader(path, words)
+        return reader(path, words, part, density=density)
+    imported = reader(path, words, density=density)
     try:
         return part_of(imported, part)
     except InputError as error:

@@ -121,8 +121,13 @@ class _Content:
     physical: dict[tuple[int, int], list[int]] = field(default_factory=dict)
 
 
-def read_msh(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
-    """The mesh of a Gmsh file.
+def read_msh(
+    path: str | Path,
+    ignored: frozenset[str] = frozenset(),
+    *,
+    density: float | None = None,
+) -> ImportedMesh:
+    """The mesh of a Gmsh file, which has no materials that a density would complete.
 
     Raises
     ------

@@ -28,6 +28,8 @@ CREEP = np.array([-4.0, -4.0 / 3.0, 4.0 / 3.0, 4.0])
 #: Neighbouring pieces of a table are one when a polynomial follows them so well,
 #: relative to how much each changes.
 ALIKE = 0.1
+#: Steps end where the slope of a force changes by more than this part of the largest.
+CORNER = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +38,12 @@ class Features:
 
     starts : (n,) growing, where the pieces begin; the first is -inf
     lengths : (n,) how far a step may go inside them
+    corners : of the starts, those at which the slope jumps: steps end there
     """
 
     starts: Array
     lengths: Array
+    corners: tuple[float, ...] = ()
 
 
 NONE = Features(np.array([-np.inf]), np.array([np.inf]))
@@ -111,6 +115,16 @@ def of_characteristic(value: Callable[[Array], Array], knots: Array) -> Features
             middle = (i + j) // 2
             waiting += [(middle, j), (i, middle)]
     return _bounded(np.array(edges), np.diff(edges))
+
+
+def with_corners(known: Features, x: Array, y: Array) -> Features:
+    """With the corners of a force over a measure that is straight between points."""
+    slopes = np.diff(y) / np.diff(x)
+    changes = np.abs(np.diff(slopes))
+    corners = x[1:-1][changes > CORNER * np.abs(slopes).max()]
+    starts = np.union1d(known.starts, corners)
+    k = np.searchsorted(known.starts, starts, side="right") - 1
+    return Features(starts, known.lengths[k], tuple(corners.tolist()))
 
 
 def of_friction(speed: float) -> Features:

@@ -170,7 +170,7 @@ def _checked(
     function: ForceFunction, span: tuple[float, float], place: str, joined: int
 ) -> _Parts:
     """Of a function of the scene; known where a scene is compiled again."""
-    compiled = compile_function(function, place)
+    compiled = compile_function(function, place, joined)
     if isinstance(compiled, Pieces):
         check_jumps(compiled, span, place, joined)
     return _parts(compiled, span)
@@ -192,14 +192,18 @@ def with_other_numbers(
     return new if fits and new.breaks == old.breaks else None
 
 
-def compile_function(function: ForceFunction, place: str) -> Compiled:
+def compile_function(function: ForceFunction, place: str, joined: int = 0) -> Compiled:
     """A function of time in the form that kernels evaluate.
+
+    Parameters
+    ----------
+    joined : see `FunctionTable.add`; what may have corners joins tables by lines
 
     Raises
     ------
     InputError : its values are left to a program.
     """
-    return _COMPILERS[type(function)](function, place)
+    return _COMPILERS[type(function)](function, place, joined)
 
 
 def check_jumps(
@@ -237,18 +241,18 @@ def check_jumps(
                 )
 
 
-def _constant(function: Constant, place: str) -> Pieces:
+def _constant(function: Constant, place: str, joined: int) -> Pieces:
     return Pieces(np.zeros(1), np.full((1, 1), function.value))
 
 
-def _polynomial(function: Polynomial, place: str) -> Pieces:
+def _polynomial(function: Polynomial, place: str, joined: int) -> Pieces:
     return _padded(
         [piece.from_ for piece in function.pieces],
         [np.array(coefficients(piece)) for piece in function.pieces],
     )
 
 
-def _smooth_step(function: SmoothStep, place: str) -> Pieces:
+def _smooth_step(function: SmoothStep, place: str, joined: int) -> Pieces:
     """h(x) = sum_k binom(n + k, k) binom(2 n + 1, n - k) (-x)^k x^(n + 1)."""
     n, length = function.continuity, function.to - function.from_
     rise = np.zeros(2 * n + 2)
@@ -262,14 +266,35 @@ def _smooth_step(function: SmoothStep, place: str) -> Pieces:
     return _padded(starts, [before, rise, after])
 
 
-def _spline(function: Spline, place: str) -> Pieces:
+def _table(function: Spline, place: str, joined: int) -> Pieces:
+    smooth = (
+        function.interpolation == "smooth" if function.interpolation else joined > 0
+    )
+    return _spline(function) if smooth else _lines(function)
+
+
+def _lines(function: Spline) -> Pieces:
+    """Straight lines between the points, constant beyond them."""
+    t, values = np.array(function.times), np.array(function.values)
+    slopes = np.append(np.diff(values) / np.diff(t), 0.0)
+    terms = np.stack([values, slopes], axis=1)
+    before = [values[0], 0.0]
+    return Pieces(np.append(t[0] - 1.0, t), np.vstack([before, terms]))
+
+
+def _spline(function: Spline) -> Pieces:
+    """A cubic spline, straight beyond its ends."""
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(function.times, function.values, bc_type=function.ends)
-    return Pieces(spline.x[:-1], np.ascontiguousarray(spline.c[::-1].T))
+    t, slopes = spline.x, spline(spline.x[[0, -1]], 1)
+    before = [function.values[0] - slopes[0], slopes[0], 0.0, 0.0]
+    after = [function.values[-1], slopes[1], 0.0, 0.0]
+    terms = np.vstack([before, spline.c[::-1].T, after])
+    return Pieces(np.append(t[0] - 1.0, t), terms)
 
 
-def _harmonic(function: Harmonic, place: str) -> Sine:
+def _harmonic(function: Harmonic, place: str, joined: int) -> Sine:
     omega = function.angular_frequency
     if omega is None:
         assert function.frequency is not None
@@ -277,11 +302,11 @@ def _harmonic(function: Harmonic, place: str) -> Sine:
     return Sine(function.offset, function.amplitude, omega, function.phase)
 
 
-def _ramp(function: SineRamp, place: str) -> Ramp:
+def _ramp(function: SineRamp, place: str, joined: int) -> Ramp:
     return Ramp(function)
 
 
-def _given(function: Given, place: str) -> Curve:
+def _given(function: Given, place: str, joined: int) -> Curve:
     if function.terms:
         return Curve(np.array(function.edges), np.array(function.terms), function.kinks)
     raise InputError(
@@ -298,7 +323,7 @@ _COMPILERS: dict[type, Callable[..., Compiled]] = {
     Harmonic: _harmonic,
     SmoothStep: _smooth_step,
     SineRamp: _ramp,
-    Spline: _spline,
+    Spline: _table,
     Given: _given,
 }
 

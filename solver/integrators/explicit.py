@@ -274,7 +274,7 @@ def advance(kernels, system, work, memory, tableau, control, slopes, limit):
                 )
                 if status == 0:
                     break
-                factor = 0.5
+                factor = control.retry
             if control.fixed_step == 1:
                 return OFF_CONSTRAINTS
             failures += 1

@@ -222,7 +222,7 @@ def step_loop(
                 control.predict = 0
                 if control.fixed_step == 1:
                     return OFF_CONSTRAINTS
-                h *= 0.5
+                h *= control.retry
             control.predict = 1
             finish(control, order, serves, h, error, iterations, control.failures)
             if control.jacobian == AHEAD:

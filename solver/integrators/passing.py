@@ -8,7 +8,7 @@ from numba import boolean, float64, int64, types
 
 from ..compiler.compiling import inner
 from ..space.layout import F1, WORK
-from .stepping import CONTROL
+from .stepping import CONTROL, RETRY
 
 #: A step may pass so much more than the reach of a piece: what was foreseen is not
 #: exact.
@@ -17,6 +17,12 @@ OVER = 1.25
 ENTERED = 0.25
 #: Steps grow at most so much.
 GROWTH = 8.0
+#: A step ends at a corner of a force when it passes it by less than this part of the
+#: way of its measure; so often it is tried.
+LANDED, LANDINGS = 1e-6, 4
+#: Parts of a step in which the cubic through its ends is asked for a corner, and
+#: bisections of the part that has one.
+PARTS, BISECTIONS = 8, 30
 #: The constraints leave open so much of a way, relative to sizes.
 RESOLVED_WAY = 1e-11
 
@@ -95,6 +101,68 @@ def _look(control, axis, x, furthest, y, pace, h):
     return 0
 
 
+@inner(float64(float64, float64, float64, float64, float64))
+def _cubic(x, slope, y, end_slope, share):
+    """The cubic with values and slopes at both ends, at a share of the way."""
+    rest = 1.0 - share
+    inside = (slope + x - y) * rest + (y - x - end_slope) * share
+    return x * rest + y * share + share * rest * inside
+
+
+@inner(float64(CONTROL, int64, float64, float64, float64, float64))
+def _share_to_corner(control, axis, x, slope, y, end_slope):
+    """The share of a step at which a measure first meets a corner of its force; 1 where
+    it meets none, or ends there.
+
+    slope, end_slope : rates of the measure at both ends, times the step
+    """
+    nearest = 1.0
+    size = max(abs(x), abs(y), 1e-3 * control.length)
+    open_way = max(LANDED * abs(y - x), RESOLVED_WAY * size)
+    for k in range(control.features[axis], control.features[axis + 1]):
+        corner = control.starts[k]
+        if control.corners[k] == 0.0:
+            continue
+        if abs(corner - x) <= open_way or abs(corner - y) <= open_way:
+            continue
+        for i in range(PARTS):
+            low, high = i / PARTS, (i + 1) / PARTS
+            side = _cubic(x, slope, y, end_slope, low) - corner
+            if side * (_cubic(x, slope, y, end_slope, high) - corner) < 0.0:
+                for _ in range(BISECTIONS):
+                    middle = 0.5 * (low + high)
+                    if side * (_cubic(x, slope, y, end_slope, middle) - corner) > 0.0:
+                        low = middle
+                    else:
+                        high = middle
+                nearest = min(nearest, high)
+                break
+    return nearest
+
+
+@inner(int64(WORK, CONTROL, float64))
+def _land_on_corner(work, control, h):
+    """0, or 6 where a step is to be tried again as it passes a corner of a force."""
+    control.retry = RETRY
+    if control.fixed_step == 1 or control.corner_tries == LANDINGS:
+        control.corner_tries = 0
+        return 0
+    share = 1.0
+    for k in range(len(control.measured)):
+        axis = 2 * k + 1
+        if control.features[axis + 1] - control.features[axis] > 1:
+            x, rate = control.measured[k, 0], control.measured[k, 1]
+            y, then = work.measure[k, 0], work.measure[k, 1]
+            met = _share_to_corner(control, axis, x, h * rate, y, h * then)
+            share = min(share, met)
+    if share == 1.0:
+        control.corner_tries = 0
+        return 0
+    control.corner_tries += 1
+    control.retry = share
+    return 6
+
+
 @inner(int64(WORK, CONTROL, float64))
 def check_ways(work, control, h):
     """Looks at the way that the measures of forces went in a step, just evaluated, and
@@ -102,7 +170,8 @@ def check_ways(work, control, h):
 
     Where a measure turns back, its rate falls as a straight line. A rate that turns
     back does so as a parabola whose mean is the way: what it does between the ends of
-    the step is seen in the positions. Returns 0, or 5 where a feature was passed.
+    the step is seen in the positions. Returns 0, 5 where a feature was passed, or 6
+    where a corner of a force was.
     """
     measured = control.measured
     for k in range(len(measured)):
@@ -129,7 +198,7 @@ def check_ways(work, control, h):
         if status != 0:
             return status
         measured[k, 2], measured[k, 3] = y, then
-    return 0
+    return _land_on_corner(work, control, h)
 
 
 @inner(types.void(CONTROL))

@@ -25,6 +25,9 @@ MOST_MISSED = 2.0
 FINEST = 5e-10
 
 
+#: Part of a step whose end was refused that is tried next.
+RETRY = 0.5
+
 # Why a loop returned
 REACHED, CHUNK, TOO_SMALL, OFF_CONSTRAINTS, NOT_FINITE, NO_CONVERGENCE = range(6)
 CRAWLING, BLURRED, BESIDE, FULL = 6, 7, 8, 9
@@ -54,6 +57,7 @@ class Control(Table):
         time begin, then those of each force over its measure and over its rate, and
         where the last end
     starts, reaches : pieces that steps may not pass unseen, see `features`
+    corners : 1 where a start is a corner of a force, at which steps end
     measured : (forces, 5) measures of the forces and their rates at the beginning of a
         step, then at its end, and the whole turn of those that tell no turns, else 0
     passed : (2 forces, 2) how often fixed steps passed a feature of a force over its
@@ -103,6 +107,8 @@ class Control(Table):
     share: int  # next entry of the shares
     stiff_steps: int  # steps that stability, not accuracy, has limited
     failures: int  # attempts of the present step that failed
+    corner_tries: int  # those of them that looked for a corner of a force
+    retry: float  # part of a step whose end was refused that is tried next
     crossing: int  # how the step lies to a singular position, see `singular`
     jacobian: int  # the one at hand, see below
     same: int  # steps of the same length before this one
@@ -129,6 +135,7 @@ class Control(Table):
     features: Integers
     starts: Reals
     reaches: Reals
+    corners: Reals
     measured: Reals2
     passed: Reals2
     crossed: Reals2

@@ -51,7 +51,7 @@ def new_control(
     """times : output times that it holds, see `Window`"""
     scene = system.scene
     duration = scene.time.end - scene.time.start
-    ends, starts, lengths = system.once(_features)
+    ends, starts, lengths, corners = system.once(_features)
     counts = times, len(shares), len(starts)
     control = system.lasting(_control, *counts)()
     adding = INTEGRATORS[settings.integrator].order == 2 and settings.step is None
@@ -63,6 +63,7 @@ def new_control(
     control.singular = np.inf
     control.largest_step = 0.1 * duration
     control.unturned = np.inf
+    control.retry = stepping.RETRY
     control.step = 1e-4 * duration * settings.rtol**0.25
     control.fixed_step = int(settings.step is not None)
     control.adding = int(adding)
@@ -75,6 +76,7 @@ def new_control(
     control.shares[:] = shares
     control.features[:] = ends
     control.starts[:] = starts
+    control.corners[:] = corners
     control.reaches[:] = share_followed(settings) * lengths
     for k, force in enumerate(system.forces):
         if force.kind == at.TWIST and force.turn >= system.n_turns:
@@ -109,6 +111,7 @@ def _control(
         features=(2 * forces + 2,),
         starts=(starts,),
         reaches=(starts,),
+        corners=(starts,),
         measured=(forces, 5),
         passed=(2 * forces, 2),
         crossed=(bifurcations.MOST, bifurcations.STATES + 2 * (n + m)),
@@ -124,8 +127,8 @@ def _frequencies(system: System) -> Array:
     return found
 
 
-def _features(system: System) -> tuple[IntTable, Array, Array]:
-    """`Control.features`, starts and lengths."""
+def _features(system: System) -> tuple[IntTable, Array, Array, Array]:
+    """`Control.features`, starts, lengths and corners."""
     laws = [force.law for force in system.forces]
     parts = [features.together(list(system.features.values()))]
     parts += [axis for law in laws for axis in (law.features(), law.rate_features())]
@@ -134,7 +137,8 @@ def _features(system: System) -> tuple[IntTable, Array, Array]:
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("starts", "lengths")
     )
-    return ends.astype(np.int64), starts, lengths
+    corners = np.concatenate([np.isin(part.starts, part.corners) for part in parts])
+    return ends.astype(np.int64), starts, lengths, corners.astype(float)
 
 
 def share_followed(settings: Settings) -> float:

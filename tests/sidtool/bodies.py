@@ -70,6 +70,7 @@ def beam_data(discretisation: dict[str, Any], modes: int = 9) -> dict[str, Any]:
             "height": [0.06, 0.03, 0.06],
             "width": WIDTH,
         },
+        "interpolation": "polynomial",
     }
     data["frame"] = {"type": "tangent", "marker": "crank_pin", "clamp": "start"}
     data["markers"] = {

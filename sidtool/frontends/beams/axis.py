@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model.beams import BeamGeometry
 
-from .section import run
+from .stations import Profile, profile
 
 Array = NDArray[np.float64]
 #: Sines of angles below this count as zero.
@@ -63,16 +62,17 @@ class Axis:
     place: Callable[[Array], Array]
     tangents: Callable[[Array], tuple[Array, Array]]
     carried: Callable[[Array], Array]
-    twist: Polynomial
+    twist: Profile
 
     def at(self, fractions: Array) -> Frames:
         """The frames at fractions (n,) of the length."""
         fractions = np.asarray(fractions, float)
         parameters = self.parameters(fractions)
         tangent, change = self.tangents(parameters)
-        angle, rate = self.twist(fractions), self.twist.deriv()(fractions) / self.length
+        angle = self.twist(fractions)
+        rate = self.twist.derivative()(fractions) / self.length
         y = self.carried(parameters)
-        if self.twist.coef.any():
+        if not self.twist.is_zero:
             across = np.sin(angle)[:, None] * np.cross(tangent, y)
             y = np.cos(angle)[:, None] * y + across
         axes = np.stack([tangent, y, np.cross(tangent, y)], axis=1)
@@ -115,15 +115,13 @@ def beam_axis(geometry: BeamGeometry) -> Axis:
             place="geometry.end" if alone else "geometry.through",
             expected="a beam with a length" if alone else "different points",
         )
-    twist = run(geometry.twist)
+    twist = profile(geometry.twist, geometry.interpolation)
     if len(points) == 2:
         return line(points[0], points[1], geometry.y_axis, twist)
     return _curve(points, steps, geometry.y_axis, twist)
 
 
-def line(
-    start: Array, end: Array, y_axis: Any, twist: Polynomial | None = None
-) -> Axis:
+def line(start: Array, end: Array, y_axis: Any, twist: Profile | None = None) -> Axis:
     """A straight axis between two places that differ.
 
     Raises
@@ -140,11 +138,11 @@ def line(
         lambda f: start + np.multiply.outer(f * length, x),
         lambda f: (np.tile(x, (len(f), 1)), np.zeros((len(f), 3))),
         lambda f: np.tile(y, (len(f), 1)),
-        twist or Polynomial([0.0]),
+        twist or profile(0.0, "linear"),
     )
 
 
-def _curve(points: Array, steps: Array, y_axis: Any, twist: Polynomial) -> Axis:
+def _curve(points: Array, steps: Array, y_axis: Any, twist: Profile) -> Axis:
     """A cubic spline through points, whose parameter runs with their distances."""
     from scipy.integrate import solve_ivp
     from scipy.interpolate import CubicSpline

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.polynomial import Polynomial
 
 from sidtool.formats.model.beams import BeamGeometry, GeneralSection
 
 from ..geometry_mass import GeometryMass
 from .axis import Axis
-from .section import run, section_at
+from .section import section_at, side
+from .stations import Profile, profile
 
 #: Degree of the area up to which elements of any length have the exact moments.
 EXACT = 6
-#: Gauss points of a curved axis, and their panels.
+#: Gauss points of a panel of an axis, and the least number of panels.
 _POINTS, _PANELS = 16, 32
 
 
 def beam_mass(geometry: BeamGeometry, axis: Axis, density: float) -> GeometryMass:
     """Of the area over the length, and lumped masses."""
     area, first = _area(geometry), np.zeros(3)
-    mass = density * axis.length * float(area.integ()(1.0))
+    mass = density * axis.length * area.integral()
     x, w = np.polynomial.legendre.leggauss(_POINTS)
-    starts = np.arange(_PANELS) / _PANELS
-    at = (starts[:, None] + (x + 1) / 2 / _PANELS).ravel()
-    weights = density * axis.length * np.tile(w / 2 / _PANELS, _PANELS)
+    edges = np.union1d(np.linspace(0.0, 1.0, _PANELS + 1), area.edges)
+    sizes = np.diff(edges)[:, None]
+    at = (edges[:-1, None] + sizes * (x + 1) / 2).ravel()
+    weights = density * axis.length * (sizes * w / 2).ravel()
     frames = axis.at(at)
     first = (weights * area(at)) @ frames.places
     for i, fraction in enumerate(at if not axis.straight else ()):
@@ -34,13 +35,13 @@ def beam_mass(geometry: BeamGeometry, axis: Axis, density: float) -> GeometryMas
     for lump in geometry.masses:
         mass += lump.mass
         first += lump.mass * axis.at(np.array([lump.at])).places[0]
-    sampled = not axis.straight or area.degree() > EXACT
+    sampled = not axis.straight or area.degree > EXACT
     return GeometryMass(mass, first, sampled=sampled)
 
 
-def _area(geometry: BeamGeometry) -> Polynomial:
+def _area(geometry: BeamGeometry) -> Profile:
     """The cross-section over the fraction of the length."""
     section = geometry.section
     if isinstance(section, GeneralSection):
-        return Polynomial([section.area])
-    return run(section.height) * run(section.width)
+        return profile(section.area, "linear")
+    return side(geometry, "height") * side(geometry, "width")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile, NodeMarker
-from sidtool.formats.model.beams import BeamGeometry
+from sidtool.formats.model.beams import BeamGeometry, RectangularSection
 from sidtool.formats.model.discretisation import BeamDiscretisation
 
 from ..finite_element_model import FiniteElementModel, MarkerRows, Outline
@@ -21,7 +21,7 @@ from .axis import Axis, beam_axis
 from .element import Beam, Element, Rows
 from .mass import beam_mass
 from .points import MaterialPoints, Particles, Stack, placed, turned
-from .section import section_at
+from .section import section_at, side
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -47,7 +47,7 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     g /= 2 * (1 + material.poissons_ratio)
     section = partial(section_at, geometry)
     beam = Beam(section, axis, e, g, settings.theory == "timoshenko")
-    ends = np.linspace(0, 1, settings.elements + 1)
+    ends = _ends(geometry, axis, settings.elements)
     n, ndof = len(ends), 6 * len(ends)
     stiffness = sp.lil_matrix((ndof, ndof))
     particles, points = Particles(ndof), MaterialPoints(ndof)
@@ -96,10 +96,27 @@ def beam_model(model: ModelFile) -> FiniteElementModel:
     )
 
 
+def _ends(geometry: BeamGeometry, axis: Axis, elements: int) -> Array:
+    """(n + 1,) fractions between elements. Stations are among them, as the section or
+    its twist has corners there; between two of them elements have equal lengths."""
+    stations = np.array(axis.twist.edges)
+    if isinstance(geometry.section, RectangularSection):
+        for name in ("height", "width"):
+            stations = np.union1d(stations, side(geometry, name).edges)
+    stations = stations[np.append(True, np.diff(stations) > 1e-12)]
+    parts = [
+        np.linspace(a, b, max(1, round(elements * (b - a))), endpoint=False)
+        for a, b in pairwise(stations.tolist())
+    ]
+    return np.concatenate([*parts, [1.0]])
+
+
 def _outline(beam: Beam, elements: list[Element], ndof: int) -> Outline:
     """In pieces so short that its waves are drawn as they bend."""
     pieces = -(-_SECTIONS // len(elements))
-    fractions = np.linspace(0, 1, pieces * len(elements) + 1)
+    shares = np.arange(pieces) / pieces
+    starts = [e.first + shares * (e.last - e.first) for e in elements]
+    fractions = np.concatenate([*starts, [1.0]])
     frames = beam.axis.at(fractions)
     halves = np.array([beam.section(fraction).halves for fraction in fractions])
     motion = Stack(ndof)

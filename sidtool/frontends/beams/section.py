@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model.beams import BeamGeometry, GeneralSection, RectangularSection
+from sidtool.formats.model.beams import BeamGeometry, GeneralSection
+
+from .stations import Profile, profile
 
 Array = NDArray[np.float64]
 #: Sections are smaller than this [m].
@@ -119,7 +120,7 @@ def section_at(geometry: BeamGeometry, fraction: float) -> Section:
         torsion = section.torsion or section.iy + section.iz
         shear = section.shear_y, section.shear_z
         return Section(section.area, section.iy, section.iz, torsion, *shear)
-    h, w = (_side(section, name, fraction) for name in ("height", "width"))
+    h, w = (_side(geometry, name, fraction) for name in ("height", "width"))
     a, b = max(h, w), min(h, w)
     if not a < LARGEST:
         raise InputError(
@@ -131,21 +132,20 @@ def section_at(geometry: BeamGeometry, fraction: float) -> Section:
     return Section(h * w, h * w**3 / 12, w * h**3 / 12, torsion, 5 / 6, 5 / 6, (h, w))
 
 
-def _side(section: RectangularSection, name: str, fraction: float) -> float:
-    value = float(run(getattr(section, name))(fraction))
+def _side(geometry: BeamGeometry, name: str, fraction: float) -> float:
+    value = float(side(geometry, name)(np.array(fraction)))
     if value <= 0:
         raise InputError(
             f"becomes {value:.3g} at {fraction:.3g} of the length",
             place=f"geometry.section.{name}",
-            expected="a polynomial that stays positive",
+            expected='values that stay positive, as with interpolation = "linear"',
         )
     return value
 
 
-@lru_cache(maxsize=64)
-def run(values: float | tuple[float, ...]) -> Polynomial:
-    """The polynomial through values at equal distances over the fraction."""
-    if not isinstance(values, tuple):
-        return Polynomial([values])
-    x = np.linspace(0.0, 1.0, len(values))
-    return Polynomial(np.linalg.solve(np.vander(x, increasing=True), values))
+def side(geometry: BeamGeometry, name: str) -> Profile:
+    """The height or the width of a rectangular section along a beam [m]."""
+    return _known(getattr(geometry.section, name), geometry.interpolation)
+
+
+_known = lru_cache(maxsize=64)(profile)

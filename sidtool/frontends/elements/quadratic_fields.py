@@ -7,6 +7,8 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sidtool.formats.errors import InputError
+
 from ...conversion.vectors import LEVI_CIVITA
 
 Array = NDArray[np.float64]
@@ -26,6 +28,10 @@ def softest_deformation(
     Returns
     -------
     value, and its mass-normalised vector (ndof,)
+
+    Raises
+    ------
+    InputError : rigid motions alone have inertia.
     """
     d = positions.shape[1]
     ansatz = quadratic_fields(positions, table, stiffness.shape[0])
@@ -35,6 +41,11 @@ def softest_deformation(
     basis = vectors[:, kept] / np.sqrt(values[kept])
     values, mixing = scipy.linalg.eigh(basis.T @ small[0] @ basis)
     first = d * (d + 1) // 2
+    if len(values) <= first:
+        raise InputError(
+            "no deformation of the free body has inertia",
+            expected="a density above zero, or masses at more nodes",
+        )
     return float(values[first]), ansatz @ (basis @ mixing[:, first])
 
 

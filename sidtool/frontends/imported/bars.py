@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import Material, ModelFile
+from sidtool.formats.model import ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
 from sidtool.formats.model.geometry import MeshGeometry
 
@@ -38,6 +38,8 @@ Indices = NDArray[np.int64]
 _PIECES, _SECTIONS = 8, 1000
 #: A deformation of an eigenvalue below this share of the largest takes no energy.
 _MECHANISM = 1e-13
+#: Where the eigenvalues of the body are sought from, of the largest.
+_SHIFT = 1e-9
 #: Cosines of bars in one line differ from one by less.
 _PARALLEL = 1e-9
 _NOTE = (
@@ -74,7 +76,7 @@ def bars_model(
     parts, outlines = [], []
     pieces = max(1, min(_PIECES, _SECTIONS // max(1, len(imported.bars))))
     for given in imported.bars:
-        bar = _with_material(given, model.material, units)
+        bar = _with_material(given, model, units)
         element, dofs = _element(bar, nodes, units)
         parts.append((element.stiffness(), dofs))
         points.add(element, dofs)
@@ -128,19 +130,23 @@ def _check_choices(model: ModelFile, imported: ImportedMesh) -> None:
         )
 
 
-def _with_material(bar: RawBar, material: Material | None, units: UnitSystem) -> RawBar:
+def _with_material(bar: RawBar, model: ModelFile, units: UnitSystem) -> RawBar:
     """With the material of the model file, if there is one, in units of the file."""
+    material, geometry = model.material, model.geometry
+    assert isinstance(geometry, MeshGeometry)
     if material is not None:
         e, density = material.youngs_modulus, material.density
         stress = units.mass / units.length / units.time**2
         g = e / (2 * (1 + material.poissons_ratio))
         heavy = density * units.length**3 / units.mass
         return replace(bar, e=e / stress, g=g / stress, density=heavy)
-    if min(bar.e, bar.g, bar.density) <= 0:
+    massless = bar.density == 0 and geometry.density == 0
+    if min(bar.e, bar.g) <= 0 or (bar.density <= 0 and not massless):
         raise InputError(
             f"element {bar.label} has no complete material (E, G or nu, and RHO)",
             place=bar.place,
-            expected="MAT1 with E, nu and RHO, or a table [material]",
+            expected="MAT1 with E, nu and RHO; geometry.density adds a density (0 "
+            "where CONM2 hold all mass), a table [material] replaces all",
         )
     return bar
 
@@ -262,23 +268,43 @@ def _limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[str]:
 
 
 def _check_mechanism(body: FiniteElementModel) -> None:
-    """Whether only rigid motion takes no energy."""
+    """Whether only rigid motion takes no energy, and all of it has inertia."""
     count = min(7, body.ndof)
     k, m = body.stiffness, body.mass
-    largest = float((k.diagonal() / m.diagonal()).max())
-    if body.ndof <= 600:
-        values = scipy.linalg.eigh(
-            k.toarray(), m.toarray(), eigvals_only=True, subset_by_index=[0, count - 1]
+    heavy = m.diagonal() > 0
+    gram = body.rigid_body_modes(body.positions.mean(axis=0))
+    gram = gram.T @ (m @ gram)
+    size = np.sqrt(gram.diagonal())
+    if not size.all() or np.linalg.cond(gram / np.outer(size, size)) > 1 / _MECHANISM:
+        raise InputError(
+            "a rigid motion of the bars has no inertia",
+            place="mesh",
+            expected="a density above zero, or masses with inertia or off one line",
         )
-    else:
-        values = sp.linalg.eigsh(
-            k,
-            count,
-            m,
-            sigma=-1e-9 * largest,
-            return_eigenvectors=False,
-            v0=np.ones(body.ndof),
-        )
+    largest = float((k.diagonal()[heavy] / m.diagonal()[heavy]).max())
+    shift = _SHIFT * largest
+    try:
+        if body.ndof <= 600:  # the other way round, as massless motions have m = 0
+            raised = (k + shift * m).toarray()
+            first = body.ndof - count
+            inverse = scipy.linalg.eigh(
+                m.toarray(),
+                raised,
+                eigvals_only=True,
+                subset_by_index=[first, body.ndof - 1],
+            )
+            values = 1 / inverse - shift
+        else:
+            values = sp.linalg.eigsh(
+                k,
+                count,
+                m,
+                sigma=-shift,
+                return_eigenvectors=False,
+                v0=np.ones(body.ndof),
+            )
+    except np.linalg.LinAlgError:
+        values = np.zeros(count)
     if max(values) < _MECHANISM * largest:
         raise InputError(
             "the bars move without deforming: the body is a mechanism, or lies on one "

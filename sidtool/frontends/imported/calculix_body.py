@@ -18,7 +18,9 @@ from sidtool.formats.model import ModelFile
 from sidtool.formats.model.geometry import MeshGeometry
 
 from ...importers.bdf.shells import deck_of_bulk
+from ...importers.calculix.deck import free_deck, with_density
 from ...importers.calculix.engine import Computed, computed
+from ...importers.calculix.raised import RaisedDeck, expected_size, raised_deck
 from ...importers.deck_names import DeckNames, deck_names
 from ...importers.imported import undefined_notes
 from ...importers.matrices.checks import (
@@ -31,7 +33,12 @@ from ...importers.matrices.checks import (
 )
 from ...validate.units import UnitSystem
 from ..elements.quadratic_fields import softest_deformation
-from ..finite_element_model import FiniteElementModel, MarkerRows, still
+from ..finite_element_model import (
+    Alternative,
+    FiniteElementModel,
+    MarkerRows,
+    still,
+)
 from ..mesh.data import Mesh
 from ..mesh.points import MeshPoints, position_of
 from ..mesh.surface import named_surface
@@ -68,12 +75,18 @@ class _Solid:
     notes: tuple[str, ...]
 
 
-def calculix_model(model: ModelFile, units: UnitSystem) -> FiniteElementModel:
+def calculix_model(
+    model: ModelFile, units: UnitSystem, density: float | None = None
+) -> FiniteElementModel:
     """The body of a model file whose deck CalculiX discretises.
 
     Markers and ties take their place in the solids that CalculiX makes of shells and
     beams; a node of the deck stands amid those that were made of it, and a set of the
     deck holds all of these.
+
+    Parameters
+    ----------
+    density : of materials without one, in the units of the file
 
     Raises
     ------
@@ -91,27 +104,74 @@ def calculix_model(model: ModelFile, units: UnitSystem) -> FiniteElementModel:
     path = Path(geometry.file)
     ignored = frozenset(" ".join(w.upper().strip("*").split()) for w in geometry.ignore)
     try:
-        with _deck(path, ignored) as (deck_file, left_out):
-            found = computed(deck_file, left_out)
-            names = deck_names(deck_file, left_out)
-        body = _solid(found, names)
-        discretised = _checked(body, names, units)
+        if density == 0:
+            raise InputError(
+                "is zero", place="geometry.density", expected="a density above zero"
+            )
+        with _deck(path, ignored, density) as (deck_file, left_out):
+            lines = free_deck(deck_file, left_out)
+            if density is not None and deck_file == path:
+                lines = with_density(lines, density)
+            ours = geometry.order is None and deck_file != path
+            if geometry.order == 2 or ours:
+                names = deck_names(deck_file, left_out)
+                taken = raised_deck(lines, names, shells_only=ours)
+                found = computed(taken.lines, path)
+            else:
+                found = computed(lines, path)
+                taken = RaisedDeck(lines, deck_names(deck_file, left_out), {})
+        body = _solid(found, taken.names)
+        alternative = _alternative(taken, path, units)
+        discretised = _checked(body, taken.names, units, alternative)
     except InputError as error:
         raise error.located(geometry.file) from None
-    deck = _deck_mesh(body, discretised.positions, names, units)
+    deck = _deck_mesh(body, discretised.positions, taken.names, units)
     solids = Mesh(discretised.positions, body.mesh.blocks)
-    return replace(discretised, markers=_markers(model, solids, deck), drawn=solids)
+    return replace(
+        discretised,
+        markers=_markers(model, solids, deck),
+        drawn=solids,
+        alternative=alternative,
+        notes=(*discretised.notes, *_raising_notes(taken)),
+    )
+
+
+def _raising_notes(deck: RaisedDeck) -> list[str]:
+    listed = ", ".join(f"{own} to {new}" for own, new in deck.replaced.items())
+    if not listed:
+        return []
+    return [f"nodes in the middle of straight edges raise the elements: {listed}"]
+
+
+def _alternative(deck: RaisedDeck, path: Path, units: UnitSystem) -> Alternative | None:
+    """The same deck with quadratic elements, if it has linear ones."""
+    better = raised_deck(deck.lines, deck.names)
+    if not better.replaced:
+        return None
+
+    def discretise() -> FiniteElementModel:
+        body = _solid(computed(better.lines, path), better.names)
+        return _checked(body, better.names, units)
+
+    own, new = (
+        " and ".join(dict.fromkeys(words))
+        for words in (better.replaced, better.replaced.values())
+    )
+    size = expected_size(better.names)
+    return Alternative(own, new, size, "geometry.order = 2", discretise)
 
 
 @contextmanager
-def _deck(path: Path, ignored: frozenset[str]) -> Iterator[tuple[Path, frozenset[str]]]:
+def _deck(
+    path: Path, ignored: frozenset[str], density: float | None
+) -> Iterator[tuple[Path, frozenset[str]]]:
     """A deck that CalculiX reads, and what of it is left out."""
     if path.suffix.lower() == ".inp":
         yield path, ignored
         return
     with tempfile.TemporaryDirectory() as name:
         made = Path(name) / f"{path.stem}.inp"
-        made.write_text(deck_of_bulk(path, ignored), encoding="utf-8")
+        made.write_text(deck_of_bulk(path, ignored, density), encoding="utf-8")
         yield made, frozenset()
 
 
@@ -242,7 +302,8 @@ def _known_places(
     given = np.array([names.nodes[int(label)] for label in owners])
     counts = np.bincount(of)
     means = np.column_stack([np.bincount(of, x) / counts for x in found.positions.T])
-    off = (np.abs(given - means) - _PRINTED * np.abs(means)).max(axis=1)
+    printed = _PRINTED * np.abs(means - found.centre)
+    off = (np.abs(given - means) - printed).max(axis=1)
     same = found.nodes == labels
     around = (off[of] <= 0) | same
     positions = found.positions + np.where(around[:, None], (given - means)[of], 0.0)
@@ -264,7 +325,12 @@ def _notes(found: Computed, internal: int, names: DeckNames) -> list[str]:
     return notes + [f"CalculiX warns: {text}" for text in found.warnings]
 
 
-def _checked(body: _Solid, names: DeckNames, units: UnitSystem) -> FiniteElementModel:
+def _checked(
+    body: _Solid,
+    names: DeckNames,
+    units: UnitSystem,
+    alternative: Alternative | None = None,
+) -> FiniteElementModel:
     """The body without markers, in SI units.
 
     Raises
@@ -288,7 +354,16 @@ def _checked(body: _Solid, names: DeckNames, units: UnitSystem) -> FiniteElement
             expected="elements without rotary inertia of their own",
         )
     rigid = bare.rigid_body_modes(mesh.positions.mean(axis=0))
-    check_rigid_motion(k, rigid)
+    try:
+        check_rigid_motion(k, rigid)
+    except InputError as error:
+        if alternative is None:
+            raise
+        raise InputError(
+            f"{alternative.own} elements of CalculiX: {error.problem}",
+            expected=f"{alternative.remedy}: C3D8R, as which it takes S4R, resists "
+            "rotations where it is distorted",
+        ) from None
     rounding = printed_rounding(k, rigid[:, :3])
     k = balanced(k, bare.place_table)
     softest = softest_deformation(k, m, mesh.positions, bare.place_table)

@@ -52,9 +52,22 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
     assert isinstance(settings, MeshDiscretisation)
     units = _units(geometry)
     if geometry.engine == "calculix":
-        return calculix_model(model, units)
-    imported = read_mesh(geometry.file, geometry.ignore, geometry.part)
+        return calculix_model(model, units, file_density(model, units))
+    if geometry.order is not None:
+        raise InputError(
+            "is for elements of CalculiX alone",
+            place="geometry.order",
+            expected='geometry.engine = "calculix", or a mesh of that order',
+        )
+    density = file_density(model, units)
+    imported = read_mesh(geometry.file, geometry.ignore, geometry.part, density)
     try:
+        if density == 0 and not imported.bars:
+            raise InputError(
+                "is zero, and solids and plane elements need mass at every node",
+                place="geometry.density",
+                expected="a density above zero",
+            )
         if imported.bars:
             return bars_model(model, imported, units)
         whole = _scaled(imported.mesh, geometry, settings, units)
@@ -109,6 +122,26 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         ),
         geometry_mass=lambda: GeometryMass(*mesh_moments(mesh, materials)),
     )
+
+
+def file_density(model: ModelFile, units: UnitSystem) -> float | None:
+    """The density that completes materials of the file, in its units.
+
+    Raises
+    ------
+    InputError : [material] gives all materials already.
+    """
+    geometry = model.geometry
+    assert isinstance(geometry, MeshGeometry)
+    if geometry.density is None:
+        return None
+    if model.material is not None:
+        raise InputError(
+            "completes materials of the file, which [material] replaces",
+            place="geometry.density",
+            expected="one of them",
+        )
+    return geometry.density * units.length**3 / units.mass
 
 
 def _units(geometry: MeshGeometry) -> UnitSystem:
@@ -173,8 +206,8 @@ def _materials(
             raise InputError(
                 f"has {what}, of which E, nu or density is not known: it is missing, "
                 "or has values for several temperatures",
-                expected="complete and constant materials in the mesh file, or a table "
-                "[material]",
+                expected="complete and constant materials in the mesh file; "
+                "geometry.density adds a density, a table [material] replaces them",
             )
         _check_units(name, own[name])
         result[name] = own[name]
@@ -226,6 +259,8 @@ def _notes(
     assert isinstance(geometry, MeshGeometry)
     assert isinstance(settings, MeshDiscretisation)
     named = {b.material for b in blocks if b.material is not None}
+    if geometry.density is not None:
+        yield f"materials without a density have {geometry.density:g} kg/m^3"
     if model.material is None:
         for name in sorted(named):
             told = _described(own[name], imported.mesh.dimension)

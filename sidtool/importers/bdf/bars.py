@@ -181,7 +181,8 @@ def _raw(
     e, g, rho = content.moduli.get(found.material, (0.0, 0.0, 0.0))
     heavy = tuple((at, weight * value) for at, value in section.extra)
     section = replace(section, extra=heavy)
-    return RawBar(*ends, card.place, y_axis, e, g, rho * weight, section, offsets)
+    rho *= content.weight_of(found.material)
+    return RawBar(*ends, card.place, y_axis, e, g, rho, section, offsets)
 
 
 def _property(content: BulkData, card: Card, label: int) -> BarProperty:

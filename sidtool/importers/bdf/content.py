@@ -54,6 +54,8 @@ class BulkData:
     local : node -> the system it is given in, -1 for that of GRDSET, and where
     turned : node -> the system of its directions, in which MPC counts, -1 likewise
     multipoint, sums : set -> cards MPC, and sets of MPCADD with their cards
+    density : of materials without RHO, to which PARAM WTMASS does not apply
+    completed : materials that have it
     chosen : sets of MPC that case control names
     controlled : whether there is case control
     apart : a sentence on elements that only name nodes
@@ -86,6 +88,8 @@ class BulkData:
     chosen: dict[int, None] = field(default_factory=dict)
     controlled: bool = False
     shells: bool = False
+    density: float | None = None
+    completed: set[str] = field(default_factory=set)
     apart: tuple[str, ...] = ()
     frames: Frames = field(default_factory=lambda: Frames({}, {}, {}))
 
@@ -107,6 +111,17 @@ class BulkData:
             self.sets[name] = [
                 n for n in self.sets[name] if n in self.nodes or n not in spanned
             ]
+
+    def density_of(self, material: str, rho: float) -> float:
+        """The density of a card, or that which completes it."""
+        if rho or self.density is None:
+            return rho
+        self.completed.add(material)
+        return self.density
+
+    def weight_of(self, material: str) -> float:
+        """What multiplies the density of a material."""
+        return 1.0 if material in self.completed else self.weight
 
     def direction_system(self, node: int) -> int:
         """The system of the directions of a node."""

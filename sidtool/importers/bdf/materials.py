@@ -26,6 +26,7 @@ _DENSITY = 1 + len(_ROWS)
 def mat1(content: BulkData, card: Card) -> None:
     name = _new_name(content, card)
     e, g, nu, rho = (card.real(i, "a constant") for i in (1, 2, 3, 4))
+    rho = content.density_of(name, rho)
     if not card.word(1):
         e = 2 * g * (1 + nu)
     elif not card.word(3) and g:
@@ -59,7 +60,7 @@ def mat9(content: BulkData, card: Card) -> None:
             f"MAT9 {name}: {error.problem}", place=card.place, expected=error.expected
         ) from None
     _damping(content, card, _DENSITY + 8)
-    rho = card.real(_DENSITY, "a density")
+    rho = content.density_of(name, card.real(_DENSITY, "a density"))
     content.materials[name] = AnisotropicMaterial(law, rho) if rho > 0 else None
 
 
@@ -93,11 +94,12 @@ def materials_of(content: BulkData) -> dict[str, ElasticMaterial]:
     """
     result: dict[str, ElasticMaterial] = {}
     for name, own in content.materials.items():
+        factor = content.weight_of(name)
         if isinstance(own, Material):
-            density = own.density * content.weight
+            density = own.density * factor
             result[name] = own.model_copy(update={"density": density})
         elif own is not None:
-            result[name] = replace(own, density=own.density * content.weight)
+            result[name] = replace(own, density=own.density * factor)
     for label, given in content.properties.items():
         own, name = result.get(given.material), material_name(content, given)
         if given.thickness is not None and isinstance(own, AnisotropicMaterial):

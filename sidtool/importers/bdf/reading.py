@@ -59,26 +59,38 @@ _ORDERS = {
 }
 
 
-def read_bdf(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
+def read_bdf(
+    path: str | Path,
+    ignored: frozenset[str] = frozenset(),
+    *,
+    density: float | None = None,
+) -> ImportedMesh:
     """The mesh of a Nastran bulk data file.
 
     Parameters
     ----------
     ignored : cards that are left out on purpose, in capitals
+    density : of materials whose RHO is blank or zero, in the units of the file
 
     Raises
     ------
     InputError : names file, line and expectation.
     """
     try:
-        return _imported(bulk_data(Path(path), ignored))
+        return _imported(bulk_data(Path(path), ignored, density=density))
     except InputError as error:
         raise error.located(path) from None
 
 
-def bulk_data(path: Path, ignored: frozenset[str], *, shells: bool = False) -> BulkData:
+def bulk_data(
+    path: Path,
+    ignored: frozenset[str],
+    *,
+    shells: bool = False,
+    density: float | None = None,
+) -> BulkData:
     """All cards of a file, with the nodes where they are in the basic system."""
-    content = BulkData(shells=shells)
+    content = BulkData(shells=shells, density=density)
     for card in read_cards(path):
         _take(content, card, ignored)
     systems = {

@@ -24,19 +24,22 @@ _PER_LINE = 12
 _ORDER = (0, 1, 2, 3, 5, 4)
 
 
-def deck_of_bulk(path: Path, ignored: frozenset[str]) -> str:
+def deck_of_bulk(
+    path: Path, ignored: frozenset[str], density: float | None = None
+) -> str:
     """A flat deck of the nodes, elements, properties and sets of bulk data.
 
     Parameters
     ----------
     ignored : cards that are left out on purpose, in capitals
+    density : of materials whose RHO is blank or zero, in the units of the file
 
     Raises
     ------
     InputError : names file, line and what CalculiX is not given.
     """
     try:
-        content = bulk_data(path, ignored, shells=True)
+        content = bulk_data(path, ignored, shells=True, density=density)
         parts = (_nodes, _elements, _sections, _masses)
         return "".join(part(content) for part in parts)
     except InputError as error:

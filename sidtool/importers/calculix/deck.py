@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sidtool.formats.errors import InputError
 
 from ..imported import EVERYTHING, read_lines
@@ -12,6 +15,8 @@ from ..included import Included
 from ..inp.deck import Scope
 from ..inp.elements import POINTS
 from ..inp.reading import read_deck
+
+Array = NDArray[np.float64]
 
 #: Supports, which the frame of the model file says instead, and point masses, which
 #: are added to the matrices: CalculiX would hang them on shells and beams by equations.
@@ -23,6 +28,13 @@ _LONGEST = 20
 #: What CalculiX does not know, and what is written for it instead.
 _GENERATION = ("NGEN", "NFILL", "NCOPY", "ELGEN", "ELCOPY")
 _NAMING = ("NODE", "SYSTEM", "ELEMENT", "NSET", "ELSET", *_GENERATION)
+#: What ends the keywords of a material.
+_AFTER_MATERIALS = (
+    *("MATERIAL", "SOLIDSECTION", "SHELLSECTION", "BEAMSECTION", "MEMBRANESECTION"),
+    *("NODE", "ELEMENT", "NSET", "ELSET", "ORIENTATION", "STEP", "SURFACE", "MASS"),
+    *("AMPLITUDE", "BEAMGENERALSECTION", "EQUATION", "MPC", "TRANSFORM", "TIE"),
+    *("NODALTHICKNESS", "NORMAL", "RIGIDBODY", "COUPLING", "PHYSICALCONSTANTS"),
+)
 #: What makes a deck more than one free, linear body.
 _REFUSED = {
     "CONTACTPAIR": "one body without contact",
@@ -127,6 +139,51 @@ def _fitting(word: str) -> str:
         return word if len(word) <= _LONGEST else f"{float(word):.12e}"
     except ValueError:
         return word
+
+
+def with_density(lines: list[str], density: float) -> list[str]:
+    """The deck with a density for materials that have none."""
+    result: list[str] = []
+    lacking = False
+    for text in [*lines, "*"]:
+        keyword = _keyword(text) if text.startswith("*") else ""
+        if keyword == "DENSITY":
+            lacking = False
+        if lacking and (text == "*" or keyword in _AFTER_MATERIALS):
+            result += ["*DENSITY", f"{density!r}"]
+            lacking = False
+        if keyword == "MATERIAL":
+            lacking = True
+        result.append(text)
+    return result[:-1]
+
+
+def centred(lines: list[str]) -> tuple[list[str], Array]:
+    """The deck with its nodes about their centre, and (3,) that centre.
+
+    CalculiX writes places to six digits, which tell more of small bodies there.
+    """
+    rows = [i for i, line in _data_of(lines, "NODE")]
+    table = np.zeros((len(rows), 3))
+    for k, i in enumerate(rows):
+        words = [float(w) if w.strip() else 0.0 for w in lines[i].split(",")[1:4]]
+        table[k, : len(words)] = words
+    centre = table.mean(axis=0) if rows else np.zeros(3)
+    result = list(lines)
+    for i, place in zip(rows, (table - centre).tolist(), strict=True):
+        label = lines[i].split(",")[0]
+        result[i] = ", ".join([label, *(f"{x:.12e}" for x in place)])
+    return result, centre
+
+
+def _data_of(lines: list[str], keyword: str) -> Iterator[tuple[int, str]]:
+    """The data lines of a keyword, and which lines they are."""
+    inside = False
+    for i, text in enumerate(lines):
+        if text.startswith("*"):
+            inside = _keyword(text) == keyword
+        elif inside:
+            yield i, text
 
 
 def without_layers(lines: list[str]) -> list[str]:

@@ -23,7 +23,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.storage.operating_system import processors
 
 from ...frontends.mesh.data import ElementBlock
-from .deck import free_deck, without_layers
+from .deck import centred, without_layers
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -60,7 +60,8 @@ class Computed:
     dofs : (ndof, 2) the deck's node that a row belongs to, or was expanded from, and
         the direction; nodes of internal modes have numbers beyond those of the deck
     nodes : numbers of the nodes of the expanded mesh, in the order of `positions`
-    positions : (n, 3) to six digits
+    positions : (n, 3) to six digits of what they are from `centre`
+    centre : (3,) of the nodes of the deck
     blocks : the solids, by rows of `positions`
     warnings : what CalculiX warns of, once each
     """
@@ -70,12 +71,18 @@ class Computed:
     dofs: Indices
     nodes: Indices
     positions: Array
+    centre: Array
     blocks: tuple[ElementBlock, ...]
     warnings: tuple[str, ...]
 
 
-def computed(path: Path, ignored: frozenset[str] = frozenset()) -> Computed:
+def computed(lines: list[str], source: Path) -> Computed:
     """Matrices and mesh of a deck's free body by CalculiX (``ccx``).
+
+    Parameters
+    ----------
+    lines : of the deck, without steps
+    source : the file that messages name
 
     Raises
     ------
@@ -87,11 +94,11 @@ def computed(path: Path, ignored: frozenset[str] = frozenset()) -> Computed:
             place="geometry.engine",
             expected="ccx on the path: apt install calculix-ccx, or from calculix.de",
         )
-    lines = free_deck(path, ignored)
+    moved, centre = centred(lines)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        said = _run(folder, "body", [*lines, _MATRICES], path, ".dof")
-        _run(folder, "mesh", [*without_layers(lines), _MESH], path, ".frd")
+        said = _run(folder, "body", [*lines, _MATRICES], source, ".dof")
+        _run(folder, "mesh", [*without_layers(moved), _MESH], source, ".frd")
         dofs = np.array(
             [
                 line.split(".")
@@ -105,7 +112,8 @@ def computed(path: Path, ignored: frozenset[str] = frozenset()) -> Computed:
             _matrix(folder / "body.mas", len(dofs)),
             dofs,
             nodes,
-            positions,
+            positions + centre,
+            centre,
             blocks,
             said,
         )

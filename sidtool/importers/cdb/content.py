@@ -36,6 +36,7 @@ class Content:
 
     Attributes
     ----------
+    density : of materials without DENS
     turned : node -> angles of its directions, where these are not zero
     systems : of LOCAL
     sums, coupled, reals : CE, CP by number and direction, and R
@@ -43,6 +44,7 @@ class Content:
 
     lines: list[str]
     at: int = 0
+    density: float | None = None
     nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
     types: dict[int, int] = field(default_factory=dict)
     options: dict[tuple[int, int], int] = field(default_factory=dict)

@@ -108,11 +108,14 @@ def materials_of(content: Content) -> dict[str, ElasticMaterial]:
         stand in a system that is neither Cartesian nor cylindrical.
     """
     materials: dict[str, ElasticMaterial] = {}
-    for number, table in content.constants.items():
+    for number, given in content.constants.items():
+        table = dict(given)
+        if content.density is not None and (number, "DENS") not in content.tables:
+            table["DENS"] = content.density
         known = {name for own, name in content.tables if own == number}
         if known - set(table) or min(table.get(n, 0.0) for n in ("EX", "DENS")) <= 0:
             continue
-        given = {name: value for name, value in table.items() if name != "DENS"}
+        given = {name: value for name, value in given.items() if name != "DENS"}
         if _is_isotropic(given):
             nu = _ratio(given)
             if nu is not None and -1 < nu < 0.5:

@@ -61,19 +61,25 @@ _BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
 _FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
 
 
-def read_cdb(path: str | Path, ignored: frozenset[str] = frozenset()) -> ImportedMesh:
+def read_cdb(
+    path: str | Path,
+    ignored: frozenset[str] = frozenset(),
+    *,
+    density: float | None = None,
+) -> ImportedMesh:
     """The mesh of an ANSYS archive.
 
     Parameters
     ----------
     ignored : commands that are left out on purpose, in capitals
+    density : of materials without DENS, in the units of the file
 
     Raises
     ------
     InputError : names file, line and expectation.
     """
     try:
-        content = Content(read_lines(path))
+        content = Content(read_lines(path), density=density)
         while content.at < len(content.lines):
             _take(content, content.next(), ignored)
         return _imported(content)

@@ -104,6 +104,7 @@ class Deck:
     holds, masses : what holds nodes together, and point masses
     equations, ties : equations between displacements with their axes, tied surfaces
     system : that of *SYSTEM, where it holds: origin and axes, (4, 3)
+    density : of materials without *DENSITY
     said : keywords without effect
     remarks : sentences on what has another name here
     """
@@ -124,6 +125,7 @@ class Deck:
     masses: list[Hold] = field(default_factory=list)
     equations: list[Hold] = field(default_factory=list)
     ties: list[Hold] = field(default_factory=list)
+    density: float | None = None
     said: dict[str, None] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     scope: Scope = field(default_factory=Scope)

@@ -121,6 +121,8 @@ def materials_of(
     for section in order:
         name, table = material_name(deck, section), deck.materials[section.material]
         elastic, density = table.get("ELASTIC", []), table.get("DENSITY", [])
+        if not density and deck.density is not None:
+            density = [[deck.density]]
         if name in result or len(elastic) != 1 or len(density) != 1:
             continue
         kind = deck.kinds.get(section.material)

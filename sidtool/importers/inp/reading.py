@@ -34,6 +34,7 @@ def read_inp(
     path: str | Path,
     ignored: frozenset[str] = frozenset(),
     part: str | None = None,
+    density: float | None = None,
 ) -> ImportedMesh:
     """The mesh of an Abaqus or CalculiX input file.
 
@@ -41,6 +42,7 @@ def read_inp(
     ----------
     ignored : keywords that are left out on purpose, in capitals
     part : the instance, or the set of elements, that is the body; None for all
+    density : of materials without *DENSITY, in the units of the file
 
     Raises
     ------
@@ -49,7 +51,9 @@ def read_inp(
     from .mesh import mesh_of
 
     try:
-        return mesh_of(one_body(read_deck(Path(path), ignored), part))
+        deck = read_deck(Path(path), ignored)
+        deck.density = density
+        return mesh_of(one_body(deck, part))
     except InputError as error:
         raise error.located(path) from None
 

@@ -19,6 +19,7 @@ class Polynomials:
 
     starts: Array
     terms: Array
+    lines: tuple[Array, Array] | None = None  # points of a table that they join
 
     def value(self, x: Array) -> Array:
         """Values at x, (nt,)."""
@@ -52,7 +53,11 @@ class Law:
         def value(g: Array) -> Array:
             return curve.value(g - self.rest)
 
-        return features.of_characteristic(value, self.rest + curve.starts)
+        if curve.lines is None:
+            return features.of_characteristic(value, self.rest + curve.starts)
+        x, force = curve.lines
+        known = features.of_characteristic(value, self.rest + x)
+        return features.with_corners(known, self.rest + x, force)
 
     def rate_features(self) -> Features:
         """Of the force over the rate of the measure, likewise."""
@@ -77,6 +82,12 @@ def powers(values: tuple[float, ...] | None) -> Polynomials:
 
 
 def characteristic(table: Characteristic) -> Polynomials:
+    """A table of forces in pieces; the outer ones go on beyond it."""
+    if table.interpolation == "linear":
+        x, force = np.array(table.deflection), np.array(table.force)
+        slopes = np.diff(force) / np.diff(x)
+        terms = np.stack([force[:-1], slopes], axis=1)
+        return Polynomials(x[:-1], terms, lines=(x, force))
     from scipy.interpolate import PchipInterpolator
 
     curve = PchipInterpolator(table.deflection, table.force)

@@ -48,6 +48,9 @@ def angular_frequency(function: Table) -> float:
 def pieces(function: Table) -> PPoly:
     """A polynomial, a step or a table as piecewise polynomials; scipy's formulas."""
     kind = function["type"]
+    if kind == "table" and function.get("interpolation") == "linear":
+        t, y = np.array(function["times"]), np.array(function["values"])
+        return _extended(PPoly(np.stack([np.diff(y) / np.diff(t), y[:-1]]), t))
     if kind == "table":
         ends = function.get("ends", "not-a-knot")
         return CubicSpline(function["times"], function["values"], bc_type=ends)

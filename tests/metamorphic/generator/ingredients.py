@@ -187,7 +187,8 @@ def function(rng: Random, start: float, size: float, end: float) -> Table:
     if kind == "table":
         times = np.linspace(0.0, end, 6)
         values = start + size * np.append(0.0, rng.uniform(-1.0, 1.0, 5))
-        return {"type": kind, "times": times.tolist(), "values": values.tolist()}
+        table = {"times": times.tolist(), "values": values.tolist()}
+        return {"type": kind, "interpolation": "smooth", **table}
     half = 0.5 * end
     middle = [start + 0.5 * size, 0.3 * size, 0.0]
     last = [start + size, 0.0, 0.0]

@@ -53,7 +53,10 @@ def _point_force(rng: Random, marker: str, planar: bool) -> Table:
 
 def _pair_force(rng: Random, kind: str, length: float) -> Table:
     if kind == "actuator":
-        return {"type": "actuator", "function": function(rng, 2.0, 3.0, END)}
+        push = function(rng, 2.0, 3.0, END)
+        if push["type"] == "table" and push["values"][1] > push["values"][0]:
+            push["interpolation"] = "linear"
+        return {"type": "actuator", "function": push}
     spring: Table = {"type": "spring_damper", "rest": 0.9 * length}
     if rng.random() < 0.3:
         ways = 0.2 * np.arange(-5.0, 6.0)

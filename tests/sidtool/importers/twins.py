@@ -23,6 +23,7 @@ from sidtool.frontends.mesh.points import MeshPoints
 from sidtool.frontends.mesh.surface import named_surface
 from sidtool.frontends.solid_mesh import SolidMesh
 from sidtool.frontends.solids import mesh_continua, mesh_matrices
+from sidtool.importers.calculix.deck import free_deck
 from sidtool.importers.calculix.engine import computed
 from sidtool.reduction.frames import Frame
 from sidtool.reduction.space import admissible
@@ -113,7 +114,7 @@ def mass_by_few_points(
 def calculix_matrices(part: Part, element: str, folder: Path) -> tuple[Array, Array]:
     """Stiffness and mass by node and component, behind them the internal modes."""
     (folder / "free.inp").write_text(_deck(part, ELEMENTS[element][1]))
-    free = computed(folder / "free.inp")
+    free = computed(free_deck(folder / "free.inp"), folder / "free.inp")
     order = np.lexsort(free.dofs.T[::-1])
     return tuple(a.toarray()[np.ix_(order, order)] for a in (free.stiffness, free.mass))
 
@@ -121,7 +122,7 @@ def calculix_matrices(part: Part, element: str, folder: Path) -> tuple[Array, Ar
 def by_calculix(part: Part, element: str, folder: Path) -> Found:
     text = _deck(part, ELEMENTS[element][1])
     (folder / "free.inp").write_text(text)
-    free = computed(folder / "free.inp")
+    free = computed(free_deck(folder / "free.inp"), folder / "free.inp")
     here = free.dofs[:, 0] <= len(part.mesh.positions)
     where = np.zeros((len(free.dofs), 3))
     where[here] = part.mesh.positions[free.dofs[here, 0] - 1]

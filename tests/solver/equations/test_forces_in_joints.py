@@ -14,7 +14,12 @@ from .test_drives import DRIVEN
 
 ENERGIES = ("kinetic", "dissipated", "supplied", "balance")
 #: The spline through three points is a parabola.
-PUSH = {"type": "table", "times": [0.0, 0.25, 0.5], "values": [1.0, 2.0, -1.0]}
+PUSH = {
+    "type": "table",
+    "times": [0.0, 0.25, 0.5],
+    "values": [1.0, 2.0, -1.0],
+    "interpolation": "smooth",
+}
 
 
 def forces(names: str) -> dict[str, Any]:
