@@ -149,7 +149,8 @@ def _measure_start(state: State) -> None:
     for entry, row in system.from_start:
         pool[entry] = state.work.row[row, at.C_VALUE]
     _check_rods(state)
-    state.system = replace(system, arrays=system.arrays.replaced(pool=pool))
+    arrays = system.arrays.replaced(pool=pool)
+    state.system = replace(system, arrays=arrays, from_start=())
     state.ignored[:], state.is_apart = False, False
     state.evaluate()
 
