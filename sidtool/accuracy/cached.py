@@ -12,7 +12,8 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.result import AccuracyReport
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene.base import Table
-from sidtool.formats.sid import SID, Array, Taylor
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_content import content_digest
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import cache_folder
 
@@ -60,8 +61,7 @@ def key_of(
     plain = scene.model_copy(update={"bodies": bodies, "title": ""})
     digest.update(plain.model_dump_json(exclude={"accuracy"}).encode())
     for name in sorted(sids):
-        digest.update(name.encode())
-        _add(digest, sids[name])
+        digest.update(f"{name} {content_digest(sids[name])}".encode())
     return digest.hexdigest()[:32]
 
 
@@ -92,23 +92,3 @@ def write(key: str, kept: Kept) -> None:
 def _path(key: str) -> Path | None:
     there = folder()
     return None if there is None else there / f"{key}.json"
-
-
-def _add(digest: hashlib._Hash, sid: SID) -> None:
-    digest.update(f"{sid.mass!r} {sid.nq}".encode())
-    for name, block in sid.blocks.items():
-        _add_block(digest, name, block)
-    for node in sid.nodes:
-        digest.update(node.id.encode())
-        for name in ("origin", "phi", "psi", "AP", "sigma"):
-            entry = getattr(node, name)
-            if entry is not None:
-                _add_block(digest, name, entry)
-
-
-def _add_block(digest: hashlib._Hash, name: str, block: Taylor) -> None:
-    digest.update(name.encode())
-    parts: list[Array] = [p for p in (block.m0, block.m1, block.mn) if p is not None]
-    for part in parts:
-        digest.update(f"{part.shape}".encode())
-        digest.update(part.tobytes())

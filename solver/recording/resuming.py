@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +13,8 @@ from sidtool.formats.result import Result
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.result.rows import Rows, rows_of
 from sidtool.formats.scene import OutputTimes
-from sidtool.formats.sid import SID, Array
+from sidtool.formats.sid import Array
+from sidtool.formats.sid_content import differing_places
 
 from ..start.assembly import Start
 from ..start.settings import Settings, made_with
@@ -128,20 +128,16 @@ def _check_same(system: System, settings: Settings, result: Result) -> None:
             expected="the scene and the options that the run was begun with",
         )
     for name, sid in system.sids.items():
-        if not _same_sid(sid, result.sids, name):
+        before = result.sids.get(name)
+        changed = ["all of it"] if before is None else differing_places(before, sid)
+        if changed:
+            more = ", ..." if len(changed) > 3 else ""
             raise InputError(
-                f"was begun with another SID of {name}",
+                f"was begun with another SID of {name}: other numbers in "
+                f"{', '.join(changed[:3])}{more}",
                 place=f"sids.{name}",
                 expected="the same SIDs",
             )
-
-
-def _same_sid(sid: SID, others: Mapping[str, SID], name: str) -> bool:
-    other = others.get(name)
-    return other is not None and all(
-        np.array_equal(block.m0, other.blocks[key].m0)
-        for key, block in sid.blocks.items()
-    )
 
 
 def _sums(system: System, result: Result) -> Array:

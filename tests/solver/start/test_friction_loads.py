@@ -1,7 +1,7 @@
 """Joints whose constant is that of the start hold like those that state it.
 
-The load of a joint with friction is refused where constraints share it, and its friction
-where they keep it from moving.
+The load of a joint with friction is refused where constraints share it, and its
+friction where they keep it from moving.
 """
 
 from __future__ import annotations
