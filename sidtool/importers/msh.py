@@ -23,6 +23,7 @@ from .imported import (
     read_lines,
     reading_notes,
 )
+from .stops import Stops
 
 #: Gmsh type -> dimension, nodes, our name, our order of its nodes.
 _TYPES: dict[int, tuple[int, int, str | None, tuple[int, ...] | None]] = {
@@ -191,15 +192,18 @@ def _without_effect(
     InputError : one of them may change the body.
     """
     others = [name for name in sections if name not in _READ]
+    stops = Stops()
     for name in others:
         if EVERYTHING in ignored or name.upper() in ignored:
             continue
         if name not in _WITHOUT_EFFECT:
-            raise InputError(
+            error = InputError(
                 f"holds ${name}, which is not supported",
                 expected=f'a mesh without it; geometry.ignore = ["{name}"] leaves it '
                 "out",
             )
+            stops.add(error, name)
+    stops.check()
     return others
 
 

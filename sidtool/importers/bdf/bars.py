@@ -54,7 +54,11 @@ def bars_of(content: BulkData) -> tuple[RawBar, ...]:
     InputError : one is not what own elements are.
     """
     readers = {"CBAR": _bar, "CBEAM": _bar, "CROD": _rod, "CONROD": _conrod}
-    found = tuple(readers[card.name](content, card) for card in content.bars)
+    made = []
+    for card in content.bars:
+        with content.stops.collected():
+            made.append(readers[card.name](content, card))
+    found = tuple(made)
     labels = {label for label, *_ in content.elements}
     for one in found:
         if one.label in labels:

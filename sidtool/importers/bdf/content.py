@@ -9,6 +9,7 @@ from sidtool.formats.errors import InputError
 from ...frontends.anisotropic import ElasticMaterial
 from ..imported import RawCoupling, RawMass
 from ..imported_bars import BarSection
+from ..stops import Stops
 from .cards import Card, member_groups
 from .systems import Frames, System
 
@@ -59,6 +60,7 @@ class BulkData:
     chosen : sets of MPC that case control names
     controlled : whether there is case control
     apart : a sentence on elements that only name nodes
+    stops : what refuses the file
     frames : the coordinate systems, with the nodes as the file gives them
     """
 
@@ -92,6 +94,7 @@ class BulkData:
     completed: set[str] = field(default_factory=set)
     apart: tuple[str, ...] = ()
     frames: Frames = field(default_factory=lambda: Frames({}, {}, {}))
+    stops: Stops = field(default_factory=Stops)
 
     def extend_set(self, name: str, words: list[str], place: str) -> None:
         """Add numbers and ranges to a node set.

@@ -22,6 +22,8 @@ from ..imported import (
     reading_notes,
     undefined_members,
 )
+from ..imported_bars import RawBar
+from ..imported_ties import RawEquation
 from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
 from .bars import bar, bar_defaults, bars_of, completed
 from .cards import CASE_CONTROL, Card, read_cards
@@ -91,17 +93,24 @@ def bulk_data(
 ) -> BulkData:
     """All cards of a file, with the nodes where they are in the basic system."""
     content = BulkData(shells=shells, density=density)
+    stops = content.stops
     for card in read_cards(path):
-        _take(content, card, ignored)
+        with stops.collected():
+            _take(content, card, ignored)
     systems = {
         n: (content.system if s < 0 else s, p) for n, (s, p) in content.local.items()
     }
     local = {n: system for n, system in systems.items() if system[0]}
     content.frames = Frames(dict(content.nodes), local, content.systems)
-    content.nodes.update({n: content.frames.node(n) for n in local})
+    for n in local:
+        with stops.collected():
+            content.nodes[n] = content.frames.node(n)
     for system, place in content.direction_systems().items():
-        content.frames.frame(system, place)
-    content.masses = [conm2(card, content.frames) for card in content.mass_cards]
+        with stops.collected():
+            content.frames.frame(system, place)
+    for card in content.mass_cards:
+        with stops.collected():
+            content.masses.append(conm2(card, content.frames))
     content.bars = [completed(content, card) for card in content.bars]
     content.apart = named_apart(content)
     content.close_gaps()
@@ -118,12 +127,13 @@ def _take(content: BulkData, card: Card, ignored: frozenset[str]) -> None:
     elif card.name in WITHOUT_EFFECT or EVERYTHING in ignored:
         content.said[card.name] = None
     else:
-        raise InputError(
+        error = InputError(
             f"{card.name} is not supported",
             place=card.place,
             expected=f"{INSTEAD.get(card.name, 'bulk data without it')}; "
             f'geometry.ignore = ["{card.name}"] leaves it out',
         )
+        content.stops.add(error, card.name)
 
 
 def _grid(content: BulkData, card: Card) -> None:
@@ -318,20 +328,30 @@ def _check_alike(content: BulkData) -> None:
 
 def _imported(content: BulkData) -> ImportedMesh:
     turned = count_right_handed(content)
-    raw = []
+    stops, raw = content.stops, []
+    equations: tuple[RawEquation, ...] = ()
+    bars: tuple[RawBar, ...] = ()
     for label, property_, kind, nodes, place in content.elements:
-        given = content.properties.get(property_)
-        material = material_name(content, given) if given else None
-        depth = thickness_of(content, label, given, place)
-        raw.append(RawElement(label, kind, nodes, place, material, depth))
-    equations, bars = equations_of(content), bars_of(content)
+        with stops.collected():
+            given = content.properties.get(property_)
+            material = material_name(content, given) if given else None
+            depth = thickness_of(content, label, given, place)
+            raw.append(RawElement(label, kind, nodes, place, material, depth))
+    with stops.collected():
+        equations = equations_of(content)
+    with stops.collected():
+        bars = bars_of(content)
+    with stops.collected():
+        _check_alike(content)
+    with stops.collected():
+        materials_of(content)
+    stops.check()
     notes = reading_notes(content.nodes, [*raw, *bars], len(raw) + len(bars))
     notes += [*content.apart, *turned]
     if content.weight != 1.0:
         notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
     if content.said:
         notes.append("without effect on the body: " + ", ".join(content.said))
-    _check_alike(content)
     return ImportedMesh(
         points_mesh(content.nodes, content.sets)
         if bars

@@ -40,8 +40,12 @@ def deck_of_bulk(
     """
     try:
         content = bulk_data(path, ignored, shells=True, density=density)
-        parts = (_nodes, _elements, _sections, _masses)
-        return "".join(part(content) for part in parts)
+        result = []
+        for part in (_nodes, _elements, _sections, _masses):
+            with content.stops.collected():
+                result.append(part(content))
+        content.stops.check()
+        return "".join(result)
     except InputError as error:
         raise error.located(path) from None
 

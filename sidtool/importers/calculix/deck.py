@@ -15,6 +15,7 @@ from ..included import Included
 from ..inp.deck import Scope
 from ..inp.elements import POINTS
 from ..inp.reading import read_deck
+from ..stops import Stops
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ def free_deck(path: Path, ignored: frozenset[str] = frozenset()) -> list[str]:
         dropped |= set(_NAMING)
         body = read_deck(path, frozenset((EVERYTHING,))).assembly
         result += [_short(text) for text in _written_out(body)]
-    keep, in_step = True, False
+    stops, keep, in_step = Stops(), True, False
     for text, place in lines:
         if text.startswith("**"):
             continue
@@ -77,14 +78,17 @@ def free_deck(path: Path, ignored: frozenset[str] = frozenset()) -> list[str]:
             keep = not in_step and keyword != "ENDSTEP" and keyword not in dropped
             keep = keep and not _of_masses(text)
             if keep and keyword in _REFUSED:
-                raise InputError(
-                    f"*{text[1:].split(',')[0].strip().upper()} is not supported",
+                name = text[1:].split(",")[0].strip().upper()
+                error = InputError(
+                    f"*{name} is not supported",
                     source=path,
                     place=place,
                     expected=_REFUSED[keyword],
                 )
+                stops.add(error, name)
         if keep:
             result.append(text if text.startswith("*") else _short(text))
+    stops.check()
     return result
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 from sidtool.formats.errors import InputError
 
+from ..stops import Stops
+
 
 @dataclass(frozen=True)
 class System:
@@ -39,6 +41,7 @@ class Content:
     density : of materials without DENS
     turned : node -> angles of its directions, where these are not zero
     systems : of LOCAL
+    stops : what refuses the file
     sums, coupled, reals : CE, CP by number and direction, and R
     """
 
@@ -61,6 +64,7 @@ class Content:
     sums: dict[int, Sum] = field(default_factory=dict)
     coupled: dict[tuple[str, str], tuple[str, list[int]]] = field(default_factory=dict)
     reals: dict[int, list[float]] = field(default_factory=dict)
+    stops: Stops = field(default_factory=Stops)
 
     @property
     def place(self) -> str:

@@ -58,6 +58,8 @@ _IDLE = """
 _WITHOUT_EFFECT = frozenset(_IDLE.split())
 #: What depends on a parameter must have no effect either way.
 _BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
+#: A line of a block that was refused.
+_DATA = re.compile(r"\s*[-+(\d]")
 _FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
 
 
@@ -80,8 +82,17 @@ def read_cdb(
     """
     try:
         content = Content(read_lines(path), density=density)
+        refused = False
         while content.at < len(content.lines):
-            _take(content, content.next(), ignored)
+            line = content.next()
+            if refused and _DATA.match(line):
+                continue
+            before = content.stops.count
+            with content.stops.collected():
+                _take(content, line, ignored)
+            passed = line.split(",")[0].strip().upper() in ignored
+            refused = passed or content.stops.count > before
+        content.stops.check()
         return _imported(content)
     except InputError as error:
         raise error.located(path) from None
@@ -107,12 +118,13 @@ def _take(content: Content, line: str, ignored: frozenset[str]) -> None:
     elif name in ignored or name in _WITHOUT_EFFECT or EVERYTHING in ignored:
         content.said[name] = None
     else:
-        raise InputError(
+        error = InputError(
             f"{name} is not supported",
             place=content.place,
             expected=f'an archive without it; geometry.ignore = ["{name}"] leaves it '
             "out",
         )
+        content.stops.add(error, name)
 
 
 def _type(content: Content, words: list[str]) -> None:

@@ -136,6 +136,10 @@ _NAMING = _listed(
 _SHORTEST = 3
 
 
+class UnreadKeyword(InputError):
+    """A keyword that `geometry.ignore` may leave out."""
+
+
 def kind_of(block: Block, ignored: frozenset[str], in_step: bool = False) -> str:
     """ "read", "damping", "ignored", "step" or "without effect".
 
@@ -164,7 +168,7 @@ def kind_of(block: Block, ignored: frozenset[str], in_step: bool = False) -> str
         return "without effect"
     advice = _INSTEAD.get(squeezed)
     what = "is not supported" if advice else "is not known"
-    raise InputError(
+    raise UnreadKeyword(
         f"*{block.keyword} {what}",
         place=block.place,
         expected=f"{advice or 'a deck without it'}; geometry.ignore = "

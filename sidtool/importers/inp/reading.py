@@ -15,6 +15,7 @@ import numpy as np
 from sidtool.formats.errors import InputError
 
 from ..imported import EVERYTHING, ImportedMesh, integers, numbers
+from ..stops import Stops
 from .blocks import Block, read_blocks
 from .couplings import read_hold, read_kind, read_mass
 from .deck import Deck, Element, Scope, Section, twice
@@ -22,7 +23,7 @@ from .elements import ElementType, element_type, refusal
 from .equations import read_equation
 from .generation import read_elcopy, read_elgen, read_ncopy, read_nfill, read_ngen
 from .instances import one_body
-from .keywords import kind_of, readable
+from .keywords import UnreadKeyword, kind_of, readable
 from .materials import read_elastic, read_orientation
 from .sets import extend, read_elset, read_nset
 from .surfaces import read_surface
@@ -62,17 +63,23 @@ def read_deck(path: Path, ignored: frozenset[str] = frozenset()) -> Deck:
     """All that a deck says of the body; see `read_inp`."""
     deck = Deck(names_only=EVERYTHING in ignored)
     deck.scope = deck.assembly
-    in_step = False
+    stops, in_step = Stops(), False
     for block in read_blocks(path):
         in_step = block.keyword == "STEP" or (in_step and block.keyword != "END STEP")
-        kind = kind_of(block, ignored, in_step)
+        try:
+            kind = kind_of(block, ignored, in_step)
+        except UnreadKeyword as error:
+            stops.add(error, block.keyword)
+            continue
         if kind == "read":
-            block = readable(block)
-            _READERS.get(block.keyword, _nothing)(deck, block)
+            with stops.collected():
+                block = readable(block)
+                _READERS.get(block.keyword, _nothing)(deck, block)
         elif kind == "step":
             deck.said["all steps"] = None
         else:
             deck.said[f"*{block.keyword}" + _REMARKS.get(kind, "")] = None
+    stops.check()
     deck.close_gaps()
     return deck
 

@@ -1,0 +1,111 @@
+"""All that stops a deck is told at once; what cannot touch a body is passed over."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sidtool.convert import sid_from_model
+from sidtool.formats.errors import InputError
+from sidtool.formats.sid import SID
+
+from .mesh_files import BDF, cdb_text, inp_text, mesh_model, msh_2, rod_mesh
+
+#: Cards of aerodynamics, optimisation, heat and output.
+IDLE = """
+    AERO AEROS CAERO1 PAERO1 SPLINE1 SPLINE2 MKAERO1 MKAERO2 FLUTTER FLFACT GUST MONPNT1
+    AESTAT AESURF AELIST TRIM TEMPRB TEMPBC CBARAO YPARAM PLOTOPT SEQGP DTI NLSTEP
+    TSTEP1 DVTREL1 DMNCON DRESP DRESP2 DEQATN GROUP CHBDYE QBDY1 SET2
+"""
+
+
+def converted(folder: Path, name: str, text: str, **geometry: Any) -> SID:
+    (folder / name).write_text(text)
+    path = mesh_model(
+        folder,
+        name,
+        frame={"type": "buckens"},
+        markers={"p": {"node": 1, "mesh_node": 10 if "rod" in name else 1}},
+        reduction={"method": "modal", "modes": 2},
+    )
+    data = json.loads(path.read_text())
+    data["geometry"].update(geometry)
+    path.write_text(json.dumps(data))
+    return sid_from_model(path)
+
+
+def test_cards_that_cannot_touch_a_body_are_listed(tmp_path: Path) -> None:
+    names = IDLE.split()
+    cards = "\n".join(f"{name},1" for name in names)
+    text = BDF.replace("ENDDATA", f"{cards}\nENDDATA")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        sid = converted(tmp_path, "part.bdf", text)
+    plain = converted(tmp_path, "plain.bdf", BDF)
+    assert sid.mass == pytest.approx(plain.mass, rel=1e-14)
+    (note,) = (str(w.message) for w in said if "without effect" in str(w.message))
+    assert all(name in note.replace(",", " ").split() for name in names)
+
+
+MESH = rod_mesh("hex8")
+#: Decks with several names that are not supported.
+REFUSED: dict[str, tuple[str, list[str]]] = {
+    "part.bdf": (
+        BDF.replace("ENDDATA", "CGAP,7,1,1,2\nRBE1,9,1,123456,2,3\nCWELD,9,1\nENDDATA"),
+        ["CGAP", "RBE1", "CWELD"],
+    ),
+    "rod.inp": (
+        "*EMBEDDED ELEMENT\n1, 2\n*SPRING, ELSET=X\n\n*WHATEVER\n3\n" + inp_text(MESH),
+        ["EMBEDDED ELEMENT", "SPRING", "WHATEVER"],
+    ),
+    "part.cdb": (
+        cdb_text() + "SECBLOCK,3\n(3i9)\n        1\nCERIG,1,2\nFOO,1\n",
+        ["SECBLOCK", "CERIG", "FOO"],
+    ),
+    "rod.msh": (
+        msh_2(MESH) + "$Foo\n1\n$EndFoo\n$Bar\n1\n$EndBar\n",
+        ["Foo", "Bar"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_everything_that_stops_a_deck_is_told_at_once(
+    tmp_path: Path, name: str
+) -> None:
+    text, refused = REFUSED[name]
+    with pytest.raises(InputError) as caught:
+        converted(tmp_path, name, text)
+    said = str(caught.value)
+    assert all(word in said for word in refused)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert converted(tmp_path, name, text, ignore=refused).mass > 0
+
+
+def test_different_faults_of_one_deck_are_told_together(tmp_path: Path) -> None:
+    """An unknown card, a wrong number, a twice defined node, a fluid, a pin."""
+    more = [
+        "CGAP,7,1,1,2",
+        "GRID,4,,0.,0.,2.",
+        "GRID,50,,x,0.,2.",
+        "PSOLID,8,5,,,,,PFLUID",
+        "CORD2R,3,7,0.,0.,0.,0.,0.,1.,\n,1.,0.,0.",
+    ]
+    text = BDF.replace("ENDDATA", "\n".join([*more, "ENDDATA"]))
+    with pytest.raises(InputError) as caught:
+        converted(tmp_path, "part.bdf", text)
+    said = str(caught.value)
+    assert all(word in said for word in ("CGAP", "node 4", "'x'", "PFLUID"))
+
+
+def test_faults_that_differ_in_numbers_alone_are_counted(tmp_path: Path) -> None:
+    rows = [f"GRID,{n},,x,0.,0." for n in range(100, 130)]
+    text = BDF.replace("ENDDATA", "\n".join([*rows, "ENDDATA"]))
+    with pytest.raises(InputError, match="29 more") as caught:
+        converted(tmp_path, "part.bdf", text)
+    assert len(str(caught.value)) < 400
