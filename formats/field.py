@@ -18,6 +18,7 @@ from .errors import InputError
 from .sid import SID, Array
 from .storage.hdf5_links import check_own_data
 from .storage.seal import check_seal, write_sealed
+from .storage.unreadable import unreadable
 
 FORMAT = "sidtool field"
 VERSION = 1
@@ -136,8 +137,8 @@ def read_field(path: str | os.PathLike[str]) -> Field:
             return _field(file)
     except InputError as error:
         raise error.located(path) from None
-    except FileNotFoundError:
-        raise InputError("there is no such file", source=path) from None
+    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
+        raise unreadable(path, error=error) from None
     except (OSError, LookupError, TypeError, ValueError, RuntimeError) as error:
         raise InputError(
             f"cannot be read ({error})", source=path, expected="a whole field file"

@@ -12,6 +12,7 @@ from .errors import InputError
 from .sid import SID
 from .sid_ascii import read_ascii, write_ascii
 from .sid_hdf5 import SIGNATURES, read_hdf5, write_hdf5
+from .storage.unreadable import unreadable
 
 CANONICAL = "fembs"
 
@@ -64,8 +65,10 @@ def read_sid(path: str | os.PathLike[str]) -> SID:
     """
     source = Path(path)
     if not source.is_file():
-        problem = "is not a file" if source.exists() else "there is no such file"
-        raise InputError(problem, source=source, expected="a SID file, ASCII or HDF5")
+        if source.exists() and not source.is_dir():
+            problem, expected = "is a pipe or a device", "a regular file"
+            raise InputError(problem, source=source, expected=expected)
+        raise unreadable(source, "a SID file, ASCII or HDF5")
     return _by_content(source).read(source)
 
 
@@ -98,8 +101,7 @@ def _by_content(path: Path) -> SIDFormat:
         with path.open("rb") as stream:
             start = stream.read(16)
     except OSError as error:
-        problem = f"cannot be read ({error.strerror})"
-        raise InputError(problem, source=path, expected="a SID file") from error
+        raise unreadable(path, "a SID file", error) from error
     for known in FORMATS:
         if start.startswith(known.signatures):
             return known

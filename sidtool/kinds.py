@@ -10,6 +10,7 @@ from typing import Any
 from sidtool.formats.arguments import path_of
 from sidtool.formats.errors import InputError
 from sidtool.formats.storage.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal
+from sidtool.formats.storage.unreadable import unreadable
 
 Path_ = str | os.PathLike[str]
 #: The entry ``format`` of files that people write, and the kind that it means.
@@ -32,8 +33,7 @@ def kind_of(path: Path_) -> str:
     """
     path = path_of(path, "path")
     if not path.is_file():
-        problem = "is a folder" if path.is_dir() else "there is no such file"
-        raise InputError(problem, source=path, expected="a SID, model, scene or result")
+        raise unreadable(path, "a SID, model, scene or result")
     if path.suffix in (".toml", ".json"):
         return _kind_of_text(path)
     return _kind_of_hdf5(path) if _starts_as_hdf5(path) else "sid"
@@ -86,7 +86,7 @@ def _starts_as_hdf5(path: Path) -> bool:
         with path.open("rb") as stream:
             start = stream.read(len(HDF5_SIGNATURE))
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", source=path) from None
+        raise unreadable(path, error=error) from None
     return start in (HDF5_SIGNATURE, SEAL_SIGNATURE)
 
 

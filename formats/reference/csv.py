@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..storage.unreadable import unreadable
 
 _COLUMNS = (
     "quantity",
@@ -40,7 +41,9 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError, ValueError) as error:
+    except OSError as error:
+        raise unreadable(path, "a CSV table", error) from None
+    except ValueError as error:
         raise InputError(
             f"cannot be read ({error})", source=path, expected="a CSV table"
         ) from None

@@ -24,6 +24,7 @@ from ..errors import InputError
 from ..storage.growing import GrowingFile
 from ..storage.hdf5_links import check_own_data
 from ..storage.seal import SealedFile, check_seal
+from ..storage.unreadable import unreadable
 from .accuracy import AccuracyReport
 from .data import TABLES, Result
 from .events import read_events, write_events
@@ -149,8 +150,8 @@ def read_result(path: str | Path) -> Result:
             return _result(file, Path(path))
     except InputError as error:
         raise error.located(path) from None
-    except FileNotFoundError:
-        raise InputError("there is no such file", source=path) from None
+    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
+        raise unreadable(path, error=error) from None
     except (
         OSError,
         LookupError,

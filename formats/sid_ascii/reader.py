@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..sid import SID
+from ..storage.unreadable import unreadable
 from .assembly import assemble
 from .lines import Lines
 from .parser import parse
@@ -30,8 +31,7 @@ def read_ascii(path: str | os.PathLike[str]) -> SID:
         with Path(path).open(encoding="latin-1") as stream:
             raw = parse(Lines(stream, source))
     except OSError as error:
-        problem = f"cannot be read ({error.strerror})"
-        raise InputError(problem, source=source, expected="a SID file") from error
+        raise unreadable(source, "a SID file", error) from error
     try:
         # identities among numbers near the largest float may overflow harmlessly
         with np.errstate(over="ignore", invalid="ignore"):

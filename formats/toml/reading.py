@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from ..errors import InputError
+from ..storage.unreadable import QUOTES, unreadable
 from .evaluation import Formulas, evaluated
 from .schema_errors import dotted, input_error
 
@@ -29,6 +30,8 @@ _KEY = r"(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*"
 _ENDLESS_KEY = re.compile(
     rf"(?:^[ \t]*\[{{0,2}}|[{{,])[ \t]*(?:{_KEY}\.[ \t]*){{{DEEPEST}}}", re.MULTILINE
 )
+#: How tomllib calls what follows a backslash and is no escape.
+_ESCAPE = re.compile(r"Unescaped '\\'|hex value|Escaped character")
 
 
 def load(path: str | Path, model: type[Model]) -> Model:
@@ -91,8 +94,12 @@ def read_data(path: str | Path) -> dict[str, Any]:
     except ValueError as error:
         place, problem = _syntax_error(error)
         kind = "JSON" if path.suffix == ".json" else "TOML"
+        escaped = kind == "TOML" and _ESCAPE.search(problem)
         raise InputError(
-            problem, source=path, place=place, expected=f"valid {kind}"
+            problem,
+            source=path,
+            place=place,
+            expected=QUOTES if escaped else f"valid {kind}",
         ) from None
     except RecursionError:
         raise InputError("is nested too deeply", source=path) from None
@@ -111,15 +118,9 @@ def _read_text(path: Path) -> str:
         raise InputError(
             f"byte {error.start} is not text", source=path, expected="a UTF-8 text file"
         ) from None
-    except FileNotFoundError:
-        raise InputError(
-            "there is no such file", source=path, expected="a TOML or JSON file"
-        ) from None
-    except IsADirectoryError:
-        raise InputError(
-            "is a folder", source=path, expected="a TOML or JSON file"
-        ) from None
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise unreadable(path, "a TOML or JSON file", error) from None
+    except ValueError as error:
         raise InputError(f"cannot be read ({error})", source=path) from None
 
 

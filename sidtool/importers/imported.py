@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.storage.unreadable import unreadable
 
 from ..frontends.anisotropic import ElasticMaterial
 from ..frontends.elements.reference import reference_element
@@ -137,13 +138,11 @@ def read_lines(path: str | Path) -> list[str]:
     try:
         data = Path(path).read_bytes()
     except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})", source=path, expected="a file"
-        ) from None
+        raise unreadable(path, "a file", error) from None
     if not data.strip():
         raise InputError("is empty", source=path, expected="a mesh or a matrix")
     try:
-        return data.decode("utf-8").splitlines()
+        return data.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError:
         pass
     if b"\0" in data:

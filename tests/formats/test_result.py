@@ -204,5 +204,5 @@ def test_a_damaged_byte_is_noticed(result: Result, tmp_path: Path) -> None:
 def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none.h5.*no such file"):
         read_result(tmp_path / "none.h5")
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="is a folder"):
         read_result(tmp_path)

@@ -253,7 +253,7 @@ def test_what_is_no_sid_file_at_all(tmp_path: Path, name: str) -> None:
             read_sid(path)
     path.unlink()
     path.mkdir()
-    with pytest.raises(InputError, match="not a file"):
+    with pytest.raises(InputError, match="is a folder"):
         read_sid(path)
     with pytest.raises(InputError, match="is a folder"):
         write_sid(path, BODY)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.storage.unreadable import unreadable
 
 from ...geometry.patch import NurbsPatch
 from .parts import check_count, grid, patch_of
@@ -19,9 +20,7 @@ def patches_of_gismo(path: Path) -> dict[str, NurbsPatch]:
     except (ElementTree.ParseError, UnicodeDecodeError, LookupError) as error:
         raise InputError(str(error), expected="valid XML") from None
     except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror})", expected="a file"
-        ) from None
+        raise unreadable(path, "a file", error) from None
     result: dict[str, NurbsPatch] = {}
     for node in root.iter("Geometry"):
         kind, name = node.get("type", ""), f"patch{node.get('id', len(result))}"

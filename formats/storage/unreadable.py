@@ -1,0 +1,41 @@
+"""Why a file cannot be read, in the same words on all systems."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+from ..errors import InputError
+from .operating_system import length_problem
+
+#: Control characters that a backslash and a letter make in TOML and JSON.
+_ESCAPED = {"\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}
+#: How to write a path of Windows in TOML.
+QUOTES = "paths with backslashes in 'single quotes', or with slashes"
+
+
+def unreadable(
+    path: str | os.PathLike[str],
+    expected: str | None = None,
+    error: OSError | None = None,
+) -> InputError:
+    """The error of a file that is not there, is a folder, or cannot be opened.
+
+    Windows calls the opening of a folder a lack of permission, and finds no file whose
+    path is too long or holds what a backslash in TOML has made of a letter.
+    """
+    path = Path(path)
+    if found := re.search(f"[{''.join(_ESCAPED)}]", str(path)):
+        pair, text = _ESCAPED[found[0]], str(path)
+        for character, written in _ESCAPED.items():
+            text = text.replace(character, written)
+        problem = f"there is no such file, as {pair} in double quotes is one character"
+        return InputError(problem, source=text, expected=QUOTES)
+    if path.is_dir():
+        return InputError("is a folder", source=path, expected=expected)
+    if error is None or isinstance(error, FileNotFoundError):
+        problem = length_problem(path) or "there is no such file"
+    else:
+        problem = f"cannot be read ({error.strerror or error})"
+    return InputError(problem, source=path, expected=expected)
