@@ -140,7 +140,7 @@ def test_what_a_model_asks_of_a_mesh_must_be_there(tmp_path: Path) -> None:
     frame = {"type": "tangent", "marker": "crank_pin", "clamp": "top"}
     cases: list[tuple[dict[str, Any], str]] = [
         ({"frame": frame}, "one of left, rod"),
-        ({"geometry": {"type": "mesh", "file": "no.msh"}}, "cannot be read"),
+        ({"geometry": {"type": "mesh", "file": "no.msh"}}, "no such file"),
         ({"geometry": {"type": "mesh", "file": "rod.stl"}}, "not known as meshes"),
     ]
     for changes, message in cases:
