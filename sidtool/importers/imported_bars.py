@@ -18,6 +18,8 @@ class BarSection:
     area, iy, iz, torsion, extra : course of the area, the second moments about y and z,
         the torsion constant and of further mass per length
     shear : shear areas by y and z divided by the area
+    turn : of the principal axes, which iy and iz are about, from the y axis of the bar
+        towards its z axis [rad]
     """
 
     area: Course
@@ -26,6 +28,7 @@ class BarSection:
     torsion: Course = ()
     extra: Course = ()
     shear: tuple[float, float] = (1.0, 1.0)
+    turn: float = 0.0
 
     @property
     def uniform(self) -> bool:
@@ -42,6 +45,7 @@ class RawBar:
     nodes, offsets : labels of the nodes of its ends, and the ends from them
     y_axis : a direction in the plane of its axes x and y; None for a rod, which has
         neither bending nor shear
+    pins : directions 1 to 6 of its axes that either end does not pass on to its node
     e, g, density : of its material, zero where the file does not say them
     """
 
@@ -54,3 +58,4 @@ class RawBar:
     density: float
     section: BarSection
     offsets: tuple[Vector, Vector] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    pins: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())

@@ -23,6 +23,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+#: Stiffness of pinned directions below this share of each other is none.
+_LOOSE = 1e-11
+
+
 @dataclass(frozen=True, eq=False)
 class BarElement(Element):
     """A straight beam whose ends are fixed to nodes.
@@ -112,8 +116,41 @@ def element_of(
         ) from None
     section = section_of(bar, units.length)
     beam = Beam(section, axis, bar.e * stress, bar.g * stress, True)
-    kind = RodElement if bar.y_axis is None else BarElement
-    return kind(beam, 0.0, 1.0, ends)
+    if bar.y_axis is None:
+        return RodElement(beam, 0.0, 1.0, ends)
+    if any(bar.pins):
+        ends = _released(Element(beam, 0.0, 1.0), bar) @ ends
+    return BarElement(beam, 0.0, 1.0, ends)
+
+
+def _released(element: Element, bar: RawBar) -> Array:
+    """(12, 12) motion of the ends by that of the nodes, which pins do not pass on.
+
+    The released directions follow from the others without forces (static
+    condensation): q_r = -K_rr^-1 K_ri q_i.
+
+    Raises
+    ------
+    InputError : the bar moves freely between its pins.
+    """
+    axes = element.frames(np.zeros(1)).axes[0]
+    turn = np.kron(np.eye(4), axes)
+    k = turn @ element.stiffness() @ turn.T
+    free = [d - 1 + 6 * end for end in (0, 1) for d in bar.pins[end]]
+    held = [d for d in range(12) if d not in free]
+    inner = k[np.ix_(free, free)]
+    size = np.sqrt(inner.diagonal())
+    if np.linalg.cond(inner / np.outer(size, size)) > 1 / _LOOSE:
+        raise InputError(
+            f"element {bar.label} moves freely between its pins "
+            f"{' and '.join(''.join(map(str, pins)) or '0' for pins in bar.pins)}",
+            place=bar.place,
+            expected="ends that hold it",
+        )
+    follow = np.eye(12)
+    follow[np.ix_(free, free)] = 0.0
+    follow[np.ix_(free, held)] = -np.linalg.solve(inner, k[np.ix_(free, held)])
+    return np.asarray(turn.T @ follow @ turn)
 
 
 def outline_of(element: BarElement, dofs: Indices, ndof: int, pieces: int) -> Outline:

@@ -40,6 +40,8 @@ _PIECES, _SECTIONS = 8, 1000
 _MECHANISM = 1e-13
 #: Where the eigenvalues of the body are sought from, of the largest.
 _SHIFT = 1e-9
+#: Stiffness below this share of that without pins is none.
+_LOOSE = 1e-12
 #: Cosines of bars in one line differ from one by less.
 _PARALLEL = 1e-9
 _NOTE = (
@@ -71,6 +73,7 @@ def bars_model(
         imported.mesh.labels,
     )
     nodes = bar_nodes(imported, mesh)
+    imported, nodes, loose = _resolve_pins(model, imported, nodes, units)
     ndof = int(nodes.table.max()) + 1
     particles, points = Particles(ndof), MaterialPoints(ndof)
     parts, outlines = [], []
@@ -100,10 +103,106 @@ def bars_model(
             *undefined_notes(imported.undefined),
             _NOTE,
             *_limits(imported.bars, nodes),
+            *loose,
         ),
     )
     _check_mechanism(body)
     return body
+
+
+def _resolve_pins(
+    model: ModelFile, imported: ImportedMesh, nodes: BarNodes, units: UnitSystem
+) -> tuple[ImportedMesh, BarNodes, list[str]]:
+    """Bars and nodes without rotations that nothing resists and that move no mass.
+
+    Such a rotation about an axis of the model is left out, as by AUTOSPC of Nastran.
+    About another one it may as well follow a bar that is pinned there, unless a marker
+    holds it.
+    """
+    if not any(any(bar.pins) for bar in imported.bars):
+        return imported, nodes, []
+    ndof = int(nodes.table.max()) + 1
+    heavy = np.zeros(ndof)
+    if imported.masses:
+        particles = Particles(ndof)
+        _add_masses(particles, imported, nodes, units)
+        heavy = particles.points().mass_matrix().diagonal()
+    plain = tuple(replace(bar, pins=((), ())) for bar in imported.bars)
+    whole = _bar_stiffness(model, plain, nodes, units).diagonal()
+    stiff = _bar_stiffness(model, imported.bars, nodes, units).diagonal()
+    loose = (stiff <= _LOOSE * whole) & (heavy <= 0)
+    turning = nodes.table[:, 3:]
+    loose &= np.isin(np.arange(ndof), turning[turning >= 0])
+    number = np.where(loose, -1, np.cumsum(~loose) - 1)
+    table = np.where(nodes.table >= 0, number[nodes.table], -1)
+    nodes = replace(nodes, table=table)
+    note = (
+        f"{np.count_nonzero(loose)} rotations of nodes that no bar resists are left "
+        "out, as by AUTOSPC"
+    )
+    kept = whole[~loose], heavy[~loose]
+    bars = _followed(model, imported.bars, nodes, units, *kept)
+    return replace(imported, bars=bars), nodes, [note] if loose.any() else []
+
+
+def _bar_stiffness(
+    model: ModelFile, bars: tuple[RawBar, ...], nodes: BarNodes, units: UnitSystem
+) -> sp.csr_matrix:
+    parts = []
+    for given in bars:
+        element, dofs = _element(_with_material(given, model, units), nodes, units)
+        parts.append((element.stiffness(), dofs))
+    return _assembled(parts, int(nodes.table.max()) + 1)
+
+
+def _followed(
+    model: ModelFile,
+    bars: tuple[RawBar, ...],
+    nodes: BarNodes,
+    units: UnitSystem,
+    whole: Array,
+    heavy: Array,
+) -> tuple[RawBar, ...]:
+    """Without one pin for every rotation of a node that nothing resists."""
+    stiffness = _bar_stiffness(model, bars, nodes, units)
+    marked = {
+        marker.mesh_node or nearest_node(nodes, position_of(nodes.mesh, marker))
+        for _, marker in with_places(model.markers)
+        if marker.tie is None
+    }
+    ends: dict[int, list[tuple[int, int]]] = {}
+    for k, bar in enumerate(bars):
+        for end, label in enumerate(bar.nodes):
+            if bar.y_axis is not None and label not in {*nodes.owner, *marked}:
+                ends.setdefault(nodes.row[label], []).append((k, end))
+    changed = list(bars)
+    used: set[tuple[int, int]] = set()
+    for row, own in ends.items():
+        there = nodes.table[row, 3:] >= 0
+        dofs = nodes.table[row, 3:][there]
+        if not dofs.size:
+            continue
+        block = stiffness[dofs][:, dofs].toarray()
+        values, vectors = np.linalg.eigh(block)
+        free = vectors[:, values <= _LOOSE * whole[dofs].max()]
+        if not free.shape[1] or heavy[dofs].any():
+            continue
+        for k, end in own:
+            given = _with_material(changed[k], model, units)
+            axes = _element(given, nodes, units)[0].frames(np.zeros(1)).axes[0]
+            for direction in changed[k].pins[end]:
+                axis = axes[direction - 4] if direction > 3 else np.zeros(3)
+                inside = np.linalg.norm(free.T @ axis[there])
+                if inside < 1 - _PARALLEL or (k, direction) in used:
+                    continue
+                used.add((k, direction))
+                pins = [list(pin) for pin in changed[k].pins]
+                pins[end].remove(direction)
+                changed[k] = replace(changed[k], pins=(tuple(pins[0]), tuple(pins[1])))
+                left = free - np.outer(axis[there], axis[there] @ free)
+                u, sizes, _ = np.linalg.svd(left, full_matrices=False)
+                free = u[:, sizes > 0.5]
+    return tuple(changed)
 
 
 def _check_choices(model: ModelFile, imported: ImportedMesh) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from sidtool.formats.errors import InputError
@@ -15,7 +15,31 @@ from .content import BarProperty, BulkData, twice
 #: A shear area so large beside the area that it deforms nothing: where K is zero.
 _RIGID = 1e6
 #: Type of section -> number of its dimensions.
-_COUNTS = {"ROD": 1, "TUBE": 2, "TUBE2": 2, "BAR": 2, "BOX": 4}
+_COUNTS = {
+    "ROD": 1,
+    "TUBE": 2,
+    "TUBE2": 2,
+    "BAR": 2,
+    "BOX": 4,
+    "BOX1": 6,
+    "I": 6,
+    "I1": 4,
+    "H": 4,
+    "CROSS": 4,
+    "T": 4,
+    "T1": 4,
+    "T2": 4,
+    "CHAN": 4,
+    "CHAN1": 4,
+    "CHAN2": 4,
+    "HAT": 4,
+}
+#: Those whose shear centre is not their centroid, as CBAR has it and CBEAM has not.
+_LOPSIDED = ("T", "T1", "T2", "CHAN", "CHAN1", "CHAN2", "HAT", "BOX1")
+#: Their sense about the bar is not said in words: PBAR has them by I12.
+_SKEW = ("L", "Z")
+#: Product of inertia of a share below this of the moments is rounding.
+_STRAIGHT = 1e-12
 _STATIONS = ("YES", "YESA", "NO")
 #: Fields of a station of PBEAM behind its place.
 _FIELDS = ("area", "iz", "iy", "product", "torsion", "extra")
@@ -43,14 +67,20 @@ def prod(content: BulkData, card: Card) -> None:
 
 def pbar(content: BulkData, card: Card) -> None:
     """PID, MID, A, I1, I2, J, NSM, blank, C1 to F2, K1, K2, I12."""
-    _zero(card, (7, 18), "I12")
-    area, iz, iy, torsion, extra = (
-        _constant(card.real(i, "a number")) for i in range(2, 7)
-    )
+    _zero(card, (7,), "a number behind NSM")
+    values = [card.real(i, "a number") for i in range(2, 7)]
+    area, i1, i2, torsion, extra = values
+    product = card.real(18, "a product of inertia")
     _stress_points(content, card, 8)
     shear = (_shear(card, 16, 0.0), _shear(card, 17, 0.0))
     _ends_at(card, 19)
-    _kept(content, card, BarSection(area, iy, iz, torsion, extra, shear))
+    turn, i1, i2 = _principal(card, i1, i2, product)
+    if turn and shear != (_RIGID, _RIGID):
+        content.said["K1 and K2 of PBAR with I12 (Nastran ignores them)"] = None
+        shear = (_RIGID, _RIGID)
+    first, second, third, fourth, fifth = map(_constant, (area, i2, i1, torsion, extra))
+    section = BarSection(first, second, third, fourth, fifth, shear, turn)
+    _kept(content, card, section)
 
 
 def pbarl(content: BulkData, card: Card) -> None:
@@ -95,11 +125,45 @@ def pbeam(content: BulkData, card: Card) -> None:
         at += 8
     _zero(card, range(at + 2, at + 16), "S1, S2, NSI, CW, M1, M2, N1 or N2")
     _ends_at(card, at + 16)
-    if any(value for _, value in courses.pop("product")):
-        raise _refused(card, "I12")
     shear = (_shear(card, at, 1.0), _shear(card, at + 1, 1.0))
+    product = courses.pop("product")
+    turn = 0.0
+    if any(value for _, value in product):
+        if any(len(c) > 1 for c in (product, courses["iz"], courses["iy"])):
+            raise _refused(card, "I12 and stations")
+        i1, i2 = (courses[name][0][1] for name in ("iz", "iy"))
+        turn, i1, i2 = _principal(card, i1, i2, product[0][1])
+        courses |= {"iz": [(0.0, i1)], "iy": [(0.0, i2)]}
+        if shear[0] != shear[1]:
+            raise _refused(card, "I12, and K1 other than K2")
     area, iz, iy, torsion, extra = (tuple(sorted(c)) for c in courses.values())
-    _kept(content, card, BarSection(area, iy, iz, torsion, extra, shear))
+    _kept(content, card, BarSection(area, iy, iz, torsion, extra, shear, turn))
+
+
+def _principal(
+    card: Card, i1: float, i2: float, product: float
+) -> tuple[float, float, float]:
+    """How far the principal axes are turned from y towards z, and their moments.
+
+    With I1 the integral of y^2, I2 of z^2 and I12 of y z, about z and y,
+    tan 2 t = 2 I12 / (I1 - I2).
+
+    Raises
+    ------
+    InputError : no section has such moments.
+    """
+    if not product:
+        return 0.0, i1, i2
+    turn = math.atan2(2 * product, i1 - i2) / 2
+    mean, radius = (i1 + i2) / 2, math.hypot((i1 - i2) / 2, product)
+    least = mean - radius
+    if least < -_STRAIGHT * mean or mean <= 0:
+        raise InputError(
+            f"{card.name} {card.word(0)} has I1 {i1:g}, I2 {i2:g} and I12 {product:g}",
+            place=card.place,
+            expected="I12 squared below I1 times I2",
+        )
+    return turn, mean + radius, least if least > _STRAIGHT * mean else 0.0
 
 
 def _of_shapes(sections: Sequence[tuple[float, Shape, float]]) -> BarSection:
@@ -118,6 +182,15 @@ def _of_shapes(sections: Sequence[tuple[float, Shape, float]]) -> BarSection:
 
 def _kind(card: Card) -> tuple[str, int]:
     kind = card.word(3).upper()
+    if kind in _LOPSIDED and card.name == "PBEAML":
+        raise _refused(card, f"a {kind}, whose centroid is not its shear centre")
+    if kind in _SKEW:
+        raise InputError(
+            f"{card.name} {card.word(0)} is a {kind}, whose product of inertia has a "
+            "sign that its figure alone tells",
+            place=card.place,
+            expected="PBAR with I12",
+        )
     if kind not in _COUNTS:
         raise InputError(
             f"{card.name} {card.word(0)} is a {kind or 'section without a type'}",
@@ -160,6 +233,8 @@ def section_of(kind: str, sizes: Sequence[float]) -> Shape:
         share = 6 * (1 + m) ** 2 / (7 + 34 * m + 7 * m**2)
         area = math.pi * (outer**2 - inner**2)
         return Shape(area, i, i, 2 * i, (share, share))
+    if kind in _PLATES:
+        return _of_plates(kind, sizes)
     w, h = sizes[:2]
     if kind == "BAR":
         a, b = max(w, h), min(w, h)
@@ -175,6 +250,108 @@ def section_of(kind: str, sizes: Sequence[float]) -> Shape:
     torsion = 2 * t1 * t2 * (w - t2) ** 2 * (h - t1) ** 2
     torsion /= w * t2 + h * t1 - t2**2 - t1**2
     return Shape(area, iy, iz, torsion, (2 * h * t2 / area, 2 * w * t1 / area))
+
+
+#: Rectangles of a section of plates: width along z, height along y, and the y and z of
+#: their centres. Sizes are those of Nastran (PBARL).
+_Plates = list[tuple[float, float, float, float]]
+
+
+def _flanged(
+    height: float, bottom: float, top: float, web: float, low: float, high: float
+) -> _Plates:
+    """A web between a flange below and one above."""
+    return [
+        (bottom, low, low / 2, 0.0),
+        (web, height - low - high, low + (height - low - high) / 2, 0.0),
+        (top, high, height - high / 2, 0.0),
+    ]
+
+
+def _channel(width: float, height: float, web: float, flange: float) -> _Plates:
+    """A web with two flanges to one side."""
+    inner = width - web
+    return [
+        (web, height, 0.0, web / 2),
+        (inner, flange, (height - flange) / 2, web + inner / 2),
+        (inner, flange, (flange - height) / 2, web + inner / 2),
+    ]
+
+
+_PLATES: dict[str, Callable[..., _Plates]] = {
+    "I": lambda h, b, t, w, low, high: _flanged(h, b, t, w, low, high),
+    "I1": lambda a, w, inner, h: _flanged(
+        h, a + w, a + w, w, (h - inner) / 2, (h - inner) / 2
+    ),
+    "H": lambda inner, both, h, web: [
+        (both / 2, h, 0.0, (inner + both / 2) / 2),
+        (both / 2, h, 0.0, -(inner + both / 2) / 2),
+        (inner, web, 0.0, 0.0),
+    ],
+    "CROSS": lambda arms, web, h, t: [
+        (web, h, 0.0, 0.0),
+        (arms / 2, t, 0.0, (arms / 2 + web) / 2),
+        (arms / 2, t, 0.0, -(arms / 2 + web) / 2),
+    ],
+    "T": lambda b, h, flange, web: [
+        (b, flange, h - flange / 2, 0.0),
+        (web, h - flange, (h - flange) / 2, 0.0),
+    ],
+    "T1": lambda b, stem, flange, web: [
+        (flange, b, 0.0, 0.0),
+        (stem, web, 0.0, (flange + stem) / 2),
+    ],
+    "T2": lambda b, h, flange, web: [
+        (b, flange, flange / 2, 0.0),
+        (web, h - flange, flange + (h - flange) / 2, 0.0),
+    ],
+    "CHAN": _channel,
+    "CHAN1": lambda a, web, inner, h: _channel(a + web, h, web, (h - inner) / 2),
+    "CHAN2": lambda leg, base, h, b: [
+        (b, base, base / 2, 0.0),
+        (leg, h - base, base + (h - base) / 2, (b - leg) / 2),
+        (leg, h - base, base + (h - base) / 2, (leg - b) / 2),
+    ],
+    "HAT": lambda h, t, b, flange: [
+        (b, t, h - t / 2, 0.0),
+        (t, h - 2 * t, h / 2, (b - t) / 2),
+        (t, h - 2 * t, h / 2, (t - b) / 2),
+        (flange + t, t, t / 2, (b + flange - t) / 2),
+        (flange + t, t, t / 2, (t - b - flange) / 2),
+    ],
+    "BOX1": lambda b, h, top, low, right, left: [
+        (b, top, h - top / 2, 0.0),
+        (b, low, low / 2, 0.0),
+        (right, h - top - low, low + (h - top - low) / 2, (right - b) / 2),
+        (left, h - top - low, low + (h - top - low) / 2, (b - left) / 2),
+    ],
+}
+
+
+def _of_plates(kind: str, sizes: Sequence[float]) -> Shape:
+    """The section of plates, whose parts do not overlap.
+
+    Moments by Steiner; torsion of an open one as the sum of b t^3 / 3 (Timoshenko,
+    Strength of Materials II, 1956, section 53), of BOX1 by Bredt; shear areas are those
+    of the plates along y and z, as Roark has them for I sections.
+    """
+    plates = _PLATES[kind](*sizes)
+    if min(min(w, h) for w, h, _, _ in plates) <= 0:
+        raise ValueError(sizes)
+    area = sum(w * h for w, h, _, _ in plates)
+    y0 = sum(w * h * y for w, h, y, _ in plates) / area
+    z0 = sum(w * h * z for w, h, _, z in plates) / area
+    iz = sum(w * h * (h**2 / 12 + (y - y0) ** 2) for w, h, y, _ in plates)
+    iy = sum(w * h * (w**2 / 12 + (z - z0) ** 2) for w, h, _, z in plates)
+    torsion = sum(max(w, h) * min(w, h) ** 3 / 3 for w, h, _, _ in plates)
+    if kind == "BOX1":
+        b, h, top, low, right, left = sizes
+        wide, high = b - (right + left) / 2, h - (top + low) / 2
+        around = wide / top + wide / low + high / right + high / left
+        torsion = 4 * (wide * high) ** 2 / around
+    upright = sum(w * h for w, h, _, _ in plates if h >= w)
+    flat = area - upright
+    return Shape(area, iy, iz, torsion, (upright / area or 1.0, flat / area or 1.0))
 
 
 def _constant(value: float) -> Course:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 
 from ..imported_bars import BarSection, RawBar, Vector
 from .cards import Card, is_real
 from .content import BarProperty, BulkData, twice
+
+Array = NDArray[np.float64]
 
 #: Whether the y axis, and the offsets of both ends, are in directions of the nodes.
 _GLOBAL = ("", "GGG", "BGG")
@@ -75,31 +79,87 @@ def _bar(content: BulkData, card: Card) -> RawBar:
     """EID, PID, GA, GB, X1, X2, X3, OFFT, PA, PB, W1A, W2A, W3A, W1B, W2B, W3B."""
     label = card.integer(0, "an element number")
     nodes = _nodes(content, card, 2)
-    if card.word(7).upper() not in _GLOBAL or any(card.words[8:10] + card.words[16:]):
+    if card.word(7).upper() not in _GLOBAL or any(card.words[16:]):
         raise InputError(
-            f"{card.name} {label} has OFFT {card.word(7) or 'GGG'}, pins "
-            f"{card.word(8) or 0} and {card.word(9) or 0}, and further fields "
+            f"{card.name} {label} has OFFT {card.word(7) or 'GGG'} and further fields "
             f"{' '.join(card.words[16:]).strip() or '(none)'}",
             place=card.place,
-            expected="OFFT = GGG or BGG, ends joined to their nodes without pins",
+            expected="OFFT = GGG or BGG, and no warping",
         )
     found = _property(content, card, card.integer(1, "a property", label))
     offsets = [_turned(content, card, nodes[k], 10 + 3 * k) for k in (0, 1)]
-    own = found.section
-    if any(min(v for _, v in c) <= 0 for c in (own.iy, own.iz, own.torsion) if c):
+    section, loose = _stiffened(card, found.section)
+    pins = tuple(tuple(sorted({*_pins(card, 8 + k), *loose[k]})) for k in (0, 1))
+    up = _orientation(content, card, nodes[0])
+    if section.turn:
+        ends = [
+            np.add(content.nodes[n], w) for n, w in zip(nodes, offsets, strict=True)
+        ]
+        up = _principal_axis(up, ends[1] - ends[0], section.turn)
+    found = replace(found, section=section)
+    raw = _raw(content, card, (label, nodes), found, up, (offsets[0], offsets[1]))
+    return replace(raw, pins=(pins[0], pins[1]))
+
+
+def _pins(card: Card, at: int) -> tuple[int, ...]:
+    """PA or PB: directions of the bar that an end does not pass on.
+
+    Raises
+    ------
+    InputError : they are none.
+    """
+    word = card.word(at)
+    if set(word) - set("0123456"):
         raise InputError(
-            f"{card.name} {label} resists bending or torsion with nothing",
+            f"{card.name} {card.word(0)} has the pins {word}",
             place=card.place,
-            expected="I1, I2 and J above zero, or CROD",
+            expected="digits from 1 to 6",
         )
-    return _raw(
-        content,
-        card,
-        (label, nodes),
-        found,
-        _orientation(content, card, nodes[0]),
-        (offsets[0], offsets[1]),
-    )
+    return tuple(sorted({int(digit) for digit in word} - {0}))
+
+
+def _stiffened(
+    card: Card, section: BarSection
+) -> tuple[BarSection, tuple[tuple[int, ...], tuple[int, ...]]]:
+    """A section that resists everything, and the pins that take back what it does not.
+
+    What does not resist bending about an axis is a bar with hinges about it at both
+    ends, what does not resist torsion one that turns freely at its second end.
+
+    Raises
+    ------
+    InputError : a moment vanishes at some stations only.
+    """
+    first: set[int] = set()
+    second: set[int] = set()
+    area = max(v for _, v in section.area)
+    changes: dict[str, Any] = {}
+    for name, direction in (("torsion", 4), ("iy", 5), ("iz", 6)):
+        values = [v for _, v in getattr(section, name)]
+        if values and min(values) > 0:
+            continue
+        if values and (max(values) > 0 or min(values) < 0):
+            raise InputError(
+                f"{card.name} {card.word(0)} has {name} = {min(values):g} at a station",
+                place=card.place,
+                expected="I1, I2 and J above zero, or zero everywhere",
+            )
+        changes[name] = ((0.0, area**2 / 12),)
+        second.add(direction)
+        if direction > 4:
+            first.add(direction)
+    return replace(section, **changes), (tuple(first), tuple(second))
+
+
+def _principal_axis(up: Vector, along: Array, turn: float) -> Vector:
+    """The y axis of a bar turned about it towards its z axis."""
+    x = along / np.linalg.norm(along)
+    y = np.asarray(up) - (np.asarray(up) @ x) * x
+    if not np.linalg.norm(y) > 1e-9 * np.linalg.norm(up):
+        return up  # along the bar: refused where elements are made
+    y /= np.linalg.norm(y)
+    a, b, c = (np.cos(turn) * y + np.sin(turn) * np.cross(x, y)).tolist()
+    return a, b, c
 
 
 def _orientation(content: BulkData, card: Card, start: int) -> Vector:
