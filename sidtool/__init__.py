@@ -23,10 +23,19 @@ Bad input raises `sidtool.InputError`. Everything is imported on first use.
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
+
+# `setup.py` puts formats/ and solver/ into the installed package. In a clone they stand
+# beside it, and are found there without an installation, too.
+_CLONE = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+if all(
+    os.path.isfile(f"{_CLONE}/{name}/__init__.py") for name in ("formats", "solver")
+):
+    __path__.append(_CLONE)
 
 if TYPE_CHECKING:
     from sidtool.formats.errors import InputError as InputError

@@ -89,6 +89,9 @@ def run_line(line: str) -> int:
     if words[0] == "make":
         rules = (ROOT / "Makefile").read_text()
         return 0 if f"\n{words[1]}:" in rules else 2
+    if words[0] == "py":  # as on Windows
+        assert words[1:3] in (["-m", "pip"], ["-m", "sidtool"], ["-m", "pytest"]), line
+        return 0 if words[2] != "sidtool" else run_line(" ".join(words[2:]))
     if words[0] == "sidtool":
         return run(words[1:])
     assert words[0] == "python" and len(words) == 2, f"not known how to run: {line}"

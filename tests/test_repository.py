@@ -97,3 +97,20 @@ def test_only_optional_programs_are_hidden(tmp_path: Path) -> None:
 def test_every_mark_is_listed(request: pytest.FixtureRequest) -> None:
     marks = [m for item in request.session.items for m in item.iter_markers("needs")]
     assert {name for mark in marks for name in mark.args} <= NAMES
+
+
+def test_a_clone_is_one_package_before_it_is_installed() -> None:
+    """As for `python -m sidtool` in it; `-S` hides what is installed."""
+    code = (
+        f"import sys; sys.path.insert(0, {str(ROOT)!r}); "
+        "from importlib.util import find_spec; "
+        "print(*(find_spec(f'sidtool.{n}').origin for n in ('formats', 'solver')))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-I", "-S", "-c", code],
+        capture_output=True,
+        encoding="utf-8",
+        check=True,
+    )
+    found = [ROOT / name / "__init__.py" for name in ("formats", "solver")]
+    assert done.stdout.split() == [str(path) for path in found]
