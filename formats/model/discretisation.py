@@ -38,13 +38,17 @@ class IgaDiscretisation(Table):
     """The patches themselves as the basis, refined without changing the geometry.
 
     Exactly one of `functions`, `elements` and `knots` says how far each is refined.
+    With the first two, the degree is raised, which keeps the continuity at each inner
+    knot of the geometry, and each knot span is divided equally (k-refinement).
 
     Attributes
     ----------
     degrees : of the refined patch, two of a plane patch and three of a volume
-    functions : basis functions per direction, on open uniform knots
-    elements : equal knot spans per direction
-    knots : the knot vectors themselves
+    functions : basis functions per direction; where the geometry has inner knots, at
+        least as many
+    elements : knot spans per direction, none longer than 1 / elements of the whole
+        range; more than asked for where the geometry has inner knots that do not fit
+    knots : the knot vectors themselves, with the inner knots of the geometry
     state : of a plane body
     """
 

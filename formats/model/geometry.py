@@ -47,7 +47,8 @@ class NurbsGeometry(Table):
 
     The patch maps (u, v) to (x, y). Its sides are called left (u = 0), right (u = 1),
     bottom (v = 0) and top (v = 1), whatever the range of the knots; `edges` gives them
-    further names.
+    further names. Sides with the same control points are joined, so that a full ring
+    may be one patch, and a side may shrink to a point, as the centre of a disk.
 
     Attributes
     ----------
@@ -101,7 +102,9 @@ class VolumeGeometry(Table):
     """A NURBS volume that maps (u, v, w) to (x, y, z).
 
     Its faces are called left (u = 0), right (u = 1), bottom (v = 0), top (v = 1),
-    back (w = 0) and front (w = 1); `edges` gives them further names.
+    back (w = 0) and front (w = 1); `edges` gives them further names. Faces with the
+    same control points are joined (tubes), and faces or edges may shrink to lines or
+    points (the axis of a cylinder, the poles of a ball).
 
     Attributes
     ----------

@@ -1,10 +1,11 @@
-"""Isogeometric analysis: the patch itself, refined, is the basis.
+"""Isogeometric analysis: a patch itself, refined, is the basis.
 
 Source: Hughes, Cottrell & Bazilevs 2005, Comput. Methods Appl. Mech. Engrg. 194.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from functools import partial
 from itertools import product
@@ -16,22 +17,19 @@ from numpy.typing import NDArray
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import IgaDiscretisation, ModelFile
 from sidtool.formats.model.checks import check_knots
-from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
 from ..geometry.bspline import (
     LocalBasis,
+    breakpoints,
     gauss_points,
     local_basis,
-    open_uniform_knots,
 )
 from ..geometry.measure import map_grid
-from ..geometry.patch import NurbsPatch, patch_from_model, rational
-from ..geometry.refine import refined
+from ..geometry.patch import NurbsPatch, rational
+from ..geometry.refine import check_degree, k_refined_knots, refined
 from .elements.continuum import Continuum, continuum_of
 from .elements.solid import ElementBatch, assembled, mapped_batch
-from .finite_element_model import FiniteElementModel
 from .geometry_mass import GeometryMass, patch_mass
-from .patches.markers import edge_sets, marker_rows, named_surface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -41,32 +39,6 @@ Indices = NDArray[np.int64]
 _MOST_POINTS, _RATIONAL, _ACROSS = 64, 1e-10, 7
 #: Entries of the largest array of one batch of knot spans, its strains.
 _BATCH_ENTRIES = 1_000_000
-
-
-def iga_model(model: ModelFile) -> FiniteElementModel:
-    """The body of a model file in its own refined NURBS basis.
-
-    Raises
-    ------
-    InputError : the refined knots do not hold the geometry, the geometry folds, or a
-        marker lies outside.
-    """
-    geometry = model.geometry
-    assert isinstance(geometry, NurbsGeometry | VolumeGeometry)
-    exact = patch_from_model(geometry)
-    patch = refined_for(model, exact)
-    mass, stiffness = patch_matrices(model, exact, patch)
-    return FiniteElementModel(
-        positions=patch.points,
-        scalar_mass=mass,
-        stiffness=stiffness,
-        node_sets=edge_sets(geometry, patch),
-        markers=marker_rows(model, exact, patch),
-        continua=(patch_continuum(model, exact, patch),),
-        patches=((patch, np.arange(len(patch.points))),),
-        surface=lambda names: named_surface(geometry, patch, names),
-        geometry_mass=lambda: expected_mass(model, [exact]),
-    )
 
 
 def expected_mass(model: ModelFile, patches: list[NurbsPatch]) -> GeometryMass:
@@ -110,37 +82,6 @@ def patch_matrices(
     )
 
 
-def target_knots(settings: IgaDiscretisation) -> tuple[Array, ...]:
-    """The knot vectors on [0, 1] that a discretisation asks for.
-
-    Raises
-    ------
-    InputError : they do not fit the degrees.
-    """
-    return tuple(_target(settings, i) for i in range(len(settings.degrees)))
-
-
-def _target(settings: IgaDiscretisation, i: int) -> Array:
-    degree = settings.degrees[i]
-    if settings.knots is not None:
-        knots = settings.knots[i]
-        place = f"discretisation.knots[{i}]"
-        check_knots(knots, degree, len(knots) - degree - 1, place)
-        array = np.array(knots, float)
-        return (array - array[0]) / (array[-1] - array[0])
-    if settings.elements is not None:
-        return open_uniform_knots(degree, settings.elements[i])
-    assert settings.functions is not None
-    count = settings.functions[i]
-    if count <= degree:
-        raise InputError(
-            f"{count} functions do not fit degree {degree}",
-            place=f"discretisation.functions[{i}]",
-            expected=f"at least {degree + 1} functions",
-        )
-    return open_uniform_knots(degree, count - degree)
-
-
 def refined_for(model: ModelFile, exact: NurbsPatch) -> NurbsPatch:
     """A patch refined as the model asks.
 
@@ -156,12 +97,68 @@ def refined_for(model: ModelFile, exact: NurbsPatch) -> NurbsPatch:
             place="discretisation.degrees",
             expected=f"{len(exact.degrees)}, one per direction of the geometry",
         )
-    knots = target_knots(settings)
     try:
-        return refined(exact, settings.degrees, knots)
+        return refined(exact, settings.degrees, target_knots(settings, exact))
     except InputError as error:
+        if not (error.place or "").startswith("direction"):
+            raise
         place = f"discretisation, {error.place}"
         raise InputError(error.problem, place=place, expected=error.expected) from None
+
+
+def target_knots(settings: IgaDiscretisation, exact: NurbsPatch) -> tuple[Array, ...]:
+    """The knot vectors on [0, 1] that a discretisation asks for.
+
+    Raises
+    ------
+    InputError : they do not fit the degrees, or degrees are below the geometry's.
+    """
+    return tuple(_target(settings, exact, i) for i in range(len(settings.degrees)))
+
+
+def _target(settings: IgaDiscretisation, exact: NurbsPatch, i: int) -> Array:
+    degree = settings.degrees[i]
+    if settings.knots is not None:
+        knots = settings.knots[i]
+        place = f"discretisation.knots[{i}]"
+        check_knots(knots, degree, len(knots) - degree - 1, place)
+        array = np.array(knots, float)
+        return (array - array[0]) / (array[-1] - array[0])
+    check_degree(exact.degrees[i], degree, f"direction {'uvw'[i]}")
+    with_spans = partial(k_refined_knots, exact.knots[i], exact.degrees[i], degree)
+    if settings.elements is not None:
+        return with_spans(settings.elements[i])
+    assert settings.functions is not None
+    count = settings.functions[i]
+    if count <= degree:
+        raise InputError(
+            f"{count} functions do not fit degree {degree}",
+            place=f"discretisation.functions[{i}]",
+            expected=f"at least {degree + 1} functions",
+        )
+    needed = count + degree + 1
+    spans = range(1, count + 1)
+    return with_spans(
+        spans[bisect_left(spans, needed, key=lambda n: len(with_spans(n)))]
+    )
+
+
+def refinement_notes(settings: IgaDiscretisation, fine: NurbsPatch) -> tuple[str, ...]:
+    """Where a refined patch has other numbers of functions or elements than asked."""
+    notes = []
+    for i, knots in enumerate(fine.knots):
+        for key, found in (
+            ("functions", fine.shape[i]),
+            ("elements", len(breakpoints(knots)) - 1),
+        ):
+            asked = getattr(settings, key)
+            if asked is not None and asked[i] != found:
+                notes.append(
+                    f"discretisation.{key}[{i}]: {found} for {asked[i]}, as the inner "
+                    "knots of the geometry stay and each of its spans is divided "
+                    "equally"
+                )
+    return tuple(notes)
 
 
 def quadrature_points(exact: NurbsPatch, patch: NurbsPatch) -> tuple[int, ...]:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from sidtool.formats.model import ModelFile, Q4Discretisation
 from sidtool.formats.model.geometry import NurbsGeometry
 
-from ..geometry.bspline import open_uniform_knots
-from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
+from ..geometry.contact import grid_numbers
+from ..geometry.patch import patch_from_model, sampled_patch, side_nodes
 from .elements.continuum import continuum_of
 from .elements.solid import ElementBatch, assembled, check_orientation
 from .finite_element_model import FiniteElementModel
@@ -21,7 +21,6 @@ from .geometry_mass import patch_mass
 from .mesh.data import ElementBlock, Mesh
 from .mesh.points import MeshPoints
 from .mesh.surface import named_surface
-from .patches.markers import edge_sets
 from .sampled_volume import sampled_markers
 from .solid_mesh import SolidMesh
 from .solids import check_locking, element_batches
@@ -33,9 +32,11 @@ Indices = NDArray[np.int64]
 def q4_model(model: ModelFile) -> FiniteElementModel:
     """The body of a model file as a regular mesh of quadrilaterals.
 
+    At collapsed sides two of their nodes are one: they are triangles there.
+
     Raises
     ------
-    InputError : the geometry folds, or a marker lies outside.
+    InputError : the geometry folds or touches itself, or a marker lies outside.
     """
     settings = model.discretisation
     geometry, material = model.geometry, model.material
@@ -44,27 +45,35 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
     relieved = settings.formulation == "incompatible_modes"
     check_locking("quad4", material, settings.state, relieved)
     exact = patch_from_model(geometry)
-    mesh = sampled_patch(exact, settings.elements)
-    thickness, quads = geometry.thickness, quadrilaterals(mesh.shape)
+    grid = sampled_patch(exact, settings.elements)
+    numbering = grid_numbers(exact, grid)
+    numbers = numbering.numbers["geometry"]
+    positions = np.zeros((numbering.count, 2))
+    positions[numbers] = grid.points
+    thickness, quads = geometry.thickness, numbers[quadrilaterals(grid.shape)]
     continuum = continuum_of(
-        partial(_batches, mesh.points, quads, relieved),
+        partial(_batches, positions, quads, relieved),
         material,
         settings.state,
         thickness,
         internal_modes=relieved,
     )
-    elements, sets = _mesh(mesh.points, quads), edge_sets(geometry, mesh)
+    elements = _mesh(positions, quads)
+    sets = {
+        name: np.unique(numbers[side_nodes(grid, *side)])
+        for name, side in geometry.edge_names.items()
+    }
     solids = SolidMesh(elements, {None: material}, settings.state, thickness, relieved)
     points = MeshPoints(elements, (continuum,))
     mass, stiffness = q4_matrices(
-        mesh.points,
+        positions,
         quads,
         density=material.density * thickness,
         law=continuum.law * thickness,
         incompatible_modes=relieved,
     )
     return FiniteElementModel(
-        positions=mesh.points,
+        positions=positions,
         scalar_mass=mass,
         stiffness=stiffness,
         node_sets=sets,
@@ -76,18 +85,6 @@ def q4_model(model: ModelFile) -> FiniteElementModel:
         geometry_mass=lambda: patch_mass(
             [exact], material.density * thickness, sampled=True
         ),
-    )
-
-
-def sampled_patch(patch: NurbsPatch, elements: tuple[int, ...]) -> NurbsPatch:
-    """The mesh as a bilinear patch: points of `patch` at equal parameter steps."""
-    axes = tuple(np.linspace(0, 1, count + 1) for count in elements)
-    points = evaluate_grid(patch, axes)
-    return NurbsPatch(
-        degrees=(1,) * len(elements),
-        knots=tuple(open_uniform_knots(1, count) for count in elements),
-        control_points=points,
-        weights=np.ones(points.shape[:-1]),
     )
 
 

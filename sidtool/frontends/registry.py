@@ -11,10 +11,9 @@ from ..conversion.interfaces import tied
 from .beams.model import beam_model
 from .finite_element_model import FiniteElementModel
 from .held_nodes import as_their_nodes
-from .iga import iga_model
 from .imported.matrices import imported_matrices_model
 from .imported.mesh import imported_mesh_model
-from .patches.joined import patches_model
+from .patches.joined import iga_model, patches_model
 from .q4 import q4_model
 from .sampled_volume import sampled_volume_model
 

@@ -11,7 +11,14 @@ from sidtool.formats.model import Material, ModelFile
 from sidtool.formats.model.discretisation import SolidDiscretisation
 from sidtool.formats.model.geometry import VolumeGeometry
 
-from ..geometry.patch import NurbsPatch, evaluate_grid, patch_from_model
+from ..geometry.contact import grid_numbers
+from ..geometry.patch import (
+    NurbsPatch,
+    evaluate_grid,
+    patch_from_model,
+    sampled_patch,
+    side_nodes,
+)
 from .elements.reference import edge_nodes
 from .finite_element_model import FiniteElementModel, MarkerRows
 from .geometry_mass import patch_mass
@@ -40,7 +47,7 @@ def sampled_volume_model(model: ModelFile) -> FiniteElementModel:
     mesh = sampled_volume(exact, settings.elements, settings.type)
     names = geometry.edge_names
     sets = {name: mesh.node_sets[_key(side)] for name, side in names.items()}
-    check_mesh(mesh)
+    check_mesh(mesh, collapsed=True)
     materials: dict[str | None, Material] = {None: material}
     relieved = settings.formulation == "incompatible_modes"
     mass, stiffness = mesh_matrices(
@@ -86,8 +93,13 @@ def sampled_volume(
 ) -> Mesh:
     """Points of a volume at equal parameter steps, joined by elements of one kind.
 
-    Middle nodes lie on the exact geometry. The node sets are called "i.e" with
-    direction i and end e.
+    Middle nodes lie on the exact geometry. Sides that are the same share their nodes;
+    at collapsed sides hexahedra use nodes several times. The node sets are called "i.e"
+    with direction i and end e.
+
+    Raises
+    ------
+    InputError : sides touch, but their nodes do not match.
     """
     corners = box_corners(elements)
     simplices = kind.startswith("tet")
@@ -95,17 +107,28 @@ def sampled_volume(
     quadratic = kind in ("hex20", "tet10")
     fine = tuple(2 * n for n in elements) if quadratic else elements
     index = _grid_index(elements, 2 if quadratic else 1)[cells]
+    grid = sampled_patch(patch, fine)
+    numbering = grid_numbers(patch, grid, same_sense=simplices)
+    numbers = numbering.numbers["geometry"]
     if quadratic:
         pairs = np.array(edge_nodes(kind))
-        middles = (index[:, pairs[:, 0]] + index[:, pairs[:, 1]]) // 2
-        index = np.concatenate([index, middles], axis=1)
-    shape = tuple(n + 1 for n in fine)
-    axes = tuple(np.linspace(0, 1, n) for n in shape)
-    flat = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), shape)
+        ends = index[:, pairs[:, 0]], index[:, pairs[:, 1]]
+        a, b = _nearest(*ends, numbers.reshape(grid.shape))
+        index = np.concatenate([index, (a + b) // 2], axis=1)
+    flat = numbers.reshape(grid.shape)[tuple(np.moveaxis(index, -1, 0))]
+    if simplices:  # At collapsed sides some have no volume.
+        corner = np.sort(flat[:, :4], axis=1)
+        flat = flat[(np.diff(corner, axis=1) > 0).all(axis=1)]
     used, nodes = np.unique(flat, return_inverse=True)
-    positions = evaluate_grid(patch, axes).reshape(-1, 3)[used]
+    positions = np.zeros((numbering.count, 3))
+    positions[numbers] = grid.points
     block = ElementBlock(kind, nodes.reshape(flat.shape), np.arange(1, len(flat) + 1))
-    return Mesh(positions, (block,), _sides(used, shape))
+    sets = {
+        _key((i, e)): np.flatnonzero(np.isin(used, numbers[side_nodes(grid, i, e)]))
+        for i in range(3)
+        for e in (0, 1)
+    }
+    return Mesh(positions[used], (block,), sets)
 
 
 def box_corners(elements: tuple[int, int, int]) -> Indices:
@@ -115,6 +138,23 @@ def box_corners(elements: tuple[int, int, int]) -> Indices:
     ends = (slice(None, -1), slice(1, None))
     corners = [n[ends[i], ends[j], ends[k]] for k in (0, 1) for i, j in square]
     return np.stack(corners, axis=-1).reshape(-1, 8)
+
+
+def _nearest(a: Indices, b: Indices, numbers: Indices) -> tuple[Indices, Indices]:
+    """Two ends (..., 3) of edges, in the grid, as near to each other as they can be.
+
+    An end on a collapsed side has several indices. With these the middle of an edge is
+    the same in all elements.
+    """
+    a, b = a.copy(), b.copy()
+    for one, other in ((a, b), (b, a)):
+        for axis in range(3):
+            moved = one.copy()
+            moved[..., axis] = other[..., axis]
+            same = numbers[tuple(np.moveaxis(moved, -1, 0))]
+            there = same == numbers[tuple(np.moveaxis(one, -1, 0))]
+            one[there] = moved[there]
+    return a, b
 
 
 def _tetrahedra(boxes: Indices) -> Indices:
@@ -138,15 +178,6 @@ def _grid_index(elements: tuple[int, int, int], step: int) -> Indices:
     axes = [np.arange(n + 1) * step for n in elements]
     grid = np.meshgrid(*axes, indexing="ij")
     return np.stack(grid, axis=-1).reshape(-1, 3)
-
-
-def _sides(used: Indices, shape: tuple[int, ...]) -> dict[str, Indices]:
-    place = np.unravel_index(used, shape)
-    return {
-        _key((i, e)): np.flatnonzero(place[i] == e * (shape[i] - 1))
-        for i in range(3)
-        for e in (0, 1)
-    }
 
 
 def _key(side: tuple[int, int]) -> str:

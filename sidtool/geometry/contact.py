@@ -18,9 +18,11 @@ from .multipatch import (
     Joined,
     Side,
     Topology,
+    joined,
     side_net,
     sides_of,
     size_of,
+    topology,
     unlike,
 )
 from .patch import NurbsPatch, evaluate_grid, scattered_basis
@@ -55,11 +57,16 @@ def weak_ties(
         same in other control points.
     """
     seamed = {side for seam in found.seams for side in (seam.first, seam.second)}
+    seamed |= {
+        Side(part.patch, *part.fixed[0])
+        for part in found.collapsed
+        if len(part.fixed) == 1
+    }
     loose = [side for side in sides_of(patches) if side not in seamed]
     near = max(tolerance, _NEAR) * size_of(patches)
     ties = []
     for a, b in combinations(loose, 2):
-        if a.patch == b.patch or not _boxes_meet(patches, a, b, near):
+        if not _boxes_meet(patches, a, b, near):
             continue
         there, back = _distances(patches, a, b), _distances(patches, b, a)
         on_a, on_b = back <= near, there <= near
@@ -77,9 +84,47 @@ def weak_ties(
                 expected="sides that are the same, or one that lies wholly on the "
                 "other, which is tied weakly: split one of the patches",
             )
-        elif _meant_alike(patches, a, b, there, near):
+        elif a.patch != b.patch and _meant_alike(patches, a, b, there, near):
             raise unlike(a, b)
     return ties
+
+
+def grid_numbers(
+    exact: NurbsPatch, grid: NurbsPatch, *, same_sense: bool = False
+) -> Joined:
+    """A common numbering of points of one patch, under the name "geometry".
+
+    Points of sides that are the same are one, as are those of collapsed sides.
+
+    Parameters
+    ----------
+    grid : the points, as control points of a bilinear or trilinear patch
+    same_sense : whether seams must join opposite sides without a turn
+
+    Raises
+    ------
+    InputError : sides touch otherwise, or their points do not match.
+    """
+    patches = {"geometry": exact}
+    found = topology(patches)
+    ties = weak_ties(patches, found, 0.0)
+    if ties:
+        raise InputError(
+            f"the side {ties[0].slave.name} lies on a part of {ties[0].master.name}",
+            place="geometry",
+            expected='sides that are the same, or discretisation.type = "iga", which '
+            "ties them",
+        )
+    for seam in found.seams:
+        crosses = seam.first.direction != seam.second.direction
+        if same_sense and (crosses or any(seam.turn.reversed)):
+            raise InputError(
+                f"the sides {seam.first.name} and {seam.second.name} are the same in "
+                "another sense, so that the faces of tetrahedra do not match",
+                place="geometry",
+                expected="hexahedra or iga",
+            )
+    return joined({"geometry": grid}, found)
 
 
 def check_overlaps(patches: Mapping[str, NurbsPatch]) -> None:

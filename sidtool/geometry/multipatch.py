@@ -1,8 +1,8 @@
-"""Several patches joined along matching sides.
+"""Patches joined along matching sides: several ones, or one that closes on itself.
 
 What belongs together is decided by the patches as given: two sides with the same
-control points are a seam, and a side that shrinks to a point or a line is one. Refined
-patches are joined along these seams, however close their control points are.
+control points are a seam, and a side or edge that shrinks to a point or a line is one.
+Refined patches are joined along these seams, however close their control points are.
 """
 
 from __future__ import annotations
@@ -80,11 +80,34 @@ class Topology:
     Attributes
     ----------
     seams : pairs of sides that are the same
-    collapsed : sides, and the directions of their nets, along which all points are one
+    collapsed : sides and edges along which the points of a direction are one
     """
 
     seams: tuple[Seam, ...]
-    collapsed: tuple[tuple[Side, int], ...]
+    collapsed: tuple[Collapse, ...]
+
+
+@dataclass(frozen=True)
+class Collapse:
+    """A side or an edge of a patch whose points do not depend on one direction.
+
+    Attributes
+    ----------
+    fixed : direction and end of each parameter that is 0 or 1 there
+    axis : the direction along which all control points are one
+    """
+
+    patch: str
+    fixed: tuple[tuple[int, int], ...]
+    axis: int
+
+    def lines(self, patch: NurbsPatch, values: NDArray[Any]) -> NDArray[Any]:
+        """Values (n, ...) of all control points on it, `axis` first."""
+        grid = values.reshape(*patch.shape, *values.shape[1:])
+        index: list[Any] = [slice(None)] * len(patch.shape)
+        for direction, end in self.fixed:
+            index[direction] = slice(-1, None) if end else slice(0, 1)
+        return np.moveaxis(grid[tuple(index)], self.axis, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,12 +167,26 @@ def topology(patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9) -> Topo
                 seams.append(Seam(a, b, turn))
                 break
     collapsed = [
-        (side, axis)
-        for side, net in nets.items()
-        for axis in range(net.ndim - 1)
-        if np.ptp(net, axis=axis).max() <= _SAME * size
+        part
+        for part in _parts_of(patches)
+        if np.ptp(
+            part.lines(patches[part.patch], patches[part.patch].points), axis=0
+        ).max()
+        <= _SAME * size
     ]
     return Topology(tuple(seams), tuple(collapsed))
+
+
+def _parts_of(patches: Mapping[str, NurbsPatch]) -> Iterator[Collapse]:
+    """All sides and edges with each of their directions."""
+    for name, patch in patches.items():
+        k = len(patch.degrees)
+        for count in range(1, k):
+            for directions in combinations(range(k), count):
+                for ends in product((0, 1), repeat=count):
+                    fixed = tuple(zip(directions, ends, strict=True))
+                    for axis in set(range(k)) - set(directions):
+                        yield Collapse(name, fixed, axis)
 
 
 def closed_up(
@@ -246,10 +283,10 @@ def unlike(first: Side, second: Side) -> InputError:
 def _along_collapsed(
     patches: Mapping[str, NurbsPatch], own: Mapping[str, Indices], found: Topology
 ) -> Iterator[tuple[Indices, Indices]]:
-    for side, axis in found.collapsed:
-        net = np.moveaxis(side_net(patches[side.patch], side, own[side.patch]), axis, 0)
-        rest = net[1:].reshape(len(net) - 1, -1)
-        yield np.tile(net[0].ravel(), len(rest)), rest.ravel()
+    for part in found.collapsed:
+        lines = part.lines(patches[part.patch], own[part.patch])
+        rest = lines[1:].reshape(len(lines) - 1, -1)
+        yield np.tile(lines[0].ravel(), len(rest)), rest.ravel()
 
 
 def _turns(k: int) -> list[Turn]:

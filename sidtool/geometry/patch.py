@@ -10,7 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from sidtool.formats.errors import InputError
 from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
 
-from .bspline import LocalBasis, local_basis, local_basis_from_left
+from .bspline import (
+    LocalBasis,
+    local_basis,
+    local_basis_from_left,
+    open_uniform_knots,
+)
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -91,6 +96,18 @@ def evaluate_grid(patch: NurbsPatch, parameters: tuple[Array, ...]) -> Array:
         new = np.einsum("pb,pb...->p...", basis.values, moved[columns])
         homogeneous = np.moveaxis(new, 0, axis)
     return homogeneous[..., :-1] / homogeneous[..., -1:]
+
+
+def sampled_patch(patch: NurbsPatch, elements: tuple[int, ...]) -> NurbsPatch:
+    """A mesh as a patch of degree 1: points of `patch` at equal parameter steps."""
+    axes = tuple(np.linspace(0, 1, count + 1) for count in elements)
+    points = evaluate_grid(patch, axes)
+    return NurbsPatch(
+        degrees=(1,) * len(elements),
+        knots=tuple(open_uniform_knots(1, count) for count in elements),
+        control_points=points,
+        weights=np.ones(points.shape[:-1]),
+    )
 
 
 @dataclass(frozen=True, eq=False)

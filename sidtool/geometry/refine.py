@@ -13,6 +13,9 @@ from .patch import NurbsPatch
 
 Array = NDArray[np.float64]
 
+#: Relative rounding of the lengths of knot spans.
+_ROUNDING = 1e-9
+
 
 def refined(
     patch: NurbsPatch, degrees: tuple[int, ...], knots: tuple[Array, ...]
@@ -48,6 +51,47 @@ def refined(
     )
 
 
+def k_refined_knots(knots: Array, degree: int, target_degree: int, spans: int) -> Array:
+    """The knots of a basis of higher degree with more knots that holds the old one.
+
+    First the degree is raised, which keeps the continuity of each inner knot, then each
+    knot span is divided into equal ones not longer than 1 / `spans` (k-refinement).
+    For knots and their mirror image the results are mirror images, so that patches
+    that match at a side do so afterwards.
+
+    Parameters
+    ----------
+    knots, degree : of the old basis, on [0, 1]
+    target_degree : not below `degree`
+
+    References
+    ----------
+    Hughes, Cottrell & Bazilevs 2005, Comput. Methods Appl. Mech. Engrg. 194, sec. 2.
+    """
+    ends, counts = np.unique(knots, return_counts=True)
+    found = [np.zeros(target_degree + 1)]
+    for a, b, count in zip(ends[:-1], ends[1:], counts[1:], strict=True):
+        pieces = max(1, int(np.ceil((b - a) * spans * (1 - _ROUNDING))))
+        found.append(a + (b - a) * np.arange(1, pieces) / pieces)
+        found.append(np.full(count + target_degree - degree, b))
+    return np.concatenate(found)
+
+
+def check_degree(degree: int, target_degree: int, place: str) -> None:
+    """Whether a degree is at least that of the geometry.
+
+    Raises
+    ------
+    InputError : it is lower.
+    """
+    if target_degree < degree:
+        raise InputError(
+            f"degree {target_degree} cannot represent the geometry",
+            place=place,
+            expected=f"a degree of at least {degree}, that of the geometry",
+        )
+
+
 def check_holds(
     knots: Array, degree: int, target: Array, target_degree: int, place: str
 ) -> None:
@@ -57,12 +101,7 @@ def check_holds(
     ------
     InputError : the degree is lower, or an inner knot is missing or too smooth.
     """
-    if target_degree < degree:
-        raise InputError(
-            f"degree {target_degree} cannot represent the geometry",
-            place=place,
-            expected=f"a degree of at least {degree}, that of the geometry",
-        )
+    check_degree(degree, target_degree, place)
     for knot in breakpoints(knots)[1:-1]:
         multiplicity = np.count_nonzero(knots == knot)
         needed = int(multiplicity) + target_degree - degree

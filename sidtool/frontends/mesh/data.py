@@ -62,13 +62,18 @@ class Mesh:
 
 
 def check_mesh(
-    mesh: Mesh, place: str = "geometry", joined: Sequence[Indices] = ()
+    mesh: Mesh,
+    place: str = "geometry",
+    joined: Sequence[Indices] = (),
+    *,
+    collapsed: bool = False,
 ) -> None:
     """Whether a mesh is one body of sound elements.
 
     Parameters
     ----------
     joined : groups of nodes that are held together beside the elements
+    collapsed : whether elements may use a node several times, at edges of no length
 
     Raises
     ------
@@ -77,7 +82,8 @@ def check_mesh(
         have no volume.
     """
     for block in mesh.blocks:
-        _check_distinct(block, place)
+        if not collapsed:
+            _check_distinct(block, place)
         _check_shape(mesh, block, place)
     _check_once(mesh, place)
     used = np.zeros(len(mesh.positions), bool)

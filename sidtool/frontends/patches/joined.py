@@ -1,29 +1,41 @@
-"""Isogeometric analysis of several patches.
+"""Isogeometric analysis of one patch or several.
 
-Matching sides are joined; a side on a part of another is tied weakly.
+Matching sides are joined, those of one patch as well; a side on a part of another is
+tied weakly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import ModelFile, NodeMarker
-from sidtool.formats.model.geometry import FACES, PatchesGeometry
+from sidtool.formats.model import IgaDiscretisation, ModelFile, NodeMarker
+from sidtool.formats.model.geometry import (
+    NurbsGeometry,
+    PatchesGeometry,
+    VolumeGeometry,
+)
 
-from ...geometry.contact import check_one_part, check_overlaps, weak_ties
+from ...geometry.contact import Tie, check_one_part, check_overlaps, weak_ties
 from ...geometry.multipatch import Joined, Side, closed_up, joined, sides_of, topology
-from ...geometry.patch import NurbsPatch, side_nodes
+from ...geometry.patch import NurbsPatch, patch_from_model, side_nodes
 from ...importers.patches.reading import read_patches
 from ..elements.continuum import Continuum
 from ..elements.solid import ElementBatch
 from ..finite_element_model import FiniteElementModel, MarkerRows
-from ..iga import expected_mass, patch_continuum, patch_matrices, refined_for
+from ..iga import (
+    expected_mass,
+    patch_continuum,
+    patch_matrices,
+    refined_for,
+    refinement_notes,
+)
 from ..named_sets import NamedSets
 from ..surface import Surface, together
 from .markers import at_marker, marker_parameters, placed, rows_at
@@ -32,6 +44,27 @@ from .surface import patch_surface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+#: The patch of a model that is one, in messages: geometry.left and so on.
+_ONLY = "geometry"
+
+
+def iga_model(model: ModelFile) -> FiniteElementModel:
+    """The body of a model file in its own refined NURBS basis.
+
+    Sides of the patch that are the same are joined, as are collapsed ones.
+
+    Raises
+    ------
+    InputError : the refined knots do not hold the geometry, the geometry folds or
+        touches itself, or a marker lies outside.
+    """
+    geometry = model.geometry
+    assert isinstance(geometry, NurbsGeometry | VolumeGeometry)
+    parts = _join(model, {_ONLY: patch_from_model(geometry)})
+    names = geometry.edge_names
+    sides = {name: (Side(_ONLY, *side),) for name, side in names.items()}
+    return _body(model, parts, sides)
 
 
 def patches_model(model: ModelFile) -> FiniteElementModel:
@@ -51,15 +84,45 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
             expected="patches of one kind",
         )
     try:
-        check_overlaps(exact)
-        found = topology(exact, geometry.tolerance)
-        ties = weak_ties(exact, found, geometry.tolerance)
-        exact = closed_up(exact, found, geometry.tolerance)
-        fine = {name: refined_for(model, patch) for name, patch in exact.items()}
-        numbering = joined(fine, found)
-        check_one_part(numbering, ties)
+        parts = _join(model, exact, geometry.tolerance)
     except InputError as error:
         raise error.located(geometry.file) from None
+    return _body(model, parts, _named_sides(geometry, exact))
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Patches as given, refined, and how they hang together."""
+
+    exact: Mapping[str, NurbsPatch]
+    fine: Mapping[str, NurbsPatch]
+    numbering: Joined
+    ties: list[Tie]
+
+
+def _join(
+    model: ModelFile, patches: Mapping[str, NurbsPatch], tolerance: float = 1e-9
+) -> _Parts:
+    check_overlaps(patches)
+    found = topology(patches, tolerance)
+    ties = weak_ties(patches, found, tolerance)
+    exact = closed_up(patches, found, tolerance)
+    fine = {name: refined_for(model, patch) for name, patch in exact.items()}
+    numbering = joined(fine, found)
+    check_one_part(numbering, ties)
+    return _Parts(exact, fine, numbering, ties)
+
+
+def _body(
+    model: ModelFile, parts: _Parts, sides: Mapping[str, tuple[Side, ...]]
+) -> FiniteElementModel:
+    """The body of joined patches.
+
+    sides : those that a name stands for
+    """
+    exact, fine, numbering = parts.exact, parts.fine, parts.numbering
+    settings, material = model.discretisation, model.material
+    assert isinstance(settings, IgaDiscretisation) and material is not None
     d = len(next(iter(fine.values())).degrees)
     n = numbering.count
     mass, stiffness = sp.csr_matrix((n, n)), sp.csr_matrix((d * n, d * n))
@@ -69,17 +132,25 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
         once, spread = _gathering(numbering, name, d)
         mass, stiffness = mass + once.T @ m @ once, stiffness + spread.T @ k @ spread
         positions[numbering.numbers[name]] = patch.points
-    assert model.material is not None
-    modulus = model.material.youngs_modulus * (geometry.thickness or 1.0)
-    for tie in ties:
+    thickness = getattr(model.geometry, "thickness", None) or 1.0
+    modulus = material.youngs_modulus * thickness
+    for tie in parts.ties:
         stiffness = stiffness + tie_stiffness(tie, fine, numbering, modulus)
+    ties = [
+        f"{tie.slave.name} lies on a part of {tie.master.name}: tied weakly "
+        "(mortar method)"
+        for tie in parts.ties
+    ]
+    changed = [refinement_notes(settings, patch) for patch in fine.values()]
     return FiniteElementModel(
         positions=positions,
         scalar_mass=sp.csr_matrix(mass),
         stiffness=sp.csr_matrix(stiffness),
-        node_sets=_side_sets(geometry, fine, numbering),
-        surface=lambda names: _surface(geometry, fine, numbering, names),
-        markers=_markers(model, exact, fine, numbering),
+        node_sets=NamedSets(
+            {name: _nodes(members, fine, numbering) for name, members in sides.items()}
+        ),
+        surface=lambda names: _surface(sides, fine, numbering, names),
+        markers=_markers(model, parts, sides),
         continua=tuple(
             _joined_continuum(
                 patch_continuum(model, exact[name], patch), numbering.numbers[name]
@@ -88,11 +159,7 @@ def patches_model(model: ModelFile) -> FiniteElementModel:
         ),
         patches=tuple((fine[name], numbering.numbers[name]) for name in fine),
         geometry_mass=lambda: expected_mass(model, list(exact.values())),
-        notes=tuple(
-            f"{tie.slave.name} lies on a part of {tie.master.name}: tied weakly "
-            "(mortar method)"
-            for tie in ties
-        ),
+        notes=tuple(dict.fromkeys([*ties, *chain(*changed)])),
     )
 
 
@@ -117,37 +184,46 @@ def _gathering(
     return once, sp.csr_matrix(sp.kron(once, sp.eye_array(d)))
 
 
-def _side_sets(
-    geometry: PatchesGeometry, patches: Mapping[str, NurbsPatch], numbering: Joined
-) -> NamedSets:
-    sets = NamedSets()
-    for name, patch in patches.items():
-        for side, (direction, end) in FACES.items():
-            if direction < len(patch.degrees):
-                nodes = numbering.numbers[name][side_nodes(patch, direction, end)]
-                sets[f"{name}.{side}"] = np.unique(nodes)
+def _named_sides(
+    geometry: PatchesGeometry, patches: Mapping[str, NurbsPatch]
+) -> dict[str, tuple[Side, ...]]:
+    """Sides by their own names and by those that the model gives to several.
+
+    Raises
+    ------
+    InputError : the model names a side that is not there.
+    """
+    sides: dict[str, tuple[Side, ...]] = {s.name: (s,) for s in sides_of(patches)}
     for name, members in geometry.edges.items():
-        try:
-            sets[name] = np.unique(np.concatenate([sets[m] for m in members]))
-        except InputError as error:
+        unknown = [member for member in members if member not in sides]
+        if unknown:
             raise InputError(
-                error.problem,
+                f"there is no side {unknown[0]!r}",
                 place=f"geometry.edges.{name}",
-                expected=error.expected,
-            ) from None
-    return sets
+                expected=f"one of {', '.join(sorted(sides))}",
+            )
+        sides[name] = tuple(side for member in members for side in sides[member])
+    return sides
+
+
+def _nodes(
+    sides: tuple[Side, ...], patches: Mapping[str, NurbsPatch], numbering: Joined
+) -> Indices:
+    """The common control points of some sides."""
+    found = [
+        numbering.numbers[s.patch][side_nodes(patches[s.patch], s.direction, s.end)]
+        for s in sides
+    ]
+    return np.unique(np.concatenate(found))
 
 
 def _surface(
-    geometry: PatchesGeometry,
+    sides: Mapping[str, tuple[Side, ...]],
     patches: Mapping[str, NurbsPatch],
     numbering: Joined,
     names: tuple[str, ...],
 ) -> Surface:
     """Named sides as one, on the common control points."""
-    sides: dict[str, tuple[Side, ...]] = {s.name: (s,) for s in sides_of(patches)}
-    for name, members in geometry.edges.items():
-        sides[name] = tuple(side for member in members for side in sides[member])
     found = []
     for side in dict.fromkeys(side for name in names for side in sides[name]):
         own = patch_surface(patches[side.patch], side.direction, side.end)
@@ -157,23 +233,19 @@ def _surface(
 
 
 def _markers(
-    model: ModelFile,
-    exact: Mapping[str, NurbsPatch],
-    fine: Mapping[str, NurbsPatch],
-    numbering: Joined,
+    model: ModelFile, parts: _Parts, sides: Mapping[str, tuple[Side, ...]]
 ) -> tuple[MarkerRows, ...]:
     rows = []
     for name, marker in placed(model.markers):
         with at_marker(name):
-            patch, where = _place(marker, exact)
-            local = rows_at(name, marker.node, fine[patch], where)
+            patch, where = _place(marker, parts.exact, sides)
+            fine = parts.fine[patch]
+            local = rows_at(name, marker.node, fine, where)
             assert local.gradient is not None
-            _, spread = _gathering(numbering, patch, fine[patch].points.shape[1])
+            _, spread = _gathering(parts.numbering, patch, fine.points.shape[1])
             rows.append(
-                MarkerRows(
-                    name=name,
-                    node=marker.node,
-                    position=local.position,
+                replace(
+                    local,
                     displacement=sp.csr_matrix(local.displacement @ spread),
                     rotation=sp.csr_matrix(local.rotation @ spread),
                     gradient=sp.csr_matrix(local.gradient @ spread),
@@ -182,19 +254,25 @@ def _markers(
     return tuple(rows)
 
 
-def _place(marker: NodeMarker, exact: Mapping[str, NurbsPatch]) -> tuple[str, Array]:
+def _place(
+    marker: NodeMarker,
+    exact: Mapping[str, NurbsPatch],
+    sides: Mapping[str, tuple[Side, ...]],
+) -> tuple[str, Array]:
+    """The patch of a marker and its parameters there."""
     if marker.edge is not None:
-        patch, _, side = marker.edge.rpartition(".")
-        if patch not in exact or side not in FACES:
+        found = sides.get(marker.edge, ())
+        if len(found) != 1:
+            single = [name for name, members in sides.items() if len(members) == 1]
             raise InputError(
                 f"there is no side {marker.edge!r}",
                 place="edge",
-                expected=f"PATCH.SIDE with a patch among {', '.join(exact)}",
+                expected=f"one of {', '.join(single)}",
             )
-        return patch, marker_parameters(
-            marker, {marker.edge: FACES[side]}, exact[patch]
-        )
-    if marker.position is None:
+        side = (found[0].direction, found[0].end)
+        patch = exact[found[0].patch]
+        return found[0].patch, marker_parameters(marker, {marker.edge: side}, patch)
+    if marker.position is None and len(exact) > 1:
         raise InputError(
             "parameters do not say in which patch",
             expected="edge (with at) or position",

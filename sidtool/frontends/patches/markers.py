@@ -1,4 +1,4 @@
-"""Markers and named edges of a body that is one patch."""
+"""Markers at points of patches."""
 
 from __future__ import annotations
 
@@ -10,57 +10,15 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.model import ModelFile, NodeMarker
-from sidtool.formats.model.geometry import NurbsGeometry, VolumeGeometry
+from sidtool.formats.model import NodeMarker
 
 from ...geometry.locate import locate
-from ...geometry.patch import NurbsPatch, PointBasis, point_basis, side_nodes
+from ...geometry.patch import NurbsPatch, PointBasis, point_basis
 from ..elements.continuum import half_curl
 from ..finite_element_model import MarkerRows
-from ..surface import Surface, together
-from .surface import patch_surface
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-def edge_sets(
-    geometry: NurbsGeometry | VolumeGeometry, patch: NurbsPatch
-) -> dict[str, Indices]:
-    """The nodes of every named edge or face."""
-    names = geometry.edge_names
-    return {name: side_nodes(patch, *side) for name, side in names.items()}
-
-
-def named_surface(
-    geometry: NurbsGeometry | VolumeGeometry, patch: NurbsPatch, names: tuple[str, ...]
-) -> Surface:
-    """Named edges or faces of a patch as one."""
-    sides = dict.fromkeys(geometry.edge_names[name] for name in names)
-    return together(patch_surface(patch, *side) for side in sides)
-
-
-def marker_rows(
-    model: ModelFile, exact: NurbsPatch, patch: NurbsPatch
-) -> tuple[MarkerRows, ...]:
-    """Displacement and rotation rows of all markers that have a place of their own.
-
-    Parameters
-    ----------
-    exact : the geometry as given, in which positions are looked up
-    patch : the discretised body with the same parameters; its control points carry
-        the degrees of freedom
-
-    Raises
-    ------
-    InputError : a marker lies outside the geometry, or where the patch degenerates.
-    """
-    rows = []
-    for name, marker in placed(model.markers):
-        with at_marker(name):
-            where = marker_parameters(marker, model.geometry.edge_names, exact)
-            rows.append(rows_at(name, marker.node, patch, where))
-    return tuple(rows)
 
 
 def placed(markers: Mapping[str, NodeMarker]) -> Iterator[tuple[str, NodeMarker]]:

@@ -99,7 +99,7 @@ def test_rod_against_quadrature_of_the_definitions(settings: dict) -> None:
     frame = FRAMES["tangent"](body, model.frame)
     basis = REDUCTIONS["modal"](body, frame, model.reduction)
     exact = patch_from_model(model.geometry)
-    patch = refined(exact, (3, 2), target_knots(model.discretisation))
+    patch = refined(exact, (3, 2), target_knots(model.discretisation, exact))
     x, g = np.polynomial.legendre.leggauss(8)
     u = ((np.arange(6)[:, None] + (x + 1) / 2) / 6).ravel()
     v = ((np.arange(2)[:, None] + (x + 1) / 2) / 2).ravel()
