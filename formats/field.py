@@ -137,9 +137,9 @@ def read_field(path: str | os.PathLike[str]) -> Field:
             return _field(file)
     except InputError as error:
         raise error.located(path) from None
-    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
-        raise unreadable(path, error=error) from None
     except (OSError, LookupError, TypeError, ValueError, RuntimeError) as error:
+        if not Path(path).is_file():
+            raise unreadable(path, "a field file") from None
         raise InputError(
             f"cannot be read ({error})", source=path, expected="a whole field file"
         ) from None

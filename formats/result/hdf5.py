@@ -150,8 +150,6 @@ def read_result(path: str | Path) -> Result:
             return _result(file, Path(path))
     except InputError as error:
         raise error.located(path) from None
-    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
-        raise unreadable(path, error=error) from None
     except (
         OSError,
         LookupError,
@@ -160,6 +158,8 @@ def read_result(path: str | Path) -> Result:
         AttributeError,
         RuntimeError,
     ) as error:
+        if not Path(path).is_file():
+            raise unreadable(path, "a result file") from None
         raise InputError(
             f"cannot be read ({error})", source=path, expected="a whole result file"
         ) from None

@@ -132,7 +132,9 @@ def test_processes_that_have_ended() -> None:
     with subprocess.Popen([sys.executable, "-c", ""]) as process:
         process.wait()
     assert has_ended(process.pid)
-    assert not has_ended(os.getpid()) and not has_ended(os.getppid())
+    waiting = [sys.executable, "-c", "input()"]
+    with subprocess.Popen(waiting, stdin=subprocess.PIPE) as process:
+        assert not has_ended(process.pid) and not has_ended(os.getpid())
     assert 1 <= processors() <= (os.cpu_count() or 1)
 
 
