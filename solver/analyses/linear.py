@@ -126,6 +126,8 @@ def _unsteady(
     a, slow = mechanics.accelerations()[0], v / mechanics.scale
     left = motion.T @ (a - turning(mechanics, spins) @ slow)
     force = np.abs(mechanics.force).max(initial=0.0)
+    force = max(force, mechanics.force_size(z))
+    mechanics.evaluate(z, v)
     if np.abs(left).max(initial=0.0) <= BALANCED * force:
         return ()
     forces = np.concatenate([np.zeros(len(matrix) - len(left)), -left])

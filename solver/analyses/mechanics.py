@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
 from sidtool.formats.errors import InputError
@@ -15,6 +18,7 @@ from ..start.assembly import Start, dense_jacobian, names_of_rows
 from ..start.consistent import sliding_directions
 from ..start.turn_counts import keep_turns
 from ..system import kernel_calls
+from ..system.bodies.packing import symmetric
 from ..system.forces.lapses import lapse
 from ..system.scene import System
 from ..system.sizes import row_sizes
@@ -104,6 +108,39 @@ class Mechanics:
             if row[at.RD] > 0:
                 squares += (data.sid.mass * self.scale[row[at.VEL]]) ** 2
         return gravity * float(np.sqrt(squares))
+
+    def force_size(self, z: Array) -> float:
+        """Size of the single scaled forces at rest at a position, whatever their sum.
+
+        The sum is what is left of them in equilibrium: rounding, if nothing but springs
+        and loads acts. The state is evaluated.
+        """
+        system, rest = self.system, np.zeros(self.system.n_velocities)
+        self.evaluate(z, rest)
+        total = self.force
+        sizes = [self.weight, float(np.linalg.norm(total)), *self._elastic_sizes(z)]
+        table = system.arrays.force
+        for k, element in enumerate(system.forces):
+            if not element.acts:
+                continue
+            others = table.copy()
+            others[k, at.F_KIND] = at.PRESCRIBED  # no force
+            arrays = system.arrays.replaced(force=others)
+            kernel_calls.evaluate(
+                replace(system, arrays=arrays), self.work, self.t, z, rest
+            )
+            sizes.append(float(np.linalg.norm(total - self.force)))
+        self.evaluate(z, rest)
+        return float(np.linalg.norm(sizes))
+
+    def _elastic_sizes(self, z: Array) -> Iterator[float]:
+        """Size of the scaled elastic forces Ke q of each body."""
+        for row, body in zip(self.system.arrays.body, self.system.bodies, strict=True):
+            if row[at.NQ]:
+                end = row[at.POS] + row[at.NP]
+                scale = self.scale[row[at.VEL] + row[at.RD] : row[at.VEL] + row[at.NV]]
+                elastic = symmetric(body.sid.Ke.m0) @ z[end - row[at.NQ] : end]
+                yield float(np.linalg.norm(scale * elastic))
 
     def turn_rates(self, state: Start) -> Array:
         """Rates of counted rotations (n_turns,) at a state, which is evaluated."""

@@ -35,8 +35,8 @@ from .mechanics import Mechanics, null_space, refuse_prescribed
 from .recorded import Found, recorded
 
 ITERATIONS = 300
-#: Forces that drive the motion vanish when below this part of the largest ones met, or
-#: of the weight: where springs alone carry a body, nothing is left of their sum.
+#: Forces that drive the motion vanish when below this part of the single forces, the
+#: largest ones met: nothing is left of the sum of forces that balance.
 BALANCED = 1e-10
 #: Perturbation of positions, relative to the size of the mechanism.
 PERTURBATION = 1e-5
@@ -103,10 +103,12 @@ def static_equilibrium(system: System) -> Equilibrium:
     places, velocities = state_entries(system)
     start.z[places] = start.v[velocities]
     z = mechanics.closed(start.z)
-    best, largest = np.inf, mechanics.weight
+    best, largest = np.inf, mechanics.force_size(z)
     for iteration in range(ITERATIONS):
         motion, force, left, size = _balance(mechanics, z)
         largest = max(largest, size)
+        if np.linalg.norm(force) >= BALANCED * largest:
+            largest = max(largest, mechanics.force_size(z))
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
             notes = (*_checked(mechanics), *at_limits(system, mechanics.work))
