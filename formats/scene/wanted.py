@@ -22,7 +22,7 @@ Relative = Annotated[float, Field(ge=LEAST, le=MOST)]
 Amount = Annotated[str, StringConstraints(min_length=1)]
 Wanted = Relative | Annotated[dict[str, Relative | Amount], Field(min_length=1)]
 
-_AMOUNT = re.compile(r"\s*([-+0-9.eE]+)\s*(\S.*?)?\s*")
+_AMOUNT = re.compile(r"([-+0-9.eE]++)\s*+(\S.*)?")
 _PREFIXES = {
     "n": 1e-9,
     "u": 1e-6,
@@ -56,7 +56,7 @@ def tolerance(
     """
     if not isinstance(wanted, str):
         return Tolerance(wanted, False)
-    found = _AMOUNT.fullmatch(wanted)
+    found = _AMOUNT.fullmatch(wanted.strip())
     value = _number(found[1]) if found else math.nan
     unit = (found[2] or "") if found else ""
     if not 0.0 < value < math.inf:

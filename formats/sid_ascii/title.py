@@ -23,9 +23,10 @@ _FEMBEAM = re.compile(
 #: What our own files end their titles with, which other readers take for free text:
 #: version and shares, see `formats.carried`; earlier files tell the layout alone.
 _OWN = re.compile(
-    r"\s*\[(?P<by>sidtool(?: [\w.+!-]+)?)(?:; (?P<carried>[^\[\]]+))?\]$", re.ASCII
+    r"(?<!\s)\s*+\[(?P<by>sidtool(?: [\w.+!-]+)?)(?:; (?P<carried>[^\[\]]+))?\]$",
+    re.ASCII,
 )
-_TAG = re.compile(r"\s*\[layout (\w+)\]$", re.ASCII)
+_TAG = re.compile(r"(?<!\s)\s*+\[layout (\w+)\]$", re.ASCII)
 
 
 @dataclass(frozen=True)

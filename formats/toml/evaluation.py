@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 
 from ..errors import InputError
-from .expressions import number_of
+from .expressions import check_names, in_words, number_of
 from .schema_errors import alternatives, dotted, shortened, type_in_words
 
 Place = tuple[str | int, ...]
@@ -45,6 +45,7 @@ def evaluated(
             found = walk.value(value, [float], (PARAMETERS, name))
             if isinstance(found, int | float) and not isinstance(found, bool):
                 walk.parameters[name] = found
+                walk.unchecked.append(name)
     return walk.value(data, [model], ()), walk.formulas
 
 
@@ -65,6 +66,7 @@ class _Walk:
 
     def __init__(self) -> None:
         self.parameters: dict[str, float] = {}
+        self.unchecked: list[str] = []
         self.formulas: Formulas = {}
 
     def value(self, data: Any, kinds: list[Any], place: Place) -> Any:
@@ -103,9 +105,11 @@ class _Walk:
         if str in kinds or text in fixed or not numbers:
             return text
         try:
+            check_names(self.unchecked)
+            self.unchecked.clear()
             value = number_of(text, self.parameters)
         except InputError as error:
-            why = error.problem.removeprefix(f"the formula {text!r} ")
+            why = error.problem.removeprefix(f"{in_words(text)} ")
             why += f", not {error.expected}" if error.expected else ""
             raise InputError(
                 f"found {shortened(text)}",
@@ -115,7 +119,7 @@ class _Walk:
         if float not in numbers:
             if not value.is_integer():
                 raise InputError(
-                    f"the formula {text!r} gives {value:g}",
+                    f"{in_words(text)} gives {value:g}",
                     place=dotted(place),
                     expected="a whole number",
                 )

@@ -17,7 +17,8 @@ from __future__ import annotations
 import math
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from itertools import islice
 from typing import Any, NamedTuple
 
 from ..errors import InputError
@@ -32,12 +33,15 @@ FUNCTIONS: Mapping[str, int] = {
     "clip": 3,
 }
 _MANY = ("min", "max")
+#: Each part takes all it can and gives nothing back: the time is linear in the text.
 _TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\w.])"
-    r"|(?P<name>[^\W\d]\w*(?:\.\w+)*)"
-    r"|'(?P<quoted>[^']+)'|\"(?P<quoted2>[^\"]+)\""
+    r"\s*+(?:(?P<number>(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?\d++)?+)(?![\w.])"
+    r"|(?P<name>[^\W\d]\w*+(?:\.\w++)*+)"
+    r"|'(?P<quoted>[^']++)'|\"(?P<quoted2>[^\"]++)\""
     r"|(?P<operator>\*\*|[-+*/^(),]))"
 )
+#: Characters of a formula, and parameters, that a message shows.
+_SHOWN, _NAMES = 60, 10
 #: Deepest nesting of parentheses, powers and signs.
 DEEPEST = 30
 
@@ -62,13 +66,33 @@ def parse_expression(text: str, parameters: Mapping[str, float]) -> Postfix:
     ------
     InputError : says where the formula has another form.
     """
+    check_names(parameters)
+    return _Parser(text, parameters).whole()
+
+
+def check_names(parameters: Iterable[str]) -> None:
+    """Whether parameters can be read by formulas.
+
+    Raises
+    ------
+    InputError : one is no word, or means something else.
+    """
     for name in parameters:
         if name in FUNCTIONS or name in ("t", "pi") or not name.isidentifier():
             raise InputError(
                 f"a parameter has the name {name!r}",
                 expected="a word that is neither t, pi nor a function",
             )
-    return _Parser(text, parameters).whole()
+
+
+def in_words(text: str) -> str:
+    """What messages call a formula, cut to a readable length."""
+    return f"the formula {shortened_text(text)}"
+
+
+def shortened_text(text: str) -> str:
+    """A text in quotes, cut to a readable length."""
+    return repr(text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "...")
 
 
 def names_of(postfix: Postfix) -> tuple[str, ...]:
@@ -79,16 +103,19 @@ def names_of(postfix: Postfix) -> tuple[str, ...]:
 def number_of(text: str, parameters: Mapping[str, float]) -> float:
     """The value of a formula of numbers and parameters alone.
 
+    parameters : numbers by names that `check_names` accepts
+
     Raises
     ------
     InputError : it reads something else, or has no finite value.
     """
     stack: list[float] = []
-    for kind, value in parse_expression(text, parameters):
+    for kind, value in _Parser(text, parameters).whole():
         if kind in ("name", "time"):
-            known = ", ".join(parameters) or "none"
+            known = ", ".join(islice(parameters, _NAMES)) or "none"
+            known += ", ..." if len(parameters) > _NAMES else ""
             raise InputError(
-                f"the formula {text!r} reads {value or 't'!r}",
+                f"{in_words(text)} reads {shortened_text(str(value or 't'))}",
                 expected=f"numbers, pi and parameters (here {known})",
             )
         if kind == "number":
@@ -107,7 +134,7 @@ def _applied(operation: Callable[..., Any], operands: list[float], text: str) ->
     except (ArithmeticError, ValueError, TypeError):  # a complex power: TypeError
         found = math.nan
     if not math.isfinite(found):
-        raise InputError(f"the formula {text!r} has no finite value")
+        raise InputError(f"{in_words(text)} has no finite value")
     return found
 
 
@@ -265,4 +292,4 @@ def _tokens(text: str) -> list[tuple[str, str, int]]:
 def _fail(text: str, at: int, expected: str) -> None:
     rest = text[at : at + 12] + ("..." if len(text) > at + 12 else "")
     where = f"{rest!r} at character {at + 1}" if rest else "its end"
-    raise InputError(f"the formula {text!r} has {where}", expected=expected)
+    raise InputError(f"{in_words(text)} has {where}", expected=expected)

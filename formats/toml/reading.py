@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,6 +19,7 @@ from pydantic import BaseModel, ValidationError
 from ..errors import InputError
 from ..storage.unreadable import QUOTES, unreadable
 from .evaluation import Formulas, evaluated
+from .expressions import shortened_text
 from .schema_errors import dotted, input_error
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -25,10 +27,11 @@ Model = TypeVar("Model", bound=BaseModel)
 #: Tables and lists in each other, and parts of a dotted key; more is damage.
 DEEPEST = 50
 _LARGEST = 2**63
-_KEY = r"(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*"
+_KEY = r"(?:[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]*+"
 #: A key of so many parts that the parser would spend its time on it.
 _ENDLESS_KEY = re.compile(
-    rf"(?:^[ \t]*\[{{0,2}}|[{{,])[ \t]*(?:{_KEY}\.[ \t]*){{{DEEPEST}}}", re.MULTILINE
+    rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+(?:{_KEY}\.[ \t]*+){{{DEEPEST}}}",
+    re.MULTILINE,
 )
 #: How tomllib calls what follows a backslash and is no escape.
 _ESCAPE = re.compile(r"Unescaped '\\'|hex value|Escaped character")
@@ -73,7 +76,7 @@ def with_formulas(
         found = error
     for place, text in formulas.items():
         if dotted(place) == found.place:
-            found.problem += f", which is {text!r}"
+            found.problem += f", which is {shortened_text(text)}"
     raise found.located(source or "input") from None
 
 
@@ -175,8 +178,8 @@ def _parse_json(text: str) -> Any:
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     table = dict(pairs)
     if len(table) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
+        counts = Counter(key for key, _ in pairs)
+        twice = next(key for key, count in counts.items() if count > 1)
         raise InputError("appears twice", place=twice, expected="one value per key")
     return table
 

@@ -10,6 +10,9 @@ from typing import Any
 import pytest
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid_ascii.title import split_tag, split_title
+from sidtool.formats.toml.evaluation import evaluated
 from sidtool.formats.toml.expressions import Postfix, names_of, parse_expression
 
 TWO = {
@@ -131,3 +134,57 @@ def test_what_is_no_formula_is_refused(text: str, place: str, expected: str) -> 
 def test_names_of_parameters(name: str) -> None:
     with pytest.raises(InputError, match="a parameter has the name"):
         parse_expression("1", {name: 1.0})
+
+
+#: With time that grows with the square of this, a test would take very long.
+LONG = 300_000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1" * LONG + "_",
+        "1" * LONG + "." + "1" * LONG + "_",
+        "1" * LONG + "e" + "1" * LONG + "_",
+        "." + "1" * LONG + "x",
+        "1" + " " * LONG + "$",
+        " " * LONG + "$",
+        "a" + ".a" * LONG + ".",
+        "'" + "a" * LONG,
+        "(" * LONG,
+        "-" * LONG + "1",
+    ],
+    ids=lambda text: text[:3] + "..." + text[-2:],
+)
+def test_the_time_is_linear_in_the_length(text: str) -> None:
+    """Whatever is wrong with it; and a message stays readable."""
+    with pytest.raises(InputError) as caught:
+        parse_expression(text, {})
+    assert len(str(caught.value)) < 500
+
+
+def test_long_formulas_are_read() -> None:
+    count = 30_000
+    assert run(parse_expression("+".join(["1.5e0"] * count), {}), {}) == 1.5 * count
+
+
+def test_many_parameters_that_build_on_each_other() -> None:
+    """Names are checked once, not for each formula; a message names some of them."""
+    count = 30_000
+    chain = {f"k{i}": f"k{i - 1} + 1" if i else 0.0 for i in range(count)}
+    head = {"format": "sidtool scene", "version": 1}
+    found, _ = evaluated(head | {"parameters": chain}, SceneFile)
+    assert found["parameters"][f"k{count - 1}"] == count - 1
+    with pytest.raises(InputError) as caught:
+        evaluated(head | {"parameters": chain | {"last": "unknown"}}, SceneFile)
+    assert caught.value.place == "parameters.last"
+    assert len(str(caught.value)) < 500
+    with pytest.raises(InputError, match="a parameter has the name"):
+        evaluated(head | {"parameters": {"sin": 1.0, "b": "2"}}, SceneFile)
+
+
+def test_titles_of_many_spaces() -> None:
+    found = split_title("2 3 a" + " " * LONG + "b")
+    assert found is not None and split_tag(found[1]).text == found[1]
+    found = split_title("2 3 rod" + " " * LONG + "[sidtool]")
+    assert found is not None and split_tag(found[1]).text == "rod"

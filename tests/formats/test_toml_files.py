@@ -168,6 +168,19 @@ def test_a_kind_of_table_with_a_key_of_the_same_name(
         ("a.toml", b"x = '\xff'", "byte 5 is not text; expected a UTF-8 text file"),
         ("a.json", b'{"x": 1,}', "a.json: line 1, column"),
         ("a.json", b'{"x": 1, "x": 2}', "x: appears twice"),
+        (
+            "a.json",
+            b"{" + b",".join(b'"k%d": 1' % i for i in range(300_000)) + b', "k9": 1}',
+            "k9: appears twice",
+        ),
+        (
+            "b.json",
+            b"{"
+            + b",".join(b'"k%d": 1' % i for i in range(300_000))
+            + b', "k299999": 1}',
+            "k299999: appears twice",
+        ),
+        ("a.toml", b" " * 1_000_000 + b"$", "a.toml: line 1"),
         ("a.json", b"[1]", "holds no table"),
         ("a.json", b"[" * 100_000, "a.json"),
         ("a.toml", b"x = " + b"[" * 100_000, "a.toml"),

@@ -13,7 +13,7 @@ from ..imported import MOST_MEMBERS, integers, numbers, read_lines
 from ..included import Included
 
 #: A real number whose exponent has no letter, as in 2.1+11.
-_EXPONENT = re.compile(r"^([+-]?(?:\d+\.?\d*|\.\d+))([+-]\d+)$")
+_EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
 #: What stands for case control among the cards.
 CASE_CONTROL = "CASE CONTROL"
 _MPC = re.compile(r"MPC ?= ?(\d+)$")
