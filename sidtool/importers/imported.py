@@ -19,6 +19,7 @@ from ..frontends.elements.reference import reference_element
 from ..frontends.mesh.data import ElementBlock, Mesh
 from .imported_bars import RawBar
 from .imported_ties import RawEquation, RawTie
+from .repeated import collapsed
 
 #: Labels are held in 64 bits.
 _LARGEST = 2**63 - 1
@@ -95,6 +96,7 @@ class ImportedMesh:
     bars : instead of elements of the mesh, which has nodes alone then
     parts : name -> labels of the elements of a part that may be chosen
     undefined : set -> its members that the file does not define, in words
+    straight : labels of nodes that are the mean of the corners beside them
     """
 
     mesh: Mesh
@@ -108,6 +110,7 @@ class ImportedMesh:
     bars: tuple[RawBar, ...] = ()
     parts: Mapping[str, Sequence[int]] = field(default_factory=dict)
     undefined: Mapping[str, str] = field(default_factory=dict)
+    straight: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -182,6 +185,9 @@ def assembled_mesh(
                 expected="one definition",
             )
         seen.add(element.label)
+        kind, listed = collapsed(element.kind, element.nodes)
+        if kind != element.kind:
+            element = replace(element, kind=kind, nodes=listed, formulation=None)
         _check_nodes(element, row)
         alike = (element.kind, element.material, element.thickness, element.formulation)
         groups.setdefault(alike, []).append(element)

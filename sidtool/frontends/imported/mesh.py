@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import Material, ModelFile
 from sidtool.formats.model.discretisation import MeshDiscretisation
@@ -16,7 +18,7 @@ from ...validate.units import UnitSystem, unit_system
 from ..anisotropic import AnisotropicMaterial, CylindricalMaterial, ElasticMaterial
 from ..finite_element_model import FiniteElementModel, still
 from ..geometry_mass import GeometryMass
-from ..mesh.data import Mesh, check_mesh, without_free_nodes
+from ..mesh.data import Mesh, check_mesh, counter_clockwise, without_free_nodes
 from ..mesh.moments import mesh_moments
 from ..mesh.points import MeshPoints, position_of
 from ..mesh.surface import named_surface
@@ -70,14 +72,16 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
             )
         if imported.bars:
             return bars_model(model, imported, units)
-        whole = _scaled(imported.mesh, geometry, settings, units)
+        upright, turned = counter_clockwise(imported.mesh)
+        whole = _scaled(upright, geometry, settings, units)
         mesh = without_free_nodes(whole)
         couplings = body_couplings(imported, whole, mesh, model)
         masses = body_masses(imported, couplings, mesh, units)
         equations, told = body_equations(imported, whole, mesh, units.length)
         joined = [c.nodes for c in couplings if c.rigid]
         check_mesh(mesh, "mesh", [*joined, *nodes_of(equations, mesh.dimension)])
-        check_conforming(mesh, "mesh")
+        straight = np.flatnonzero(np.isin(mesh.labels, list(imported.straight)))
+        check_conforming(mesh, "mesh", straight)
         check_contact(mesh, "mesh", held_nodes(equations, mesh, imported.ties))
         own = _own_materials(imported, geometry, units)
         materials = _materials(model, mesh, own)
@@ -117,6 +121,7 @@ def imported_mesh_model(model: ModelFile) -> FiniteElementModel:
         notes=(
             *imported.notes,
             *undefined_notes(imported.undefined),
+            *turned,
             *told,
             *_notes(model, imported, own),
         ),

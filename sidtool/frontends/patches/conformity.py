@@ -16,11 +16,16 @@ from ..mesh.data import Mesh
 Indices = NDArray[np.int64]
 
 
-def check_conforming(mesh: Mesh, place: str) -> None:
+def check_conforming(mesh: Mesh, place: str, straight: Indices | None = None) -> None:
     """Whether a mixed mesh has no gaps: the patch test tells if it had.
 
     Linear and quadratic elements must not share an edge, nor may triangular faces lie
     on a quadrilateral one, which needs a pyramid between them.
+
+    Parameters
+    ----------
+    straight : nodes in the middle of edges that move by the mean of the ends, as those
+        of linear elements do
 
     Raises
     ------
@@ -28,17 +33,18 @@ def check_conforming(mesh: Mesh, place: str) -> None:
     """
     if len({block.kind for block in mesh.blocks}) < 2:
         return
-    _check_edges(mesh, place)
+    _check_edges(mesh, place, np.zeros(0, int) if straight is None else straight)
     _check_faces(mesh, place)
 
 
-def _check_edges(mesh: Mesh, place: str) -> None:
+def _check_edges(mesh: Mesh, place: str, straight: Indices) -> None:
     """All elements at an edge agree on its node in the middle."""
     rows = []
     for block in mesh.blocks:
         for a, b, middle in all_edges(block.kind):
             ends = np.sort(block.nodes[:, [a, b]], axis=1)
             between = block.nodes[:, middle] if middle >= 0 else np.full(len(ends), -1)
+            between = np.where(np.isin(between, straight), -1, between)
             rows.append(np.column_stack([ends, between]))
     table = np.unique(np.concatenate(rows), axis=0)
     bad = np.flatnonzero((table[1:, :2] == table[:-1, :2]).all(axis=1))

@@ -20,7 +20,7 @@ _ROUNDED = 1e-9
 def corner_thicknesses(kind: str, words: list[str]) -> list[str]:
     """T1, T2, ... and TFLAG among what an element has behind its nodes."""
     first, end, flag = _CORNERS[kind]
-    padded = [*words, *[""] * (end + 1)]
+    padded = [*words, *[""] * (max(end, flag) + 1)]
     return [*padded[first:end], padded[flag]]
 
 

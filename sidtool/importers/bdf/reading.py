@@ -24,6 +24,7 @@ from ..imported import (
 )
 from ..imported_bars import RawBar
 from ..imported_ties import RawEquation
+from ..middles import Middles, linear_kind
 from .bar_sections import pbar, pbarl, pbeam, pbeaml, prod
 from .bars import bar, bar_defaults, bars_of, completed
 from .cards import CASE_CONTROL, Card, read_cards
@@ -174,16 +175,30 @@ def _element(content: BulkData, card: Card) -> None:
     words = card.words[2 : 2 + most]
     while words and not words[-1]:
         words.pop()
-    kind = _ELEMENTS[card.name].get(len(words))
-    if kind is None or "" in words:
+    words = ["" if word == "0" else word for word in words]
+    while words and not words[-1]:
+        words.pop()
+    known = _ELEMENTS[card.name]
+    full = known[most]
+    corners = reference_element(full).corners
+    kind = known.get(len(words))
+    if len(words) == corners and kind is None:
+        kind = linear_kind(full)
+    elif len(words) > corners and "" not in words[:corners]:
+        kind, words = full, [*words, *[""] * (most - len(words))]
+    lost = kind == full and "" in words
+    if kind is None or ("" in words and not (lost and not content.shells)):
         raise InputError(
             f"element {label} is a {card.name} of {len(words) - words.count('')} nodes",
             place=card.place,
             expected=" or ".join(map(str, _ELEMENTS[card.name])),
         )
-    nodes = [card.integer(2 + i, "a node number") for i in range(len(words))]
-    flat = kind in ("quad4", "tri3", "quad8", "tri6")
-    angle = 4 if kind == "quad8" else 0
+    nodes = [
+        card.integer(2 + i, "a node number") if word else 0
+        for i, word in enumerate(words)
+    ]
+    flat = full in ("quad4", "tri3", "quad8", "tri6")
+    angle = 4 if full == "quad8" else 0
     own = [word if not _is_zero(word) else "" for word in card.words[2 + most :]]
     if content.shells and flat and any(own[:angle] + own[angle + 1 :]):
         raise InputError(
@@ -191,9 +206,9 @@ def _element(content: BulkData, card: Card) -> None:
             place=card.place,
             expected="shells in the middle of their thickness, which PSHELL gives",
         )
-    if flat and any(corners := corner_thicknesses(kind, own)):
-        content.corners[label] = corners
-    if flat and any(rest_of(kind, own)):
+    if flat and any(thick := corner_thicknesses(full, own)):
+        content.corners[label] = thick
+    if flat and any(rest_of(full, own)):
         content.said[f"further fields of {card.name} (angles, offsets)"] = None
     order = _ORDERS.get(kind, range(len(nodes)))
     listed = [nodes[i] for i in order]
@@ -327,6 +342,12 @@ def _check_alike(content: BulkData) -> None:
 
 
 def _imported(content: BulkData) -> ImportedMesh:
+    middles = Middles(content.nodes)
+    for i, (label, property_, kind, nodes, place) in enumerate(content.elements):
+        if 0 in nodes:
+            found = middles.completed(kind, nodes, place)
+            content.elements[i] = (label, property_, *found, place)
+    content.nodes = middles.nodes
     turned = count_right_handed(content)
     stops, raw = content.stops, []
     equations: tuple[RawEquation, ...] = ()
@@ -347,7 +368,7 @@ def _imported(content: BulkData) -> ImportedMesh:
         materials_of(content)
     stops.check()
     notes = reading_notes(content.nodes, [*raw, *bars], len(raw) + len(bars))
-    notes += [*content.apart, *turned]
+    notes += [*content.apart, *turned, *middles.note()]
     if content.weight != 1.0:
         notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
     if content.said:
@@ -360,8 +381,9 @@ def _imported(content: BulkData) -> ImportedMesh:
         notes=tuple(notes),
         couplings=tuple(content.couplings),
         masses=tuple(mass.scaled(content.weight) for mass in content.masses),
-        equations=equations,
+        equations=(*equations, *middles.equations),
         bars=bars,
         parts=_parts(content),
         undefined=undefined_members(content.nodes, content.sets),
+        straight=frozenset(middles.added.values()),
     )

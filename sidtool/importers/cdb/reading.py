@@ -22,6 +22,7 @@ from ..imported import (
     reading_notes,
     undefined_members,
 )
+from ..middles import Middles
 from .content import Content
 from .elements import (
     HEAD,
@@ -58,6 +59,8 @@ _IDLE = """
 _WITHOUT_EFFECT = frozenset(_IDLE.split())
 #: What depends on a parameter must have no effect either way.
 _BRANCHES = {"*IF": 1, "*ELSE": 0, "*ELSEIF": 0, "*ENDIF": -1}
+#: Commands whose text may hold a $.
+_TEXTS = ("C***", "/COM", "/TITLE", "!")
 #: A line of a block that was refused.
 _DATA = re.compile(r"\s*[-+(\d]")
 _FORMAT = re.compile(r"\((\d+)[iI](\d+)(?:,\s*(\d+)[aAeEgG](\d+))?")
@@ -99,6 +102,11 @@ def read_cdb(
 
 
 def _take(content: Content, line: str, ignored: frozenset[str]) -> None:
+    """The commands of a line, between which a $ stands."""
+    if "$" in line and not line.strip().upper().startswith(_TEXTS):
+        for part in line.split("!")[0].split("$"):
+            _take(content, part, ignored)
+        return
     words = [word.strip() for word in line.split("!")[0].split(",")]
     name = words[0].upper().split(" ")[0]
     if not name or name.startswith("C***"):
@@ -322,6 +330,7 @@ _READERS: dict[str, Callable[[Content, list[str]], None]] = {
 
 def _imported(content: Content) -> ImportedMesh:
     raw, masses, replaced = [], [], dict[str, None]()
+    middles = Middles(content.nodes)
     materials = materials_of(content)
     states = set[str | None]()
     for values, place in content.elements:
@@ -339,7 +348,7 @@ def _imported(content: Content) -> ImportedMesh:
         kind, formulation, said = element_kind(given, keys, label, place)
         states.add(plane_state(kind, keys))
         name = material_name(values)
-        ours, listed = collapsed(kind, nodes)
+        ours, listed = middles.completed(*collapsed(kind, nodes), place)
         replaced |= dict.fromkeys(said)
         raw.append(
             RawElement(
@@ -354,8 +363,9 @@ def _imported(content: Content) -> ImportedMesh:
         )
     if len(states) > 1:
         raise InputError("mixes states of plane elements", expected="one of them")
-    mesh = assembled_mesh(content.nodes, raw, content.sets)
-    notes = [*reading_notes(content.nodes, raw, len(raw)), *replaced]
+    mesh = assembled_mesh(middles.nodes, raw, content.sets)
+    notes = [*reading_notes(middles.nodes, raw, len(raw)), *replaced]
+    notes += middles.note()
     if content.said:
         notes.append("without effect on the body: " + ", ".join(content.said))
     made = {element.label for element in raw}
@@ -366,10 +376,11 @@ def _imported(content: Content) -> ImportedMesh:
         states.pop(),
         tuple(notes),
         masses=tuple(masses),
-        equations=equations_of(content),
+        equations=(*equations_of(content), *middles.equations),
         parts={
             name: [label for label in content.parts[name] if label not in idle]
             for name in sorted(content.parts)
         },
         undefined=undefined_members(content.nodes, content.sets),
+        straight=frozenset(middles.added.values()),
     )

@@ -41,7 +41,7 @@ def read_local(content: Content, words: list[str]) -> None:
         content.systems[label] = System(kind, values[:3], known.angles)
     elif not part:
         content.systems[label] = System(kind, values[:3], values[3:])
-    elif any(values):
+    elif values[:2] not in ((0.0, 0.0), (1.0, 1.0)) or any(values[2:]):
         raise InputError(
             f"LOCAL {label} has parameters",
             place=content.place,

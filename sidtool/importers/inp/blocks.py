@@ -33,8 +33,16 @@ class Block:
     rows: list[tuple[list[str], str]] = field(default_factory=list)
 
 
-def read_blocks(path: Path, included: Included | None = None) -> list[Block]:
+def read_blocks(
+    path: Path, included: Included | None = None, before: list[Block] | None = None
+) -> list[Block]:
     """All blocks of a file and of the files that it includes, in order.
+
+    An included file may go on with the data lines of the block that includes it.
+
+    Parameters
+    ----------
+    before : the blocks that are read already, which those of the file join
 
     Raises
     ------
@@ -42,7 +50,7 @@ def read_blocks(path: Path, included: Included | None = None) -> list[Block]:
     """
     included = included or Included()
     included.enter(path)
-    blocks: list[Block] = []
+    blocks = [] if before is None else before
     for is_keyword, text, place in _statements(path):
         if not is_keyword:
             if not blocks:
@@ -56,7 +64,7 @@ def read_blocks(path: Path, included: Included | None = None) -> list[Block]:
             continue
         block = _keyword(text, place)
         if block.keyword == "INCLUDE":
-            blocks += read_blocks(_named(path, block), included)
+            read_blocks(_named(path, block), included, blocks)
             continue
         blocks.append(block)
         if "INPUT" in block.options:

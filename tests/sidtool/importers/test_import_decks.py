@@ -64,7 +64,7 @@ BAD_DECKS = {
         deck([(x, 0, 0) for x in range(4)], "CPS4", [[1, 2, 3, 4]]),
         "no volume|no area",
     ),
-    "inverted": (deck(SQUARE, "CPS4", [[1, 4, 3, 2]]), "is inverted"),
+    "inverted": (deck(CUBE, "C3D8", [[*BRICK[4:], *BRICK[:4]]]), "is inverted"),
     "folded": (
         deck([*SQUARE[:2], (0, 1, 0), (1, 1, 0)], "CPS4", [[1, 2, 3, 4]]),
         "fold",
