@@ -24,6 +24,9 @@ from .stepping import CONTROL
 PROJECTIONS_LIMIT = 6
 #: Attempts after which positions that meet the constraints are not moved any more.
 SETTLING = 3
+#: Attempts after which rates count as zero that are rounding of their terms, and what
+#: rounding is, relative to these: long runs ask for less than numbers resolve.
+ROUNDED, RATE_ROUNDING = 2, 1e-15
 #: Most that one marker turns against another in a step where turns are counted, of the
 #: half turn that two orientations tell [rad].
 LARGEST_TURN = 2.5
@@ -38,6 +41,19 @@ def accelerate(kernels, system, work, memory, t, z, v):
     kernels.evaluate(system, work, t, z, v)
     memory.evaluations += 1
     return kernels.solve_accelerations(system, work, memory)
+
+
+@inner(float64(SYSTEM, WORK, F1, int64))
+def _rate_rounding(system, work, v, row):
+    """What rounding leaves of a constraint's rate: its terms are of the size of C v."""
+    total = 0.0
+    for k in range(len(system.segment)):
+        if system.segment[k].row == row:
+            at, b = system.segment[k].offset, system.segment[k].body
+            first = system.body[b].vel
+            for i in range(system.body[b].nv):
+                total += abs(work.C[at + i] * v[first + i])
+    return RATE_ROUNDING * total
 
 
 @inner(int64(KERNELS, SYSTEM, WORK, MEMORY, float64, F1, F1, F1, F1, F2))
@@ -63,7 +79,12 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
         placed = still = True
         for i in range(m):
             placed = placed and abs(work.row[i, C_VALUE]) <= loose * closed[i, 0]
-            still = still and abs(work.row[i, C_RATE]) <= loose * closed[i, 1]
+            rate = abs(work.row[i, C_RATE])
+            if rate > loose * closed[i, 1]:
+                rounded = attempt >= ROUNDED and rate <= _rate_rounding(
+                    system, work, v, i
+                )
+                still = still and rounded
         for j in range(len(system.friction)):
             if sticks(system, j):
                 row = work.sliding.row[j]

@@ -24,6 +24,7 @@ from ..space.layout import (
 )
 from .passing import keep_ways
 from .projection import accelerate, project
+from .step_sizes import time_resolution
 from .stepping import CONTROL, copy
 
 
@@ -73,7 +74,7 @@ def move(control, h, z, v):
     copy(v, control.v)
     keep_ways(control)
     control.time += h
-    if control.stop - control.time <= 1e-13 * max(abs(control.stop), control.period):
+    if control.stop - control.time <= time_resolution(control, control.stop):
         control.time = control.stop
 
 

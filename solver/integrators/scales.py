@@ -132,8 +132,10 @@ def set_scales(system, control, h):
     speed = max(control.speed, speed)
     spin = control.rotation_rate + h * control.rotation_push
     spin = max(control.spin, spin, speed / length)
-    lasting, tolerated = LASTING * turn * period, tolerance
-    if control.adding == 0:
+    lasting, tolerated = 0.0, tolerance
+    if control.accumulates == 1:
+        lasting = LASTING * turn * period
+    if control.adding == 0 and control.accumulates == 1:
         tolerated /= max(1.0, spin * period / MANY)
     control.noise, least = 0.0, min(length, 1.0)
     for b in range(len(system.body)):

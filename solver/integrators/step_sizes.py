@@ -41,6 +41,13 @@ def all_finite(z, v):
     return math.isfinite(total)
 
 
+@inner(float64(CONTROL, float64))
+def time_resolution(control, t):
+    """The shortest step that numbers resolve near a time; at time zero a part of the
+    run that is far below any step."""
+    return max(1e-13 * abs(t), 1e-16 * control.period)
+
+
 @inner(float64(CONTROL))
 def next_step(control):
     """Proposed step, stretched or halved so that the interval ends without a stub,
@@ -49,7 +56,7 @@ def next_step(control):
     Zero when the end of the interval is reached.
     """
     remaining = control.stop - control.time
-    if remaining <= 1e-13 * max(abs(control.stop), control.period):
+    if remaining <= time_resolution(control, control.stop):
         return 0.0
     fixed = control.fixed_step == 1
     h = control.step
@@ -67,7 +74,7 @@ def next_step(control):
 @inner(boolean(CONTROL, float64))
 def too_small(control, h):
     """Whether the time does not resolve a step."""
-    return h <= 1e-13 * max(abs(control.time), control.period)
+    return h <= time_resolution(control, control.time)
 
 
 @inner(float64(int64, float64, int64))

@@ -114,6 +114,7 @@ class Control(Table):
     same: int  # steps of the same length before this one
     well: int  # steps since one with which Newton's iteration failed
     crossings: int  # steps that may have passed a singular configuration
+    accumulates: int  # 1: errors of rigid motions last, 0: drives prescribe all of them
     adding: int  # 1: steps may err by their share of what the run may
     z: Reals
     v: Reals

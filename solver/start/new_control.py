@@ -13,6 +13,7 @@ from ..integrators import INTEGRATORS, bifurcations, stepping
 from ..space import layout as at
 from ..space.layout import IntTable
 from ..system.bodies.vibration import frequencies
+from ..system.kernel_calls import evaluate
 from ..system.scene import System
 from ..system.sizes import (
     coordinate_amplitudes,
@@ -20,7 +21,9 @@ from ..system.sizes import (
     row_sizes,
     sliding_sizes,
 )
-from .assembly import Start
+from ..system.storage import new_work
+from .assembly import Start, dense_jacobian
+from .consistent import of_length_one
 from .settings import Settings
 
 #: Constraints are met when they are open by less than this part of the size: at least
@@ -29,6 +32,8 @@ CLOSED = (1e-13, 1e-11)
 #: Tolerance of a step in units of the requested relative error, for methods of high
 #: order: the estimate is that of a lower one. Those of order 2 share it among steps.
 STEP_TOLERANCE = 0.3
+#: Velocity coordinates up to which it is asked whether drives prescribe all motions.
+FEW = 300
 
 
 def closed_below(system: System, settings: Settings) -> Array:
@@ -67,6 +72,7 @@ def new_control(
     control.step = 1e-4 * duration * settings.rtol**0.25
     control.fixed_step = int(settings.step is not None)
     control.adding = int(adding)
+    control.accumulates = int(_moves_freely(system, start))
     control.z[:] = control.start[:] = start.z
     control.v[:] = start.v
     control.extent[:] = extents(system)
@@ -82,6 +88,20 @@ def new_control(
         if force.kind == at.TWIST and force.turn >= system.n_turns:
             control.measured[k, -1] = 2.0 * np.pi
     return control
+
+
+def _moves_freely(system: System, start: Start) -> bool:
+    """Whether joints and drives leave a rigid motion of a body open at the start."""
+    if not system.scene.drives or system.n_velocities > FEW:
+        return True
+    rigid = np.ones(system.n_velocities, bool)
+    for row in system.arrays.body:
+        rigid[row[at.VEL] + row[at.RD] : row[at.VEL] + row[at.NV]] = False
+    work = new_work(system)
+    work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
+    evaluate(system, work, system.scene.time.start, start.z, start.v)
+    C = of_length_one(dense_jacobian(system, work.C)[:, rigid])
+    return int(np.linalg.matrix_rank(C, tol=1e-6)) < int(rigid.sum())
 
 
 def _control(
