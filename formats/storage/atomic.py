@@ -43,6 +43,10 @@ _living: set[Path] = set()
 _lock = threading.Lock()
 
 
+class KeptBeside(OSError):
+    """A whole file could not replace another one and has a name beside it."""
+
+
 @contextmanager
 def atomic_path(
     target: str | os.PathLike[str], keep_beside: bool = True
@@ -63,8 +67,8 @@ def atomic_path(
     ------
     InputError : the folder does not exist or cannot be written to, or a file cannot
         have this name.
-    OSError : the file cannot be written whole, as on a full disk, or cannot replace
-        `target`; it names `target`, and says where the file is instead.
+    KeptBeside : it cannot replace `target`; says where it is instead.
+    OSError : the file cannot be written whole, as on a full disk; it names `target`.
     """
     named = target = Path(target)
     if problem := path_problem(target):
@@ -83,7 +87,9 @@ def atomic_path(
             return
         flush_to_disk(temporary)
         set_mode(temporary, mode)
-        _give_name(temporary, target, keep_beside)
+        _give_name(temporary, target, named if keep_beside else None)
+    except KeptBeside:
+        raise
     except OSError as error:
         if error.errno is None:
             raise
@@ -93,12 +99,12 @@ def atomic_path(
         _living.discard(temporary)
 
 
-def _give_name(temporary: Path, target: Path, keep_beside: bool) -> None:
-    """Replaces the target, or says under which name beside it the file is kept."""
+def _give_name(temporary: Path, target: Path, named: Path | None) -> None:
+    """Replaces the target, or keeps the file beside it where that is named."""
     try:
         replace_file(temporary, target)
     except OSError as error:
-        if not keep_beside:
+        if named is None:
             raise
         other = _free_name(target)
         replace_file(temporary, other)
@@ -106,7 +112,7 @@ def _give_name(temporary: Path, target: Path, keep_beside: bool) -> None:
         if is_open_elsewhere(target):
             problem = "is open in another program"
         text = f"{problem}: it is as before, and what was to replace it is {other.name}"
-        raise OSError(error.errno, text) from error
+        raise KeptBeside(error.errno, text, os.fspath(named)) from error
 
 
 def _free_name(target: Path) -> Path:

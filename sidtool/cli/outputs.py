@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Self
 import click
 
 from sidtool.formats.result import ResultFile, TableFile
+from sidtool.formats.storage.atomic import KeptBeside
 
 if TYPE_CHECKING:
     from sidtool.formats.result import Result
@@ -20,6 +21,7 @@ File = ResultFile | TableFile
 
 class Outputs:
     """A result, a table, both or nothing; what cannot be written ends that file only.
+    A whole file that cannot replace another one is kept beside it.
 
     A block: files that are not whole at its end leave no trace.
 
@@ -87,7 +89,7 @@ class Outputs:
                 file.discard()
                 del self._open[path]
                 self._fail(path, error)
-                if not self._open:
+                if not self._open and not isinstance(error, KeptBeside):
                     self._told.append(
                         "sidtool: nothing was kept: run again with another -o"
                     )

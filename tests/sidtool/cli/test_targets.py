@@ -16,6 +16,7 @@ import pytest
 from sidtool.cli import run
 from sidtool.formats.result import read_result
 from sidtool.formats.sid_files import read_sid
+from sidtool.formats.storage import atomic, operating_system
 from sidtool.formats.storage.atomic import atomic_path
 from tests.places import SLIDER_CRANK
 
@@ -199,3 +200,28 @@ def test_a_failing_block_leaves_the_target_alone(tmp_path: Path) -> None:
         temporary.write_text("new")
         raise RuntimeError
     assert contents(tmp_path) == {"file": b"old"}
+
+
+@pytest.mark.parametrize("name", ["motion.h5", "motion.csv"])
+def test_a_result_that_cannot_replace_its_target_is_kept(
+    name: str,
+    folder: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A folder takes its name during the run, as on Windows a program may open it."""
+    monkeypatch.chdir(folder)
+    usual = operating_system.flush_to_disk
+
+    def flush_to_disk(path: Path) -> None:
+        usual(path)
+        (folder / name / "inner").mkdir(parents=True)
+
+    monkeypatch.setattr(atomic, "flush_to_disk", flush_to_disk)
+    short = ["--set", "time.end=0.1"]
+    assert run(["simulate", "slider_crank.toml", *short, "-o", name]) == 1
+    told, kept = capsys.readouterr(), name.replace(".", ".new1.")
+    assert "nothing was kept" not in told.err and kept in told.err
+    assert (folder / kept).stat().st_size > 100
+    if name.endswith(".h5"):
+        assert read_result(folder / kept).t[-1] == pytest.approx(0.1)
