@@ -1,4 +1,4 @@
-"""Gmsh meshes (.msh), text, versions 2.2 and 4.1.
+"""Gmsh meshes (.msh), text or binary, versions 2.2 and 4.1.
 
 Physical names become node sets. Solid elements make the body; if there are none, the
 plane ones do. Elements of lower dimension only serve the sets.
@@ -23,6 +23,7 @@ from .imported import (
     read_lines,
     reading_notes,
 )
+from .msh_binary import is_binary, text_lines
 from .stops import Stops
 
 #: Gmsh type -> dimension, nodes, our name, our order of its nodes.
@@ -135,7 +136,9 @@ def read_msh(
     InputError : names file, line and expectation.
     """
     try:
-        sections = _sections(read_lines(path))
+        file = Path(path)
+        lines = text_lines(file) if is_binary(file) else read_lines(path)
+        sections = _sections(lines)
         idle = _without_effect(sections, ignored)
         version = _version(sections)
         content = _Content()
@@ -222,7 +225,7 @@ def _version(sections: dict[str, list[tuple[str, str]]]) -> int:
     raise InputError(
         f"is of version {words[0]}, file type {' '.join(words[1:2])}",
         place=place,
-        expected="version 2.2 or 4.1 as text (file type 0)",
+        expected="version 2.2 or 4.1",
     )
 
 

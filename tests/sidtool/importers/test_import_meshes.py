@@ -94,7 +94,7 @@ def test_mistakes_in_inp(
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("4.1 0 8", "4.1 1 8", "version 2.2 or 4.1 as text"),
+        ("4.1 0 8", "4.1 1 8", "ends early"),
         ("$EndNodes", "$EndNoodles", "expected $EndNodes"),
         ("$EndElements", "", "ends inside $Elements"),
         ("3 1 5 6", "3 1 12 6", "type 12, which is not supported"),
