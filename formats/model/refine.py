@@ -36,7 +36,10 @@ def refined(model: ModelFile, level: int) -> ModelFile | None:
     elif isinstance(found, IgaDiscretisation) and found.knots is not None and level < 0:
         return None
     elif isinstance(found, IgaDiscretisation):
-        changes = _of_patches(found, times)
+        knots = getattr(model.geometry, "knots", ())
+        changes = _of_patches(
+            found, times, knots, getattr(model.geometry, "degrees", ())
+        )
     else:
         return None
     finer = found.model_copy(update=changes)
@@ -79,15 +82,32 @@ def modes_of(model: ModelFile) -> int | None:
     return found if isinstance(found, int) else None
 
 
-def _of_patches(found: IgaDiscretisation, times: float) -> dict[str, Any]:
-    """Each knot span cut into so many equal ones."""
+def _of_patches(
+    found: IgaDiscretisation,
+    times: float,
+    knots: tuple[tuple[float, ...], ...],
+    degrees: tuple[int, ...],
+) -> dict[str, Any]:
+    """Each knot span cut into so many equal ones.
+
+    knots, degrees : of the geometry, if there is one patch
+    """
     if found.elements is not None:
         return {"elements": tuple(_times(n, times) for n in found.elements)}
     if found.functions is not None:
-        pairs = zip(found.functions, found.degrees, strict=True)
-        return {"functions": tuple(_times(n - p, times) + p for n, p in pairs)}
+        repeated = [0] * len(found.functions)
+        for i, (row, own) in enumerate(zip(knots, degrees, strict=True)):
+            inner = [k for k in row if row[0] < k < row[-1]]
+            smoother = (found.degrees[i] - own - 1) * len(set(inner))
+            repeated[i] = len(inner) + smoother
+        triples = zip(found.functions, found.degrees, repeated, strict=True)
+        return {
+            "functions": tuple(
+                _times(max(n - p - r, 1), times) + p + r for n, p, r in triples
+            )
+        }
     assert found.knots is not None
-    return {"knots": tuple(_cut(knots, round(times)) for knots in found.knots)}
+    return {"knots": tuple(_cut(row, round(times)) for row in found.knots)}
 
 
 def _times(elements: int, times: float) -> int:

@@ -14,6 +14,7 @@ from scipy.special import spherical_jn
 from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModelFile
+from sidtool.formats.model.refine import refined as with_finer_mesh
 from sidtool.formats.toml.reading import validated
 from sidtool.geometry.patch import evaluate_grid, patch_from_model
 from sidtool.geometry.refine import k_refined_knots, refined
@@ -284,3 +285,25 @@ def test_a_ball_has_the_torsion_of_a_ball() -> None:
     expected = root * np.sqrt(shear / STEEL["density"]) / (2 * np.pi)
     found = hertz(ball(iga(3, 2, 8, 4)), 5)
     assert_allclose(found, expected, rtol=2e-3)
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_meshes_of_closed_patches_are_halved(degree: int) -> None:
+    """Each knot span in two, whether functions or elements are asked for."""
+
+    def spans(model: ModelFile | None) -> list[int]:
+        assert model is not None
+        ((patch, _),) = finite_element_model(model).patches
+        return [len(np.unique(knots)) - 1 for knots in patch.knots]
+
+    ((patch, _),) = finite_element_model(ring(iga(degree, 2, 12))).patches
+    functions = {
+        "type": "iga",
+        "degrees": [degree] * 2,
+        "functions": list(patch.shape),
+    }
+    for settings in (functions, iga(degree, 2, 12)):
+        model = ring(settings)
+        assert spans(model) == [2, 12]
+        assert spans(with_finer_mesh(model, 1)) == [4, 24]
+        assert spans(with_finer_mesh(model, -1)) == [1, 8]
