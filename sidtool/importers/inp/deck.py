@@ -105,6 +105,7 @@ class Deck:
     equations, ties : equations between displacements with their axes, tied surfaces
     system : that of *SYSTEM, where it holds: origin and axes, (4, 3)
     density : of materials without *DENSITY
+    temperatures : that *INITIAL CONDITIONS gives nodes
     said : keywords without effect
     remarks : sentences on what has another name here
     """
@@ -126,6 +127,7 @@ class Deck:
     equations: list[Hold] = field(default_factory=list)
     ties: list[Hold] = field(default_factory=list)
     density: float | None = None
+    temperatures: set[float] = field(default_factory=set)
     said: dict[str, None] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
     scope: Scope = field(default_factory=Scope)

@@ -119,8 +119,12 @@ def materials_of(
     result: dict[str, ElasticMaterial] = {}
     order = sorted(set(sections), key=lambda s: (s.material, s.orientation, s.instance))
     for section in order:
-        name, table = material_name(deck, section), deck.materials[section.material]
-        elastic, density = table.get("ELASTIC", []), table.get("DENSITY", [])
+        name = material_name(deck, section)
+        widths = {"ELASTIC": _COUNTS[deck.kinds.get(section.material, "ISOTROPIC")]}
+        elastic, density = (
+            _at_temperature(deck, section.material, key, widths.get(key, 1))
+            for key in ("ELASTIC", "DENSITY")
+        )
         if not density and deck.density is not None:
             density = [[deck.density]]
         if name in result or len(elastic) != 1 or len(density) != 1:
@@ -157,6 +161,31 @@ def materials_of(
             )
         result[name] = material
     return result
+
+
+def _at_temperature(
+    deck: Deck, material: str, key: str, count: int
+) -> list[list[float]]:
+    """The constants at the initial temperature, which is zero unless the deck says it.
+
+    Between the lines of a table they are linear, beyond them constant, as in Abaqus and
+    CalculiX. A table of different values stays as it is where nodes have different
+    temperatures.
+    """
+    rows = deck.materials[material].get(key, [])
+    if len(rows) < 2 or any(len(row) not in (count, count + 1) for row in rows):
+        return rows
+    values = np.array([row[:count] for row in rows])
+    if np.ptp(values, axis=0).max() == 0:
+        return [values[0].tolist()]
+    places = np.array([row[count] if len(row) > count else 0.0 for row in rows])
+    if len(deck.temperatures) > 1 or (np.diff(places) <= 0).any():
+        return rows
+    at = next(iter(deck.temperatures), 0.0)
+    said = f"*{key} of material {material}: of {len(rows)} temperatures, at {at:g}"
+    if said not in deck.remarks:
+        deck.remarks.append(said)
+    return [[float(np.interp(at, places, column)) for column in values.T]]
 
 
 def _isotropic(name: str, elastic: list[float], rho: float) -> Material:

@@ -79,9 +79,19 @@ def read_deck(path: Path, ignored: frozenset[str] = frozenset()) -> Deck:
             deck.said["all steps"] = None
         else:
             deck.said[f"*{block.keyword}" + _REMARKS.get(kind, "")] = None
+            if kind == "without effect" and block.keyword == "INITIAL CONDITIONS":
+                with stops.collected():
+                    _initial_temperatures(deck, block)
     stops.check()
     deck.close_gaps()
     return deck
+
+
+def _initial_temperatures(deck: Deck, block: Block) -> None:
+    """*INITIAL CONDITIONS, TYPE=TEMPERATURE: a node or a set, and its temperature."""
+    if block.options.get("TYPE", "").upper() == "TEMPERATURE":
+        for words, place in block.rows:
+            deck.temperatures.add(numbers(words[1:2] or [""], place)[0])
 
 
 _REMARKS = {

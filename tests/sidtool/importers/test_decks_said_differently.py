@@ -183,10 +183,32 @@ def test_systems_that_are_none(lines: str, message: str, tmp_path: Path) -> None
         decks.body(tmp_path, decks.deck(BLOCK, "C3D8I") + lines + "\n")
 
 
+TABLE = "2.1e11, 0.3, 20.\n1.9e11, 0.3, 300.\n"
+
+
+@pytest.mark.parametrize(
+    ("temperature", "modulus"),
+    [(None, 2.1e11), (-50.0, 2.1e11), (160.0, 2.0e11), (900.0, 1.9e11)],
+)
+def test_constants_are_those_of_the_initial_temperature(
+    tmp_path: Path, temperature: float | None, modulus: float
+) -> None:
+    """Linear between the lines of a table, constant beyond them; zero by default."""
+    plain = decks.deck(BLOCK, "C3D8I")
+    text = plain.replace(f"{STEEL['e']!r}, {STEEL['nu']!r}\n", TABLE)
+    if temperature is not None:
+        text += f"*INITIAL CONDITIONS, TYPE=TEMPERATURE\nLEFT, {temperature}\n"
+    found = decks.frequencies(decks.body(tmp_path, text))
+    steel = decks.frequencies(decks.body(tmp_path, plain))
+    assert_allclose(found, steel * np.sqrt(modulus / STEEL["e"]), rtol=1e-6)
+
+
 def test_a_constant_that_is_missing_is_told(tmp_path: Path) -> None:
+    """Nodes of different temperatures have no one constant."""
     text = decks.deck(BLOCK, "C3D8I").replace(
-        f"{STEEL['e']!r}, {STEEL['nu']!r}\n", "2.1e11, 0.3, 20.\n1.9e11, 0.3, 300.\n"
+        f"{STEEL['e']!r}, {STEEL['nu']!r}\n", TABLE
     )
+    text += "*INITIAL CONDITIONS, TYPE=TEMPERATURE\n1, 20.\n2, 50.\n"
     with pytest.raises(InputError, match="values for several temperatures"):
         decks.body(tmp_path, text)
 

@@ -80,7 +80,15 @@ BAD_DECKS = {
     ),
     "no section": (deck(CUBE, "C3D8", [BRICK], section=""), "without a material"),
     "temperature": (
-        deck(CUBE, "C3D8", [BRICK], [*MATERIAL[:3], "1e11, 0.3, 500.", *MATERIAL[3:]]),
+        deck(
+            CUBE,
+            "C3D8",
+            [BRICK],
+            [
+                *("*INITIAL CONDITIONS, TYPE=TEMPERATURE", "1, 0.", "2, 9."),
+                *(*MATERIAL[:3], "1e11, 0.3, 500.", *MATERIAL[3:]),
+            ],
+        ),
         "constant materials",
     ),
     "shell": (deck(SQUARE, "S4R", [[1, 2, 3, 4]]), "S4R is not supported"),
