@@ -64,6 +64,10 @@ class InputError(Exception):
         )
 
 
+class ValidityWarning(UserWarning):
+    """Numbers of a result may be wrong, as a body leaves linear theory."""
+
+
 def warn_caller(text: str, category: type[Warning] = UserWarning) -> None:
     """Warn of the line outside of sidtool from which it was called."""
     frame, level = inspect.currentframe(), 1

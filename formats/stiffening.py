@@ -222,13 +222,18 @@ class Stiffening:
     axial: bool = False
     inertia: float = 0.0
 
+    @property
+    def lacks_stiffening(self) -> bool:
+        """Is geometric stiffening missing in the SID, where a load asks for it?"""
+        return not self.carried and not self.axial
+
     def sentence(self, when: str = "") -> str:
         """How much loads change the stiffness, and whether the SID carries it all.
 
         when : of the loads, in words
         """
         share = f"{100 * self.ratio:+.3g} % of the stiffness by {self.load}{when}"
-        lacking = not self.carried and not self.axial
+        lacking = self.lacks_stiffening
         if self.condition and abs(self.ratio) >= MATTERS:
             lacks = " (the SID lacks geometric stiffening)" if lacking else ""
             return f"stiffening {share}, if it turns like {self.condition}{lacks}"

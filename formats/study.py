@@ -51,6 +51,10 @@ class StudyFile(Table):
     varied: tuple[str, ...] = Field(
         default=("integrator",), description="axes with several values"
     )
+    notes: tuple[str, ...] = Field(default=(), description="of the reference")
+    warnings: tuple[str, ...] = Field(
+        default=(), description="notes that say that numbers may be wrong"
+    )
     points: tuple[StudyPoint, ...]
 
 

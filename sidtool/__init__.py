@@ -39,6 +39,7 @@ if all(
 
 if TYPE_CHECKING:
     from sidtool.formats.errors import InputError as InputError
+    from sidtool.formats.errors import ValidityWarning as ValidityWarning
     from sidtool.formats.sid import SID as SID
     from sidtool.solver.errors import SimulationError as SimulationError
     from sidtool.solver.functions.callables import Timed as Timed
@@ -87,6 +88,7 @@ _HOME = {
     **dict.fromkeys(_TABLES, "sidtool.vocabulary"),
     "CompiledScene": "sidtool.compiled",
     "InputError": "sidtool.formats.errors",
+    "ValidityWarning": "sidtool.formats.errors",
     "Interrupted": "sidtool.interrupting",
     "Model": "sidtool.scenes",
     "Result": "sidtool.results",

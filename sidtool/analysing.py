@@ -15,7 +15,7 @@ from sidtool.formats.toml.files import located
 
 from .kinds import expect_kind
 from .made import converted
-from .results import Result, answering
+from .results import Result, answering, warned
 from .swaps import swapped
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def static_equilibrium(
 
     programs = drives, forces
     with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
-        return for_users(analyse(system), Equilibrium)
+        return warned(for_users(analyse(system), Equilibrium))
 
 
 def linearise(
@@ -81,7 +81,7 @@ def linearise(
 
     programs = drives, forces
     with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
-        return for_users(analyse(system, about), Linearisation)
+        return warned(for_users(analyse(system, about), Linearisation))
 
 
 def inverse_dynamics(
@@ -109,7 +109,8 @@ def inverse_dynamics(
 
     programs = drives, forces
     with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
-        return answering(analyse(system, quasi_static=quasi_static), drives, forces)
+        found = analyse(system, quasi_static=quasi_static)
+        return warned(answering(found, drives, forces))
 
 
 @contextmanager

@@ -112,8 +112,8 @@ def ran(system: System, asked: Ending, *programs: Programs, **settings: Any) -> 
     """The result of a run, with the settings of `sidtool.solver.simulate`."""
     from sidtool.solver import simulate
 
-    from .results import answering
+    from .results import answering, warn_of_validity
 
     with ending("SIGINT", asked=asked):
-        result = simulate(system, stop=asked, **settings)
+        result = simulate(system, stop=asked, warn=warn_of_validity, **settings)
     return answering(result, *programs)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
 from sidtool.formats import result as stored
-from sidtool.formats.errors import InputError, warn_caller
+from sidtool.formats.errors import InputError, ValidityWarning, warn_caller
 from sidtool.formats.html import html_table
 from sidtool.formats.result import units_in
 from sidtool.formats.sid import Array
@@ -22,6 +22,16 @@ if TYPE_CHECKING:
     from .scenes import Scene
 
 Names = str | Iterable[str]
+
+
+class Warned(Protocol):
+    """What has warnings."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]: ...
+
+
+Found = TypeVar("Found", bound=Warned)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -160,6 +170,18 @@ class Result(stored.Result):
         ]
         header = ("output", "least", "most", "unit")
         return course(self).html + html_table(rows, header, self.title)
+
+
+def warn_of_validity(text: str) -> None:
+    """Warn the caller of sidtool that numbers of a result may be wrong."""
+    warn_caller(text, ValidityWarning)
+
+
+def warned(found: Found) -> Found:
+    """What was found, once its warnings are told to the caller of sidtool."""
+    for text in found.warnings:
+        warn_of_validity(text)
+    return found
 
 
 def answering(result: stored.Result, *programs: Mapping[str, Any] | None) -> Result:

@@ -37,6 +37,16 @@ class Trimmed:
     report: AccuracyReport
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Of the run that errors are measured against."""
+        return self.report.notes
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """None: what leaves linear theory is refused."""
+        return ()
+
+    @property
     def sentences(self) -> list[str]:
         """What was taken out, how coordinates are called now, and the cost."""
         modes, nodes = self.sizes
@@ -55,7 +65,7 @@ class Trimmed:
             + f" by the shape functions that are out, of {o.allowed:.1e} allowed"
             for o in self.report.outputs
         ]
-        return found
+        return [*found, *(f"note: {text}" for text in self.notes)]
 
     def data(self) -> dict[str, Any]:
         """The same for programs; numbers of shape functions as in the whole SID."""

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sidtool.formats.result import Result
-from sidtool.formats.result.bodies import LARGE
+from sidtool.formats.result.bodies import (
+    LARGE,
+    LARGE_ROTATION,
+    MEANINGLESS,
+    find_failure,
+    find_warnings,
+)
 from sidtool.formats.result.data import TABLES
 from sidtool.formats.scene import watched
 from sidtool.formats.storage.versions import versions
@@ -68,22 +74,42 @@ def result_of(
         sids=system.sids,
         versions=versions(),
         completed=not failure,
-        message=explained(failure, recorder.bodies)
-        if failure
-        else _event_at_the_end(run),
+        message=failure or _event_at_the_end(run),
     )
     scene, settings = system.scene, run.settings
     known = known.late(lambda: {"scene": made_with(scene, settings)}, "scene")
-    return known.late(lambda: _told(run), "bodies", "notes")
+    return known.late(lambda: _told(run), "bodies", "notes", "warnings")
 
 
 def _told(run: Run) -> dict[str, Any]:
     """What is known of a run beside its numbers."""
     scene, remarks = run.system.scene, run.recorder.verdicts.found.remarks
+    warnings = find_warnings(run.recorder.bodies)
     return {
         "bodies": run.recorder.bodies,
-        "notes": (*_notes(run), *remarks.sentences(watched(scene))),
+        "notes": (*warnings, *_notes(run), *remarks.sentences(watched(scene))),
+        "warnings": warnings,
     }
+
+
+def may_leave_theory(run: Run) -> bool:
+    """Whether a body may have left linear theory by its deformation; False is certain.
+
+    Cheap, while the warnings of a result are found once somebody looks at them.
+    """
+    return run.recorder.may_exceed(LARGE, LARGE_ROTATION)
+
+
+def why_failed(run: Run, stopped: str) -> str:
+    """Why a run stopped early, or why its numbers mean nothing; empty if they do.
+
+    stopped : why the run stopped early, if it did
+    """
+    if stopped:
+        return explained(stopped, run.recorder.bodies)
+    if not run.recorder.may_exceed(MEANINGLESS, np.inf):
+        return ""
+    return find_failure(run.recorder.bodies)
 
 
 def failure_of(run: Run, code: int) -> str:

@@ -12,12 +12,14 @@ from sidtool.formats.result import Event, FlexibleBody
 from sidtool.formats.result.rows import BLOCK, Rows, Sink
 from sidtool.formats.sid import Array
 
+from .advice.body_measures import bound_deformation
 from .advice.verdicts import Verdicts
 from .recording import outputs
 from .recording.dense import Steps, joined
 from .recording.energy_history import History
 from .recording.events import Moment, events_of
 from .recording.sampling import Sampler
+from .space import layout as at
 from .system.scene import System
 
 #: Ends of steps that wait for the rows between them, and coordinates of their states.
@@ -52,6 +54,7 @@ class Recorder:
         self.events: list[Event] = []
         self.seconds, self._waiting, self._ends = 0.0, list[Steps](), 0
         self._last = -np.inf
+        self._largest = np.zeros(system.n_positions)
         self.columns = system.lasting(_names_of_columns)
         sink.begin(self.columns, most)
 
@@ -59,6 +62,7 @@ class Recorder:
         """Rows that a run before this one recorded."""
         self.sink.add(rows)
         z, v = (rows.tables[name].copy() for name in ("positions", "velocities"))
+        self._note_largest(z)
         if len(rows.t) and not self.system.rubbing:
             found = self._record(rows.t.copy(), z, v)
             self.verdicts.recall(found.samples, rows.t)
@@ -67,6 +71,7 @@ class Recorder:
     def visit(self, ends: Steps) -> None:
         """Ends of some steps."""
         if self._bends and len(ends.t):
+            self._note_largest(ends.z)
             self.verdicts.visit(ends)
             self._waiting.append(ends)
             self._ends += len(ends.t)
@@ -118,6 +123,7 @@ class Recorder:
         }
         self.sink.add(Rows(t, tables))
         self.verdicts.add(found, t)
+        self._note_largest(z)
         self._last = float(t[-1])
 
     def _go_on(self, t: Array, z: Array, v: Array) -> None:
@@ -131,6 +137,26 @@ class Recorder:
         for first in range(0, len(order), BLOCK):
             rows = order[first : first + BLOCK]
             self.verdicts.go_on(times[rows], states[rows])
+
+    def _note_largest(self, z: Array) -> None:
+        """Keeps the largest coordinates of finite states z (nt, positions)."""
+        largest = np.nan_to_num(np.abs(z), posinf=0.0).max(axis=0, initial=0.0)
+        np.maximum(self._largest, largest, out=self._largest)
+
+    def may_exceed(self, deflection: float, rotation: float) -> bool:
+        """Whether a body may have deformed by more in the run; False is certain.
+
+        deflection : elastic displacement over the size of the body
+        rotation : elastic rotation [rad]
+        """
+        for data in self.system.flexible:
+            row = self.system.arrays.body[self.system.index(data.name)]
+            end = int(row[at.POS] + row[at.NP])
+            largest = self._largest[end - int(row[at.NQ]) : end]
+            bounds = bound_deformation(data.sid, largest)
+            if bounds[0] > deflection or bounds[1] > rotation:
+                return True
+        return False
 
     @cached_property
     def bodies(self) -> dict[str, FlexibleBody]:

@@ -9,7 +9,7 @@ from itertools import chain
 from sidtool.formats.result import FlexibleBody, InMemory, Result, Sink
 
 from . import warmup
-from .account import result_of
+from .account import may_leave_theory, result_of, why_failed
 from .advice.prepared import Prepared, prepare
 from .errors import SimulationError
 from .integrators import INTEGRATORS
@@ -35,6 +35,7 @@ def simulate(
     told: Iterable[str] = (),
     into: Sink | None = None,
     stop: Callable[[], str] | None = None,
+    warn: Callable[[str], None] | None = None,
     unfinished: Result | None = None,
 ) -> Result:
     """Integrates a compiled scene over its time span.
@@ -53,13 +54,16 @@ def simulate(
     into : takes the rows of the result while the run goes on, and the result at its
         end, whose tables are then empty; default they are kept in memory
     stop : asked from time to time why the run is to end before its time, if at all
+    warn : called after the run with each of the warnings of the result that a large
+        deformation is the cause of
     unfinished : a run of this scene and these settings that stopped; this one goes on
         from its last state, and its result is that of both
 
     Raises
     ------
     InputError : unknown integrator, or no start position meets the constraints.
-    SimulationError : the run stopped early; its `result` holds what was computed.
+    SimulationError : the run stopped early, or a body deformed by more than its own
+        size, so that its numbers mean nothing; `result` holds what was computed.
     """
     settings = settings_of(system, integrator, rtol, step, spectral_radius)
     loops = [INTEGRATORS[name].step_loop for name in settings.possible]
@@ -74,12 +78,16 @@ def simulate(
     failure = run.go(progress, stop)
     solved = time.perf_counter() - assembled - run.recorder.seconds
     run.end(bool(failure))
+    failure = why_failed(run, failure)
     seconds = {"seconds_assembly": assembled - began, "seconds": solved}
     result = result_of(run, seconds, failure, kept.arrays() if into is None else {})
     if past is not None:
         result = past.joined(result)
     if into is not None:
         into.finish(result)
+    if warn is not None and may_leave_theory(run):
+        for text in result.warnings:
+            warn(text)
     if failure:
         raise SimulationError(result.message, result)
     return result

@@ -81,6 +81,9 @@ class AccuracyReport(Table):
     sentences: tuple[str, ...] = Field(description="decisions and all else, in words")
     runs: int = Field(description="that were made to choose")
     seconds: float = Field(description="that choosing took")
+    notes: tuple[str, ...] = Field(
+        default=(), description="of the run that errors are measured against"
+    )
     searched: bool = Field(
         default=True, description="false: what was found before was kept and used"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,8 +12,16 @@ from numpy.typing import NDArray
 from ..stiffening import Stiffening
 
 Array = NDArray[np.float64]
-#: Bodies that move by more than this part of their size leave the linear theory.
-LARGE = 0.2
+#: Linear theory holds to this elastic displacement over the size of a body, and to
+#: this elastic rotation [rad].
+LARGE, LARGE_ROTATION = 0.1, 0.15
+#: Elastic displacement over the size of a body from which numbers mean nothing.
+MEANINGLESS = 1.0
+_REMEDY = (
+    "Cut the body into parts, each with a SID of its own, tied by joints of type fixed."
+)
+#: Bodies beyond linear theory that have a sentence of their own.
+MOST_WARNINGS = 8
 #: The highest retained frequency should be this many times the excitation.
 ENOUGH = 3.0
 
@@ -46,7 +55,8 @@ class FlexibleBody:
     amplitudes : (nq,) largest |q| at output times and ends of steps
     energy_shares : (nq,) part of each coordinate, q_i (Ke q)_i / 2, in the elastic
         energy of the body, meant over time; they add up to one
-    deflection : largest elastic displacement of a node over the length of the body
+    deflection : largest elastic displacement of a node over the size of the body
+    rotation : largest elastic rotation of a node [rad]
     """
 
     highest_frequency: float
@@ -59,6 +69,7 @@ class FlexibleBody:
     amplitudes: Array = field(default_factory=lambda: np.zeros(0))
     energy_shares: Array = field(default_factory=lambda: np.zeros(0))
     deflection: float = 0.0
+    rotation: float = 0.0
 
     @property
     def before(self) -> str:
@@ -77,6 +88,34 @@ class FlexibleBody:
                 "deformations that a SID describes"
             )
         return text
+
+    def beyond_theory(self, name: str) -> str:
+        """How far a body of this name left linear theory in the run; empty if it did
+        not."""
+        if self.found is None:
+            return ""
+        cause = ""
+        if self.found.diverges:
+            cause = f"{name} {self.found.sentence(f' at t = {self.found.time:.6g} s')}."
+        return (
+            describe_deformation(name, self.deflection, self.rotation, cause) or cause
+        )
+
+    @property
+    def severity(self) -> tuple[bool, float, float]:
+        """A key that sorts bodies by how little their numbers can be relied on.
+
+        Divergence; then deformation, and stiffness that the SID lacks, over what linear
+        theory holds to; then the change of stiffness.
+        """
+        stage = self.found or self.expected
+        lacking = abs(stage.ratio) if stage.lacks_stiffening else 0.0
+        return stage.diverges, max(self.excess, lacking / LARGE), abs(stage.ratio)
+
+    @property
+    def excess(self) -> float:
+        """Deformation over what linear theory holds to; above 1 beyond it."""
+        return max(self.deflection / LARGE, self.rotation / LARGE_ROTATION)
 
     @property
     def diverges(self) -> bool:
@@ -98,3 +137,57 @@ class FlexibleBody:
         if ratio < ENOUGH:
             text += f", too few: keep shape functions up to {ENOUGH:g} times it"
         return text
+
+
+def describe_deformation(
+    name: str, deflection: float, rotation: float, cause: str = ""
+) -> str:
+    """How far a deformation leaves linear theory; empty if it does not.
+
+    Parameters
+    ----------
+    deflection : largest elastic displacement over the size of the body
+    rotation : largest elastic rotation [rad]
+    cause : a sentence that replaces the remedy
+    """
+    if deflection > LARGE:
+        amount = f"{_percent(deflection)} of"
+        if deflection > 1.0:
+            amount = f"{deflection:.2g} times"
+        fact, limit = f"deforms by {amount} its size", _percent(LARGE)
+    elif rotation > LARGE_ROTATION:
+        fact, limit = (
+            f"turns elastically by {rotation:.2g} rad",
+            f"{LARGE_ROTATION:g} rad",
+        )
+    else:
+        return ""
+    return f"{name} {fact}; linear theory holds to {limit}. {cause or _REMEDY}"
+
+
+def find_warnings(bodies: Mapping[str, FlexibleBody]) -> tuple[str, ...]:
+    """One sentence for each body that left linear theory in a run, the worst first."""
+    found = {name: body.beyond_theory(name) for name, body in bodies.items()}
+    order = [n for n in sorted(found, key=lambda n: -bodies[n].excess) if found[n]]
+    return limit_sentences([(name, found[name]) for name in order])
+
+
+def limit_sentences(found: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    """The first sentences, and of the rest the bodies: (name, sentence), sorted."""
+    told = tuple(sentence for _, sentence in found[:MOST_WARNINGS])
+    rest = [name for name, _ in found[MOST_WARNINGS:]]
+    if rest:
+        told += (f"{', '.join(rest)} leave linear theory by less.",)
+    return told
+
+
+def find_failure(bodies: Mapping[str, FlexibleBody]) -> str:
+    """Why the numbers of a run mean nothing; empty where they mean something."""
+    worst = max(bodies, key=lambda n: bodies[n].deflection, default="")
+    if not worst or not bodies[worst].deflection > MEANINGLESS:
+        return ""
+    return f"gives numbers without meaning: {bodies[worst].beyond_theory(worst)}"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %"

@@ -46,10 +46,13 @@ class Result:
     accuracy : how exact the numbers are, of a run that was asked for an accuracy
     versions : of this program and of the libraries under it
     notes : what a reader has to know of the numbers, one sentence each
+    warnings : those of the notes that say that numbers may be wrong, as a body leaves
+        linear theory
     laws : of the program that the run was made with, by force or drive; files do not
         hold them
-    completed : False when the run stopped early, for the reason in `message`; True
-        when an event of the scene ended it, which `message` then names
+    completed : False when the run stopped early, or its numbers mean nothing, for the
+        reason in `message`; True when an event of the scene ended it, which `message`
+        then names
 
     Raises
     ------
@@ -75,6 +78,7 @@ class Result:
     sids: Mapping[str, SID] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = field(default_factory=tuple)
+    warnings: tuple[str, ...] = field(default_factory=tuple)
     completed: bool = True
     message: str = ""
     accuracy: AccuracyReport | None = None

@@ -1,12 +1,12 @@
 """A result in HDF5.
 
-Attributes of the root: format, format_version, title, completed, message, and notes, a
-list of texts. Datasets: t, values, positions, velocities, multipliers, each of the
-latter four with its columns' names in the attribute ``names``; scene (JSON text).
-Groups counters, drift, settings and versions hold their entries as attributes, and so
-does bodies/NAME for each flexible body, see `hdf5_bodies`; group events, see `events`;
-group sids: the SIDs of all bodies that have one, see `hdf5_sids`. Dataset accuracy:
-an `AccuracyReport` as JSON, if there is one.
+Attributes of the root: format, format_version, title, completed, message, and notes
+and warnings, lists of texts. Datasets: t, values, positions, velocities, multipliers,
+each of the latter four with its columns' names in the attribute ``names``; scene (JSON
+text). Groups counters, drift, settings and versions hold their entries as attributes,
+and so does bodies/NAME for each flexible body, see `hdf5_bodies`; group events, see
+`events`; group sids: the SIDs of all bodies that have one, see `hdf5_sids`. Dataset
+accuracy: an `AccuracyReport` as JSON, if there is one.
 The file is sealed, see `seal`.
 """
 
@@ -122,6 +122,7 @@ def _tell(file: h5py.File, result: Result) -> None:
         completed=result.completed,
         message=result.message,
         notes=np.array(result.notes, dtype=h5py.string_dtype()),
+        warnings=np.array(result.warnings, dtype=h5py.string_dtype()),
     )
     file.create_dataset("scene", data=result.scene, dtype=h5py.string_dtype())
     for group in _GROUPS:
@@ -198,6 +199,7 @@ def _result(file: h5py.File, path: Path) -> Result:
         completed=bool(file.attrs["completed"]),
         message=str(file.attrs["message"]),
         notes=tuple(map(_plain, file.attrs.get("notes", ()))),
+        warnings=tuple(map(_plain, file.attrs.get("warnings", ()))),
         scene=file["scene"].asstr()[()],
         **parts,
     )

@@ -39,7 +39,7 @@ from .elsewhere import (
     with_damping,
     with_node,
 )
-from .outside import elastic_coordinates, elastic_rotation
+from .outside import elastic_coordinates
 from .reference import Reference, make_reference
 from .runs import Runs, apart
 from .wanted import Request
@@ -142,7 +142,8 @@ def with_frames(
 def left_out(name: str, result: Result) -> float:
     """What small deformations leave out of what deformations do: its order."""
     sid = result.sids[name]
-    size = max(result.bodies[name].deflection, elastic_rotation(name, result))
+    body = result.bodies[name]
+    size = max(body.deflection, body.rotation)
     return float(size ** (2 if has_second_order_field(sid) else 1))
 
 

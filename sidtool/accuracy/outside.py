@@ -9,10 +9,9 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
+from sidtool.formats.result.bodies import LARGE, LARGE_ROTATION
 from sidtool.formats.sid import SID
 
-#: Elastic displacement over the length of a body, and elastic rotation [rad].
-DEFLECTION, ROTATION = 0.1, 0.15
 #: A SID without geometric stiffening must not see more change of stiffness than this.
 UNSTIFFENED = 0.25
 
@@ -39,20 +38,20 @@ def check_inside(result: Result) -> None:
                 place=place,
                 expected="a SID with geometric stiffening",
             )
-        if body.deflection > DEFLECTION:
+        if body.deflection > LARGE:
             raise _too_far(
                 place,
                 f"{name} deforms by {body.deflection:.2g} of its length, where small "
-                f"deformations end at {DEFLECTION:g}",
-                body.deflection / DEFLECTION,
+                f"deformations end at {LARGE:g}",
+                body.deflection / LARGE,
             )
-        turned = elastic_rotation(name, result)
-        if turned > ROTATION:
+        turned = body.rotation
+        if turned > LARGE_ROTATION:
             raise _too_far(
                 place,
                 f"{name} turns elastically by {turned:.2g} rad, where small rotations "
-                f"end at {ROTATION:g}",
-                turned / ROTATION,
+                f"end at {LARGE_ROTATION:g}",
+                turned / LARGE_ROTATION,
             )
 
 
@@ -82,21 +81,6 @@ def told_lack(
             f"geometric stiffening of {name}: not in its model, and not in these "
             f"errors; {would} at the most, and would change {change}"
         )
-
-
-def elastic_rotation(name: str, result: Result) -> float:
-    """The largest elastic rotation of a node at output times [rad]."""
-    sid, q = result.sids[name], elastic_coordinates(name, result)
-    _, psi = sid.shapes
-    if not psi.any() or not q.size:
-        return 0.0
-    bounds = (np.linalg.norm(psi, axis=1) @ np.abs(q).T).max(axis=1)
-    if bounds.max() <= ROTATION:
-        return float(bounds.max())
-    turns = [
-        np.linalg.norm(q @ rows.T, axis=1).max() for rows in psi[bounds > ROTATION]
-    ]
-    return float(max(turns))
 
 
 def elastic_coordinates(name: str, result: Result) -> np.ndarray:

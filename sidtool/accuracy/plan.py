@@ -187,6 +187,7 @@ def _chosen(
         sentences=sentences,
         runs=found.runs.count,
         seconds=0.0,
+        notes=reference.result.notes,
     )
     runs, choice = found.runs, chosen.choice
     model = chosen_scene(runs.scene, runs.sids, chosen)

@@ -16,6 +16,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
 
 from .candidates import Choice, as_scene, recording
+from .outside import check_inside
 
 if TYPE_CHECKING:
     from sidtool.solver.system.scene import System
@@ -138,8 +139,11 @@ class Runs:
         Raises
         ------
         InputError : the scene cannot be simulated.
+        OutsideTheory : it left linear theory so far that its numbers mean nothing.
         SimulationError : the run stopped early.
         """
+        from sidtool.solver.errors import SimulationError
+
         key = choice, setting
         kept = self._results.get(key)
         if kept is None:
@@ -147,7 +151,12 @@ class Runs:
             self._steps.next()
             with along(self._steps):
                 told = self._told(setting)
-                kept, took, _ = _timed(self._system(choice), setting, progress=told)
+                try:
+                    kept, took, _ = _timed(self._system(choice), setting, progress=told)
+                except SimulationError as stop:
+                    if stop.result is not None and stop.result.warnings:
+                        check_inside(stop.result)
+                    raise
             self._results[key], self._seconds[key] = kept, took
         return kept
 

@@ -11,7 +11,7 @@ from typing import NoReturn, TextIO
 
 import click
 
-from sidtool.formats.errors import InputError
+from sidtool.formats.errors import InputError, ValidityWarning
 from sidtool.formats.storage.operating_system import (
     DEFAULT,
     ENDING_SIGNALS,
@@ -199,7 +199,9 @@ def _tell(
     line: str | None = None,
 ) -> None:
     """Our own warnings as messages, without the line of code that they come from."""
-    if category.__module__.partition(".")[0] == "sidtool":
+    if issubclass(category, ValidityWarning):
+        click.echo(f"warning: {message}", err=True)
+    elif category.__module__.partition(".")[0] == "sidtool":
         _complain(str(message), 0)
     else:
         _show_warning(message, category, filename, lineno, file, line)

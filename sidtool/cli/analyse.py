@@ -19,6 +19,7 @@ from .common import (
     result_target,
     target,
     tell,
+    tell_notes,
 )
 
 _ACCEPT = click.option(
@@ -68,7 +69,8 @@ def static(
     Example:
       sidtool analyse static crane.toml -o rest.h5
 
-    Exit status: 0 found, 1 there is none (a body can fall), 2 the input is wrong.
+    Exit status: 0 found, 1 there is none (a body can fall), or a body deforms by more
+    than its own size, 2 the input is wrong.
     """
     from ..analysing import static_equilibrium
     from ..report.analysis import describe_equilibrium
@@ -77,6 +79,7 @@ def static(
     check_targets([result_target(output)], files_of(scene), force)
     found = _attempt(static_equilibrium, scene, changes, accept_defects=accept_defects)
     _write_result(output, found.result())
+    tell_notes(found, warn=False)
     tell(describe_equilibrium(found), lambda: equilibrium_data(found))
 
 
@@ -129,6 +132,7 @@ def modes(
                 json.dumps(modes_as_data(found), indent=1) + "\n", encoding="utf-8"
             )
         click.echo(f"{output} written")
+    tell_notes(found, warn=False)
     tell(describe_modes(found), lambda: modes_as_data(found))
 
 
@@ -184,6 +188,7 @@ def inverse(
         accept_defects=accept_defects,
     )
     _write_result(output, result)
+    tell_notes(result, warn=False)
     tell(describe_inverse(result), lambda: result_data(result))
 
 

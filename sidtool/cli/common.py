@@ -23,6 +23,7 @@ from sidtool.formats.storage.operating_system import (
 )
 
 if TYPE_CHECKING:
+    from ..report.result import Noted
     from ..scenes import Scene
 
 existing = click.Path(path_type=Path)
@@ -269,6 +270,20 @@ def for_json() -> TextIO | None:
     """Where --json writes that a command has of its own: --quiet does not hide it."""
     ctx = click.get_current_context(silent=True)
     return None if ctx is None else ctx.meta.get(_QUIET)
+
+
+def tell_notes(found: Noted, warn: bool = True) -> None:
+    """Writes the warnings of what was found to the standard error, and its other notes
+    where nothing else shows them, with --quiet.
+
+    warn : False where warnings have been written
+    """
+    for text in found.warnings if warn else ():
+        click.echo(f"warning: {text}", err=True)
+    if is_quiet():
+        for text in found.notes:
+            if text not in found.warnings:
+                click.echo(f"note: {text}", err=True)
 
 
 def tell(text: str, data: Callable[[], Any]) -> None:

@@ -26,6 +26,7 @@ from .common import (
     result_target,
     target,
     tell,
+    tell_notes,
 )
 
 if TYPE_CHECKING:
@@ -142,7 +143,11 @@ def simulate(
     program at once. On Windows these are Ctrl-C, Ctrl-Break and the end of the console;
     a program that is ended from outside leaves the files as they were.
 
-    Exit status: 0 done, or ended by an event; 1 the run stopped early (the files hold
+    A body that leaves linear theory (it deforms by more than a tenth of its size, or
+    turns elastically by more than 0.15 rad) is told as a warning on the standard error.
+
+    Exit status: 0 done, or ended by an event; 1 the run stopped early, or a body
+    deformed by more than its own size, so that the numbers mean nothing (the files hold
     what there is); 130 or 143 a signal ended it (likewise); 2 the input is wrong, and
     nothing is written.
     """
@@ -171,8 +176,8 @@ def simulate(
             result = _run(content, model, settings, files, ends)
         except SimulationError as error:
             click.echo(f"sidtool: {scene}: {error}", err=True)
-            for note in error.result.notes if error.result is not None else ():
-                click.echo(f"note: {note}", err=True)
+            if error.result is not None:
+                _tell_all_notes(error.result, str(error))
             files.tell(err=True)
             if asked.number and output is not None and not files.failed:
                 click.echo("note: the same command with --continue goes on", err=True)
@@ -189,9 +194,21 @@ def simulate(
     from ..report.data import result_data
     from ..report.result import summary
 
-    tell(summary(result, files.span), lambda: result_data(result, files.span))
+    tell_notes(result)
+    text = summary(result, files.span, warned=True)
+    tell(text, lambda: result_data(result, files.span))
     if output is None and csv is None:
         click.echo("nothing written: -o FILE.h5 keeps the result, .csv its outputs")
+
+
+def _tell_all_notes(result: Result, told: str) -> None:
+    """Notes of a run that failed, which has no summary.
+
+    told : what was said of it before
+    """
+    for text in (text for text in result.notes if text not in told):
+        kind = "warning" if text in result.warnings else "note"
+        click.echo(f"{kind}: {text}", err=True)
 
 
 def _one(targets: list[Target], kind: str) -> Path | None:

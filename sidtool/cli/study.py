@@ -20,7 +20,7 @@ from sidtool.formats.storage.operating_system import (
 )
 
 from ..interrupting import ending
-from .common import changes, existing, is_quiet, read_changed, target, tell
+from .common import changes, existing, is_quiet, read_changed, target, tell, tell_notes
 
 if TYPE_CHECKING:
     from ..study import Study
@@ -260,6 +260,7 @@ def _tell(result: Study, wanted: tuple[float, ...], folder: Path | None) -> None
     from ..study.tables import study_file, write_all
 
     wanted = wanted or WANTED
+    tell_notes(result, warn=False)
     tell(result.report(wanted), lambda: study_file(result).model_dump(mode="json"))
     if folder is not None:
         names = write_all(folder, result, wanted)

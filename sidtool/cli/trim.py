@@ -8,7 +8,16 @@ import click
 
 from sidtool.formats.errors import InputError
 
-from .common import Target, check_targets, existing, files_of, force, target, tell
+from .common import (
+    Target,
+    check_targets,
+    existing,
+    files_of,
+    force,
+    target,
+    tell,
+    tell_notes,
+)
 
 
 @click.command()
@@ -58,5 +67,6 @@ def trim(
         click.echo(f"sidtool: {scene}: the finest model {error}", err=True)
         raise click.exceptions.Exit(1) from None
     write_sid(output, found.sid)
+    tell_notes(found)
     tell("\n".join(found.sentences), found.data)
     click.echo(f"{output} written")

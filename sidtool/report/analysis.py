@@ -8,6 +8,7 @@ import numpy as np
 
 from sidtool.formats.result import Result, units_in
 
+from .result import note_lines
 from .tables import named, table
 
 if TYPE_CHECKING:
@@ -86,6 +87,7 @@ def modes_as_data(modes: Linearisation) -> dict[str, Any]:
         "position": modes.z.tolist(),
         "velocity": modes.v.tolist(),
         "notes": list(modes.notes),
+        "warnings": list(modes.warnings),
         "modes": [
             {
                 "frequency": float(modes.frequencies[k]),
@@ -113,8 +115,9 @@ def describe_inverse(result: Result) -> str:
 
 
 def _notes(result: Result | Linearisation) -> list[str]:
-    """What has to be known of the numbers, one paragraph or none."""
-    return [named(("note", text) for text in result.notes)] if result.notes else []
+    """Notes but the warnings, which are told before; one paragraph or none."""
+    lines = [line for line in note_lines(result) if line[0] == "note"]
+    return [named(lines)] if lines else []
 
 
 def _pair(value: complex) -> list[float]:

@@ -81,6 +81,7 @@ def result_data(
         if result.accuracy is None
         else result.accuracy.model_dump(mode="json"),
         "notes": list(result.notes),
+        "warnings": list(result.warnings),
         "events": [{"name": e.name, "kind": e.kind, "t": e.t} for e in result.events],
         "bodies": {name: body.after for name, body in result.bodies.items()},
         "outputs": outputs,
@@ -99,6 +100,7 @@ def equilibrium_data(found: Equilibrium) -> dict[str, Any]:
         "outputs": outputs,
         "forces": dict(zip(*forces, strict=True)),
         "notes": list(result.notes),
+        "warnings": list(result.warnings),
     }
 
 

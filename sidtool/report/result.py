@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -20,7 +21,7 @@ COUNTERS = {
     "factorisations": "factorisation",
     "newton_iterations": "Newton iteration",
 }
-#: Flexible bodies told of in a summary, those with the most stiffening.
+#: Flexible bodies in a summary: those whose numbers can be relied on least.
 MOST_BODIES = 8
 #: Events told of in a summary.
 MOST_EVENTS = 8
@@ -30,22 +31,43 @@ ADVICE = (
 )
 #: One step in so many that stability limits makes a scene stiff, as in `solver`.
 STIFF_PART = 4
+
+
+class Noted(Protocol):
+    """A result, or what an analysis found."""
+
+    @property
+    def notes(self) -> tuple[str, ...]: ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]: ...
+
+
 _DRIFT_UNITS = {"position": "m", "velocity": "m/s"}
 
 
-def summary(result: Result, span: tuple[float, float, int] | None = None) -> str:
+def summary(
+    result: Result,
+    span: tuple[float, float, int] | None = None,
+    warned: bool = False,
+) -> str:
     """A few lines after a run: span, cost, drift, notes, events, flexible bodies.
 
     span : first and last output time [s] and how many there are; default those of the
         result
+    warned : whether the warnings were told before
     """
-    known = course(result, span)
+    known = course(result, span, warned)
     if result.accuracy is None:
         return known
     return f"{known}\n\n{describe_accuracy(result.accuracy)}"
 
 
-def course(result: Result, span: tuple[float, float, int] | None = None) -> Block:
+def course(
+    result: Result,
+    span: tuple[float, float, int] | None = None,
+    warned: bool = False,
+) -> Block:
     """The same without the accuracy that was asked for."""
     entries = [
         ("motion", _span(*(span or _span_of(result)))),
@@ -55,12 +77,19 @@ def course(result: Result, span: tuple[float, float, int] | None = None) -> Bloc
     ]
     if result.message:
         entries.append(("ended" if result.completed else "stopped", result.message))
-    entries += [("note", text) for text in result.notes]
+    entries += [line for line in note_lines(result) if line[0] == "note" or not warned]
     if _is_stiff(result):
         entries.append(("advice", ADVICE))
     entries += _events(result.events)
     entries += _chosen(result.bodies, lambda body: body.after)
     return named(entries)
+
+
+def note_lines(found: Noted) -> list[tuple[str, str]]:
+    """Warnings and other notes of a result, each with its kind."""
+    return [
+        ("warning" if text in found.warnings else "note", text) for text in found.notes
+    ]
 
 
 def _is_stiff(result: Result) -> bool:
@@ -97,16 +126,12 @@ def foreseen(bodies: Mapping[str, FlexibleBody]) -> str:
 def _chosen(
     bodies: Mapping[str, FlexibleBody], tell: Callable[[FlexibleBody], str]
 ) -> list[tuple[str, str]]:
-    """Lines of the bodies with the most stiffening."""
-    order = sorted(bodies, key=lambda name: -_severity(bodies[name]))
+    """Lines of the bodies whose numbers can be relied on least, these first."""
+    order = sorted(bodies, key=lambda name: bodies[name].severity, reverse=True)
     lines = [(name, tell(bodies[name])) for name in order[:MOST_BODIES]]
-    more = len(order) - MOST_BODIES
-    return [*lines, ("...", f"and {plural(more, 'body')} with less")][: len(order)]
-
-
-def _severity(body: FlexibleBody) -> float:
-    stage = body.found or body.expected
-    return np.inf if stage.diverges else abs(stage.ratio)
+    rest = order[MOST_BODIES:]
+    more = f"and {plural(len(rest), 'body')} with less"
+    return [*lines, ("...", more)] if rest else lines
 
 
 def describe_result(result: Result) -> str:

@@ -14,6 +14,7 @@ from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.toml.files import located
 
+from ..results import warned
 from .axes import BETWEEN, parsed
 from .outcome import Study
 from .settings import Setting, default_settings
@@ -113,7 +114,7 @@ def study(
             say=progress,
             programs=programs,
         )
-    return replace(found, title=title or content.title)
+    return warned(replace(found, title=title or content.title))
 
 
 def _texts(over: Over) -> list[str]:

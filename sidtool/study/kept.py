@@ -22,7 +22,7 @@ from .measuring import Course
 from .tasks import Converted, Run
 
 #: How points are measured; those of another way are not used.
-METHOD = 1
+METHOD = 2
 
 
 class Store:
@@ -40,7 +40,8 @@ class Store:
         if found is None:
             return None
         numbers, values = found
-        numbers["names"] = tuple(numbers["names"])
+        for key in ("names", "notes", "warnings"):
+            numbers[key] = tuple(numbers[key])
         return Course(values=values, **numbers)
 
     def keep_course(self, task: Run, made: Course) -> None:
@@ -51,6 +52,8 @@ class Store:
             "seconds": made.seconds,
             "steps": made.steps,
             "message": made.message,
+            "notes": made.notes,
+            "warnings": made.warnings,
         }
         self._write(_run_key(task), numbers, made.values)
 

@@ -33,6 +33,7 @@ class Course:
     rate : the largest velocity of the state
     seconds : the least solve time of several runs
     message : why there is no run, and nothing else then
+    notes, warnings : of the result, of references alone
     """
 
     names: tuple[str, ...]
@@ -42,6 +43,8 @@ class Course:
     seconds: float = np.inf
     steps: int = 0
     message: str = ""
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
         """Outputs (nt, n); zero where the model has none."""
@@ -58,8 +61,11 @@ def failed(message: str) -> Course:
     return Course((), np.zeros((0, 0)), message=message)
 
 
-def course(result: Result, seconds: float | None = None) -> Course:
-    """Of a result."""
+def course(result: Result, seconds: float | None = None, noted: bool = False) -> Course:
+    """Of a result.
+
+    noted : with its notes, which take time to find
+    """
     return Course(
         result.names,
         np.asarray(result.values),
@@ -67,6 +73,8 @@ def course(result: Result, seconds: float | None = None) -> Course:
         float(np.abs(result.velocities).max(initial=0.0)),
         float(result.counters["seconds"]) if seconds is None else seconds,
         int(result.counters["steps"]),
+        notes=result.notes if noted else (),
+        warnings=result.warnings if noted else (),
     )
 
 

@@ -52,6 +52,16 @@ class Study:
         """Whether nothing but integrators and tolerances vary."""
         return not set(self.varied) - {"integrator"}
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Of the run that errors are measured against."""
+        return self.reference.notes
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Those of the notes that say that numbers may be wrong."""
+        return self.reference.warnings
+
     def front(self, cost: str = "seconds") -> list[Point]:
         """Points of which none other has less error for no more cost, the cheapest
         first.

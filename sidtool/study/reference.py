@@ -57,6 +57,7 @@ class Reference:
     unconverged : outputs that mesh and modes still change by a large part
     seconds : solve time of the tighter one
     model : what it is a run of
+    notes, warnings : of the tighter run
     """
 
     names: tuple[str, ...]
@@ -68,6 +69,8 @@ class Reference:
     seconds: float
     unconverged: Mapping[str, float] = field(default_factory=dict)
     model: str = ""
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def uncertainty(self) -> float:
@@ -170,6 +173,8 @@ def reference_of(
         seconds=tight.seconds,
         unconverged=unconverged,
         model=model,
+        notes=tight.notes,
+        warnings=tight.warnings,
     )
 
 

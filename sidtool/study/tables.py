@@ -11,7 +11,8 @@ import numpy as np
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.study import StudyFile, StudyPoint, write_study
 
-from ..report.tables import table
+from ..report.result import note_lines
+from ..report.tables import named, table
 from .outcome import Study
 from .points import Point, front, recommended
 from .reference import changing, differing
@@ -171,6 +172,9 @@ def remarks(result: Study) -> list[str]:
             f"{result.differ + 1} adds more; those that are kept are not computed "
             "again."
         )
+    if result.notes:
+        lines = note_lines(result)
+        parts.append(f"Notes of the reference\n{named(lines)}")
     return parts
 
 
@@ -201,6 +205,8 @@ def study_file(result: Study) -> StudyFile:
         uncertainty=reference.uncertainty,
         reference=reference.model,
         varied=result.varied,
+        notes=result.notes,
+        warnings=result.warnings,
         points=points,
     )
 

@@ -89,7 +89,7 @@ def run(task: Run) -> Course:
         result, seconds = timed(system, task.setting, 1 if task.once else REPEATS)
     except (InputError, SimulationError) as error:
         return failed(str(error))
-    return course(result, seconds)
+    return course(result, seconds, noted=task.once)
 
 
 def _silent(_: str) -> None:

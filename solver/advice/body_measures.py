@@ -8,6 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from sidtool.formats.result import FlexibleBody
+from sidtool.formats.result.bodies import (
+    LARGE,
+    LARGE_ROTATION,
+    MEANINGLESS,
+    describe_deformation,
+    limit_sentences,
+)
 from sidtool.formats.sid import SID, Array
 from sidtool.formats.sid_mass import body_size
 from sidtool.formats.stiffening import Stiffening
@@ -100,6 +107,7 @@ class Reached:
                 if body.found
                 else largest,
                 deflection=deflection(sid, q, body.deflection),
+                rotation=elastic_rotation(sid, q, body.rotation),
             )
 
     def _inertia(self, samples: Samples, times: Array) -> dict[str, float]:
@@ -154,27 +162,89 @@ def _joined(before: Stiffening | None, found: Stiffening) -> Stiffening:
 def deflection(sid: SID, q: Array, least: float) -> float:
     """Largest displacement of a node over the size of the body, `least` at least.
 
-    The sum of |Phi_l| |q_l| bounds it: the largest bounds are looked at first.
+    q : (nt, nq)
     """
     size = body_size(sid)
     if not sid.nodes or not size:
         return 0.0
     shapes = np.array([node.phi.m0 for node in sid.nodes])
+    return _largest(shapes, q, least * size) / size
+
+
+def elastic_rotation(sid: SID, q: Array, least: float) -> float:
+    """Largest rotation of a node by deformation, q (nt, nq), `least` at least [rad]."""
+    if not sid.nodes:
+        return 0.0
+    return _largest(np.array([node.psi.m0 for node in sid.nodes]), q, least)
+
+
+def bound_deformation(sid: SID, largest: Array) -> tuple[float, float]:
+    """Bounds of `deflection` and `elastic_rotation` where |q| (nq,) is not exceeded."""
+    size, bounds = body_size(sid), []
+    for part in ("phi", "psi") if sid.nodes else ():
+        shapes = np.array([getattr(node, part).m0 for node in sid.nodes])
+        bounds.append(float((np.linalg.norm(shapes, axis=1) @ largest).max()))
+    if not bounds:
+        return 0.0, 0.0
+    return (bounds[0] / size if size else 0.0), bounds[1]
+
+
+def _largest(shapes: Array, q: Array, least: float) -> float:
+    """Largest length of shapes (nodes, 3, nq) times q (nt, nq), `least` at least.
+
+    The sum of |Phi_l| |q_l| bounds it: the largest bounds are looked at first.
+    """
     lengths = np.linalg.norm(shapes, axis=1)
     bounds = np.zeros(len(q))
     for part in _parts(len(q), len(shapes)):
         bounds[part] = np.nan_to_num((np.abs(q[part]) @ lengths.T).max(axis=1))
-    order, found = np.argsort(-bounds), least * size
+    order, found = np.argsort(-bounds), least
     for part in _parts(len(q), shapes.size):
         rows = order[part]
         if bounds[rows[0]] <= found:
             break
         u = np.einsum("tl,nal->tna", q[rows], shapes)
         found = max(found, float(np.nanmax(np.linalg.norm(u, axis=2))))
-    return found / size
+    return found
 
 
 def _parts(count: int, numbers: int) -> Iterator[slice]:
     """Rows in groups that are not large, of so many numbers each."""
     size = max(1, NUMBERS // max(numbers, 1))
     yield from (slice(first, first + size) for first in range(0, count, size))
+
+
+def find_state_warnings(system: System, z: Array) -> tuple[str, ...]:
+    """One sentence for each body beyond linear theory, the worst first.
+
+    z : (nt, n positions) states
+    """
+    excess, sentences = {}, {}
+    for name, (bent, turned) in _measure_deformations(system, z).items():
+        excess[name] = max(bent / LARGE, turned / LARGE_ROTATION)
+        sentences[name] = describe_deformation(name, bent, turned)
+    order = sorted(excess, key=lambda name: -excess[name])
+    return limit_sentences([(n, sentences[n]) for n in order if sentences[n]])
+
+
+def find_state_failure(system: System, z: Array) -> str:
+    """Why states z (nt, n positions) mean nothing; empty where they mean something."""
+    found = _measure_deformations(system, z)
+    worst = max(found, key=lambda name: found[name][0], default="")
+    if not worst or not found[worst][0] > MEANINGLESS:
+        return ""
+    return (
+        f"gives numbers without meaning: {describe_deformation(worst, *found[worst])}"
+    )
+
+
+def _measure_deformations(system: System, z: Array) -> dict[str, tuple[float, float]]:
+    """Largest deflection over size, and largest elastic rotation [rad], by body."""
+    found = {}
+    for data in system.flexible if len(z) else ():
+        row = system.arrays.body[system.index(data.name)]
+        end = int(row[at.POS] + row[at.NP])
+        q = z[:, end - int(row[at.NQ]) : end]
+        bent = deflection(data.sid, q, 0.0), elastic_rotation(data.sid, q, 0.0)
+        found[data.name] = bent
+    return found

@@ -47,7 +47,7 @@ NEARLY_SINGULAR = 0.01
 
 
 def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
-    """The failure, and the bodies that deform without bound as its cause.
+    """The failure, and the bodies that were found to deform without bound.
 
     Where the failure is that of lost inertia, loads and stiffness at the end are those
     of no body, and nothing is told of them.
@@ -55,10 +55,8 @@ def explained(failure: str, bodies: Mapping[str, FlexibleBody]) -> str:
     if not failure or INERTIA_LOST in failure:
         return failure
     for name, body in bodies.items():
-        for stage in (body.found, body.expected):
-            if stage is not None and stage.diverges:
-                failure += f"; {name} {stage.sentence()}"
-                break
+        if body.found is not None and body.found.diverges:
+            failure += f"; {name} {body.found.sentence()}"
     return failure
 
 

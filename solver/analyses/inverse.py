@@ -8,6 +8,8 @@ what a transient run comes to when the motion is slow against the vibrations.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sidtool.formats.errors import InputError
@@ -15,6 +17,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.scene import output_times
 from sidtool.formats.sid import Array
 
+from ..advice.body_measures import find_state_failure
 from ..errors import SimulationError
 from ..space import layout as at
 from ..start.assembly import Start, assemble
@@ -62,8 +65,8 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     InputError : something can move that no drive prescribes, or the load of a joint
         with friction is not determined.
     SimulationError : the drives lead to a position that cannot be reached or to a
-        singular configuration, or a body is too soft for a quasi-static deformation;
-        its `result` holds what comes before.
+        singular configuration, or a body is too soft for a quasi-static deformation or
+        deforms by more than its own size; its `result` holds what there is.
     """
     refuse_prescribed(system)
     refuse_states(system, SIMULATE)
@@ -82,7 +85,11 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
             done = np.array(times[: len(states)])
             error.result = recorded(system, kind, done, states, str(error))
             raise
-    return recorded(system, kind, times, states)
+    found = recorded(system, kind, times, states)
+    if failure := find_state_failure(system, found.positions):
+        found = replace(found, completed=False, message=failure)
+        raise SimulationError(failure, found)
+    return found
 
 
 def refuse_states(system: System, instead: str = "") -> None:

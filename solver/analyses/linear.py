@@ -13,6 +13,7 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
+from ..advice.body_measures import find_state_warnings
 from ..recording.outputs import velocity_names
 from ..start.assembly import assemble
 from ..system.scene import System
@@ -48,7 +49,8 @@ class Linearisation:
         largest entry 1
     names : of the velocity coordinates
     z, v : the state
-    notes : what has to be known of it
+    notes : what has to be known of it, and of the state
+    warnings : those of the notes that say that numbers may be wrong
     """
 
     eigenvalues: np.ndarray
@@ -59,6 +61,7 @@ class Linearisation:
     z: Array
     v: Array
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 def linearise(
@@ -80,11 +83,13 @@ def linearise(
     ------
     InputError : there is no such state, or the start cannot be assembled, or friction
         of a joint has no derivative there.
-    SimulationError : there is no static equilibrium, the state is a singular
-        configuration, or its inertia is not positive.
+    SimulationError : there is no static equilibrium, a body deforms by more than its
+        own size in it, the state is a singular configuration, or its inertia is not
+        positive.
     """
     refuse_prescribed(system)
     system, told = unsampled(system)
+    of_state: tuple[str, ...] = ()
     if about not in STATES:
         raise InputError(f"found {about!r}", expected=f"one of {', '.join(STATES)}")
     if state is not None:
@@ -93,7 +98,7 @@ def linearise(
         _check_size(system, z, v)
     elif about == "static":
         found = static_equilibrium(system)
-        system, z, v = found.system, found.z, found.v
+        system, z, v, of_state = found.system, found.z, found.v, found.notes
     else:
         system, start = assemble(system)
         z, v = start.z, start.v
@@ -104,8 +109,10 @@ def linearise(
     matrix, motion, moved = state_matrix(mechanics, z, v, spins)
     unsteady = _unsteady(mechanics, matrix, motion, moved, z, v, spins)
     seen = () if unsteady and CHANGING in seen else seen
-    notes = (*unsteady, *seen, *mechanics.notes(), *told)
-    return replace(_modes(mechanics, matrix, moved, z, v), notes=notes)
+    warnings = find_state_warnings(system, z[None])
+    notes = (*warnings, *of_state, *unsteady, *seen, *mechanics.notes(), *told)
+    modes = _modes(mechanics, matrix, moved, z, v)
+    return replace(modes, notes=tuple(dict.fromkeys(notes)), warnings=warnings)
 
 
 def _unsteady(

@@ -11,6 +11,7 @@ from sidtool.formats.result import Result
 from sidtool.formats.sid import Array
 from sidtool.formats.storage.versions import versions
 
+from ..advice.body_measures import find_state_warnings
 from ..advice.notes import Remarks, of_programs
 from ..errors import SimulationError
 from ..recording import outputs
@@ -72,6 +73,8 @@ def recorded(
     undefined = remarks.undefined()
     if undefined:
         raise SimulationError(undefined[0])
+    warnings = find_state_warnings(system, z)
+    told = (*warnings, *notes, *of_programs(system), *remarks.sentences())
     return Result(
         title=system.scene.title,
         names=found.names,
@@ -89,7 +92,8 @@ def recorded(
         ),
         sids=system.sids,
         versions=versions(),
-        notes=(*notes, *of_programs(system), *remarks.sentences()),
+        notes=tuple(dict.fromkeys(told)),
+        warnings=warnings,
         completed=not message,
         message=message,
     )

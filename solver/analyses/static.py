@@ -11,17 +11,16 @@ is not symmetric: it is shifted until x' = force decays in its neighbourhood.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sidtool.formats.result import Result
-from sidtool.formats.result.bodies import LARGE
 from sidtool.formats.scene.laws import Expression, Pid
 from sidtool.formats.sid import Array
 
 from ..advice.asked.questions import questions
-from ..advice.body_measures import deflection
+from ..advice.body_measures import find_state_failure, find_state_warnings
 from ..advice.stopping import lost_inertia
 from ..errors import SimulationError
 from ..recording.outputs import velocity_names
@@ -61,6 +60,7 @@ class Equilibrium:
     iterations : Newton steps taken
     system : the assembled scene, its drives and forces held at their values
     notes : what has to be known of it
+    warnings : those of the notes that say that numbers may be wrong
     """
 
     z: Array
@@ -70,6 +70,7 @@ class Equilibrium:
     iterations: int
     system: System
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def result(self) -> Result:
         """The scene's outputs in equilibrium, as a result of one time."""
@@ -90,8 +91,9 @@ def static_equilibrium(system: System) -> Equilibrium:
     Raises
     ------
     InputError : the start position cannot be assembled.
-    SimulationError : there is no equilibrium near, a body may fall freely, or joints
-        come apart on the way there.
+    SimulationError : there is no equilibrium near, a body may fall freely, joints come
+        apart on the way there, or a body deforms by more than its own size; its
+        `result` holds such a state.
     """
     refuse_prescribed(system)
     system, told = unsampled(system)
@@ -111,13 +113,24 @@ def static_equilibrium(system: System) -> Equilibrium:
             largest = max(largest, mechanics.force_size(z))
         residual = float(np.linalg.norm(force) / max(largest, 1e-300))
         if motion.shape[1] == 0 or residual < BALANCED or size == 0.0:
-            notes = (*_checked(mechanics), *at_limits(system, mechanics.work))
+            warnings = find_state_warnings(system, z[None])
+            notes = (
+                *warnings,
+                *_checked(mechanics),
+                *at_limits(system, mechanics.work),
+            )
             notes += _unstable(mechanics, z, motion, left)
-            notes += (*_far(mechanics, z), *questions(system), *told)
+            notes += (*questions(system), *told)
             notes += _without_friction(system)
             v = np.zeros(system.n_velocities)
             v[velocities] = z[places]
-            return Equilibrium(z, v, left, residual, iteration, system, notes)
+            found = Equilibrium(
+                z, v, left, residual, iteration, system, notes, warnings
+            )
+            if failure := find_state_failure(system, z[None]):
+                useless = replace(found.result(), completed=False, message=failure)
+                raise SimulationError(failure, useless)
+            return found
         step = motion @ _newton_step(mechanics, z, motion, force, left)
         z = _line_search(mechanics, z, step, motion @ force)
         best = min(best, residual)
@@ -139,21 +152,6 @@ def _pushed(system: System, force: Array) -> str:
         if row[at.VEL] <= largest < row[at.VEL] + row[at.NV]:
             return body.name
     return "no body"
-
-
-def _far(mechanics: Mechanics, z: Array) -> Iterator[str]:
-    """Of bodies that leave the small deformations that a SID describes."""
-    system = mechanics.system
-    for row, body in zip(system.arrays.body, system.bodies, strict=True):
-        end = int(row[at.POS] + row[at.NP])
-        if not body.of_scene or not row[at.NQ]:
-            continue
-        share = deflection(body.sid, z[None, end - int(row[at.NQ]) : end], 0.0)
-        if share > LARGE:
-            yield (
-                f"{body.name} deforms by {share:.2g} of its size, beyond the small "
-                "deformations that a SID describes"
-            )
 
 
 def _checked(mechanics: Mechanics) -> tuple[str, ...]:

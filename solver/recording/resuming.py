@@ -53,13 +53,14 @@ class Past:
             name: max(value, self.done.drift.get(name, 0.0))
             for name, value in rest.drift.items()
         }
+        before = [n for n in self.done.notes if n not in self.done.warnings]
         told = f"the run went on at t = {self.t:.9g} s, where it had been ended"
         return replace(
             rest,
             counters=counters,
             drift=drift,
             events=(*self.done.events, *rest.events),
-            notes=tuple(dict.fromkeys((*self.done.notes, *rest.notes, told))),
+            notes=tuple(dict.fromkeys((*rest.warnings, *before, *rest.notes, told))),
         )
 
 

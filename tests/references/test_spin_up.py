@@ -31,7 +31,11 @@ PULLED = {
 
 def tip(sid: SID, end: float) -> tuple[Result, np.ndarray, np.ndarray]:
     """The run, and the tip's first-order displacement along and across the beam."""
-    result = sidtool.simulate(spin_up(end), sids={"beam": sid})
+    try:
+        result = sidtool.simulate(spin_up(end), sids={"beam": sid})
+    except sidtool.SimulationError as stop:  # of what deforms without bound
+        assert stop.result is not None
+        result = stop.result
     q = np.stack([result[f"beam.q{i + 1}"] for i in range(sid.nq)], axis=1)
     u = q @ sid.node(2).phi.m0.T
     return result, u[:, 0], u[:, 1]
@@ -94,5 +98,5 @@ def test_without_stiffening_the_beam_diverges(mesh: dict[str, Any]) -> None:
     result, _, across = tip(sid, 15.0)
     assert across[-1] == pytest.approx(-8.08e10, rel=5e-3)
     body = result.bodies["beam"]
-    assert body.diverges
+    assert body.diverges and not result.completed
     assert "the SID lacks the geometric stiffening" in body.after

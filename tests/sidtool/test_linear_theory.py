@@ -1,0 +1,163 @@
+"""Where linear theory ends, it is told everywhere; beyond it there is no result.
+
+A cantilever under a tip force F has the deflection F L^3 / (3 E I) and the tip
+rotation F L^2 / (2 E I): these tell which of the runs leave the theory.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+import sidtool
+from sidtool.accuracy import OutsideTheory, cached
+from sidtool.cli import cli
+from sidtool.formats.result import read_result
+from sidtool.formats.sid_files import write_sid
+from tests.solver.scenes import scene
+from tests.steel_bars import steel_bar
+
+#: E I of the bar of 1 m, 40 mm wide and 20 mm high, in N m^2.
+STIFFNESS = 2.1e11 * 0.04 * 0.02**3 / 12.0
+#: Static deflections of the tip under a force in [m], and that of a force that is let
+#: go at once: the double.
+SAFE, FAR, USELESS = 0.02, 0.15, 3.0
+
+
+def loaded(share: float, count: int = 1, **more: Any) -> Any:
+    """Bars on a wall, the last one under a force that bends it by a share of 1 m."""
+    names = [f"b{k + 1}" for k in range(count)]
+    bar = {"sid": "bar.SID_FEM", "markers": {"a": 1, "b": 2}}
+    joints = {
+        f"wall_{name}": {"type": "fixed", "markers": ["ground", f"{name}.a"]}
+        for name in names
+    }
+    force = {"type": "force", "marker": f"{names[-1]}.b"}
+    push = force | {"force": [0.0, -3.0 * STIFFNESS * share]}
+    return scene(
+        dict.fromkeys(names, bar),
+        joints,
+        forces={"push": push},
+        end=0.1,
+        outputs={"record": [f"{names[-1]}.b.uy"]},
+        **more,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scenes as files, beside the SID of their bars."""
+    path: Path = tmp_path_factory.mktemp("bars")
+    write_sid(path / "bar.SID_FEM", steel_bar(width=0.04, modes=6))
+    made = {"safe": (SAFE,), "far": (FAR,), "useless": (USELESS,), "nine": (FAR, 9)}
+    for name, arguments in made.items():
+        text = loaded(*arguments).model_dump_json(by_alias=True, exclude_none=True)
+        (path / f"{name}.json").write_text(text)
+    return path
+
+
+def command(*arguments: object) -> Any:
+    return CliRunner().invoke(cli, [str(argument) for argument in arguments])
+
+
+def test_a_deflection_beyond_the_theory_is_a_warning_everywhere(folder: Path) -> None:
+    kept = folder / "far.h5"
+    with pytest.warns(sidtool.ValidityWarning, match="b1"):
+        result = sidtool.simulate(folder / "far.json")
+    body = result.bodies["b1"]
+    assert body.deflection == pytest.approx(2.0 * FAR, rel=0.05)
+    assert body.rotation == pytest.approx(1.5 * 2.0 * FAR, rel=0.1)
+    (told,) = result.warnings
+    assert result.notes[0] == told and "b1" in told
+
+    for quiet in ((), ("--quiet",)):
+        found = command("simulate", folder / "far.json", "-o", kept, "--force", *quiet)
+        assert found.exit_code == 0
+        assert told in found.stderr and told not in found.stdout
+    assert read_result(kept).warnings == (told,)
+    assert read_result(kept).bodies["b1"].rotation == body.rotation
+    assert told in command("info", kept).stdout
+    found = command("simulate", folder / "far.json", "--json")
+    assert json.loads(found.stdout)["warnings"] == [told] and told in found.stderr
+
+
+def test_within_the_theory_nothing_is_told(folder: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", sidtool.ValidityWarning)
+        assert sidtool.simulate(folder / "safe.json").warnings == ()
+        assert sidtool.static_equilibrium(folder / "safe.json").warnings == ()
+    assert "warning" not in command("simulate", folder / "safe.json").stderr
+
+
+def test_numbers_without_meaning_are_an_error(folder: Path) -> None:
+    """The bar bends by six times its length: exit status 1, and the files hold it."""
+    kept = folder / "useless.h5"
+    with pytest.raises(sidtool.SimulationError) as stop:
+        sidtool.simulate(folder / "useless.json")
+    result = stop.value.result
+    assert result is not None and not result.completed and result.message
+    assert result.t[-1] == pytest.approx(0.1) and result.warnings
+    again = ("simulate", folder / "useless.json", "-o", kept)
+    for arguments in (again, (*again, "--continue")):
+        assert command(*arguments).exit_code == 1
+        assert not read_result(kept).completed and read_result(kept).message
+    for analysis in ("static", "modes"):
+        found = command("analyse", analysis, folder / "useless.json")
+        assert found.exit_code == 1 and "b1" in found.stderr
+
+
+def test_the_worst_body_is_never_cut_off(folder: Path) -> None:
+    found = command("simulate", folder / "nine.json")
+    assert "b9 " in found.stderr
+    summary = found.stdout.partition("\ndrift ")[2].splitlines()
+    bodies = [line.split()[0] for line in summary if line.startswith("b")]
+    assert len(bodies) == 8 and bodies[0] == "b9"
+
+
+def test_analyses_of_a_state_carry_its_warnings(folder: Path) -> None:
+    with pytest.warns(sidtool.ValidityWarning):
+        rest = sidtool.static_equilibrium(folder / "far.json")
+    with pytest.warns(sidtool.ValidityWarning):
+        modes = sidtool.linearise(folder / "far.json")
+    deflection = abs(rest.result().values[0, 0])
+    assert deflection == pytest.approx(FAR, rel=0.02)
+    assert rest.warnings and rest.warnings == modes.warnings
+    assert set(rest.notes) <= set(modes.notes)
+    assert rest.result().warnings == rest.warnings
+    for analysis in ("static", "modes"):
+        found = command("analyse", analysis, folder / "far.json", "--json")
+        assert found.exit_code == 0
+        assert json.loads(found.stdout)["warnings"] == list(rest.warnings)
+
+
+def test_a_study_carries_the_notes_of_its_reference(folder: Path) -> None:
+    settings: Any = {"integrators": ["radau5"], "rtol": [1e-3]}
+    with pytest.warns(sidtool.ValidityWarning, match="b1"):
+        found = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
+    (told,) = found.warnings
+    assert found.notes[0] == told and told in found.report()
+    with pytest.warns(sidtool.ValidityWarning, match="b1"):  # of what was kept
+        again = sidtool.study(folder / "far.json", folder=folder / "kept", **settings)
+    assert again.notes == found.notes
+    assert not sidtool.study(folder / "safe.json", **settings).warnings
+
+
+def test_accuracy_refuses_from_where_a_run_warns(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One threshold for both: a tenth of the size."""
+    monkeypatch.setattr(cached, "folder", lambda: tmp_path)
+    sids = {"b1": folder / "bar.SID_FEM"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", sidtool.ValidityWarning)
+        below = sidtool.simulate(loaded(0.045), sids=sids)
+    with pytest.warns(sidtool.ValidityWarning):
+        above = sidtool.simulate(loaded(0.055), sids=sids)
+    assert below.bodies["b1"].deflection < 0.1 < above.bodies["b1"].deflection
+    with pytest.raises(OutsideTheory, match="b1"):
+        sidtool.simulate(loaded(0.055), sids=sids, accuracy=1e-2)
