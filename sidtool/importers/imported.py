@@ -43,6 +43,7 @@ class RawCoupling:
         mean motion
     reference : label of the reference node, None where the file has none
     turns : whether nodes that turn by themselves turn with the rigid piece
+    directions : 1 to 6, in which the nodes of a rigid piece follow it
     by_area : whether a node weighs in the mean by its share of the surface
     weights : of the nodes in the mean; none where these weigh alike
     """
@@ -55,6 +56,7 @@ class RawCoupling:
     turns: bool = True
     by_area: bool = False
     weights: tuple[float, ...] = ()
+    directions: str = "123456"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components
 from sidtool.formats.errors import InputError
 
 from ...importers.imported import ImportedMesh
-from ...importers.imported_bars import RawBar
 from ..beams.element import transport
 from ..mesh.data import Mesh
 from ..named_sets import NamedSets
@@ -34,12 +33,14 @@ class BarNodes:
     mesh : all nodes [m]
     row : label -> row of the mesh
     owner : node -> the node that it is fixed to
+    partial : node -> the node that it follows in some directions, and these from 0
     table : (n, 6) degrees of freedom, -1 for none
     """
 
     mesh: Mesh
     row: Mapping[int, int]
     owner: Mapping[int, int]
+    partial: Mapping[int, tuple[int, tuple[int, ...]]]
     table: Indices
 
     def place(self, label: int) -> Array:
@@ -51,7 +52,14 @@ class BarNodes:
         base = self.owner.get(label, label)
         dofs = self.table[self.row[base]]
         there = dofs >= 0
-        return transport(place - self.place(base))[:, there], dofs[there]
+        own, dofs = np.eye(6)[:, there], dofs[there]
+        if base in self.partial:
+            reference, tied = self.partial[base]
+            found, others = self.motion(reference, self.place(base))
+            follow = np.zeros_like(found)
+            follow[list(tied)] = found[list(tied)]
+            own, dofs = np.hstack([own, follow]), np.concatenate([dofs, others])
+        return transport(place - self.place(base)) @ own, dofs
 
 
 def bar_nodes(imported: ImportedMesh, mesh: Mesh) -> BarNodes:
@@ -63,18 +71,64 @@ def bar_nodes(imported: ImportedMesh, mesh: Mesh) -> BarNodes:
     """
     row = {int(label): i for i, label in enumerate(mesh.labels)}
     owner = _owners(imported, row)
+    ends_of_bars = {n for bar in imported.bars for n in bar.nodes}
+    partial = _followers(imported, owner, ends_of_bars)
     table = np.full((len(row), 6), -1, np.int64)
     ends = [(owner.get(n, n), b) for b in imported.bars for n in b.nodes]
     turning = {n for n, bar in ends if bar.y_axis is not None} | set(owner.values())
-    used = sorted({row[n] for n, _ in ends} | {row[n] for n in owner.values()})
+    leaders = {owner.get(n, n) for n, _ in partial.values()}
+    turning |= leaders
+    used = sorted(
+        {row[n] for n, _ in ends} | {row[n] for n in {*owner.values(), *leaders}}
+    )
     wide = {row[n] for n in turning}
+    followed = {row[n]: tied for n, (_, tied) in partial.items()}
     count = 0
     for i in used:
-        size = 6 if i in wide else 3
-        table[i, :size] = np.arange(count, count + size)
-        count += size
-    _check_connected(imported.bars, owner, row, used, mesh)
-    return BarNodes(mesh, row, owner, table)
+        free = [d for d in range(6 if i in wide else 3) if d not in followed.get(i, ())]
+        table[i, free] = np.arange(count, count + len(free))
+        count += len(free)
+    pairs = [bar.nodes for bar in imported.bars]
+    pairs += [(n, reference) for n, (reference, _) in partial.items()]
+    _check_connected(pairs, owner, row, used, mesh)
+    return BarNodes(mesh, row, owner, partial, table)
+
+
+def _followers(
+    imported: ImportedMesh, owner: Mapping[int, int], used: set[int]
+) -> dict[int, tuple[int, tuple[int, ...]]]:
+    """Nodes of bars that follow a reference node in some directions.
+
+    Raises
+    ------
+    InputError : a node is held twice, or nodes follow each other in a ring.
+    """
+    result: dict[int, tuple[int, tuple[int, ...]]] = {}
+    for coupling in imported.couplings:
+        if not coupling.rigid or coupling.turns:
+            continue
+        assert coupling.reference is not None
+        tied = tuple(int(d) - 1 for d in coupling.directions)
+        for node in coupling.nodes:
+            if node in result or node in owner or node == coupling.reference:
+                raise InputError(
+                    f"{coupling.name} holds node {node}, which is held already",
+                    place=coupling.place,
+                    expected="every node in one rigid piece",
+                )
+            if node in used or node in owner.values():
+                result[node] = coupling.reference, tied
+    for node in result:
+        seen, base = {node}, owner.get(result[node][0], result[node][0])
+        while base in result:
+            if base in seen:
+                raise InputError(
+                    f"node {node} is held by rigid couplings in a ring",
+                    expected="rigid couplings without rings",
+                )
+            seen.add(base)
+            base = owner.get(result[base][0], result[base][0])
+    return result
 
 
 def _owners(imported: ImportedMesh, row: Mapping[int, int]) -> dict[int, int]:
@@ -88,7 +142,7 @@ def _owners(imported: ImportedMesh, row: Mapping[int, int]) -> dict[int, int]:
                     place=coupling.place,
                     expected="nodes of this file",
                 )
-        for node in coupling.nodes:
+        for node in coupling.nodes if coupling.turns else ():
             if node in direct or node == coupling.reference:
                 raise InputError(
                     f"{coupling.name} holds node {node}, which is held already",
@@ -113,14 +167,14 @@ def _owners(imported: ImportedMesh, row: Mapping[int, int]) -> dict[int, int]:
 
 
 def _check_connected(
-    bars: tuple[RawBar, ...],
+    joined: Sequence[tuple[int, int]],
     owner: Mapping[int, int],
     row: Mapping[int, int],
     used: list[int],
     mesh: Mesh,
 ) -> None:
     number = {i: k for k, i in enumerate(used)}
-    pairs = [[number[row[owner.get(n, n)]] for n in bar.nodes] for bar in bars]
+    pairs = [[number[row[owner.get(n, n)]] for n in pair] for pair in joined]
     i, j = np.array(pairs).T
     graph = sp.csr_matrix((np.ones(len(i)), (i, j)), shape=(len(used),) * 2)
     count, part = connected_components(graph, directed=False)

@@ -219,13 +219,12 @@ def _check_choices(model: ModelFile, imported: ImportedMesh) -> None:
                 "is not for bars", place=place, expected="what the file says of them"
             )
     held = [e.place for e in imported.equations]
-    held += [c.place for c in imported.couplings if not (c.rigid and c.turns)]
+    held += [c.place for c in imported.couplings if not c.rigid]
     if held:
         raise InputError(
-            "MPC, RBE3 and RBE2 without all six directions beside bars are not "
-            "supported",
+            "MPC and RBE3 beside bars are not supported",
             place=held[0],
-            expected="RBE2 with CM = 123456; geometry.ignore leaves cards out",
+            expected="RBE2 and RBAR; geometry.ignore leaves cards out",
         )
 
 
@@ -362,7 +361,9 @@ def _limits(bars: tuple[RawBar, ...], nodes: BarNodes) -> list[str]:
         and any(len(nodes.motion(n, nodes.place(n))[1]) < 6 for n in bar.nodes)
         for bar in bars
     )
-    arms = bool(nodes.owner) or any(any(w) for b in bars for w in b.offsets)
+    arms = bool(nodes.owner or nodes.partial) or any(
+        any(w) for b in bars for w in b.offsets
+    )
     return [_TWIST] * lost + [_ARMS] * arms
 
 

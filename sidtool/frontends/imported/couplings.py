@@ -81,6 +81,12 @@ def body_couplings(
 def _check_members(
     coupling: RawCoupling, defined: Container[int], used: Container[int]
 ) -> None:
+    if not {*"123"} <= set(coupling.directions):
+        raise InputError(
+            f"{coupling.name} holds the directions {coupling.directions}",
+            place=coupling.place,
+            expected="1, 2 and 3 with or without rotations",
+        )
     named = (*coupling.nodes, coupling.reference)
     lost = [n for n in named if n is not None and n not in defined]
     free = [] if coupling.rigid else [n for n in coupling.nodes if n not in used]

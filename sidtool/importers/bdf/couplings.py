@@ -14,20 +14,20 @@ from .systems import Frames
 
 
 def rbe2(card: Card) -> RawCoupling:
-    """EID, GN, CM, GM1, GM2, ...: with all three displacements a rigid piece.
+    """EID, GN, CM, GM1, GM2, ...: nodes that follow a rigid piece, in some directions.
 
     Raises
     ------
-    InputError : it holds other directions.
+    InputError : it holds no directions.
     """
     label, node = (card.integer(i, "a number") for i in (0, 1))
-    _check_directions(card, f"RBE2 {label} holds", card.word(2))
+    held = _directions(card, f"RBE2 {label} holds", card.word(2))
     words = [word for word in card.words[3:] if word]
     while words and is_real(words[-1]):  # ALPHA and TREF
         words.pop()
     nodes = tuple(members(words, card.place))
-    turns = set(card.word(2)) == set("123456")
-    return RawCoupling(f"RBE2 {label}", True, nodes, node, card.place, turns)
+    name, turns = f"RBE2 {label}", held == "123456"
+    return RawCoupling(name, True, nodes, node, card.place, turns, directions=held)
 
 
 def rbar(card: Card) -> RawCoupling:
@@ -35,7 +35,7 @@ def rbar(card: Card) -> RawCoupling:
 
     Raises
     ------
-    InputError : no end has all six independent directions, or the other holds others.
+    InputError : no end has all six independent directions, or the other holds none.
     """
     label, a, b = (card.integer(i, "a number") for i in (0, 1, 2))
     independent = [card.word(i) for i in (3, 4)]
@@ -46,10 +46,20 @@ def rbar(card: Card) -> RawCoupling:
             expected="123456 at one end and none at the other",
         )
     node, other, held = (a, b, card.word(6)) if independent[0] else (b, a, card.word(5))
-    held = held or "123456"
-    _check_directions(card, f"RBAR {label} holds", held)
-    turns = set(held) == set("123456")
-    return RawCoupling(f"RBAR {label}", True, (other,), node, card.place, turns)
+    held = _directions(card, f"RBAR {label} holds", held or "123456")
+    name, turns = f"RBAR {label}", held == "123456"
+    return RawCoupling(name, True, (other,), node, card.place, turns, directions=held)
+
+
+def _directions(card: Card, what: str, word: str) -> str:
+    """The directions of a word, rising."""
+    if not set(word) or not set(word) <= set("123456"):
+        raise InputError(
+            f"{what} the directions {word or '(none)'}",
+            place=card.place,
+            expected="digits from 1 to 6",
+        )
+    return "".join(sorted(set(word)))
 
 
 def rbe3(card: Card) -> RawCoupling:

@@ -16,6 +16,7 @@ from ...frontends.elements.reference import reference_element
 from ..imported import (
     EVERYTHING,
     ImportedMesh,
+    RawCoupling,
     RawElement,
     assembled_mesh,
     points_mesh,
@@ -341,6 +342,21 @@ def _check_alike(content: BulkData) -> None:
         )
 
 
+def _check_axes(content: BulkData, coupling: RawCoupling) -> None:
+    """Raises single directions of nodes that have axes of their own."""
+    if set(coupling.directions) in ({*"123"}, {*"456"}, {*"123456"}):
+        return
+    known = [n for n in coupling.nodes if n in content.nodes]
+    turned = [n for n in known if content.direction_system(n)]
+    if turned:
+        raise InputError(
+            f"{coupling.name} holds the directions {coupling.directions} of node "
+            f"{turned[0]}, which are those of a system (CD)",
+            place=coupling.place,
+            expected="directions of the basic system, or all displacements",
+        )
+
+
 def _imported(content: BulkData) -> ImportedMesh:
     middles = Middles(content.nodes)
     for i, (label, property_, kind, nodes, place) in enumerate(content.elements):
@@ -362,6 +378,9 @@ def _imported(content: BulkData) -> ImportedMesh:
         equations = equations_of(content)
     with stops.collected():
         bars = bars_of(content)
+    for coupling in content.couplings:
+        with stops.collected():
+            _check_axes(content, coupling)
     with stops.collected():
         _check_alike(content)
     with stops.collected():

@@ -112,6 +112,49 @@ def test_pins_do_not_depend_on_the_axes_of_the_model(tmp_path: Path) -> None:
     assert frequencies(straight)[0] > 0.3 * bernoulli(PINNED, IY)
 
 
+def test_coupling_in_some_directions_is_a_hinge(tmp_path: Path) -> None:
+    """RBE2 without the rotation about the normal, between nodes at one place: a pin."""
+    markers = {"p": {"node": 1, "mesh_node": 5}}
+    pinned = triangle(PBAR, ("", "5"))
+    text, cards = triangle(PBAR, ("", "")), []
+    for a, b in SIDES:
+        last = (COUNT - 1) * (a + 1) + 3
+        label, copy = COUNT * (a + 1), 900 + b
+        row = next(x for x in text.splitlines() if x.startswith(f"CBAR,{label},"))
+        text = text.replace(
+            row, row.replace(f",1,{last},{b + 1},", f",1,{last},{copy},")
+        )
+        place = ",".join(map(repr, CORNERS[b].tolist()))
+        cards += [f"GRID,{copy},,{place}", f"RBE2,{copy},{b + 1},12345,{copy}"]
+    text = text.replace("ENDDATA", "\n".join([*cards, "ENDDATA"]))
+    found, expected = (
+        frequencies(sid_from_model(model(tmp_path, t, markers=markers)))
+        for t in (text, pinned)
+    )
+    assert_allclose(found, expected, rtol=1e-5)
+
+
+def test_ball_joint_at_an_arm(tmp_path: Path) -> None:
+    """RBE2 of displacements over a distance: a rigid arm with a ball at its end."""
+    places = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.3), (0.2, 0.1, 0.0)]
+    bars = [
+        f"CBAR,{k},1,{a},{b},0.3,0.1,0.9"
+        for k, (a, b) in enumerate(((1, 2), (2, 3), (3, 4), (4, 5)), 1)
+    ]
+    single = [*grids(places), *bars, "RBE2,9,1,123,5"]
+    copy = [*grids([*places, places[4]]), *bars]
+    double = [*copy, "RBE2,8,1,123456,6", "RBE2,9,6,123,5"]
+    found, expected = (
+        frequencies(sid_from_model(model(tmp_path, bulk(*cards, PBAR, MATERIAL))))
+        for cards in (single, double)
+    )
+    assert_allclose(found, expected, rtol=1e-6)
+    rigid = [*grids(places), *bars, "RBE2,9,1,123456,5"]
+    stiffer = frequencies(sid_from_model(model(tmp_path, bulk(*rigid, PBAR, MATERIAL))))
+    assert (found <= stiffer * (1 + 1e-9)).all()
+    assert found[0] < 0.99 * stiffer[0]
+
+
 def test_bar_without_stiffness_about_an_axis_is_a_tie_in_that_plane(
     tmp_path: Path,
 ) -> None:

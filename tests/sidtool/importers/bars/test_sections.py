@@ -71,8 +71,10 @@ def test_sections(kind: str, sizes: Any, area: float, i: float) -> None:
         (frame("PROD,1,1,1.-4"), "CBAR 1 has the property 1"),
         (frame(PBAR).replace("CBAR,2,1,2,3", "CBAR,2,1,2,77"), "node 77"),
         (frame(PBAR).replace("CBAR,2,1,2,3", "CBAR,1,1,2,3"), "1 is defined twice"),
-        (frame(PBAR, "RBE2,9,1,123,4"), "RBE2 without all six"),
-        (frame(PBAR, "MPC,9,1,1,1.,2,1,-1."), "MPC, RBE3"),
+        (frame(PBAR, "RBE2,9,1,,4"), "holds the directions"),
+        (frame(PBAR, "RBE2,9,1,123,4", "RBE2,8,2,123,4"), "held already"),
+        (frame(PBAR, "RBE2,9,1,123,4", "RBE2,8,4,123,1"), "in a ring"),
+        (frame(PBAR, "MPC,9,1,1,1.,2,1,-1."), "MPC and RBE3"),
         (frame(PBAR, "GRID,9,,1.,1.,1.", "CONM2,8,9,,2."), "held by no bar"),
         (
             frame(PBAR, "GRID,9,,1.,1.,1.", "RBE2,8,9,123456,2,3", "RBE2,7,1,123456,2"),
