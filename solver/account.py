@@ -166,14 +166,17 @@ def _notes(run: Run) -> Iterator[str]:
         span = run.now - system.scene.time.start
         yield from recorder.verdicts.found.vibrations.sentences(steps, span)
     yield from notes.hidden_errors(system, run.control, rtol, steps)
-    yield from notes.many_turns(run.control, run.settings)
+    reached_end = run.now >= system.scene.time.end or _event_at_the_end(run)
+    if reached_end:  # speeds where a run stops are those of its failure
+        yield from notes.many_turns(run.control, run.settings)
     yield from notes.passed_over(system, run.control, run.settings)
     yield from _forced(run)
     ends = (system.scene.time.start, run.now)
     start, control = run.start, run.control
-    yield from carried_away(
-        system, ends, np.array([start.z, control.z]), np.array([start.v, control.v])
-    )
+    if reached_end:
+        yield from carried_away(
+            system, ends, np.array([start.z, control.z]), np.array([start.v, control.v])
+        )
     bodies = recorder.bodies
     if bodies and run.now > system.scene.time.start:
         yield from far_starts(system, _first(run), bodies)

@@ -285,6 +285,28 @@ def _check_finite(positions: Array, labels: Indices) -> None:
         )
 
 
+#: What is behind the name of a keyword that the user had left out.
+LEFT_OUT = " (left out by geometry.ignore)"
+
+
+def notes_of_unread(said: Iterable[str]) -> list[str]:
+    """Notes on keywords that were not read.
+
+    Those that cannot change a body, and those that `geometry.ignore` left out, which
+    may: their masses, stiffnesses and ties are missing in it.
+    """
+    names = list(said)
+    left_out = [n.removesuffix(LEFT_OUT) for n in names if n.endswith(LEFT_OUT)]
+    idle = [name for name in names if not name.endswith(LEFT_OUT)]
+    notes = ["without effect on the body: " + ", ".join(idle)] if idle else []
+    if left_out:
+        notes.append(
+            f"left out by geometry.ignore: {', '.join(left_out)}. The body lacks their "
+            "mass, stiffness and constraints."
+        )
+    return notes
+
+
 def reading_notes(
     nodes: Mapping[int, object], elements: Sequence[RawElement | RawBar], given: int
 ) -> list[str]:

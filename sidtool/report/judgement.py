@@ -123,7 +123,8 @@ def _verdict(judgement: Judgement, *, strict: bool) -> str:
     if judgement.comparison is not None:
         judged = [r for r in judgement.comparison.rows if r.verdict != "shown"]
         missed = sum(r.verdict == "failed" for r in judged)
-        counts.append(f"{missed} of {len(judged)} judged reference values missed")
+        text = f"{missed} of {len(judged)} judged reference values missed"
+        counts.append(text if judged else "reference not judged: no --tolerance given")
     word = "good" if judgement.good(strict=strict) else "bad"
     if judgement.questions:
         counts.append(plural(len(judgement.questions), "question"))

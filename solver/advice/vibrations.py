@@ -79,7 +79,9 @@ class Vibrations:
             return
         worst, others = found[0], [each.demand for each in found[1:2]]
         period = 2.0 * np.pi / worst.omega
-        share = worst.energy * self.rows / self._stored if self._stored else 1.0
+        # Half of the energy of a vibration is elastic, in the mean.
+        elastic = 0.5 * worst.energy
+        share = elastic * self.rows / self._stored if self._stored else 1.0
         follows = _FEWEST <= period * steps / span <= _MOST
         alone = not others or worst.demand > _LONGER * others[0]
         if not (follows and alone and share < _SMALL):

@@ -116,7 +116,7 @@ def static_equilibrium(system: System) -> Equilibrium:
             warnings = find_state_warnings(system, z[None])
             notes = (
                 *warnings,
-                *_checked(mechanics),
+                *_checked(mechanics, motion),
                 *at_limits(system, mechanics.work),
             )
             notes += _unstable(mechanics, z, motion, left)
@@ -154,8 +154,10 @@ def _pushed(system: System, force: Array) -> str:
     return "no body"
 
 
-def _checked(mechanics: Mechanics) -> tuple[str, ...]:
+def _checked(mechanics: Mechanics, motion: Array) -> tuple[str, ...]:
     """What has to be known of the equilibrium that was evaluated last.
+
+    motion : (n velocities, n free) the directions that the constraints leave
 
     Raises
     ------
@@ -165,9 +167,21 @@ def _checked(mechanics: Mechanics) -> tuple[str, ...]:
         where = widest_open(mechanics.system, mechanics.residual)
         raise SimulationError(f"no static equilibrium keeps the joints closed: {where}")
     cause = lost_inertia(mechanics.system, mechanics.work)
-    if not cause:
+    if not cause or _has_inertia(mechanics, motion):
         return ()
     return (f"simulate cannot start in this equilibrium: {cause.removeprefix('; ')}",)
+
+
+def _has_inertia(mechanics: Mechanics, motion: Array) -> bool:
+    """Whether the mass matrix is positive definite along the free directions.
+
+    A body whose own mass matrix is not may have a prescribed frame.
+    """
+    mass = motion.T @ mechanics.mass @ motion
+    if not np.isfinite(mass).all():
+        return False
+    values = np.linalg.eigvalsh(0.5 * (mass + mass.T))
+    return bool((values > 0.0).all())
 
 
 def _without_friction(system: System) -> tuple[str, ...]:

@@ -15,10 +15,12 @@ from sidtool.formats.errors import InputError
 from ...frontends.elements.reference import reference_element
 from ..imported import (
     EVERYTHING,
+    LEFT_OUT,
     ImportedMesh,
     RawCoupling,
     RawElement,
     assembled_mesh,
+    notes_of_unread,
     points_mesh,
     reading_notes,
     undefined_members,
@@ -121,7 +123,7 @@ def bulk_data(
 
 def _take(content: BulkData, card: Card, ignored: frozenset[str]) -> None:
     if card.name in ignored:
-        content.said[f"{card.name} (left out by geometry.ignore)"] = None
+        content.said[f"{card.name}{LEFT_OUT}"] = None
     elif card.name in _ELEMENTS:
         _element(content, card)
     elif card.name in _READERS:
@@ -390,8 +392,7 @@ def _imported(content: BulkData) -> ImportedMesh:
     notes += [*content.apart, *turned, *middles.note()]
     if content.weight != 1.0:
         notes.append(f"PARAM WTMASS multiplies all densities by {content.weight:g}")
-    if content.said:
-        notes.append("without effect on the body: " + ", ".join(content.said))
+    notes += notes_of_unread(content.said)
     return ImportedMesh(
         points_mesh(content.nodes, content.sets)
         if bars

@@ -13,10 +13,12 @@ from sidtool.formats.errors import InputError
 
 from ..imported import (
     EVERYTHING,
+    LEFT_OUT,
     ImportedMesh,
     RawElement,
     assembled_mesh,
     integers,
+    notes_of_unread,
     numbers,
     read_lines,
     reading_notes,
@@ -124,7 +126,7 @@ def _take(content: Content, line: str, ignored: frozenset[str]) -> None:
             )
         _READERS[name](content, words)
     elif name in ignored or name in _WITHOUT_EFFECT or EVERYTHING in ignored:
-        content.said[name] = None
+        content.said[name if name in _WITHOUT_EFFECT else f"{name}{LEFT_OUT}"] = None
     else:
         error = InputError(
             f"{name} is not supported",
@@ -366,8 +368,7 @@ def _imported(content: Content) -> ImportedMesh:
     mesh = assembled_mesh(middles.nodes, raw, content.sets)
     notes = [*reading_notes(middles.nodes, raw, len(raw)), *replaced]
     notes += middles.note()
-    if content.said:
-        notes.append("without effect on the body: " + ", ".join(content.said))
+    notes += notes_of_unread(content.said)
     made = {element.label for element in raw}
     idle = {values[10] for values, _ in content.elements} - made
     return ImportedMesh(

@@ -12,6 +12,7 @@ from ..imported import (
     ImportedMesh,
     RawElement,
     assembled_mesh,
+    notes_of_unread,
     undefined_members,
 )
 from .couplings import couplings_of, masses_of, reference_labels
@@ -247,5 +248,4 @@ def _notes(
         if part is not body and not deck.chosen:
             yield f"part {part.name} has no instance and is left out"
     yield from deck.remarks
-    if deck.said:
-        yield "without effect on the body: " + ", ".join(deck.said)
+    yield from notes_of_unread(deck.said)

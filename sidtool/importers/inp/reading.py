@@ -14,7 +14,7 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 
-from ..imported import EVERYTHING, ImportedMesh, integers, numbers
+from ..imported import EVERYTHING, LEFT_OUT, ImportedMesh, integers, numbers
 from ..stops import Stops
 from .blocks import Block, read_blocks
 from .couplings import read_hold, read_kind, read_mass
@@ -96,7 +96,7 @@ def _initial_temperatures(deck: Deck, block: Block) -> None:
 
 _REMARKS = {
     "damping": " (damping is that of the model file)",
-    "ignored": " (left out by geometry.ignore)",
+    "ignored": LEFT_OUT,
 }
 
 

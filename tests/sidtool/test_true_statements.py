@@ -1,0 +1,77 @@
+"""Statements about runs, files and comparisons that used to be untrue."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import sidtool
+from sidtool.importers.imported import LEFT_OUT, notes_of_unread
+from sidtool.solver import compile_scene, simulate
+from sidtool.solver.errors import SimulationError
+from tests.solver.scenes import scene, slender_rod
+from tests.steel_bars import steel_bar
+
+
+def blocked_crank(**time: float) -> object:
+    """A crank of 1 m and a rod of 0.5 m: the crank cannot turn beyond 30 degrees."""
+    bodies = {
+        "crank": slender_rod(1.0),
+        "rod": slender_rod(0.5, position=[1.0, 0.0]),
+        "slider": {"mass": 1.0, "initial": {"position": [1.5, 0.0]}},
+    }
+    joints = {
+        "a": {"type": "revolute", "markers": ["ground", "crank.a"]},
+        "b": {"type": "revolute", "markers": ["crank.b", "rod.a"]},
+        "c": {"type": "coincident", "markers": ["rod.b", "slider"]},
+        "d": {"type": "point_on_line", "markers": ["ground", "slider"]},
+    }
+    swing = {"type": "harmonic", "amplitude": 1.0, "frequency": 1.0}
+    push = {"type": "force", "marker": "crank.b", "force": [0.0, 50.0]}
+    return scene(
+        bodies,
+        joints,
+        {"m": {"joint": "a", "function": swing}},
+        forces={"push": push},
+        end=1.0,
+    )
+
+
+@pytest.mark.parametrize("integrator", ["radau9", "radau13"])
+def test_speeds_where_a_run_stops_are_no_sign_of_units_or_turns(
+    integrator: str,
+) -> None:
+    """The crank turns by less than a radian, and the force is 50 N."""
+    with pytest.raises(SimulationError) as stop:
+        simulate(compile_scene(blocked_crank()), integrator=integrator, rtol=1e-3)
+    notes = " ".join(stop.value.result.notes)
+    assert "turns" not in notes and "units" not in notes
+
+
+def test_what_the_user_leaves_out_is_not_called_without_effect() -> None:
+    idle, left_out = notes_of_unread(["*STEP", f"*NONSTRUCTURAL MASS{LEFT_OUT}"])
+    assert "*STEP" in idle and "NONSTRUCTURAL" not in idle
+    assert "*NONSTRUCTURAL MASS" in left_out and "without effect" not in left_out
+    assert notes_of_unread([]) == []
+
+
+def test_a_run_that_starts_in_an_equilibrium_is_not_told_that_it_cannot(
+    tmp_path: Path,
+) -> None:
+    """The block of a heavily bent body is not positive, its frame being prescribed."""
+    bar = {"sid": "bar.SID_FEM", "markers": {"a": 1, "b": 2}}
+    described = scene(
+        {"bar": bar},
+        {"wall": {"type": "fixed", "markers": ["ground", "bar.a"]}},
+        gravity=[0.0, -1600.0],
+        end=0.01,
+        initial={"state": "static"},
+    )
+    sids = {"bar": steel_bar(width=0.04, modes=6)}
+    with pytest.warns(sidtool.ValidityWarning):
+        result = sidtool.simulate(described, sids=sids)
+        rest = sidtool.static_equilibrium(described, sids=sids)
+    assert result.completed and np.isfinite(result.positions).all()
+    assert not any("cannot start" in note for note in (*result.notes, *rest.notes))
