@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from traceback import walk_tb
 from typing import NoReturn, TextIO
 
 import click
@@ -184,7 +185,7 @@ def run(arguments: Sequence[str]) -> int:
     except MemoryError:
         return _complain("there is not enough memory for this", FAILED)
     except OSError as error:
-        if is_closed_pipe(error):
+        if is_closed_pipe(error) and _is_of_output(error):
             return _closed_pipe()
         name = f"{error.filename}: " if error.filename else ""
         return _complain(f"{name}{error.strerror or error}", FAILED)
@@ -210,6 +211,13 @@ def _tell(
 def _complain(message: str, status: int) -> int:
     click.echo(f"sidtool: {message}", err=True)
     return status
+
+
+def _is_of_output(error: OSError) -> bool:
+    """Whether it arose where the standard output is written, not of another file."""
+    frames = [frame for frame, _ in walk_tb(error.__traceback__)]
+    writers = click.echo.__code__, run.__code__
+    return frames[-1].f_code in writers or any(f.f_code == writers[0] for f in frames)
 
 
 def _closed_pipe() -> int:

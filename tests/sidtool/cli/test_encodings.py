@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import os
 import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pytest
 
+from sidtool import cli
+from sidtool.formats.storage import operating_system
 from tests.places import SLIDER_CRANK
 
 TITLE = (
@@ -38,3 +43,25 @@ def test_text_beyond_the_code_page_is_escaped(
     said = done.stdout.decode(encoding)
     assert (TITLE if encoding == "utf-8" and not option else r"\u2192") in said
     assert b"Traceback" not in done.stderr
+
+
+def test_an_invalid_argument_of_a_file_is_no_closed_pipe(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows says of a closed pipe what it says of many things."""
+
+    def fail(*arguments: object, **more: object) -> None:
+        raise OSError(errno.EINVAL, "Invalid argument")
+
+    monkeypatch.setattr(operating_system, "WINDOWS", True)
+    monkeypatch.setattr(cli.cli, "main", fail)
+    assert cli.run(["info"]) == 1
+    assert "Invalid argument" in capsys.readouterr().err
+
+    class Closed(io.StringIO):
+        write = fail  # type: ignore[assignment]
+
+    closed = Closed()
+    monkeypatch.setattr(cli.cli, "main", lambda *_, **__: click.echo("x", file=closed))
+    monkeypatch.setattr(cli, "_closed_pipe", lambda: 0)
+    assert cli.run(["info"]) == 0
