@@ -13,9 +13,9 @@ from sidtool.formats.result import AccuracyReport
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.scene.base import Table
 from sidtool.formats.sid import SID
-from sidtool.formats.sid_content import content_digest
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import cache_folder
+from sidtool.formats.storage.sid_content import content_digest
 
 #: How choices are made; a choice of another one is not used.
 METHOD = 19

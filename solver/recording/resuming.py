@@ -14,7 +14,7 @@ from sidtool.formats.result.data import TABLES
 from sidtool.formats.result.rows import Rows, rows_of
 from sidtool.formats.scene import OutputTimes
 from sidtool.formats.sid import Array
-from sidtool.formats.sid_content import differing_places
+from sidtool.formats.storage.sid_content import differing_places
 
 from ..start.assembly import Start
 from ..start.settings import Settings, made_with

@@ -11,7 +11,11 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Node, Taylor
-from sidtool.formats.sid_content import content_digest, differing_places, numbers
+from sidtool.formats.storage.sid_content import (
+    content_digest,
+    differing_places,
+    numbers,
+)
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.recording.resuming import past_of
 from sidtool.solver.start.settings import settings_of

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .sid import NODE_SHAPES, SID, Array, Taylor
+from ..sid import NODE_SHAPES, SID, Array, Taylor
 
 
 def numbers(sid: SID) -> Iterator[tuple[str, Array]]:
