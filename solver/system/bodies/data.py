@@ -28,6 +28,7 @@ from sidtool.formats.sid_subset import kept_indices, with_shape_functions
 from .damping import damped
 from .first_order import check_first_order
 from .held_frames import with_frame_node
+from .out_of_plane import out_of_plane
 from .rigid_bodies import rigid_part
 from .unstiffened import without_stiffening
 
@@ -45,6 +46,7 @@ class BodyData:
     of_scene : False for the ground, and for what carries a state of a law, see `laws`
     starts_at : that state at the start
     given : the SID that was given, of which elastic coordinates have their names
+    omitted : numbers of elastic coordinates that stay zero, see `out_of_plane`
     """
 
     name: str
@@ -56,6 +58,7 @@ class BodyData:
     of_scene: bool = True
     starts_at: float = 0.0
     given: SID | None = None
+    omitted: tuple[int, ...] = ()
 
     def node(self, marker: str) -> Node:
         """The node behind a marker name; no name is the origin of a rigid body."""
@@ -73,7 +76,7 @@ class BodyData:
             return self._number_of(kind[2], place)
         prefix = "vq" if quantity.startswith("v") else "q"
         number = int(quantity.removeprefix(prefix))
-        if number not in self.numbers:
+        if number not in (*self.numbers, *self.omitted):
             raise InputError(
                 f"{self.name} has {len(self.numbers)} elastic coordinates",
                 place=place,
@@ -84,7 +87,8 @@ class BodyData:
     def _number_of(self, kind: str, place: str) -> int:
         """Of the elastic coordinate that is called so by its kind."""
         known = named_by_kind(self.given or self.sid)
-        kept = {name: k for name, k in known.items() if k in self.numbers}
+        named = (*self.numbers, *self.omitted)
+        kept = {name: k for name, k in known.items() if k in named}
         if kind in kept:
             return kept[kind]
         listed = ", ".join(kept)
@@ -150,18 +154,33 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
     nodes, place, given = dict(body.markers), f"bodies.{name}", sid
     kept = kept_indices(body.shape_functions, sid.nq, f"{place}.shape_functions")
     if body.rigid:
-        sid, kept = rigid_part(sid), ()
+        sid, kept, omitted = rigid_part(sid), (), ()
     else:
         check_first_order(sid, body.sid, f"{place}.sid")
         sid = damped(sid, body.damping, name)
         if not body.geometric_stiffening:
             stiffening = f"{place}.geometric_stiffening"
             sid = without_stiffening(sid, planar, stiffening)
+        across: tuple[int, ...] = ()
+        if planar:
+            held = with_shape_functions(sid, kept)
+            ids = map(str, body.markers.values())
+            found = out_of_plane(held, ids, body.frame == "held", f"{place}.sid")
+            across = tuple(kept[k] for k in found)
+        kept = tuple(k for k in kept if k not in across)
+        omitted = tuple(k + 1 for k in across)
         sid = with_shape_functions(sid, kept)
     sid = with_frame_node(sid) if body.frame == "held" else sid
     numbers = tuple(k + 1 for k in kept)
     return BodyData(
-        name, sid, True, body.quadratic_inertia, nodes, numbers, given=given
+        name,
+        sid,
+        True,
+        body.quadratic_inertia,
+        nodes,
+        numbers,
+        given=given,
+        omitted=omitted,
     )
 
 

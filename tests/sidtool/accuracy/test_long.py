@@ -42,10 +42,11 @@ def ends(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[float]]:
     def told(make: Any) -> Any:
         def made(self: runs_.Runs, *key: Any) -> Any:
             known = self.count
-            result = make(self, *key)
-            if self.count > known:
-                found.append(self.scene.time.end)
-            return result
+            try:
+                return make(self, *key)
+            finally:  # also of runs that leave the theory
+                if self.count > known:
+                    found.append(self.scene.time.end)
 
         return made
 

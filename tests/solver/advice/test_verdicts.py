@@ -147,7 +147,8 @@ def pushed(*functions: dict[str, Any]) -> System:
 def table_of(frequency: float) -> dict[str, Any]:
     t = np.linspace(0.0, 2.0, 400)
     values = np.sin(2 * np.pi * frequency * t)
-    return {"type": "table", "times": t.tolist(), "values": values.tolist()}
+    points = {"times": t.tolist(), "values": values.tolist()}
+    return {"type": "table", "interpolation": "smooth", **points}
 
 
 @pytest.mark.parametrize("frequency", [3.0, 11.0])
