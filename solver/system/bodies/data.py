@@ -153,8 +153,9 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
             ) from None
     nodes, place, given = dict(body.markers), f"bodies.{name}", sid
     kept = kept_indices(body.shape_functions, sid.nq, f"{place}.shape_functions")
+    omitted: tuple[int, ...] = ()
     if body.rigid:
-        sid, kept, omitted = rigid_part(sid), (), ()
+        sid, kept = rigid_part(sid), ()
     else:
         check_first_order(sid, body.sid, f"{place}.sid")
         sid = damped(sid, body.damping, name)

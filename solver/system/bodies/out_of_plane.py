@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import SID, Array
@@ -105,7 +106,7 @@ def _largest(rows: Array) -> Array:
     return np.asarray(np.abs(rows).max(axis=0))
 
 
-def _are_apart(sid: SID, alone: Array) -> bool:
+def _are_apart(sid: SID, alone: NDArray[np.bool_]) -> bool:
     """Whether neither stiffness nor mass couples some shape functions with the others,
     nor rotation in the plane loads them."""
     for matrix in (sid.Ke.m0, sid.Me.m0):
