@@ -70,7 +70,7 @@ def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
     own, other = _frequencies(body, better)
     if (own <= (1 + _TOLD) * other).all():
         return ()
-    excess = ", ".join(_percent(x) for x in own / other - 1)
+    excess = ", ".join(_percent(max(x, 0.0)) for x in own / other - 1)
     listed = ", ".join(f"{f:.5g}" for f in own)
     return (
         f"{kinds} elements bend too stiffly in this mesh: the first frequencies of the "

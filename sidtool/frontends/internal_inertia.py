@@ -85,7 +85,7 @@ def internal_inertia(
         for batch, amplitudes in _with_amplitudes(mesh, block, law, laws_of(material)):
             parts.append(_Part(batch.nodes, amplitudes, *_mass(batch, density), count))
             added.add(parts[-1].added(d), batch.nodes)
-            count += parts[-1].own.shape[0] * d
+            count += int(np.prod(parts[-1].own.shape[:2]))
     if not parts:
         return None
     shapes = (d * count, d * n), (n, count), (count, count)
@@ -101,7 +101,8 @@ def _with_amplitudes(
     laws: Callable[[Array], Array] | None,
 ) -> Iterator[tuple[ElementBatch, Array]]:
     """Elements at the points of the mass, all functions there, and the amplitudes."""
-    inner = internal_values(reference_element(block.kind, "mass").points)[None]
+    points = reference_element(block.kind, "mass").points
+    inner = internal_values(block.kind, points)[None]
     moving = inner.shape[2] * mesh.dimension
     for batch in element_batches(mesh, block, "mass"):
         some = replace(block, nodes=batch.nodes, labels=np.arange(len(batch.nodes)))
@@ -114,15 +115,15 @@ def _with_amplitudes(
 
 
 def _mass(batch: ElementBatch, density: float) -> tuple[Array, Array]:
-    """(ne, m, d) and (ne, d, d): of nodal with internal functions, and of these."""
+    """(ne, m, k) and (ne, k, k): of nodal with internal functions, and of these."""
     whole, m = element_mass(batch, density), batch.nodes.shape[1]
     return whole[:, :m, m:], whole[:, m:, m:]
 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Some elements: nodes (ne, m), amplitudes (ne, d d, m d), mixed (ne, m, d), own
-    (ne, d, d) masses, and the number of their first function."""
+    """Some elements: nodes (ne, m), amplitudes (ne, k d, m d), mixed (ne, m, k), own
+    (ne, k, k) masses, and the number of their first function."""
 
     nodes: Indices
     amplitudes: Array
@@ -132,8 +133,8 @@ class _Part:
 
     def added(self, d: int) -> Array:
         """(ne, m d, m d)"""
-        ne, m, _ = self.mixed.shape
-        flat = self.amplitudes.reshape(ne, d, -1)
+        ne, m, k = self.mixed.shape
+        flat = self.amplitudes.reshape(ne, k, -1)
         coupled = (self.mixed @ flat).reshape(ne, m * d, m * d)
         moved = (self.own @ flat).reshape(self.amplitudes.shape)
         square = np.swapaxes(self.amplitudes, 1, 2) @ moved
@@ -141,8 +142,8 @@ class _Part:
 
     def entries(self, d: int) -> tuple[_Entries, _Entries, _Entries]:
         """Values, rows and columns of amplitudes, mixed and own."""
-        ne = len(self.nodes)
-        functions = (self.start + np.arange(ne * d)).reshape(ne, d).astype(np.int64)
+        ne, k = self.own.shape[:2]
+        functions = (self.start + np.arange(ne * k)).reshape(ne, k).astype(np.int64)
         rows = (functions[..., None] * d + np.arange(d)).reshape(ne, -1)
         columns = (self.nodes[..., None] * d + np.arange(d)).reshape(ne, -1)
         return (

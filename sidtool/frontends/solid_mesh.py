@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from .anisotropic import ElasticMaterial
+from .elements.internal_modes import RELIEVED_KINDS
 from .elements.reference import LINEAR_KINDS, edge_nodes, raised_kind
 from .internal_inertia import InternalInertia, internal_inertia
 from .mesh.data import ElementBlock, Mesh
@@ -30,12 +31,18 @@ class SolidMesh:
 
     @property
     def plain_kinds(self) -> tuple[str, ...]:
-        """The linear elements without internal modes, which bend too stiffly."""
+        """The linear elements that bend too stiffly.
+
+        Prisms are among them: their internal modes help along their axis only.
+        """
         plain = (
             block.kind
             for block in self.mesh.blocks
             if block.kind in LINEAR_KINDS
-            and not has_internal_modes(block, self.incompatible_modes)
+            and not (
+                block.kind in RELIEVED_KINDS
+                and has_internal_modes(block, self.incompatible_modes)
+            )
         )
         return tuple(dict.fromkeys(plain))
 

@@ -15,9 +15,9 @@ from sidtool.formats.errors import InputError
 
 from .anisotropic import AnisotropicMaterial, ElasticMaterial, laws_of
 from .elements.continuum import Continuum, continuum_of
-from .elements.internal_modes import RELIEVED_KINDS
+from .elements.internal_modes import ALWAYS_RELIEVED, RELIEVED_KINDS
 from .elements.internal_modes import relieved as with_modes
-from .elements.reduced_integration import relaxed
+from .elements.reduced_integration import with_fewer_points
 from .elements.reference import LINEAR_KINDS, reference_element
 from .elements.solid import ElementBatch, assembled, elasticity, mapped_batch
 from .mesh.data import ElementBlock, Mesh
@@ -103,7 +103,7 @@ def mesh_continua(
 def has_internal_modes(block: ElementBlock, otherwise: bool) -> bool:
     """Whether the elements of a block get internal modes."""
     if block.kind not in RELIEVED_KINDS:
-        return False
+        return block.kind in ALWAYS_RELIEVED
     return (block.formulation or _FORMULATIONS[otherwise]) == _FORMULATIONS[True]
 
 
@@ -118,7 +118,7 @@ def check_locking(
     """
     if isinstance(material, AnisotropicMaterial):
         return
-    if state == "plane_stress" or relieved:
+    if state == "plane_stress" or (relieved and kind in RELIEVED_KINDS):
         return
     if kind in LINEAR_KINDS and material.poissons_ratio > _NEARLY_INCOMPRESSIBLE:
         raise InputError(
@@ -160,9 +160,8 @@ def element_batches(
         )
         if relieved:
             batch = with_modes(batch, mesh.positions, element)
-        elif integral != "mass":
-            fewer = integral == "stiffness"
-            batch = relaxed(batch, mesh.positions, element, fewer=fewer)
+        elif integral == "stiffness":
+            batch = with_fewer_points(batch, mesh.positions, element)
         if laws is not None and integral != "mass":
             places = batch.values @ mesh.positions[batch.nodes]
             batch = replace(batch, laws=laws(places))

@@ -28,9 +28,6 @@ Array = NDArray[np.float64]
 #: Fewer points, exact to degree 2 (in the triangle of a prism), as of Abaqus' and
 #: CalculiX' C3D10 and C3D15: what strains of quadratic elements need.
 _FEWER = {"tet10": quadrature_rule("tet", 2), "wedge15": prism_rule(2, 4)}
-#: Of strains that vary in the triangle of a linear prism 1e-4 of their energy is left:
-#: one displacement has no means, and would be free.
-_LEFT = 1e-2
 
 
 def extrapolation(kind: str, where: Array, *, relieved: bool) -> Array | None:
@@ -44,7 +41,7 @@ def extrapolation(kind: str, where: Array, *, relieved: bool) -> Array | None:
     relieved : whether the element has internal modes: their slopes are right at its
         points, where uniform stress does no work on them
     """
-    if not relieved and kind not in (*_FEWER, "wedge6"):
+    if not relieved and kind not in _FEWER:
         return None
     points = _FEWER[kind][0] if kind in _FEWER else reference_element(kind).points
     fields = np.vstack([_linear(kind, points), _linear(kind, where[None])])
@@ -63,38 +60,13 @@ def _linear(kind: str, points: Array) -> Array:
     return (flat[:, :3, None] * heights[:, None, :]).reshape(len(points), -1)
 
 
-def relaxed(
-    batch: ElementBatch, positions: Array, element: ReferenceElement, *, fewer: bool
+def with_fewer_points(
+    batch: ElementBatch, positions: Array, element: ReferenceElement
 ) -> ElementBatch:
-    """A batch at the element's quadrature points with strains that lock less.
-
-    Parameters
-    ----------
-    fewer : whether quadratic elements may have other points than the element's own
-    """
-    if element.name == "wedge6":
-        return _layered(batch, element)
-    if fewer and element.name in _FEWER:
-        return _fewer_points(batch, positions, element.name)
-    return batch
-
-
-def _layered(batch: ElementBatch, element: ReferenceElement) -> ElementBatch:
-    """Gradients of linear prisms as their means over the triangle at each height.
-
-    The transverse shears and the strain along the axis alone vary there, which locks
-    plates of such prisms. Regular ones have nearly one point in the triangle, as
-    Abaqus' and CalculiX' C3D6.
-    """
-    heights = element.points[:, 2]
-    same = np.isclose(heights[:, None], heights).astype(float)
-    weights = same * batch.measures[:, None, :]
-    shares = weights / weights.sum(axis=2, keepdims=True)
-    means = np.einsum("elg,egmd->elmd", shares, batch.gradients)
-    return replace(batch, gradients=means + _LEFT * (batch.gradients - means))
-
-
-def _fewer_points(batch: ElementBatch, positions: Array, kind: str) -> ElementBatch:
+    """A batch of the stiffness at fewer points, of the elements that lock less then."""
+    kind = element.name
+    if kind not in _FEWER:
+        return batch
     points, weights = _FEWER[kind]
     values, gradients = reference_element(kind).at(points)
     few = mapped_batch(batch.nodes, positions, values[None], gradients[None], weights)

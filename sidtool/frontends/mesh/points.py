@@ -10,7 +10,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model import NodeMarker
 
 from ..elements.continuum import Continuum, half_curl
-from ..elements.internal_modes import internal_values
+from ..elements.internal_modes import internal_gradients, internal_values
 from ..elements.reduced_integration import extrapolation
 from ..elements.reference import ReferenceElement, reference_element
 from ..elements.solid import ElementBatch, internal_amplitudes
@@ -177,15 +177,16 @@ class MeshPoints:
     def _inside(self, number: int, row: int, where: Array) -> sp.csr_matrix:
         """(3, ndof) displacement by the internal modes of one element."""
         nodes, d = self.mesh.blocks[number].nodes[row], self.mesh.dimension
-        values = internal_values(where)
+        values = internal_values(self.mesh.blocks[number].kind, where[None])[0]
         rows = np.zeros((3, len(nodes), d))
         if self._relieved(number) and np.abs(values).max() > _SLACK:
-            amplitudes = self._amplitudes(number, self._element(number, row))[:d]
+            amplitudes = self._amplitudes(number, self._element(number, row))
+            amplitudes = amplitudes[: len(values)]
             rows[:d] = np.einsum("k,kcmd->cmd", values, amplitudes)
         return _sparse(rows, nodes, self.mesh.positions.size)
 
     def _gradient(self, number: int, row: int, where: Array) -> sp.csr_matrix:
-        nodes, d = self.mesh.blocks[number].nodes[row], self.mesh.dimension
+        nodes = self.mesh.blocks[number].nodes[row]
         element = reference_element(self.mesh.blocks[number].kind)
         _, gradients = element.at(where[None])
         jacobian = self.mesh.positions[nodes].T @ gradients[0]
@@ -198,7 +199,8 @@ class MeshPoints:
         inverse, inside = np.linalg.inv(jacobian), None
         if self._relieved(number):
             one = self._element(number, row)
-            inside = np.diag(1 - 2 * where) @ inverse, self._amplitudes(number, one)[:d]
+            slopes = internal_gradients(element.name, where[None])[0] @ inverse
+            inside = slopes, self._amplitudes(number, one)[: len(slopes)]
         rows = _gradient_rows(gradients[0] @ inverse, inside)
         return _sparse(rows, nodes, self.mesh.positions.size)
 
