@@ -21,10 +21,12 @@ from ..advice.body_measures import find_state_failure
 from ..errors import SimulationError
 from ..space import layout as at
 from ..start.assembly import Start, assemble
+from ..start.displacements import position_notes
 from ..start.turn_counts import keep_turns
 from ..system.bodies.packing import symmetric
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
+from ..system.storage import new_work
 from .held import is_state
 from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
 from .recorded import Found, recorded
@@ -74,6 +76,8 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
     motion.refuse_freedom(state)
     motion.rub(state)
     system = motion.system
+    least = system.scene.accuracy.rtol
+    moved = tuple(position_notes(system, new_work(system), state, least))
     times = output_times(system.scene)
     kind = "inverse dynamics" + (", quasi-static deformation" if quasi_static else "")
     states: list[Found] = []
@@ -85,7 +89,7 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
             done = np.array(times[: len(states)])
             error.result = recorded(system, kind, done, states, str(error))
             raise
-    found = recorded(system, kind, times, states)
+    found = recorded(system, kind, times, states, notes=moved)
     if failure := find_state_failure(system, found.positions):
         found = replace(found, completed=False, message=failure)
         raise SimulationError(failure, found)

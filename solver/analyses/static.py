@@ -27,8 +27,10 @@ from ..recording.outputs import velocity_names
 from ..space import layout as at
 from ..start.assembly import assemble
 from ..start.consistent import widest_open
+from ..start.displacements import position_notes
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
+from ..system.storage import new_work
 from .held import held, places_for_states, state_entries, unsampled, with_held_drives
 from .mechanics import Mechanics, null_space, refuse_prescribed
 from .recorded import Found, recorded
@@ -98,6 +100,8 @@ def static_equilibrium(system: System) -> Equilibrium:
     refuse_prescribed(system)
     system, told = unsampled(system)
     system, start = assemble(system)
+    least = system.scene.accuracy.rtol
+    moved = tuple(position_notes(system, new_work(system), start, least))
     system, t = held(system), system.scene.time.start
     at_rest = with_held_drives(places_for_states(system))
     mechanics = Mechanics(at_rest, t, 0.5 * (t + system.breaks[0]))
@@ -120,7 +124,7 @@ def static_equilibrium(system: System) -> Equilibrium:
                 *at_limits(system, mechanics.work),
             )
             notes += _unstable(mechanics, z, motion, left)
-            notes += (*questions(system), *told)
+            notes += (*questions(system), *moved, *told)
             notes += _without_friction(system)
             v = np.zeros(system.n_velocities)
             v[velocities] = z[places]

@@ -48,22 +48,8 @@ def told_displacements(
     least : what counts, relative to the size of the mechanism, and of angles [rad]; of
         velocities what they amount to over the run, and relative to themselves
     """
-    work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
-    kernel_calls.evaluate(system, work, system.scene.time.start, start.z, start.v)
-    ways = displacements(system, work)
-    sizes = {name: max(way / system.length, a) for name, (way, a) in ways.items()}
-    if moved := _largest(ways, sizes, least, "m", "rad"):
-        yield (
-            "the assembly moved bodies from where the scene puts them, to meet joints "
-            f"and drives: {moved}"
-        )
-    bent, hurried = _deformations(system, start)
-    sizes = {name: way / system.length for name, (way,) in bent.items()}
-    if deformed := _largest(bent, sizes, least, "m"):
-        yield (
-            "the assembly deformed bodies otherwise than the scene says, to meet "
-            f"joints and drives: {deformed}"
-        )
+    yield from position_notes(system, work, start, least)
+    _, hurried = _deformations(system, start)
     changes, relative = _replaced_velocities(system, work, hurried)
     time = system.scene.time
     sizes = {
@@ -74,6 +60,33 @@ def told_displacements(
         yield (
             "joints and drives replace initial velocities that the scene gives: "
             f"{changed}"
+        )
+
+
+def position_notes(
+    system: System, work: Work, start: Start, least: float
+) -> Iterator[str]:
+    """Sentences on bodies that the assembly moved or deformed.
+
+    Parameters
+    ----------
+    least : what counts, relative to the size of the mechanism, and of angles [rad]
+    """
+    work.clock[0] = 0.5 * (system.scene.time.start + system.breaks[0])
+    kernel_calls.evaluate(system, work, system.scene.time.start, start.z, start.v)
+    ways = displacements(system, work)
+    sizes = {name: max(way / system.length, a) for name, (way, a) in ways.items()}
+    if moved := _largest(ways, sizes, least, "m", "rad"):
+        yield (
+            "the assembly moved bodies from where the scene puts them, to meet joints "
+            f"and drives: {moved}"
+        )
+    bent, _ = _deformations(system, start)
+    sizes = {name: way / system.length for name, (way,) in bent.items()}
+    if deformed := _largest(bent, sizes, least, "m"):
+        yield (
+            "the assembly deformed bodies otherwise than the scene says, to meet "
+            f"joints and drives: {deformed}"
         )
 
 

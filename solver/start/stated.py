@@ -90,6 +90,8 @@ def _elastic(initial: Initial, key: str, data: BodyData) -> Array | float:
         return 0.0
     place = f"bodies.{data.name}.initial.{key}"
     numbers = sorted((*data.numbers, *data.omitted)) or list(range(1, data.sid.nq + 1))
+    if len(values) == data.sid.nq:  # of those in the plane, as analyses find them
+        return np.array(values)
     if len(values) != len(numbers):
         raise InputError(
             f"has {len(values)} values",
