@@ -60,6 +60,7 @@ def linearise(
     scene: SceneFile | Path_,
     *,
     about: str = "static",
+    frozen: bool = False,
     sids: Sids | None = None,
     base_folder: Path_ | None = None,
     accept_defects: bool = False,
@@ -69,11 +70,17 @@ def linearise(
     """Frequencies, damping ratios and shapes of the natural modes of a scene.
 
     about : "static", its static equilibrium, or "start", its start with velocities
+    frozen : give the values of one instant where equations of small motions change in
+        time, or the state is no steady motion; they do not describe a motion
+
+    `inertial_frequencies` are those that fixed sensors see, `rotating_frequencies`
+    those that sensors on the body that turns see, `whirl` is "forward", "backward"
+    or "".
 
     Raises
     ------
     InputError : the scene or one of its SIDs cannot be used.
-    sidtool.SimulationError : no equilibrium was found.
+    sidtool.SimulationError : no equilibrium was found, or the state has no modes.
     """
     from sidtool.solver.analyses.linear import linearise as analyse
 
@@ -81,7 +88,7 @@ def linearise(
 
     programs = drives, forces
     with _compiled(scene, sids, base_folder, accept_defects, programs) as system:
-        return warned(for_users(analyse(system, about), Linearisation))
+        return warned(for_users(analyse(system, about, frozen=frozen), Linearisation))
 
 
 def inverse_dynamics(

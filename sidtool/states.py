@@ -71,12 +71,17 @@ class Linearisation(linear.Linearisation):
         pandas = installed("pandas")
         columns = {
             "frequency": self.frequencies,
+            "inertial_frequency": self.inertial_frequencies,
+            "rotating_frequency": self.rotating_frequencies,
+            "whirl": list(self.whirl),
+            "rigid": self.rigid,
             "damping_ratio": self.damping_ratios,
             "eigenvalue": self.eigenvalues,
         }
         numbers = pandas.RangeIndex(1, len(self.frequencies) + 1, name="mode")
         table = pandas.DataFrame(columns, index=numbers)
-        units = {"frequency": "Hz", "damping_ratio": "", "eigenvalue": "1/s"}
+        units = dict.fromkeys(columns, "") | {"eigenvalue": "1/s"}
+        units |= {name: "Hz" for name in columns if name.endswith("frequency")}
         table.attrs["units"] = units
         return table
 
@@ -91,11 +96,12 @@ class Linearisation(linear.Linearisation):
         return f"<Linearisation: {count}, {first}{more} Hz>"
 
     def _repr_html_(self) -> str:
-        from .report.analysis import mode_rows
+        from .report.analysis import frame_of, mode_header, mode_rows
 
-        header = ("mode", "Hz", "damping ratio", "moved most by")
+        header = mode_header(self)
         notes = html_table([("note", text) for text in self.notes])
-        return html_table(mode_rows(self), header) + notes
+        frame = html_table([tuple(frame_of(self).split(": ", 1))])
+        return html_table(mode_rows(self), header) + frame + notes
 
 
 def for_users(found: Any, kind: type[Found]) -> Found:

@@ -92,6 +92,12 @@ def static(
     show_default=True,
     help="The state: static equilibrium, or the start with its velocities.",
 )
+@click.option(
+    "--frozen",
+    is_flag=True,
+    help="Show the values of one instant where there are no modes: where the equations "
+    "of small motions change as bodies turn, or the start is no steady motion.",
+)
 @click.option("-o", "--output", type=target, help="Modes with their shapes (JSON).")
 @changes
 @force
@@ -99,6 +105,7 @@ def static(
 def modes(
     scene: Path,
     about: str,
+    frozen: bool,
     output: Path | None,
     changes: tuple[str, ...],
     force: bool,
@@ -107,7 +114,10 @@ def modes(
     """Find the natural modes of the assembled SCENE.
 
     The equations are linearised about the static equilibrium, or about the start, for
-    example that of a rotor at its speed.
+    example that of a rotor at its speed. Of what spins two frequencies are shown: in
+    inertial axes, as fixed sensors and Campbell diagrams have it, with the direction of
+    the whirl, and in the axes of the body, as a strain gauge on it does. Rigid motions
+    are shown once each, at 0 Hz.
 
     \b
     Examples:
@@ -115,14 +125,20 @@ def modes(
       sidtool analyse modes rotor.toml --about start -o modes.json
 
     Exit status: 0 found, 1 there is no equilibrium or none that has modes (a singular
-    configuration, no inertia), 2 the input is wrong.
+    configuration, no inertia, no steady motion, equations that change in time), 2 the
+    input is wrong.
     """
     from ..analysing import linearise
     from ..report.analysis import describe_modes, modes_as_data
 
     check_targets([Target("-o", output, "modes")], files_of(scene), force)
     found = _attempt(
-        linearise, scene, changes, about=about, accept_defects=accept_defects
+        linearise,
+        scene,
+        changes,
+        about=about,
+        frozen=frozen,
+        accept_defects=accept_defects,
     )
     if output is not None:
         from sidtool.formats.storage.atomic import atomic_path

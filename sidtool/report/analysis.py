@@ -49,8 +49,9 @@ def describe_modes(modes: Linearisation) -> str:
     rows = mode_rows(modes)
     if not rows:
         return "no natural modes: nothing can move"
-    text: str = table(["mode", "Hz", "damping ratio", "moved most by"], rows)
-    growing = np.flatnonzero(modes.damping_ratios < -GROWS) + 1
+    text: str = table(mode_header(modes), rows)
+    text += f"\n\n{frame_of(modes)}"
+    growing = np.flatnonzero((modes.damping_ratios < -GROWS) & ~modes.rigid) + 1
     if len(growing):
         which = ", ".join(map(str, growing))
         told = f"mode {which} grows, its damping ratio is negative"
@@ -58,6 +59,34 @@ def describe_modes(modes: Linearisation) -> str:
             told = f"modes {which} grow, their damping ratios are negative"
         text += f"\n\nunstable: {told}"
     return "\n\n".join([text, *_notes(modes)])
+
+
+def turns(modes: Linearisation) -> bool:
+    """Whether frequencies differ between inertial axes and those of the bodies."""
+    apart = modes.inertial_frequencies - modes.rotating_frequencies
+    return bool(any(modes.whirl) or apart.any())
+
+
+def mode_header(modes: Linearisation) -> tuple[str, ...]:
+    """Heads of the columns of `mode_rows`."""
+    columns: tuple[str, ...] = ("Hz",)
+    if turns(modes):
+        columns = ("inertial Hz", "rotating Hz", "whirl")
+    return ("mode", *columns, "damping ratio", "moved most by")
+
+
+def frame_of(modes: Linearisation) -> str:
+    """In which axes the frequencies are those that one sees."""
+    if not turns(modes):
+        return f"frame: {modes.frame} axes"
+    return (
+        f"frame: modes are solved in axes {modes.frame}"
+        if modes.frame != "inertial"
+        else "frame: modes are solved in inertial axes"
+    ) + (
+        "; inertial Hz is what fixed sensors see, rotating Hz what strain gauges on "
+        "the body see"
+    )
 
 
 def mode_rows(modes: Linearisation) -> list[list[str]]:
@@ -69,11 +98,20 @@ def mode_rows(modes: Linearisation) -> list[list[str]]:
         sizes = np.abs(modes.shapes[k])
         order = [i for i in np.argsort(-sizes) if sizes[i] > MOVES * sizes.max()]
         lead = ", ".join(modes.names[i] for i in order[:LEADING])
+        columns = [f"{hertz:.6g}"]
+        if turns(modes):
+            columns = [
+                f"{modes.inertial_frequencies[k]:.6g}",
+                f"{modes.rotating_frequencies[k]:.6g}",
+                modes.whirl[k],
+            ]
         rows.append(
             [
                 str(k + 1),
-                f"{hertz:.6g}",
-                f"{ratio if abs(ratio) > NOISE else 0.0:.4g}",
+                *columns,
+                "rigid"
+                if modes.rigid[k]
+                else f"{ratio if abs(ratio) > NOISE else 0.0:.4g}",
                 lead,
             ]
         )
@@ -88,9 +126,14 @@ def modes_as_data(modes: Linearisation) -> dict[str, Any]:
         "velocity": modes.v.tolist(),
         "notes": list(modes.notes),
         "warnings": list(modes.warnings),
+        "frame": modes.frame,
         "modes": [
             {
                 "frequency": float(modes.frequencies[k]),
+                "inertial_frequency": float(modes.inertial_frequencies[k]),
+                "rotating_frequency": float(modes.rotating_frequencies[k]),
+                "whirl": modes.whirl[k],
+                "rigid": bool(modes.rigid[k]),
                 "damping_ratio": float(modes.damping_ratios[k]),
                 "eigenvalue": _pair(value),
                 "shape": [_pair(entry) for entry in modes.shapes[k]],

@@ -73,6 +73,31 @@ def common_axes(mechanics: Mechanics, own: Array) -> Iterator[tuple[Array, str]]
             yield np.where(rigid[:, None], own[k], own), bodies[k].name
 
 
+def independent_rows(mechanics: Mechanics) -> Array:
+    """True (n,) for velocity coordinates that no rigid connection gives.
+
+    Rigid bodies that are fixed to each other move as one, whose motion is that of the
+    first: seen in axes in which the others go round, theirs depends on time.
+    """
+    system = mechanics.system
+    rows = dict(zip((b.name for b in system.bodies), system.arrays.body, strict=True))
+    rigid = {name for name, row in rows.items() if row[at.NV] == row[at.RD] > 0}
+    leader = {name: name for name in rigid}
+    for joint in system.scene.joints.values():
+        ends = _owners(joint) & rigid
+        if joint.type == "fixed" and len(ends) == 2:
+            first, second = sorted(
+                (leader[name] for name in ends), key=list(rows).index
+            )
+            leader = {n: first if x == second else x for n, x in leader.items()}
+    found = np.ones(system.n_velocities, bool)
+    for name, first in leader.items():
+        if name != first:
+            row = rows[name]
+            found[row[at.VEL] : row[at.VEL] + row[at.NV]] = False
+    return found
+
+
 def turning(mechanics: Mechanics, spins: Array) -> Array:
     """W (n, n), scaled: velocities u in axes of these spins have u' = a - W v."""
     system, n = mechanics.system, mechanics.system.n_velocities

@@ -6,7 +6,7 @@ which stands still in axes that turn, so that its matrices do not depend on time
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,17 +14,20 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.sid import Array
 
 from ..advice.body_measures import find_state_warnings
+from ..errors import SimulationError
 from ..recording.outputs import velocity_names
 from ..start.assembly import assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
-from .axes import turning
+from .axes import spins_of_bodies, turning
 from .held import unsampled
 from .mechanics import Mechanics, refuse_prescribed
+from .rigid_motions import spectrum
 from .rubbing import mechanics_at
 from .state_matrix import state_matrix
 from .static import static_equilibrium
 from .steady_axes import CHANGING, steady_axes
+from .whirl import Whirl, whirl_of
 
 STATES = ("static", "start")
 #: A state is near another one that differs by less than this part of the sizes; what is
@@ -34,6 +37,8 @@ NEAR, STEADY = 0.05, 1e-6
 #: this share are the same, and those below this share of the square of the highest are
 #: rounding.
 AT_REST, SAME, ROUNDING = 1e-12, 0.01, 1e-11
+#: Axes in which modes are seen.
+INERTIAL, ROTATING = "inertial", "rotating with each body"
 #: Accelerations below this part of those of the forces are rounding.
 BALANCED = 1e-12
 
@@ -51,6 +56,11 @@ class Linearisation:
     z, v : the state
     notes : what has to be known of it, and of the state
     warnings : those of the notes that say that numbers may be wrong
+    frame : the axes in which `eigenvalues`, `frequencies` and `shapes` are seen
+    inertial_frequencies : (n,) [Hz] in axes that do not turn
+    rotating_frequencies : (n,) [Hz] in the axes of the bodies that move
+    whirl : (n,) of each mode "forward", "backward", or "" for none
+    rigid : (n,) True for rigid motions, whose eigenvalues are known exactly
     """
 
     eigenvalues: np.ndarray
@@ -62,6 +72,11 @@ class Linearisation:
     v: Array
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    frame: str = INERTIAL
+    inertial_frequencies: Array = field(default_factory=lambda: np.zeros(0))
+    rotating_frequencies: Array = field(default_factory=lambda: np.zeros(0))
+    whirl: tuple[str, ...] = ()
+    rigid: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
 
 
 def linearise(
@@ -69,6 +84,8 @@ def linearise(
     about: str = "static",
     state: tuple[Array, Array] | None = None,
     time: float | None = None,
+    *,
+    frozen: bool = False,
 ) -> Linearisation:
     """Natural modes of a scene.
 
@@ -78,14 +95,16 @@ def linearise(
         velocities
     state : (z_I, z_II) instead, as in a result's positions and velocities
     time : of the drives at that state [s], default the start
+    frozen : give the modes of the instant also where the equations of small motions
+        change in time or the state is no steady motion; they do not describe a motion
 
     Raises
     ------
     InputError : there is no such state, or the start cannot be assembled, or friction
         of a joint has no derivative there.
     SimulationError : there is no static equilibrium, a body deforms by more than its
-        own size in it, the state is a singular configuration, or its inertia is not
-        positive.
+        own size in it, the state is a singular configuration, its inertia is not
+        positive, or it has no modes, see `frozen`.
     """
     refuse_prescribed(system)
     system, told = unsampled(system)
@@ -108,10 +127,14 @@ def linearise(
     spins, seen = steady_axes(mechanics, z, v)
     matrix, motion, moved = state_matrix(mechanics, z, v, spins)
     unsteady = _unsteady(mechanics, matrix, motion, moved, z, v, spins)
-    seen = () if unsteady and CHANGING in seen else seen
+    causes = unsteady or tuple(text for text in seen if text == CHANGING)
+    if causes and not frozen:
+        raise SimulationError(f"there are no natural modes: {causes[0]}")
+    seen = tuple(text for text in seen if text != CHANGING)
+    unsteady = tuple(f"frozen values of one instant: {text}" for text in causes)
     warnings = find_state_warnings(system, z[None])
     notes = (*warnings, *of_state, *unsteady, *seen, *mechanics.notes(), *told)
-    modes = _modes(mechanics, matrix, moved, z, v)
+    modes = _modes(mechanics, matrix, motion, moved, z, v, spins)
     return replace(modes, notes=tuple(dict.fromkeys(notes)), warnings=warnings)
 
 
@@ -187,16 +210,32 @@ def _check_size(system: System, z: Array, v: Array) -> None:
 
 
 def _modes(
-    mechanics: Mechanics, matrix: Array, moved: Array, z: Array, v: Array
+    mechanics: Mechanics,
+    matrix: Array,
+    motion: Array,
+    moved: Array,
+    z: Array,
+    v: Array,
+    spins: Array,
 ) -> Linearisation:
-    values, vectors = np.linalg.eig(matrix)
-    kept = [k for k in np.argsort(np.abs(values)) if values[k].imag >= 0.0]
-    values = values[kept]
-    shapes = (moved @ vectors[:, kept]).T * mechanics.scale
+    """Natural modes of the matrix of small motions, of pairs one, by frequency."""
+    found = spectrum(mechanics, matrix, motion, spins, z, v)
+    order = np.argsort(np.abs(found.values), kind="stable")
+    kept = [k for k in order if found.values[k].imag >= 0.0]
+    values, rigid = found.values[kept], found.rigid[kept]
+    shapes = (moved @ found.vectors[:, kept]).T * mechanics.scale
     for shape in shapes:
         largest = shape[np.argmax(np.abs(shape))] if len(shape) else 1.0
         shape /= largest if largest != 0.0 else 1.0
     size = np.abs(values)
+    mechanics.evaluate(z, v)
+    turns = bool(spins_of_bodies(mechanics).any())
+    whirls = [
+        whirl_of(mechanics, spins, float(abs(value.imag)), shape)
+        if turns and value.imag
+        else Whirl((float(abs(value)),), float(abs(value)), "")
+        for value, shape in zip(values, shapes, strict=True)
+    ]
     return Linearisation(
         eigenvalues=values,
         frequencies=size / (2.0 * np.pi),
@@ -205,4 +244,9 @@ def _modes(
         names=velocity_names(mechanics.system),
         z=z,
         v=v,
+        frame=ROTATING if spins.any() else INERTIAL,
+        inertial_frequencies=np.array([w.inertial[0] for w in whirls]) / (2.0 * np.pi),
+        rotating_frequencies=np.array([w.rotating for w in whirls]) / (2.0 * np.pi),
+        whirl=tuple(w.direction for w in whirls),
+        rigid=rigid,
     )

@@ -8,8 +8,10 @@ velocities consistent. Then
 
 with E as in `kernels.coordinates`. States of the laws of drives, which are among w,
 move positions by Q x and velocities by V x as well, the smallest that keep the
-constraints. The derivatives of the accelerations a follow from those of what eq. (3)
-leaves at the state's own accelerations and multipliers, by central differences: it is
+constraints. Of rigid bodies that are fixed to each other the first one tells the
+motion: in the place of N^T stands the inverse of its rows of N then. The derivatives
+of the accelerations a follow from those of what eq. (3) leaves at the state's own
+accelerations and multipliers, by central differences: it is
 solved at the state only. Beside it a body with first-order terms of Ct and Cr may have
 no positive mass matrix.
 """
@@ -26,7 +28,7 @@ from sidtool.formats.sid_mass import skew
 from ..space import layout as at
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
-from .axes import turning
+from .axes import independent_rows, turning
 from .held import state_entries
 from .mechanics import Mechanics, least_squares, null_space
 
@@ -49,6 +51,14 @@ def state_matrix(
     C, M, E = mechanics.jacobian, mechanics.mass, _frame_motion(mechanics)
     N, places = _free_directions(mechanics.system, C)
     d = N.shape[1]
+    rows = independent_rows(mechanics)
+    read = N.T if rows.all() else np.linalg.pinv(N[rows])
+
+    def particular(right: Array) -> Array:
+        """A solution of C x = right, without a part along N in the leading rows."""
+        x = least_squares(C, right)
+        return x if rows.all() else np.asarray(x - N @ (read @ x[rows]))
+
     Z = mechanics.unconstrained(N)
     inertia = Z.T @ M @ N
     a, multipliers = mechanics.accelerations()
@@ -60,14 +70,14 @@ def state_matrix(
     moved = np.hstack([N, least_squares(C, -by_v.value @ states)])
     rates = by_z.rate @ moved
     rates[:, d:] += by_v.rate @ states
-    driven = least_squares(C, -rates)
+    driven = particular(-rates)
     driven[:, d:] += N
     matrix = np.zeros((2 * d, 2 * d))
-    matrix[:d] = N.T @ E @ moved
+    matrix[:d] = read @ (E @ moved)[rows]
     matrix[:d, d:] += np.eye(d)
     force = by_z.force @ moved + by_v.force @ driven
     gamma = by_z.gamma @ moved + by_v.gamma @ driven
-    right = Z.T @ (force - M @ least_squares(C, gamma))
+    right = Z.T @ (force - M @ particular(gamma))
     matrix[d:] = mechanics.solve_inertia(inertia, right)
     kept = [*range(places), *range(d, 2 * d)]
     return matrix[np.ix_(kept, kept)], N, moved[:, kept]

@@ -14,12 +14,14 @@ from sidtool.formats.sid_mass import skew
 from ..errors import SimulationError
 from ..space import layout as at
 from ..system.bodies.embedded import embedded, matrices
-from .axes import common_axes, own_axes, spins_of_bodies
+from .axes import common_axes, independent_rows, own_axes, spins_of_bodies
 from .mechanics import Mechanics
 from .state_matrix import state_matrix
 
 #: The motion is followed by so large an angle [rad].
 ANGLE = 0.4
+#: Rotations during a run below this angle [rad] are rounding.
+STILL = 1e-9
 #: Changes of modes by this part, or by rounding of the matrix, are none.
 UNCHANGED, ROUNDING = 1e-3, 1e-8
 CHANGING = (
@@ -36,8 +38,9 @@ def steady_axes(
     what is to be known of them; the bodies' own if there are none."""
     mechanics.evaluate(z, v)
     own = own_axes(mechanics, v / mechanics.scale, mechanics.accelerations()[0])
-    if not own.any():
-        return own, ()
+    time = mechanics.system.scene.time
+    if np.abs(own).max(initial=0.0) * (time.end - time.start) < STILL:
+        return np.zeros_like(own), ()
     if _change(mechanics, z, v, own) < UNCHANGED:
         return own, ()
     for spins, name in common_axes(mechanics, own):
@@ -61,8 +64,9 @@ def _change(mechanics: Mechanics, z: Array, v: Array, spins: Array) -> float:
     if there.shape != here.shape:
         return np.inf
     places = len(here) - N.shape[1]
-    back = [turn @ N[:, :places], turn @ N]
-    free = [N_there[:, :places], N_there]
+    own_rows = independent_rows(mechanics)
+    back = [(turn @ N)[own_rows][:, :count] for count in (places, N.shape[1])]
+    free = [N_there[own_rows][:, :count] for count in (places, N.shape[1])]
     X = block_diag(*(np.linalg.lstsq(a, b)[0] for a, b in zip(free, back, strict=True)))
     if not len(X) or np.linalg.svd(X, compute_uv=False)[-1] < 0.5:
         return 0.0 if not len(X) else np.inf
@@ -111,14 +115,16 @@ def _motions(
     size = 2 if system.planar else 3
     frames, own = system.frames(mechanics.work.frame), spins_of_bodies(mechanics)
     turns, velocities = matrices(frames["R"]), embedded(frames["v"])
+    leads = independent_rows(mechanics)
     for k, row in enumerate(system.arrays.body):
         if row[at.RD] == 0:
             continue
+        axes = spins[k] if leads[row[at.VEL]] else own[k]
         R = np.eye(3) if row[at.RD] == size else turns[k]
         moving = np.zeros((4, 4))
-        moving[:3, :3], moving[:3, 3] = skew(spins[k]), R @ velocities[k]
+        moving[:3, :3], moving[:3, 3] = skew(axes), R @ velocities[k]
         carried = expm(dt * moving)
-        beside = expm(dt * skew(own[k] - spins[k]))
+        beside = expm(dt * skew(own[k] - axes))
         A = carried[:3, :3]
         Q = np.eye(3) if row[at.RD] == size else A @ beside @ R
         way = R.T @ carried[:3, 3]

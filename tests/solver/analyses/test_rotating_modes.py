@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from sidtool.solver import compile_scene, linearise
+from sidtool.solver.errors import SimulationError
 from sidtool.solver.system.scene import System
 from tests.steel_bars import steel_bar
 
@@ -99,16 +100,20 @@ def test_a_blade_that_nothing_pulls_yet_is_told() -> None:
         {"hub": {"type": "revolute", "markers": ["ground", "blade.root"]}},
         {"spin": {"joint": "hub", "function": polynomial(0.0, 4.0 * unit)}},
     )
-    found, notes = [], []
+    found = []
     for state in ("stated", "static"):
         stated = described.with_({"initial.state": state})
         system = compile_scene(stated, ".", {"blade": blade}, keep_joints=True)
-        modes = linearise(system, "start")
+        modes = linearise(system, "start", frozen=state == "stated")
         found.append(2.0 * np.pi * modes.frequencies[0] / unit)
-        notes.append(modes.notes)
+        if state == "stated":
+            with pytest.raises(SimulationError) as error:
+                linearise(system, "start")
+            note = str(error.value)
+            assert "frozen" in modes.notes[0]
+        else:
+            assert modes.notes == ()
     assert found[1] == pytest.approx(np.sqrt(5.5850**2 - 4.0**2), rel=2e-3)
-    assert notes[1] == ()
-    (note,) = notes[0]
     assert "not there yet" in note
     told = [unit / (2.0 * np.pi) * x for x in found]
     assert f"{told[0]:.4g} Hz here is {told[1]:.4g} Hz" in note
@@ -224,14 +229,17 @@ def test_a_gyroscope_nutates_and_precesses_beside_its_ring() -> None:
     tilting = np.abs(np.linalg.eigvals(still))[[0, 2]]
     found = linearise(compile_scene(described, keep_joints=True), "start")
     turning = np.sqrt(200.0 / 0.04)
-    expected = [0.0, 0.0, *tilting, *[np.sqrt(1e3 / 4.0)] * 3, turning]
+    expected = [0.0, *tilting, *[np.sqrt(1e3 / 4.0)] * 3, turning]
     seen = 2.0 * np.pi * found.frequencies
     assert np.sort(seen) == pytest.approx(np.sort(expected)[: len(seen)], rel=1e-6)
     assert "axes that do not turn" in found.notes[0]
 
 
 def rotor_on(stiffness: list[float], inertia: list[float]) -> System:
-    spin = 50.0
+    return rotor_at(50.0, stiffness, inertia)
+
+
+def rotor_at(spin: float, stiffness: list[float], inertia: list[float]) -> System:
     described = scene(
         {"rotor": {"mass": 2.0, "inertia": inertia, "initial": table(spin, False)}},
         {},
@@ -260,8 +268,11 @@ def test_a_rotor_on_springs_of_two_stiffnesses_whirls_as_at_rest() -> None:
 def test_modes_that_no_constant_matrix_has_are_told() -> None:
     """A rotor of two inertias on springs of two stiffnesses: Mathieu's equation."""
     stiffness = [4000.0, 9000.0, 16000.0, 300.0, 800.0]
-    (note,) = linearise(rotor_on(stiffness, [0.1, 0.2, 0.3]), "start").notes
-    assert "change as the bodies turn" in note
+    system = rotor_on(stiffness, [0.1, 0.2, 0.3])
+    with pytest.raises(SimulationError, match="change as the bodies turn"):
+        linearise(system, "start")
+    (note,) = linearise(system, "start", frozen=True).notes
+    assert "frozen" in note
     (note,) = linearise(rotor_on(stiffness, [0.2, 0.2, 0.3]), "start").notes
     assert "axes that do not turn" in note
 
@@ -293,3 +304,83 @@ def test_a_pendulum_that_hangs_from_a_cart_is_at_rest() -> None:
 
 def at_height(y: float) -> dict[str, Any]:
     return {"position": [0.0, y]}
+
+
+@pytest.mark.parametrize("spin", [0.0, 1.0, 10.0, 31.4159, 77.7, 250.0])
+def test_a_jeffcott_rotor_whirls_forward_and_backward(spin: float) -> None:
+    """m x'' + k x = 0 in inertial axes; A t'' - i C W t' + k t = 0 of the tilt."""
+    k, tilt = 4000.0, 300.0
+    described = rotor_at(spin, [k, k, 16000.0, tilt, tilt], [0.2, 0.2, 0.3])
+    found = linearise(described, "start")
+    roots = np.roots([0.2, -0.3 * spin, -tilt])
+    expected = [0.0, *[np.sqrt(k / 2.0)] * 2, np.sqrt(8000.0), *np.abs(roots)]
+    seen = np.sort(2.0 * np.pi * found.inertial_frequencies)
+    assert seen == pytest.approx(np.sort(expected), rel=1e-6)
+    assert found.rigid.sum() == 1
+    assert (found.damping_ratios > -1e-6).all()
+    whirl = [found.whirl.count(way) for way in ("forward", "backward")]
+    assert whirl == ([2, 2] if spin else [0, 0])
+    lateral = [k for k, way in enumerate(found.whirl) if way]
+    for k in lateral:
+        rate = 2.0 * np.pi * found.inertial_frequencies[k]
+        sign = 1.0 if found.whirl[k] == "forward" else -1.0
+        rotating = 2.0 * np.pi * found.rotating_frequencies[k]
+        assert rotating == pytest.approx(abs(sign * rate - spin), rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("planar", [True, False])
+@pytest.mark.parametrize("spin", [0.0, 0.7, 5.0, 33.3, 170.0])
+def test_a_free_body_has_its_rigid_motions_and_nothing_grows(
+    planar: bool, spin: float
+) -> None:
+    """Three or six at rest; of a spinning top all but its nutation are rigid."""
+    body = {"mass": 2.0, "inertia": 0.3 if planar else [0.2, 0.2, 0.3]}
+    described = scene(
+        {"top": body | {"initial": table(spin, planar)}},
+        dimension="planar" if planar else "spatial",
+    )
+    found = linearise(compile_scene(described, keep_joints=True), "start")
+    assert (found.damping_ratios[~found.rigid] > -1e-6).all()
+    if not spin:
+        assert found.frequencies == pytest.approx(np.zeros(3 if planar else 6), abs=0)
+    if spin and not planar:
+        moving = 2.0 * np.pi * found.inertial_frequencies
+        assert np.abs(moving - 1.5 * spin).min() < 1e-6 * spin
+
+
+@pytest.mark.parametrize("count", [3, 4, 5])
+def test_rigid_bodies_fixed_to_each_other_turn_as_one(count: int) -> None:
+    """A round rotor of several bodies has the modes of one of their inertia."""
+    found = []
+    for parts in (count, 0):
+        spin, mass, radius = 40.0, 0.3, 0.2
+        hub = 2.0, [0.2, 0.2, 0.3]
+        bodies, joints, ends = {}, {}, {}
+        for k in range(parts):
+            angle = 2.0 * np.pi * k / count
+            place = (radius * np.cos(angle), radius * np.sin(angle), 0.0)
+            ends[f"m{k}"] = {"position": list(place)}
+            tables = table(spin, False, place)
+            bodies[f"p{k}"] = {"mass": mass, "inertia": [1e-3] * 3, "initial": tables}
+            joints[f"j{k}"] = {"type": "fixed", "markers": [f"rotor.m{k}", f"p{k}"]}
+        if not parts:
+            more = count * mass * radius**2
+            total = np.add(hub[1], [more / 2, more / 2, more]) + count * 1e-3
+            hub = hub[0] + count * mass, total.tolist()
+        rotor = {"mass": hub[0], "inertia": hub[1], "initial": table(spin, False)}
+        rotor["markers"] = ends
+        spring = {
+            "type": "bushing",
+            "markers": ["ground", "rotor"],
+            "stiffness": [4000.0, 9000.0, 16000.0, 300.0, 300.0, 0.0],
+            "shaft": "z",
+        }
+        described = scene(
+            {"rotor": rotor, **bodies},
+            joints,
+            forces={"bearing": spring},
+            dimension="spatial",
+        )
+        modes = linearise(compile_scene(described, keep_joints=True), "start")
+        found.append(np.sort(modes.inertial_frequencies))
+    assert found[0] == pytest.approx(found[1], rel=1e-6, abs=1e-6)
