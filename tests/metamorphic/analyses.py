@@ -59,7 +59,7 @@ def equilibrium(case: Case) -> tuple[Case, Values] | None:
 
 def eigenvalues(resting: Case) -> Array:
     system = compiled(resting, keep_joints=True)
-    return linearise(system, "start", frozen=True).eigenvalues
+    return linearise(system, "start").eigenvalues
 
 
 def small_motion(case: Case, rng: np.random.Generator) -> float | None:

@@ -71,6 +71,25 @@ def test_modes_are_written_with_their_shapes(
     assert same.frequencies == pytest.approx([hertz], rel=1e-7)
 
 
+def test_a_start_that_is_no_steady_motion_has_no_modes(
+    pendulum: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A pendulum that falls has m g l cos(angle) at this instant, labelled."""
+    target = pendulum.with_name("modes.json")
+    command = ["analyse", "modes", str(pendulum), "--about", "start", "-o", str(target)]
+    assert run(command) == 1
+    told = capsys.readouterr()
+    assert "no natural modes" in told.err and "Hz" not in told.out
+    assert not target.exists()
+    assert run([*command, "--frozen"]) == 0
+    assert "frozen" in capsys.readouterr().out
+    written = json.loads(target.read_text())
+    (mode,) = written["modes"]
+    hertz = np.sqrt(2 * 9.81 * -written["position"][1] / 2.1) / (2 * np.pi)
+    assert mode["frequency"] == pytest.approx(hertz, rel=1e-6)
+    assert any("frozen" in note for note in written["notes"])
+
+
 def test_inverse_needs_a_prescribed_motion(
     pendulum: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
