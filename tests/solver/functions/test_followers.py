@@ -123,6 +123,8 @@ def test_linearised_crane_is_the_closed_loop() -> None:
     made = crane()
     rest = made.model_dump(by_alias=True, exclude_none=True)
     rest["drives"]["trolley_drive"]["start"] = 0.6
+    for name, height in (("trolley", 0.0), ("load", -HANGING)):
+        rest["bodies"][name]["initial"] = {"position": [0.6, height]}
     found = linearise(compile_scene(SceneFile.model_validate(rest), keep_joints=True))
     lever = -HUNG * HANGING / INERTIA
     led = np.array([-P, -D, Q, R])
