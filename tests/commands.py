@@ -76,8 +76,11 @@ def _write(code: str) -> None:
     name = _FILE.match(code)
     assert name, f"no file is named by the first line of {code[:60]!r}"
     path = Path(name[2])
-    path.write_text((path.read_text() + "\n" if name[1] else "") + code)
-    if re.search(r'^format = "sidtool', path.read_text(), re.MULTILINE):
+    path.write_text(
+        (path.read_text(encoding="utf-8") + "\n" if name[1] else "") + code,
+        encoding="utf-8",
+    )
+    if re.search(r'^format = "sidtool', path.read_text(encoding="utf-8"), re.MULTILINE):
         read(path)
 
 
@@ -87,7 +90,7 @@ def run_line(line: str) -> int:
     if words[0] in _NOT_RUN or words[:2] in [["sidtool", slow] for slow in _SLOW]:
         return subprocess.run(["bash", "-n", "-c", line], check=False).returncode
     if words[0] == "make":
-        rules = (ROOT / "Makefile").read_text()
+        rules = (ROOT / "Makefile").read_text(encoding="utf-8")
         return 0 if f"\n{words[1]}:" in rules else 2
     if words[0] == "py":  # as on Windows
         assert words[1:3] in (["-m", "pip"], ["-m", "sidtool"], ["-m", "pytest"]), line

@@ -52,7 +52,7 @@ def result_of(folder: Path) -> Result:
 @pytest.mark.parametrize("name", FOLDERS)
 def test_the_commands_run_and_leave_no_tracked_file_changed(ran, name: str) -> None:
     folder = ran(name)
-    rules = (EXAMPLES / ".gitignore").read_text().split("\n")
+    rules = (EXAMPLES / ".gitignore").read_text(encoding="utf-8").split("\n")
     for path in folder.iterdir():
         own = EXAMPLES / name / path.name
         if any(fnmatch.fnmatch(path.name, pattern) for pattern in OWN) and own.exists():
@@ -64,11 +64,11 @@ def test_the_commands_run_and_leave_no_tracked_file_changed(ran, name: str) -> N
 @pytest.mark.parametrize("name", FOLDERS)
 def test_every_folder_explains_itself(name: str) -> None:
     """A sketch or an equation, then numbered steps with commands."""
-    text = (EXAMPLES / name / "README.md").read_text()
+    text = (EXAMPLES / name / "README.md").read_text(encoding="utf-8")
     languages = [language for language, _, _ in blocks(text)]
     assert languages[0] == "" and languages[1:].count("sh") >= 2
     assert all(f"\n{step}. " in text for step in range(1, languages.count("sh") + 1))
-    assert f"({name})" in (EXAMPLES / "README.md").read_text()
+    assert f"({name})" in (EXAMPLES / "README.md").read_text(encoding="utf-8")
     assert name in STARTS or name == "rod_in_space"
 
 

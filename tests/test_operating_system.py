@@ -156,7 +156,7 @@ def test_text_is_read_and_written_with_an_encoding() -> None:
     """Not in the code page of Windows, in which others cannot read it."""
     found = [
         f"{path.relative_to(ROOT)}:{line}: {what}"
-        for path in sources(*PRODUCT, "benchmarks", "docs", "examples")
+        for path in sources(*PRODUCT, "benchmarks", "docs", "examples", "tests")
         for line, what in without_encoding(ast.parse(path.read_bytes()))
     ]
     assert found == []

@@ -70,7 +70,9 @@ def test_an_optional_package_is_hidden(name: str) -> None:
         with pytest.raises(ModuleNotFoundError):
             importlib.import_module(module)
         command = [sys.executable, "-c", f"import {module}"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, encoding="utf-8"
+        )
         assert "ModuleNotFoundError" in done.stderr
 
 

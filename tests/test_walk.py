@@ -84,7 +84,7 @@ def founding(folder: Path) -> sidtool.Scene:
 
 
 def rubbing_arm_with_a_law(folder: Path) -> sidtool.Scene:
-    (folder / "arm.toml").write_text(ARM)
+    (folder / "arm.toml").write_text(ARM, encoding="utf-8")
     return sidtool.Scene.load(folder / "arm.toml")
 
 

@@ -58,7 +58,7 @@ record = ["rod.x"]
 
 def written(folder: Path, text: str = SCENE) -> Path:
     path = folder / "scene.toml"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -115,7 +115,9 @@ damping = ["n", 0, "2*n"]
 def test_saved_files_keep_formulas_that_still_hold(tmp_path: Path) -> None:
     scene = SceneFile.load(written(tmp_path))
     scene.save(tmp_path / "same.toml")
-    assert tomllib.loads((tmp_path / "same.toml").read_text()) == tomllib.loads(SCENE)
+    assert tomllib.loads(
+        (tmp_path / "same.toml").read_text(encoding="utf-8")
+    ) == tomllib.loads(SCENE)
     assert SceneFile.load(tmp_path / "same.toml") == scene
     by_hand = scene.model_copy(update={"parameters": {"n": 3.0, "m": 1.0}})
     said = by_hand.said()
@@ -125,7 +127,7 @@ def test_saved_files_keep_formulas_that_still_hold(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.rglob("*.toml")), ids=str)
 def test_examples_are_the_same_after_saving(path: Path, tmp_path: Path) -> None:
-    kind = tomllib.loads(path.read_text())["format"]
+    kind = tomllib.loads(path.read_text(encoding="utf-8"))["format"]
     if kind == "sidtool reference":
         pytest.skip("is read only")
     file = SceneFile if kind == "sidtool scene" else ModelFile

@@ -118,7 +118,7 @@ def test_nothing_elsewhere_is_replaced(
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
     there.mkdir()
-    (there / "file").write_text("mine")
+    (there / "file").write_text("mine", encoding="utf-8")
     monkeypatch.setattr(tempfile, "tempdir", str(there))
     little_room(monkeypatch, 10, here)
     file = GrowingFile(here / "file", elsewhere=True)
@@ -126,7 +126,10 @@ def test_nothing_elsewhere_is_replaced(
     with pytest.raises(OSError, match="No space left"):
         file.check()
     file.discard()
-    assert list(here.iterdir()) == [] and (there / "file").read_text() == "mine"
+    assert (
+        list(here.iterdir()) == []
+        and (there / "file").read_text(encoding="utf-8") == "mine"
+    )
 
 
 def test_signals_wait_until_libhdf5_has_returned(tmp_path: Path) -> None:

@@ -119,7 +119,7 @@ def test_csv_has_one_header_and_returns_every_bit(
     result: Result, tmp_path: Path
 ) -> None:
     write_csv(tmp_path / "r.csv", result)
-    text = (tmp_path / "r.csv").read_text()
+    text = (tmp_path / "r.csv").read_text(encoding="utf-8")
     assert text.splitlines()[0] == "t,piston.x,rod.q1"
     rows = list(csv.reader(text.splitlines()[1:]))
     assert np.array_equal(np.array(rows, float)[:, 0], result.t)

@@ -48,7 +48,7 @@ record = ["top.x", "top.tip.vz", "tip.f1"]
 
 
 def planar() -> dict[str, Any]:
-    return tomllib.loads(EXAMPLE.read_text())
+    return tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
 
 
 def spatial() -> dict[str, Any]:
@@ -344,10 +344,10 @@ def test_a_spoiled_scene_is_refused_or_still_a_scene(
     spatial_scene: bool,
 ) -> None:
     """Never anything but a scene or one message."""
-    text = SPATIAL if spatial_scene else EXAMPLE.read_text()
+    text = SPATIAL if spatial_scene else EXAMPLE.read_text(encoding="utf-8")
     place = int(position * len(text))
     path = tmp_path_factory.getbasetemp() / "spoiled.toml"
-    path.write_text(text[:place] + inserted + text[place + removed :])
+    path.write_text(text[:place] + inserted + text[place + removed :], encoding="utf-8")
     try:
         scene = read_scene(path)
     except InputError as error:

@@ -47,7 +47,7 @@ function = { type = "expression", value = "a*sin(t)", parameters = { a = 0.5 } }
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> sidtool.Scene:
     path = tmp_path_factory.mktemp("arm") / "arm.toml"
-    path.write_text(ARM + MORE)
+    path.write_text(ARM + MORE, encoding="utf-8")
     return sidtool.Scene.load(path)
 
 

@@ -22,7 +22,7 @@ def lines(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     path = tmp_path_factory.mktemp("long") / "body.SID_FEM"
     write_sid(path, body)
     assert path.stat().st_size > 3 << 18
-    return path.read_text().split("\n")
+    return path.read_text(encoding="utf-8").split("\n")
 
 
 def _entries(lines: list[str]) -> list[int]:
@@ -31,7 +31,7 @@ def _entries(lines: list[str]) -> list[int]:
 
 def _read(folder: Path, lines: list[str]) -> SID:
     path = folder / "odd.SID_FEM"
-    path.write_text("\n".join(lines))
+    path.write_text("\n".join(lines), encoding="utf-8")
     return read_sid(path)
 
 

@@ -163,7 +163,7 @@ DOUBTFUL: dict[str, tuple[int, Damage]] = {
 
 def canonical_lines(folder: Path, dialect: str) -> list[str]:
     write_sid(folder / "whole.SID_FEM", BODY, dialect)
-    return (folder / "whole.SID_FEM").read_text().splitlines()
+    return (folder / "whole.SID_FEM").read_text(encoding="utf-8").splitlines()
 
 
 def read_lines(folder: Path, lines: list[str]) -> SID | InputError:
@@ -265,11 +265,11 @@ def test_unknown_blocks_cannot_ask_for_the_memory(tmp_path: Path) -> None:
     """A thousand small blocks that declare large matrices, and one that is in use."""
     path = tmp_path / "body.SID_FEM"
     write_sid(path, particle_body(2, 6))
-    head, end, tail = path.read_text().rpartition(" end modal")
+    head, end, tail = path.read_text(encoding="utf-8").rpartition(" end modal")
     block = "new{0}\n nrow = {1}\n ncol = {1}\n m0(1,1) = 1.0\nend new{0}\n"
-    path.write_text(head + "\n" + block.format(1, 40) + end + tail)
+    path.write_text(head + "\n" + block.format(1, 40) + end + tail, encoding="utf-8")
     assert read_sid(path).extra["new1"].shape == (40, 40)
     many = "".join(block.format(i, 900) for i in range(1000))
-    path.write_text(head + "\n" + many + end + tail)
+    path.write_text(head + "\n" + many + end + tail, encoding="utf-8")
     with pytest.raises(InputError, match="unknown blocks before it declare many zeros"):
         read_sid(path)

@@ -78,7 +78,7 @@ def test_nothing_arrives_that_is_not_in_the_file(field_data: Path, name: str) ->
     expansions = list(sid.blocks.values())
     expansions += [getattr(n, e) for n in sid.nodes for e in ("origin", "phi", "psi")]
     in_memory = sum(map(non_zeros, expansions))
-    text = (field_data / "sid" / name).read_text()
+    text = (field_data / "sid" / name).read_text(encoding="utf-8")
     for node in sid.nodes:
         identity = np.array_equal(node.AP.m0, np.eye(3))
         assert identity
@@ -126,8 +126,8 @@ def test_dialects(
 def test_layouts_are_found_without_the_title(
     field_data: Path, tmp_path: Path, name: str
 ) -> None:
-    text = (field_data / "sid" / name).read_text().partition("\n")[2]
-    (tmp_path / name).write_text(text)
+    text = (field_data / "sid" / name).read_text(encoding="utf-8").partition("\n")[2]
+    (tmp_path / name).write_text(text, encoding="utf-8")
     untitled, sid = read_sid(tmp_path / name), sid_of(field_data, name)
     assert np.array_equal(untitled.Gr.m0, sid.Gr.m0)
     assert np.array_equal(untitled.Ge.m0, sid.Ge.m0)

@@ -168,8 +168,8 @@ def test_numbers_alone_give_the_dialect_away(
     """The identities tell the layouts apart without any help from the title."""
     sid, path = BODIES[body], tmp_path / "body.SID_FEM"
     write_sid(path, sid, dialect)
-    lines = path.read_text().splitlines(keepends=True)
-    path.write_text("".join(lines[1:]))
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    path.write_text("".join(lines[1:]), encoding="utf-8")
     assert_same(read_sid(path), replace(sid, title=""), TWELVE_DIGITS)
 
 
@@ -210,7 +210,7 @@ def test_files_of_our_own_say_so_and_stay_so_over_round_trips(tmp_path: Path) ->
         assert sid.title == "Arm of FEM; a=1"
         assert sid.dialect.writer.startswith("sidtool")
         assert is_own(path.read_bytes()[:400])
-        assert path.read_text().partition("\n")[0].count("sidtool") <= 1
+        assert path.read_text(encoding="utf-8").partition("\n")[0].count("sidtool") <= 1
         assert sid.written_by == written_by()
 
 
@@ -223,7 +223,7 @@ def test_titles_carry_what_shape_functions_carry(tmp_path: Path, dialect: str) -
     sid = replace(plain, title="Arm", carried=told)
     path = tmp_path / "arm.SID_FEM"
     write_sid(path, sid, dialect)
-    assert len(path.read_text().partition("\n")[0]) <= 400
+    assert len(path.read_text(encoding="utf-8").partition("\n")[0]) <= 400
     found = read_sid(path)
     assert found.carried is not None and found.title == "Arm"
     assert found.carried.lost == told.lost and not found.carried.free
@@ -241,7 +241,10 @@ def test_titles_carry_what_shape_functions_carry(tmp_path: Path, dialect: str) -
 def test_marks_of_earlier_versions_are_known(tmp_path: Path, mark: str) -> None:
     path = tmp_path / "arm.SID_FEM"
     write_sid(path, replace(particle_body(2, 5, planar=False, seed=3), title="Arm"))
-    path.write_text(path.read_text().replace(f"[{written_by()}]", mark))
+    path.write_text(
+        path.read_text(encoding="utf-8").replace(f"[{written_by()}]", mark),
+        encoding="utf-8",
+    )
     assert is_own(path.read_bytes()[:400])
     sid = read_sid(path)
     assert sid.written_by == "sidtool" and sid.title == "Arm" and sid.carried is None

@@ -217,6 +217,8 @@ def test_a_pipe_is_no_file_to_wait_for(tmp_path: Path) -> None:
 
 def test_texts_with_many_points_are_texts(tmp_path: Path) -> None:
     text = "a. " * 40 + "b" * 40
-    (tmp_path / "a.toml").write_text(f'format = "{text}"\nlines = {{}}')
+    (tmp_path / "a.toml").write_text(
+        f'format = "{text}"\nlines = {{}}', encoding="utf-8"
+    )
     with pytest.raises(InputError, match="format: found"):
         load(tmp_path / "a.toml", Thing)

@@ -124,8 +124,8 @@ def test_all_known_names_are_valid(tmp_path: Path) -> None:
     assert len(names) == len(set(names)) > 80
     assert not any(map(has_wildcard, names))
     listed = ", ".join(f'"{name}"' for name in names)
-    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     head = text[: text.index("[outputs]")]
     file = tmp_path / "all.toml"
-    file.write_text(f"{head}[outputs]\nrecord = [{listed}]\n")
+    file.write_text(f"{head}[outputs]\nrecord = [{listed}]\n", encoding="utf-8")
     assert read_scene(file).outputs.record == tuple(names)

@@ -45,7 +45,7 @@ def test_a_simulation_with_a_sid_from_memory(tmp_path: Path) -> None:
     sidtool.write(tmp_path / "r.h5", result)
     back = sidtool.read(tmp_path / "r.h5")
     assert np.array_equal(back["piston.x"], result["piston.x"])
-    assert (tmp_path / "r.csv").read_text().startswith("t,piston.x,")
+    assert (tmp_path / "r.csv").read_text(encoding="utf-8").startswith("t,piston.x,")
 
 
 def test_wrong_input_names_its_file() -> None:

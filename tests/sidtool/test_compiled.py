@@ -92,7 +92,7 @@ def founding() -> sidtool.Scene:
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> sidtool.Scene:
     path = tmp_path_factory.mktemp("arm") / "arm.toml"
-    path.write_text(ARM)
+    path.write_text(ARM, encoding="utf-8")
     return sidtool.Scene.load(path)
 
 

@@ -37,7 +37,7 @@ class Tool:
 
     def __call__(self, *arguments: str, scene: str = SCENE) -> tuple[int, str]:
         """Exit status and what is printed."""
-        (self.folder / "ball.toml").write_text(scene)
+        (self.folder / "ball.toml").write_text(scene, encoding="utf-8")
         command, *rest = arguments
         status = run([command, str(self.folder / "ball.toml"), *rest])
         printed = self.capsys.readouterr()

@@ -57,7 +57,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = {"safe": (SAFE,), "far": (FAR,), "useless": (USELESS,), "nine": (FAR, 9)}
     for name, arguments in made.items():
         text = loaded(*arguments).model_dump_json(by_alias=True, exclude_none=True)
-        (path / f"{name}.json").write_text(text)
+        (path / f"{name}.json").write_text(text, encoding="utf-8")
     return path
 
 

@@ -113,9 +113,10 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 def peak(folder: Path, rows: int) -> float:
     """Megabytes that `simulate` takes for so many rows."""
-    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     (folder / "s.toml").write_text(
-        text.replace("output_step = 0.01", f"output_step = {3.0 / rows!r}")
+        text.replace("output_step = 0.01", f"output_step = {3.0 / rows!r}"),
+        encoding="utf-8",
     )
     shutil.copy(SLIDER_CRANK / "rod_q4.SID_FEM", folder)
     arguments = ["simulate", "s.toml", "--rtol", "1e-4", "-o", "r.h5", "-o", "r.csv"]
@@ -125,6 +126,7 @@ def peak(folder: Path, rows: int) -> float:
         capture_output=True,
         text=True,
         check=True,
+        encoding="utf-8",
     )
     return float(done.stdout.split()[-1]) / 1024
 
@@ -136,7 +138,7 @@ def test_memory_does_not_grow_with_the_rows(tmp_path: Path) -> None:
     assert many - few < 20.0
     result = read_result(tmp_path / "r.h5")
     assert len(result.t) == 50_001
-    with (tmp_path / "r.csv").open() as lines:
+    with (tmp_path / "r.csv").open(encoding="utf-8") as lines:
         assert sum(1 for _ in lines) == 50_002
 
 
@@ -183,9 +185,11 @@ def test_the_files_are_those_of_the_result_in_memory(tmp_path: Path) -> None:
 def test_a_run_that_is_ended_in_a_step_of_many_rows_keeps_them(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     scene = tmp_path / "s.toml"
-    scene.write_text(text.replace("output_step = 0.01", "output_step = 3e-7"))
+    scene.write_text(
+        text.replace("output_step = 0.01", "output_step = 3e-7"), encoding="utf-8"
+    )
     shutil.copy(SLIDER_CRANK / "rod_q4.SID_FEM", tmp_path)
     process = subprocess.Popen(
         [sys.executable, "-m", "sidtool", "simulate", str(scene)]
@@ -194,6 +198,7 @@ def test_a_run_that_is_ended_in_a_step_of_many_rows_keeps_them(
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         text=True,
+        encoding="utf-8",
     )
     while sum(p.stat().st_size for p in tmp_path.glob(".*.part")) < 1_000_000:
         assert process.poll() is None

@@ -37,12 +37,12 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def written(folder: Path, scene: SceneFile, mesh: Any, modes: int) -> Path:
     """A scene file whose arm is made of the model beside it."""
     data = beam_data(mesh, reduction={"method": "modal", "modes": modes})
-    (folder / "arm.json").write_text(json.dumps(data))
+    (folder / "arm.json").write_text(json.dumps(data), encoding="utf-8")
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     content["bodies"]["arm"] |= {"model": "arm.json"}
     del content["bodies"]["arm"]["sid"]
     path = folder / "scene.json"
-    path.write_text(json.dumps(content))
+    path.write_text(json.dumps(content), encoding="utf-8")
     return path
 
 
@@ -70,9 +70,9 @@ def test_a_model_is_converted_once(
     assert np.array_equal(again.values, first.values)
     kept.write_bytes(kept.read_bytes()[:100])
     assert sidtool.simulate(path)["arm.tip.x"] == pytest.approx(first["arm.tip.x"])
-    data = json.loads((folder / "arm.json").read_text())
+    data = json.loads((folder / "arm.json").read_text(encoding="utf-8"))
     data["material"]["density"] *= 2.0
-    (folder / "arm.json").write_text(json.dumps(data))
+    (folder / "arm.json").write_text(json.dumps(data), encoding="utf-8")
     heavier = sidtool.simulate(path)
     assert np.abs(heavier["arm.tip.uy"]).max() > 1.5 * np.abs(first["arm.tip.uy"]).max()
 
@@ -126,9 +126,9 @@ def pressed(folder: Path, modes: int) -> Path:
     )
     mesh = {"type": "iga", "degrees": [3, 2], "elements": [10, 1]}
     path = written(folder, content, mesh, modes)
-    data = json.loads((folder / "arm.json").read_text())
+    data = json.loads((folder / "arm.json").read_text(encoding="utf-8"))
     data["markers"]["mid"] = {"node": 3, "parameters": [0.5, 0.5]}
-    (folder / "arm.json").write_text(json.dumps(data))
+    (folder / "arm.json").write_text(json.dumps(data), encoding="utf-8")
     return path
 
 
@@ -193,7 +193,7 @@ def test_what_a_refusal_names_is_what_needs_most(
     """A pin lets go of a bar at once: more modes change its force, a finer mesh hardly;
     the mesh was named, with its 1e-6 N of 6e-5 N that were allowed."""
     monkeypatch.chdir(folder)
-    (folder / "bar.json").write_text(json.dumps(bar_data(elements=8)))
+    (folder / "bar.json").write_text(json.dumps(bar_data(elements=8)), encoding="utf-8")
     scene = sidtool.Scene(
         dimension="planar",
         gravity=[0.0, -9.81],
@@ -235,9 +235,9 @@ def test_what_cannot_convert_says_so(folder: Path) -> None:
     path = written(folder, spun(0.3, 2.0), COARSE, 1)
     with pytest.raises(sidtool.InputError, match="has to be converted first"):
         compile_scene(read_scene(path), folder)
-    content = json.loads(path.read_text())
+    content = json.loads(path.read_text(encoding="utf-8"))
     content["bodies"]["arm"]["model"] = "leg.json"
-    path.write_text(json.dumps(content))
+    path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(sidtool.InputError, match="leg.json"):
         sidtool.simulate(path)
 

@@ -40,7 +40,7 @@ def beam(height: float, width: float) -> SID:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A scene with a beam that bends in y first, another such, and one in z first."""
-    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
     for name, sizes in {
         "tall": (0.01, 0.05),
         "same": (0.012, 0.05),
@@ -73,7 +73,7 @@ def recorded(folder: Path, names: str, sid: str) -> sidtool.Result:
     push = 'forces.push = { type = "force", marker = "rod.2", force = [0, 3, 4] }'
     text = SCENE.replace('["rod.q1"]', names) + push + "\n"
     scene = folder / "pushed.toml"
-    scene.write_text(text.replace('"planar"', '"spatial"'))
+    scene.write_text(text.replace('"planar"', '"spatial"'), encoding="utf-8")
     return sidtool.simulate(scene, sids={"rod": folder / f"{sid}.SID_FEM"})
 
 
@@ -90,7 +90,7 @@ def test_a_mode_that_is_named_by_its_kind_stays_the_same_one(folder: Path) -> No
 
 def test_a_planar_scene_knows_kinds(folder: Path) -> None:
     text = SCENE.replace('["rod.q1"]', '["rod.bending_y1", "rod.q1"]')
-    (folder / "kinds.toml").write_text(text)
+    (folder / "kinds.toml").write_text(text, encoding="utf-8")
     found = sidtool.simulate(folder / "kinds.toml")
     assert (found["rod.bending_y1"] == found["rod.q1"]).all()
 
@@ -115,7 +115,7 @@ force = [0, 1, 0]
 function = { type = "expression", value = "-1e4 * rod.bending_y1" }
 """
     scene = folder / "pushed.toml"
-    scene.write_text(scene.read_text() + law)
+    scene.write_text(scene.read_text(encoding="utf-8") + law, encoding="utf-8")
     held = sidtool.simulate(scene, sids={"rod": folder / "flat.SID_FEM"})
     assert held["rod.bending_y1"][-1] != free["rod.bending_y1"][-1]
 

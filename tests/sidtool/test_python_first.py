@@ -78,7 +78,7 @@ def test_a_scene_of_python_moves_as_mechanics_says(tmp_path: Path) -> None:
     assert type(again) is sidtool.Scene and again == scene
     np.testing.assert_array_equal(again.simulate().values, result.values)
     assert result.said().bodies == scene.bodies
-    data = tomllib.loads((tmp_path / "thrown.toml").read_text())
+    data = tomllib.loads((tmp_path / "thrown.toml").read_text(encoding="utf-8"))
     assert data["format"] == "sidtool scene" and data["bodies"]["stone"]["mass"] == 2
 
 
@@ -132,7 +132,8 @@ def test_wrong_arguments_are_named(make: Any, message: str) -> None:
 
 def test_errors_of_a_loaded_scene_name_its_file(tmp_path: Path) -> None:
     (tmp_path / "lost.toml").write_text(
-        (SLIDER_CRANK / "slider_crank.toml").read_text()
+        (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8"),
+        encoding="utf-8",
     )
     scene = sidtool.Scene.load(tmp_path / "lost.toml").with_({"rod.sid": "none.SID"})
     for act in (scene.simulate, scene.static_equilibrium):
@@ -225,7 +226,7 @@ def test_the_page_on_python_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    page = (SLIDER_CRANK.parents[1] / "docs" / "python.md").read_text()
+    page = (SLIDER_CRANK.parents[1] / "docs" / "python.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     exec("".join(blocks), {})
     assert len(blocks) >= 4 and (tmp_path / "pendulum.toml").is_file()

@@ -179,9 +179,9 @@ def test_a_load_on_a_dead_node_is_refused(kind: str, held_at_both_ends: Path) ->
 def test_info_of_a_scene_names_dead_nodes(
     held_at_both_ends: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     scene = held_at_both_ends.parent / "scene.toml"
-    scene.write_text(text.replace("rod_q4.SID_FEM", "rod.SID_FEM"))
+    scene.write_text(text.replace("rod_q4.SID_FEM", "rod.SID_FEM"), encoding="utf-8")
     assert run(["info", str(scene)]) == 0
     assert "joint piston_pin acts on node 2 of rod" in capsys.readouterr().out
 

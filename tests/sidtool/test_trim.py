@@ -31,7 +31,7 @@ def files(tmp_path: Path) -> tuple[SceneFile, SID]:
     write_sid(tmp_path / "arm.h5", sid)
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     content["bodies"]["arm"]["sid"] = "arm.h5"
-    (tmp_path / "scene.json").write_text(json.dumps(content))
+    (tmp_path / "scene.json").write_text(json.dumps(content), encoding="utf-8")
     return scene, sid
 
 

@@ -98,7 +98,7 @@ FILES += [("part.inp", abaqus_text, kind) for kind in ABAQUS]
 @pytest.mark.parametrize(("file", "text", "kind"), FILES)
 def test_formats_exchanged(tmp_path: Path, file: str, text, kind: str) -> None:  # type: ignore[no-untyped-def]
     mesh = turned(block(kind, (2, 1, 2), (1.0, 0.5, 0.7), seed=3), 1)
-    (tmp_path / file).write_text(text(mesh))
+    (tmp_path / file).write_text(text(mesh), encoding="utf-8")
     found = read_mesh(tmp_path / file).mesh
     check_mesh(found)
     assert found.blocks[0].kind == kind
@@ -122,14 +122,14 @@ MESHED = {
 
 
 def meshed_model(folder: Path, mesh: Mesh, unit: float = 1.0) -> Path:
-    (folder / "part.msh").write_text(gmsh_text(mesh))
+    (folder / "part.msh").write_text(gmsh_text(mesh), encoding="utf-8")
     data = rod_data({"type": "mesh"})
     data["geometry"] = {"type": "mesh", "file": "part.msh", "unit": unit}
     centre = (mesh.positions.mean(axis=0) * unit).tolist()
     data["frame"] = {"type": "buckens"}
     data["markers"] = {"middle": {"node": 1, "position": centre}}
     data["reduction"] = {"method": "modal", "modes": 4}
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return folder / "model.json"
 
 

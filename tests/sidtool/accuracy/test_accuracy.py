@@ -129,7 +129,7 @@ def test_the_second_time_nothing_is_searched(
     assert simulated(scene, other, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
     assert simulated(scene, sid, accuracy={"arm.tip.y": 2e-2}).accuracy.searched
     for path in folder.iterdir():
-        path.write_text(path.read_text()[:200])
+        path.write_text(path.read_text(encoding="utf-8")[:200], encoding="utf-8")
     assert simulated(scene, sid, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
 
 
@@ -243,7 +243,7 @@ def test_the_command_the_file_and_its_json(
     write_sid(tmp_path / "arm.h5", sid)
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     content["bodies"]["arm"]["sid"] = "arm.h5"
-    (tmp_path / "scene.json").write_text(json.dumps(content))
+    (tmp_path / "scene.json").write_text(json.dumps(content), encoding="utf-8")
     result = tmp_path / "result.h5"
     command = ["simulate", str(tmp_path / "scene.json"), "-o", str(result)]
     assert run([*command, "--accuracy", "arm.tip.y=0.1 %"]) == 0

@@ -150,7 +150,7 @@ def test_the_table_has_a_line_of_digits(
     write_sid(tmp_path / "arm.h5", reprinted(cantilever(3), "%.5e"))
     content = swinging(0.4).model_dump(mode="json", by_alias=True, exclude_none=True)
     content["bodies"]["arm"]["sid"] = "arm.h5"
-    (tmp_path / "scene.json").write_text(json.dumps(content))
+    (tmp_path / "scene.json").write_text(json.dumps(content), encoding="utf-8")
     result = str(tmp_path / "result.h5")
     command = ["simulate", str(tmp_path / "scene.json"), "--accuracy", "1e-1"]
     assert run([*command, "-o", result]) == 0

@@ -41,7 +41,7 @@ def pulled(cells: int, length: int = 1) -> sidtool.Scene:
     corners = [[[x, -SIDE / 2], [x, SIDE / 2]] for x in (0.0, length * SIDE)]
     data["geometry"] |= {"control_points": corners, "thickness": THICKNESS}
     data["material"] |= {"youngs_modulus": MODULUS, "density": 1e3}
-    Path("block.json").write_text(json.dumps(data))
+    Path("block.json").write_text(json.dumps(data), encoding="utf-8")
     ramp = {"type": "sine_ramp", "from": 0.0, "to": 0.9, "end": 1.0}
     pull = {"type": "force", "marker": "block.tip", "force": [FORCE, 0.0]}
     markers = {"root": 1, "tip": 2}
@@ -103,7 +103,7 @@ def bar(frame: dict[str, Any], modes: int = 2) -> None:
         },
         "reduction": {"method": "modal", "modes": modes},
     }
-    Path("link.json").write_text(json.dumps(data))
+    Path("link.json").write_text(json.dumps(data), encoding="utf-8")
 
 
 def with_bar(**content: Any) -> sidtool.Scene:
@@ -216,7 +216,7 @@ def link(length: float, height: float, width: float, name: str) -> None:
         "reduction": {"method": "modal", "modes": 3},
         "damping": {"type": "rayleigh", "beta": 1e-5},
     }
-    Path(name).write_text(json.dumps(data))
+    Path(name).write_text(json.dumps(data), encoding="utf-8")
 
 
 def test_changes_by_steps_are_not_taken_for_those_by_meshes() -> None:
@@ -265,10 +265,12 @@ def test_changes_by_steps_are_not_taken_for_those_by_meshes() -> None:
 def blade(name: str, elements: int, **reduction: Any) -> sidtool.Scene:
     """A slender steel blade on a hub that a torque spins up to 16 rad/s."""
     link(1.2, 0.006, 0.04, name)
-    data = json.loads(Path(name).read_text())
+    data = json.loads(Path(name).read_text(encoding="utf-8"))
     data |= {"reduction": reduction, "stiffening": {}}
     data["discretisation"]["elements"] = elements
-    Path(name).write_text(json.dumps({k: data[k] for k in data if k != "damping"}))
+    Path(name).write_text(
+        json.dumps({k: data[k] for k in data if k != "damping"}), encoding="utf-8"
+    )
     ramp = {"type": "sine_ramp", "from": 0.0, "to": 1.0, "end": 1.0}
     motor = {"type": "force", "marker": "hub", "torque": 12.0, "function": ramp}
     return sidtool.Scene(
@@ -308,9 +310,9 @@ def test_elastic_coordinates_of_a_coupler_are_judged() -> None:
     """Both of its ends turn as far: rounding told the signs of its shape functions,
     which changed from mesh to mesh, by twice the amplitude."""
     link(0.5, 0.004, 0.02, "link.json")
-    data = json.loads(Path("link.json").read_text())
+    data = json.loads(Path("link.json").read_text(encoding="utf-8"))
     data["frame"] = {"type": "chord", "markers": ["a", "b"]}
-    Path("link.json").write_text(json.dumps(data))
+    Path("link.json").write_text(json.dumps(data), encoding="utf-8")
     crank = {"mass": 1.0, "inertia": 0.01, "markers": {"top": {"position": [0.0, 0.1]}}}
     rocker = {
         "mass": 1.0,

@@ -61,7 +61,7 @@ def test_a_solid_that_flaps_across_its_spin_lacks_stiffening(
     data["material"] = {"youngs_modulus": 1e9, "poissons_ratio": 0.0, "density": 1e4}
     for marker in data["markers"].values():
         marker["at"] = [0.5, 0.5]
-    Path("blade.json").write_text(json.dumps(data))
+    Path("blade.json").write_text(json.dumps(data), encoding="utf-8")
     ramp = {"type": "sine_ramp", "from": 0.0, "to": 1.0, "end": 1.0}
     scene = spun(
         speed,

@@ -38,9 +38,9 @@ def refused(
 
 def spoiled(folder: Path, file: str, old: str, new: str) -> Path:
     path = folder / "example" / file
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     assert old in text
-    path.write_text(text.replace(old, new, 1))
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
     return path
 
 
@@ -52,7 +52,11 @@ def test_help_needs_no_heavy_import() -> None:
         f"print([m for m in {heavy!r} if m in sys.modules], file=sys.stderr)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        encoding="utf-8",
     )
     assert done.stderr.strip() == "[]"
     assert "simulate" in done.stdout
@@ -159,8 +163,8 @@ def test_a_cut_off_sid_is_refused(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sid = folder / "example" / "rod_q4.SID_FEM"
-    whole = sid.read_text()
-    sid.write_text(whole[: len(whole) // 2])
+    whole = sid.read_text(encoding="utf-8")
+    sid.write_text(whole[: len(whole) // 2], encoding="utf-8")
     for arguments in (
         ["simulate", folder / "example/slider_crank.toml", "-o", folder / "out/r.h5"],
         ["convert", sid, "-o", folder / "out/b.h5"],
@@ -229,7 +233,9 @@ def test_convert_there_and_back(
     sid = folder / "example" / "rod_q4.SID_FEM"
     assert run(["convert", str(sid), "-o", str(folder / "a.h5")]) == 0
     assert run(["convert", str(folder / "a.h5"), "-o", str(folder / "b.SID_FEM")]) == 0
-    assert (folder / "b.SID_FEM").read_text() == sid.read_text()
+    assert (folder / "b.SID_FEM").read_text(encoding="utf-8") == sid.read_text(
+        encoding="utf-8"
+    )
     assert "2 nodes, 5 modes; 31.7011, 200.5533" in capsys.readouterr().out
 
 
@@ -251,7 +257,7 @@ def test_repair_of_a_good_sid_changes_nothing(
     sid, out = folder / "example" / "rod_q4.SID_FEM", folder / "a.SID_FEM"
     assert run(["convert", str(sid), "-o", str(out), "--repair"]) == 0
     assert "repair: 0 numbers changed" in capsys.readouterr().out
-    assert out.read_text() == sid.read_text()
+    assert out.read_text(encoding="utf-8") == sid.read_text(encoding="utf-8")
 
 
 def test_repair_lists_what_it_changes(
@@ -324,7 +330,7 @@ def test_info_of_a_model_and_a_scene(capsys: pytest.CaptureFixture[str]) -> None
 def test_info_of_a_scene_tells_damping_and_what_forces_act_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     rod = (SLIDER_CRANK / "rod_q4.SID_FEM").as_posix()
     more = f'{rod}"\nquadratic_inertia = true\ndamping = {{ type = "frequency" }} #'
     scene = tmp_path / "damped.toml"
@@ -336,7 +342,9 @@ coordinate = "displacement"
 force = 2
 speed = 0.01
 """
-    scene.write_text(text.replace("rod_q4.SID_FEM", more, 1) + friction)
+    scene.write_text(
+        text.replace("rod_q4.SID_FEM", more, 1) + friction, encoding="utf-8"
+    )
     assert run(["info", str(scene)]) == 0
     told = capsys.readouterr().out
     assert "rod_q4.SID_FEM, damping frequency, quadratic inertia" in told
@@ -362,6 +370,7 @@ def test_a_closed_pipe_is_no_error() -> None:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            encoding="utf-8",
         )
         assert process.stdout is not None
         process.stdout.close()

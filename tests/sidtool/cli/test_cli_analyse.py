@@ -43,7 +43,7 @@ function = { type = "smooth_step", from = 0, to = 1, end = 1.5, continuity = 3 }
 @pytest.fixture
 def pendulum(tmp_path: Path) -> Path:
     path = tmp_path / "pendulum.toml"
-    path.write_text(PENDULUM)
+    path.write_text(PENDULUM, encoding="utf-8")
     return path
 
 
@@ -62,7 +62,7 @@ def test_modes_are_written_with_their_shapes(
 ) -> None:
     target = pendulum.with_name("modes.json")
     assert run(["analyse", "modes", str(pendulum), "-o", str(target)]) == 0
-    (mode,) = json.loads(target.read_text())["modes"]
+    (mode,) = json.loads(target.read_text(encoding="utf-8"))["modes"]
     hertz = np.sqrt(2 * 9.81 / 2.1) / (2 * np.pi)
     assert mode["frequency"] == pytest.approx(hertz, rel=1e-7)
     assert len(mode["shape"]) == 3
@@ -83,7 +83,7 @@ def test_a_start_that_is_no_steady_motion_has_no_modes(
     assert not target.exists()
     assert run([*command, "--frozen"]) == 0
     assert "frozen" in capsys.readouterr().out
-    written = json.loads(target.read_text())
+    written = json.loads(target.read_text(encoding="utf-8"))
     (mode,) = written["modes"]
     hertz = np.sqrt(2 * 9.81 * -written["position"][1] / 2.1) / (2 * np.pi)
     assert mode["frequency"] == pytest.approx(hertz, rel=1e-6)
@@ -96,20 +96,22 @@ def test_inverse_needs_a_prescribed_motion(
     assert run(["analyse", "inverse", str(pendulum)]) == 2
     message = capsys.readouterr().err
     assert "pendulum.toml" in message and "1 of 3 coordinates" in message
-    pendulum.write_text(DRIVEN)
+    pendulum.write_text(DRIVEN, encoding="utf-8")
     target = pendulum.with_name("forces.csv")
     assert run(["analyse", "inverse", str(pendulum), "-o", str(target)]) == 0
     assert "turn.f1" in capsys.readouterr().out
-    assert len(target.read_text().splitlines()) == 12
+    assert len(target.read_text(encoding="utf-8").splitlines()) == 12
 
 
 def test_inverse_of_flexible_bodies_is_quasi_static_on_demand(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene = tmp_path / "slow.toml"
-    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     text = text.replace("rod_q4.SID_FEM", (SLIDER_CRANK / "rod_q4.SID_FEM").as_posix())
-    scene.write_text(text.replace("output_step = 0.01", "output_step = 0.5"))
+    scene.write_text(
+        text.replace("output_step = 0.01", "output_step = 0.5"), encoding="utf-8"
+    )
     assert run(["analyse", "inverse", str(scene)]) == 2
     assert "the option quasi-static" in capsys.readouterr().err
     target = tmp_path / "forces.h5"
@@ -134,7 +136,7 @@ marker = "bob"
 coordinate = "y"
 function = { type = "polynomial", pieces = [{ from = 0, coefficients = [-0.6, -1.1] }] }
 """
-    scene.write_text(PENDULUM + pull)
+    scene.write_text(PENDULUM + pull, encoding="utf-8")
     assert run(["analyse", "inverse", str(scene), "-o", str(target)]) == 1
     assert "cannot reach" in capsys.readouterr().err
     result = read_result(target)
@@ -146,9 +148,13 @@ function = { type = "polynomial", pieces = [{ from = 0, coefficients = [-0.6, -1
 def test_a_body_that_can_fall_is_said_in_one_line(
     pendulum: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pendulum.write_text(PENDULUM.replace("[joints.hinge]", "[joints.gone]"))
-    text = pendulum.read_text()
+    pendulum.write_text(
+        PENDULUM.replace("[joints.hinge]", "[joints.gone]"), encoding="utf-8"
+    )
+    text = pendulum.read_text(encoding="utf-8")
     start, end = text.index("[joints.gone]"), text.index("[outputs]")
-    pendulum.write_text(text[:start] + text[end:].replace(', "hinge.fy"', ""))
+    pendulum.write_text(
+        text[:start] + text[end:].replace(', "hinge.fy"', ""), encoding="utf-8"
+    )
     assert run(["analyse", "static", str(pendulum)]) == 1
     assert "no static equilibrium" in capsys.readouterr().err

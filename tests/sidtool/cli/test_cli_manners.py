@@ -94,5 +94,6 @@ def test_the_shell_completes_commands() -> None:
         capture_output=True,
         text=True,
         timeout=60,
+        encoding="utf-8",
     )
     assert done.stdout == "plain,simulate\n"

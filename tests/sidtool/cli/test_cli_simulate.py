@@ -30,13 +30,13 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def columns(path: Path) -> dict[str, np.ndarray]:
-    rows = list(csv.reader(path.read_text().splitlines()))
+    rows = list(csv.reader(path.read_text(encoding="utf-8").splitlines()))
     data = np.array(rows[1:], float)
     return {name: data[:, i] for i, name in enumerate(rows[0])}
 
 
 def test_the_csv_has_one_header_and_a_row_per_output_time(files: Path) -> None:
-    lines = (files / "r.csv").read_text().splitlines()
+    lines = (files / "r.csv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == "t,piston.x,rod.q1,rod.q2,rod.q3,rod.q4,rod.q5"
     assert len(lines) == 302
     table = columns(files / "r.csv")

@@ -46,6 +46,6 @@ def test_without_the_examples_the_demo_says_so(
 def test_a_file_in_the_way_of_the_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "demo").write_text("")
+    (tmp_path / "demo").write_text("", encoding="utf-8")
     assert run(["demo", "-o", str(tmp_path / "demo")]) == 2
     assert "cannot be a folder" in capsys.readouterr().err

@@ -22,7 +22,7 @@ def folder(tmp_path: Path) -> Path:
     for name in ("slider_crank.toml", "rod_q4.SID_FEM"):
         shutil.copy(SLIDER_CRANK / name, tmp_path / name)
     for name in ("solver", "formats", "numba", "click"):
-        (tmp_path / f"{name}.py").write_text(HOSTILE)
+        (tmp_path / f"{name}.py").write_text(HOSTILE, encoding="utf-8")
     return tmp_path
 
 
@@ -33,6 +33,7 @@ def python(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         timeout=300,
+        encoding="utf-8",
     )
 
 
@@ -64,7 +65,7 @@ def test_scripts_beside_such_modules_run_ours(script: str, folder: Path) -> None
     for name in ("numba", "click"):  # what a script's folder holds is the script's
         (folder / f"{name}.py").unlink()
     (folder / "script.py").write_text(
-        f"{script}\nimport sidtool.solver.run\nprint('well')\n"
+        f"{script}\nimport sidtool.solver.run\nprint('well')\n", encoding="utf-8"
     )
     done = python(folder, "script.py")
     assert done.stdout == "well\n", done.stderr
@@ -73,10 +74,11 @@ def test_scripts_beside_such_modules_run_ours(script: str, folder: Path) -> None
 
 def test_own_modules_of_such_names_stay_what_they_are(tmp_path: Path) -> None:
     for name in ("solver", "formats"):
-        (tmp_path / f"{name}.py").write_text(f"mine = '{name}'\n")
+        (tmp_path / f"{name}.py").write_text(f"mine = '{name}'\n", encoding="utf-8")
     (tmp_path / "script.py").write_text(
         "import solver\nimport sidtool.api\nimport sidtool.solver.run\n"
-        "import formats\nprint(solver.mine, formats.mine)\n"
+        "import formats\nprint(solver.mine, formats.mine)\n",
+        encoding="utf-8",
     )
     done = python(tmp_path, "script.py")
     assert done.stdout == "solver formats\n", done.stderr
@@ -100,4 +102,4 @@ def test_nothing_is_imported_a_second_time_by_a_short_name() -> None:
     for folder in ("sidtool", "formats", "solver", "tests", "benchmarks", "examples"):
         for path in (top / folder).rglob("*.py"):
             own = path == Path(__file__)
-            assert own or not short.search(path.read_text()), path
+            assert own or not short.search(path.read_text(encoding="utf-8")), path

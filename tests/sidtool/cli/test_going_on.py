@@ -51,6 +51,7 @@ def ended(
         capture_output=True,
         text=True,
         timeout=300,
+        encoding="utf-8",
     )
 
 

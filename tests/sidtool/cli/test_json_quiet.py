@@ -40,12 +40,20 @@ OTHERS = {"new", "demo", "schema", "warmup"}
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The beam on a wall, for 20 ms, its result, and a rigid bar that a drive turns."""
     place = tmp_path_factory.mktemp("files")
-    text = (EXAMPLES / "beam/beam.toml").read_text().replace("modes = 8", "modes = 2")
-    (place / "beam.toml").write_text(text)
+    text = (
+        (EXAMPLES / "beam/beam.toml")
+        .read_text(encoding="utf-8")
+        .replace("modes = 8", "modes = 2")
+    )
+    (place / "beam.toml").write_text(text, encoding="utf-8")
     sid = sidtool.Model.load(place / "beam.toml").convert()
     sidtool.write(place / "beam.SID_FEM", sid)
-    text = (EXAMPLES / "beam/scene.toml").read_text().replace("end = 1.0", "end = 0.02")
-    (place / "scene.toml").write_text(text)
+    text = (
+        (EXAMPLES / "beam/scene.toml")
+        .read_text(encoding="utf-8")
+        .replace("end = 1.0", "end = 0.02")
+    )
+    (place / "scene.toml").write_text(text, encoding="utf-8")
     result = sidtool.Scene.load(place / "scene.toml").simulate()
     result.save(place / "r.h5")
     turning = {"from": 0.0, "coefficients": [0.0, 1.0, 1.0]}

@@ -62,6 +62,7 @@ def killed(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        encoding="utf-8",
     ) as process:
         assert process.stdout is not None
         for line in process.stdout:
@@ -121,7 +122,11 @@ def test_ctrl_c_while_modules_are_imported_and_again_after_it(
 ) -> None:
     """Nothing is said of the program's own lines (there was a traceback)."""
     done = subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, timeout=60
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        encoding="utf-8",
     )
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
 
@@ -164,28 +169,28 @@ def test_only_rests_of_processes_that_are_gone_are_removed(
     """Not what others write just now, nor what only has a similar name."""
     with atomic_path(tmp_path / "first") as first:
         other = tmp_path / rename(first.name)
-        other.write_text("text")
+        other.write_text("text", encoding="utf-8")
         with atomic_path(tmp_path / "second") as second:
-            second.write_text("2")
+            second.write_text("2", encoding="utf-8")
         assert other.exists() == stays
-        first.write_text("1")
-    assert (tmp_path / "first").read_text() == "1"
+        first.write_text("1", encoding="utf-8")
+    assert (tmp_path / "first").read_text(encoding="utf-8") == "1"
 
 
 def test_a_rest_of_another_machine_stays(tmp_path: Path) -> None:
     """Its processes cannot be seen from here."""
     rest = tmp_path / f".rod.h5.01234567-{gone()}-abcdefgh.part"
-    rest.write_text("")
+    rest.write_text("", encoding="utf-8")
     with atomic_path(tmp_path / "file") as temporary:
-        temporary.write_text("")
+        temporary.write_text("", encoding="utf-8")
     assert rest.exists()
 
 
 def test_names_may_be_as_long_as_before(tmp_path: Path) -> None:
     for name in ("n" * 255, "\N{GREEK SMALL LETTER OMEGA}" * 127):
         with atomic_path(tmp_path / name) as temporary:
-            temporary.write_text("text")
-        assert (tmp_path / name).read_text() == "text"
+            temporary.write_text("text", encoding="utf-8")
+        assert (tmp_path / name).read_text(encoding="utf-8") == "text"
 
 
 STUDY = ["study", "slider_crank.toml", "-o", "deep/study", "--integrator", "radau9"]
@@ -253,6 +258,7 @@ def test_no_compiling_process_stays(number: signal.Signals, tmp_path: Path) -> N
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        encoding="utf-8",
     ) as process:
         assert process.stdout is not None
         helper = int(process.stdout.readline())
@@ -268,7 +274,7 @@ def test_no_compiling_process_stays(number: signal.Signals, tmp_path: Path) -> N
 def _alive(process: int) -> bool:
     """A process that has ended and that nobody waits for is not alive."""
     try:
-        text = Path(f"/proc/{process}/stat").read_text()
+        text = Path(f"/proc/{process}/stat").read_text(encoding="utf-8")
     except OSError:
         return False
     return text.rpartition(")")[2].split()[0] != "Z"
@@ -278,7 +284,7 @@ def test_threads_do_not_take_each_others_files_for_rests(tmp_path: Path) -> None
     def write(k: int) -> None:
         for n in range(40):
             with atomic_path(tmp_path / f"{k}.{n}") as temporary:
-                temporary.write_text("text")
+                temporary.write_text("text", encoding="utf-8")
 
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(write, range(4)))

@@ -33,10 +33,10 @@ def test_what_is_there_is_not_touched(
 ) -> None:
     folder = tmp_path / "mine"
     folder.mkdir()
-    (folder / "scene.toml").write_text("mine")
+    (folder / "scene.toml").write_text("mine", encoding="utf-8")
     assert run(["new", str(folder)]) == 2
     assert "exists already" in capsys.readouterr().err
-    assert (folder / "scene.toml").read_text() == "mine"
+    assert (folder / "scene.toml").read_text(encoding="utf-8") == "mine"
     assert run(["new", str(tmp_path / "no" / "folder")]) == 2
     assert "cannot be made" in capsys.readouterr().err
     assert run(["new", str(tmp_path / "x"), "--from", "toaster"]) == 2

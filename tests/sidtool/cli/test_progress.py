@@ -97,8 +97,10 @@ def test_the_search_for_meshes_tells(
     folder = tmp_path / "beam"
     assert run(["new", str(folder), "--from", "beam"]) == 0
     scene = folder / "scene.toml"
-    text = scene.read_text().replace('sid = "beam.SID_FEM"', 'model = "beam.toml"')
-    scene.write_text(text.replace("end = 1.0", "end = 0.05"))
+    text = scene.read_text(encoding="utf-8").replace(
+        'sid = "beam.SID_FEM"', 'model = "beam.toml"'
+    )
+    scene.write_text(text.replace("end = 1.0", "end = 0.05"), encoding="utf-8")
     heard(told, "simulate", str(scene), "--accuracy", "bar.tip.y=1e-2")
     texts = [text for text, _ in told]
     first = next(k for k, text in enumerate(texts) if text.startswith("choosing"))

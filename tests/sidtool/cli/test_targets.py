@@ -89,7 +89,7 @@ def test_targets_that_cannot_be_meant_are_refused(
 ) -> None:
     monkeypatch.chdir(folder)
     for name in ("notes.csv", "notes.h5"):
-        (folder / name).write_text("years of work\n")
+        (folder / name).write_text("years of work\n", encoding="utf-8")
     assert words in refused(["simulate", "slider_crank.toml", *options], folder, capsys)
 
 
@@ -99,17 +99,17 @@ def test_a_sid_of_another_program_is_replaced_with_force_only(
     """It has all that a SID has, but not the mark of our own files in its title."""
     monkeypatch.chdir(folder)
     path = folder / "other.SID_FEM"
-    own = (folder / "rod_q4.SID_FEM").read_text()
+    own = (folder / "rod_q4.SID_FEM").read_text(encoding="utf-8")
     foreign = re.sub(r" \[sidtool.*\]", "", own, count=1)
-    path.write_text(foreign)
+    path.write_text(foreign, encoding="utf-8")
     arguments = ["convert", "rod_q4.SID_FEM", "-o", "other.SID_FEM"]
     assert "is there and is not" in refused(arguments, folder, capsys)
-    path.write_text(own)
+    path.write_text(own, encoding="utf-8")
     assert run([*arguments[:1], str(folder / arguments[1]), "-o", str(path)]) == 0
-    path.write_text(foreign)
+    path.write_text(foreign, encoding="utf-8")
     again = ["convert", str(folder / "rod_q4.SID_FEM"), "-o", str(path), "--force"]
     assert run(again) == 0
-    assert "[sidtool" in path.read_text()
+    assert "[sidtool" in path.read_text(encoding="utf-8")
 
 
 def test_own_files_are_replaced_and_others_with_force(
@@ -119,7 +119,7 @@ def test_own_files_are_replaced_and_others_with_force(
     arguments = ["simulate", "slider_crank.toml", "--rtol", "1e-3", "-o", "r.h5"]
     arguments += ["-o", "r.csv"]
     assert [run(arguments) for _ in range(2)] == [0, 0]
-    (folder / "r.h5").write_text("notes")
+    (folder / "r.h5").write_text("notes", encoding="utf-8")
     assert run(arguments) == 2
     assert run([*arguments, "--force"]) == 0
     assert read_result(folder / "r.h5").completed
@@ -187,6 +187,7 @@ def test_a_limit_on_file_sizes_leaves_nothing_half_written(
         capture_output=True,
         text=True,
         timeout=120,
+        encoding="utf-8",
     )
     assert done.returncode == 1, done.stderr
     assert done.stderr.count("\n") == 1 and "File too large" in done.stderr
@@ -195,9 +196,9 @@ def test_a_limit_on_file_sizes_leaves_nothing_half_written(
 
 def test_a_failing_block_leaves_the_target_alone(tmp_path: Path) -> None:
     target = tmp_path / "file"
-    target.write_text("old")
+    target.write_text("old", encoding="utf-8")
     with pytest.raises(RuntimeError), atomic_path(target) as temporary:
-        temporary.write_text("new")
+        temporary.write_text("new", encoding="utf-8")
         raise RuntimeError
     assert contents(tmp_path) == {"file": b"old"}
 

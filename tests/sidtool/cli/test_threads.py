@@ -40,5 +40,6 @@ def test_one_thread_unless_the_user_says_otherwise(
         capture_output=True,
         text=True,
         check=False,
+        encoding="utf-8",
     )
     assert result.stdout == f"{found}\n"

@@ -172,7 +172,9 @@ def test_blocks_that_cannot_be_those_of_a_body_are_told() -> None:
 
 def test_the_beam_of_the_page_vibrates_as_a_free_beam() -> None:
     """f1 = 4.73004^2 / (2 pi) sqrt(EI / mu) / L^2; it is good as a file, too."""
-    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
+    blocks = re.findall(
+        r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL
+    )
     (code,) = (block for block in blocks if "sid_from_shapes" in block)
     names: dict[str, Any] = {}
     exec(code[: code.index("sidtool.write")], names)

@@ -218,15 +218,16 @@ def assert_same(stored: Any, fresh: Any, name: str) -> None:
 
 
 def test_a_model_that_cannot_be_used_names_file_and_key(tmp_path: Path) -> None:
-    text = (SLIDER_CRANK / "rod_q4.toml").read_text()
+    text = (SLIDER_CRANK / "rod_q4.toml").read_text(encoding="utf-8")
     path = tmp_path / "folded.toml"
     path.write_text(
-        text.replace("[[0.5,  0.00], [0.5, 0.00]]", "[[0.5,0.2],[0.5,-0.2]]")
+        text.replace("[[0.5,  0.00], [0.5, 0.00]]", "[[0.5,0.2],[0.5,-0.2]]"),
+        encoding="utf-8",
     )
     with pytest.raises(InputError) as caught:
         sid_from_model(path)
     assert caught.value.source == str(path) and caught.value.place == "geometry"
     assert "folds or is mirrored near (0." in str(caught.value)
-    path.write_text(text.replace("modes = 5", "modes = 50000"))
+    path.write_text(text.replace("modes = 5", "modes = 50000"), encoding="utf-8")
     with pytest.raises(InputError, match="folded.toml: reduction.modes: 50000 modes"):
         sid_from_model(path)

@@ -102,7 +102,7 @@ def pinned(
     **geometry: Any,
 ) -> ModelFile:
     """A model of a mesh with markers; the first of them holds a mean-axis frame."""
-    (folder / "part.inp").write_text(deck_text(mesh, sets, reference))
+    (folder / "part.inp").write_text(deck_text(mesh, sets, reference), encoding="utf-8")
     if mesh.dimension == 2:
         geometry["thickness"] = DEPTH
     data = {
@@ -115,5 +115,5 @@ def pinned(
         "markers": markers,
         "reduction": {"method": "modal", "modes": 2},
     }
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return read_model(folder / "model.json")

@@ -24,7 +24,7 @@ def archive(
 ) -> Path:
     lines = [f"MP,{name},1,{value!r}" for name, value in given.items()]
     text = cdb_text().replace(old, new, 1) + "\n".join([*lines, "MP,DENS,1,450.", ""])
-    (folder / "cube.cdb").write_text(text)
+    (folder / "cube.cdb").write_text(text, encoding="utf-8")
     return folder / "cube.cdb"
 
 

@@ -79,12 +79,12 @@ def by_rbe3() -> str:
 
 
 def model(folder: Path, text: str, file: str) -> FiniteElementModel:
-    (folder / file).write_text(text)
+    (folder / file).write_text(text, encoding="utf-8")
     markers = {"end": {"node": 1, "mesh_node": REFERENCE}}
     path = mesh_model(folder, file, frame={"type": "buckens"}, markers=markers)
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     del data["material"]
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     return finite_element_model(read_model(path))
 
 
@@ -130,12 +130,14 @@ def assembled(row: str) -> str:
 
 def test_a_surface_of_the_assembly_names_sets_of_instances(tmp_path: Path) -> None:
     """Such a row was left out without a word where others held nodes."""
-    (tmp_path / "part.inp").write_text(assembled("I.LAST, S4"))
+    (tmp_path / "part.inp").write_text(assembled("I.LAST, S4"), encoding="utf-8")
     (coupling,) = read_mesh(tmp_path / "part.inp").couplings
     assert set(coupling.nodes) == set(graded().right)
 
 
 def test_sets_of_surfaces_that_are_not_there_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "part.inp").write_text(assembled("I.LAST, S4\nI.LOST, S4"))
+    (tmp_path / "part.inp").write_text(
+        assembled("I.LAST, S4\nI.LOST, S4"), encoding="utf-8"
+    )
     with pytest.raises(InputError, match="no element set 'I.LOST'"):
         read_mesh(tmp_path / "part.inp")

@@ -92,7 +92,7 @@ def test_masses_beside_the_elements_do_not_matter(tmp_path: Path) -> None:
     """The better mesh has none: 50 kg on the bar would pass for its elements' cost."""
     model = bar(tmp_path, "tet4", (20, 1, 1))
     before = notes(model)
-    with (tmp_path / "part.inp").open("a") as deck:
+    with (tmp_path / "part.inp").open("a", encoding="utf-8") as deck:
         deck.write("*ELEMENT, TYPE=MASS, ELSET=TOOL\n90001, 5\n")
         deck.write("*MASS, ELSET=TOOL\n50.\n")
     body = finite_element_model(model)

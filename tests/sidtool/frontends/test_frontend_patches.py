@@ -138,7 +138,7 @@ def written(path: Path, patches: dict[str, NurbsPatch]) -> None:
         for name, p in patches.items()
     }
     data = {"format": "sidtool patches", "version": 1, "patches": tables}
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
 
 
 def patches_model(folder: Path, clamp: str, discretisation: dict[str, Any]) -> Path:
@@ -150,7 +150,7 @@ def patches_model(folder: Path, clamp: str, discretisation: dict[str, Any]) -> P
         "foot": {"node": 1, "edge": clamp, "at": 0.5},
         "end": {"node": 2, "position": [0.0, 1.5]},
     }
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return folder / "model.json"
 
 
@@ -239,9 +239,9 @@ def geomdl(patch: NurbsPatch) -> dict[str, Any]:
 def test_exchange_formats_hold_the_same_patch(tmp_path: Path) -> None:
     plane = patch_from_model(annulus(IGA).geometry)
     solid = patch_from_model(volume(SOLIDS["iga"]).geometry)
-    (tmp_path / "arc.xml").write_text(GISMO)
-    (tmp_path / "arc.json").write_text(json.dumps(geomdl(plane)))
-    (tmp_path / "rod.json").write_text(json.dumps(geomdl(solid)))
+    (tmp_path / "arc.xml").write_text(GISMO, encoding="utf-8")
+    (tmp_path / "arc.json").write_text(json.dumps(geomdl(plane)), encoding="utf-8")
+    (tmp_path / "rod.json").write_text(json.dumps(geomdl(solid)), encoding="utf-8")
     for name, expected in (
         ("arc.xml", plane),
         ("arc.json", plane),
@@ -266,7 +266,7 @@ def test_exchange_formats_hold_the_same_patch(tmp_path: Path) -> None:
 )
 def test_spoiled_patch_files(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "arc.xml"
-    path.write_text(GISMO.replace(old, new, 1))
+    path.write_text(GISMO.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(InputError) as caught:
         read_patches(path)
     assert caught.value.source == str(path) and message in str(caught.value)

@@ -49,7 +49,7 @@ def model_of(
     at: Any = 0.5 if d == 2 else [0.5, 0.5]
     data["markers"] = {"foot": {"node": 1, "edge": clamp[0], "at": at}}
     data["reduction"]["modes"] = 3
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return read_model(folder / "model.json")
 
 

@@ -93,7 +93,7 @@ def body(folder: Path, text: str, *, held: str | None = None, **geometry: Any) -
 def deck_file(
     folder: Path, text: str, *, held: str | None = None, **geometry: Any
 ) -> Path:
-    (folder / "part.inp").write_text(text)
+    (folder / "part.inp").write_text(text, encoding="utf-8")
     frame: dict[str, Any] = {"type": "buckens"}
     if held:
         frame = {"type": "tangent", "marker": "p", "clamp": held}
@@ -104,11 +104,11 @@ def deck_file(
         markers={"p": {"node": 1, "mesh_node": 1}},
         reduction={"method": "modal", "modes": 4},
     )
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     data["discretisation"].update(geometry.pop("discretisation", {}))
     data["geometry"].update(geometry)
     del data["material"]
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     return path
 
 
@@ -122,9 +122,9 @@ def calculix(folder: Path, text: str, held: str | None) -> np.ndarray:
     step = f"*STEP\n*FREQUENCY\n{4 + rigid}\n*NODE FILE\nU\n*END STEP\n"
     if held:
         step = f"*BOUNDARY\n{held}, 1, 3\n" + step
-    (folder / "ccx.inp").write_text(text + step)
+    (folder / "ccx.inp").write_text(text + step, encoding="utf-8")
     command = ["ccx", "ccx"]
     subprocess.run(command, cwd=folder, capture_output=True, check=True, timeout=120)
-    lines = (folder / "ccx.dat").read_text().splitlines()
+    lines = (folder / "ccx.dat").read_text(encoding="utf-8").splitlines()
     rows = [line.split() for line in lines if re.match(r"\s+\d+\s+-?0\.\d+E", line)]
     return np.array([float(row[3]) for row in rows[rigid : rigid + 4]])

@@ -191,5 +191,5 @@ def mesh_model(folder: Path, file: str, **changes: Any) -> Path:
         "crank_pin": {"node": 1, "position": [0.0, -0.03, -0.005]},
         "piston_pin": {"node": 2, "mesh_node": 33},
     }
-    (folder / "model.json").write_text(json.dumps(data | changes))
+    (folder / "model.json").write_text(json.dumps(data | changes), encoding="utf-8")
     return folder / "model.json"

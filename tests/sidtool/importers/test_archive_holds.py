@@ -144,7 +144,7 @@ def test_point_masses(constants: str, tmp_path: Path) -> None:
 )
 def test_masses_of_their_own_directions(line: str, said: str, tmp_path: Path) -> None:
     text = MASS.format(constants=line).replace("KEYOPT,2,3,2", "KEYOPT,2,3,0")
-    (tmp_path / "part.cdb").write_text(archive(text))
+    (tmp_path / "part.cdb").write_text(archive(text), encoding="utf-8")
     with pytest.raises(InputError, match=said):
         read_mesh(tmp_path / "part.cdb")
 
@@ -162,10 +162,10 @@ LOCALS = {
 def test_wood_along_the_system_of_its_elements(line: str, tmp_path: Path) -> None:
     """ESYS was refused."""
     text = archive(material=SPRUCE)
-    (tmp_path / "plain.cdb").write_text(text)
+    (tmp_path / "plain.cdb").write_text(text, encoding="utf-8")
     (plain,) = read_mesh(tmp_path / "plain.cdb").materials.values()
     turned = text.replace("TYPE,1\n", f"{line}\nCSYS,0\nTYPE,1\nESYS,11\n")
-    (tmp_path / "part.cdb").write_text(turned)
+    (tmp_path / "part.cdb").write_text(turned, encoding="utf-8")
     found = read_mesh(tmp_path / "part.cdb")
     (block,) = found.mesh.blocks
     own = found.materials[str(block.material)]
@@ -178,14 +178,14 @@ def test_wood_along_the_system_of_its_elements(line: str, tmp_path: Path) -> Non
 def test_wood_around_an_axis(tmp_path: Path) -> None:
     text = archive(material=SPRUCE)
     line = "LOCAL,12,1,0.1,0.2,0.3,0.,90.,0.\nCSYS,0\nTYPE,1\nESYS,12\n"
-    (tmp_path / "part.cdb").write_text(text.replace("TYPE,1\n", line))
+    (tmp_path / "part.cdb").write_text(text.replace("TYPE,1\n", line), encoding="utf-8")
     found = read_mesh(tmp_path / "part.cdb").materials["1 along 12"]
     assert isinstance(found, CylindricalMaterial)
     assert_allclose(found.start, [0.1, 0.2, 0.3])
     assert_allclose(found.axis, [0.0, -1.0, 0.0], atol=1e-15)
     ball = text.replace("TYPE,1\n", line.replace("12,1", "12,2"))
     for wrong, said in ((ball, "of kind 2"), (ball.replace("ESYS,12", "ESYS,9"), "9")):
-        (tmp_path / "part.cdb").write_text(wrong)
+        (tmp_path / "part.cdb").write_text(wrong, encoding="utf-8")
         with pytest.raises(InputError, match=said):
             read_mesh(tmp_path / "part.cdb")
 
@@ -205,7 +205,7 @@ def test_triangles_of_quadratic_plane_elements(collapsed: bool, tmp_path: Path) 
     for i, (a, b, c, ab, bc, ca) in enumerate(HALVES, 1):
         row = (a, b, c, c, ab, bc, c, ca) if collapsed else (a, b, c, ab, bc, ca)
         lines.append(f"EN,{i},{','.join(map(str, row))}")
-    (tmp_path / "part.cdb").write_text("\n".join([*lines, MATERIAL]))
+    (tmp_path / "part.cdb").write_text("\n".join([*lines, MATERIAL]), encoding="utf-8")
     found = read_mesh(tmp_path / "part.cdb")
     (block,) = found.mesh.blocks
     assert block.kind == "tri6" and block.thickness == 0.02
@@ -215,13 +215,13 @@ def test_triangles_of_quadratic_plane_elements(collapsed: bool, tmp_path: Path) 
 def test_elements_over_several_lines(tmp_path: Path) -> None:
     """EMORE."""
     block = Block((1, 1, 1), (1.0, 1.0, 1.0))
-    (tmp_path / "part.cdb").write_text(archive(block=block))
+    (tmp_path / "part.cdb").write_text(archive(block=block), encoding="utf-8")
     expected = read_mesh(tmp_path / "part.cdb").mesh.blocks[0].nodes
     text = archive(block=block)
     row = text[text.index("EN,1,") :].splitlines()[0]
     head, tail = row.rsplit(",", 4)[0], row.rsplit(",", 4)[1:]
     more = f"{head}\nEMORE,{','.join(tail)}"
-    (tmp_path / "part.cdb").write_text(text.replace(row, more))
+    (tmp_path / "part.cdb").write_text(text.replace(row, more), encoding="utf-8")
     assert (read_mesh(tmp_path / "part.cdb").mesh.blocks[0].nodes == expected).all()
 
 
@@ -229,7 +229,9 @@ def test_elements_over_several_lines(tmp_path: Path) -> None:
     ("kind", "said"), [(174, "contact"), (14, "a spring"), (184, "rigid link")]
 )
 def test_what_is_no_solid_is_named(kind: int, said: str, tmp_path: Path) -> None:
-    (tmp_path / "part.cdb").write_text(archive(f"ET,2,{kind}", "TYPE,2", "EN,99,1,2"))
+    (tmp_path / "part.cdb").write_text(
+        archive(f"ET,2,{kind}", "TYPE,2", "EN,99,1,2"), encoding="utf-8"
+    )
     with pytest.raises(InputError, match=said):
         read_mesh(tmp_path / "part.cdb")
 
@@ -249,6 +251,6 @@ def test_what_is_beyond_the_elasticity_changes_nothing(tmp_path: Path) -> None:
     """Structural steel as it comes, resistivity and all, was refused."""
     found = body(tmp_path, archive(STEEL_OF_WORKBENCH))
     assert_same(found, body(tmp_path, archive()))
-    (tmp_path / "part.cdb").write_text(archive("TB,HYPER,1,1,2,NEO"))
+    (tmp_path / "part.cdb").write_text(archive("TB,HYPER,1,1,2,NEO"), encoding="utf-8")
     with pytest.raises(InputError, match="TB, HYPER is not supported"):
         read_mesh(tmp_path / "part.cdb")

@@ -112,7 +112,7 @@ def test_binary_mesh_is_that_of_its_text(
     tmp_path: Path, kind: str, version: str, order: str
 ) -> None:
     text = WRITERS[version](rod_mesh(kind))
-    (tmp_path / "a.msh").write_text(text)
+    (tmp_path / "a.msh").write_text(text, encoding="utf-8")
     (tmp_path / "b.msh").write_bytes(packed(text, order))
     plain, binary = (read_mesh(tmp_path / f"{n}.msh") for n in "ab")
     assert_allclose(binary.mesh.positions, plain.mesh.positions, rtol=0, atol=0)

@@ -99,7 +99,7 @@ def test_directions_are_those_of_the_nodes(
     expected = np.cross(z, c - a) if axis is None else axis(arm, z)
     expected = expected / np.linalg.norm(expected)
     text = halves(f"MPC,4,{label},2,3.,1,1,-1.", system, turned=6)
-    (tmp_path / "part.bdf").write_text(text)
+    (tmp_path / "part.bdf").write_text(text, encoding="utf-8")
     (equation,) = read_mesh(tmp_path / "part.bdf").equations
     assert_allclose(equation.terms[0][1], 3 * expected, atol=1e-12)
     assert equation.terms[1] == (1, (-1.0, 0.0, 0.0))
@@ -107,11 +107,11 @@ def test_directions_are_those_of_the_nodes(
 
 def test_long_cards_hold_every_term(tmp_path: Path) -> None:
     text = bulk("MPC,4,1,1,1.,2,1,2.", ",,3,1,3.,4,2,4.", ",,5,3,5.", block=HALF)
-    (tmp_path / "part.bdf").write_text(text)
+    (tmp_path / "part.bdf").write_text(text, encoding="utf-8")
     (equation,) = read_mesh(tmp_path / "part.bdf").equations
     assert [sum(shares) for _, shares in equation.terms] == [1, 2, 3, 4, 5]
     wide = text.replace("MPC,4,1,1,1.,2,1,2.", "MPC*,4,1,1,1.\n*,2,1,2.")
-    (tmp_path / "part.bdf").write_text(wide)
+    (tmp_path / "part.bdf").write_text(wide, encoding="utf-8")
     assert read_mesh(tmp_path / "part.bdf").equations[0].terms == equation.terms
 
 
@@ -130,14 +130,16 @@ def test_long_cards_hold_every_term(tmp_path: Path) -> None:
 def test_what_mpc_does_not_tie_is_refused(
     cards: list[str], before: str, said: str, tmp_path: Path
 ) -> None:
-    (tmp_path / "part.bdf").write_text(before + bulk(*cards, block=HALF))
+    (tmp_path / "part.bdf").write_text(
+        before + bulk(*cards, block=HALF), encoding="utf-8"
+    )
     with pytest.raises(InputError, match=said):
         read_mesh(tmp_path / "part.bdf")
 
 
 def test_sets_that_case_control_does_not_name_do_nothing(tmp_path: Path) -> None:
     text = "CEND\nSUBCASE 1\n SPC = 7\n" + bulk("MPC,4,1,1,1.", block=HALF)
-    (tmp_path / "part.bdf").write_text(text)
+    (tmp_path / "part.bdf").write_text(text, encoding="utf-8")
     found = read_mesh(tmp_path / "part.bdf")
     assert not found.equations
     assert "case control does not name" in " ".join(found.notes)
@@ -149,7 +151,7 @@ def test_sets_that_case_control_does_not_name_do_nothing(tmp_path: Path) -> None
 )
 def test_bulk_data_begin_in_many_ways(head: str, tmp_path: Path) -> None:
     bare = bulk(block=HALF).replace("BEGIN BULK\n", "")
-    (tmp_path / "part.bdf").write_text(head + bare)
+    (tmp_path / "part.bdf").write_text(head + bare, encoding="utf-8")
     assert len(read_mesh(tmp_path / "part.bdf").mesh.labels) == len(HALF.points)
 
 
@@ -210,7 +212,7 @@ def test_rings_of_growth_are_those_of_calculix(tmp_path: Path) -> None:
 
 def test_the_law_of_wood_is_hookes(tmp_path: Path) -> None:
     """Every unit stress strains as the constants say, in the axes of the system."""
-    (tmp_path / "part.bdf").write_text(wood(system="8"))
+    (tmp_path / "part.bdf").write_text(wood(system="8"), encoding="utf-8")
     imported = read_mesh(tmp_path / "part.bdf")
     (name,) = {block.material for block in imported.mesh.blocks}
     assert name is not None
@@ -238,6 +240,6 @@ def test_the_law_of_wood_is_hookes(tmp_path: Path) -> None:
 def test_other_wood_is_refused(old: str, new: str, said: str, tmp_path: Path) -> None:
     text = wood(system="8")
     assert old in text
-    (tmp_path / "part.bdf").write_text(text.replace(old, new))
+    (tmp_path / "part.bdf").write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=said):
         read_mesh(tmp_path / "part.bdf")

@@ -31,7 +31,7 @@ SKIN = "CTRIA3,2,1,1,3,2\nCTRIA3,3,1,1,4,3\nCQUAD4,4,2,5,6,7,8\nCBAR,5,1,1,2,0.,
 
 
 def read(folder: Path, cards: str) -> ImportedMesh:
-    (folder / "part.bdf").write_text(f"{CUBE}{cards}ENDDATA\n")
+    (folder / "part.bdf").write_text(f"{CUBE}{cards}ENDDATA\n", encoding="utf-8")
     return read_mesh(folder / "part.bdf")
 
 

@@ -55,7 +55,7 @@ def plate(*, turned: bool, tail: str = "", property_: str = "1") -> str:
 
 
 def body(folder: Path, text: str, **geometry: Any) -> SID:
-    (folder / "part.bdf").write_text(text)
+    (folder / "part.bdf").write_text(text, encoding="utf-8")
     data = {
         "format": "sidtool model",
         "version": 1,
@@ -65,7 +65,7 @@ def body(folder: Path, text: str, **geometry: Any) -> SID:
         "markers": {"p": {"node": 1, "mesh_node": 1}},
         "reduction": {"method": "modal", "modes": 4},
     }
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return sid_from_model(folder / "model.json")
 
 

@@ -79,7 +79,7 @@ def model_file(
     folder: Path, deck: str, node: int, held: str | None = None, **geometry: Any
 ) -> Path:
     """A model of a deck by CalculiX, with a marker at a node of the deck."""
-    (folder / "part.inp").write_text(deck)
+    (folder / "part.inp").write_text(deck, encoding="utf-8")
     frame: dict[str, Any] = {"type": "buckens"}
     markers: dict[str, Any] = {"p": {"node": 1, "mesh_node": node}}
     if held:
@@ -99,7 +99,7 @@ def model_file(
         "markers": markers,
         "reduction": {"method": "modal", "modes": 4},
     }
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return folder / "model.json"
 
 
@@ -192,7 +192,7 @@ def test_what_calculix_cannot_do_is_said(
 ) -> None:
     deck = plate_deck("S4", 0.3, shell(0.005), 2)
     assert change[0] in deck
-    (tmp_path / "part.inp").write_text(deck.replace(*change))
+    (tmp_path / "part.inp").write_text(deck.replace(*change), encoding="utf-8")
     with pytest.raises(InputError, match=message) as caught:
         _convert(tmp_path)
     assert "part.inp" in str(caught.value)
@@ -201,14 +201,18 @@ def test_what_calculix_cannot_do_is_said(
 def test_without_calculix_the_message_says_how_to_get_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "part.inp").write_text(plate_deck("S4", 0.3, shell(0.005), 2))
+    (tmp_path / "part.inp").write_text(
+        plate_deck("S4", 0.3, shell(0.005), 2), encoding="utf-8"
+    )
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InputError, match="apt install calculix-ccx"):
         _convert(tmp_path)
 
 
 def test_own_elements_name_the_engine(tmp_path: Path) -> None:
-    (tmp_path / "part.inp").write_text(plate_deck("S4", 0.3, shell(0.005), 2))
+    (tmp_path / "part.inp").write_text(
+        plate_deck("S4", 0.3, shell(0.005), 2), encoding="utf-8"
+    )
     with pytest.raises(InputError, match='geometry.engine = "calculix"'):
         _convert(tmp_path, engine=None)
 
@@ -224,15 +228,16 @@ def _convert(folder: Path, engine: str | None = "calculix") -> SID:
         "markers": {"p": {"node": 1, "mesh_node": 1}},
         "reduction": {"method": "modal", "modes": 4},
     }
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return sid_from_model(folder / "model.json")
 
 
 def test_a_deck_loses_its_steps_and_supports_only(tmp_path: Path) -> None:
-    (tmp_path / "more.inp").write_text("*NODE\n2, 1.\n")
+    (tmp_path / "more.inp").write_text("*NODE\n2, 1.\n", encoding="utf-8")
     (tmp_path / "part.inp").write_text(
         "*NODE\n1, 0.\n*INCLUDE, INPUT=more.inp\n*BOUNDARY\n1, 1, 3\n*BOUNDARY\n2, 1\n"
-        "*MASS, ELSET=E\n1.\n*STEP\n*STATIC\n*CLOAD\n2, 1, 1.\n*END STEP\n** the end\n"
+        "*MASS, ELSET=E\n1.\n*STEP\n*STATIC\n*CLOAD\n2, 1, 1.\n*END STEP\n** the end\n",
+        encoding="utf-8",
     )
     lines = free_deck(tmp_path / "part.inp")
     assert lines == ["*NODE", "1, 0.", "*NODE", "2, 1."]
@@ -241,7 +246,7 @@ def test_a_deck_loses_its_steps_and_supports_only(tmp_path: Path) -> None:
 def test_a_deck_has_cartesian_nodes_for_calculix(tmp_path: Path) -> None:
     """It would take radius and degrees for x and y without a word."""
     text = "*Node, System = C, NSET=A\n7, 2., 90., 3.\n*ELSET, ELSET=B\n*MATERIAL\n"
-    (tmp_path / "part.inp").write_text(text)
+    (tmp_path / "part.inp").write_text(text, encoding="utf-8")
     head, node, *rest = free_deck(tmp_path / "part.inp")
     assert head == "*NODE"
     assert_allclose([float(w) for w in node.split(",")], [7, 0, 2, 3], atol=1e-15)
@@ -287,7 +292,7 @@ def test_masses_that_calculix_drops_are_refused(
 ) -> None:
     """A mass at a point that no element holds was lost without a word."""
     text = plate_deck("S4", 0.3, shell(0.005), 2) + "*NODE\n99, 0., 0., 1.\n"
-    (tmp_path / "part.inp").write_text(text + more)
+    (tmp_path / "part.inp").write_text(text + more, encoding="utf-8")
     with pytest.raises(InputError, match=said):
         _convert(tmp_path)
 
@@ -295,12 +300,12 @@ def test_masses_that_calculix_drops_are_refused(
 @pytest.mark.needs("ccx")
 def test_what_calculix_does_not_know_is_not_sent_to_it_again(tmp_path: Path) -> None:
     text = plate_deck("S8R", 0.3, shell(0.005), 2).replace("S8R", "S8R5")
-    (tmp_path / "part.inp").write_text(text)
+    (tmp_path / "part.inp").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match="says: .*S8R5 is an unknown element type"):
         _convert(tmp_path)
     with pytest.raises(InputError, match=r"S8R5.*geometry\.engine"):
         _convert(tmp_path, engine=None)
-    (tmp_path / "part.inp").write_text(f"{text}*NGEN\n1, 3\n")
+    (tmp_path / "part.inp").write_text(f"{text}*NGEN\n1, 3\n", encoding="utf-8")
     with pytest.raises(InputError, match="S8R5 is not supported.* of CalculiX, as S8R"):
         _convert(tmp_path)
 

@@ -82,7 +82,7 @@ def converted(
     folder: Path, name: str, text: str, held: str | None = None, **geometry: Any
 ) -> tuple[SID, list[str]]:
     """The SID, free or held at a set, and what was said on the way."""
-    (folder / name).write_text(text)
+    (folder / name).write_text(text, encoding="utf-8")
     frame: dict[str, Any] = {"type": "buckens"}
     if held:
         frame = {"type": "tangent", "marker": "p", "clamp": held}
@@ -95,7 +95,7 @@ def converted(
         "markers": {"p": {"node": 1, "mesh_node": 1}},
         "reduction": {"method": "modal", "modes": 6},
     }
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         sid = sid_from_model(folder / "model.json")

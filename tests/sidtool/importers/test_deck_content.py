@@ -92,7 +92,7 @@ def test_lines_of_elements_with_further_nodes_say_so(tmp_path: Path) -> None:
     lines = BLOCK.element_lines()
     text = text.replace(lines, lines.replace("\n", ", 1, 2,\n"))
     text = text.replace("MATERIAL=S\n", "MATERIAL=S, OFFSET=0.5\n")
-    (tmp_path / "part.inp").write_text(text)
+    (tmp_path / "part.inp").write_text(text, encoding="utf-8")
     notes = read_mesh(tmp_path / "part.inp").notes
     assert any("hold 10 nodes: the first 8 are" in note for note in notes)
     assert any("OFFSET of *SOLID SECTION" in note for note in notes)
@@ -107,8 +107,10 @@ def test_lines_of_elements_with_further_nodes_say_so(tmp_path: Path) -> None:
 def test_elements_and_nodes_of_other_files_are_read(tmp_path: Path) -> None:
     text = deck(BLOCK, "C3D8I")
     lines = BLOCK.element_lines().splitlines(keepends=True)
-    (tmp_path / "more.txt").write_text("** a comment\n" + "".join(lines[2:]))
-    (tmp_path / "nodes.txt").write_text(BLOCK.node_lines())
+    (tmp_path / "more.txt").write_text(
+        "** a comment\n" + "".join(lines[2:]), encoding="utf-8"
+    )
+    (tmp_path / "nodes.txt").write_text(BLOCK.node_lines(), encoding="utf-8")
     text = text.replace(
         "".join(lines[2:]), "*ELEMENT, TYPE=C3D8I, ELSET=E, INPUT=more.txt\n"
     )
@@ -131,7 +133,7 @@ def test_keyword_lines_go_on_after_a_comma(tmp_path: Path) -> None:
 def test_empty_sets_and_abbreviated_parameters(tmp_path: Path) -> None:
     text = deck(BLOCK, "C3D8I") + "*NSET, NSET=NONE\n*ELSET, ELSET=NOTHING\n"
     text += "*NSET, NSET=SOME, GEN\n2, 6, 2\n"
-    (tmp_path / "part.inp").write_text(text)
+    (tmp_path / "part.inp").write_text(text, encoding="utf-8")
     sets = read_mesh(tmp_path / "part.inp").mesh.node_sets
     assert not sets["NONE"].size and not sets["NOTHING"].size
     assert list(sets["SOME"] + 1) == [2, 4, 6]
@@ -146,7 +148,7 @@ def test_surface_elements_beside_solids_name_nodes(tmp_path: Path) -> None:
     sid = body(tmp_path, text, held="LEFT")
     expected = body(tmp_path, plain, held="LEFT")
     assert_allclose(frequencies(sid), frequencies(expected), rtol=1e-12)
-    (tmp_path / "part.inp").write_text(text)
+    (tmp_path / "part.inp").write_text(text, encoding="utf-8")
     sets = read_mesh(tmp_path / "part.inp").mesh.node_sets
     assert {n + 1 for n in sets["SKIN"]} == {a, b, c, d}
     for name, message in (("SKIN", "mixes plane and solid"), ("LINE", "T3D2 is not")):

@@ -19,7 +19,7 @@ ENDS = "*NODE\n1, 2., 0., 0.\n21, 0., 2., 0.\n99, 0., 0., 0.\n98, 2., 2., 0.\n"
 
 
 def scope_of(folder: Path, text: str) -> Scope:
-    (folder / "part.inp").write_text(text)
+    (folder / "part.inp").write_text(text, encoding="utf-8")
     return read_deck(folder / "part.inp").assembly
 
 

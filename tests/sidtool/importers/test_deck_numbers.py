@@ -183,7 +183,7 @@ def test_reduction_fix_names_sets_of_the_file(tmp_path: Path) -> None:
     """A beam held at both ends, by the frame alone or by frame and reduction."""
     text = deck(BEAM, "C3D8I") + listed("RIGHT", BEAM.right)
     path = deck_file(tmp_path, text, held="LEFT")
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     both = frequencies(_with(path, data, "frame", "clamp", ["LEFT", "RIGHT"]))
     fixed = frequencies(_with(path, data, "reduction", "fix", "RIGHT"))
     assert_allclose(fixed, both, rtol=1e-9)
@@ -191,5 +191,7 @@ def test_reduction_fix_names_sets_of_the_file(tmp_path: Path) -> None:
 
 
 def _with(path: Path, data: Any, table: str, key: str, value: Any) -> SID:
-    path.write_text(json.dumps(data | {table: data[table] | {key: value}}))
+    path.write_text(
+        json.dumps(data | {table: data[table] | {key: value}}), encoding="utf-8"
+    )
     return sid_from_model(path)

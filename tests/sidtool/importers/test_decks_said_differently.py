@@ -135,7 +135,8 @@ def test_rotary_inertia_of_a_turned_instance_is_refused(tmp_path: Path) -> None:
     (tmp_path / "part.inp").write_text(
         f"*PART, NAME=P\n{head}*SOLID{section}*END PART\n*ASSEMBLY, NAME=A\n"
         "*INSTANCE, NAME=I, PART=P\n0., 0., 0.\n0., 0., 0., 0., 0., 1., 30.\n"
-        f"*END INSTANCE\n*END ASSEMBLY\n*MATERIAL{material}"
+        f"*END INSTANCE\n*END ASSEMBLY\n*MATERIAL{material}",
+        encoding="utf-8",
     )
     with pytest.raises(InputError, match="instance is turned"):
         read_mesh(tmp_path / "part.inp")
@@ -154,12 +155,13 @@ def test_nodes_in_a_system_of_their_own(system: str, tmp_path: Path) -> None:
     x, y = np.array(SYSTEMS[system], float)
     text = decks.deck(BLOCK, "C3D8I")
     path = tmp_path / "part.inp"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     plain = read_mesh(path).mesh.positions
     path.write_text(
         text.replace("*NODE\n", f"{system}\n*NODE\n").replace(
             "*ELEMENT", "*SYSTEM\n*NODE\n9999, 1., 2., 3.\n*ELEMENT", 1
-        )
+        ),
+        encoding="utf-8",
     )
     found = read_mesh(path).mesh.positions
     expected = np.array([1.0, -2.0, 0.5]) + plain @ np.array([x, y, np.cross(x, y)])

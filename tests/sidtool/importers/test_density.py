@@ -22,7 +22,7 @@ BLOCK = Block((4, 1, 1), (0.4, 0.1, 0.1))
 
 
 def converted(folder: Path, name: str, text: str, **changes: Any) -> SID:
-    (folder / name).write_text(text)
+    (folder / name).write_text(text, encoding="utf-8")
     frame = changes.pop("frame", {"type": "buckens"})
     path = mesh_model(
         folder,
@@ -31,11 +31,11 @@ def converted(folder: Path, name: str, text: str, **changes: Any) -> SID:
         markers={"p": {"node": 1, "mesh_node": 1}},
         reduction={"method": "modal", "modes": 2, **changes.pop("reduction", {})},
     )
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     del data["material"]
     data |= changes.pop("top", {})
     data["geometry"].update(changes)
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return sid_from_model(path)

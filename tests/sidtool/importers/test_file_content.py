@@ -39,7 +39,9 @@ def test_what_a_gmsh_file_holds_besides(
     tmp_path: Path, version: str, old: str, new: str, message: str
 ) -> None:
     path = tmp_path / "rod.msh"
-    path.write_text(MSH[version](rod_mesh("hex8")).replace(old, new, 1))
+    path.write_text(
+        MSH[version](rod_mesh("hex8")).replace(old, new, 1), encoding="utf-8"
+    )
     with pytest.raises(InputError, match=message):
         read_mesh(path)
 
@@ -48,7 +50,7 @@ def test_what_a_gmsh_file_holds_besides(
 def test_a_gmsh_file_tells_what_was_read(tmp_path: Path, version: str) -> None:
     path = tmp_path / "rod.msh"
     text = MSH[version](rod_mesh("hex8"))
-    path.write_text(text + "$Periodic\n0\n$EndPeriodic\n")
+    path.write_text(text + "$Periodic\n0\n$EndPeriodic\n", encoding="utf-8")
     assert read_mesh(path).notes == (
         "read 6 of 10 elements (6 hex8) and 28 of 28 nodes",
         "4 elements of lower dimension only name nodes",
@@ -71,15 +73,15 @@ def test_trimmed_and_unknown_parts_of_geomdl_are_refused(tmp_path: Path) -> None
     for more, message in cases:
         data = arc()
         data["shape"]["data"][0].update(more)
-        path.write_text(json.dumps(data))
+        path.write_text(json.dumps(data), encoding="utf-8")
         with pytest.raises(InputError, match=message):
             read_patches(path)
     data = arc()
     data["shape"]["data"][0].update({"trims": {"count": 0, "data": []}, "delta": [1]})
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     assert list(read_patches(path)) == ["patch1"]
     data["shape"]["count"] = 2
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     with pytest.raises(InputError, match="announces 2 patches and holds 1"):
         read_patches(path)
 
@@ -97,7 +99,7 @@ def test_a_multipatch_lists_all_patches(
 ) -> None:
     path = tmp_path / "arc.xml"
     table = f'<MultiPatch parDim="2" id="0">{table}</MultiPatch></xml>'
-    path.write_text(GISMO.replace("</xml>", table))
+    path.write_text(GISMO.replace("</xml>", table), encoding="utf-8")
     if not message:
         assert list(read_patches(path)) == ["patch7"]
         return
@@ -107,6 +109,8 @@ def test_a_multipatch_lists_all_patches(
 
 def test_patches_with_one_id_are_refused(tmp_path: Path) -> None:
     body = GISMO.split("<xml>")[1].split("</xml>")[0]
-    (tmp_path / "arc.xml").write_text(GISMO.replace("</xml>", body + "</xml>"))
+    (tmp_path / "arc.xml").write_text(
+        GISMO.replace("</xml>", body + "</xml>"), encoding="utf-8"
+    )
     with pytest.raises(InputError, match="patch7: is given twice"):
         read_patches(tmp_path / "arc.xml")

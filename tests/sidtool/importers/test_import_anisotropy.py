@@ -199,7 +199,7 @@ def test_every_instance_has_its_axes(tmp_path: Path) -> None:
     """A quarter of a turn about z makes x of y."""
     text = wooden(CONSTANTS, orientation(np.eye(3)))
     quarter = "5., 0., 0.\n5., 0., 0., 5., 0., 1., 90.\n"
-    (tmp_path / "part.inp").write_text(assembled(text, "", quarter))
+    (tmp_path / "part.inp").write_text(assembled(text, "", quarter), encoding="utf-8")
     laws = [own.law for own in read_mesh(tmp_path / "part.inp").materials.values()]
     swapped = [1, 0, 2, 3, 5, 4]
     assert len(laws) == 2
@@ -210,7 +210,7 @@ def test_every_instance_has_its_axes(tmp_path: Path) -> None:
 def test_a_turned_instance_takes_axes(tmp_path: Path) -> None:
     text = wooden(CONSTANTS, orientation(np.eye(3))).replace(", ORIENTATION=O", "")
     (tmp_path / "part.inp").write_text(
-        assembled(text, "0., 0., 0.\n0., 0., 0., 0., 0., 1., 90.\n")
+        assembled(text, "0., 0., 0.\n0., 0., 0., 0., 0., 1., 90.\n"), encoding="utf-8"
     )
     with pytest.raises(InputError, match="has no axes in an instance that is turned"):
         read_mesh(tmp_path / "part.inp")

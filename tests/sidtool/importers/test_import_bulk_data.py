@@ -27,7 +27,7 @@ def test_nastran(tmp_path: Path) -> None:
     path = tmp_path / "one.bdf"
     bare = BDF.split("BEGIN BULK\n")[1]
     for text in (BDF, bare, "SOL 101\nCEND\nSPC = 9\n" + BDF):
-        path.write_text(text)
+        path.write_text(text, encoding="utf-8")
         imported = read_mesh(path)
         assert imported.mesh.blocks[0].kind == "tet4"
         assert imported.materials["5"].density == 7850.0
@@ -37,7 +37,7 @@ def test_nastran(tmp_path: Path) -> None:
 
 def test_ansys(tmp_path: Path) -> None:
     path = tmp_path / "one.cdb"
-    path.write_text(cdb_text())
+    path.write_text(cdb_text(), encoding="utf-8")
     imported = read_mesh(path)
     assert imported.mesh.blocks[0].kind == "hex8"
     check_mesh(imported.mesh)
@@ -55,7 +55,7 @@ def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> N
     """The rod by every element: nodes, order of nodes, sets, and its frequencies."""
     file, writer, clamped = BULK[name]
     mesh = rod_mesh(kind)
-    (tmp_path / file).write_text(writer(mesh))
+    (tmp_path / file).write_text(writer(mesh), encoding="utf-8")
     imported = read_mesh(tmp_path / file)
     assert_allclose(imported.mesh.positions, mesh.positions, atol=1e-9)
     (block,) = imported.mesh.blocks
@@ -64,7 +64,7 @@ def test_bulk_data_hold_the_same_mesh(tmp_path: Path, name: str, kind: str) -> N
     assert set(imported.mesh.node_sets[clamped]) == set(mesh.node_sets["0.0"])
     frame = {"type": "tangent", "marker": "crank_pin", "clamp": clamped}
     found = sid_from_model(mesh_model(tmp_path, file, frame=frame))
-    (tmp_path / "rod.msh").write_text(msh_2(mesh))
+    (tmp_path / "rod.msh").write_text(msh_2(mesh), encoding="utf-8")
     expected = sid_from_model(mesh_model(tmp_path, "rod.msh"))
     assert_allclose(np.diag(found.Ke.m0), np.diag(expected.Ke.m0), rtol=1e-6)
 
@@ -89,7 +89,7 @@ def test_mistakes_in_bulk_data(
     file, *_ = BULK[name]
     text = BDF if name == "bdf" else cdb_text()
     assert old in text
-    (tmp_path / file).write_text(text.replace(old, new, 1))
+    (tmp_path / file).write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(InputError, match=message) as caught:
         read_mesh(tmp_path / file)
     assert caught.value.source == str(tmp_path / file)
@@ -123,7 +123,7 @@ SMALL = "\n".join(
 
 def test_small_and_large_fields_are_free_ones(tmp_path: Path) -> None:
     for name, text in (("free", BDF), ("small", SMALL)):
-        (tmp_path / f"{name}.bdf").write_text(text)
+        (tmp_path / f"{name}.bdf").write_text(text, encoding="utf-8")
     free, small = (read_mesh(tmp_path / f"{n}.bdf") for n in ("free", "small"))
     assert_allclose(small.mesh.positions, free.mesh.positions, atol=0)
     assert (small.mesh.blocks[0].nodes == free.mesh.blocks[0].nodes).all()
@@ -159,7 +159,7 @@ def test_small_and_large_fields_are_free_ones(tmp_path: Path) -> None:
 )
 def test_no_card_is_lost(tmp_path: Path, card: str, message: str) -> None:
     path = tmp_path / "one.bdf"
-    path.write_text(BDF.replace("ENDDATA", card + "\nENDDATA"))
+    path.write_text(BDF.replace("ENDDATA", card + "\nENDDATA"), encoding="utf-8")
     with pytest.raises(InputError, match=message):
         read_mesh(path)
     if "is not supported" in message:
@@ -170,7 +170,7 @@ def test_no_card_is_lost(tmp_path: Path, card: str, message: str) -> None:
 def test_cards_without_effect_are_listed(tmp_path: Path) -> None:
     path = tmp_path / "one.bdf"
     more = "FORCE,1,1,,5.,1.,0.,0.\nPARAM,POST,-1\nPARAM,WTMASS,.5\nSPC,8,4,12\n"
-    path.write_text(BDF.replace("ENDDATA", more + "ENDDATA"))
+    path.write_text(BDF.replace("ENDDATA", more + "ENDDATA"), encoding="utf-8")
     imported = read_mesh(path)
     assert imported.materials["5"].density == 3925.0
     assert imported.notes == (
@@ -182,9 +182,9 @@ def test_cards_without_effect_are_listed(tmp_path: Path) -> None:
 
 
 def test_cards_of_other_files_are_read(tmp_path: Path) -> None:
-    (tmp_path / "more.txt").write_text("GRID,4,,0.,0.,1.\n")
+    (tmp_path / "more.txt").write_text("GRID,4,,0.,0.,1.\n", encoding="utf-8")
     text = BDF.replace("GRID,4,,0.,0.,1.\n", "INCLUDE 'more.txt'\n")
-    (tmp_path / "one.bdf").write_text(text)
+    (tmp_path / "one.bdf").write_text(text, encoding="utf-8")
     assert len(read_mesh(tmp_path / "one.bdf").mesh.positions) == 4
 
 
@@ -210,10 +210,10 @@ def test_ansys_materials_and_single_nodes_and_elements(tmp_path: Path) -> None:
         frame={"type": "buckens"},
         markers={"p": {"node": 1, "mesh_node": 1}},
     )
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     del data["material"]
-    path.write_text(json.dumps(data))
-    (tmp_path / "two.cdb").write_text(SINGLE)
+    path.write_text(json.dumps(data), encoding="utf-8")
+    (tmp_path / "two.cdb").write_text(SINGLE, encoding="utf-8")
     assert sid_from_model(path).mass == pytest.approx(7850 + 2700, rel=1e-12)
     mesh = read_mesh(tmp_path / "two.cdb").mesh
     assert {block.formulation for block in mesh.blocks} == {"incompatible_modes"}
@@ -222,7 +222,7 @@ def test_ansys_materials_and_single_nodes_and_elements(tmp_path: Path) -> None:
 def test_elements_that_carry_loads_alone_are_listed(tmp_path: Path) -> None:
     """SURF154, as Workbench lays it under a pressure."""
     loads = "ET,2,154\nTYPE,2\nEN,9,1,2,3,4\nFINISH"
-    (tmp_path / "two.cdb").write_text(SINGLE.replace("FINISH", loads))
+    (tmp_path / "two.cdb").write_text(SINGLE.replace("FINISH", loads), encoding="utf-8")
     found = read_mesh(tmp_path / "two.cdb")
     assert sum(len(block.nodes) for block in found.mesh.blocks) == 2
     assert any("elements of type 154" in note for note in found.notes)
@@ -250,7 +250,7 @@ def test_elements_that_carry_loads_alone_are_listed(tmp_path: Path) -> None:
 )
 def test_no_command_is_lost(tmp_path: Path, line: str, message: str) -> None:
     path = tmp_path / "two.cdb"
-    path.write_text(SINGLE.replace("FINISH", line + "\nFINISH"))
+    path.write_text(SINGLE.replace("FINISH", line + "\nFINISH"), encoding="utf-8")
     with pytest.raises(InputError, match=message):
         read_mesh(path)
     if message.endswith("is not supported"):
@@ -264,7 +264,8 @@ def test_blocks_hold_what_they_announce(tmp_path: Path) -> None:
         text.replace(
             "EBLOCK,19,SOLID,         6,         6",
             "EBLOCK,19,SOLID,         6,         7",
-        )
+        ),
+        encoding="utf-8",
     )
     with pytest.raises(InputError, match="EBLOCK announces 7 entries and holds 6"):
         read_mesh(path)
@@ -324,11 +325,14 @@ def test_archives_as_ansys_writes_them(tmp_path: Path) -> None:
     """Header, branches and the end of the elements change nothing."""
     path = tmp_path / "two.cdb"
     path.write_text(
-        HEADER + cdb_text().removeprefix("/PREP7\n") + "EN,R5.5,ATTR, -1,\n"
+        HEADER + cdb_text().removeprefix("/PREP7\n") + "EN,R5.5,ATTR, -1,\n",
+        encoding="utf-8",
     )
     (block,) = read_mesh(path).mesh.blocks
     assert block.nodes.shape == (1, 8)
-    path.write_text(HEADER + cdb_text().replace("ET, ", "*IF,A,EQ,1,THEN\nET, "))
+    path.write_text(
+        HEADER + cdb_text().replace("ET, ", "*IF,A,EQ,1,THEN\nET, "), encoding="utf-8"
+    )
     with pytest.raises(InputError, match="ET depends on a parameter"):
         read_mesh(path)
 
@@ -342,14 +346,15 @@ def test_quadratic_elements_without_middle_nodes_are_linear(
     """SOLID186 and SOLID187 whose middle nodes were removed."""
     kind = "hex8" if corners == 8 else "tet4"
     path = tmp_path / "rod.cdb"
-    path.write_text(cdb_mesh(rod_mesh(kind)))
+    path.write_text(cdb_mesh(rod_mesh(kind)), encoding="utf-8")
     plain = read_mesh(path).mesh
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     known = next(k for k in (185, 285) if f"ET,        1,{k}" in text)
     path.write_text(
         text.replace(f"ET,        1,{known}", f"ET,        1,{linear}").replace(
             "KEYOPT,1,2,3", "KEYOPT,1,2,1"
-        )
+        ),
+        encoding="utf-8",
     )
     (block,) = read_mesh(path).mesh.blocks
     assert block.kind == kind != given
@@ -383,7 +388,7 @@ def test_what_an_archive_says_of_nodes_and_elements(
 ) -> None:
     text = cdb_text()
     assert old in text
-    (tmp_path / "one.cdb").write_text(text.replace(old, new))
+    (tmp_path / "one.cdb").write_text(text.replace(old, new), encoding="utf-8")
     with pytest.raises(InputError, match=said):
         read_mesh(tmp_path / "one.cdb")
 
@@ -395,7 +400,7 @@ def test_a_constant_that_depends_on_temperature_is_none(tmp_path: Path) -> None:
     hot += ["MPDATA,R5.0, 6,EX, 1, 4, 1.0E11, 1.0E11, 1.0E11"]
     for given, count in ((rows, 1), (rows + hot[:1], 1), (rows + hot, 0)):
         text = cdb_text().replace("NBLOCK", "\n".join([*given, "NBLOCK"]), 1)
-        (tmp_path / "one.cdb").write_text(text)
+        (tmp_path / "one.cdb").write_text(text, encoding="utf-8")
         assert len(read_mesh(tmp_path / "one.cdb").materials) == count
 
 
@@ -418,7 +423,7 @@ def test_solids_of_nastran_counted_left_handed(tmp_path: Path, kind: str) -> Non
         block = ElementBlock(kind, nodes[None], np.array([1]))
         path = tmp_path / f"{name}.bdf"
         mesh = Mesh(reference @ skew, (block,), {"0.0": nodes[:1]})
-        path.write_text(bdf_text(mesh))
+        path.write_text(bdf_text(mesh), encoding="utf-8")
         imported = read_mesh(path)
         check_mesh(imported.mesh)
         assert any("left-handed" in note for note in imported.notes) == (name == "left")

@@ -44,7 +44,7 @@ def bulk(*cards: str, block: Block | None = None, rho: float = STEEL["rho"]) -> 
 def body(
     folder: Path, text: str, *, held: bool = False, file: str = "part.bdf", **more: Any
 ) -> SID:
-    (folder / file).write_text(text)
+    (folder / file).write_text(text, encoding="utf-8")
     frame: dict[str, Any] = {"type": "buckens"}
     markers = {"root": {"node": 1, "mesh_node": 1}, **more.pop("markers", {})}
     if held:
@@ -63,7 +63,7 @@ def body(
         "reduction": {"method": "modal", "modes": 4},
         **more,
     }
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return sid_from_model(folder / "model.json")
 
 
@@ -160,7 +160,7 @@ def test_a_marker_at_a_reference_node_follows_its_coupling(tmp_path: Path) -> No
 def test_nodes_in_local_systems(tmp_path: Path) -> None:
     """A block whose nodes are given in a cylinder's axes that stand in others."""
     block = Block(COUNTS, SIZE)
-    (tmp_path / "plain.bdf").write_text(bulk())
+    (tmp_path / "plain.bdf").write_text(bulk(), encoding="utf-8")
     plain = read_mesh(tmp_path / "plain.bdf").mesh
     turn = np.radians(30)
     origin = np.array([0.3, -0.2, 0.1])
@@ -178,12 +178,14 @@ def test_nodes_in_local_systems(tmp_path: Path) -> None:
         "CORD2C,4,3,0.,0.,0.,0.,0.,1.",
         f",{np.cos(turn):.17g},{np.sin(turn):.17g},0.",
     ]
-    (tmp_path / "far.bdf").write_text("\n".join([*lines[:-1], *far, "ENDDATA", ""]))
+    (tmp_path / "far.bdf").write_text(
+        "\n".join([*lines[:-1], *far, "ENDDATA", ""]), encoding="utf-8"
+    )
     far_mesh = read_mesh(tmp_path / "far.bdf").mesh
     assert_allclose(far_mesh.positions, plain.positions, atol=1e-12)
     spherical = "GRID,1,8,2.,60.,45.\nGRID,2,,0.,0.,0.\nGRID,3,,0.,0.,1.\n"
     spherical += "GRID,4,,1.,0.,0.\nCORD1S,8,2,3,4\nCTETRA,1,1,2,4,1,3\n"
-    (tmp_path / "ball.bdf").write_text(spherical)
+    (tmp_path / "ball.bdf").write_text(spherical, encoding="utf-8")
     place = read_mesh(tmp_path / "ball.bdf").mesh.positions[0]
     across = 2 * np.sin(np.pi / 3) * np.sqrt(0.5)
     assert_allclose(place, [across, across, 1.0], atol=1e-14)
@@ -298,7 +300,7 @@ def test_surfaces_of_quadratic_elements_hold_their_middle_nodes(tmp_path: Path) 
         text += "".join(
             f"*SURFACE, NAME=F{k}\n1, S{k}\n" for k in range(1, corners + 1)
         )
-        (tmp_path / "one.inp").write_text(text)
+        (tmp_path / "one.inp").write_text(text, encoding="utf-8")
         sets = read_mesh(tmp_path / "one.inp").mesh.node_sets
         seen = set()
         for k in range(1, corners + 1):

@@ -38,7 +38,7 @@ def deck(
 
 
 def deck_model(folder: Path, text: str, *, held: bool = False) -> Path:
-    (folder / "part.inp").write_text(text)
+    (folder / "part.inp").write_text(text, encoding="utf-8")
     frame = {"type": "tangent", "marker": "p", "clamp": "HELD"}
     path = mesh_model(
         folder,
@@ -47,11 +47,11 @@ def deck_model(folder: Path, text: str, *, held: bool = False) -> Path:
         markers={"p": {"node": 1, "mesh_node": 1}},
         reduction={"method": "modal", "modes": 3},
     )
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     del data["material"]
     data["discretisation"]["state"] = "plane_stress" if "CPS" in text else None
     data["geometry"]["thickness"] = 0.1 if "CPS" in text else None
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     return path
 
 

@@ -85,7 +85,9 @@ def test_sets_of_instances_keep_their_owner(tmp_path: Path) -> None:
     """Sets of the same name and nodes of the same number are told apart."""
     rest = TIED + "*NODE\n1, 5., 5., 5.\n*NSET, NSET=POINT\n1,\n"
     rest += "*NSET, NSET=END, INSTANCE=I-2\nHIGH,\n*NSET, NSET=ONE, INSTANCE=I-2\n1,\n"
-    (tmp_path / "part.inp").write_text(assembly(part("P", BLOCK), TWICE, rest))
+    (tmp_path / "part.inp").write_text(
+        assembly(part("P", BLOCK), TWICE, rest), encoding="utf-8"
+    )
     mesh = read_mesh(tmp_path / "part.inp").mesh
     x = {name: mesh.positions[rows][:, 0] for name, rows in mesh.node_sets.items()}
     assert_allclose(x["I-1.HIGH"], SIZE[0])

@@ -56,16 +56,16 @@ def lines(matrix: sp.csr_matrix, labels: list[str]) -> str:
 def write_nodes(folder: Path, body: FiniteElementModel) -> None:
     text = "\n".join(" ".join(map(repr, map(float, r[1:]))) for r in nodes(body))
     numbered = [f"{i + 1} {row}" for i, row in enumerate(text.splitlines())]
-    (folder / "nodes.txt").write_text("\n".join(numbered) + "\n")
+    (folder / "nodes.txt").write_text("\n".join(numbered) + "\n", encoding="utf-8")
 
 
 def as_calculix(folder: Path, body: FiniteElementModel) -> dict[str, str]:
     write_nodes(folder, body)
     labels = [str(i + 1) for i in range(body.ndof)]
-    (folder / "rod.sti").write_text(lines(body.stiffness, labels))
-    (folder / "rod.mas").write_text(lines(body.mass, labels))
+    (folder / "rod.sti").write_text(lines(body.stiffness, labels), encoding="utf-8")
+    (folder / "rod.mas").write_text(lines(body.mass, labels), encoding="utf-8")
     dofs = "\n".join(f"{n}.{d}" for n, d in table(body))
-    (folder / "rod.dof").write_text(dofs + "\n")
+    (folder / "rod.dof").write_text(dofs + "\n", encoding="utf-8")
     return {
         "stiffness": "rod.sti",
         "mass": "rod.mas",
@@ -78,7 +78,7 @@ def as_abaqus(folder: Path, body: FiniteElementModel) -> dict[str, str]:
     write_nodes(folder, body)
     labels = [f"{n},{d}," for n, d in table(body)]
     for name, matrix in (("k", body.stiffness), ("m", body.mass)):
-        (folder / f"{name}.mtx").write_text(lines(matrix, labels))
+        (folder / f"{name}.mtx").write_text(lines(matrix, labels), encoding="utf-8")
     return {"stiffness": "k.mtx", "mass": "m.mtx", "nodes": "nodes.txt"}
 
 
@@ -130,7 +130,7 @@ def model(folder: Path, files: dict[str, Any], **changes: Any) -> Path:
         "piston_pin": {"node": 2, "mesh_node": 3},
     }
     data |= changes
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return folder / "model.json"
 
 
@@ -140,7 +140,7 @@ def test_every_format_gives_the_same_body(
 ) -> None:
     sid = sid_from_model(model(tmp_path, FORMATS[name](tmp_path, solid)))
     own = volume_data(BLOCK, 5) | {"frame": {"type": "buckens"}}
-    (tmp_path / "own.json").write_text(json.dumps(own))
+    (tmp_path / "own.json").write_text(json.dumps(own), encoding="utf-8")
     expected = sid_from_model(tmp_path / "own.json")
     assert_allclose(np.diag(sid.Ke.m0), np.diag(expected.Ke.m0), rtol=1e-6)
     assert_allclose(sid.J.m0, expected.J.m0, rtol=1e-9, atol=1e-9)
@@ -153,7 +153,7 @@ def test_full_mass_with_rotations(tmp_path: Path) -> None:
     body = finite_element_model(beam(settings))
     files = as_npz(tmp_path, body)
     sid = sid_from_model(model(tmp_path, files))
-    own = json.loads((tmp_path / "model.json").read_text())
+    own = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
     own["geometry"] = beam(settings).geometry.model_dump(mode="json")
     own["discretisation"] = settings
     own["material"] = volume_data(BLOCK)["material"]
@@ -161,7 +161,7 @@ def test_full_mass_with_rotations(tmp_path: Path) -> None:
         "crank_pin": {"node": 1, "parameters": [0]},
         "piston_pin": {"node": 2, "parameters": [1 / 6]},
     }
-    (tmp_path / "own.json").write_text(json.dumps(own))
+    (tmp_path / "own.json").write_text(json.dumps(own), encoding="utf-8")
     expected = sid_from_model(tmp_path / "own.json")
     assert sid.mass == pytest.approx(expected.mass, rel=1e-12)
     scale = np.abs(expected.J.m0).max()
@@ -298,8 +298,8 @@ def test_too_few_digits_are_refused(tmp_path: Path, solid: FiniteElementModel) -
 
 def test_a_cut_off_matrix(tmp_path: Path, solid: FiniteElementModel) -> None:
     files = as_calculix(tmp_path, solid)
-    text = (tmp_path / "rod.sti").read_text().rstrip()
-    (tmp_path / "rod.sti").write_text(text.rsplit(" ", 1)[0])
+    text = (tmp_path / "rod.sti").read_text(encoding="utf-8").rstrip()
+    (tmp_path / "rod.sti").write_text(text.rsplit(" ", 1)[0], encoding="utf-8")
     with pytest.raises(InputError, match="is the file cut off") as caught:
         sid_from_model(model(tmp_path, files))
     assert "rod.sti: line" in str(caught.value)
@@ -325,9 +325,12 @@ def test_calculix_itself(tmp_path: Path, kind: str) -> None:
         "free": "*STEP\n*FREQUENCY,SOLVER=MATRIXSTORAGE\n6\n*END STEP\n",
     }
     for name, step in steps.items():
-        (tmp_path / f"{name}.inp").write_text(text + step)
+        (tmp_path / f"{name}.inp").write_text(text + step, encoding="utf-8")
         subprocess.run(["ccx", name], cwd=tmp_path, capture_output=True, check=False)
-    rows = [line.split() for line in (tmp_path / "own.dat").read_text().splitlines()]
+    rows = [
+        line.split()
+        for line in (tmp_path / "own.dat").read_text(encoding="utf-8").splitlines()
+    ]
     own = [float(r[3]) for r in rows if len(r) == 5 and r[0].isdigit()][:5]
     clamp = {"type": "tangent", "marker": "crank_pin", "clamp": "LEFT"}
     markers = {
@@ -344,10 +347,10 @@ def test_calculix_itself(tmp_path: Path, kind: str) -> None:
     found = np.sqrt(np.diag(sid_from_model(path).Ke.m0)) / (2 * np.pi)
     # Its table of frequencies has seven digits: half of the last one is up to 5e-7.
     assert_allclose(found, own, rtol=5e-7)
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     data["geometry"] = {"type": "mesh", "file": "own.inp"}
     data["discretisation"] = {"type": "mesh"}
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     ours = np.sqrt(np.diag(sid_from_model(path).Ke.m0)) / (2 * np.pi)
     # CalculiX integrates tetrahedra with fewer points.
     assert_allclose(ours, own, rtol=1e-6 if kind != "tet10" else 2e-2)

@@ -27,7 +27,7 @@ from .mesh_files import FORMATS, inp_text, mesh_model, msh_2, msh_4, rod_mesh
 def test_every_format_holds_the_same_mesh(tmp_path: Path, name: str, kind: str) -> None:
     mesh = rod_mesh(kind)
     file, writer = FORMATS[name]
-    (tmp_path / file).write_text(writer(mesh))
+    (tmp_path / file).write_text(writer(mesh), encoding="utf-8")
     imported = read_mesh(tmp_path / file)
     assert_allclose(imported.mesh.positions, mesh.positions, atol=1e-15)
     assert (imported.mesh.blocks[0].nodes == mesh.blocks[0].nodes).all()
@@ -40,7 +40,7 @@ def test_every_format_holds_the_same_mesh(tmp_path: Path, name: str, kind: str) 
 @pytest.mark.parametrize("name", FORMATS)
 def test_an_imported_rod_is_the_sampled_rod(tmp_path: Path, name: str) -> None:
     file, writer = FORMATS[name]
-    (tmp_path / file).write_text(writer(rod_mesh("hex20")))
+    (tmp_path / file).write_text(writer(rod_mesh("hex20")), encoding="utf-8")
     clamp = {"type": "tangent", "marker": "crank_pin", "clamp": "LEFT"}
     changes = {"frame": clamp} if name == "inp" else {}
     sid = sid_from_model(mesh_model(tmp_path, file, **changes))
@@ -50,12 +50,12 @@ def test_an_imported_rod_is_the_sampled_rod(tmp_path: Path, name: str) -> None:
 
 
 def test_the_file_s_own_material_is_used(tmp_path: Path) -> None:
-    (tmp_path / "rod.inp").write_text(inp_text(rod_mesh("hex8")))
+    (tmp_path / "rod.inp").write_text(inp_text(rod_mesh("hex8")), encoding="utf-8")
     clamp = {"type": "tangent", "marker": "crank_pin", "clamp": "LEFT"}
     with_own = mesh_model(tmp_path, "rod.inp", frame=clamp, material=None)
-    data = json.loads(with_own.read_text())
+    data = json.loads(with_own.read_text(encoding="utf-8"))
     del data["material"]
-    with_own.write_text(json.dumps(data))
+    with_own.write_text(json.dumps(data), encoding="utf-8")
     own = finite_element_model(read_model(with_own))
     given = finite_element_model(
         read_model(mesh_model(tmp_path, "rod.inp", frame=clamp))
@@ -83,7 +83,7 @@ def test_mistakes_in_inp(
     text = inp_text(rod_mesh("hex8"))
     assert old in text
     path = tmp_path / "rod.inp"
-    path.write_text(text.replace(old, new, 1))
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(InputError) as caught:
         read_mesh(path)
     assert caught.value.source == str(path)
@@ -105,7 +105,7 @@ def test_mistakes_in_msh(tmp_path: Path, old: str, new: str, message: str) -> No
     text = msh_4(rod_mesh("hex8"))
     assert old in text
     path = tmp_path / "rod.msh"
-    path.write_text(text.replace(old, new, 1))
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(InputError) as caught:
         read_mesh(path)
     assert message in str(caught.value) and caught.value.source == str(path)
@@ -128,7 +128,7 @@ def test_damaged_files_end_in_a_message(
     letter = data.draw(st.sampled_from("0 9,.-*$\nxé"))
     spoiled = text[:at] + ("" if cut else letter + text[at + 1 :])
     path = tmp_path / file
-    path.write_text(spoiled)
+    path.write_text(spoiled, encoding="utf-8")
     try:
         check_mesh(read_mesh(path).mesh)
     except InputError as error:
@@ -136,7 +136,7 @@ def test_damaged_files_end_in_a_message(
 
 
 def test_what_a_model_asks_of_a_mesh_must_be_there(tmp_path: Path) -> None:
-    (tmp_path / "rod.msh").write_text(msh_2(rod_mesh("hex8")))
+    (tmp_path / "rod.msh").write_text(msh_2(rod_mesh("hex8")), encoding="utf-8")
     frame = {"type": "tangent", "marker": "crank_pin", "clamp": "top"}
     cases: list[tuple[dict[str, Any], str]] = [
         ({"frame": frame}, "one of left, rod"),
@@ -155,6 +155,6 @@ def test_what_a_model_asks_of_a_mesh_must_be_there(tmp_path: Path) -> None:
 @pytest.mark.parametrize("ending", MESH_READERS)
 def test_no_reader_lets_an_empty_file_pass(tmp_path: Path, ending: str) -> None:
     path = tmp_path / f"empty{ending}"
-    path.write_text("\n")
+    path.write_text("\n", encoding="utf-8")
     with pytest.raises(InputError, match="is empty"):
         read_mesh(path)

@@ -105,7 +105,7 @@ def content(value: Any) -> Any:
 
 
 def read(folder: Path, text: str, file: str = "part.inp") -> Any:
-    (folder / file).write_text(text)
+    (folder / file).write_text(text, encoding="utf-8")
     return content(read_mesh(folder / file))
 
 

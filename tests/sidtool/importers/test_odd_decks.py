@@ -31,7 +31,7 @@ def test_labels_beyond_64_bits_are_refused(
         if i > first and line.replace(",", " ").split()[:1] == [label]
     )
     lines[at] = lines[at].replace(label, HUGE, 1)
-    (tmp_path / name).write_text("\n".join(lines))
+    (tmp_path / name).write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(InputError) as caught:
         read_mesh(tmp_path / name)
     assert HUGE in caught.value.problem
@@ -51,21 +51,23 @@ def test_a_cascade_of_includes_ends(
     tmp_path: Path, ending: str, line: Callable[[str], str]
 ) -> None:
     for i in range(8):
-        (tmp_path / f"part{i}.{ending}").write_text(line(f"part{i + 1}.{ending}") * 9)
+        (tmp_path / f"part{i}.{ending}").write_text(
+            line(f"part{i + 1}.{ending}") * 9, encoding="utf-8"
+        )
     (tmp_path / f"part8.{ending}").write_text(
-        "** nothing\n" if ending == "inp" else "$ nothing\n"
+        "** nothing\n" if ending == "inp" else "$ nothing\n", encoding="utf-8"
     )
     with pytest.raises(InputError, match="takes in more than 1000 files"):
         read_mesh(tmp_path / f"part0.{ending}")
-    (tmp_path / f"part8.{ending}").write_text(line(f"part7.{ending}"))
+    (tmp_path / f"part8.{ending}").write_text(line(f"part7.{ending}"), encoding="utf-8")
     with pytest.raises(InputError, match="includes itself"):
         read_mesh(tmp_path / f"part0.{ending}")
 
 
 def test_one_file_may_be_taken_in_twice(tmp_path: Path) -> None:
-    (tmp_path / "words.inc").write_text("*HEADING\na rod\n")
+    (tmp_path / "words.inc").write_text("*HEADING\na rod\n", encoding="utf-8")
     (tmp_path / "rod.inp").write_text(
-        _inp("words.inc") * 2 + inp_text(rod_mesh("hex8"))
+        _inp("words.inc") * 2 + inp_text(rod_mesh("hex8")), encoding="utf-8"
     )
     assert len(read_mesh(tmp_path / "rod.inp").mesh.positions) == 28
 
@@ -80,6 +82,8 @@ def test_a_mesh_is_no_pipe(tmp_path: Path, ending: str) -> None:
 def test_a_member_of_a_set_is_a_number_or_a_name(tmp_path: Path) -> None:
     text = inp_text(rod_mesh("hex8"))
     for word in ("\u00b2", "--5", HUGE):
-        (tmp_path / "rod.inp").write_text(text.replace("=LEFT\n", f"=LEFT\n{word}, "))
+        (tmp_path / "rod.inp").write_text(
+            text.replace("=LEFT\n", f"=LEFT\n{word}, "), encoding="utf-8"
+        )
         with pytest.raises(InputError, match="line"):
             read_mesh(tmp_path / "rod.inp")

@@ -24,7 +24,7 @@ IDLE = """
 
 
 def converted(folder: Path, name: str, text: str, **geometry: Any) -> SID:
-    (folder / name).write_text(text)
+    (folder / name).write_text(text, encoding="utf-8")
     path = mesh_model(
         folder,
         name,
@@ -32,9 +32,9 @@ def converted(folder: Path, name: str, text: str, **geometry: Any) -> SID:
         markers={"p": {"node": 1, "mesh_node": 10 if "rod" in name else 1}},
         reduction={"method": "modal", "modes": 2},
     )
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     data["geometry"].update(geometry)
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     return sid_from_model(path)
 
 

@@ -24,7 +24,7 @@ PLATE = Block((4, 2), (0.4, 0.2))
 
 
 def converted(folder: Path, name: str, text: str, **changes: Any) -> SID:
-    (folder / name).write_text(text)
+    (folder / name).write_text(text, encoding="utf-8")
     path = mesh_model(
         folder,
         name,
@@ -32,11 +32,11 @@ def converted(folder: Path, name: str, text: str, **changes: Any) -> SID:
         markers={"p": {"node": 1, "mesh_node": 1}},
         reduction={"method": "modal", "modes": 4},
     )
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     del data["material"]
     data["discretisation"].update(changes.pop("discretisation", {}))
     data["geometry"].update(changes)
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return sid_from_model(path)
@@ -209,8 +209,10 @@ def test_included_file_goes_on_with_data(tmp_path: Path) -> None:
     text = inp_deck(BLOCK, "C3D8I")
     lines = text.splitlines()
     at = lines.index(next(x for x in lines if x.startswith("*ELEMENT")))
-    (tmp_path / "nodes.inc").write_text("\n".join(lines[4:8]) + "\n")
-    (tmp_path / "cells.inc").write_text(lines[at + 2] + "\n" + lines[at + 3] + "\n")
+    (tmp_path / "nodes.inc").write_text("\n".join(lines[4:8]) + "\n", encoding="utf-8")
+    (tmp_path / "cells.inc").write_text(
+        lines[at + 2] + "\n" + lines[at + 3] + "\n", encoding="utf-8"
+    )
     parts = [*lines[:4], "*INCLUDE, INPUT=nodes.inc", *lines[8 : at + 2]]
     parts += ["*INCLUDE, INPUT=cells.inc", *lines[at + 4 :]]
     found = converted(tmp_path, "a.inp", "\n".join([*parts, ""]))

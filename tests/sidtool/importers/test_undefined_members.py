@@ -27,7 +27,7 @@ CENTRE = (0.5, 0.05, 0.05)
 
 def converted(folder: Path, name: str, text: str, tie: str | None = None) -> SID:
     """The SID of a deck; a second marker is tied to the set `tie`."""
-    (folder / name).write_text(text)
+    (folder / name).write_text(text, encoding="utf-8")
     markers: dict[str, Any] = {"p": {"node": 1, "mesh_node": BLOCK.left[0]}}
     if tie is not None:
         held = {"type": "rigid", "to": tie}
@@ -39,9 +39,9 @@ def converted(folder: Path, name: str, text: str, tie: str | None = None) -> SID
         markers=markers,
         reduction={"method": "modal", "modes": 2},
     )
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     del data["material"]
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return sid_from_model(path)
@@ -249,7 +249,7 @@ def test_ranges_may_pass_over_numbers_that_are_not_defined(tmp_path: Path) -> No
 
 
 def test_set_that_nothing_uses_is_told_and_stops_nothing(tmp_path: Path) -> None:
-    (tmp_path / "part.bdf").write_text(bdf(f"SET1,5,{A},{LOST}"))
+    (tmp_path / "part.bdf").write_text(bdf(f"SET1,5,{A},{LOST}"), encoding="utf-8")
     path = mesh_model(
         tmp_path,
         "part.bdf",
@@ -306,7 +306,7 @@ def test_holds_of_other_parts_are_not_those_of_the_chosen_one(tmp_path: Path) ->
         "*INSTANCE, NAME=Q1, PART=Q\n1., 0., 0.\n*END INSTANCE\n*END ASSEMBLY\n"
         "*MATERIAL, NAME=S\n*ELASTIC\n2.1E11, 0.3\n*DENSITY\n7850.\n"
     )
-    (tmp_path / "two.inp").write_text(text)
+    (tmp_path / "two.inp").write_text(text, encoding="utf-8")
     path = mesh_model(
         tmp_path,
         "two.inp",
@@ -314,10 +314,10 @@ def test_holds_of_other_parts_are_not_those_of_the_chosen_one(tmp_path: Path) ->
         markers={"p": {"node": 1, "mesh_node": A}},
         reduction={"method": "modal", "modes": 2},
     )
-    data = json.loads(path.read_text())
+    data = json.loads(path.read_text(encoding="utf-8"))
     data["geometry"]["part"] = "P1"
     del data["material"]
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         sid = sid_from_model(path)

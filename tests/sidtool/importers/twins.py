@@ -113,7 +113,9 @@ def mass_by_few_points(
 
 def calculix_matrices(part: Part, element: str, folder: Path) -> tuple[Array, Array]:
     """Stiffness and mass by node and component, behind them the internal modes."""
-    (folder / "free.inp").write_text(_deck(part, ELEMENTS[element][1]))
+    (folder / "free.inp").write_text(
+        _deck(part, ELEMENTS[element][1]), encoding="utf-8"
+    )
     free = computed(free_deck(folder / "free.inp"), folder / "free.inp")
     order = np.lexsort(free.dofs.T[::-1])
     return tuple(a.toarray()[np.ix_(order, order)] for a in (free.stiffness, free.mass))
@@ -121,7 +123,7 @@ def calculix_matrices(part: Part, element: str, folder: Path) -> tuple[Array, Ar
 
 def by_calculix(part: Part, element: str, folder: Path) -> Found:
     text = _deck(part, ELEMENTS[element][1])
-    (folder / "free.inp").write_text(text)
+    (folder / "free.inp").write_text(text, encoding="utf-8")
     free = computed(free_deck(folder / "free.inp"), folder / "free.inp")
     here = free.dofs[:, 0] <= len(part.mesh.positions)
     where = np.zeros((len(free.dofs), 3))
@@ -136,9 +138,9 @@ def by_calculix(part: Part, element: str, folder: Path) -> Found:
         lines.append(f"{node + 1}, {part.direction + 1}, {force:.12e}")
     lines += ["*NODE PRINT, NSET=LOADED", "U", "*EL FILE", "S", "*END STEP"]
     lines += ["*STEP", "*FREQUENCY", str(MODES), "*END STEP", ""]
-    (folder / "held.inp").write_text(text + "\n".join(lines))
+    (folder / "held.inp").write_text(text + "\n".join(lines), encoding="utf-8")
     subprocess.run(["ccx", "held"], cwd=folder, capture_output=True, check=False)
-    text = (folder / "held.dat").read_text()
+    text = (folder / "held.dat").read_text(encoding="utf-8")
     still, _, vibrating = text.partition("E I G E N V A L U E")
     moved = {int(r[0]): float(r[1 + part.direction]) for r in _rows(still, 4)}
     modes = [float(r[3]) for r in _rows(vibrating, 5)] or [np.nan] * MODES
@@ -195,7 +197,7 @@ def _stress_at(part: Part, path: Path) -> Array:
     distance = np.linalg.norm(part.mesh.positions - part.probe, axis=1)
     node = int(distance.argmin()) + 1
     inside = False
-    for line in path.read_text().splitlines():
+    for line in path.read_text(encoding="utf-8").splitlines():
         if line.startswith(" -4"):
             inside = line.split()[1] == "STRESS"
         elif inside and line.startswith(" -1") and int(line[3:13]) == node:

@@ -141,7 +141,7 @@ def test_a_poor_basis_at_its_interfaces_is_a_warning() -> None:
 
 def test_the_command_tells_it(tmp_path: Path) -> None:
     model = part(True, FREE, method="herting", modes=6, interfaces=PINS)
-    (tmp_path / "rod.json").write_text(model.model_dump_json())
+    (tmp_path / "rod.json").write_text(model.model_dump_json(), encoding="utf-8")
     command = ["convert", str(tmp_path / "rod.json"), "-o", str(tmp_path / "rod.h5")]
     done = CliRunner().invoke(cli, command)
     assert done.exit_code == 0, done.output
@@ -150,9 +150,11 @@ def test_the_command_tells_it(tmp_path: Path) -> None:
 
 def test_where_rounding_hides_masses_the_rest_is_told(tmp_path: Path) -> None:
     """A slip of ten digits: of a beam so slender other bases are dependent."""
-    text = (EXAMPLES / "rod_in_space" / "rod_beam.toml").read_text()
+    text = (EXAMPLES / "rod_in_space" / "rod_beam.toml").read_text(encoding="utf-8")
     assert "end = [1.0, 0.0, 0.0]" in text
-    (tmp_path / "rod.toml").write_text(text.replace("end = [1.0,", "end = [1e10,"))
+    (tmp_path / "rod.toml").write_text(
+        text.replace("end = [1.0,", "end = [1e10,"), encoding="utf-8"
+    )
     told: list[str] = []
     sid_from_model(tmp_path / "rod.toml", told.append)
     (sentence,) = [line for line in told if "frequencies err by at most" in line]

@@ -333,7 +333,7 @@ def test_matrices_that_do_not_fit_are_refused(
 
 def test_files_that_are_no_matrix_are_refused(tmp_path: Path) -> None:
     for name, message in (("a.npy", "cannot be read"), ("a.txt", "no kind of matrix")):
-        (tmp_path / name).write_text("nonsense")
+        (tmp_path / name).write_text("nonsense", encoding="utf-8")
         with pytest.raises(InputError, match=message):
             converted({"method": "user", "file": str(tmp_path / name)}, "buckens")
 

@@ -73,7 +73,9 @@ def test_an_engine_that_cannot_be_loaded_is_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """pypardiso without its MKL, say: installed, but its import fails."""
-    (tmp_path / "halved.py").write_text("raise ImportError('mkl_rt not found. Use X')")
+    (tmp_path / "halved.py").write_text(
+        "raise ImportError('mkl_rt not found. Use X')", encoding="utf-8"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delenv("SIDTOOL_FACTORS", raising=False)
     for name in ("cholmod", "pardiso"):

@@ -48,6 +48,7 @@ def mpirun(folder: Path, *groups: list[str]) -> subprocess.CompletedProcess[str]
         text=True,
         check=False,
         timeout=120,
+        encoding="utf-8",
     )
 
 
@@ -78,7 +79,7 @@ def free_rod() -> dict[str, Any]:
 
 def write(folder: Path, name: str, data: dict[str, Any]) -> Path:
     path = folder / f"{name}.json"
-    path.write_text(json.dumps(data))
+    path.write_text(json.dumps(data), encoding="utf-8")
     return path
 
 

@@ -18,5 +18,5 @@ def models(tmp_path: Path) -> list[Path]:
     for name, mesh in (("q4", Q4), ("iga", IGA)):
         data = beam_data(mesh, reduction={"method": "modal", "modes": 2})
         found.append(tmp_path / f"{name}.json")
-        found[-1].write_text(json.dumps(data))
+        found[-1].write_text(json.dumps(data), encoding="utf-8")
     return found

@@ -25,7 +25,7 @@ def written(folder: Path) -> Path:
     content = swinging(0.3).model_dump(mode="json", by_alias=True, exclude_none=True)
     content["bodies"]["arm"] |= {"model": "iga.json"}
     del content["bodies"]["arm"]["sid"]
-    path.write_text(json.dumps(content))
+    path.write_text(json.dumps(content), encoding="utf-8")
     return path
 
 

@@ -64,7 +64,7 @@ def test_the_command_draws_fronts_and_goes_on(
     assert run([*command, "2"]) == 0
     text = capsys.readouterr().out
     assert "Least error for the time" in text and "Least error for the size" in text
-    with (out / "study.csv").open() as stream:
+    with (out / "study.csv").open(encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == 12 and {row["modes"] for row in rows} == {"1", "2", "3"}
     points = sorted((out / "points").iterdir())
@@ -72,7 +72,7 @@ def test_the_command_draws_fronts_and_goes_on(
     told = json.loads(capsys.readouterr().out)
     assert sorted((out / "points").iterdir()) == points
     assert [p["error"] for p in told["points"]] == [float(r["error"]) for r in rows]
-    assert "Pareto front" in (out / "study.svg").read_text()
+    assert "Pareto front" in (out / "study.svg").read_text(encoding="utf-8")
     assert run(["plot", str(out / "study.json"), "-o", str(tmp_path / "a.png")]) == 0
     assert sidtool.read(out / "study.json").varied == ("modes", "terms", "integrator")
 

@@ -144,7 +144,7 @@ def test_the_command_recommends_and_draws(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "pendulum.toml"
-    path.write_text(SCENE)
+    path.write_text(SCENE, encoding="utf-8")
     arguments = [
         "study",
         str(path),
@@ -159,8 +159,8 @@ def test_the_command_recommends_and_draws(
     assert run(arguments) == 0
     text = capsys.readouterr().out
     assert 'integrator = "radau5", rtol = ' in text
-    assert (tmp_path / "out" / "study.txt").read_text().strip() in text
-    rows = list(csv.DictReader((tmp_path / "out" / "study.csv").open()))
+    assert (tmp_path / "out" / "study.txt").read_text(encoding="utf-8").strip() in text
+    rows = list(csv.DictReader((tmp_path / "out" / "study.csv").open(encoding="utf-8")))
     assert [row["rtol"] for row in rows] == ["0.0001", "1e-06"]
     assert (tmp_path / "out" / "study.png").read_bytes().startswith(b"\x89PNG")
     data, again = tmp_path / "out" / "study.json", tmp_path / "again.svg"
@@ -168,7 +168,7 @@ def test_the_command_recommends_and_draws(
     assert {p.integrator for p in kept.points} and kept.uncertainty > 0
     assert all(p.error is None or p.error > 0 for p in kept.points)
     assert run(["plot", str(data), "-o", str(again)]) == 0
-    assert "relative error" in again.read_text()
+    assert "relative error" in again.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_wrong_wishes_are_refused(
     arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "pendulum.toml"
-    path.write_text(SCENE)
+    path.write_text(SCENE, encoding="utf-8")
     assert run(["study", str(path), "--jobs", "1", *arguments]) == 2
     assert "expected" in capsys.readouterr().err
 

@@ -30,7 +30,7 @@ def test_points_are_those_of_the_command(found: Study, tmp_path: Path) -> None:
     found.save(tmp_path / "by_script")
     texts = []
     for name in ("by_command", "by_script"):
-        with (tmp_path / name / "study.csv").open() as stream:
+        with (tmp_path / name / "study.csv").open(encoding="utf-8") as stream:
             rows = list(csv.DictReader(stream))
         texts.append([{**row, "seconds": "", "conversion": ""} for row in rows])
         for end in ("txt", "json", "png", "svg"):

@@ -20,7 +20,7 @@ from .parts import ONE, bar, turning_bar
 def test_a_twisting_bar_is_studied_without_terms(tmp_path: Path) -> None:
     """Its rotary inertia turns with it; that is no geometric stiffening to take out."""
     path = tmp_path / "bar.json"
-    path.write_text(json.dumps(bar()))
+    path.write_text(json.dumps(bar()), encoding="utf-8")
     scene = turning_bar()
     axes = {"reduction": ("craig_bampton",), "terms": ("none", "quadratic")}
     found = study(scene, axes, models={"bar": [path]}, settings=ONE)
@@ -30,7 +30,7 @@ def test_a_twisting_bar_is_studied_without_terms(tmp_path: Path) -> None:
 def test_meshes_and_reductions_in_space(tmp_path: Path) -> None:
     """Against runs of the same models that are made by hand."""
     path = tmp_path / "bar.json"
-    path.write_text(json.dumps(bar()))
+    path.write_text(json.dumps(bar()), encoding="utf-8")
     scene = turning_bar()
     axes = {"mesh": (-1, 0), "reduction": ("modal", "craig_bampton")}
     found = study(scene, axes, models={"bar": [path]}, settings=ONE, differ=2)
@@ -63,7 +63,7 @@ def test_frames_of_models_keep_their_interfaces(tmp_path: Path) -> None:
     Without it the base of a chord would move as modes that are held at the tip allow.
     """
     path = tmp_path / "bar.json"
-    path.write_text(json.dumps(bar(method="craig_bampton")))
+    path.write_text(json.dumps(bar(method="craig_bampton")), encoding="utf-8")
     axes = {"frame": ("tangent", "chord", "buckens")}
     found = study(turning_bar(), axes, models={"bar": [path]}, settings=ONE)
     assert [p.message for p in found.points] == [""] * 3

@@ -33,7 +33,7 @@ Case = Callable[[Path], tuple[Path, str]]
 def mesh_case(name: str) -> Case:
     def write(folder: Path) -> tuple[Path, str]:
         file, writer = FORMATS[name]
-        (folder / file).write_text(writer(rod_mesh("hex8")))
+        (folder / file).write_text(writer(rod_mesh("hex8")), encoding="utf-8")
         clamp = "LEFT" if name == "inp" else "left"
         frame = {"type": "tangent", "marker": "crank_pin", "clamp": clamp}
         return mesh_model(folder, file, frame=frame), file
@@ -43,7 +43,7 @@ def mesh_case(name: str) -> Case:
 
 def bulk_case(file: str, text: str) -> Case:
     def write(folder: Path) -> tuple[Path, str]:
-        (folder / file).write_text(text)
+        (folder / file).write_text(text, encoding="utf-8")
         markers = {"pin": {"node": 1, "mesh_node": 1}}
         return mesh_model(
             folder, file, frame={"type": "buckens"}, markers=markers
@@ -66,16 +66,16 @@ def patch_case(file: str) -> Case:
         if file == "own.json":
             written(folder / file, {"a": patch})
         elif file == "arc.xml":
-            (folder / file).write_text(GISMO)
+            (folder / file).write_text(GISMO, encoding="utf-8")
         else:
-            (folder / file).write_text(json.dumps(geomdl(patch)))
+            (folder / file).write_text(json.dumps(geomdl(patch)), encoding="utf-8")
         path = patches_model(folder, "x", SMALL)
-        data = json.loads(path.read_text())
+        data = json.loads(path.read_text(encoding="utf-8"))
         data["geometry"]["file"] = file
         data["frame"] = {"type": "buckens"}
         data["geometry"]["edges"] = {}
         data["markers"] = {"end": {"node": 2, "position": [0.0, 1.5]}}
-        path.write_text(json.dumps(data))
+        path.write_text(json.dumps(data), encoding="utf-8")
         return path, file
 
     return write
@@ -83,13 +83,13 @@ def patch_case(file: str) -> Case:
 
 def volume_case(folder: Path) -> tuple[Path, str]:
     patch = patch_from_model(volume(SOLIDS["iga"]).geometry)
-    (folder / "rod.json").write_text(json.dumps(geomdl(patch)))
+    (folder / "rod.json").write_text(json.dumps(geomdl(patch)), encoding="utf-8")
     settings = {"type": "iga", "degrees": [2, 1, 1], "elements": [1, 1, 1]}
     data = volume_data(settings)
     data["geometry"] = {"type": "patches", "file": "rod.json"}
     data["frame"] = {"type": "buckens"}
     data["markers"] = {"middle": {"node": 1, "position": [0.5, 0.0, 0.0]}}
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return folder / "model.json", "rod.json"
 
 
@@ -148,7 +148,9 @@ def spoil(path: Path, name: str, seed: int) -> None:
     if name in BINARY:
         path.write_bytes(spoiled_bytes(path.read_bytes(), dice))
     else:
-        path.write_text(spoiled_text(path.read_text(), dice))
+        path.write_text(
+            spoiled_text(path.read_text(encoding="utf-8"), dice), encoding="utf-8"
+        )
 
 
 @pytest.mark.parametrize("name", CASES)

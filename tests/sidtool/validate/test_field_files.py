@@ -66,11 +66,11 @@ def test_a_wrong_count_of_modes_is_named_where_it_stands(
 ) -> None:
     path = tmp_path / "body.SID_FEM"
     write_sid(path, replace(BODY, labels=("", "", "")))
-    lines = path.read_text().splitlines()
+    lines = path.read_text(encoding="utf-8").splitlines()
     at = next(i for i, line in enumerate(lines) if "nelastq" in line)
     lines[at] = lines[at].replace("=    3", f"= {told}")
     lines = [line for line in lines if "ielastq" not in line]
-    path.write_text("\n".join(lines))
+    path.write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(InputError, match="all blocks declare nq = 3") as caught:
         read_sid(path)
     assert caught.value.place == f"line {at + 1}"

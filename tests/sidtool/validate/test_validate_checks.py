@@ -237,9 +237,9 @@ def test_terms_that_no_equation_has_are_told_before_a_simulation(block: str) -> 
 def test_counts_come_from_the_reader(tmp_path: Path) -> None:
     path = tmp_path / "body.SID_FEM"
     write_sid(path, particle_body(2, 9))
-    text = path.read_text().splitlines(keepends=True)
+    text = path.read_text(encoding="utf-8").splitlines(keepends=True)
     text[0] = "    7" + text[0][5:]
-    path.write_text("".join(text))
+    path.write_text("".join(text), encoding="utf-8")
     found = _by_id(read_sid(path))["I1"]
     assert found.verdict == "failed" and "7 nodes" in found.detail
 

@@ -231,7 +231,9 @@ def test_markers_choose_the_loads() -> None:
 
 def _table(folder: Path, text: str) -> Path:
     path = folder / "reference.toml"
-    path.write_text('format = "sidtool reference"\nversion = 1\n' + text)
+    path.write_text(
+        'format = "sidtool reference"\nversion = 1\n' + text, encoding="utf-8"
+    )
     return path
 
 

@@ -137,13 +137,19 @@ def test_the_page_is_not_blank_and_changes(motion: Path, tmp_path: Path) -> None
             page.run(f"player.seek({t})")
             shot = page.page.locator("#canvas").screenshot()
             pictures.append(
-                np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), int)
+                np.asarray(
+                    Image.open(io.BytesIO(shot), encoding="utf-8").convert("RGB"), int
+                )
             )
         page.run("player.colour('displacement'); player.look('iso'); player.scale(50)")
         for name in ("joints", "frames", "edges"):
             page.page.click(f"#{name}")
         shot = page.page.locator("#canvas").screenshot()
-        pictures.append(np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), int))
+        pictures.append(
+            np.asarray(
+                Image.open(io.BytesIO(shot), encoding="utf-8").convert("RGB"), int
+            )
+        )
         assert page.run("document.querySelectorAll('.plot svg').length") == 1
         assert page.said == []
     for picture in pictures:
@@ -186,7 +192,7 @@ def test_many_triangles_are_thinned_and_said(result: Result, tmp_path: Path) -> 
     long = replace(result, t=result.t * 40.0)
     path = tmp_path / "long.html"
     page_of(long, path, fields={"rod": large})
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     found = re.search(r"thinned to (\d+) of (\d+) surface triangles", text)
     assert found and int(found[2]) > 320_000 and int(found[1]) <= 250_100
     body = json.loads(re.search(r'id="data">(.*?)</script>', text, re.S)[1])  # type: ignore[index]
@@ -267,11 +273,11 @@ def test_fields_beside_the_sids_are_found(
 ) -> None:
     sid, field = made
     sidtool.write(tmp_path / "rod.SID_FEM", sid)
-    text = (SLIDER_CRANK / "slider_crank.toml").read_text()
+    text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     text = text.replace("rod_q4.SID_FEM", "rod.SID_FEM").replace(
         "end = 3.0", "end = 0.1"
     )
-    (tmp_path / "s.toml").write_text(text)
+    (tmp_path / "s.toml").write_text(text, encoding="utf-8")
     result = sidtool.simulate(tmp_path / "s.toml")
     assert len(result.t) == 11
     bodies = {body.name: body for body in shown(result, folder=tmp_path).bodies}
@@ -345,7 +351,7 @@ def test_films(result: Result, tmp_path: Path) -> None:
     )
     told = animate(short, tmp_path / "motion.gif", colour="displacement")
     assert any("nodes of its SID" in text for text in told)
-    with Image.open(tmp_path / "motion.gif") as film:
+    with Image.open(tmp_path / "motion.gif", encoding="utf-8") as film:
         assert film.n_frames > 5
         first = np.asarray(film.convert("RGB"), int)
         film.seek(film.n_frames - 1)

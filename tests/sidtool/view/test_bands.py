@@ -80,7 +80,7 @@ def test_the_page_tells_the_errors_of_its_curves(
 ) -> None:
     for result in (certified, pendulum()):
         result.animate(tmp_path / "m.html")
-        text = (tmp_path / "m.html").read_text()
+        text = (tmp_path / "m.html").read_text(encoding="utf-8")
         report = result.accuracy
         told = {} if report is None else report.absolute()
         assert text.count('id="FillBetweenPolyCollection') == len(told)
@@ -114,4 +114,4 @@ def test_results_without_an_estimate_have_no_bands(tmp_path: Path) -> None:
     assert not bands(result)
     page = result.plot("bob.x", path=tmp_path / "x.svg")
     assert page.axes[0].get_legend() is None
-    assert "±" not in (tmp_path / "x.svg").read_text()
+    assert "±" not in (tmp_path / "x.svg").read_text(encoding="utf-8")

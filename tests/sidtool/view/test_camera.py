@@ -41,10 +41,18 @@ def link(tmp_path_factory: pytest.TempPathFactory) -> tuple[sidtool.SID, Field]:
     """A link of the robot arm, from a coarse mesh."""
     folder = tmp_path_factory.mktemp("arm")
     source = EXAMPLES / "robot_arm"
-    text = (source / "mesh.py").read_text().replace("CELLS = 12", "CELLS = 4")
-    (folder / "mesh.py").write_text(text.replace('"arm.inp"', f'"{folder}/arm.inp"'))
+    text = (
+        (source / "mesh.py")
+        .read_text(encoding="utf-8")
+        .replace("CELLS = 12", "CELLS = 4")
+    )
+    (folder / "mesh.py").write_text(
+        text.replace('"arm.inp"', f'"{folder}/arm.inp"'), encoding="utf-8"
+    )
     runpy.run_path(str(folder / "mesh.py"))
-    (folder / "arm.toml").write_text((source / "arm.toml").read_text())
+    (folder / "arm.toml").write_text(
+        (source / "arm.toml").read_text(encoding="utf-8"), encoding="utf-8"
+    )
     return field_from_model(folder / "arm.toml")
 
 
@@ -131,7 +139,9 @@ def resized(page: Page, size: tuple[int, int]) -> None:
 def picture(page: Page) -> Array:
     told = page.run("document.getElementById('canvas').toDataURL()")
     data = base64.b64decode(told.partition(",")[2])
-    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), int)
+    return np.asarray(
+        Image.open(io.BytesIO(data), encoding="utf-8").convert("RGB"), int
+    )
 
 
 def free(picture: Array) -> bool:

@@ -71,7 +71,7 @@ def test_the_page_holds_scene_model_accuracy_outputs_and_versions(
     filed: tuple[sidtool.Result, Path],
 ) -> None:
     result, path = filed
-    text = path.read_text()
+    text = path.read_text(encoding="utf-8")
     reader = Reader()
     reader.feed(text)
     assert reader.open == []
@@ -101,7 +101,7 @@ def test_the_page_holds_scene_model_accuracy_outputs_and_versions(
 
 
 def test_the_page_needs_nothing_beside_it(filed: tuple[sidtool.Result, Path]) -> None:
-    text = filed[1].read_text()
+    text = filed[1].read_text(encoding="utf-8")
     sources = re.findall(r"(?:src|href)=['\"]([^'\"]*)", text)
     assert all(source.startswith(("data:", "#")) for source in sources)
     assert "@import" not in text and "<script" not in text

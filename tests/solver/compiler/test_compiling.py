@@ -46,6 +46,7 @@ def test_every_process_finds_the_same_kernels() -> None:
         capture_output=True,
         text=True,
         check=True,
+        encoding="utf-8",
     )
     there = dict(line.split() for line in run.stdout.splitlines())
     assert there == stamps()

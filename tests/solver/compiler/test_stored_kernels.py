@@ -239,5 +239,6 @@ def test_kernels_are_compiled_where_jit_is_disabled() -> None:
         capture_output=True,
         text=True,
         timeout=120,
+        encoding="utf-8",
     )
     assert done.stdout == "3.0 82.0\n", done.stderr

@@ -21,7 +21,9 @@ from sidtool.solver.system.joints import PLANAR, SPATIAL
 from tests.places import EXAMPLES
 
 SCENES = sorted(
-    path for path in EXAMPLES.glob("*/*.toml") if "sidtool scene" in path.read_text()
+    path
+    for path in EXAMPLES.glob("*/*.toml")
+    if "sidtool scene" in path.read_text(encoding="utf-8")
 )
 #: What stands at the end of names, and the unit; None where the scene decides.
 EXPECTED = {

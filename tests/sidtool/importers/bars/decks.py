@@ -41,7 +41,7 @@ def frame(*cards: str, tail: str = "", card: str = "CBAR") -> str:
 
 
 def model(folder: Path, text: str, **more: Any) -> Path:
-    (folder / "part.bdf").write_text(text)
+    (folder / "part.bdf").write_text(text, encoding="utf-8")
     data = {
         "format": "sidtool model",
         "version": 1,
@@ -52,7 +52,7 @@ def model(folder: Path, text: str, **more: Any) -> Path:
         "reduction": {"method": "modal", "modes": more.pop("modes", 6)},
         **more,
     }
-    (folder / "model.json").write_text(json.dumps(data))
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
     return folder / "model.json"
 
 

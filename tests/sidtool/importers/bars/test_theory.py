@@ -97,7 +97,7 @@ def test_a_straight_bar_is_the_beam_of_a_model_file(tmp_path: Path) -> None:
     }
     text = bulk(*grids(np.outer(x, axis)), *bars, card, MATERIAL)
     found = body(tmp_path, text, **more)
-    data = json.loads((tmp_path / "model.json").read_text())
+    data = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
     data["material"] = {"youngs_modulus": E, "poissons_ratio": NU, "density": RHO}
     data["geometry"] = {
         "type": "beam",
@@ -117,7 +117,7 @@ def test_a_straight_bar_is_the_beam_of_a_model_file(tmp_path: Path) -> None:
         "p": {"node": 1, "parameters": [0.0]},
         "q": {"node": 2, "parameters": [1.0]},
     }
-    (tmp_path / "beam.json").write_text(json.dumps(data))
+    (tmp_path / "beam.json").write_text(json.dumps(data), encoding="utf-8")
     expected = sid_from_model(tmp_path / "beam.json")
     assert found.mass == pytest.approx(expected.mass, rel=1e-12)
     for name in ("J", "Ct", "Cr", "Me", "Gr", "Oe", "Ge", "Ke"):
