@@ -137,19 +137,13 @@ def test_the_page_is_not_blank_and_changes(motion: Path, tmp_path: Path) -> None
             page.run(f"player.seek({t})")
             shot = page.page.locator("#canvas").screenshot()
             pictures.append(
-                np.asarray(
-                    Image.open(io.BytesIO(shot), encoding="utf-8").convert("RGB"), int
-                )
+                np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), int)
             )
         page.run("player.colour('displacement'); player.look('iso'); player.scale(50)")
         for name in ("joints", "frames", "edges"):
             page.page.click(f"#{name}")
         shot = page.page.locator("#canvas").screenshot()
-        pictures.append(
-            np.asarray(
-                Image.open(io.BytesIO(shot), encoding="utf-8").convert("RGB"), int
-            )
-        )
+        pictures.append(np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"), int))
         assert page.run("document.querySelectorAll('.plot svg').length") == 1
         assert page.said == []
     for picture in pictures:
@@ -351,7 +345,7 @@ def test_films(result: Result, tmp_path: Path) -> None:
     )
     told = animate(short, tmp_path / "motion.gif", colour="displacement")
     assert any("nodes of its SID" in text for text in told)
-    with Image.open(tmp_path / "motion.gif", encoding="utf-8") as film:
+    with Image.open(tmp_path / "motion.gif") as film:
         assert film.n_frames > 5
         first = np.asarray(film.convert("RGB"), int)
         film.seek(film.n_frames - 1)

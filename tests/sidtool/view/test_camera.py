@@ -139,9 +139,7 @@ def resized(page: Page, size: tuple[int, int]) -> None:
 def picture(page: Page) -> Array:
     told = page.run("document.getElementById('canvas').toDataURL()")
     data = base64.b64decode(told.partition(",")[2])
-    return np.asarray(
-        Image.open(io.BytesIO(data), encoding="utf-8").convert("RGB"), int
-    )
+    return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), int)
 
 
 def free(picture: Array) -> bool:

@@ -69,12 +69,7 @@ def test_no_body_leaves_the_picture(ends: tuple[list[float], list[float]]) -> No
     motion = shown(result)
     rows = [0, len(motion.motion.t) // 2, len(motion.motion.t) - 1]
     for data in film.stills(motion.motion, motion.bodies, rows, 1.0):
-        picture = (
-            np.asarray(
-                Image.open(io.BytesIO(data), encoding="utf-8").convert("RGB"), float
-            )
-            / 255
-        )
+        picture = np.asarray(Image.open(io.BytesIO(data)).convert("RGB"), float) / 255
         areas = [seen(picture, number).sum() for number in (0, 1)]
         assert min(areas) > 60
         assert max(areas) < 2.2 * min(areas)  # equal cubes, turned alike: none is cut
@@ -113,12 +108,7 @@ def test_mp4(tmp_path: Path) -> None:
     subprocess.run(words, cwd=tmp_path, check=True)
     distances = []
     for name in ("f01.png", f"f{(FRAMES + 1) // 2:02d}.png", f"f{FRAMES}.png"):
-        picture = (
-            np.asarray(
-                Image.open(tmp_path / name, encoding="utf-8").convert("RGB"), float
-            )
-            / 255
-        )
+        picture = np.asarray(Image.open(tmp_path / name).convert("RGB"), float) / 255
         middles = [np.argwhere(seen(picture, n)).mean(axis=0) for n in (0, 1)]
         distances.append(np.linalg.norm(middles[1] - middles[0]))
     shares = np.array(distances) / distances[0]
