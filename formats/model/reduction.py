@@ -304,8 +304,8 @@ class StressRecovery(Table):
     Attributes
     ----------
     markers : that carry sigma rows; all by default
-    peak_points : further nodes where the stress can be largest, for the peak over the
-        body
+    peak_points : further nodes where the stress can be largest, on the surface and
+        inside, for the peak over the body; without them it is that of the markers
     first_node : number of the first of them
     """
 

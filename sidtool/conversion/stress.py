@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,16 +16,21 @@ from sidtool.formats.stress import MISES
 
 from ..frontends.elements.continuum import stress_from_gradient, stress_rows, stress_six
 from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
+from ..frontends.iga import sampled_batch
+from ..geometry.bspline import breakpoints
 from ..reduction.basis import ReducedBasis
 from ..reduction.frames import Frame
+from .nodal import NodalMeans
 from .prestress import InitialStress
 from .quadrature import QuadraturePart, quadrature
 from .vectors import LEVI_CIVITA
 
 #: Random states of equal energy that the peak points are chosen from.
 _STATES = 400
-#: Quadrature points that are looked at together, in all states.
+#: Points that are looked at together, in all states.
 _POINTS = 2_000
+#: Slopes are taken this far inside a patch, where degenerate edges have some.
+_INSIDE = 1e-7
 _SILENT = (
     "no stress is told at {}: tied to node sets; a marker at a point of the material "
     "tells it"
@@ -133,7 +138,7 @@ def _initial(rows: Array, initial: InitialStress, transverse: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class StressPoint:
-    """A point inside the body.
+    """A point of the body.
 
     Attributes
     ----------
@@ -156,7 +161,11 @@ def peak_points(
     count: int,
     initial: InitialStress | None = None,
 ) -> list[StressPoint]:
-    """Quadrature points among which the largest von Mises stress is, for any state.
+    """Points among which the largest von Mises stress is, for any state.
+
+    They are quadrature points, nodes of meshes, and points of patches on the borders
+    of their knot spans: at the surface bending has its largest stress. That of nodes
+    is continued from quadrature points; see `NodalMeans`.
 
     Tried are every shape function alone and random states in which every shape
     function has the same strain energy on average. Points are taken one by one, each
@@ -170,8 +179,8 @@ def peak_points(
     energy = np.sqrt(np.maximum(np.diag(basis.stiffness), 1e-300))
     random = np.random.default_rng(0).standard_normal((nq, _STATES))
     states = np.hstack([np.eye(nq), random]) / energy[:, None]
-    peaks, points = _peaks(quadrature(body, _POINTS), basis.shapes, states)
-    sigma = np.stack([_sigma(one, basis.shapes)[0] for one in points])
+    peaks, points = _peaks(_samples(body, basis.shapes, initial), states)
+    sigma = np.stack([point.sigma.T for point in points])
     mises = _mises(sigma, states)
     covered = np.zeros(len(peaks))
     chosen: list[int] = []
@@ -180,22 +189,139 @@ def peak_points(
         fresh = [k for k in range(len(points)) if k not in chosen]
         chosen.append(max(fresh, key=lambda k: mises[k, worst]))
         covered = np.maximum(covered, mises[chosen[-1]])
-    return [_point(body, basis, points[k], initial) for k in chosen]
+    return [points[k] for k in chosen]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Points that are looked at together: stress (p, nq, 6), and each of them."""
+
+    sigma: Array
+    point: Callable[[int], StressPoint]
+
+
+def _samples(
+    body: FiniteElementModel, shapes: Array, initial: InitialStress | None
+) -> Iterator[_Sample]:
+    """The quadrature points, then the nodes of a mesh or the borders of knot spans."""
+    mesh = None
+    if not body.patches:
+        mesh = body.drawn if body.solids is None else body.solids.mesh
+    fields, nq = shapes, shapes.shape[1]
+    if initial is not None:
+        fields = np.hstack([shapes, initial.displacement])
+    means = None
+    if mesh is not None:
+        means = NodalMeans(body, mesh, 9 * fields.shape[1] + 6)
+    for part in quadrature(body, _POINTS):
+        gradients = part.gradients(fields)
+        if means is not None:
+            means.add(part, _values(part, gradients, initial))
+        yield _sample(body, part, gradients, fields, nq, initial)
+    if means is not None:
+        yield from _at_nodes(body, means, fields, nq)
+    for part in _borders(body):
+        yield _sample(body, part, part.gradients(fields), fields, nq, initial)
+
+
+def _sample(
+    body: FiniteElementModel,
+    part: QuadraturePart,
+    gradients: Array,
+    fields: Array,
+    nq: int,
+    initial: InitialStress | None,
+) -> _Sample:
+    values = _values(part, gradients, initial)
+
+    def point(row: int) -> StressPoint:
+        one = part.only(row)
+        place = one.values[0] @ body.positions[one.nodes[0]]
+        return _point(place, one.displacements(fields)[0], values[row], nq)
+
+    return _Sample(_stresses(values, nq), point)
+
+
+def _at_nodes(
+    body: FiniteElementModel, means: NodalMeans, fields: Array, nq: int
+) -> Iterator[_Sample]:
+    everywhere, table = means.values(), body.table[:, : body.dimension]
+
+    def sample(start: int) -> _Sample:
+        values = everywhere[start : start + _POINTS]
+
+        def point(row: int) -> StressPoint:
+            node = means.nodes[start + row]
+            moved = fields[table[node]]
+            return _point(body.positions[node], moved, values[row], nq)
+
+        return _Sample(_stresses(values, nq), point)
+
+    yield from map(sample, range(0, len(everywhere), _POINTS))
+
+
+def _borders(body: FiniteElementModel) -> Iterator[QuadraturePart]:
+    """Points of patches where knot spans meet or end, and halfway between."""
+    if not body.patches:
+        return
+    d = body.dimension
+    places = zip(body.patches, body.continua, strict=True)
+    for number, ((patch, numbers), continuum) in enumerate(places):
+        ends = [breakpoints(knots) for knots in patch.knots]
+        axes = tuple(np.sort([*x, *(x[:-1] + x[1:]) / 2]) for x in ends)
+        inner = tuple(np.clip(x, _INSIDE, 1 - _INSIDE) for x in axes)
+        nodes, values, slopes = sampled_batch(patch, axes, inner)
+        law = continuum.law
+        for start in range(0, len(nodes), _POINTS):
+            cut = slice(start, start + _POINTS)
+            if continuum.laws_at is not None:
+                there = np.einsum("pm,pmd->pd", values[cut], patch.points[nodes[cut]])
+                law = continuum.laws_at(there)
+            yield QuadraturePart(
+                nodes=numbers[nodes[cut]],
+                values=values[cut],
+                slopes=slopes[cut],
+                weights=np.zeros(len(nodes[cut])),
+                law=law,
+                transverse=continuum.transverse,
+                table=body.table[:, :d],
+                continuum=number,
+            )
+
+
+def _values(
+    part: QuadraturePart, gradients: Array, initial: InitialStress | None
+) -> Array:
+    """(p, 9 k + 6) stresses and rotations by k fields, and the uniform stress."""
+    p, k, d, _ = gradients.shape
+    six = stress_six(stress_from_gradient(gradients, part.law), part.transverse)
+    curl = 0.5 * np.einsum("abc,pkcb->pka", LEVI_CIVITA[:, :d, :d], gradients)
+    uniform = np.zeros((p, 6))
+    if initial is not None:
+        uniform[:] = stress_six(initial.uniform, part.transverse)
+    return np.hstack([six.reshape(p, 6 * k), curl.reshape(p, 3 * k), uniform])
+
+
+def _stresses(values: Array, nq: int) -> Array:
+    """(p, nq, 6) of `_values`."""
+    return values[:, : 6 * nq].reshape(len(values), nq, 6)
 
 
 def _peaks(
-    parts: Iterable[QuadraturePart], shapes: Array, states: Array
-) -> tuple[Array, list[QuadraturePart]]:
+    samples: Iterable[_Sample], states: Array
+) -> tuple[Array, list[StressPoint]]:
     """The peak of every state, and the points that have one of these, each once."""
     best = np.full(states.shape[1], -1.0)
-    found: dict[int, tuple[tuple[int, int], QuadraturePart]] = {}
-    for number, part in enumerate(parts):
-        mises = _mises(_sigma(part, shapes), states)
+    found: dict[int, tuple[tuple[int, int], StressPoint]] = {}
+    for number, sample in enumerate(samples):
+        mises = _mises(sample.sigma, states)
         rows = mises.argmax(axis=0)
-        for state in np.flatnonzero(mises.max(axis=0) > best):
+        better = np.flatnonzero(mises.max(axis=0) > best)
+        points = {int(row): sample.point(int(row)) for row in set(rows[better])}
+        for state in better:
             row = int(rows[state])
             best[state] = mises[row, state]
-            found[int(state)] = ((number, row), part.only(row))
+            found[int(state)] = ((number, row), points[row])
     places = dict(found[state] for state in sorted(found))
     return best, list(places.values())
 
@@ -206,31 +332,14 @@ def _mises(sigma: Array, states: Array) -> Array:
     return np.sqrt(np.einsum("cps,cps->ps", parts, parts))
 
 
-def _sigma(part: QuadraturePart, shapes: Array) -> Array:
-    """(p, n, 6)."""
-    stress = stress_from_gradient(part.gradients(shapes), part.law)
-    return stress_six(stress, part.transverse)
-
-
-def _point(
-    body: FiniteElementModel,
-    basis: ReducedBasis,
-    one: QuadraturePart,
-    initial: InitialStress | None,
-) -> StressPoint:
-    d, nq = body.dimension, basis.shapes.shape[1]
-    position = np.zeros(3)
-    position[:d] = one.values[0] @ body.positions[one.nodes[0]]
-    phi = np.zeros((3, nq))
-    phi[:d] = one.displacements(basis.shapes)[0]
-    gradient = np.zeros((nq, 3, 3))
-    gradient[:, :d, :d] = one.gradients(basis.shapes)[0]
-    psi = 0.5 * np.einsum("abc,ncb->an", LEVI_CIVITA, gradient)
-    fixed = np.zeros(6)
-    if initial is not None:
-        fixed = _sigma(one, initial.displacement)[0, 0]
-        fixed = fixed + stress_six(initial.uniform, one.transverse)
-    return StressPoint(position, phi, psi, _sigma(one, basis.shapes)[0].T, fixed)
+def _point(place: Array, moved: Array, values: Array, nq: int) -> StressPoint:
+    """A point by its place (d,), displacements (d, k) and `_values` of the fields."""
+    d, k = moved.shape
+    position, phi = np.zeros(3), np.zeros((3, nq))
+    position[:d], phi[:d] = place, moved[:, :nq]
+    six, curl = values[: 6 * k].reshape(k, 6), values[6 * k : 9 * k].reshape(k, 3)
+    fixed = values[9 * k :] + six[nq:].sum(axis=0)
+    return StressPoint(position, phi, curl[:nq].T, six[:nq].T, fixed)
 
 
 def _node(number: int, point: StressPoint, frame: Frame) -> Node:

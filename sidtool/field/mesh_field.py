@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..conversion.quadrature import QuadraturePart, quadrature
+from ..conversion.nodal import NodalMeans
+from ..conversion.quadrature import quadrature
 from ..frontends.elements.continuum import stress_from_gradient, stress_six
 from ..frontends.elements.reference import all_edges, faces
 from ..frontends.finite_element_model import FiniteElementModel
@@ -15,24 +16,11 @@ from .sampled import Sampled
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-#: Polynomials, by dimension, that the stresses of an element are fitted by, from the
-#: richest to the constant: products of coordinates.
-_TERMS = {
-    2: ("1 x y xy", "1 x y", "1"),
-    3: ("1 x y z xy yz zx", "1 x y z", "1"),
-}
-#: Least part of the largest singular value that a fit keeps.
-_FLAT = 1e-9
-
 
 def mesh_field(body: FiniteElementModel, mesh: Mesh) -> Sampled:
     """The nodes of a mesh; at the border of two materials, one for each.
 
-    Stresses are fitted to the quadrature points of every element by a polynomial of
-    first order with mixed terms, and averaged over the elements of one material that
-    meet at a node, by their volume (E. Hinton, J. S. Campbell, "Local and global
-    smoothing of discontinuous finite element functions", Int. J. Numer. Methods Eng.
-    8, 1974).
+    Stresses are those of `NodalMeans`.
     """
     names = list(dict.fromkeys(block.material for block in mesh.blocks))
     n = len(mesh.positions)
@@ -59,9 +47,7 @@ def mesh_field(body: FiniteElementModel, mesh: Mesh) -> Sampled:
         displacement=displacement,
         cells=_cells(mesh.blocks, local),
         thickness=_thickness(body, mesh) if plane else 0.0,
-        stress=(lambda fields: _stress(body, used, n, names, mesh, fields))
-        if body.continua
-        else None,
+        stress=(lambda fields: _stress(body, mesh, fields)) if body.continua else None,
         transverse=_transverse(body, used // n, names, mesh),
     )
 
@@ -144,65 +130,12 @@ def _triangles(ring: Indices, corners: int) -> Indices:
     return np.concatenate([ring[:, list(fan)] for fan in fans])
 
 
-def _stress(
-    body: FiniteElementModel,
-    used: Indices,
-    n: int,
-    names: list[str | None],
-    mesh: Mesh,
-    fields: Array,
-) -> Array:
+def _stress(body: FiniteElementModel, mesh: Mesh, fields: Array) -> Array:
     """(points, 6, k)."""
-    owners = [names.index(block.material) for block in mesh.blocks]
-    total = np.zeros((len(used), 6, fields.shape[1]))
-    weight = np.zeros(len(used))
-    positions = body.positions
+    k = fields.shape[1]
+    means = NodalMeans(body, mesh, 6 * k)
     for part in quadrature(body):
-        nodes, values, sizes = _at_nodes(part, positions, fields)
-        rows = np.searchsorted(used, nodes + n * owners[part.continuum])
-        np.add.at(total, rows.ravel(), values.reshape(-1, 6, fields.shape[1]))
-        np.add.at(weight, rows.ravel(), np.repeat(sizes, nodes.shape[1]))
-    return total / weight[:, None, None]
-
-
-def _at_nodes(
-    part: QuadraturePart, positions: Array, fields: Array
-) -> tuple[Indices, Array, Array]:
-    """Of every element its nodes (e, m), their stresses times its volume
-    (e, m, 6, k), and that (e,)."""
-    g, k = part.per_element, fields.shape[1]
-    nodes = part.nodes[::g]
-    gradient = part.gradients(fields)
-    six = stress_six(stress_from_gradient(gradient, part.law), part.transverse)
-    six = six.reshape(len(nodes), g, k, 6)
-    corners = positions[nodes]
-    centre = corners.mean(axis=1, keepdims=True)
-    size = np.abs(corners - centre).max(axis=(1, 2), keepdims=True)
-    points = np.einsum("pm,pmd->pd", part.values, positions[part.nodes])
-    points = (points.reshape(len(nodes), g, -1) - centre) / size
-    terms = _terms(g, positions.shape[1])
-    fit = np.linalg.pinv(_products(points, terms), rcond=_FLAT)
-    at_nodes = _products((corners - centre) / size, terms)
-    volumes = part.weights.reshape(len(nodes), g).sum(axis=1)
-    found = np.einsum(
-        "emt,etg,egks,e->emsk", at_nodes, fit, six, volumes, optimize=True
-    )
-    return nodes, found, volumes
-
-
-def _terms(points: int, dimension: int) -> list[str]:
-    """The richest polynomial that so many points determine."""
-    choices = [text.split() for text in _TERMS[dimension]]
-    return next(terms for terms in choices if len(terms) <= points)
-
-
-def _products(points: Array, terms: list[str]) -> Array:
-    """(e, g, d) to (e, g, terms)."""
-    axes = {"x": 0, "y": 1, "z": 2}
-    columns = [
-        np.prod([points[..., axes[c]] for c in term], axis=0)
-        if term != "1"
-        else np.ones(points.shape[:-1])
-        for term in terms
-    ]
-    return np.stack(columns, axis=-1)
+        tensor = stress_from_gradient(part.gradients(fields), part.law)
+        six = stress_six(tensor, part.transverse)
+        means.add(part, np.swapaxes(six, 1, 2).reshape(len(six), 6 * k))
+    return means.values().reshape(-1, 6, k)
