@@ -143,8 +143,9 @@ def planned(
     report = plan.report.model_copy(update={"wanted": told(wanted), "seconds": seconds})
     if keep:
         levels = {n: astuple(f)[:3] for n, f in meshes.finenesses.items()}
-        kept = cached.Kept(
-            scene=plan.scene, report=report, models=levels, frames=dict(plan.frames)
+        numbers = plan.scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+        kept = cached.Kept(  # formulas need the parameters of a whole file
+            scene=numbers, report=report, models=levels, frames=dict(plan.frames)
         )
         cached.write(key, kept)
     return replace(plan, report=report)

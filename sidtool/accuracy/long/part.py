@@ -150,6 +150,8 @@ def _ends(runs: Runs) -> list[float]:
     if time.output_step is None:
         return []
     rows = np.rint((time.end - time.start) / time.output_step)
+    if rows < 1:
+        return []
     counts, count = [], int(np.ceil(rows * FIRST))
     while count <= rows * LONGEST:
         if count >= ROWS:

@@ -17,11 +17,13 @@ from sidtool.accuracy import runs as runs_
 from sidtool.accuracy.long import part as long
 from sidtool.accuracy.long import sparing
 from sidtool.accuracy.wanted import requested
+from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Taylor
+from sidtool.formats.toml.reading import validated
 from sidtool.solver import compile_scene
 
-from .arms import cantilever, particles, simulated, spun
+from .arms import cantilever, particles, simulated, spun, swinging
 from .test_accuracy import finest
 
 TIGHT = {"integrator": "radau13", "rtol": 1e-11}
@@ -195,3 +197,30 @@ def test_what_leaves_the_theory_at_first_is_told_before_long_runs(
     with pytest.raises(OutsideTheory):
         simulated(scene, cantilever(), accuracy=WANTED)
     assert max(ends) < 40.0
+
+
+def test_output_steps_beyond_the_end_leave_no_first_part() -> None:
+    """The search for ends of first parts doubled zero without end."""
+    scene = spun(2.0, 0.05)
+    time = scene.time.model_copy(update={"output_step": 30.0 * scene.time.end})
+    long_steps = scene.model_copy(update={"time": time})
+    with pytest.raises(InputError, match="no output"):  # of one time alone
+        simulated(long_steps, cantilever(2, stiffened=True), accuracy=WANTED)
+
+
+def test_a_scene_with_formulas_gets_its_accuracy() -> None:
+    """It was refused after the whole search, as what is kept had no parameters."""
+    content = swinging(0.1).model_dump(mode="json", by_alias=True, exclude_none=True)
+    content["gravity"] = [0.0, -0.981]
+    plain = validated(content, SceneFile)
+    content |= {"parameters": {"g": 9.81}, "gravity": [0.0, "-g/10"]}
+    with_formula = validated(content, SceneFile)
+    sid = cantilever(2, stiffened=True)
+    found = simulated(with_formula, sid, accuracy=1e-2)
+    known = simulated(with_formula, sid, accuracy=1e-2)
+    assert found.completed and known.accuracy is not None
+    assert not known.accuracy.searched
+    expected = simulated(plain, sid, **TIGHT)
+    for name in plain.outputs.record:
+        size = np.ptp(expected[name])
+        assert np.abs(found[name] - expected[name]).max() <= 1e-2 * size
