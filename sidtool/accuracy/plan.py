@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from sidtool.formats.progress import Course, along
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
@@ -143,7 +143,9 @@ def planned(
     report = plan.report.model_copy(update={"wanted": told(wanted), "seconds": seconds})
     if keep:
         levels = {n: astuple(f)[:3] for n, f in meshes.finenesses.items()}
-        numbers = plan.scene.model_dump(mode="json", by_alias=True, exclude_none=True)
+        numbers: Any = plan.scene.model_dump(
+            mode="json", by_alias=True, exclude_none=True
+        )
         kept = cached.Kept(  # formulas need the parameters of a whole file
             scene=numbers, report=report, models=levels, frames=dict(plan.frames)
         )

@@ -49,7 +49,9 @@ def state_matrix(
     mechanics.evaluate(z, v)
     mechanics.refuse_singular()
     C, M, E = mechanics.jacobian, mechanics.mass, _frame_motion(mechanics)
-    N, places = _free_directions(mechanics.system, C)
+    across = _across(mechanics.system) * mechanics.scale
+    lengths = np.linalg.norm(across, axis=1, keepdims=True)
+    N, places = _free_directions(mechanics.system, C, across / lengths)
     d = N.shape[1]
     rows = independent_rows(mechanics)
     read = N.T if rows.all() else np.linalg.pinv(N[rows])
@@ -83,15 +85,30 @@ def state_matrix(
     return matrix[np.ix_(kept, kept)], N, moved[:, kept]
 
 
-def _free_directions(system: System, C: Array) -> tuple[Array, int]:
-    """The null space of C, states of laws last, and how many are no states."""
+def _free_directions(system: System, C: Array, across: Array) -> tuple[Array, int]:
+    """The null space of C, states of laws last, and how many are no states.
+
+    across : (n, velocities) momenta that vanish as well, see `_across`
+    """
     _, states = state_entries(system)
     others = np.setdiff1d(np.arange(C.shape[1]), states)
-    moving = null_space(C[:, others])
+    moving = null_space(np.vstack([C, across])[:, others])
     N = np.zeros((C.shape[1], moving.shape[1] + len(states)))
     N[others, : moving.shape[1]] = moving
     N[states, moving.shape[1] :] = np.eye(len(states))
     return N, moving.shape[1]
+
+
+def _across(system: System) -> Array:
+    """(n, velocities) momenta across the plane of a planar scene, which are zero."""
+    found = [np.zeros((0, system.n_velocities))]
+    for row, data in zip(system.arrays.body, system.bodies, strict=True):
+        if data.across is not None:
+            first = int(row[at.VEL] + row[at.RD])
+            rows = np.zeros((len(data.across), system.n_velocities))
+            rows[:, first : first + data.across.shape[1]] = data.across
+            found.append(rows)
+    return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -206,8 +206,6 @@ def _elastic_column(system: System, samples: Samples, text: str) -> Array:
     last = row[at.VEL] + row[at.NV] if velocity else row[at.POS] + row[at.NP]
     first = int(last - row[at.NQ])
     number = data.elastic_number(name.quantity, f"outputs.record, {text}")
-    if number in data.omitted:
-        return np.zeros(len(source))
     return np.asarray(source[:, first + data.numbers.index(number)])
 
 

@@ -88,22 +88,10 @@ def _elastic(initial: Initial, key: str, data: BodyData) -> Array | float:
     values = getattr(initial, key, None)
     if values is None:
         return 0.0
-    place = f"bodies.{data.name}.initial.{key}"
-    numbers = sorted((*data.numbers, *data.omitted)) or list(range(1, data.sid.nq + 1))
-    if len(values) == data.sid.nq:  # of those in the plane, as analyses find them
-        return np.array(values)
-    if len(values) != len(numbers):
+    if len(values) != data.sid.nq:
         raise InputError(
             f"has {len(values)} values",
-            place=place,
-            expected=f"{len(numbers)}, one for each elastic coordinate of the SID",
+            place=f"bodies.{data.name}.initial.{key}",
+            expected=f"{data.sid.nq}, one for each elastic coordinate of the SID",
         )
-    given = dict(zip(numbers, values, strict=True))
-    rounding = 1e-12 * max(map(abs, values), default=0.0)
-    if any(abs(given[number]) > rounding for number in data.omitted):
-        raise InputError(
-            f"moves {data.name} out of the plane",
-            place=place,
-            expected='zero for such shape functions, or dimension = "spatial"',
-        )
-    return np.array([given[n] for n in numbers if n not in data.omitted])
+    return np.array(values)

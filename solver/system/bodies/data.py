@@ -46,7 +46,8 @@ class BodyData:
     of_scene : False for the ground, and for what carries a state of a law, see `laws`
     starts_at : that state at the start
     given : the SID that was given, of which elastic coordinates have their names
-    omitted : numbers of elastic coordinates that stay zero, see `out_of_plane`
+    across : (n, nq) momenta of motions that nothing in the plane of a planar scene
+        excites, see `out_of_plane`
     """
 
     name: str
@@ -58,7 +59,7 @@ class BodyData:
     of_scene: bool = True
     starts_at: float = 0.0
     given: SID | None = None
-    omitted: tuple[int, ...] = ()
+    across: Array | None = None
 
     def node(self, marker: str) -> Node:
         """The node behind a marker name; no name is the origin of a rigid body."""
@@ -76,7 +77,7 @@ class BodyData:
             return self._number_of(kind[2], place)
         prefix = "vq" if quantity.startswith("v") else "q"
         number = int(quantity.removeprefix(prefix))
-        if number not in (*self.numbers, *self.omitted):
+        if number not in self.numbers:
             raise InputError(
                 f"{self.name} has {len(self.numbers)} elastic coordinates",
                 place=place,
@@ -87,8 +88,7 @@ class BodyData:
     def _number_of(self, kind: str, place: str) -> int:
         """Of the elastic coordinate that is called so by its kind."""
         known = named_by_kind(self.given or self.sid)
-        named = (*self.numbers, *self.omitted)
-        kept = {name: k for name, k in known.items() if k in named}
+        kept = {name: k for name, k in known.items() if k in self.numbers}
         if kind in kept:
             return kept[kind]
         listed = ", ".join(kept)
@@ -153,7 +153,7 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
             ) from None
     nodes, place, given = dict(body.markers), f"bodies.{name}", sid
     kept = kept_indices(body.shape_functions, sid.nq, f"{place}.shape_functions")
-    omitted: tuple[int, ...] = ()
+    across: Array | None = None
     if body.rigid:
         sid, kept = rigid_part(sid), ()
     else:
@@ -162,15 +162,10 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
         if not body.geometric_stiffening:
             stiffening = f"{place}.geometric_stiffening"
             sid = without_stiffening(sid, planar, stiffening)
-        across: tuple[int, ...] = ()
-        if planar:
-            held = with_shape_functions(sid, kept)
-            ids = map(str, body.markers.values())
-            found = out_of_plane(held, ids, body.frame == "held", f"{place}.sid")
-            across = tuple(kept[k] for k in found)
-        kept = tuple(k for k in kept if k not in across)
-        omitted = tuple(k + 1 for k in across)
         sid = with_shape_functions(sid, kept)
+        if planar:
+            ids = map(str, body.markers.values())
+            across = out_of_plane(sid, ids, body.frame == "held", f"{place}.sid")
     sid = with_frame_node(sid) if body.frame == "held" else sid
     numbers = tuple(k + 1 for k in kept)
     return BodyData(
@@ -181,7 +176,7 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
         nodes,
         numbers,
         given=given,
-        omitted=omitted,
+        across=across,
     )
 
 

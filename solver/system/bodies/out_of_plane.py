@@ -3,9 +3,9 @@
 Joints, springs and forces of a planar scene hold and load motions in the plane z = 0
 alone: displacements along x and y and rotations about z. Shape functions that move the
 markers along z, or turn them about x and y, would be free of all of them. Where they
-are apart from those in the plane, nothing of a planar scene excites them, and they are
-left out. Where both are coupled, as in a twisted blade, a planar joint would have to
-hold what it does not know: such a body moves in space.
+are apart from those in the plane, nothing of a planar scene excites them: they rest,
+and modes leave them out. Where both are coupled, as in a twisted blade, a planar joint
+would have to hold what it does not know: such a body moves in space.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.sid import SID, Array
 
-#: Motions and couplings below this part of the largest are none: by Poisson's ratio a
-#: marker beside the middle surface of a solid moves so far across.
-NEGLIGIBLE = 1e-3
+#: Motions below this part of the largest are none: by Poisson's ratio, or on a mesh
+#: that is not symmetric, a body leaves the plane so far.
+NEGLIGIBLE = 0.03
+#: Largest part of a compliance in the plane that holding the body in it may take away.
+COUPLED = 5e-3
 #: Squares of frequencies that differ less belong to modes in any combination.
 SAME_FREQUENCY = 1e-6
 
 
-def out_of_plane(
-    sid: SID, nodes: Iterable[str], is_held: bool, place: str
-) -> tuple[int, ...]:
-    """Indices of shape functions that move a body out of the plane alone.
+def out_of_plane(sid: SID, nodes: Iterable[str], is_held: bool, place: str) -> Array:
+    """(n, nq) momenta of the motions of a body that nothing in the plane excites: they
+    vanish, each a product with the elastic velocities, where these stay in the plane.
 
     Parameters
     ----------
@@ -39,27 +39,42 @@ def out_of_plane(
     ------
     InputError : what loads in the plane excite moves the body out of it.
     """
-    if sid.nq == 0:
-        return ()
     inside, across = _motions(sid, nodes, is_held)
-    moves_inside, moves_across = _largest(inside), _largest(across)
-    leaving = moves_across > NEGLIGIBLE * moves_inside
-    if not leaving.any():
-        return ()
+    if sid.nq == 0 or not across.any():
+        return np.zeros((0, sid.nq))
+    share = _coupling(sid, inside, across)
+    if share > COUPLED:
+        leaving = _largest(across) > NEGLIGIBLE * _largest(inside)
+        numbers = ", ".join(str(k + 1) for k in np.flatnonzero(leaving)[:6])
+        raise InputError(
+            f"its shape functions {numbers} move it out of the plane z = 0 and are "
+            f"coupled with motions in the plane ({share:.2g} of a compliance): joints "
+            "of a planar scene do not hold them",
+            place=place,
+            expected='dimension = "spatial"',
+        )
+    found = []
     for modes in _modes(sid):
-        if _are_coupled(inside @ modes, across @ modes):
-            numbers = ", ".join(str(k + 1) for k in np.flatnonzero(leaving)[:6])
-            raise InputError(
-                f"its shape functions {numbers} move it out of the plane z = 0 and are "
-                "coupled with motions in the plane: joints of a planar scene do not "
-                "hold them",
-                place=place,
-                expected='dimension = "spatial"',
-            )
-    alone = leaving & (moves_inside <= NEGLIGIBLE * moves_across)
-    if not _are_apart(sid, alone):
-        return ()  # modes of one frequency in any combination: none across is excited
-    return tuple(int(k) for k in np.flatnonzero(alone))
+        moved, left = inside @ modes, across @ modes
+        largest = max(float(np.abs(moved).max()), float(np.abs(left).max()))
+        _, sizes, right = np.linalg.svd(moved, full_matrices=True)
+        excited = int(np.sum(sizes > NEGLIGIBLE * largest))
+        alone = right[excited:].T
+        if np.abs(left @ alone).max(initial=0.0) > 0.0:
+            found.append((sid.Me.m0 @ modes @ alone).T)
+    return np.concatenate([np.zeros((0, sid.nq)), *found])
+
+
+def _modes(sid: SID) -> Iterator[Array]:
+    """(nq, n) the modes of the body with its frame held, those of one frequency
+    together."""
+    values, vectors = np.linalg.eigh(0.5 * (sid.Me.m0 + sid.Me.m0.T))
+    known = values > 1e-12 * values.max()
+    root = vectors[:, known] / np.sqrt(values[known])
+    squares, modes = np.linalg.eigh(root.T @ (0.5 * (sid.Ke.m0 + sid.Ke.m0.T)) @ root)
+    jumps = np.diff(squares) > SAME_FREQUENCY * np.abs(squares[1:])
+    for part in np.split(np.arange(len(squares)), np.flatnonzero(jumps) + 1):
+        yield root @ modes[:, part]
 
 
 def _motions(sid: SID, nodes: Iterable[str], is_held: bool) -> tuple[Array, Array]:
@@ -80,39 +95,19 @@ def _motions(sid: SID, nodes: Iterable[str], is_held: bool) -> tuple[Array, Arra
     return np.array(inside), np.array(across)
 
 
-def _modes(sid: SID) -> Iterator[Array]:
-    """(nq, n) the modes of the body with its frame held, those of one frequency
-    together."""
-    Me = 0.5 * (sid.Me.m0 + sid.Me.m0.T)
-    values, vectors = np.linalg.eigh(Me)
-    known = values > 1e-12 * values.max()
-    root = vectors[:, known] / np.sqrt(values[known])
-    squares, modes = np.linalg.eigh(root.T @ (0.5 * (sid.Ke.m0 + sid.Ke.m0.T)) @ root)
-    jumps = np.diff(squares) > SAME_FREQUENCY * np.abs(squares[1:])
-    for part in np.split(np.arange(len(squares)), np.flatnonzero(jumps) + 1):
-        yield root @ modes[:, part]
-
-
-def _are_coupled(inside: Array, across: Array) -> bool:
-    """Whether combinations of modes of one frequency that loads in the plane excite
-    move out of it."""
-    largest = max(float(np.abs(inside).max()), float(np.abs(across).max()))
-    _, sizes, right = np.linalg.svd(inside, full_matrices=False)
-    excited = right[sizes > NEGLIGIBLE * largest].T
-    return bool(np.abs(across @ excited).max(initial=0.0) > NEGLIGIBLE * largest)
+def _coupling(sid: SID, inside: Array, across: Array) -> float:
+    """The largest part of a static compliance in the plane that goes where one motion
+    across it is held: the squared correlation of both by the compliance."""
+    Ke = 0.5 * (sid.Ke.m0 + sid.Ke.m0.T)
+    values, vectors = np.linalg.eigh(Ke)
+    firm = values > 1e-12 * values.max()
+    soft = vectors[:, firm] / np.sqrt(values[firm])
+    one, other = inside @ soft, across @ soft
+    inner, outer = (np.square(part).sum(axis=1) for part in (one, other))
+    least = NEGLIGIBLE**2 * max(inner.max(), outer.max())
+    inner, outer = (np.where(c > least, c, np.inf) for c in (inner, outer))
+    return float((np.square(one @ other.T) / np.outer(inner, outer)).max())
 
 
 def _largest(rows: Array) -> Array:
     return np.asarray(np.abs(rows).max(axis=0))
-
-
-def _are_apart(sid: SID, alone: NDArray[np.bool_]) -> bool:
-    """Whether neither stiffness nor mass couples some shape functions with the others,
-    nor rotation in the plane loads them."""
-    for matrix in (sid.Ke.m0, sid.Me.m0):
-        own = np.sqrt(np.abs(np.diag(matrix)))
-        allowed = NEGLIGIBLE * np.outer(own[alone], own[~alone])
-        if (np.abs(matrix[np.ix_(alone, ~alone)]) > allowed).any():
-            return False
-    spun = np.abs(sid.Oe.m0[alone, 2])
-    return bool((spun <= NEGLIGIBLE * np.abs(sid.Oe.m0).max(initial=0.0)).all())

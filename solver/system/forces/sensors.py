@@ -110,14 +110,7 @@ def _elastic(
             place=place,
             expected="one elastic coordinate",
         )
-    number = data.elastic_number(quantity, place)
-    if number in data.omitted:
-        raise InputError(
-            f"{name} moves {owner} out of the plane, which a planar scene leaves out",
-            place=place,
-            expected='a coordinate in the plane, or dimension = "spatial"',
-        )
-    index = data.numbers.index(number)
+    index = data.numbers.index(data.elastic_number(quantity, place))
     return Reading(coordinate(owner, index), int(quantity[0] == "v"))
 
 

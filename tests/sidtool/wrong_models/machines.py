@@ -242,7 +242,7 @@ def pin_is_in_millimetres() -> str:
     return rubbing(change)
 
 
-@mistake("deforms by 5 of its size")
+@mistake("deforms by 5 times its size")
 def deformation_at_the_start_is_in_millimetres() -> str:
     """The tip of the bar starts 5 m off, for 5 mm."""
     shapes = bar().nodes[1].phi.m0[1]

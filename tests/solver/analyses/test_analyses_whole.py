@@ -120,14 +120,16 @@ def test_a_rotor_at_rest_has_the_frequencies_of_a_hinged_beam(
     spring: float,
     gravity: float,
 ) -> None:
-    """Hinged and free in the plane of rotation, clamped and free across it."""
+    """Hinged and free in the plane of rotation, in space clamped and free across it."""
     sag = 0.0 if dimension == "planar" else gravity
     content = rotor(dimension, "revolute", spring, sag)
     found = frequencies(content, bar(length, radius, stiffened))
     stiffness = STEEL * math.pi * radius**4 / 4.0
-    roots = [*spring_hinged_roots(spring * length / stiffness), 1.875104, 4.694091]
+    roots = spring_hinged_roots(spring * length / stiffness)
+    if dimension == "spatial":
+        roots = [*roots, 1.875104, 4.694091]
     exact = sorted(bending(root, length, radius) for root in roots)
-    assert found[:4] == pytest.approx(exact, rel=4e-3)
+    assert found[: len(exact)] == pytest.approx(exact, rel=4e-3)
 
 
 def spring_hinged_roots(ratio: float) -> list[float]:

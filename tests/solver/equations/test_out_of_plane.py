@@ -1,7 +1,8 @@
 """Planar scenes of bodies whose shape functions move out of the plane.
 
-Those that only do that are left out, as nothing in the plane excites them; a body in
-which both are coupled is refused. References: beam theory, and the scene in space.
+Nothing in the plane excites those that only do that: they rest, and modes leave them
+out. A body in which both are coupled is refused. References: beam theory, and the
+scene in space.
 """
 
 from __future__ import annotations
@@ -110,7 +111,7 @@ def test_the_lowest_mode_is_that_in_the_plane(flat: SID) -> None:
             assert found.min() > 0.999 * exact
 
 
-def test_what_is_left_out_rests_and_nothing_else_changes(flat: SID) -> None:
+def test_motions_across_the_plane_rest_and_nothing_else_changes(flat: SID) -> None:
     found = [
         simulate(compile_scene(slides(planar), sids={"bar": flat}), rtol=1e-9)
         for planar in (True, False)
@@ -119,7 +120,9 @@ def test_what_is_left_out_rests_and_nothing_else_changes(flat: SID) -> None:
     size = np.abs(space["slider.y"]).max()
     assert_allclose(plane["slider.y"], space["slider.y"], atol=1e-6 * size)
     assert plane.names == space.names
-    rests = [n for n in plane.names if n.startswith("bar.q") and not plane[n].any()]
+    least = 1e-9 * np.abs(plane.values).max()
+    elastic = [n for n in plane.names if n.startswith("bar.q")]
+    rests = [n for n in elastic if np.abs(plane[n]).max() < least]
     assert 2 <= len(rests) < flat.nq
     for name in plane.names:
         assert_allclose(
@@ -177,7 +180,7 @@ def combined(sid: SID, T: np.ndarray) -> SID:
     )
 
 
-@pytest.mark.parametrize("twist", [0.02, np.pi / 4])
+@pytest.mark.parametrize("twist", [0.1, np.pi / 4])
 def test_a_twisted_bar_is_refused_in_the_plane(twist: float) -> None:
     """At 45 degrees its slider sagged by 3.445 mm for 2.225 mm in space."""
     sid = bar(0.04, 0.01, twist)
@@ -185,13 +188,3 @@ def test_a_twisted_bar_is_refused_in_the_plane(twist: float) -> None:
         compile_scene(slides(True), sids={"bar": sid})
     assert caught.value.place == "bodies.bar.sid"
     compile_scene(slides(False), sids={"bar": sid})
-
-
-def test_a_start_out_of_the_plane_is_refused(flat: SID) -> None:
-    system = compile_scene(slides(True), sids={"bar": flat})
-    (data,) = (body for body in system.bodies if body.name == "bar")
-    scene = slides(True)
-    bent = [float(k + 1 in data.omitted) for k in range(flat.nq)]
-    start = {"bodies.bar.initial.elastic": bent}
-    with pytest.raises(InputError, match="out of the plane"):
-        simulate(compile_scene(scene.with_(start), sids={"bar": flat}))
