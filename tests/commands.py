@@ -88,6 +88,8 @@ def run_line(line: str) -> int:
     """The exit status of a command."""
     words = shlex.split(line, comments=True)
     if words[0] in _NOT_RUN or words[:2] in [["sidtool", slow] for slow in _SLOW]:
+        if sys.platform == "win32":
+            return 0
         return subprocess.run(["bash", "-n", "-c", line], check=False).returncode
     if words[0] == "make":
         rules = (ROOT / "Makefile").read_text(encoding="utf-8")

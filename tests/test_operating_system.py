@@ -32,6 +32,10 @@ METHODS = {"chmod", "lchmod", "expanduser", "symlink_to", "hardlink_to", "touch"
 #: Beginnings of paths, and variables that name folders, of one system.
 TEXTS = ("/dev/", "/proc/", "XDG_", "LOCALAPPDATA", "APPDATA", "USERPROFILE")
 
+#: What Python has on POSIX only, or what ends the process at once on Windows.
+LACKING = {f"os.{name}" for name in ("kill", "mkfifo", "fork", "getuid", "geteuid")}
+LACKING |= {"signal.SIGHUP", "signal.SIGKILL", "signal.SIGALRM", "os.uname"}
+
 
 def sources(*tops: str) -> list[Path]:
     return [path for top in tops for path in sorted((ROOT / top).rglob("*.py"))]
@@ -99,6 +103,17 @@ def without_encoding(tree: ast.AST) -> Iterator[tuple[int, str]]:
             yield node.lineno, name
 
 
+def only_posix(node: ast.AST) -> Iterator[tuple[int, str]]:
+    """Lines that use what Windows lacks, outside of what is marked `posix`."""
+    marks = [ast.unparse(mark) for mark in getattr(node, "decorator_list", ())]
+    if "posix" in marks:
+        return
+    if isinstance(node, ast.Attribute) and ast.unparse(node) in LACKING:
+        yield node.lineno, ast.unparse(node)
+    for child in ast.iter_child_nodes(node):
+        yield from only_posix(child)
+
+
 def opens_text(node: ast.Call) -> bool:
     """Of `open`, `Path.open`, `os.fdopen`; not `os.open`, nor `Image.open`."""
     function = node.func
@@ -158,5 +173,17 @@ def test_text_is_read_and_written_with_an_encoding() -> None:
         f"{path.relative_to(ROOT)}:{line}: {what}"
         for path in sources(*PRODUCT, "benchmarks", "docs", "examples", "tests")
         for line, what in without_encoding(ast.parse(path.read_bytes()))
+    ]
+    assert found == []
+
+
+def test_tests_of_posix_are_marked() -> None:
+    code = "def test(): os.mkfifo(a)"
+    assert len(list(only_posix(ast.parse(code)))) == 1
+    assert not list(only_posix(ast.parse(f"@posix\n{code}")))
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {what}"
+        for path in sources("tests")
+        for line, what in only_posix(ast.parse(path.read_bytes()))
     ]
     assert found == []

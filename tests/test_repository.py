@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.optional import NAMES, PACKAGES, PROGRAMS, hidden_path
-from tests.places import ROOT
+from tests.places import ROOT, posix
 
 TOP_LEVEL = {
     ".ci",
@@ -83,7 +83,7 @@ def test_a_program_that_a_test_needs_is_found() -> None:
     assert shutil.which("ccx") is None
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="links need rights there")
+@posix
 def test_only_optional_programs_are_hidden(tmp_path: Path) -> None:
     for folder, programs in {"a": ("ccx", "sh2"), "b": ("make2",)}.items():
         (tmp_path / folder).mkdir()

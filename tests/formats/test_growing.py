@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import random
 import signal
 import tempfile
@@ -136,7 +135,7 @@ def test_signals_wait_until_libhdf5_has_returned(tmp_path: Path) -> None:
     """What they raise is raised after it, and the file is still sound."""
 
     def fill(file: h5py.File) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
         for k in range(1000):
             file[f"d{k}"] = np.arange(10.0)
         done.append(len(file))

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.toml.reading import load, validated
+from tests.places import posix
 
 
 class Line(BaseModel):
@@ -209,6 +210,7 @@ def test_files_that_are_not_there(tmp_path: Path) -> None:
         load(tmp_path, Thing)
 
 
+@posix
 def test_a_pipe_is_no_file_to_wait_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.toml")
     with pytest.raises(InputError, match="is a pipe or a device"):

@@ -21,7 +21,7 @@ from sidtool.formats.result.rows import BLOCK, Columns, Rows
 from sidtool.formats.scene import SceneFile, read_scene
 from sidtool.solver import compile_scene, run, simulate
 from sidtool.solver.recording import window
-from tests.places import SLIDER_CRANK
+from tests.places import SLIDER_CRANK, posix
 
 RECORD = ["piston.x", "energy.balance", "energy.supplied", "crank_pin.f*", "rod.q*"]
 EVENTS = {
@@ -131,6 +131,7 @@ def peak(folder: Path, rows: int) -> float:
     return float(done.stdout.split()[-1]) / 1024
 
 
+@posix
 def test_memory_does_not_grow_with_the_rows(tmp_path: Path) -> None:
     """24 MB of results took 246 MB more than 0.2 MB of them."""
     few, many = peak(tmp_path, 1000), peak(tmp_path, 50_000)
@@ -181,6 +182,7 @@ def test_the_files_are_those_of_the_result_in_memory(tmp_path: Path) -> None:
     assert np.array_equal(back.t, result.t)
 
 
+@posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_run_that_is_ended_in_a_step_of_many_rows_keeps_them(
     number: signal.Signals, tmp_path: Path

@@ -400,7 +400,7 @@ def test_a_warmup_that_keeps_nothing_has_failed(
     monkeypatch.setattr(warmup, "_find", lambda name: kernel)
     monkeypatch.setattr(stored, "_told", set())
     monkeypatch.setattr(warmup, "_seen", set())
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(Path(__file__) / "cache"))
     with pytest.warns(stored.KernelCacheWarning, match="cannot be kept"):
         assert run(["warmup"]) == 1
     monkeypatch.undo()

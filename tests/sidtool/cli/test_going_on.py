@@ -21,7 +21,7 @@ from tests.places import SLIDER_CRANK
 
 #: The command line, whose run gets a signal when it has passed a time.
 AT = """
-import os, sys
+import signal, sys
 import sidtool.solver.running as run
 from sidtool.cli import main
 
@@ -32,7 +32,7 @@ def steps(self):
     code = before(self)
     if self.now > {t} and not hasattr(self, "signalled"):
         self.signalled = True
-        os.kill(os.getpid(), {number})
+        signal.raise_signal({number})
     return code
 
 run.Run._steps = steps
@@ -117,7 +117,7 @@ def interrupted(scene: sidtool.Scene, after: float) -> sidtool.Result:
 
     def told(t: float) -> None:
         if t > after:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     with pytest.raises(sidtool.Interrupted) as caught:
         scene.simulate(progress=told)
@@ -161,9 +161,9 @@ def test_what_cannot_go_on_says_why() -> None:
 def test_a_second_signal_is_answered_as_before() -> None:
     with pytest.raises(KeyboardInterrupt), ending("SIGINT") as asked:
         assert asked() == ""
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
         assert asked() == "ended by Ctrl-C"
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
@@ -173,7 +173,7 @@ def test_ctrl_c_ends_the_search_for_a_model(
     """There is nothing to keep yet: it was heard by the run after the search only."""
 
     def search(*_: object, **__: object) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
         time.sleep(5.0)
 
     monkeypatch.setattr("sidtool.accuracy.plan_for", search)

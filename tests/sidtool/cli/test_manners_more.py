@@ -4,7 +4,6 @@ and sampled loops that run away."""
 from __future__ import annotations
 
 import json
-import os
 import signal
 from pathlib import Path
 from typing import Any
@@ -121,7 +120,7 @@ def test_a_run_of_a_chosen_model_goes_on(
 
     def told(t: float) -> None:
         if t > 0.15:
-            os.kill(os.getpid(), signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
 
     scene.simulate(accuracy={"piston.x": 1e-4, "rod.q1": 1e-2})
     with pytest.raises(sidtool.Interrupted) as caught:

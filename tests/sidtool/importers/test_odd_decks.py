@@ -10,6 +10,7 @@ import pytest
 
 from sidtool.formats.errors import InputError
 from sidtool.importers.meshes import read_mesh
+from tests.places import posix
 
 from .mesh_files import FORMATS, inp_text, rod_mesh
 
@@ -72,6 +73,7 @@ def test_one_file_may_be_taken_in_twice(tmp_path: Path) -> None:
     assert len(read_mesh(tmp_path / "rod.inp").mesh.positions) == 28
 
 
+@posix
 @pytest.mark.parametrize("ending", ["inp", "msh", "bdf", "cdb"])
 def test_a_mesh_is_no_pipe(tmp_path: Path, ending: str) -> None:
     os.mkfifo(tmp_path / f"rod.{ending}")

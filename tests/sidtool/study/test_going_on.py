@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import signal
 from pathlib import Path
 from typing import Any
@@ -90,7 +89,7 @@ def test_an_end_tells_of_finished_points_where_there_are_some(
     original = getattr(whole_module, name)
 
     def ended(*given: Any) -> Any:
-        os.kill(os.getpid(), signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
         if points:
             return original(*given)
         raise Ended("ended by Ctrl-C")

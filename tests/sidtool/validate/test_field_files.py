@@ -19,6 +19,7 @@ from sidtool.formats.sid import Taylor
 from sidtool.formats.sid_files import read_sid, write_sid
 from sidtool.report.modes import modes_of
 from tests.bodies import particle_body
+from tests.places import posix
 
 BODY = particle_body(3, 12, nodes=2)
 
@@ -29,6 +30,7 @@ def _sidtool(*words: str, **more: object) -> subprocess.CompletedProcess[bytes]:
     return subprocess.run(command, capture_output=True, **more)  # type: ignore[call-overload, no-any-return]
 
 
+@posix
 def test_a_sid_may_come_through_a_pipe(tmp_path: Path) -> None:
     write_sid(tmp_path / "body.SID_FEM", BODY)
     content = (tmp_path / "body.SID_FEM").read_bytes()
@@ -43,6 +45,7 @@ def test_a_sid_may_come_through_a_pipe(tmp_path: Path) -> None:
     assert result.exit_code == 0 and "good: 0 errors" in result.output
 
 
+@posix
 def test_a_closed_standard_output_is_no_error(tmp_path: Path) -> None:
     write_sid(tmp_path / "body.SID_FEM", BODY)
     target = tmp_path / "body.h5"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import subprocess
 import sys
 import warnings
@@ -18,8 +17,11 @@ from numba.extending import intrinsic
 
 from sidtool.solver.compiler import compiling, machine, stored
 from sidtool.solver.compiler.compiling import Entry, entry
-from tests.places import ROOT
+from tests.places import ROOT, posix
 from tests.solver.compiler.small_kernels import scaled
+
+#: A file: below it nothing can be written, not even by an administrator.
+NO_FOLDER = Path(__file__)
 
 
 @pytest.fixture(autouse=True)
@@ -57,6 +59,8 @@ def entries(cache: Path) -> list[Path]:
 @contextmanager
 def files_up_to(size: int) -> Iterator[None]:
     """What a full disk does: files cannot grow beyond a size."""
+    import resource
+
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
     try:
@@ -80,6 +84,7 @@ def test_versions_of_a_kernel_replace_each_other(cache: Path) -> None:
     assert len(entries(cache)) == 1
 
 
+@posix
 @pytest.mark.parametrize("size", [0, 100, 1_000])
 def test_a_full_disk_leaves_no_kernel_of_older_code(size: int, cache: Path) -> None:
     """What could not be written is not there, and nobody takes what was for it."""
@@ -168,15 +173,17 @@ def test_an_intrinsic_is_part_of_the_code() -> None:
 def unreachable(monkeypatch: pytest.MonkeyPatch, where: str) -> None:
     """As in a container: nothing can be written, also not by its administrator."""
     if where == "NUMBA_CACHE_DIR":
-        monkeypatch.setenv("NUMBA_CACHE_DIR", "/dev/null/cache")
+        monkeypatch.setenv("NUMBA_CACHE_DIR", str(NO_FOLDER / "cache"))
         return
     monkeypatch.delenv("NUMBA_CACHE_DIR")
-    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
-    monkeypatch.setattr(stored, "HERE", Path("/dev/null/package"))
+    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(stored, "HERE", NO_FOLDER / "package")
     if where == "home":
-        monkeypatch.setenv("HOME", "/dev/null/home")
+        for name in ("HOME", "USERPROFILE"):
+            monkeypatch.setenv(name, str(NO_FOLDER / "home"))
         return
-    monkeypatch.delenv("HOME")
+    monkeypatch.delenv("HOME", raising=False)
 
     def no_home() -> Path:
         raise RuntimeError("Could not determine home directory.")
