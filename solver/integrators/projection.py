@@ -25,7 +25,7 @@ PROJECTIONS_LIMIT = 6
 #: Attempts after which positions that meet the constraints are not moved any more.
 SETTLING = 3
 #: Attempts after which rates count as zero that are rounding of their terms, and what
-#: rounding is, relative to these: long runs ask for less than numbers resolve.
+#: rounding is, relative to these, where so little is asked for: in long runs.
 ROUNDED, RATE_ROUNDING = 2, 1e-15
 #: Most that one marker turns against another in a step where turns are counted, of the
 #: half turn that two orientations tell [rad].
@@ -81,10 +81,9 @@ def project(kernels, system, work, memory, t, z, v, dz, dv, closed):
             placed = placed and abs(work.row[i, C_VALUE]) <= loose * closed[i, 0]
             rate = abs(work.row[i, C_RATE])
             if rate > loose * closed[i, 1]:
-                rounded = attempt >= ROUNDED and rate <= _rate_rounding(
-                    system, work, v, i
-                )
-                still = still and rounded
+                is_rounding = attempt >= ROUNDED and closed[i, 1] < RATE_ROUNDING
+                is_rounding = is_rounding and rate <= _rate_rounding(system, work, v, i)
+                still = still and is_rounding
         for j in range(len(system.friction)):
             if sticks(system, j):
                 row = work.sliding.row[j]
