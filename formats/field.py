@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .endings import check_ending
 from .errors import InputError
 from .sid import SID, Array
-from .storage.hdf5_links import check_own_data
+from .storage.hdf5_data import check_own_data, check_sizes
 from .storage.seal import check_seal, write_sealed
 from .storage.unreadable import unreadable
 
@@ -134,6 +134,7 @@ def read_field(path: str | os.PathLike[str]) -> Field:
         with h5py.File(path, "r") as file:
             _check_format(file)
             check_own_data(file)
+            check_sizes(file)
             return _field(file)
     except InputError as error:
         raise error.located(path) from None

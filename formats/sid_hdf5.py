@@ -20,7 +20,7 @@ from .errors import InputError
 from .sid import NODE_SHAPES, SID, Node, Taylor
 from .sid_hdf5_reader import PARTS, Reader
 from .storage.finite import check_finite
-from .storage.hdf5_links import check_own_data
+from .storage.hdf5_data import check_own_data, check_sizes, put_texts
 from .storage.seal import HDF5_SIGNATURE, SEAL_SIGNATURE, check_seal, write_sealed
 
 SIGNATURES = (HDF5_SIGNATURE, SEAL_SIGNATURE)
@@ -72,8 +72,8 @@ def read_hdf5(path: str | os.PathLike[str]) -> SID:
         with h5py.File(path, "r") as file:
             _check_kind(file, source)
             check_own_data(file)
-            reader = Reader(source, Path(path).stat().st_size)
-            sid = reader.sid(file)
+            check_sizes(file)
+            sid = Reader(source).sid(file)
         check_finite(sid)
     except InputError as error:
         raise error.located(source) from error
@@ -113,7 +113,7 @@ def put_sid(file: h5py.Group, sid: SID) -> None:
     file.attrs["title"] = sid.title
     file.attrs["mass"] = sid.mass
     file.attrs["dialect"] = json.dumps(asdict(sid.dialect))
-    _put_texts(file, "labels", list(sid.labels))
+    put_texts(file, "labels", sid.labels)
     for name, block in sid.blocks.items():
         _put_block(file.create_group(f"blocks/{name}"), block)
     extra = file.create_group("extra")
@@ -130,13 +130,9 @@ def _put_carried(group: h5py.Group, carried: Carried) -> None:
     """See `Carried`; what is not known is NaN."""
     group.attrs["free"] = carried.free
     group.attrs["lost"] = np.array(carried.lost, float)
-    _put_texts(group, "id", list(carried.shares))
+    put_texts(group, "id", list(carried.shares))
     rows = np.array(list(carried.shares.values()), float)  # None becomes NaN
     group["shares"] = rows.reshape(-1, len(DIRECTIONS))
-
-
-def _put_texts(group: h5py.Group, name: str, texts: list[str]) -> None:
-    group.create_dataset(name, data=texts, dtype=h5py.string_dtype(), shape=len(texts))
 
 
 def _put_block(group: h5py.Group, block: Taylor) -> None:
@@ -149,8 +145,8 @@ def _put_block(group: h5py.Group, block: Taylor) -> None:
 
 
 def _put_nodes(group: h5py.Group, nodes: tuple[Node, ...]) -> None:
-    _put_texts(group, "id", [node.id for node in nodes])
-    _put_texts(group, "rframe", [node.rframe for node in nodes])
+    put_texts(group, "id", [node.id for node in nodes])
+    put_texts(group, "rframe", [node.rframe for node in nodes])
     for name in NODE_SHAPES:
         entries = {
             index: entry

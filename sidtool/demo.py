@@ -19,6 +19,7 @@ from sidtool.formats.result import Result, write_csv, write_result
 from sidtool.formats.scene import read_scene
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import write_sid
+from sidtool.formats.storage.unreadable import reason_of
 
 from .convert import field_from_model
 from .report.sid import modes_of
@@ -61,7 +62,7 @@ def run_demo(folder: Path, say: Say) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(
-            f"cannot be a folder ({error.strerror})", source=folder
+            f"cannot be a folder ({reason_of(error)})", source=folder
         ) from None
     _prepare_kernels(say)
     say("1. The rod, from its geometry to Standard Input Data (SID)\n")

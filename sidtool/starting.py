@@ -13,6 +13,7 @@ from sidtool.formats.storage.operating_system import (
     path_problem,
     replace_file,
 )
+from sidtool.formats.storage.unreadable import reason_of
 
 #: What `sidtool new` offers, by the name of the folder of the example.
 STARTS = {
@@ -86,7 +87,7 @@ def begin(folder: Path, start: str) -> list[str]:
             replace_file(made, folder)
     except OSError as error:
         raise InputError(
-            f"cannot be made ({error.strerror})",
+            f"cannot be made ({reason_of(error)})",
             source=folder,
             expected="a name in a folder that can be written",
         ) from None

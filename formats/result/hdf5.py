@@ -1,12 +1,13 @@
 """A result in HDF5.
 
-Attributes of the root: format, format_version, title, completed, message, and notes
-and warnings, lists of texts. Datasets: t, values, positions, velocities, multipliers,
-each of the latter four with its columns' names in the attribute ``names``; scene (JSON
-text). Groups counters, drift, settings and versions hold their entries as attributes,
-and so does bodies/NAME for each flexible body, see `hdf5_bodies`; group events, see
-`events`; group sids: the SIDs of all bodies that have one, see `hdf5_sids`. Dataset
-accuracy: an `AccuracyReport` as JSON, if there is one.
+Attributes of the root: format, format_version, title, completed, message. Datasets: t,
+values, positions, velocities, multipliers, the names of the columns of each of the
+latter four in names/values, ...; notes and warnings, lists of texts; scene (JSON text).
+Groups counters, drift, settings and versions hold their entries as attributes; group
+bodies/NAME for each flexible body, see `hdf5_bodies`; group events, see `events`; group
+sids: the SIDs of all bodies that have one, see `hdf5_sids`. Dataset accuracy: an
+`AccuracyReport` as JSON, if there is one.
+Version 1 held all lists as attributes, the names as attribute of each table.
 The file is sealed, see `seal`.
 """
 
@@ -22,7 +23,12 @@ import numpy as np
 from ..endings import check_ending
 from ..errors import InputError
 from ..storage.growing import GrowingFile
-from ..storage.hdf5_links import check_own_data
+from ..storage.hdf5_data import (
+    check_own_data,
+    check_sizes,
+    put_texts,
+    read_texts,
+)
 from ..storage.seal import SealedFile, check_seal
 from ..storage.unreadable import unreadable
 from .accuracy import AccuracyReport
@@ -33,7 +39,10 @@ from .hdf5_sids import read_sids, write_sids
 from .rows import BLOCK, Columns, Rows, pass_on
 
 FORMAT = "sidtool result"
-VERSION = 1
+VERSION = 2
+READABLE = (1, 2)
+#: Numbers that are stored together, so that a chunk fits into the cache of libhdf5.
+CHUNK = 1 << 17
 _GROUPS = ("counters", "drift", "settings", "versions")
 _UNITS = "t: s; other quantities in SI units, angles in radians"
 
@@ -63,14 +72,15 @@ class ResultFile:
             file.create_dataset("t", (0,), float, maxshape=(None,), chunks=(rows,))
             for table, names in columns.items():
                 width = len(names)
-                dataset = file.create_dataset(
+                across = min(max(width, 1), CHUNK)
+                file.create_dataset(
                     table,
                     (0, width),
                     float,
                     maxshape=(None, width or None),
-                    chunks=(rows, width or 1),
+                    chunks=(min(rows, CHUNK // across), across),
                 )
-                dataset.attrs["names"] = np.array(names, dtype=h5py.string_dtype())
+                put_texts(file, f"names/{table}", names)
 
         self._sealed = SealedFile(self._path, self._elsewhere)
         self._sealed.put(fill)
@@ -121,9 +131,9 @@ def _tell(file: h5py.File, result: Result) -> None:
         title=result.title,
         completed=result.completed,
         message=result.message,
-        notes=np.array(result.notes, dtype=h5py.string_dtype()),
-        warnings=np.array(result.warnings, dtype=h5py.string_dtype()),
     )
+    put_texts(file, "notes", result.notes)
+    put_texts(file, "warnings", result.warnings)
     file.create_dataset("scene", data=result.scene, dtype=h5py.string_dtype())
     for group in _GROUPS:
         file.create_group(group).attrs.update(_storable(getattr(result, group)))
@@ -148,6 +158,7 @@ def read_result(path: str | Path) -> Result:
         with h5py.File(path, "r") as file:
             _check_format(file, path)
             check_own_data(file)
+            check_sizes(file)
             return _result(file, Path(path))
     except InputError as error:
         raise error.located(path) from None
@@ -171,11 +182,11 @@ def _check_format(file: h5py.File, path: str | Path) -> None:
     if found != FORMAT:
         raise InputError(f"found the format {found!r}", source=path, expected=FORMAT)
     version = file.attrs.get("format_version")
-    if version != VERSION:
+    if version not in READABLE:
         raise InputError(
             f"found version {version} of the format",
             source=path,
-            expected=f"version {VERSION}",
+            expected=f"version {' or '.join(map(str, READABLE))}",
         )
 
 
@@ -183,7 +194,7 @@ def _result(file: h5py.File, path: Path) -> Result:
     parts: dict[str, Any] = {"t": np.asarray(file["t"][()], float)}
     for table, names in TABLES.items():
         parts[table] = np.asarray(file[table][()], float)
-        parts[names] = tuple(map(_plain, file[table].attrs["names"]))
+        parts[names] = _texts(file, f"names/{table}", file[table], "names")
     for group in _GROUPS:
         entries = file[group].attrs.items()
         parts[group] = {key: _plain(value) for key, value in entries}
@@ -192,17 +203,23 @@ def _result(file: h5py.File, path: Path) -> Result:
     if "accuracy" in file:
         text = file["accuracy"].asstr()[()]
         parts["accuracy"] = AccuracyReport.model_validate_json(text)
-    size = path.stat().st_size
-    parts["sids"] = read_sids(file.get("sids"), str(path), size)
+    parts["sids"] = read_sids(file.get("sids"), str(path))
     return Result(
         title=str(file.attrs["title"]),
         completed=bool(file.attrs["completed"]),
         message=str(file.attrs["message"]),
-        notes=tuple(map(_plain, file.attrs.get("notes", ()))),
-        warnings=tuple(map(_plain, file.attrs.get("warnings", ()))),
+        notes=_texts(file, "notes", file, "notes"),
+        warnings=_texts(file, "warnings", file, "warnings"),
         scene=file["scene"].asstr()[()],
         **parts,
     )
+
+
+def _texts(file: h5py.File, place: str, former: Any, name: str) -> tuple[str, ...]:
+    """A list of texts; that of version 1 from the attribute `name` of `former`."""
+    if place in file:
+        return read_texts(file[place])
+    return tuple(map(_plain, former.attrs.get(name, ())))
 
 
 def _storable(entries: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Flexible bodies of a run as attributes of groups in HDF5."""
+"""Flexible bodies of a run as groups in HDF5."""
 
 from __future__ import annotations
 
@@ -10,26 +10,41 @@ import h5py
 import numpy as np
 
 from ..stiffening import Stiffening
+from ..storage.hdf5_data import put_texts, read_texts
 from .bodies import Excitation, FlexibleBody
 
 _PARTS = {"excitation": Excitation, "expected": Stiffening, "found": Stiffening}
 
 
 def write_bodies(group: h5py.Group, bodies: Mapping[str, FlexibleBody]) -> None:
-    """One subgroup per body, whose attributes are its entries."""
+    """One subgroup per body: its lists are datasets, its other entries attributes."""
     for name, body in bodies.items():
         place = group.create_group(name)
         for key, value in _entries(body).items():
             if isinstance(value, tuple):
-                value = np.array(value, dtype=h5py.string_dtype())
-            place.attrs[key] = value
+                put_texts(place, key, value)
+            elif isinstance(value, np.ndarray):
+                place[key] = value
+            else:
+                place.attrs[key] = value
 
 
 def read_bodies(group: h5py.Group | None) -> dict[str, FlexibleBody]:
-    """Inverse of `write_bodies`; files of before have no such group."""
+    """Inverse of `write_bodies`.
+
+    Files of before have no such group, or their lists as attributes.
+    """
     if group is None:
         return {}
-    return {name: _body(dict(place.attrs)) for name, place in group.items()}
+    return {name: _body(_stored(place)) for name, place in group.items()}
+
+
+def _stored(place: h5py.Group) -> dict[str, Any]:
+    lists = {
+        key: dataset[()] if dataset.dtype.kind == "f" else read_texts(dataset)
+        for key, dataset in place.items()
+    }
+    return dict(place.attrs) | lists
 
 
 def _entries(body: FlexibleBody) -> dict[str, Any]:

@@ -23,14 +23,14 @@ def write_sids(group: h5py.Group, sids: Mapping[str, SID]) -> None:
         group.create_group(f"bodies/{body}").attrs["content"] = numbers[id(sid)]
 
 
-def read_sids(group: h5py.Group | None, source: str, size: int) -> dict[str, SID]:
+def read_sids(group: h5py.Group | None, source: str) -> dict[str, SID]:
     """Inverse of `write_sids`; files of before have no such group.
 
-    source, size : name and size [bytes] of the file
+    source : name of the file
     """
     if group is None or "bodies" not in group:
         return {}
-    reader, known = Reader(source, size), dict[int, SID]()
+    reader, known = Reader(source), dict[int, SID]()
     for name, content in group["content"].items():
         sid = reader.sid(content)
         check_finite(sid)

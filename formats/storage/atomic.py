@@ -32,6 +32,7 @@ from .operating_system import (
     replace_file,
     set_mode,
 )
+from .unreadable import reason_of
 
 #: Bytes of a target's name that its temporary file takes over.
 LONGEST = 120
@@ -108,7 +109,7 @@ def _give_name(temporary: Path, target: Path, named: Path | None) -> None:
             raise
         other = _free_name(target)
         replace_file(temporary, other)
-        problem = f"cannot be replaced ({error.strerror})"
+        problem = f"cannot be replaced ({reason_of(error)})"
         if is_open_elsewhere(target):
             problem = "is open in another program"
         text = f"{problem}: it is as before, and what was to replace it is {other.name}"
@@ -136,7 +137,7 @@ def _beside(target: Path) -> Path:
             path = create_file(target.parent, prefix, ".part")
         except OSError as error:
             raise InputError(
-                f"cannot write here ({error.strerror})",
+                f"cannot write here ({reason_of(error)})",
                 source=target,
                 expected="an existing folder with permission to write",
             ) from error

@@ -24,6 +24,7 @@ from .operating_system import (
     present_signals,
     signal_handler,
 )
+from .unreadable import reason_of
 
 #: Bytes that are kept in memory together.
 PAGE = 4096
@@ -140,7 +141,7 @@ class GrowingFile:
                 return
         if self.error is None:
             name = os.fspath(self.target)
-            self.error = OSError(error.errno, error.strerror, name)
+            self.error = OSError(error.errno, reason_of(error), name)
         for page, inner, outer in _pages(self._at, len(piece)):
             if page not in self._lost:
                 self._lost[page] = self._stored(page * PAGE, PAGE)

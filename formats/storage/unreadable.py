@@ -15,6 +15,11 @@ _ESCAPED = {"\b": "\\b", "\t": "\\t", "\n": "\\n", "\f": "\\f", "\r": "\\r"}
 QUOTES = "paths with backslashes in 'single quotes', or with slashes"
 
 
+def reason_of(error: OSError) -> str:
+    """Why the system, or a library that has no error number, could not do something."""
+    return error.strerror or str(error) or type(error).__name__
+
+
 def unreadable(
     path: str | os.PathLike[str],
     expected: str | None = None,
@@ -37,5 +42,5 @@ def unreadable(
     if error is None or isinstance(error, FileNotFoundError):
         problem = length_problem(path) or "there is no such file"
     else:
-        problem = f"cannot be read ({error.strerror or error})"
+        problem = f"cannot be read ({reason_of(error)})"
     return InputError(problem, source=path, expected=expected)

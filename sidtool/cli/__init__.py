@@ -24,6 +24,7 @@ from sidtool.formats.storage.operating_system import (
     present_signals,
     signal_handler,
 )
+from sidtool.formats.storage.unreadable import reason_of
 
 from .. import __version__
 from .analyse import analyse
@@ -188,7 +189,7 @@ def run(arguments: Sequence[str]) -> int:
         if is_closed_pipe(error) and _is_of_output(error):
             return _closed_pipe()
         name = f"{error.filename}: " if error.filename else ""
-        return _complain(f"{name}{error.strerror or error}", FAILED)
+        return _complain(f"{name}{reason_of(error)}", FAILED)
 
 
 def _tell(

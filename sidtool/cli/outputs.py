@@ -11,6 +11,7 @@ import click
 
 from sidtool.formats.result import ResultFile, TableFile
 from sidtool.formats.storage.atomic import KeptBeside
+from sidtool.formats.storage.unreadable import reason_of
 
 if TYPE_CHECKING:
     from sidtool.formats.result import Result
@@ -97,4 +98,4 @@ class Outputs:
 
     def _fail(self, path: Path, error: OSError) -> None:
         self.failed = True
-        self._told.append(f"sidtool: {path}: {error.strerror}")
+        self._told.append(f"sidtool: {path}: {reason_of(error)}")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.model.reduction import UserReduction
-from sidtool.formats.storage.hdf5_links import check_own_data
+from sidtool.formats.storage.hdf5_data import check_own_data, check_size
 
 from ..frontends.finite_element_model import FiniteElementModel
 from .basis import Family, ReducedBasis, finished
@@ -99,7 +99,9 @@ def _hdf5(path: Path, name: str | None) -> Any:
         check_own_data(file)
         arrays = [key for key, part in file.items() if isinstance(part, h5py.Dataset)]
         known = name is not None and name in file
-        return file[name if known else _chosen(path, arrays, name)][()]
+        dataset = file[name if known else _chosen(path, arrays, name)]
+        check_size(dataset)
+        return dataset[()]
 
 
 def _chosen(path: Path, names: list[str], name: str | None) -> str:

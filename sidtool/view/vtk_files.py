@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sidtool.formats.endings import check_ending
 from sidtool.formats.sid import Array
 from sidtool.formats.storage.atomic import atomic_path
+from sidtool.formats.storage.hdf5_data import put_texts
 
 from .exported import Exported
 
@@ -37,7 +38,10 @@ def write_export(path: Path, mesh: Exported) -> None:
 
 
 def write_vtkhdf(path: Path, mesh: Exported) -> None:
-    """Write all times into one file; the cells are stored once."""
+    """Write all times into one file; the cells are stored once.
+
+    VTKHDF/CellData/body numbers the bodies, whose names are the dataset /bodies.
+    """
     n, count = mesh.n_points, len(mesh.t)
     with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
         root = file.create_group("VTKHDF")
@@ -52,8 +56,7 @@ def write_vtkhdf(path: Path, mesh: Exported) -> None:
         root["Connectivity"], root["Offsets"] = mesh.connectivity, mesh.offsets
         root["Types"] = mesh.types
         root["CellData/body"] = mesh.body
-        names = np.array([part.name for part in mesh.parts], dtype=object)
-        root.attrs.create("bodies", names, dtype=h5py.string_dtype())
+        put_texts(file, "bodies", [part.name for part in mesh.parts])
         _steps(root, mesh.t, n)
         data = root.create_group("PointData")
         places = {"points": _rows(root, "Points", n, count, 3)}

@@ -14,6 +14,7 @@ from pathlib import Path
 from sidtool.formats.errors import InputError, warn_caller
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.formats.storage.operating_system import cache_folder, create_file
+from sidtool.formats.storage.unreadable import reason_of
 
 MAGIC = b"sidtool kernel 1\n"
 #: Bytes of the checksum and of the length of the key.
@@ -69,7 +70,7 @@ def write(name: str, key: str, code: bytes) -> None:
                 temporary.write_bytes(content)
             return
         except OSError as error:
-            failures.append(f"{folder} ({error.strerror})")
+            failures.append(f"{folder} ({reason_of(error)})")
         except InputError as error:
             failures.append(f"{folder} ({error.problem})")
     _tell_unkept(", ".join(failures))
@@ -84,7 +85,7 @@ def is_writable() -> bool:
             create_file(folder, ".sidtool-", ".tmp").unlink()
             return True
         except OSError as error:
-            failures.append(f"{folder} ({error.strerror})")
+            failures.append(f"{folder} ({reason_of(error)})")
     _tell_unkept(", ".join(failures))
     return False
 

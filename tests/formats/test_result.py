@@ -19,6 +19,7 @@ from sidtool.formats.result import (
     write_csv,
     write_result,
 )
+from sidtool.formats.result.data import TABLES
 from sidtool.formats.result.hdf5_bodies import read_bodies
 from sidtool.formats.stiffening import Stiffening
 from sidtool.formats.storage.seal import write_sealed
@@ -107,12 +108,103 @@ def test_a_result_without_notes_and_a_file_of_before_have_none(
 
     def without_notes(target: h5py.File) -> None:
         with h5py.File(path, "r") as file:
-            for name in file:
+            for name in set(file) - {"notes"}:
                 file.copy(name, target)
-            target.attrs.update({k: v for k, v in file.attrs.items() if k != "notes"})
+            target.attrs.update(file.attrs)
 
     write_sealed(older, without_notes)
     assert read_result(older).notes == ()
+
+
+def as_version_1(path: Path) -> None:
+    """Rewrite a result as it was: every list an attribute."""
+
+    def move(group: h5py.Group, name: str, owner: h5py.HLObject, key: str) -> None:
+        dataset = group.pop(name)
+        owner.attrs.create(key, dataset[()], dtype=dataset.dtype)
+
+    path.write_bytes(path.read_bytes()[512:])
+    with h5py.File(path, "a") as file:
+        file.attrs["format_version"] = 1
+        for table in TABLES:
+            move(file, f"names/{table}", file[table], "names")
+        del file["names"]
+        for name in ("notes", "warnings"):
+            move(file, name, file, name)
+        for body in file["bodies"].values():
+            for name in list(body):
+                move(body, name, body, name)
+
+
+def test_files_of_version_1_are_read(result: Result, tmp_path: Path) -> None:
+    rod = FlexibleBody(
+        highest_frequency=1254.9,
+        excitation=Excitation(6.0, "crank_angle"),
+        expected=Stiffening(),
+        labels=("bending", "größer"),
+        amplitudes=np.array([1e-3, 2e-5]),
+    )
+    result = replace(result, bodies={"rod": rod}, warnings=("größer als 1e-6",))
+    path = tmp_path / "r.h5"
+    write_result(path, result)
+    as_version_1(path)
+    back = read_result(path)
+    for name in ("names", "position_names", "multiplier_names", "notes", "warnings"):
+        assert getattr(back, name) == getattr(result, name)
+    assert back.bodies["rod"].labels == rod.labels
+    assert np.array_equal(back.bodies["rod"].amplitudes, rod.amplitudes)
+
+
+def test_lists_of_any_length_are_stored(result: Result, tmp_path: Path) -> None:
+    """5 000 planar bodies, 100 000 outputs, a body of 20 000 elastic coordinates."""
+    names = tuple(f"b{k}.x" for k in range(100_000))
+    rod = FlexibleBody(
+        highest_frequency=1.0,
+        excitation=Excitation(),
+        expected=Stiffening(),
+        labels=names[:20_000],
+        frequencies=np.arange(20_000.0),
+    )
+    wide = replace(
+        result,
+        names=names,
+        values=np.arange(3e5).reshape(3, -1),
+        positions=np.ones((3, 15_000)),
+        position_names=names[:15_000],
+        notes=names[:5000],
+        warnings=names[:5000],
+        bodies={"rod": rod},
+    )
+    write_result(tmp_path / "r.h5", wide)
+    back = read_result(tmp_path / "r.h5")
+    assert np.array_equal(back.values, wide.values)
+    for name in ("names", "position_names", "notes", "warnings"):
+        assert getattr(back, name) == getattr(wide, name)
+    assert back.bodies["rod"].labels == rod.labels
+    assert np.array_equal(back.bodies["rod"].frequencies, rod.frequencies)
+
+
+@pytest.mark.parametrize("packed", [None, "gzip"])
+def test_rows_that_are_not_stored_are_refused(
+    result: Result, tmp_path: Path, packed: str | None
+) -> None:
+    """They would be zeros, and 1e9 of them more than the memory."""
+    path = tmp_path / "r.h5"
+    write_result(path, result)
+    path.write_bytes(path.read_bytes()[512:])
+    with h5py.File(path, "a") as file:
+        for name in ("t", *TABLES):
+            shape = (10**9, *file[name].shape[1:])
+            del file[name]
+            chunks = tuple(min(size, 1000) or 1 for size in shape)
+            data = file.create_dataset(
+                name, shape, float, maxshape=(None,) * len(shape), chunks=chunks,
+                compression=packed,
+            )  # fmt: skip
+            if data.size:
+                data[0] = 1.0
+    with pytest.raises(InputError, match="no more data than the file holds"):
+        read_result(path)
 
 
 def test_csv_has_one_header_and_returns_every_bit(

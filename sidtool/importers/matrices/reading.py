@@ -22,7 +22,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.storage.hdf5_links import check_own_data
+from sidtool.formats.storage.hdf5_data import check_own_data, check_size
 
 from ..imported import EVERYTHING, integers, number_table, numbers, read_lines
 from ..meshes import MESH_READERS, read_mesh
@@ -308,7 +308,10 @@ def _load_arrays(path: str) -> dict[str, Any]:
 
         with h5py.File(path, "r") as file:
             check_own_data(file)
-            return {name: np.array(file[name]) for name in file if _is_known(name)}
+            known = [name for name in file if _is_known(name)]
+            for name in known:
+                check_size(file[name])
+            return {name: np.array(file[name]) for name in known}
     except InputError as error:
         raise error.located(path) from None
     except Exception as error:

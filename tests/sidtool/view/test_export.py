@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
@@ -272,3 +273,21 @@ def test_the_command_writes_and_tells(
     for arguments, message in cases:
         assert run(["export", *arguments]) == 2, arguments
         assert message in capsys.readouterr().err
+
+
+def test_thousands_of_bodies_are_named(tmp_path: Path) -> None:
+    """Names as an attribute must fit into 64 kB."""
+    still = FrameMotion(np.zeros((1, 3)), np.eye(3)[None], *np.zeros((2, 1, 3)))
+    none = np.zeros((1, 0))
+    point, cells = np.zeros((1, 3)), {"tri3": np.zeros((1, 3), int)}
+    shapes, initial = np.zeros((1, 3, 0)), np.zeros((1, 6))
+    names = tuple(f"body{k}" for k in range(5000))
+    parts = tuple(
+        Part(name, point, cells, shapes, None, initial, still, none, none, "")
+        for name in names
+    )
+    mesh = Exported(np.zeros(1), parts, *_cells(list(parts)), ())
+    write_vtkhdf(tmp_path / "m.vtkhdf", mesh)
+    with h5py.File(tmp_path / "m.vtkhdf") as file:
+        body = file["VTKHDF/CellData/body"][()]
+        assert tuple(file["bodies"].asstr()[body]) == names

@@ -1,0 +1,30 @@
+"""What a command says of files that cannot be written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sidtool.cli.outputs import Outputs
+from sidtool.formats.result import Result, ResultFile
+from sidtool.formats.result.data import TABLES
+
+
+def test_an_error_of_a_library_is_shown_in_its_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """libhdf5 reports failures without an error number, and the message was None."""
+
+    class Refused(ResultFile):
+        def finish(self, result: Result) -> None:
+            raise OSError("object header message is too large")
+
+    with Outputs(None, None) as files:
+        files._open[tmp_path / "r.h5"] = Refused(tmp_path / "r.h5")
+        files.begin(dict.fromkeys(TABLES, ()), 1)
+        with pytest.raises(OSError, match="too large"):
+            files.finish(None)  # type: ignore[arg-type]
+    files.tell(err=False)
+    assert "r.h5: object header message is too large" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
