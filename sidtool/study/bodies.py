@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -97,6 +97,11 @@ class Bodies:
                 frame = _frame_in_words(variant.frame, name, body)
                 sids[name] = _rereferenced(sids[name], frame, body, name)
                 body = body.model_copy(update={"damping": None})
+            elif variant.frame and not own:
+                model = self.sources[name][variant.model].model
+                if variant.frame != model.frame.type:
+                    sids[name] = _damped_in_frame_of(model, sids[name], body, name)
+                    body = body.model_copy(update={"damping": None})
             rigid = variant.modes == 0 and not self._deforms(variant, name, sids[name])
             changed = _body(name, body, variant, sids[name], own, rigid)
             if variant.terms:
@@ -212,6 +217,27 @@ def _rereferenced(sid: SID, frame: str, body: SidBody, name: str) -> SID:
     from ..conversion.rereference import rereferenced
 
     return rereferenced(damped(sid, body.damping, name), frame)
+
+
+def _damped_in_frame_of(model: ModelFile, sid: SID, body: SidBody, name: str) -> SID:
+    """The SID of a model in another frame, with the damping of the model's own frame.
+
+    Damping laws depend on mass matrices or natural modes, which differ between frames.
+    The damping matrix that a law makes does not: it belongs to the elastic coordinates,
+    which are the same in every frame.
+    """
+    from sidtool.solver.system.bodies.damping import damped
+
+    from ..conversion.rereference import rereferenced
+
+    law = body.damping
+    if law is None or law.type == "sid":
+        law = model.damping
+    if law is None:
+        return sid
+    nodes = (str(model.markers[marker].node) for marker in model.frame.marker_names)
+    original = rereferenced(sid, f"{model.frame.type}:{','.join(nodes)}")
+    return replace(sid, De=damped(original, law, name).De)
 
 
 def _reduction(model: ModelFile, method: str, markers: Sequence[str]) -> Any:

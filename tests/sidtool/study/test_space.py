@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from sidtool.convert import sid_from_model
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile
+from sidtool.made import Source
 from sidtool.solver import compile_scene, simulate
+from sidtool.solver.system.bodies.data import body_data
 from sidtool.study import study
+from sidtool.study.axes import Variant
+from sidtool.study.bodies import Bodies
 
 from .parts import ONE, bar, turning_bar
 
@@ -69,3 +76,52 @@ def test_frames_of_models_keep_their_interfaces(tmp_path: Path) -> None:
     assert [p.message for p in found.points] == [""] * 3
     assert len({p.size for p in found.points}) == 1
     assert max(p.error for p in found.points) < 1e-2
+
+
+@pytest.mark.parametrize(
+    ("of_scene", "of_model"),
+    [
+        ({"type": "modal", "ratio": 0.3}, None),
+        ({"type": "modal", "ratio": [0.01 * k for k in range(1, 11)]}, None),
+        ({"type": "frequency"}, None),
+        ({"type": "rayleigh", "alpha": 300.0}, None),
+        (None, {"type": "rayleigh", "alpha": 300.0}),
+        ({"type": "sid"}, {"type": "rayleigh", "alpha": 300.0}),
+    ],
+)
+@pytest.mark.parametrize("own", ["tangent", "chord", "buckens"])
+def test_frames_keep_the_damping_of_a_law(
+    tmp_path: Path,
+    own: str,
+    of_scene: dict[str, Any] | None,
+    of_model: dict[str, Any] | None,
+) -> None:
+    """A law holds in the frame of the model; other frames describe the same body.
+
+    The shape functions differ by rigid motions, which neither store nor dissipate
+    energy: the eigenvalues of De with respect to Ke are the same in all frames.
+    """
+    content = turning_bar().model_dump(mode="json", by_alias=True, exclude_none=True)
+    content["bodies"]["bar"]["damping"] = of_scene
+    scene = SceneFile.model_validate(content)
+    data = bar(method="craig_bampton")
+    data["reduction"]["interfaces"] = ["root", "tip"]
+    markers = {"tangent": {"marker": "root"}, "chord": {"markers": ["root", "tip"]}}
+    frame = {"type": own, **markers.get(own, {})}
+    path = tmp_path / "bar.json"
+    path.write_text(
+        json.dumps(data | {"damping": of_model, "frame": frame}), encoding="utf-8"
+    )
+    bodies = Bodies(scene, {}, {"bar": [Source(path, tmp_path)]})
+    found = []
+    for kind in dict.fromkeys((own, "tangent", "chord", "buckens")):
+        variant = Variant(frame=kind)
+        (changed,) = bodies.to_convert(variant).values()
+        sid = sid_from_model(changed, lambda _: None)
+        bodies = replace(bodies, sids={"bar": sid} | dict(bodies.sids))
+        as_simulated, sids = bodies.as_scene(variant, {"bar": sid})
+        body = body_data("bar", as_simulated.bodies["bar"], sids, planar=False).sid
+        found.append(eigh(body.De.m0, body.Ke.m0, eigvals_only=True))
+    assert found[0].max() > 0.0
+    for other in found[1:]:
+        assert other == pytest.approx(found[0], rel=1e-6, abs=1e-9 * found[0].max())
