@@ -115,7 +115,7 @@ def _listed(names: str | Iterable[str]) -> list[str]:
 
 
 def _ordered(names: Iterable[str], found: Mapping[str, Array]) -> dict[str, Array]:
-    """As the names say, of which JOINT.f* stands for several."""
+    """As the names say."""
     places = [[name] if name in found else matching(name, found) for name in names]
     return {name: found[name] for names in places for name in names}
 

@@ -172,7 +172,7 @@ class Recorder:
 def _names_of_columns(system: System) -> dict[str, tuple[str, ...]]:
     """Of the tables of a run, by their names."""
     return {
-        "values": outputs.column_names(system),
+        "values": system.scene.outputs.record,
         "positions": outputs.position_names(system),
         "velocities": outputs.velocity_names(system),
         "multipliers": outputs.multiplier_names(system),

@@ -45,9 +45,9 @@ def check_quantity(text: str, place: str) -> None:
     ------
     InputError : it is a list of outputs, or an integral over the run.
     """
-    name = parse_output(text)
     if "*" in text:
         fail(place, f"{text} stands for several outputs", "one of them")
+    name = parse_output(text)
     if name.owner in SCENE_QUANTITIES and name.quantity not in INSTANTANEOUS:
         listed = ", ".join(f"energy.{quantity}" for quantity in INSTANTANEOUS[:3])
         fail(place, f"{text} is nothing that an event can look at", listed)

@@ -79,10 +79,12 @@ class Outputs(Table):
         description="of bodies x, vx, ax, angle, wz, q1, q*, peak_von_mises, "
         "quaternion_0 to _3, rotation_x, momentum_x, angular_momentum_x; of markers x, "
         "vx, ax, ux, angle, wz, quaternion_0 to _3, rotation_x, sigma_xx, von_mises; "
-        "of joints angle, angle_rate, displacement, ... as they have them; of joints "
-        "and drives fx, mz, f1, f*; energy.kinetic, constraint.position, momentum.x, "
-        "angular_momentum.x, ...; y and z likewise; `*` stands for any letters within "
-        "a part: rod.*.ux, *.x",
+        "of joints angle, angle_rate, displacement, ... as they have them; of joints, "
+        "drives and forces fx, mz and, along their coordinate, force or torque, power; "
+        "of joints and drives the multipliers f1, f2, ...; of springs, dampers and "
+        "actuators length, deflection, rate; energy.kinetic, constraint.position, "
+        "momentum.x, angular_momentum.x, ...; y and z likewise; `*` stands for any "
+        "letters within a part: rod.*.ux, *.x, pin.f*",
     )
 
 

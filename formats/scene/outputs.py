@@ -22,7 +22,11 @@ momentum.x to .z and angular_momentum.x to .z.
 Coordinates of a joint are angle, displacement, length, angle_1 and angle_2, as far as
 it has them, and their rates angle_rate, ...; angles go on over many turns. Quantities
 of a joint or a drive: fx fy fz and mx my mz, the force and torque on its
-second marker in inertial axes; fK is its K-th multiplier and f* all of them. fx to mz
+second marker in inertial axes; fK is its K-th Lagrange multiplier, the force on the
+second marker along the direction of a constraint, see "Names of outputs" in
+docs/howto/scenes.md. `force` or `torque` and `power` of joints, drives and forces, and
+`length`, `deflection` and `rate` of springs, dampers and actuators are described in
+`connections`. fx to mz
 of a force are what it puts on its marker, or on the second one; its `value` is what
 scales it, a function of time or a law, whose states are FORCE.state.NAME. A joint with
 friction has friction, the force or torque along its coordinate, normal_force, the load
@@ -72,6 +76,11 @@ JOINT_QUANTITIES = frozenset(["fx", "fy", "fz", "mx", "my", "mz"])
 #: What a joint with friction has: friction along its coordinate, the load that makes
 #: it, and 1 while it sticks.
 FRICTION_QUANTITIES = frozenset(["friction", "normal_force", "sticking"])
+#: What acts along the coordinate of a joint, drive or force, and how that moves; see
+#: `connections`. A `length` is also a coordinate of joints.
+EFFORTS = ("force", "torque")
+POWER = "power"
+MEASURES = ("length", "deflection", "rate")
 #: Quantities of the whole scene, by what stands in the place of a body.
 SCENE_QUANTITIES = {
     "energy": ("kinetic", "elastic", "potential", "dissipated", "supplied", "balance"),
@@ -89,7 +98,7 @@ KIND = re.compile(
     r"(v?)((?:bending|axial|torsion|mainly)_[xyz][1-9]\d*"
     r"|mixed_x?y?z?[1-9]\d*|torsion[1-9]\d*)"
 )
-MULTIPLIER = re.compile(r"f([1-9]\d*|\*)")
+MULTIPLIER = re.compile(r"f[1-9]\d*")
 RATE = "_rate"
 #: Of a force: what scales it; and what stands before the name of a state of its law.
 VALUE, STATE = "value", "state"
@@ -125,7 +134,8 @@ def parse_output(name: str) -> OutputName:
             raise InputError(f"found {name!r}", expected=f"{owner}. and {listed}")
         return OutputName(owner, marker, quantity)
     is_law = marker == STATE or (not marker and quantity == VALUE)
-    if not is_law and (marker or not coordinate_of(quantity)):
+    is_along = not marker and (coordinate_of(quantity) or is_along_coordinate(quantity))
+    if not is_law and not is_along:
         _check_word(name, quantity, marker)
     return OutputName(owner, marker, quantity)
 
@@ -137,9 +147,9 @@ def _check_word(name: str, quantity: str, marker: str) -> None:
             ""
             if marker
             else ", qN, vqN, q*, vq*, bending_y1 or another kind, or fN, fx to mz,"
-            " angle, displacement"
+            " force, torque, power, angle, displacement"
             " or another coordinate and its rate, such as angle_rate, of a joint,"
-            " or value and state.NAME of a force"
+            " or length, deflection, rate, value and state.NAME of a force"
         )
         raise InputError(
             f"found {name!r}", expected=f"a quantity out of {', '.join(known)}{more}"
@@ -167,9 +177,15 @@ def is_quantity(text: str, *, of_marker: bool = False) -> bool:
 
 
 def is_of_joint(quantity: str) -> bool:
-    """True for what joints and drives have, multipliers, force and torque; the last
-    two forces have as well."""
-    return quantity in JOINT_QUANTITIES or MULTIPLIER.fullmatch(quantity) is not None
+    """True for what follows from the constraints of joints and drives: multipliers,
+    force, torque and power; all but the first forces have as well."""
+    known = quantity in JOINT_QUANTITIES or quantity in (*EFFORTS, POWER)
+    return known or MULTIPLIER.fullmatch(quantity) is not None
+
+
+def is_along_coordinate(quantity: str) -> bool:
+    """True for force, torque and power along a coordinate and what that measures."""
+    return quantity in (*EFFORTS, POWER, *MEASURES)
 
 
 def is_elastic(quantity: str) -> bool:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from .connections import FORCES, THREAD, force_coordinate, is_turned
 from .drives import Drive, driven_coordinate
 from .forces import Force, PointForce
 from .joints import Coupling, Gear, coupled_coordinates
 from .laws import Pid
 from .outputs import (
+    EFFORTS,
     FRICTION_QUANTITIES,
     IN_BODY,
     JOINT_QUANTITIES,
+    MEASURES,
     MULTIPLIER,
+    POWER,
     STATE,
     VALUE,
     OutputName,
@@ -31,26 +35,6 @@ _KINDS = {"u": "m", "v": "m/s", "a": "m/s\N{SUPERSCRIPT TWO}", "w": "rad/s"}
 _MOMENTA = {"momentum": "kg m/s", "angular_momentum": "kg m\N{SUPERSCRIPT TWO}/s"}
 #: Of what has an axis or a number behind it.
 _WORDS = {**_MOMENTA, "quaternion": "", "rotation": "rad"}
-
-
-#: Of the multipliers of a joint those that are forces, in the plane and in space: they
-#: come first, and the others are torques.
-FORCES = {
-    "fixed": (2, 3),
-    "revolute": (2, 3),
-    "prismatic": (1, 2),
-    "cylindrical": (0, 2),
-    "screw": (0, 2),
-    "spherical": (0, 3),
-    "universal": (0, 3),
-    "planar": (0, 1),
-    "point_on_line": (1, 2),
-    "point_on_plane": (0, 1),
-    "coincident": (2, 3),
-    "distance": (1, 1),
-}
-#: Of a screw the last one, which holds its thread, is a force.
-THREAD = 5
 
 
 def unit_of(name: str, scene: SceneFile | None = None) -> str:
@@ -87,6 +71,12 @@ def unit_of(name: str, scene: SceneFile | None = None) -> str:
         return "N" if quantity[0] == "f" else "N m"
     if parsed.marker == STATE or quantity == VALUE:
         return _of_law(parsed, scene)
+    if quantity in EFFORTS:
+        return "N" if quantity == "force" else "N m"
+    if quantity == POWER:
+        return "W"
+    if quantity in MEASURES:
+        return _of_measure(parsed, scene)
     coordinate = coordinate_of(quantity)
     if coordinate:
         unit = "rad" if coordinate.startswith("angle") else "m"
@@ -96,8 +86,16 @@ def unit_of(name: str, scene: SceneFile | None = None) -> str:
 
 def _along(coordinate: str) -> str:
     """What pushes along a coordinate."""
-    turns = coordinate.startswith("angle") or coordinate == "rotation"
-    return "N m" if turns else "N"
+    return "N m" if is_turned(coordinate) else "N"
+
+
+def _of_measure(name: OutputName, scene: SceneFile | None) -> str:
+    """Of a length, a deflection or a rate of a force."""
+    if name.quantity == "length" or scene is None:
+        return "m" if name.quantity == "length" else ""
+    coordinate = force_coordinate(scene.forces[name.owner], scene)
+    unit = "rad" if is_turned(coordinate) else "m"
+    return f"{unit}/s" if name.quantity == "rate" else unit
 
 
 def _of_friction(name: OutputName, scene: SceneFile | None) -> str:
@@ -136,7 +134,7 @@ def _of_law(name: OutputName, scene: SceneFile | None) -> str:
 
 
 def _of_multiplier(name: OutputName, scene: SceneFile | None) -> str:
-    """That of fK; f* are several."""
+    """That of fK."""
     if scene is None:
         return ""
     if name.owner in scene.drives:
@@ -145,8 +143,6 @@ def _of_multiplier(name: OutputName, scene: SceneFile | None) -> str:
     if isinstance(joint, Gear | Coupling):
         return _of_coupling(joint, scene)
     forces = FORCES[joint.type][scene.dimension == "spatial"]
-    if name.quantity == "f*":
-        return ""
     number = int(name.quantity[1:])
     is_thread = joint.type == "screw" and number == THREAD
     return "N" if number <= forces or is_thread else "N m"

@@ -33,7 +33,7 @@ _PREFIXES = {
     "M": 1e6,
     "G": 1e9,
 }
-_PREFIXED = {"m", "m/s", "m/s\N{SUPERSCRIPT TWO}", "N", "N m", "Pa", "J", "rad"}
+_PREFIXED = {"m", "m/s", "m/s\N{SUPERSCRIPT TWO}", "N", "N m", "Pa", "J", "W", "rad"}
 _DEGREE = math.pi / 180.0
 
 

@@ -4,7 +4,6 @@
 Velocities in body axes (`vx_body`), orientations as quaternions or rotation vectors,
 rotation of markers and momenta of bodies are found where nothing else is: `rod.*` does
 not mean them, `rod.*_body` does. What is zero in planar scenes is not found there.
-`JOINT.f*` means all multipliers of a joint.
 """
 
 from __future__ import annotations
@@ -18,6 +17,13 @@ from ..sid import SID
 from ..stress import stress_nodes
 from .bodies import RigidBody, SidBody
 from .checks.failures import known_names
+from .connections import (
+    holder,
+    multipliers,
+    quantities_of_drive,
+    quantities_of_force,
+    quantities_of_joint,
+)
 from .joints import marker_names
 from .laws import states_of
 from .outputs import (
@@ -25,7 +31,6 @@ from .outputs import (
     FRICTION_QUANTITIES,
     IN_BODY,
     MOMENTA,
-    MULTIPLIER,
     ORIENTATIONS,
     PEAK_STRESS,
     RATE,
@@ -58,14 +63,9 @@ _DISPLACEMENT = {"spatial": ("ux", "uy", "uz"), "planar": ("ux", "uy")}
 
 
 def has_wildcard(text: str) -> bool:
-    """Whether a name stands for others; q*, vq* and f* of one owner are names, too."""
+    """Whether a name stands for others; q* and vq* of one owner are names, too."""
     owner, _, quantity = text.rpartition(".")
-    alone = ELASTIC.fullmatch(quantity) or MULTIPLIER.fullmatch(quantity)
-    return "*" in owner or ("*" in quantity and not alone)
-
-
-def _is_pattern(text: str) -> bool:
-    return "*" in text and not MULTIPLIER.fullmatch(text.rpartition(".")[2])
+    return "*" in owner or ("*" in quantity and not ELASTIC.fullmatch(quantity))
 
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
@@ -94,7 +94,7 @@ def expanded(
         known = list(known_outputs(scene, sids))
     for text in texts:
         names = [text]
-        if _is_pattern(text):
+        if "*" in text:
             names = matching(text, known) or matching(text, rarer_outputs(scene))
         if not names and has_wildcard(text):
             _fail(text, [*known, *rarer_outputs(scene)], place)
@@ -143,7 +143,6 @@ def rarer_outputs(scene: SceneFile) -> Iterator[str]:
         yield from _named(name, [q for q in rare if q in MOMENTA or not point_mass])
         for marker in () if point_mass else body.markers:
             yield from _named(f"{name}.{marker}", _RARE_OF_MARKER[scene.dimension])
-    yield from (f"{n}.f1" for n, j in scene.joints.items() if not marker_names(j))
 
 
 def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:
@@ -161,14 +160,20 @@ def known_outputs(scene: SceneFile, sids: Mapping[str, SID]) -> Iterator[str]:
             yield from _named(name, (coordinate, coordinate + RATE))
         if marker_names(joint):
             yield from _named(name, _WRENCH[dimension])
+        yield from _named(name, quantities_of_joint(joint))
+        yield from _named(name, _multipliers(name, scene))
         if getattr(joint, "friction", None) is not None:
             yield from _named(name, sorted(FRICTION_QUANTITIES))
     for name, drive in scene.drives.items():
         if drive.joint is None or marker_names(scene.joints[drive.joint]):
             yield from _named(name, _WRENCH[dimension])
+        yield from _named(name, quantities_of_drive(drive, scene))
+        yield from _named(name, _multipliers(name, scene))
         yield from _named(f"{name}.{STATE}", drive.states)
     for name, force in scene.forces.items():
         yield from _named(name, _WRENCH[dimension])
+        along = quantities_of_force(force, scene)
+        yield from _named(name, [q for q in along if not _is_of(name, q, scene)])
         function = getattr(force, "function", None)
         if function is not None:
             yield f"{name}.{VALUE}"
@@ -193,6 +198,17 @@ def _flexible(
             yield from _named(f"{name}.{marker}", _DISPLACEMENT[dimension])
         if node in carriers:
             yield from _named(f"{name}.{marker}", STRESSES)
+
+
+def _multipliers(name: str, scene: SceneFile) -> list[str]:
+    return [f"f{k + 1}" for k in range(multipliers(name, scene))]
+
+
+def _is_of(force: str, quantity: str, scene: SceneFile) -> bool:
+    """Whether a joint or drive with the name of a force has this quantity already."""
+    joint = scene.joints.get(force)
+    is_coordinate = joint is not None and quantity in joint.coordinates
+    return is_coordinate or holder(force, quantity, scene) != "forces"
 
 
 def _named(owner: str, quantities: Iterable[str]) -> Iterator[str]:

@@ -132,7 +132,7 @@ def planned(
         there = in_frames(scene, meshes.sids(sids), kept.frames)
         return Plan(_named(kept.scene, meshes.scene(scene)), report, there)
     began = time.perf_counter()
-    request = requested(scene, sids, wanted, compile_)
+    request = requested(scene, sids, wanted)
     with along(Course({"meshes": MESHES * len(models), "choices": 1.0})) as parts:
         parts.enter("meshes")
         meshes = refined_meshes(scene, sids, models, request, compile_)
@@ -249,7 +249,7 @@ def _not_recorded(
 
 
 def _recorded(scene: SceneFile, sids: Mapping[str, SID]) -> tuple[str, ...]:
-    """Recorded outputs, with wildcards expanded; q* and f* stand as they are."""
+    """Recorded outputs, with wildcards expanded; q* stands as it is."""
     return expanded(scene.outputs.record, scene, sids, "outputs.record")
 
 

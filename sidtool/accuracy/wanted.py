@@ -14,14 +14,10 @@ from sidtool.formats.scene import (
     SceneFile,
     Tolerance,
     expanded,
-    is_elastic,
     parse_output,
     tolerance,
 )
 from sidtool.formats.sid import SID, Array
-
-from .candidates import recording
-from .runs import Compile
 
 Wanted = float | Mapping[str, float | str]
 
@@ -53,14 +49,8 @@ def requested(
     scene: SceneFile,
     sids: Mapping[str, SID],
     wanted: Wanted,
-    compile_: Compile | None = None,
 ) -> Request:
     """The outputs that a request speaks of, wildcards expanded.
-
-    Parameters
-    ----------
-    compile_ : makes a system of a scene and SIDs, which tells how many multipliers a
-        joint has; by default without callables
 
     Raises
     ------
@@ -69,10 +59,10 @@ def requested(
     if isinstance(wanted, Mapping):
         found = {}
         for text, amount in wanted.items():
-            for name in _each(scene, sids, (text,), "accuracy.wanted", compile_):
+            for name in _each(scene, sids, (text,), "accuracy.wanted"):
                 found[name] = tolerance(name, amount, scene)
         return Request(found)
-    names = _each(scene, sids, scene.outputs.record, "outputs.record", compile_)
+    names = _each(scene, sids, scene.outputs.record, "outputs.record")
     ignored = tuple(n for n in names if n in _NO_QUANTITIES or n.endswith(".sticking"))
     found = {n: Tolerance(wanted, False) for n in names if n not in ignored}
     if not found:
@@ -89,9 +79,8 @@ def _each(
     sids: Mapping[str, SID],
     texts: tuple[str, ...],
     place: str,
-    compile_: Compile | None,
 ) -> list[str]:
-    """Single outputs, also of q*, vq* and f*."""
+    """Single outputs, also of q* and vq*."""
     found: list[str] = []
     for name in expanded(texts, scene, sids, place):
         parsed = parse_output(name)
@@ -99,25 +88,11 @@ def _each(
             found.append(_numbered(scene, sids, name, place))
         elif not name.endswith("*"):
             found.append(name)
-        elif is_elastic(parsed.quantity):
+        else:
             sid = sids[parsed.owner]
             numbers = scene.bodies[parsed.owner].numbers(sid.nq)  # type: ignore[union-attr]
             found += [f"{name[:-1]}{k}" for k in numbers]
-        else:
-            found += _multipliers(scene, sids, name, compile_)
     return found
-
-
-def _multipliers(
-    scene: SceneFile, sids: Mapping[str, SID], text: str, compile_: Compile | None
-) -> list[str]:
-    """All that a joint has, JOINT.f1 and so on."""
-    from sidtool.solver import compile_scene
-    from sidtool.solver.recording.outputs import multiplier_rows
-
-    bare, name = recording(scene, (text,)), parse_output(text)
-    system = compile_(bare, sids) if compile_ else compile_scene(bare, ".", sids)
-    return list(multiplier_rows(system, name.owner, name.quantity))
 
 
 def _numbered(scene: SceneFile, sids: Mapping[str, SID], name: str, place: str) -> str:

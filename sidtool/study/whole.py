@@ -233,7 +233,7 @@ class _Study:
         asked = dict.fromkeys(self.outputs, 1.0)
         check_recorded(scene.outputs.record)
         compile_ = partial(compiled, programs=self.programs)
-        names = requested(scene, sids, asked or 1.0, compile_).names
+        names = requested(scene, sids, asked or 1.0).names
         compile_(recording(scene, names), sids)
         kept, dropped = comparable(names, scene, self.plan.varied, bool(asked))
         if not kept:

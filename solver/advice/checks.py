@@ -18,6 +18,7 @@ from sidtool.formats.scene import (
     RigidBody,
     SceneFile,
     coordinate_of,
+    is_along_coordinate,
     is_elastic,
     is_stress,
     marker_names,
@@ -27,8 +28,13 @@ from sidtool.formats.scene import (
 )
 from sidtool.formats.sid_mass import IN_PLANE, SPATIAL, free_motion
 
-from ..recording.joint_forces import COMPONENTS, is_constraint, second_marker
-from ..recording.outputs import multiplier_rows, state_row
+from ..recording.joint_forces import (
+    COMPONENTS,
+    is_constraint,
+    multiplier_row,
+    second_marker,
+)
+from ..recording.outputs import state_row
 from ..recording.stress_outputs import check_stress
 from ..space import layout as at
 from ..start.carried import carried_rows
@@ -75,10 +81,10 @@ def check_outputs(system: System) -> None:
             if is_constraint(system, name.owner):
                 second_marker(system, name.owner)
             continue
-        if name.quantity == VALUE:
+        if name.quantity == VALUE or is_along_coordinate(name.quantity):
             continue
         if name.owner not in system.scene.bodies:
-            multiplier_rows(system, name.owner, name.quantity)
+            multiplier_row(system, name.owner, name.quantity)
         elif is_elastic(name.quantity):
             data = system.bodies[system.index(name.owner)]
             data.elastic_number(name.quantity, f"outputs.record, {text}")

@@ -34,7 +34,7 @@ from .constraints.all import wrench as constraint_wrench
 from .cubic import cubic_energy
 from .equations import count_turns
 from .forces.all import wrench as force_wrench
-from .forces.law import energies
+from .forces.law import energies, force_law
 from .stiffened import rotate_axes
 
 
@@ -135,6 +135,7 @@ def _tell_force(system, work, to, k, force, torque):
     g, rate = work.measure[k, 0], work.measure[k, 1]
     to.measure, to.rate = g, rate
     if row.owner < 0:
+        to.size, _, _ = force_law(system, work, k, g, rate)
         to.stored, to.lost, to.given = energies(system, work, k, g, rate)
 
 

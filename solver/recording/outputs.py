@@ -18,6 +18,7 @@ from sidtool.formats.scene import (
     VALUE,
     OutputName,
     coordinate_of,
+    is_along_coordinate,
     is_elastic,
     is_rate,
     is_stress,
@@ -31,7 +32,14 @@ from ..system.bodies.embedded import embedded, matrices
 from ..system.scene import System
 from ..system.storage import new_work
 from .energy_history import History
-from .joint_forces import COMPONENTS, friction_column, wrench
+from .joint_forces import (
+    COMPONENTS,
+    acting_row,
+    along_column,
+    friction_column,
+    multiplier_row,
+    wrench,
+)
 from .momenta import momentum_column
 from .motion import Motion, frame_motion, marker_motion, place
 from .sampling import Sampler, Samples, with_smallest
@@ -84,68 +92,48 @@ def record(
         motion = with_smallest(whole, new_work(whole), times, motion)
     told = Told(whole, motion, times, work if whole is system else None)
     quantities = SceneQuantities(system, work, times, samples, history, told)
-    names: list[str] = []
-    columns: list[Array] = []
-    for text in system.scene.outputs.record:
-        parsed = parse_output(text)
-        if parsed.owner in SCENE_QUANTITIES:
-            names.append(text)
-            columns.append(quantities.column(parsed.owner, parsed.quantity))
-            continue
-        for name, column in _columns(told, text):
-            names.append(name)
-            columns.append(column)
-    values = np.column_stack(columns) if columns else np.zeros((len(times), 0))
-    return Recorded(tuple(names), values, samples, whole, motion.undetermined)
-
-
-def column_names(system: System) -> tuple[str, ...]:
-    """Names of the columns that `record` makes."""
-    names: list[str] = []
-    for text in system.scene.outputs.record:
-        name = parse_output(text)
-        if name.quantity == "f*":
-            names += multiplier_rows(system, name.owner, name.quantity)
+    names, columns = system.scene.outputs.record, []
+    for text in names:
+        owner, _, quantity = parse_output(text)
+        if owner in SCENE_QUANTITIES:
+            columns.append(quantities.column(owner, quantity))
         else:
-            names.append(text)
-    return tuple(names)
+            columns.append(_column(told, text))
+    values = np.column_stack(columns) if columns else np.zeros((len(times), 0))
+    return Recorded(names, values, samples, whole, motion.undetermined)
 
 
-def _columns(told: Told, text: str) -> list[tuple[str, Array]]:
+def _column(told: Told, text: str) -> Array:
+    """The values (nt,) of one output of a part of the scene."""
     system, samples, name = told.system, told.samples, parse_output(text)
     if is_stress(name.quantity):
-        return [(text, stress_column(system, samples, name))]
+        return stress_column(system, samples, name)
     if name.owner in system.scene.forces and name.quantity == VALUE:
-        return [(text, samples.factors[:, _acting(system, name.owner)])]
+        return np.asarray(samples.factors[:, acting_row(system, name.owner)])
     if name.marker == STATE and name.owner not in system.scene.bodies:
         row = system.arrays.body[state_row(system, name)]
-        return [(text, samples.v[:, row[at.VEL]])]
+        return np.asarray(samples.v[:, row[at.VEL]])
     if name.quantity in MOMENTA:
-        return [(text, momentum_column(told, name.owner, name.quantity))]
+        return momentum_column(told, name.owner, name.quantity)
     if name.marker:
         m = system.markers[name.owner, name.marker]
-        return [(text, _marker_column(system, samples, m, name.quantity))]
+        return _marker_column(system, samples, m, name.quantity)
     coordinate = name.owner, coordinate_of(name.quantity)
     if coordinate in system.coordinates:
         measured = told.coordinate(*coordinate)
-        return [(text, measured["rate" if is_rate(name.quantity) else "measure"])]
+        return np.asarray(measured["rate" if is_rate(name.quantity) else "measure"])
+    if is_along_coordinate(name.quantity):
+        return along_column(told, name.owner, name.quantity)
     if name.quantity in FRICTION_QUANTITIES:
-        column = friction_column(system, samples, name.owner, name.quantity)
-        return [(text, column)]
+        return friction_column(system, samples, name.owner, name.quantity)
     if name.quantity in COMPONENTS:
-        column = wrench(told, name.owner)[:, COMPONENTS.index(name.quantity)]
-        return [(text, column)]
+        return wrench(told, name.owner)[:, COMPONENTS.index(name.quantity)]
     if name.owner not in system.scene.bodies:
-        return _multiplier_columns(system, samples, name.owner, name.quantity)
+        row = multiplier_row(system, name.owner, name.quantity)
+        return np.asarray(samples.multipliers[:, row])
     if is_elastic(name.quantity):
-        return [(text, _elastic_column(system, samples, text))]
-    return [(text, _body_column(system, samples, name.owner, name.quantity))]
-
-
-def _acting(system: System, force: str) -> int:
-    """Row of the first element of a force."""
-    named = (k for k, e in enumerate(system.forces) if e.acts and e.name == force)
-    return next(named)
+        return _elastic_column(system, samples, text)
+    return _body_column(system, samples, name.owner, name.quantity)
 
 
 def state_row(system: System, name: OutputName) -> int:
@@ -163,38 +151,6 @@ def state_row(system: System, name: OutputName) -> int:
         place="outputs.record",
         expected="one of its states",
     )
-
-
-def multiplier_rows(system: System, owner: str, quantity: str) -> dict[str, int]:
-    """Constraint rows of JOINT.fK or JOINT.f*, by output name.
-
-    Raises
-    ------
-    InputError : the joint has fewer multipliers.
-    """
-    rows = [
-        i
-        for row in (system.whole or system).rows
-        if row.name == owner
-        for i in range(row.first, row.first + row.count)
-    ]
-    if quantity == "f*":
-        return {f"{owner}.f{k + 1}": row for k, row in enumerate(rows)}
-    k = int(quantity[1:])
-    if k > len(rows):
-        raise InputError(
-            f"{owner} has {len(rows)} multipliers",
-            place=f"outputs.record, {owner}.{quantity}",
-            expected=f"f1 to f{len(rows)}" if rows else "another joint",
-        )
-    return {f"{owner}.{quantity}": rows[k - 1]}
-
-
-def _multiplier_columns(
-    system: System, samples: Samples, owner: str, quantity: str
-) -> list[tuple[str, Array]]:
-    rows = multiplier_rows(system, owner, quantity)
-    return [(name, samples.multipliers[:, row]) for name, row in rows.items()]
 
 
 def _elastic_column(system: System, samples: Samples, text: str) -> Array:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Iterable
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sidtool.formats.scene import MOMENTA, SCENE_QUANTITIES, SceneFile, parse_output
 from sidtool.formats.sid import Array
@@ -63,20 +65,41 @@ class Told:
         That of several drives is theirs together, whichever of multipliers that hold
         the mechanism they have.
         """
+        return self._power(np.flatnonzero(self._is_driven))
+
+    def power(self, names: Container[str]) -> Array:
+        """What bodies are given by drives, forces and frictions of joints, (nt,) [W].
+
+        names : as in `System.acting`; the constraint of a joint gives no power
+        """
+        held, giving = len(self._is_driven), set[int]()
+        for rows in self.system.acting.values():
+            for k, name, _ in rows:
+                if name in names and (k >= held or self._is_driven[k]):
+                    giving.add(k)
+        return self._power(sorted(giving))
+
+    @cached_property
+    def _is_driven(self) -> NDArray[np.bool_]:
+        """Which constraints a drive moves."""
+        held = self.system.arrays.constraint
+        return np.asarray((held[:, [at.C_DRIVE, at.C_LAW]] >= 0).any(axis=1))
+
+    def _power(self, rows: Iterable[int]) -> Array:
+        """Power of rows of `System.acting`, (nt,) [W]."""
         system, total = self.system, np.zeros(len(self.times))
-        held = system.arrays.constraint
-        for k in np.flatnonzero((held[:, [at.C_DRIVE, at.C_LAW]] >= 0).any(axis=1)):
-            a, b = (
-                system.points(self.samples.points[:, m])
-                for m in held[k, [at.MARKER_A, at.MARKER_B]]
-            )
+        for k in rows:
             row = self._forces[0][:, k]
-            for force, velocity in (
-                (row["force"], embedded(b["v"] - a["v"])),
-                (row["torque_a"], embedded(a["w"])),
-                (row["torque_b"], embedded(b["w"])),
+            for marker, force, torque in zip(
+                system.ends[k],
+                (-row["force"], row["force"]),
+                (row["torque_a"], row["torque_b"]),
+                strict=True,
             ):
-                total += np.einsum("ij,ij->i", force, velocity)
+                if marker >= 0:
+                    point = system.points(self.samples.points[:, marker])
+                    total += np.einsum("ij,ij->i", force, embedded(point["v"]))
+                    total += np.einsum("ij,ij->i", torque, embedded(point["w"]))
         return total
 
     def coordinate(self, joint: str, name: str) -> Rows:

@@ -115,11 +115,11 @@ WORKS = {
 #: Of a constraint or a force: inertial force on its marker B, whose reverse acts on A,
 #: and torques on both.
 WRENCH = _rows("Told wrench", force=_V3, torque_a=_V3, torque_b=_V3)
-#: Of a force: what it acts on and its rate; energy that it stores, powers that it loses
-#: and is given.
+#: Of a force: what it acts on and its rate; its size along that, energy that it stores,
+#: powers that it loses and is given.
 MEASURED = _rows(
     "Told force",
-    **dict.fromkeys(["measure", "rate", "stored", "lost", "given"], float64),
+    **dict.fromkeys(["measure", "rate", "size", "stored", "lost", "given"], float64),
 )
 #: Of a body: energy of motion, of deformation and of gravity, power that its damping
 #: takes; inertial momentum, and that about the inertial origin.

@@ -156,6 +156,13 @@ class System:
         return self.arrays.replaced(force=rows)
 
     @cached_property
+    def ends(self) -> at.IntTable:
+        """Markers A and B of each row of `acting`, -1 for none."""
+        held, rubbing = self.arrays.constraint, self.arrays.sliding.constraint
+        constraints = np.concatenate([held, rubbing])[:, [at.MARKER_A, at.MARKER_B]]
+        return np.concatenate([constraints, self.arrays.force[:, [at.F_A, at.F_B]]])
+
+    @cached_property
     def acting(self) -> dict[int, list[tuple[int, str, bool]]]:
         """What acts on each marker: its row, its name, whether it is its marker B.
 
@@ -163,14 +170,12 @@ class System:
         names of forces begin with `forces.`, as joints may have the same.
         """
         names = {row.first: row.name for row in self.rows}
-        held, rubbing = self.arrays.constraint, self.arrays.sliding.constraint
+        held = self.arrays.constraint
         owners = [names[first] for first in held[:, at.ROW]]
         owners += [rub.joint for rub in self.rubbing]
         owners += [f"forces.{e.name}" if e.acts else "" for e in self.forces]
-        constraints = np.concatenate([held, rubbing])[:, [at.MARKER_A, at.MARKER_B]]
-        ends = [*constraints, *self.arrays.force[:, [at.F_A, at.F_B]]]
         found: dict[int, list[tuple[int, str, bool]]] = {}
-        for k, (owner, markers) in enumerate(zip(owners, ends, strict=True)):
+        for k, (owner, markers) in enumerate(zip(owners, self.ends, strict=True)):
             for marker, is_second in zip(markers, (False, True), strict=True):
                 if owner:
                     found.setdefault(int(marker), []).append((k, owner, is_second))

@@ -21,9 +21,9 @@ from tests.places import SLIDER_CRANK
         ("*_pin.angle", ["crank_pin.angle", "piston_pin.angle"]),
         ("*.pin.v*", ["crank.pin.vx", "crank.pin.vy"]),
         ("rod.*.ux", ["rod.crank_pin.ux", "rod.piston_pin.ux"]),
-        ("slider.f*", ["slider.f*"]),
+        ("slider.f*", [f"slider.{q}" for q in ("fx", "fy", "force", "f1")]),
         ("piston.x", ["piston.x"]),
-        ("bearing.f*", ["bearing.f*"]),
+        ("bearing.f*", [f"bearing.{q}" for q in ("fx", "fy", "f1", "f2")]),
         ("energy.e*", ["energy.elastic"]),
         ("cra*.v*_body", ["crank.vx_body", "crank.vy_body"]),
         ("piston.mom*", ["piston.momentum_x", "piston.momentum_y"]),
@@ -89,8 +89,8 @@ def test_wildcards_find_what_the_whole_of_a_body_leaves_out() -> None:
     [
         ("slider.x", "the joint slider has no 'x'; expected one of displacement"),
         ("motor.angle", "the drive motor has no 'angle'; expected one of fx, fy, mz"),
-        ("push.length", "the force push has no 'length'; expected one of fx, fy, mz"),
-        ("push.force", "the force push has no 'force'; expected one of fx, fy, mz"),
+        ("push.angle", "the force push has no 'angle'; expected one of fx, fy, mz"),
+        ("push.torque", "the force push has no 'torque'; expected one of fx, fy, mz"),
         ("puss.fx", "no joint, drive or force 'puss'; expected .*perhaps push"),
     ],
 )

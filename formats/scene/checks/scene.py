@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ..bodies import RigidBody
+from ..connections import holder, multipliers
 from ..drives import Drive
 from ..events import check_quantity
 from ..functions import Given
@@ -14,6 +15,7 @@ from ..laws import states_of
 from ..outputs import (
     FRICTION_QUANTITIES,
     JOINT_QUANTITIES,
+    MULTIPLIER,
     NAME,
     RESERVED,
     SCENE_QUANTITIES,
@@ -21,6 +23,7 @@ from ..outputs import (
     VALUE,
     OutputName,
     coordinate_of,
+    is_along_coordinate,
     is_elastic,
     is_of_joint,
     is_quantity,
@@ -76,7 +79,8 @@ def check(scene: SceneFile, fitting: SceneFile | None = None) -> None:
     _check_wanted(scene)
     for name, event in scene.events.items():
         place = f"events.{name}.quantity"
-        _check_output(event.quantity, place, scene)
+        if not has_wildcard(event.quantity):
+            _check_output(event.quantity, place, scene)
         check_quantity(event.quantity, place)
 
 
@@ -145,6 +149,9 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
             expected = known_names(name.owner, scene.forces, "force")
             fail(place, f"there is no force {name.owner!r}", expected)
         return
+    if not name.marker and is_along_coordinate(name.quantity):
+        _check_along(name, place, scene)
+        return
     coordinate = "" if name.marker else coordinate_of(name.quantity)
     if coordinate and (name.owner in scene.joints or name.quantity != "angle"):
         _check_coordinate(name.owner, coordinate, place, scene)
@@ -155,6 +162,8 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
             found = f"{name.owner} is no joint with friction"
             fail(place, found, "a joint with [joints.NAME.friction]")
         return
+    if not name.marker and MULTIPLIER.fullmatch(name.quantity):
+        _check_multiplier(name, place, scene)
     if not name.marker and is_of_joint(name.quantity):
         told = name.quantity in JOINT_QUANTITIES and name.owner in scene.forces
         if name.owner not in [*scene.joints, *scene.drives] and not told:
@@ -174,6 +183,32 @@ def _check_output(text: str, place: str, scene: SceneFile) -> None:
         check_reference(f"{name.owner}.{name.marker}", place, scene)
     elif is_elastic(name.quantity) and isinstance(body, RigidBody):
         fail(place, f"{name.owner} is rigid", "elastic coordinates of a SID body")
+
+
+def _check_along(name: OutputName, place: str, scene: SceneFile) -> None:
+    """What joints, drives and forces have along their coordinate."""
+    owner, quantity = name.owner, name.quantity
+    joint = scene.joints.get(owner)
+    is_coordinate = joint is not None and quantity in joint.coordinates
+    if is_coordinate or holder(owner, quantity, scene):
+        return
+    _check_connection(owner, quantity, place, scene)
+    if owner in scene.bodies:
+        found = f"the body {owner} has no {quantity!r}"
+        fail(place, found, "that of a joint, drive or force")
+    known = [*scene.joints, *scene.drives, *scene.forces]
+    expected = known_names(owner, known, "joint, drive or force")
+    fail(place, f"there is no joint, drive or force {owner!r}", expected)
+
+
+def _check_multiplier(name: OutputName, place: str, scene: SceneFile) -> None:
+    """A multiplier that the joint or drive has."""
+    if name.owner not in [*scene.joints, *scene.drives]:
+        return
+    count = multipliers(name.owner, scene)
+    if int(name.quantity[1:]) > count:
+        found = f"{name.owner} has {count} multipliers"
+        fail(place, found, f"f1 to f{count}" if count else "another joint")
 
 
 def _check_connection(owner: str, quantity: str, place: str, scene: SceneFile) -> None:
