@@ -143,6 +143,8 @@ class SID:
     written_by : the program that wrote the file, "" if it is not ours or none
     carried : what the shape functions have of the compliance of the full body, if it
         is known
+    from_matrices : the body came as matrices, or was discretised by another program, so
+        that there are no elements whose stress could stiffen it
 
     Raises
     ------
@@ -168,6 +170,7 @@ class SID:
     dialect: Dialect = field(default_factory=Dialect)
     written_by: str = ""
     carried: Carried | None = None
+    from_matrices: bool = False
 
     def __post_init__(self) -> None:
         nq = self.nq

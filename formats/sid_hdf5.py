@@ -112,6 +112,7 @@ def put_sid(file: h5py.Group, sid: SID) -> None:
     file.attrs["meaning"] = MEANING
     file.attrs["title"] = sid.title
     file.attrs["mass"] = sid.mass
+    file.attrs["from_matrices"] = sid.from_matrices
     file.attrs["dialect"] = json.dumps(asdict(sid.dialect))
     put_texts(file, "labels", sid.labels)
     for name, block in sid.blocks.items():

@@ -46,6 +46,7 @@ class Reader:
             dialect=_dialect(file.attrs["dialect"]),
             written_by=_text(file.attrs.get("written_by", "sidtool")),
             carried=self._carried(file),
+            from_matrices=bool(file.attrs.get("from_matrices", False)),
             **blocks,
         )
 

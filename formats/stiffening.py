@@ -15,8 +15,9 @@ _ZERO = (0.0, 0.0, 0.0)
 MATTERS = 0.01
 #: Changes by so many times the stiffness are those of numbers that have gone wrong.
 WITHOUT_BOUND = 100.0
-#: What the SID lacks is made by this.
+#: What the SID lacks is made by this, unless its body came as matrices.
 REMEDY = "convert the body with a table [stiffening]"
+NO_REMEDY = "its body came as matrices, which have none"
 #: Rotation stiffens that pulls by more than this part of Me beyond its softening: by
 #: 0.19 in the first shape function of a cantilever, 0.13 of a cube held at one side.
 _PULLS = 0.05
@@ -201,16 +202,17 @@ class Stiffening:
 
     Attributes
     ----------
-    ratio : see `stiffening_ratio`
+    ratio : see `stiffening_ratio`; of all loads together
     load : the load that does most of it, in words; empty where there is none
     carried : the SID has stiffening terms, else only rotation is judged
     diverges : deformations grow without bound while these loads last
     time : of these loads [s]
-    condition : a drive; the body has these loads only if it turns like that
-    axial : the load is a rotation about the long axis of the body, which geometric
-        stiffening does not answer
+    axial : the load is a rotation about an axis along which the body stretches, or
+        about which its sections whirl: geometric stiffening does not answer it
     inertia : the largest share of its kinetic energy by which second-order
         displacements change that of a deformation; 0 before a run
+    alone : the ratio by that load without the others; None where it is not known
+    from_matrices : the body has no elements that could be stiffened
     """
 
     ratio: float = 0.0
@@ -218,9 +220,10 @@ class Stiffening:
     carried: bool = False
     diverges: bool = False
     time: float = 0.0
-    condition: str = ""
     axial: bool = False
     inertia: float = 0.0
+    alone: float | None = None
+    from_matrices: bool = False
 
     @property
     def lacks_stiffening(self) -> bool:
@@ -232,11 +235,9 @@ class Stiffening:
 
         when : of the loads, in words
         """
-        share = f"{100 * self.ratio:+.3g} % of the stiffness by {self.load}{when}"
+        share = f"{_percent(self.ratio)} of the stiffness by {self._cause}{when}"
         lacking = self.lacks_stiffening
-        if self.condition and abs(self.ratio) >= MATTERS:
-            lacks = " (the SID lacks geometric stiffening)" if lacking else ""
-            return f"stiffening {share}, if it turns like {self.condition}{lacks}"
+        remedy = NO_REMEDY if self.from_matrices else REMEDY
         if self.diverges and abs(self.ratio) > WITHOUT_BOUND:
             return (
                 f"diverges{when}: deformed without bound, where loads and stiffness "
@@ -250,7 +251,7 @@ class Stiffening:
         if self.diverges and lacking:
             return (
                 f"diverges, {share}: the SID lacks the geometric stiffening that "
-                f"outweighs the centrifugal softening; {REMEDY}"
+                f"outweighs the centrifugal softening; {remedy}"
             )
         if self.diverges:
             return f"buckles, {share}: these loads are more than the body can bear"
@@ -266,7 +267,18 @@ class Stiffening:
                 return f"stiffening small, {amount}, {inertia}"
             return f"stiffening may matter and is in the SID, {amount}, but {inertia}"
         if self.axial:
-            return f"softened by centrifugal forces, {share} about its long axis"
+            return f"centrifugal forces change {share} about its long axis"
         if self.carried:
             return f"stiffening matters and is in the SID, {share}"
-        return f"stiffening matters and the SID lacks it, {share}; {REMEDY}"
+        return f"stiffening matters and the SID lacks it, {share}; {remedy}"
+
+    @property
+    def _cause(self) -> str:
+        """The load, or all of them and the part of that one, where others count."""
+        if self.alone is None or _percent(self.alone) == _percent(self.ratio):
+            return self.load
+        return f"all loads, {_percent(self.alone)} by {self.load} alone"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:+.3g} %"

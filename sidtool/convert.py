@@ -164,7 +164,7 @@ def _convert(
     if frame.rows is None:
         held = clamped_dofs(body, frame, model.reduction.fixed_names)
     sid = assembled_sid(body, frame, basis, model.damping, title=model.title, held=held)
-    sid = replace(sid, carried=carried)
+    sid = replace(sid, carried=carried, from_matrices=model.comes_as_matrices)
     if initial is not None:
         sid = replace(sid, ksigma=Taylor(initial.force[:, None]))
     if stiffening:
@@ -196,12 +196,11 @@ def _told_fidelity(
     model: ModelFile,
     progress: Callable[[str], None],
 ) -> Carried | None:
-    """How good the basis is; a note where it is poor at the interfaces asked for."""
+    """How good the basis is; a note where it is poor."""
     told = judged(body, frame, basis, model)
     if told is None:
         return None
-    noted = told.poor and model.reduction.interface_names
-    progress(f"{NOTE if noted else ''}{BASIS}{told.text}")
+    progress(f"{NOTE if told.poor else ''}{BASIS}{told.text}")
     return told.carried
 
 

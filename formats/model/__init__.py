@@ -143,12 +143,17 @@ class ModelFile(File):
             )
         return self
 
+    @property
+    def comes_as_matrices(self) -> bool:
+        """Whether matrices are all that is known of the body, without elements."""
+        engine = getattr(self.geometry, "engine", None)
+        return self.geometry.type == "matrices" or engine is not None
+
     @model_validator(mode="after")
     def _stress_is_known(self) -> Self:
         """Stress and stiffening need elements that know their stress."""
         beam, stiffening = self.geometry.type == "beam", self.stiffening
-        engine = getattr(self.geometry, "engine", None)
-        matrices = self.geometry.type == "matrices" or engine is not None
+        matrices = self.comes_as_matrices
         prestress = stiffening.prestress if stiffening else None
         unknown = {
             "stress": (beam or matrices) and self.stress is not None,

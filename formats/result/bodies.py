@@ -74,7 +74,10 @@ class FlexibleBody:
     @property
     def before(self) -> str:
         """A sentence on frequencies and one on stiffening, known before a run."""
-        return f"{self._frequency_range()}; expected: {self.expected.sentence()}"
+        known = f"expected: {self.expected.sentence()}"
+        if not self.expected.load:
+            known = "no load that changes its stiffness is known before the run"
+        return f"{self._frequency_range()}; {known}"
 
     @property
     def after(self) -> str:

@@ -56,11 +56,14 @@ def _entries(body: FlexibleBody) -> dict[str, Any]:
             found[entry.name] = value
         elif value is not None:
             for part in fields(value):
-                found[f"{entry.name}.{part.name}"] = getattr(value, part.name)
+                told = getattr(value, part.name)
+                if told is not None:
+                    found[f"{entry.name}.{part.name}"] = told
     return found
 
 
 def _body(entries: dict[str, Any]) -> FlexibleBody:
+    """What parts had in earlier versions, and have no longer, is skipped."""
     parts: dict[str, Any] = {}
     for key, value in entries.items():
         part, dot, name = key.partition(".")
@@ -70,7 +73,8 @@ def _body(entries: dict[str, Any]) -> FlexibleBody:
             parts[key] = _plain(value)
     for name, kind in _PARTS.items():
         if name in parts:
-            parts[name] = kind(**parts[name])
+            known = {entry.name for entry in fields(kind)}
+            parts[name] = kind(**{k: v for k, v in parts[name].items() if k in known})
     return FlexibleBody(**parts)
 
 

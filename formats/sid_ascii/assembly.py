@@ -90,6 +90,7 @@ def assemble(raw: RawFile, source: str) -> SID:
         dialect=dialect,
         written_by=marked.by,
         carried=marked.carried,
+        from_matrices=marked.from_matrices,
         **blocks,  # type: ignore[arg-type]
     )
 

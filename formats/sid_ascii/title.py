@@ -21,9 +21,11 @@ _FEMBEAM = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 #: What our own files end their titles with, which other readers take for free text:
-#: version and shares, see `formats.carried`; earlier files tell the layout alone.
+#: version, matrices without elements, and shares, see `formats.carried`; earlier files
+#: tell the layout alone.
 _OWN = re.compile(
-    r"(?<!\s)\s*+\[(?P<by>sidtool(?: [\w.+!-]+)?)(?:; (?P<carried>[^\[\]]+))?\]$",
+    r"(?<!\s)\s*+\[(?P<by>sidtool(?: [\w.+!-]+)?)(?P<matrices>; matrices)?"
+    r"(?:; (?P<carried>[^\[\]]+))?\]$",
     re.ASCII,
 )
 _TAG = re.compile(r"(?<!\s)\s*+\[layout (\w+)\]$", re.ASCII)
@@ -58,12 +60,14 @@ class Title:
     layout : the marked one, if it is not the canonical one beyond doubt
     by : our own program, "" if there is no mark
     carried : what the shape functions carry, if it is told
+    from_matrices : the body came as matrices
     """
 
     text: str
     layout: Layout | None = None
     by: str = ""
     carried: Carried | None = None
+    from_matrices: bool = False
 
 
 LAYOUTS = {
@@ -89,7 +93,7 @@ def split_title(line: str) -> tuple[tuple[int, int] | None, str] | None:
 
 def split_tag(text: str) -> Title:
     """The text and the marks at its end."""
-    layout, by, carried = None, "", None
+    layout, by, carried, from_matrices = None, "", None, False
     if match := _TAG.search(text):
         tokens = {layout.token: layout for layout in LAYOUTS.values()}
         layout = tokens.get(match[1])
@@ -99,7 +103,8 @@ def split_tag(text: str) -> Title:
     if match := _OWN.search(text):
         text, by = text[: match.start()], match["by"]
         carried = carried_from_text(match["carried"] or "")
-    return Title(text, layout, by, carried)
+        from_matrices = bool(match["matrices"])
+    return Title(text, layout, by, carried, from_matrices)
 
 
 def is_own(start: bytes) -> bool:
@@ -123,6 +128,7 @@ def title_line(
     fembeam: bool,
     tag: Layout | None,
     carried: Carried | None = None,
+    from_matrices: bool = False,
 ) -> str:
     """The first line of a file: 7-bit ASCII, at most 400 characters.
 
@@ -133,12 +139,14 @@ def title_line(
     fembeam : in the words of FEMBeam instead of those of FEMBS
     tag : the layout to mark at the end, so that no reader has to guess
     carried : what the shape functions carry, as far as it fits behind the text
+    from_matrices : whether the body came as matrices
     """
     start = "{:5d} {:3d}    ".format(*counts) + PREFIX
     if fembeam:
         start = "{} nodes, {} modes, ".format(*counts)
     layout = "" if tag is None else f" [layout {tag.token}]"
-    begin, end = f" [{written_by()}", f"]{layout}"
+    matrices = "; matrices" if from_matrices else ""
+    begin, end = f" [{written_by()}{matrices}", f"]{layout}"
     room = LONGEST - len(start) - len(begin) - len(end)
     told = ascii_text(text)[:room].rstrip()
     room -= len(told) + len("; ")

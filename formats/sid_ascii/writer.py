@@ -73,7 +73,8 @@ def _file(sid: SID, style: Style) -> Iterator[str]:
     """The file in pieces of whole lines."""
     counts = (len(sid.nodes), sid.nq)
     fembeam = style.layout is LAYOUTS["fembeam"]
-    yield title_line(sid.title, counts, fembeam, _tag(sid, style), sid.carried) + "\n"
+    tag, known = _tag(sid, style), (sid.carried, sid.from_matrices)
+    yield title_line(sid.title, counts, fembeam, tag, *known) + "\n"
     yield _line(1, "part")
     yield _line(6, "new modal", "")
     yield _line(11, "refmod")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,7 @@ def sid_from_shapes(
     alpha, beta = damping
     rayleigh = RayleighDamping(type="rayleigh", alpha=alpha, beta=beta)
     sid = assembled_sid(body, still, reduced, rayleigh, title=title)
+    sid = replace(sid, from_matrices=True)
     return _sound(sid if frame is None else rereferenced(sid, frame))
 
 
@@ -160,7 +162,8 @@ def sid_from_blocks(
         labels = [f"Shape {k + 1}" for k in range(nq)]
     points = tuple(_node(str(name), entries, nq) for name, entries in nodes.items())
     all_blocks: dict[str, Any] = made
-    return _sound(SID(float(mass), tuple(labels), points, title=title, **all_blocks))
+    sid = SID(float(mass), tuple(labels), points, title=title, **all_blocks)
+    return _sound(replace(sid, from_matrices=True))
 
 
 def _following(made: Mapping[str, Taylor], nq: int) -> dict[str, Taylor]:

@@ -60,7 +60,8 @@ class Judged:
     Attributes
     ----------
     text : a sentence
-    poor : whether it errs by per cents
+    poor : whether compliance at markers, or frequencies that the basis is meant to
+        have, err by per cents
     carried : what it has of the compliance at all markers, for its SID
     """
 
@@ -91,7 +92,7 @@ def judged(
         if own.worst <= _POOR:
             return Judged(text, carried=carried)
         better = _advice(body, frame, space, full, markers, settings, own.worst)
-        return Judged(f"{text}; {better}", True, carried)
+        return Judged(f"{text}; {better}", _is_poor(own, settings), carried)
     except InputError as error:
         return Judged(f"its errors cannot be measured: {error.problem}")
     except np.linalg.LinAlgError:
@@ -184,6 +185,17 @@ def _lost_inertia(
     full[ways] = np.einsum("ij,ij->j", loads, space.static(loads))
     own[ways] = np.einsum("ij,ij->j", felt, scipy.linalg.solve(stiffness, felt))
     return lost_inertia(full, own)
+
+
+def _is_poor(errors: Fidelity, settings: ReductionSettings) -> bool:
+    """Whether compliances err, or as many frequencies as modes were asked for.
+
+    The highest frequencies of a basis err always: its last shape functions are those
+    that are left over. Without a number of modes the lower half counts.
+    """
+    count = getattr(settings, "modes", None) or (errors.count + 1) // 2
+    meant = np.concatenate([errors.frequencies[:count], errors.compliances])
+    return float(np.abs(meant).max(initial=0.0)) > _POOR
 
 
 def _said(errors: Fidelity) -> str:

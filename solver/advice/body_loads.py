@@ -97,12 +97,6 @@ def _function_values(system: System, function: int, times: Array) -> Array:
     return function_history(system, function, system.clocks(times), times)[:, 0]
 
 
-def turning_loads(rate: float, planar: bool) -> Loads:
-    """Rotation at one rate about z, or about each axis."""
-    w = np.diag([rate] * 3)[2 if planar else 0 :]
-    return Loads(w, 0.0 * w, 0.0 * w)
-
-
 def stiffened_by_forces(sid: SID) -> bool:
     """Does a node carry stiffening by a force or a moment?"""
     terms = [term.m1 for node in sid.nodes for term in (node.phi, node.psi)]

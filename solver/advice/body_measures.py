@@ -26,9 +26,9 @@ from ..space import layout as at
 from ..start.assembly import Start
 from ..system.bodies.vibration import frequencies, modal_squares
 from ..system.scene import System
-from .body_loads import foreseen_loads, recorded_loads, turning_loads
+from .body_loads import foreseen_loads, recorded_loads
 from .energy_shares import EnergyShares
-from .excitation import drive_history, excitation, fastest_rotation
+from .excitation import drive_history, excitation
 from .inertia import changes_of_inertia, is_stiffened, new_maxima
 from .prescribed import prescribed_frames, start_frame
 from .stiffening import largest_stiffening
@@ -47,7 +47,6 @@ def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
     history = system.once(drive_history)
     excited = excitation(system, history)
     frames = prescribed_frames(system, history)
-    rate, drive = fastest_rotation(system, history)
     found: dict[str, FlexibleBody] = {}
     for data in system.flexible:
         frame = frames.get(data.name)
@@ -55,9 +54,6 @@ def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
             frame = start_frame(system, start.z, start.v, data.name)
         loads = foreseen_loads(system, frame, history.times, data.name)
         expected = largest_stiffening(data.sid, loads, history.times)
-        if data.name not in frames and rate:
-            guess = _if_it_turned(system, data.sid, rate, drive)
-            expected = _worse(expected, guess)
         found[data.name] = FlexibleBody(
             highest_frequency(data.sid),
             excited,
@@ -66,14 +62,6 @@ def expected_bodies(system: System, start: Start) -> dict[str, FlexibleBody]:
             names=tuple(f"q{number}" for number in data.numbers),
         )
     return found
-
-
-def _if_it_turned(system: System, sid: SID, rate: float, drive: str) -> Stiffening:
-    """Stiffening of a body that turns as fast as the fastest drive."""
-    loads = turning_loads(rate, system.planar)
-    times = np.full(len(loads.angular_velocity), system.scene.time.start)
-    guess = largest_stiffening(sid, loads, times)
-    return replace(guess, condition=drive, diverges=False)
 
 
 class Reached:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,6 +27,10 @@ NEUTRAL = 1e-7
 #: A body turns about its long axis when its radius of gyration about that axis is below
 #: this part of its length: centrifugal forces do not pull on it.
 SLENDER = 0.1
+#: Two deformations are a pair that whirls when the squares of their frequencies differ
+#: by less than this factor, and Coriolis forces undo more than this part of the
+#: softening; so many pairs of a shaft are looked at.
+_PAIR, _UNDONE, _PAIRS = 10.0, 0.9, 8
 _UNITS = {
     "rotation": "rad/s",
     "acceleration": "m/s2",
@@ -59,13 +63,12 @@ def largest_stiffening(
     least : smaller changes than this part of the stiffness need not be found, unless
         deformations grow
     """
-    carried = has_stiffening(sid)
+    nothing = Stiffening(carried=has_stiffening(sid), from_matrices=sid.from_matrices)
     columns, matrices, owners = _columns(sid, loads)
     basis = elastic_basis(sid)
     if len(columns) == 0 or not columns.any() or basis.size == 0:
-        return Stiffening(carried=carried)
+        return nothing
     reduced = basis.T @ matrices @ basis
-    worst = _extreme(columns, reduced, least=least)
     sinking = _extreme(columns, -reduced, signed=True, least=1.0)
     diverges = sinking.ratio >= 1.0 and _grows(
         sid,
@@ -74,19 +77,110 @@ def largest_stiffening(
     )
     if diverges:
         worst = replace(sinking, ratio=-sinking.ratio)
+    else:
+        loading = _Loading(columns, reduced, tuple(owners))
+        loading, worst = _without_whirl(sid, loads, loading, least)
+        columns, reduced = loading.columns, loading.reduced
+        owners = list(loading.owners)
     i, shape = worst.row, worst.shape
-    shares = columns[i] * np.einsum("a,jab,b->j", shape, reduced, shape)
-    names = list(dict.fromkeys(owners))
-    sums = [sum(shares[[owner == name for owner in owners]]) for name in names]
-    main = names[int(np.abs(sums).argmax())]
-    return Stiffening(
-        worst.ratio,
-        _in_words(main, loads, i),
-        carried,
-        bool(diverges),
-        float(times[i]),
-        axial=main == "rotation" and _about_long_axis(sid, loads.angular_velocity[i]),
+    main = _main_load(columns[i], reduced, owners, shape)
+    of_main = np.where([owner == main for owner in owners], columns[[i]], 0.0)
+    others = not np.array_equal(of_main, columns[[i]])
+    w = loads.angular_velocity[i]
+    return replace(
+        nothing,
+        ratio=worst.ratio,
+        load=_in_words(main, loads, i) if shape.any() else "",
+        diverges=bool(diverges),
+        time=float(times[i]),
+        axial=main == "rotation"
+        and (_about_long_axis(sid, w) or _whirls(sid, w, basis @ shape)),
+        alone=_extreme(of_main, reduced).ratio if others else worst.ratio,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Loading:
+    """Loads (nt, n), the stiffness (n, r, r) that each adds, on deformations of elastic
+    energy 1/2, and the names of the loads."""
+
+    columns: Array
+    reduced: Array
+    owners: tuple[str, ...]
+
+
+def _without_whirl(
+    sid: SID, loads: Loads, loading: _Loading, least: float
+) -> tuple[_Loading, _Extreme]:
+    """The loading without the softening of whirl by rotation, and its extreme.
+
+    The shape functions of a shaft that turns about its axis are softened in the frame
+    that turns with it, and Coriolis forces between the two of a pair undo it: in axes
+    at rest its frequencies are those without rotation (whirl of Jeffcott's rotor).
+    """
+    basis = elastic_basis(sid)
+    units = basis.T @ unit_stiffness(sid)["rotation"] @ basis
+    axes: list[Array] = []
+    undone: list[Array] = []
+    while True:
+        found = _extreme(loading.columns, loading.reduced, least=least)
+        w = loads.angular_velocity[found.row]
+        if not found.shape.any() or not w.any() or len(axes) == _PAIRS:
+            return loading, found
+        main = _main_load(
+            loading.columns[found.row], loading.reduced, loading.owners, found.shape
+        )
+        x = basis @ found.shape
+        if main != "rotation" or not _whirls(sid, w, x):
+            return loading, found
+        axis = w / np.linalg.norm(w)
+        softening = np.tensordot(rotation_products(axis), units, 1)
+        for other, change in zip(axes, undone, strict=True):
+            softening = softening + (axis @ other) ** 2 * change
+        pair = np.column_stack([x, _coriolis_partner(sid, axis, x)])
+        Q = np.linalg.qr(basis.T @ symmetric(sid.Ke.m0) @ pair)[0]
+        P = np.eye(len(Q)) - Q @ Q.T
+        axes.append(axis)
+        undone.append(P @ softening @ P - softening)
+        loading = _Loading(
+            np.column_stack([loading.columns, (loads.angular_velocity @ axis) ** 2]),
+            np.concatenate([loading.reduced, undone[-1:]]),
+            (*loading.owners, "rotation"),
+        )
+
+
+def _coriolis_partner(sid: SID, w: Array, x: Array) -> Array:
+    """The deformation that Coriolis forces couple with x (nq,): M^-1 G x / 2."""
+    gyroscopic = np.einsum("akl,a->kl", ge(sid), w)
+    inverse = np.linalg.pinv(symmetric(sid.Me.m0), hermitian=True)
+    return np.asarray(inverse @ gyroscopic @ x / 2)
+
+
+def _whirls(sid: SID, w: Array, x: Array) -> bool:
+    """Do Coriolis forces of a rotation w undo what it takes from the stiffness of x?
+
+    For sections that whirl as they are, they couple x with a deformation y of the same
+    stiffness about; its kinetic energy is what centrifugal forces take from x.
+    """
+    M, K = symmetric(sid.Me.m0), symmetric(sid.Ke.m0)
+    oe = unit_stiffness(sid)["rotation"]
+    softening = -float(x @ np.tensordot(rotation_products(w), oe, 1) @ x)
+    y = _coriolis_partner(sid, w, x)
+    kinetic = float(y @ M @ y)
+    if not softening > 0.0 or not kinetic > _UNDONE * softening:
+        return False
+    return float(y @ K @ y) * float(x @ M @ x) <= _PAIR * kinetic * float(x @ K @ x)
+
+
+def _main_load(
+    loads: Array, reduced: Array, owners: Sequence[str], shape: Array
+) -> str:
+    """The load (n,) with the largest part of the stiffness that all add to a shape."""
+    shares = loads * np.einsum("a,jab,b->j", shape, reduced, shape)
+    sums: dict[str, float] = {}
+    for owner, share in zip(owners, shares, strict=True):
+        sums[owner] = sums.get(owner, 0.0) + float(share)
+    return max(sums, key=lambda name: abs(sums[name]))
 
 
 def _about_long_axis(sid: SID, w: Array) -> bool:

@@ -237,6 +237,21 @@ def test_titles_carry_what_shape_functions_carry(tmp_path: Path, dialect: str) -
     assert read_sid(tmp_path / "arm.h5").written_by == written_by()
 
 
+@pytest.mark.parametrize("carried", [None, Carried(True, {"1": (0.5,) * 6})])
+@pytest.mark.parametrize("name", ["a.h5", "a.SID_FEM", "fembeam", "pysid"])
+def test_files_tell_whether_a_body_came_as_matrices(
+    tmp_path: Path, name: str, carried: Carried | None
+) -> None:
+    plain = replace(particle_body(2, 5, planar=False, seed=3), carried=carried)
+    path, dialect = tmp_path / "a.SID_FEM", (name,) if "." not in name else ()
+    path = tmp_path / name if "." in name else path
+    for matrices in (True, False):
+        write_sid(path, replace(plain, from_matrices=matrices), *dialect)
+        found = read_sid(path)
+        assert found.from_matrices == matrices and found.carried == carried
+        assert found.title == plain.title
+
+
 @pytest.mark.parametrize("mark", ["[sidtool]", "[layout PY_SID]"])
 def test_marks_of_earlier_versions_are_known(tmp_path: Path, mark: str) -> None:
     path = tmp_path / "arm.SID_FEM"

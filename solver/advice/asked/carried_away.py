@@ -22,6 +22,7 @@ from ...system.forces.elements import Element
 from ...system.scene import System
 from ...system.sizes import extents
 from ...system.storage import new_work
+from .body_extents import mechanism_extent
 from .stiffness import ANGLES, linear
 
 #: A spring lets go what it lets turn by more than a turn, and would let turn by more
@@ -111,7 +112,8 @@ def _loose(
     turns = element.kind in ANGLES
     axis, moved, gained = _way(system, element, a, b, first, last, span)
     rest = 0.0 if turns else abs(element.law.rest)
-    reach = _TURN if turns else max(system.length, rest, _distance(first, a, b))
+    size = mechanism_extent(system)
+    reach = _TURN if turns else max(size, rest, _distance(first, a, b))
     inverse = sum(_mobility(system, m, axis, turns, first) for m in (a, b))
     if not (stiffness > 0.0 and inverse > 0.0 and moved > reach):
         return

@@ -15,12 +15,11 @@ from sidtool.formats.scene import (
     marker_names,
     marker_reference,
 )
-from sidtool.formats.sid import Array
 from sidtool.formats.sid_mass import central_inertia
 
 from ...system.scene import System
-from ...system.sizes import diameter
 from ..excitation import ANGLES, drive_history, fastest_rotation
+from .body_extents import body_extent, is_dense, marker_extent
 from .stiffness import too_fast, too_stiff
 from .unlikely import controllers, unlikely
 
@@ -105,7 +104,7 @@ def _angle(what: str, value: float | None) -> Iterator[str]:
 
 def _sizes(system: System) -> Iterator[str]:
     """Bodies that are joined to much smaller ones."""
-    sizes = {data.name: _extent(system, data.name) for data in system.bodies[1:]}
+    sizes = {data.name: body_extent(system, data.name) for data in system.bodies[1:]}
     told: set[str] = set()
     for name, joint in system.scene.joints.items():
         pair = [marker_reference(text)[0] for text in marker_names(joint)]
@@ -118,12 +117,6 @@ def _sizes(system: System) -> Iterator[str]:
                     f"it, {small:.3g} m: is one of them in mm?"
                 )
             told |= {one, other}
-
-
-def _extent(system: System, name: str) -> float:
-    sid = system.bodies[system.index(name)].sid
-    points: list[Array] = [node.position for node in sid.nodes]
-    return diameter(np.array([*points, sid.mdCM.m0[:, 0] / (sid.mass or 1.0)]))
 
 
 def _inertias(system: System) -> Iterator[str]:
@@ -140,8 +133,9 @@ def _inertias(system: System) -> Iterator[str]:
                 "body: the largest one is more than the sum of the others"
             )
         radius = float(np.sqrt(moments[2] / body.mass))
-        extent = _extent(system, name)
-        if extent > 0.0 and radius > _GYRATION * extent:
+        extent = marker_extent(sid)
+        far = extent > 0.0 and radius > _GYRATION * extent
+        if far and not is_dense(sid, radius):
             yield (
                 f"the inertia of {name} is that of a mass {radius:.3g} m away from its "
                 f"centre, and its markers are {extent:.3g} m apart: is it in kg mm2 or "

@@ -11,6 +11,7 @@ from ...space import layout as at
 from ...system.forces.elements import Element
 from ...system.forces.force_laws import Polynomials
 from ...system.scene import System
+from .body_extents import mechanism_extent
 
 #: Of steel [Pa], and faster than sound in any solid [m/s].
 _STEEL, _FASTEST = 2.1e11, 2e4
@@ -28,7 +29,7 @@ def too_stiff(system: System) -> Iterator[str]:
     A spring is stiffer than a solid block of steel of the size of the mechanism, and
     would swing the whole mechanism faster than sound crosses it: both.
     """
-    size = system.length
+    size = mechanism_extent(system)
     mass = sum(data.sid.mass for data in system.bodies if data.of_scene)
     for element in system.forces:
         if not element.acts:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from sidtool.formats.scene import Actuator, Pid, SceneFile, SpringDamper
 
 from ...system.scene import System
+from .body_extents import mechanism_extent
 
 #: No pair of materials rubs as much.
 _ROUGHEST = 3.0
@@ -18,6 +19,7 @@ _PLACES, _FAR = (".displacement", ".length", ".x", ".y", ".z"), 50.0
 
 def unlikely(system: System) -> Iterator[str]:
     """One sentence each."""
+    size = mechanism_extent(system)
     for name, joint in system.scene.joints.items():
         friction = getattr(joint, "friction", None)
         if friction is None:
@@ -28,13 +30,13 @@ def unlikely(system: System) -> Iterator[str]:
                 f"the friction of {name} has a coefficient of {largest:g}, more than "
                 "any pair of materials: is it in per cent?"
             )
-        if (friction.radius or 0.0) > _THICKEST * system.length:
+        if (friction.radius or 0.0) > _THICKEST * size:
             yield (
                 f"the pin of {name} has a radius of {friction.radius:g} m, in a "
-                f"mechanism of {system.length:.3g} m: is it in mm?"
+                f"mechanism of {size:.3g} m: is it in mm?"
             )
     yield from _gains(system.scene)
-    yield from _lengths(system)
+    yield from _lengths(system, size)
 
 
 def controllers(scene: SceneFile) -> Iterator[tuple[str, Pid]]:
@@ -45,7 +47,7 @@ def controllers(scene: SceneFile) -> Iterator[tuple[str, Pid]]:
             yield name, law
 
 
-def _lengths(system: System) -> Iterator[str]:
+def _lengths(system: System, size: float) -> Iterator[str]:
     """What is to be reached far beyond the mechanism."""
     found = []
     for name, law in controllers(system.scene):
@@ -55,9 +57,9 @@ def _lengths(system: System) -> Iterator[str]:
         if isinstance(force, SpringDamper) and force.markers is not None:
             found.append((f"the rest length of {name}", force.rest))
     for what, length in found:
-        if abs(length) > _FAR * system.length > 0.0:
+        if abs(length) > _FAR * size > 0.0:
             yield (
-                f"{what} is {length:g} m, and the mechanism is {system.length:.3g} m "
+                f"{what} is {length:g} m, and the mechanism is {size:.3g} m "
                 "large: is it in mm?"
             )
 

@@ -68,12 +68,15 @@ def test_info_of_the_result(files: Path, capsys: pytest.CaptureFixture[str]) -> 
 def test_a_run_tells_of_its_flexible_body_before_and_after(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The rod turns by r / L of the crank's speed at most: -(3.77 / 199)^2."""
+    """The rod turns by r / L of the crank's speed at most: -(3.77 / 199)^2.
+
+    How fast it turns follows from the run; the crank's own speed says nothing of it.
+    """
     assert run(["simulate", SCENE]) == 0
     lines = [li for li in capsys.readouterr().out.splitlines() if li[:4] == "rod "]
     before, after = lines
     assert "frequencies to 1254.95 Hz, 209 times the excitation of 6 Hz" in before
-    assert "-3.58 % of the stiffness by rotation of 37.7 rad/s, if it tur" in before
+    assert "% of the stiffness" not in before
     assert "softening by rotation small, at most -0.0351 % of the stiffness" in after
     # With [stiffening] it is +4.36 % by a force of 782 N, and q1 differs by 2.5 %.
     assert "what other loads do is not known: the SID lacks geometric" in after

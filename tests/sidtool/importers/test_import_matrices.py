@@ -139,6 +139,7 @@ def test_every_format_gives_the_same_body(
     tmp_path: Path, name: str, solid: FiniteElementModel
 ) -> None:
     sid = sid_from_model(model(tmp_path, FORMATS[name](tmp_path, solid)))
+    assert sid.from_matrices
     own = volume_data(BLOCK, 5) | {"frame": {"type": "buckens"}}
     (tmp_path / "own.json").write_text(json.dumps(own), encoding="utf-8")
     expected = sid_from_model(tmp_path / "own.json")

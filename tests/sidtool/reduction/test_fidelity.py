@@ -139,6 +139,26 @@ def test_a_poor_basis_at_its_interfaces_is_a_warning() -> None:
         sid_from_model(model)
 
 
+@pytest.mark.parametrize("modes", [2, 4])
+def test_the_last_frequencies_of_a_good_basis_are_no_warning(modes: int) -> None:
+    """Those asked for are right, as is the compliance; what is left over errs."""
+    interfaces = PINS[1:]
+    sentence = said(
+        part(True, None, method="craig_bampton", modes=modes, interfaces=interfaces)
+    )
+    frequency, compliance = shares(sentence)[:2]
+    assert frequency > 0.5 and compliance < 1e-6
+    assert sentence.startswith("basis: ")
+
+
+@pytest.mark.parametrize("plane", [True, False])
+def test_compliance_that_is_missing_is_a_warning(plane: bool) -> None:
+    """Three modes of bending do not stretch a rod, with interfaces named or without."""
+    sentence = said(part(plane, None, method="modal", modes=3))
+    assert shares(sentence)[:2] == [0.0, 1.0]
+    assert sentence.startswith("note: basis: ")
+
+
 def test_the_command_tells_it(tmp_path: Path) -> None:
     model = part(True, FREE, method="herting", modes=6, interfaces=PINS)
     (tmp_path / "rod.json").write_text(model.model_dump_json(), encoding="utf-8")

@@ -10,9 +10,11 @@ import pytest
 from sidtool.formats.result import FlexibleBody
 from sidtool.formats.stiffening import Stiffening
 from sidtool.solver import simulate
+from sidtool.solver.advice.asked.questions import questions
 from sidtool.solver.advice.asked.stiffness import too_fast
 from sidtool.solver.advice.asked.unlikely import unlikely
 from sidtool.solver.advice.stopping import explained
+from sidtool.solver.system.scene import System
 from tests.solver.scenes import compiled, scene, slender_rod
 
 
@@ -85,3 +87,37 @@ def test_percentages_after_lost_inertia_are_not_told() -> None:
     plain = Stiffening(-2.5, "rotation", False, diverges=True)
     body = FlexibleBody(10.0, (), plain, found=plain)
     assert "diverges, -250 %" in explained("stopped at t = 1 s", {"rod": body})
+
+
+def rotor_on_pin(offset: float, mass: float, radius: float, inertia: float) -> System:
+    """A disc with its centre of mass beside its pin, which is fixed to a shaft."""
+    shaft = slender_rod(0.8)
+    disc = {"mass": mass, "inertia": inertia, "centre_of_mass": [0.0, offset]}
+    joints = {
+        "bearing": {"type": "revolute", "markers": ["ground", "shaft.a"]},
+        "shrink": {"type": "revolute", "markers": ["shaft.a", "disc"]},
+    }
+    joints["bearing"]["friction"] = {"coefficient": 0.1, "radius": radius / 10.0}
+    ring = {"type": "spring_damper", "markers": ["ground", "disc"], "stiffness": 1e5}
+    ring["rest"] = radius
+    return compiled(
+        scene({"shaft": shaft, "disc": disc}, joints, forces={"ring": ring})
+    )
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_nothing_is_asked_about_eccentric_discs(seed: int) -> None:
+    """From a balance wheel to a flywheel, eccentric by 1e-6 to 0.1 of a radius."""
+    random = np.random.default_rng(seed)
+    radius, thin = 10.0 ** random.uniform(-2.0, 0.0), random.uniform(0.01, 0.5)
+    mass = 7850.0 * np.pi * radius**2 * (thin * radius)
+    offset = radius * 10.0 ** random.uniform(-6.0, -1.0)
+    inertia = mass * (radius**2 / 2.0 + offset**2)
+    assert not list(questions(rotor_on_pin(offset, mass, radius, inertia)))
+
+
+@pytest.mark.parametrize(("masses", "inertias"), [(1.0, 1e6), (1.0, 1e9), (1e-3, 1.0)])
+def test_inertia_in_other_units_is_asked_about(masses: float, inertias: float) -> None:
+    """Of an eccentric disc, in kg mm2 or g mm2, or with its mass in tonnes."""
+    system = rotor_on_pin(1e-4, 2.0 * masses, 0.05, 2.0 * 0.05**2 / 2.0 * inertias)
+    assert any("the inertia of disc" in text for text in questions(system))

@@ -11,6 +11,7 @@ import pytest
 from sidtool.formats.result import Result
 from sidtool.formats.sid import SID, Taylor
 from sidtool.formats.sid_mass import body_size
+from sidtool.formats.stiffening import MATTERS
 from sidtool.solver import simulate
 from sidtool.solver.advice.body_measures import expected_bodies
 from sidtool.solver.advice.excitation import drive_history, excitation
@@ -101,6 +102,15 @@ def test_divergence_is_seen_beside_a_larger_stiffening() -> None:
     assert found.diverges and found.ratio == pytest.approx(-9.0 / 4.0)
 
 
+def test_what_else_loads_a_shaft_is_seen_beside_its_whirl() -> None:
+    """An acceleration along x stiffens z by 3 of 16, whatever whirls."""
+    sid = pulled_rotor(3.0)
+    spin, pull = np.array([[1.9, 0.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
+    found = largest_stiffening(sid, Loads(spin, pull, 0.0 * spin), np.zeros(1))
+    assert found.ratio == pytest.approx(3.0 / 16.0)
+    assert found.load == "acceleration of 1 m/s2"
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_shaft_diverges_between_its_critical_speeds_and_nowhere_else(
     seed: int,
@@ -118,7 +128,7 @@ def test_a_shaft_diverges_between_its_critical_speeds_and_nowhere_else(
 def test_a_shaft_about_its_long_axis_is_not_sent_for_stiffening() -> None:
     """The rotor's mass lies on its axis: nothing pulls on the shaft."""
     for stiffness, speed, words in (
-        ((4.0, 4.0), 3.0, "softened by centrifugal forces"),
+        ((4.0, 4.0), 3.0, "none"),
         ((4.0, 16.0), 3.0, "between critical speeds"),
     ):
         sid = rotor(*stiffness)
@@ -129,6 +139,19 @@ def test_a_shaft_about_its_long_axis_is_not_sent_for_stiffening() -> None:
         loads = Loads(spin, 0 * spin, 0 * spin)
         sentence = largest_stiffening(sid, loads, np.zeros(1)).sentence()
         assert words in sentence and "[stiffening]" not in sentence
+
+
+def test_stiffening_is_not_advised_where_there_is_none() -> None:
+    """A body that came as matrices has no elements that could be stiffened."""
+    spin = np.array([[0.0, 0.0, 1.0]])
+    loads = Loads(spin, 0 * spin, 0 * spin)
+    for known, advised in ((False, True), (True, False)):
+        sid = replace(cantilever(False), from_matrices=known)
+        for speed in (1.0, 6.0):
+            turning = replace(loads, angular_velocity=speed * spin)
+            found = largest_stiffening(sid, turning, np.zeros(1))
+            assert abs(found.ratio) > MATTERS and found.lacks_stiffening
+            assert ("[stiffening]" in found.sentence()) == advised
 
 
 def pushed(*functions: dict[str, Any]) -> System:
