@@ -34,6 +34,14 @@ class _AxialJoint(_Pair):
     )
 
 
+class _OrientingJoint(_AxialJoint):
+    second_axis: Vector | None = Field(
+        default=None,
+        description="the axis in the second marker's frame; default that of the start "
+        "where `initial` states how both bodies are turned, else as `axis`",
+    )
+
+
 class _RubbingJoint(_AxialJoint):
     friction: JointFriction | None = Field(
         default=None, description="dry friction from the load of the joint"
@@ -41,14 +49,14 @@ class _RubbingJoint(_AxialJoint):
 
 
 class Fixed(_Pair):
-    """No relative motion of the two markers, which have one place and the same axes
-    (those of a marker of a rigid body can be turned); of a point mass, which has no
+    """No relative motion of the two markers, which have one place, and the axes that
+    `initial` states for both bodies, else the same; of a point mass, which has no
     orientation, its place is held."""
 
     type: Literal["fixed"] = "fixed"
 
 
-class Revolute(_RubbingJoint):
+class Revolute(_RubbingJoint, _OrientingJoint):
     """Rotation about `axis`, default z. The coordinate is the angle [rad]."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("angle",)
@@ -57,14 +65,14 @@ class Revolute(_RubbingJoint):
     type: Literal["revolute"] = "revolute"
 
 
-class Prismatic(_RubbingJoint):
+class Prismatic(_RubbingJoint, _OrientingJoint):
     """Translation along `axis`, default x, no rotation; displacement [m]."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("displacement",)
     type: Literal["prismatic"] = "prismatic"
 
 
-class Cylindrical(_AxialJoint):
+class Cylindrical(_OrientingJoint):
     """Rotation about and translation along `axis`, default z."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("angle", "displacement")
@@ -73,7 +81,7 @@ class Cylindrical(_AxialJoint):
     type: Literal["cylindrical"] = "cylindrical"
 
 
-class Screw(_AxialJoint):
+class Screw(_OrientingJoint):
     """Rotation about `axis`, default z, that moves along it by `pitch` in a turn: a nut
     on a spindle. A drive prescribes one of both coordinates."""
 
@@ -115,7 +123,7 @@ class Universal(_AxialJoint):
     )
 
 
-class PlanarJoint(_AxialJoint):
+class PlanarJoint(_OrientingJoint):
     """The second marker slides on the plane through the first one across `axis`,
     default z, and turns about it."""
 

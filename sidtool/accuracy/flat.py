@@ -146,6 +146,14 @@ def _joint(table: _Table) -> _Table | None:
     if kind in ("planar", "point_on_plane"):
         axis = [-axis[1], axis[0]]
     keeps = {"axis": axis} if found in ("prismatic", "point_on_line") else {}
+    second = table.pop("second_axis", None)
+    if second is not None:
+        if found not in ("revolute", "prismatic") or kind == "planar":
+            raise _NotFlat
+        if _direction(second, default) != direction:
+            raise _NotFlat
+        if found == "prismatic":
+            keeps["second_axis"] = list(second[:2])
     return table | {"type": found} | keeps
 
 

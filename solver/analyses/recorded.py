@@ -18,7 +18,7 @@ from ..recording import outputs
 from ..recording.energy_history import history_between, is_wanted
 from ..recording.sampling import Sampler, sample_known
 from ..start.new_control import CLOSED
-from ..system.bodies.held_frames import without_held_frames
+from ..system.bodies.turned_markers import as_written
 from ..system.scene import System
 from ..system.sizes import row_sizes
 
@@ -87,7 +87,7 @@ def recorded(
         velocity_names=outputs.velocity_names(system),
         multiplier_names=outputs.multiplier_names(system),
         settings={"analysis": kind},
-        scene=without_held_frames(system.scene).model_dump_json(
+        scene=as_written(system.scene).model_dump_json(
             by_alias=True, exclude_none=True
         ),
         sids=system.sids,

@@ -15,12 +15,10 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.scene import (
-    Placement,
     SceneFile,
     driven_coordinate,
     marker_names,
     marker_reference,
-    rotation,
 )
 from sidtool.formats.sid import Array
 
@@ -29,6 +27,11 @@ from ..space import layout as at
 from ..space.layout import Work
 from ..system.bodies.embedded import matrices
 from ..system.bodies.packing import quaternion, rotation_part
+from ..system.bodies.rotations import (
+    rotation_matrix,
+    rotation_vector,
+    shortest_rotation,
+)
 from ..system.joints import is_of_point, joint_parts
 from ..system.scene import System
 
@@ -57,12 +60,12 @@ class _Wish:
         """The rotation C, in the frame of the first marker, for which C Q is right."""
         if self.whole is not None:
             return self.whole @ Q.T
-        turn = _shortest(Q @ self.source, self.target)
+        turn = shortest_rotation(Q @ self.source, self.target)
         if self.angle is None:
             return turn
-        now = _rotation_vector(turn @ Q) @ self.target
+        now = rotation_vector(turn @ Q) @ self.target
         left = (self.angle - now + np.pi) % (2.0 * np.pi) - np.pi
-        return _rotation(left * self.target) @ turn
+        return rotation_matrix(left * self.target) @ turn
 
 
 def align(system: System, work: Work, z: Array) -> None:
@@ -107,34 +110,13 @@ def check_alignment(system: System, work: Work) -> None:
             matrices(system.points(work.point[system.markers[m]])["R"])
             for m in (wish.a, wish.b)
         )
-        off = float(np.linalg.norm(_rotation_vector(wish.correction(A.T @ B))))
+        off = float(np.linalg.norm(rotation_vector(wish.correction(A.T @ B))))
         if off > FAR:
             raise InputError(
                 f"the start is assembled with {wish.name} turned by {off:.3g} rad",
                 place="bodies.*.initial",
                 expected="initial orientations nearer to what the joints want",
             )
-
-
-def _shortest(source: Array, target: Array) -> Array:
-    """The smallest rotation of one unit vector onto another."""
-    across = np.cross(source, target)
-    size = np.linalg.norm(across)
-    angle = np.arctan2(size, source @ target)
-    if size < 1e-12:
-        across = np.cross(target, np.eye(3)[int(np.argmin(abs(target)))])
-        size = np.linalg.norm(across)
-    return _rotation(angle * across / size)
-
-
-def _rotation(vector: Array) -> Array:
-    return rotation(Placement(axis_angle=tuple(vector)))
-
-
-def _rotation_vector(matrix: Array) -> Array:
-    q = quaternion(matrix)
-    size = float(np.linalg.norm(q[1:]))
-    return q[1:] * (2.0 * np.arctan2(size, q[0]) / size if size > 0.0 else 2.0)
 
 
 def _wishes(system: System) -> Iterator[_Wish]:
@@ -169,8 +151,8 @@ def _wishes(system: System) -> Iterator[_Wish]:
 
 def _cross(first: Array, second: Array, angles: dict[str, float]) -> dict[str, Any]:
     """What a universal joint wants with one or both of its angles driven."""
-    inner = _rotation(angles.get("angle_1", 0.0) * first)
-    outer = _rotation(angles.get("angle_2", 0.0) * second)
+    inner = rotation_matrix(angles.get("angle_1", 0.0) * first)
+    outer = rotation_matrix(angles.get("angle_2", 0.0) * second)
     if len(angles) == 2:
         return {"whole": inner @ outer}
     if "angle_1" in angles:
@@ -212,7 +194,7 @@ def _turn(
     A, B = frames[wish.a[0]] @ first, frames[wish.b[0]] @ second
     correction = wish.correction(A.T @ B)
     row = system.arrays.body[system.index(body)]
-    if np.linalg.norm(_rotation_vector(correction)) < FAR or row[at.RD] != 6:
+    if np.linalg.norm(rotation_vector(correction)) < FAR or row[at.RD] != 6:
         return
     Q = correction @ A.T @ B
     turned = A @ Q @ second.T if body == wish.b[0] else B @ Q.T @ first.T

@@ -9,7 +9,7 @@ from sidtool.formats.scene import SceneFile
 
 from ..integrators import INTEGRATORS
 from ..integrators.automatic import AUTO, Choice, choose
-from ..system.bodies.held_frames import without_held_frames
+from ..system.bodies.turned_markers import as_written
 from ..system.scene import System
 
 
@@ -81,5 +81,5 @@ def made_with(scene: SceneFile, settings: Settings) -> str:
             "spectral_radius": settings.radius,
         }
     )
-    made = without_held_frames(scene).model_copy(update={"accuracy": accuracy})
+    made = as_written(scene).model_copy(update={"accuracy": accuracy})
     return made.model_dump_json(by_alias=True, exclude_none=True)

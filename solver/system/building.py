@@ -39,6 +39,7 @@ from .bodies.data import BodyData, body_data, rigid_nodes
 from .bodies.eliminated import asks_for_joints, eliminated_frames, eliminated_joints
 from .bodies.held_frames import with_held_frames
 from .bodies.rigid_bodies import without_elasticity
+from .bodies.turned_markers import with_turned_markers
 from .constraint_tables import constraint_tables
 from .constraints import Constraint, constraints_of
 from .forces.elements import Element, force_table, joint_coordinate
@@ -85,6 +86,7 @@ def build_system(
         for name, body in scene.bodies.items()
     }
     data[GROUND_NAME] = known.get(GROUND_NAME) or _ground(scene)
+    scene, data = with_turned_markers(scene, data)
     functions = FunctionTable(pool, (scene.time.start, scene.time.end))
     _check_names(scene, drives)
     laws = laws_of(scene, forces, drives, sampled)
@@ -121,7 +123,7 @@ def _unchanged(
     before: System, scene: SceneFile, sids: Mapping[str, SID]
 ) -> dict[str, BodyData]:
     """The data of bodies and of the ground that are still the same objects."""
-    known = {data.name: data for data in before.bodies}
+    known = {data.name: replace(data, turned={}) for data in before.bodies}
     was = before.scene
     if was.dimension != scene.dimension:
         return {}

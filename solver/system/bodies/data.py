@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from sidtool.formats.scene import (
     position_3d,
     rotation,
 )
-from sidtool.formats.sid import SID, Array, Node, rigid_node, rigid_sid
+from sidtool.formats.sid import SID, Array, Node, Taylor, rigid_node, rigid_sid
 from sidtool.formats.sid_files import read_sid
 from sidtool.formats.sid_subset import kept_indices, with_shape_functions
 
@@ -48,6 +48,8 @@ class BodyData:
     given : the SID that was given, of which elastic coordinates have their names
     across : (n, nq) momenta of motions that nothing in the plane of a planar scene
         excites, see `out_of_plane`
+    turned : name of a turned marker to the marker and its rotation, (3, 3); see
+        `turned_markers`
     """
 
     name: str
@@ -60,10 +62,16 @@ class BodyData:
     starts_at: float = 0.0
     given: SID | None = None
     across: Array | None = None
+    turned: Mapping[str, tuple[str, Array]] = field(default_factory=dict)
 
     def node(self, marker: str) -> Node:
         """The node behind a marker name; no name is the origin of a rigid body."""
-        return self.sid.node(self.nodes.get(marker, marker))
+        if marker not in self.turned:
+            return self.sid.node(self.nodes.get(marker, marker))
+        marker, turn = self.turned[marker]
+        node = self.node(marker)
+        m1 = None if node.AP.m1 is None else node.AP.m1 @ turn
+        return replace(node, AP=Taylor(node.AP.m0 @ turn, m1))
 
     def elastic_number(self, quantity: str, place: str) -> int:
         """Number of the elastic coordinate that qN, vqN, bending_yN, ... stand for.

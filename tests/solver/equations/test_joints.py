@@ -347,7 +347,13 @@ def test_a_body_that_starts_upside_down_is_turned_right() -> None:
                 "initial": {"axis_angle": [2.9, 0.3, 0.2]},
             }
         },
-        joints={"hinge": {"type": "revolute", "markers": ["ground", "flap"]}},
+        joints={
+            "hinge": {
+                "type": "revolute",
+                "markers": ["ground", "flap"],
+                "second_axis": [0.0, 0.0, 1.0],
+            }
+        },
         drives={
             "motor": {
                 "joint": "hinge",
