@@ -14,7 +14,7 @@ import stat
 import tempfile
 import threading
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from itertools import count
@@ -22,11 +22,15 @@ from pathlib import Path
 
 from ..errors import InputError
 from .operating_system import (
+    PRIVATE,
+    USUAL,
     create_file,
+    create_folder,
     extended_path,
     flush_to_disk,
     has_ended,
     is_open_elsewhere,
+    is_own_folder,
     path_problem,
     process_list,
     replace_file,
@@ -36,7 +40,8 @@ from .unreadable import reason_of
 
 #: Bytes of a target's name that its temporary file takes over.
 LONGEST = 120
-#: Names of temporary files, see `_beside`.
+PART = ".part"
+#: Names of temporary files and folders, see `_new`.
 REST = re.compile(r"\..*\.(?P<machine>[0-9a-f]{8})-(?P<process>\d+)-\w+\.part", re.S)
 
 #: Temporary files of this process that are being written.
@@ -50,7 +55,7 @@ class KeptBeside(OSError):
 
 @contextmanager
 def atomic_path(
-    target: str | os.PathLike[str], keep_beside: bool = True
+    target: str | os.PathLike[str], keep_beside: bool = True, mode: int | None = None
 ) -> Iterator[Path]:
     """Yield a temporary path beside `target`; it replaces `target` only on success.
 
@@ -63,6 +68,8 @@ def atomic_path(
     target : the file
     keep_beside : keep a whole file under another name where it cannot replace `target`,
         as on Windows while another program has that open; else it is removed
+    mode : permissions of the file, less the umask, instead of the usual ones or those
+        of the file that it replaces
 
     Raises
     ------
@@ -74,20 +81,25 @@ def atomic_path(
     named = target = Path(target)
     if problem := path_problem(target):
         raise InputError(problem, source=target, expected="another name")
-    mode = _mode(target)
-    stream = mode is not None and not stat.S_ISREG(mode)
+    found = _mode(target)
+    stream = found is not None and not stat.S_ISREG(found)
     if not stream:
         target = extended_path(Path(os.path.realpath(target)))
     if stream and target.is_dir():
         raise InputError("is a folder", source=target, expected="the name of a file")
-    temporary = _beside(Path(tempfile.gettempdir()) / target.name if stream else target)
+    if mode is None:
+        mode = USUAL if found is None else PRIVATE
+    else:
+        found = None
+    temporary = _for_stream(target) if stream else _beside(target, mode)
     try:
         yield temporary
         if stream:
             _pour(temporary, target)
             return
         flush_to_disk(temporary)
-        set_mode(temporary, mode)
+        if found is not None:
+            set_mode(temporary, found)
         _give_name(temporary, target, named if keep_beside else None)
     except KeptBeside:
         raise
@@ -97,6 +109,9 @@ def atomic_path(
         raise OSError(error.errno, error.strerror, os.fspath(named)) from error
     finally:
         temporary.unlink(missing_ok=True)
+        if stream:
+            temporary.parent.rmdir()
+            temporary = temporary.parent
         _living.discard(temporary)
 
 
@@ -128,13 +143,27 @@ def _mode(target: Path) -> int | None:
         return None
 
 
-def _beside(target: Path) -> Path:
+def _beside(target: Path, mode: int) -> Path:
     """A new temporary file in the folder of `target`, and no rests of killed runs."""
+    return _new(target, lambda prefix: create_file(target.parent, prefix, PART, mode))
+
+
+def _for_stream(target: Path) -> Path:
+    """A file in a new folder for temporary files that nobody else may enter."""
+    parent = Path(tempfile.gettempdir())
+    folder = _new(
+        parent / target.name, lambda prefix: create_folder(parent, prefix, PART)
+    )
+    return create_file(folder, "", "")
+
+
+def _new(target: Path, create: Callable[[str], Path]) -> Path:
+    """What is created with the prefix of a temporary file, and no rests beside it."""
     short = os.fsdecode(os.fsencode(target.name)[:LONGEST])
     prefix = f".{short}.{_machine()}-{os.getpid()}-"
     with _lock:
         try:
-            path = create_file(target.parent, prefix, ".part")
+            path = create(prefix)
         except OSError as error:
             raise InputError(
                 f"cannot write here ({reason_of(error)})",
@@ -155,10 +184,20 @@ def _machine() -> str:
 def _remove_rests(folder: Path) -> None:
     """Removes what processes left that are gone; what cannot be removed stays."""
     with suppress(OSError), os.scandir(folder) as entries:
-        for path in [Path(e.path) for e in entries if e.name.endswith(".part")]:
+        for path in [Path(e.path) for e in entries if e.name.endswith(PART)]:
             if _is_rest(path):
                 with suppress(OSError):
-                    path.unlink(missing_ok=True)
+                    _remove(path)
+
+
+def _remove(path: Path) -> None:
+    """Removes a temporary file, or a folder of them."""
+    if is_own_folder(path):
+        for file in path.iterdir():
+            file.unlink(missing_ok=True)
+        path.rmdir()
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _is_rest(path: Path) -> bool:

@@ -12,7 +12,7 @@ import shutil
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from ..errors import InputError
 from .atomic import atomic_path
 from .operating_system import (
     ENDING_SIGNALS,
+    create_folder,
     handle_signal,
     present_signals,
     signal_handler,
@@ -37,7 +38,8 @@ class Discarded(Exception):
 class GrowingFile:
     """Stands beside `target` until `close`; `discard` leaves no trace.
 
-    elsewhere : when there is no place left, go on in the folder for temporary files
+    elsewhere : when there is no place left, go on in a new folder for temporary files,
+        which nobody else may enter
 
     Attributes
     ----------
@@ -157,21 +159,23 @@ class GrowingFile:
         return found
 
     def _move(self) -> bool:
-        """Goes on in the folder for temporary files, unless it is there or the name is
-        taken."""
-        other = Path(tempfile.gettempdir()) / self.target.name
-        if other.parent.resolve() == self.target.parent.resolve() or other.exists():
+        """Goes on in a new folder for temporary files, unless it stands there."""
+        parent = Path(tempfile.gettempdir())
+        if parent.resolve() == self.target.parent.resolve():
             return False
-        try:
-            stack, file = _opened(other)
-        except (OSError, InputError):
-            return False
-        try:
-            self._file.seek(0)
-            shutil.copyfileobj(self._file, file)
-        except OSError:
-            _discard(stack)
-            return False
+        with ExitStack() as trial:
+            try:
+                folder = create_folder(parent, "sidtool-")
+                trial.callback(_remove_empty, folder)
+                other = folder / self.target.name
+                opened, file = _opened(other)
+                trial.push(opened)
+                self._file.seek(0)
+                shutil.copyfileobj(self._file, file)
+            except (OSError, InputError):
+                _discard(trial)
+                return False
+            stack = trial.pop_all()
         _discard(self._stack)
         self.target, self._stack, self._file = other, stack, file
         return True
@@ -191,6 +195,11 @@ def _opened(target: Path) -> tuple[ExitStack, io.FileIO]:
         path = stack.enter_context(atomic_path(target))
         file = stack.enter_context(path.open("w+b", buffering=0))
         return stack.pop_all(), file
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def _discard(stack: ExitStack) -> None:

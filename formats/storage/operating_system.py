@@ -41,6 +41,10 @@ _SHARING_VIOLATION, _LOCK_VIOLATION, _ACCESS_DENIED = 32, 33, 5
 #: Longer paths are refused by Windows unless they are extended or it is set up for
 #: them; folders have to leave room for a name of 8.3 characters.
 LONGEST_PATH, LONGEST_FOLDER = 259, 247
+#: Permissions to write that others than the owner may have.
+OF_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+#: Permissions of a new file, of which the system takes the umask off.
+USUAL, PRIVATE = 0o666, 0o600
 _DEVICES = {"CON", "PRN", "AUX", "NUL", "CONIN$", "CONOUT$"} | {
     f"{port}{digit}" for port in ("COM", "LPT") for digit in "123456789\xb9\xb2\xb3"
 }
@@ -49,8 +53,12 @@ _DEVICES = {"CON", "PRN", "AUX", "NUL", "CONIN$", "CONOUT$"} | {
 # Files
 
 
-def create_file(folder: Path, prefix: str, suffix: str) -> Path:
-    """A new empty file that only its owner may read.
+class Untrusted(PermissionError):
+    """Another user may have written a file that only this one is to have written."""
+
+
+def create_file(folder: Path, prefix: str, suffix: str, mode: int = PRIVATE) -> Path:
+    """A new empty file; the system takes the umask off its mode.
 
     `tempfile.mkstemp` never ends in a folder of Windows that cannot be written
     (CPython issue 66305).
@@ -62,10 +70,102 @@ def create_file(folder: Path, prefix: str, suffix: str) -> Path:
     while True:
         path = folder / f"{prefix}{secrets.token_hex(4)}{suffix}"
         try:
-            with open(path, "xb", opener=lambda p, flags: os.open(p, flags, 0o600)):
+            with open(path, "xb", opener=lambda p, flags: os.open(p, flags, mode)):
                 return path
         except FileExistsError:
             continue
+
+
+def create_folder(parent: Path, prefix: str, suffix: str = "") -> Path:
+    """A new folder that nobody else may enter, of a name that nobody can foresee.
+
+    Raises
+    ------
+    OSError : the parent does not exist or cannot be written to.
+    """
+    while True:
+        path = parent / f"{prefix}{secrets.token_hex(8)}{suffix}"
+        try:
+            path.mkdir(mode=0o700)
+            return path
+        except FileExistsError:
+            continue
+
+
+def read_trusted(path: Path, like: Path | None = None) -> bytes:
+    """The content of a file that only this user or the administrator can have written.
+
+    File and folder must belong to one of them and not be writable by others, as
+    OpenSSH asks of its files. The lists of access of Windows are not looked at.
+
+    Parameters
+    ----------
+    like : a folder that is trusted as it is: who owns it or may write to it is trusted
+
+    Raises
+    ------
+    Untrusted : others can have written it.
+    OSError : it cannot be read.
+    """
+    if WINDOWS:
+        return path.read_bytes()
+    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        _check_trusted_folder(os.fstat(folder), path.parent, like)
+        file = os.open(path.name, os.O_RDONLY | os.O_NONBLOCK, dir_fd=folder)
+    finally:
+        os.close(folder)
+    with open(file, "rb") as stream:
+        _check_trusted(os.fstat(file), path, like)
+        return stream.read()
+
+
+def make_trusted_folder(folder: Path, like: Path | None = None) -> None:
+    """Make a folder for files that `read_trusted` is to read, if it is not there.
+
+    Others lose the permission to write to one that this user owns.
+
+    Raises
+    ------
+    Untrusted : it belongs to another user.
+    OSError : it cannot be made.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=0o755, exist_ok=True)
+    if WINDOWS:
+        return
+    found = folder.lstat()
+    own = stat.S_ISDIR(found.st_mode) and found.st_uid == os.geteuid()
+    if own and found.st_mode & OF_OTHERS and like is None:
+        folder.chmod(stat.S_IMODE(found.st_mode) & ~OF_OTHERS)
+    _check_trusted_folder(folder.stat(), folder, like)
+
+
+def _check_trusted_folder(found: os.stat_result, path: Path, like: Path | None) -> None:
+    """Check a folder, and the link that may stand for it."""
+    _check_trusted(found, path, like)
+    link = path.lstat()
+    if stat.S_ISLNK(link.st_mode):
+        _check_trusted(link, path, like)
+
+
+def _check_trusted(found: os.stat_result, path: Path, like: Path | None) -> None:
+    owners, writable = {0, os.geteuid()}, found.st_mode & OF_OTHERS
+    if like is not None:
+        trusted = like.stat()
+        owners.add(trusted.st_uid)
+        writable &= ~trusted.st_mode
+    problem = "belongs to another user" if found.st_uid not in owners else ""
+    if writable and not problem and not stat.S_ISLNK(found.st_mode):
+        problem = "others may write to it"
+    if problem:
+        raise Untrusted(errno.EACCES, problem, os.fspath(path))
+
+
+def is_own_folder(path: Path) -> bool:
+    """Whether a path is a folder of this user, and no link to one."""
+    found = path.lstat()
+    return stat.S_ISDIR(found.st_mode) and (WINDOWS or found.st_uid == os.geteuid())
 
 
 def flush_to_disk(path: Path) -> None:
@@ -74,19 +174,10 @@ def flush_to_disk(path: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def set_mode(path: Path, mode: int | None) -> None:
-    """Permissions of a new file: those of the file that it replaces, or the usual.
-
-    On Windows they are those of its folder.
-    """
+def set_mode(path: Path, mode: int) -> None:
+    """Permissions of a file; on Windows they are those of its folder."""
     if not WINDOWS:
-        path.chmod(0o666 & ~_umask() if mode is None else stat.S_IMODE(mode))
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        path.chmod(stat.S_IMODE(mode))
 
 
 def replace_file(source: Path, target: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from sidtool.formats.errors import InputError
 
 from .imported import ImportedMesh
+from .included import foreign_text_hidden
 from .parts import part_of
 
 Reader = Callable[..., ImportedMesh]
@@ -54,11 +55,12 @@ def read_mesh(
     words = frozenset(" ".join(word.upper().strip("*$").split()) for word in ignored)
     module, name = MESH_READERS[ending]
     reader: Reader = getattr(import_module(f".{module}", __package__), name)
-    if part is None:
-        return reader(path, words, density=density)
-    if ending == ".inp":
-        return reader(path, words, part, density=density)
-    imported = reader(path, words, density=density)
+    with foreign_text_hidden(Path(path)):
+        if part is None:
+            return reader(path, words, density=density)
+        if ending == ".inp":
+            return reader(path, words, part, density=density)
+        imported = reader(path, words, density=density)
     try:
         return part_of(imported, part)
     except InputError as error:

@@ -1,8 +1,8 @@
 """Compiled kernels on disk: one file each, complete or absent.
 
-A file holds a checksum, the key of the kernel and its machine code. What cannot be read
-or does not fit is as if it were not there, and what cannot be written is done without:
-the kernel is compiled in memory, and one warning says why.
+A file holds a checksum, the key of the kernel and its machine code. What cannot be
+read, does not fit or may be of another user is as if it were not there, and what cannot
+be written is done without: the kernel is compiled in memory, and one warning says why.
 """
 
 from __future__ import annotations
@@ -13,12 +13,20 @@ from pathlib import Path
 
 from sidtool.formats.errors import InputError, warn_caller
 from sidtool.formats.storage.atomic import atomic_path
-from sidtool.formats.storage.operating_system import cache_folder, create_file
+from sidtool.formats.storage.operating_system import (
+    Untrusted,
+    cache_folder,
+    create_file,
+    make_trusted_folder,
+    read_trusted,
+)
 from sidtool.formats.storage.unreadable import reason_of
 
 MAGIC = b"sidtool kernel 1\n"
 #: Bytes of the checksum and of the length of the key.
 DIGEST, LENGTH = 32, 8
+#: Permissions of a file: others may use what an administrator has compiled.
+MODE = 0o644
 HERE = Path(__file__).resolve().parent
 
 _told: set[str] = set()
@@ -46,7 +54,11 @@ def read(name: str, key: str) -> bytes | None:
     for folder in folders():
         path = folder / name
         try:
-            content = path.read_bytes()
+            content = read_trusted(path, _trusted_like(folder))
+        except Untrusted as error:
+            text = f"{error.filename}: {reason_of(error)}"
+            tell("untrusted", f"{text}; its kernels are compiled anew")
+            continue
         except OSError:
             continue
         try:
@@ -65,15 +77,16 @@ def write(name: str, key: str, code: bytes) -> None:
     failures = []
     for folder in folders():
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with atomic_path(folder / name, keep_beside=False) as temporary:
+            make_trusted_folder(folder, _trusted_like(folder))
+            path = folder / name
+            with atomic_path(path, keep_beside=False, mode=MODE) as temporary:
                 temporary.write_bytes(content)
             return
         except OSError as error:
             failures.append(f"{folder} ({reason_of(error)})")
         except InputError as error:
             failures.append(f"{folder} ({error.problem})")
-    _tell_unkept(", ".join(failures))
+    _tell_unkept(failures)
 
 
 def is_writable() -> bool:
@@ -81,13 +94,18 @@ def is_writable() -> bool:
     failures = []
     for folder in folders():
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_trusted_folder(folder, _trusted_like(folder))
             create_file(folder, ".sidtool-", ".tmp").unlink()
             return True
         except OSError as error:
             failures.append(f"{folder} ({reason_of(error)})")
-    _tell_unkept(", ".join(failures))
+    _tell_unkept(failures)
     return False
+
+
+def _trusted_like(folder: Path) -> Path | None:
+    """The package beside whose code kernels stand: who may change that is trusted."""
+    return folder.parent if folder.parent == HERE and HERE.is_dir() else None
 
 
 def unkept() -> bool:
@@ -102,10 +120,13 @@ def tell(kind: str, text: str) -> None:
         warn_caller(text, KernelCacheWarning)
 
 
-def _tell_unkept(where: str) -> None:
+def _tell_unkept(failures: list[str]) -> None:
+    if "untrusted" in _told:
+        _told.add("unkept")
     tell(
         "unkept",
-        f"compiled kernels cannot be kept in {where}: every run compiles them anew; "
+        f"compiled kernels cannot be kept in {', '.join(failures)}: "
+        "every run compiles them anew; "
         "NUMBA_CACHE_DIR may name another folder",
     )
 

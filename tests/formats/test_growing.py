@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import random
 import signal
+import stat
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,6 +17,7 @@ import pytest
 from sidtool.formats.storage import growing
 from sidtool.formats.storage.growing import GrowingFile, undisturbed
 from sidtool.formats.storage.seal import SealedFile, check_seal, write_sealed
+from tests.places import posix
 
 
 class Small(io.FileIO):
@@ -103,32 +105,52 @@ def test_a_file_without_room_goes_on_elsewhere(
     for k in range(10):
         file.put(lambda h5, k=k: h5.create_dataset(f"d{k}", data=np.full(999, k)))
     file.close()
-    assert file.target.moved is not None and file.target.target == there / "file.h5"
-    assert list(here.iterdir()) == []
-    assert [path.name for path in there.iterdir()] == ["file.h5"]
-    check_seal(there / "file.h5")
-    with h5py.File(there / "file.h5") as h5:
+    (folder,) = there.iterdir()
+    assert list(folder.iterdir()) == [folder / "file.h5"] == [file.target.target]
+    assert file.target.moved is not None and list(here.iterdir()) == []
+    check_seal(folder / "file.h5")
+    with h5py.File(folder / "file.h5") as h5:
         assert all((h5[f"d{k}"][()] == k).all() for k in range(10))
 
 
-def test_nothing_elsewhere_is_replaced(
+@posix
+def test_what_others_plant_elsewhere_is_not_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The name of a result in the folder for temporary files can be foreseen."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    (here / "mine").write_text("mine", encoding="utf-8")
+    (there / "file").symlink_to(here / "mine")
+    (there / "gone").symlink_to(here / "planted")
+    monkeypatch.setattr(tempfile, "tempdir", str(there))
+    little_room(monkeypatch, 10, here)
+    for name in ("file", "gone"):
+        file = GrowingFile(here / name, elsewhere=True)
+        file.write(b"x" * 100)
+        file.close()
+        folder = file.target.parent
+        assert folder.parent == there and folder.name != there / name
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        assert file.target.read_bytes() == b"x" * 100
+    assert list(here.iterdir()) == [here / "mine"]
+    assert (here / "mine").read_text(encoding="utf-8") == "mine"
+
+
+def test_what_is_discarded_elsewhere_leaves_no_trace(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
     there.mkdir()
-    (there / "file").write_text("mine", encoding="utf-8")
     monkeypatch.setattr(tempfile, "tempdir", str(there))
     little_room(monkeypatch, 10, here)
     file = GrowingFile(here / "file", elsewhere=True)
     file.write(b"x" * 100)
-    with pytest.raises(OSError, match="No space left"):
-        file.check()
+    assert len(list(there.iterdir())) == 1
     file.discard()
-    assert (
-        list(here.iterdir()) == []
-        and (there / "file").read_text(encoding="utf-8") == "mine"
-    )
+    assert list(here.iterdir()) == list(there.iterdir()) == []
 
 
 def test_signals_wait_until_libhdf5_has_returned(tmp_path: Path) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
+import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,7 @@ from sidtool.formats.storage.operating_system import (
     replace_file,
     windows_path_problem,
 )
+from tests.places import posix
 
 
 def test_a_whole_file_is_kept_beside_a_target_that_it_cannot_replace(
@@ -161,3 +165,49 @@ def test_the_cache_is_where_a_system_has_it(
     assert found[True, False] == tmp_path / "local" / "sidtool" / "Cache"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert cache_folder() == tmp_path / "sidtool"
+
+
+@posix
+@pytest.mark.parametrize("mask", [0o022, 0o077])
+def test_new_files_have_the_usual_permissions(
+    mask: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mask of the process is not changed: other threads create files, too."""
+    before = os.umask(mask)
+    try:
+        with monkeypatch.context() as patched:
+            patched.setattr(os, "umask", lambda new: pytest.fail("umask was changed"))
+            with atomic_path(tmp_path / "new") as temporary:
+                temporary.write_bytes(b"new")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o666 & ~mask
+
+
+@posix
+def test_what_is_poured_into_a_pipe_waits_in_a_private_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "there").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "there"))
+    with atomic_path(Path(os.devnull)) as temporary:
+        folder = temporary.parent
+        assert folder.parent == tmp_path / "there"
+        assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+        temporary.write_bytes(b"new")
+    assert list((tmp_path / "there").iterdir()) == []
+
+
+@posix
+def test_folders_of_killed_runs_are_removed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with atomic_path(Path(os.devnull)) as temporary:
+        name = temporary.parent.name
+    gone = tmp_path / re.sub(r"-\d+-", f"-{2**22 + 1}-", name)
+    gone.mkdir()
+    (gone / "rest").write_bytes(b"rest")
+    with atomic_path(Path(os.devnull)):
+        pass
+    assert not gone.exists()

@@ -23,6 +23,7 @@ from ...importers.calculix.engine import Computed, computed
 from ...importers.calculix.raised import RaisedDeck, expected_size, raised_deck
 from ...importers.deck_names import DeckNames, deck_names
 from ...importers.imported import undefined_notes
+from ...importers.included import foreign_text_hidden
 from ...importers.matrices.checks import (
     balanced,
     check_definite,
@@ -108,7 +109,8 @@ def calculix_model(
             raise InputError(
                 "is zero", place="geometry.density", expected="a density above zero"
             )
-        with _deck(path, ignored, density) as (deck_file, left_out):
+        deck_of_path = _deck(path, ignored, density)
+        with foreign_text_hidden(path), deck_of_path as (deck_file, left_out):
             lines = free_deck(deck_file, left_out)
             if density is not None and deck_file == path:
                 lines = with_density(lines, density)

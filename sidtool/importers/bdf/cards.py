@@ -10,7 +10,7 @@ from pathlib import Path
 from sidtool.formats.errors import InputError
 
 from ..imported import MOST_MEMBERS, integers, numbers, read_lines
-from ..included import Included
+from ..included import Included, located_line
 
 #: A real number whose exponent has no letter, as in 2.1+11.
 _EXPONENT = re.compile(r"^([+-]?(?:\d++\.?+\d*+|\.\d++))([+-]\d++)$")
@@ -91,8 +91,10 @@ def read_cards(path: Path, included: Included | None = None) -> list[Card]:
     lines = list(enumerate(read_lines(path), start=1))
     start, control = _control(lines)
     cards: list[Card] = []
+    nested = path.name if len(included.open) > 1 else ""
     for number, raw in lines[start:]:
-        text, place = raw.split("$")[0].rstrip().expandtabs(8), f"line {number}"
+        text = raw.split("$")[0].rstrip().expandtabs(8)
+        place = located_line(number, nested)
         if not text.strip():
             continue
         first = _squeezed(text).split()[0].split(",")[0]
@@ -101,14 +103,13 @@ def read_cards(path: Path, included: Included | None = None) -> list[Card]:
         if first == "BEGIN":
             raise InputError(
                 f"holds {text.strip()}, which is not supported",
-                source=path,
                 place=place,
                 expected="bulk data without superelements",
             )
         if first == "INCLUDE":
             cards += _included(path, text, place, included)
             continue
-        _take(cards, text, place, path)
+        _take(cards, text, place)
     included.open.pop()
     return control + cards
 
@@ -149,14 +150,13 @@ def _included(path: Path, text: str, place: str, included: Included) -> list[Car
     if not name:
         raise InputError(
             "names no file",
-            source=path,
             place=place,
             expected="INCLUDE 'FILE'",
         )
     return read_cards(path.parent / name, included)
 
 
-def _take(cards: list[Card], text: str, place: str, path: Path) -> None:
+def _take(cards: list[Card], text: str, place: str) -> None:
     """A line as a new card, or as the continuation of the last one."""
     name, words, after = _fields(text, place)
     if name and name[0] not in "+*":
@@ -166,7 +166,6 @@ def _take(cards: list[Card], text: str, place: str, path: Path) -> None:
     if not cards or (mark and mark != cards[-1].after.lstrip("+*")):
         raise InputError(
             f"continues no card: {text[:30]!r}",
-            source=path,
             place=place,
             expected="continuations right behind their card",
         )

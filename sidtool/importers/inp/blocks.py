@@ -10,7 +10,7 @@ from pathlib import Path
 from sidtool.formats.errors import InputError
 
 from ..imported import read_lines
-from ..included import Included
+from ..included import Included, located_line
 
 #: Commas outside double quotes.
 _COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
@@ -51,12 +51,12 @@ def read_blocks(
     included = included or Included()
     included.enter(path)
     blocks = [] if before is None else before
-    for is_keyword, text, place in _statements(path):
+    nested = len(included.open) > 1
+    for is_keyword, text, place in _statements(path, path.name if nested else ""):
         if not is_keyword:
             if not blocks:
                 raise InputError(
                     f"found {text[:40]!r} before any keyword",
-                    source=path,
                     place=place,
                     expected="a line like *NODE",
                 )
@@ -80,11 +80,14 @@ def fields(text: str) -> list[str]:
     return words[:-1] if len(words) > 1 and not words[-1] else words
 
 
-def _statements(path: Path) -> Iterator[tuple[bool, str, str]]:
-    """Keyword lines, continuation lines joined, and data lines, with their places."""
+def _statements(path: Path, name: str) -> Iterator[tuple[bool, str, str]]:
+    """Keyword lines, continuation lines joined, and data lines, with their places.
+
+    name : of a file that the deck takes in, for messages; else empty
+    """
     pending, begun = "", ""
     for number, line in enumerate(read_lines(path), start=1):
-        text, place = line.strip(), f"line {number}"
+        text, place = line.strip(), located_line(number, name)
         if not text or text.startswith("**"):
             continue
         starts = text.startswith("*")
@@ -131,12 +134,11 @@ def _named(path: Path, block: Block) -> Path:
 
 
 def _data_of(file: Path) -> Iterator[tuple[list[str], str]]:
-    for is_keyword, text, place in _statements(file):
+    for is_keyword, text, place in _statements(file, file.name):
         if is_keyword:
             raise InputError(
                 f"found {text[:40]!r}",
-                source=file,
                 place=place,
                 expected="data lines only",
             )
-        yield fields(text), f"{file.name}, {place}"
+        yield fields(text), place

@@ -202,7 +202,7 @@ def _records(
         if kind.kind is None:
             raise refusal(given, block.place)
         raise InputError(
-            f"element {words[0]} ({given}) has {len(words) - 1} nodes",
+            f"element {words[0]!r} ({given}) has {len(words) - 1} nodes",
             place=place,
             expected=f"{kind.count} nodes",
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -89,3 +90,50 @@ def test_a_member_of_a_set_is_a_number_or_a_name(tmp_path: Path) -> None:
         )
         with pytest.raises(InputError, match="line"):
             read_mesh(tmp_path / "rod.inp")
+
+
+#: What a deck of somebody else may name: none of it may get into a message.
+SECRETS = {
+    "passwd": "root:x:0:0:Carmen:/root\ndaemon:x:1:1::/\n",
+    "key": "-----BEGIN PRIVATE KEY-----\nMIIEvQIBADANBgkqhkiG9w0BAQEFAASC\n",
+    "word": "hunter2hunter\n",
+    "settings": "[db]\npassword = Carmen\n",
+    "list": "Carmen, Josefa, 7\n",
+}
+_NODE = "*NODE\n1, 0, 0, 0\n"
+TAKING = {
+    "inp alone": "{0}",
+    "inp nodes": "*NODE\n{0}",
+    "inp input": "*NODE, INPUT=secret.txt\n",
+    "inp elements": _NODE + "*ELEMENT, TYPE=C3D8, INPUT=secret.txt\n",
+    "inp set": _NODE + "*NSET, NSET=A\n{0}",
+    "inp constants": _NODE + "*MATERIAL, NAME=A\n*ELASTIC\n{0}",
+    "inp equation": _NODE + "*EQUATION\n{0}",
+    "inp surface": _NODE + "*SURFACE, NAME=S\n{0}",
+    "bdf": "BEGIN BULK\nINCLUDE 'secret.txt'\n",
+    "bdf card": "BEGIN BULK\nGRID,1,,0.,0.,0.\nINCLUDE 'secret.txt'\n",
+}
+
+
+@pytest.mark.parametrize("secret", SECRETS)
+@pytest.mark.parametrize("deck", TAKING)
+def test_what_a_deck_takes_in_is_not_quoted(
+    deck: str, secret: str, tmp_path: Path
+) -> None:
+    (tmp_path / "secret.txt").write_text(SECRETS[secret], encoding="utf-8")
+    path = tmp_path / f"deck.{deck[:3]}"
+    path.write_text(TAKING[deck].format(_inp("secret.txt")), encoding="utf-8")
+    with pytest.raises(InputError) as raised:
+        read_mesh(path)
+    told = str(raised.value).upper().replace(str(path).upper(), "")
+    for word in re.findall(r"\w{4,}", SECRETS[secret].upper()):
+        assert word[:6] not in told
+    if "root" in SECRETS[secret]:
+        assert "X:0" not in told
+
+
+def test_keywords_and_numbers_of_what_a_deck_takes_in_are_told(tmp_path: Path) -> None:
+    (tmp_path / "part.inc").write_text("*CRACKING LAW\n*NODE\n1, 2\n", encoding="utf-8")
+    (tmp_path / "deck.inp").write_text(_inp("part.inc"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"part\.inc, line 1: \*CRACKING LAW"):
+        read_mesh(tmp_path / "deck.inp")

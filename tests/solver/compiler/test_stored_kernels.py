@@ -147,6 +147,64 @@ def test_another_compiler_makes_another_kernel(monkeypatch: pytest.MonkeyPatch) 
     assert not scaled(2.0).is_cached(kernel.signatures[0])
 
 
+@posix
+def foreign(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets a path belong to another user."""
+    if os.geteuid():
+        monkeypatch.setattr(os, "geteuid", lambda: path.stat().st_uid + 1)
+    else:
+        os.chown(path, 12345, -1)
+
+
+#: What makes machine code untrusted: of the folder or the file, a mode or an owner.
+UNTRUSTED = [("folder", 0o777), ("folder", 0o775), ("folder", None)]
+UNTRUSTED += [("file", 0o666), ("file", 0o664), ("file", None)]
+
+
+@posix
+@pytest.mark.parametrize(("what", "mode"), UNTRUSTED)
+def test_machine_code_that_others_may_have_written_is_not_loaded(
+    what: str, mode: int | None, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert scaled(2.0)(1.5) == 3.0
+    (file,) = entries(cache)
+    path = file if what == "file" else file.parent
+    foreign(path, monkeypatch) if mode is None else path.chmod(mode)
+    again = scaled(2.0)
+    with pytest.warns(stored.KernelCacheWarning) as told:
+        assert again(1.5) == 3.0 and not from_disk(again)
+    assert len(told) == 1 and str(path) in str(told[0].message)
+
+
+@posix
+def test_a_link_of_another_user_to_kernels_is_not_followed(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert scaled(2.0)(1.5) == 3.0
+    (file,) = entries(cache)
+    folder = file.parent
+    moved = folder.rename(cache / "moved")
+    folder.symlink_to(moved)
+    again = scaled(2.0)
+    assert again(1.5) == 3.0 and from_disk(again)
+    if not os.geteuid():
+        os.chown(folder, 12345, -1, follow_symlinks=False)
+        again = scaled(2.0)
+        with pytest.warns(stored.KernelCacheWarning):
+            assert again(1.5) == 3.0 and not from_disk(again)
+
+
+@posix
+def test_kernels_are_written_for_their_owner_alone(cache: Path) -> None:
+    before = os.umask(0)
+    try:
+        assert scaled(2.0)(1.5) == 3.0
+    finally:
+        os.umask(before)
+    (file,) = entries(cache)
+    assert file.stat().st_mode & 0o22 == file.parent.stat().st_mode & 0o22 == 0
+
+
 def with_intrinsic(factor: float) -> Entry:
     @intrinsic
     def times(context, x):  # type: ignore[no-untyped-def]
