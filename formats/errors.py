@@ -55,7 +55,7 @@ class InputError(Exception):
         """The same error with its file named, unless one is named already."""
         if self.source is not None:
             return self
-        return InputError(
+        return type(self)(
             self.problem,
             source=source,
             place=self.place,

@@ -26,6 +26,7 @@ from .advice.bifurcations import crossings
 from .advice.far_starts import far_starts
 from .advice.stopping import (
     CAUSES,
+    REMEDIES,
     demanded_too_much,
     explained,
     jammed,
@@ -125,11 +126,13 @@ def failure_of(run: Run, code: int) -> str:
     text = f"stopped at t = {run.now:.9g} s: {cause} (fastest change: {worst})"
     if why := demanded_too_much(system, run.now, control.z, control.v):
         return f"{text}; {why}"
+    fixed = control.fixed_step == 1
+    text += REMEDIES.get(code, "") if fixed else ""
     text += (
         lost_inertia(system, work, run.now)
         or too_light(system, work)
         or jammed(system, run.memory, run.now, control)
-        or near_singular(control)
+        or near_singular(control, bool(run.method.passing_loop))
     )
     if system.redundant:
         rows = assembly.names_of_rows(system, system.redundant)

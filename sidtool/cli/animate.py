@@ -10,7 +10,7 @@ from sidtool.formats.endings import kind_by_ending
 from sidtool.formats.errors import InputError
 
 from .body_files import files_by_body, full_fields
-from .common import Target, check_targets, existing, force, target
+from .common import Target, check_targets, existing, force, target, tell_remarks
 
 
 @click.command()
@@ -93,6 +93,5 @@ def animate(
         )
     except InputError as error:
         raise error.located(result) from None
-    for sentence in told:
-        click.echo(f"note: {sentence}")
+    tell_remarks(told)
     click.echo(f"{output} written: {output.stat().st_size / 1e6:.2f} MB")

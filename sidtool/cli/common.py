@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -284,6 +284,13 @@ def tell_notes(found: Noted, warn: bool = True) -> None:
         for text in found.notes:
             if text not in found.warnings:
                 click.echo(f"note: {text}", err=True)
+
+
+def tell_remarks(sentences: Iterable[str], err: bool = False) -> None:
+    """Notes beside what a command says on its standard output, or with `err` and with
+    --quiet on the standard error."""
+    for sentence in sentences:
+        click.echo(f"note: {sentence}", err=err or is_quiet())
 
 
 def tell(text: str, data: Callable[[], Any]) -> None:

@@ -11,7 +11,15 @@ import click
 from sidtool.formats.errors import InputError
 
 from .body_files import files_by_body, full_fields
-from .common import Target, check_targets, existing, for_json, force, target
+from .common import (
+    Target,
+    check_targets,
+    existing,
+    for_json,
+    force,
+    target,
+    tell_remarks,
+)
 
 if TYPE_CHECKING:
     from ..view.peaks import Peak
@@ -75,8 +83,7 @@ def export(
         if output is not None:
             mesh = exported(content, given, folder)
             write_export(output, mesh)
-            for sentence in mesh.told:
-                click.echo(f"note: {sentence}", err=as_json)
+            tell_remarks(mesh.told, err=as_json)
             click.echo(
                 f"{output} written: {len(mesh.t)} times, {mesh.n_points} points",
                 err=as_json,

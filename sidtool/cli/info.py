@@ -33,13 +33,19 @@ def info(file: Path) -> None:
     Examples:
       sidtool info rod.SID_FEM
       sidtool info slider_crank.toml
+
+    Exit status: 0 done; 2 the file cannot be read, or the body of a model cannot be
+    made: what the model says is told, and the reason.
     """
     from ..kinds import expect_kind, read
     from ..report.data import data_of
 
-    kind = expect_kind(file, *DESCRIBERS)
+    kind = expect_kind(file, "sid", "model", "scene", "result")
     content = read(file)
-    tell(DESCRIBERS[kind](content, file), lambda: data_of(content))
+    if kind == "model":
+        _model(content, file)
+    else:
+        tell(DESCRIBERS[kind](content, file), lambda: data_of(content))
 
 
 def _sid(content: Any, _: Path) -> str:
@@ -48,7 +54,13 @@ def _sid(content: Any, _: Path) -> str:
     return describe_sid(content)
 
 
-def _model(content: Any, _: Path) -> str:
+def _model(content: Any, path: Path) -> None:
+    """Tells what a model says, also where its body cannot be made.
+
+    Raises
+    ------
+    InputError : it cannot.
+    """
     from sidtool.formats.errors import InputError
 
     from ..frontends.registry import finite_element_model
@@ -60,9 +72,12 @@ def _model(content: Any, _: Path) -> str:
         text = describe_model(content, body)
         if content.geometry.type in ("mesh", "matrices"):
             text += f"\n\n{describe_import(body)}"
-        return text
+        failure = None
     except InputError as error:
-        return f"{describe_model(content)}\n\nthe body cannot be made: {error}"
+        text, failure = describe_model(content), error
+    tell(text, content.said)
+    if failure is not None:
+        raise failure.located(path)
 
 
 def _scene(content: Any, path: Path) -> str:
@@ -96,7 +111,6 @@ def _result(content: Any, _: Path) -> str:
 
 DESCRIBERS: dict[str, Callable[[Any, Path], str]] = {
     "sid": _sid,
-    "model": _model,
     "scene": _scene,
     "result": _result,
 }

@@ -9,7 +9,7 @@ import click
 
 from sidtool.formats.errors import InputError
 
-from .common import Target, check_targets, existing, force, target
+from .common import Target, check_targets, existing, force, target, tell_remarks
 
 
 @click.command()
@@ -82,8 +82,7 @@ def plot(
         )
     except InputError as error:
         raise error.located(file) from None
-    for sentence in told:
-        click.echo(f"note: {sentence}")
+    tell_remarks(told)
     click.echo(f"{output} written")
 
 

@@ -131,7 +131,10 @@ class Stages:
         self._waiting: list[str] = []
 
     def __call__(self, text: str) -> None:
-        if text.startswith(("note: ", "basis: ")):
+        if text.startswith("note: "):
+            click.echo(text, err=True)
+            return
+        if text.startswith("basis: ") and not is_quiet():
             click.echo(text, err=True)
             return
         if is_quiet() or is_heard():

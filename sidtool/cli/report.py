@@ -9,7 +9,7 @@ import click
 from sidtool.formats.errors import InputError
 
 from .body_files import files_by_body, full_fields
-from .common import Target, check_targets, existing, force, target
+from .common import Target, check_targets, existing, force, target, tell_remarks
 
 
 @click.command()
@@ -43,6 +43,5 @@ def report(result: Path, output: Path, fields: tuple[str, ...], force: bool) -> 
         told = write_report(output, read(result), given, result.parent)
     except InputError as error:
         raise error.located(result) from None
-    for sentence in told:
-        click.echo(f"note: {sentence}")
+    tell_remarks(told)
     click.echo(f"{output} written")

@@ -149,10 +149,11 @@ def study(
       sidtool study slider_crank.toml --over mesh,modes=1:2:5,integrator -o study \\
           --model rod=rod_q4.toml --model rod=rod_iga.toml
 
-    Exit status: 0 done; 1 the reference could not be run; 130 or 143 a signal ended it
-    (finished points are kept); 2 the input is wrong.
+    Exit status: 0 done, also where no setting reaches what is wanted; 1 the scene or
+    its reference could not be run to the end; 129, 130 or 143 a signal ended it
+    (finished points are kept with -o); 2 the input is wrong.
     """
-    from ..study import Ended
+    from ..study import Ended, StoppedEarly
     from ..study.asked import study as asked_study
 
     _check_wanted(wanted)
@@ -178,6 +179,9 @@ def study(
                     stop=asked,
                     progress=say,
                 )
+        except StoppedEarly as error:
+            click.echo(f"sidtool: {error}", err=True)
+            raise click.exceptions.Exit(1) from None
         except Ended as why:
             rest = "nothing is kept without -o"
             if output is not None:

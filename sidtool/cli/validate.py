@@ -10,7 +10,7 @@ import click
 
 from sidtool.formats.errors import InputError
 
-from .common import existing, for_json
+from .common import existing, for_json, is_quiet, tell_remarks
 from .inputs import piped
 
 if TYPE_CHECKING:
@@ -73,6 +73,9 @@ def validate(
     judged = {n: judge(s, reference, tolerance=tolerance) for n, s in sids.items()}
     good = all(judgement.good(strict=strict) for judgement in judged.values())
     as_written = judgement_as_json if json else judgement_as_text
+    if is_quiet():
+        for judgement in judged.values():
+            tell_remarks(judgement.remarks)
     texts = {n: as_written(j, strict=strict) for n, j in judged.items()}
     if tuple(texts) == (_ALONE,):
         click.echo(texts[_ALONE], file=for_json() if json else None)

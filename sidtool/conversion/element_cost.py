@@ -49,7 +49,7 @@ class _Better:
 
 
 def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
-    """A sentence on linear elements that make this body too stiff, if they do."""
+    """A sentence on linear elements that make this body too stiff or too soft."""
     if body.alternative is not None:
         return _compared(body, body.alternative)
     if body.solids is None or not body.solids.plain_kinds:
@@ -68,14 +68,23 @@ def element_notes(body: FiniteElementModel) -> tuple[str, ...]:
         )
     tell(f"comparing {kinds} elements with {better.words}")
     own, other = _frequencies(body, better)
-    if (own <= (1 + _TOLD) * other).all():
+    return _difference(kinds, own, other, better.words)
+
+
+def _difference(kinds: str, own: Array, other: Array, better: str) -> tuple[str, ...]:
+    """A sentence on frequencies [Hz] that differ from those with better elements."""
+    apart = own / other - 1
+    if np.abs(apart).max() <= _TOLD:
         return ()
-    excess = ", ".join(_percent(max(x, 0.0)) for x in own / other - 1)
+    ways = {"bend too stiffly": apart.max(), "are too soft": -apart.min()}
+    told = " and ".join(words for words, most in ways.items() if most > _TOLD)
+    soft = told == "are too soft"
+    shares = ", ".join(_percent(-x if soft else x) for x in apart)
     listed = ", ".join(f"{f:.5g}" for f in own)
     return (
-        f"{kinds} elements bend too stiffly in this mesh: the first frequencies of the "
-        f"free body, {listed} Hz, are {excess} above those of the same mesh with "
-        f"{better.words}; use these, or a finer mesh",
+        f"{kinds} elements {told} in this mesh: the first frequencies of the free "
+        f"body, {listed} Hz, are {shares} {'below' if soft else 'above'} those of the "
+        f"same mesh with {better}; use these, or a finer mesh",
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from .imported import EVERYTHING, RawMass
+from .imported import EVERYTHING, LEFT_OUT, RawMass
 from .inp.couplings import masses_of
 from .inp.mesh import node_sets, undefined_of
 from .inp.reading import read_deck
@@ -20,6 +20,7 @@ class DeckNames:
     nodes, sets : nodes by number, and node sets by name
     elements, masses : how many elements there are, and point masses
     undefined : set -> its members that the deck does not define, in words
+    left_out : what `geometry.ignore` left out, as `notes_of_unread` takes it
     """
 
     nodes: dict[int, tuple[float, float, float]]
@@ -27,6 +28,7 @@ class DeckNames:
     elements: int
     masses: tuple[RawMass, ...]
     undefined: dict[str, str]
+    left_out: tuple[str, ...] = ()
 
 
 def deck_names(path: Path, ignored: frozenset[str] = frozenset()) -> DeckNames:
@@ -44,4 +46,11 @@ def deck_names(path: Path, ignored: frozenset[str] = frozenset()) -> DeckNames:
     body = deck.assembly
     sets, masses = node_sets(deck, body, body, ""), tuple(masses_of(deck, body, ""))
     undefined = undefined_of(deck, body, sets)
-    return DeckNames(body.nodes, sets, len(body.elements), masses, undefined)
+    chosen = {"".join(word.split()) for word in ignored}
+    left_out = tuple(
+        name
+        for name in deck.said
+        if name.endswith(LEFT_OUT)
+        and "".join(name.removesuffix(LEFT_OUT).strip("*").split()) in chosen
+    )
+    return DeckNames(body.nodes, sets, len(body.elements), masses, undefined, left_out)

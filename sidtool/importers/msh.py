@@ -14,11 +14,13 @@ from sidtool.formats.errors import InputError
 
 from .imported import (
     EVERYTHING,
+    LEFT_OUT,
     ImportedMesh,
     RawElement,
     assembled_mesh,
     check_defined,
     integers,
+    notes_of_unread,
     numbers,
     read_lines,
     reading_notes,
@@ -139,7 +141,7 @@ def read_msh(
         file = Path(path)
         lines = text_lines(file) if is_binary(file) else read_lines(path)
         sections = _sections(lines)
-        idle = _without_effect(sections, ignored)
+        unread = _find_unread_sections(sections, ignored)
         version = _version(sections)
         content = _Content()
         _physical_names(content, sections)
@@ -151,7 +153,7 @@ def read_msh(
                 _entities(content, _section(sections, "Entities"))
             _nodes_4(content, _section(sections, "Nodes"))
             _elements_4(content, _section(sections, "Elements"))
-        return _imported(content, idle)
+        return _imported(content, unread)
     except InputError as error:
         raise error.located(path) from None
 
@@ -185,10 +187,10 @@ def _sections(lines: list[str]) -> dict[str, list[tuple[str, str]]]:
     return sections
 
 
-def _without_effect(
+def _find_unread_sections(
     sections: dict[str, list[tuple[str, str]]], ignored: frozenset[str]
 ) -> list[str]:
-    """The sections that are not read.
+    """The sections that are not read, as `notes_of_unread` takes them.
 
     Raises
     ------
@@ -207,7 +209,10 @@ def _without_effect(
             )
             stops.add(error, name)
     stops.check()
-    return others
+    return [
+        f"${name}" if name in _WITHOUT_EFFECT else f"${name}{LEFT_OUT}"
+        for name in others
+    ]
 
 
 def _section(sections: dict[str, list[tuple[str, str]]], name: str) -> _Lines:
@@ -333,7 +338,7 @@ def _elements_4(content: _Content, lines: _Lines) -> None:
     lines.end()
 
 
-def _imported(content: _Content, idle: list[str]) -> ImportedMesh:
+def _imported(content: _Content, unread: list[str]) -> ImportedMesh:
     top = max((_TYPES[kind][0] for _, kind, *_ in content.elements), default=0)
     if top < 2:
         raise InputError("has no plane or solid element", expected="a mesh of a body")
@@ -355,6 +360,5 @@ def _imported(content: _Content, idle: list[str]) -> ImportedMesh:
         listed = nodes if order is None else [nodes[i] for i in order]
         raw.append(RawElement(label, ours, listed, place))
     notes = reading_notes(content.nodes, raw, len(content.elements))
-    if idle:
-        notes.append("without effect on the body: $" + ", $".join(idle))
+    notes += notes_of_unread(unread)
     return ImportedMesh(assembled_mesh(content.nodes, raw, sets), notes=tuple(notes))

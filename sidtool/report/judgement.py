@@ -28,6 +28,12 @@ class Judgement:
     questions: tuple[str, ...] = ()
     written_by: str = ""
 
+    @property
+    def remarks(self) -> list[str]:
+        """What stands beside checks and comparison: doubts, questions and notes."""
+        compared = () if self.comparison is None else self.comparison.notes
+        return [*self.units.warnings, *self.questions, *compared]
+
     def good(self, *, strict: bool) -> bool:
         """True when nothing failed that counts; warnings and questions about units
         count with `strict`."""

@@ -24,7 +24,7 @@ from .measuring import Course, is_hopeless, timed
 from .outcome import Study
 from .points import Point, front, measure, point_of, recommended
 from .pool import Ended
-from .reference import Reference, make_reference, moves
+from .reference import Reference, StoppedEarly, make_reference, moves
 from .settings import Setting, default_settings
 from .whole import study
 
@@ -34,6 +34,7 @@ __all__ = [
     "Point",
     "Reference",
     "Setting",
+    "StoppedEarly",
     "Study",
     "default_settings",
     "front",

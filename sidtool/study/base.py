@@ -11,6 +11,7 @@ from ..accuracy.outside import check_inside
 from .axes import Variant
 from .finest import RunOf
 from .plan import Plan
+from .reference import StoppedEarly
 from .settings import tight
 from .tasks import Run, compiled
 
@@ -46,7 +47,7 @@ def _result(task: Run) -> Result:
 
     Raises
     ------
-    InputError : the run stops early.
+    StoppedEarly : the run stops early.
     """
     from sidtool.solver import simulate
     from sidtool.solver.errors import SimulationError
@@ -54,7 +55,7 @@ def _result(task: Run) -> Result:
     try:
         return simulate(compiled(task.scene, task.sids, task.programs))
     except SimulationError as stop:
-        raise InputError(
+        raise StoppedEarly(
             f"the scene as it is {stop}",
             place="--over",
             expected="a scene that runs to its end",

@@ -9,7 +9,7 @@ from sidtool.formats.errors import InputError
 from .axes import Variant, with_choice
 from .measuring import Course
 from .plan import Plan
-from .reference import Reference, reference_of
+from .reference import Reference, StoppedEarly, reference_of
 from .settings import Setting, tight
 from .tasks import Run
 
@@ -74,7 +74,7 @@ def _reference(
             count = len(coarser)
             meshes, modes = others[:count], others[count:]
             return reference_of(names, tight_run, check, meshes, modes, title)
-        problem = problem or InputError(
+        problem = problem or StoppedEarly(
             f"the reference {messages[0]}",
             place="--over",
             expected="a scene whose richest variant can be run to its end",

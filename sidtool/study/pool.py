@@ -18,10 +18,11 @@ from typing import Any, TypeVar
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import listening
 from sidtool.formats.storage.operating_system import (
+    ENDING_SIGNALS,
     IGNORED,
-    INTERRUPT,
     end_with,
     handle_signal,
+    present_signals,
 )
 
 Task = TypeVar("Task")
@@ -84,7 +85,7 @@ def _processes(jobs: int) -> Iterator[Executor]:
     except BaseException:
         executor.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - others:
-            process.terminate()
+            process.kill()
         raise
     finally:
         for name, value in before.items():
@@ -95,8 +96,10 @@ def _processes(jobs: int) -> Iterator[Executor]:
 
 
 def _begin(parent: int) -> None:
-    """Ctrl-C is the parent's matter; without it the process ends."""
-    handle_signal(INTERRUPT, IGNORED)
+    """Signals that end a study are the parent's matter, also where they are sent to
+    all processes; without it the process ends."""
+    for number in present_signals(ENDING_SIGNALS):
+        handle_signal(number, IGNORED)
     end_with(parent)
 
 

@@ -25,6 +25,11 @@ if TYPE_CHECKING:
     from sidtool.formats.result import Result
     from sidtool.solver.system.scene import System
 
+
+class StoppedEarly(InputError):
+    """The reference, or the scene as it is, cannot be run to its end."""
+
+
 #: Outputs whose references differ by more than this part of their variation cannot be
 #: predicted; those that meshes and modes still change by more are not converged.
 TRUSTED, CONVERGED = 1e-3, 0.1

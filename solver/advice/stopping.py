@@ -24,16 +24,20 @@ NEARLY_JAMMED = 0.1
 CAUSES = {
     stepping.TOO_SMALL: "the step size fell below what the time resolves: the motion "
     "is not smooth here, or a body is blocked",
-    stepping.OFF_CONSTRAINTS: "the constraints could not be met at the end of a step; "
-    "a smaller fixed step may help",
+    stepping.OFF_CONSTRAINTS: "the constraints could not be met at the end of a step",
     stepping.NOT_FINITE: "a coordinate became infinite or undefined",
-    stepping.NO_CONVERGENCE: "Newton's iteration did not converge with the fixed step; "
-    "a smaller one may help",
+    stepping.NO_CONVERGENCE: "Newton's iteration did not converge with the fixed step",
     stepping.CRAWLING: "the scene is stiff: stability, not accuracy, keeps the steps "
     "of this explicit method so short that the run would take hundreds of thousands; "
     "use radau5 or radau9",
     stepping.BLURRED: "rounding hides from this method errors as small as the "
     "tolerance asks for: it cannot be met; ask for a larger one, or use radau9",
+}
+
+#: What may help, unless no step can.
+REMEDIES = {
+    stepping.OFF_CONSTRAINTS: "; a smaller fixed step may help",
+    stepping.NO_CONVERGENCE: "; a smaller one may help",
 }
 
 #: What is said where a body has deformed beyond what its inertia holds for.
@@ -191,14 +195,20 @@ def jammed(system: System, memory: Memory, t: float, control: stepping.Control) 
     )
 
 
-def near_singular(control: stepping.Control) -> str:
-    """What to know where a run stops close to a singular position."""
+def near_singular(control: stepping.Control, passes: bool) -> str:
+    """What to know where a run stops close to a singular position.
+
+    passes : whether the method passes such positions, as those of Radau IIA do
+    """
     clearest = control.clearest
     if control.independence >= NEARLY_SINGULAR * clearest:
         return ""
+    remedy = "another step" if control.fixed_step == 1 else "another tolerance"
+    if not passes:
+        remedy += " or radau9"
     return (
         "; the constraints hardly differ from each other here (singular position): "
-        "another tolerance or radau9 may pass it"
+        f"{remedy} may pass it"
     )
 
 

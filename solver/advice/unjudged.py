@@ -2,7 +2,8 @@
 
 SIDs of other programs, and of earlier versions, do not tell the compliance of the full
 body (`formats.carried`). Modes alone come to it from below, the lowest with the most:
-what rests on the upper half of them shows how far they are from it.
+what rests on the upper half of those that take part in a direction shows how far they
+are from it. Where modes of one frequency alone take part, nothing does.
 """
 
 from __future__ import annotations
@@ -23,7 +24,11 @@ _STATIC = ("attachment", "constraint", "static", "relief", "at 0 hz")
 _NONE = 1e-18
 #: Squares of natural frequencies that are closer (relative) are those of a pair.
 _EQUAL = 1e-6
-#: By node, compliances (6,) of the lower half of the natural modes, and of all.
+#: A mode takes part where it has more than this part of the largest share; a share
+#: above this is all of it.
+_PART, _ALL = 1e-3, 1.0 - 1e-9
+#: By node, compliances (6,) of the lower half of the natural modes that take part in
+#: each direction, and of all.
 Halves = dict[str, tuple[Array, Array]]
 
 
@@ -42,15 +47,23 @@ def unjudged(system: System, loads: Iterable[Load]) -> Iterator[str]:
         if found:
             worst = max(found, key=lambda k: found[k])
             names = dict.fromkeys(name for v, name in acting if v[list(found)].any())
-            share = f"{100.0 * found[worst]:.0f} % of that {along(worst)} at {marker}"
-            places.setdefault(body, []).append(f"{share} ({', '.join(names)})")
+            where = f"that {along(worst)} at {marker} ({', '.join(names)})"
+            text = (
+                f"{100.0 * found[worst]:.0f} % of {where} rests on the upper half of "
+                "the natural modes that take part in it, and more modes may add as much"
+            )
+            if found[worst] > _ALL:
+                text = (
+                    f"{where} rests on natural modes of one frequency alone, and "
+                    "nothing tells how much more modes would add"
+                )
+            places.setdefault(body, []).append(text)
     for body, told in places.items():
         yield (
             f"how much of its static compliance the shape functions of {body} carry "
             "cannot be judged, as its SID does not tell that of the full body: "
-            f"{', '.join(told)} {'rests' if len(told) == 1 else 'rest'} on the upper "
-            "half of its natural modes, so that more modes may add as much; static "
-            "answers to these loads (attachment modes) among them would not"
+            f"{'; '.join(told)}; static answers to these loads (attachment modes) "
+            "carry all of it"
         )
 
 
@@ -99,10 +112,21 @@ def _of_natural_modes(sid: SID) -> Halves | None:
     if not squares[0] > 0.0:
         return None
     modes = inverse.T @ vectors / np.sqrt(squares)
-    # Of modes of one frequency none is lower: which comes first is rounding.
-    half = int(np.searchsorted(squares, (1.0 - _EQUAL) * squares[sid.nq // 2]))
     found = {}
     for node in sid.nodes:
         parts = (np.vstack([node.phi.m0, node.psi.m0]) @ modes) ** 2
-        found[node.id] = (parts[:, :half].sum(axis=1), parts.sum(axis=1))
+        lower = [_lower_half(squares, part) for part in parts]
+        found[node.id] = (np.array(lower), parts.sum(axis=1))
     return found
+
+
+def _lower_half(squares: Array, parts: Array) -> float:
+    """What the lower half of the modes that take part has, of parts (nq,).
+
+    Of modes of one frequency none is lower: which comes first is rounding.
+    """
+    taking = np.flatnonzero(parts > _PART * parts.max(initial=0.0))
+    if not taking.size:
+        return 0.0
+    limit = (1.0 - _EQUAL) * squares[taking[len(taking) // 2]]
+    return float(parts[squares < limit].sum())

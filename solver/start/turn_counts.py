@@ -49,6 +49,7 @@ def lost_turn(system: System, work: Work, control: stepping.Control) -> str:
             )
         return (
             f"{name} turns by more than {projection.LARGEST_TURN} rad in a step, which "
-            "cannot be told from less; a smaller fixed step may help"
+            "cannot be told from less"
+            f"{'; a smaller fixed step may help' if fixed else ''}"
         )
     return ""

@@ -9,8 +9,10 @@ import pytest
 
 import sidtool
 from sidtool.importers.imported import LEFT_OUT, notes_of_unread
+from sidtool.importers.meshes import read_mesh
 from sidtool.solver import compile_scene, simulate
 from sidtool.solver.errors import SimulationError
+from tests.sidtool.importers.mesh_files import bdf_text, inp_text, msh_4, rod_mesh
 from tests.solver.scenes import scene, slender_rod
 from tests.steel_bars import steel_bar
 
@@ -55,6 +57,44 @@ def test_what_the_user_leaves_out_is_not_called_without_effect() -> None:
     assert "*STEP" in idle and "NONSTRUCTURAL" not in idle
     assert "*NONSTRUCTURAL MASS" in left_out and "without effect" not in left_out
     assert notes_of_unread([]) == []
+
+
+#: A mesh, what may follow in its file, and whether that may change the body.
+UNREAD = {
+    ".msh": [("$Periodic\n0\n$EndPeriodic\n", "Periodic", False)]
+    + [("$Ghosts\n0\n$EndGhosts\n", "Ghosts", True)],
+    ".inp": [
+        ("*NODE PRINT\n", "NODE PRINT", False),
+        ("*NONSTRUCTURAL MASS, ELSET=ALL\n5.0\n", "NONSTRUCTURAL MASS", True),
+        ("*STEP\n*CLOAD\n1, 1, 1.0\n*END STEP\n", "CLOAD", False),
+    ],
+    ".bdf": [
+        ("FORCE,1,1,,1.0,0.,0.,1.\n", "FORCE", False),
+        ("NSML,1,PSHELL,1,5.0\n", "NSML", True),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text", "name", "changes"),
+    [(suffix, *case) for suffix, cases in UNREAD.items() for case in cases],
+)
+def test_readers_tell_apart_what_can_change_a_body(
+    tmp_path: Path, suffix: str, text: str, name: str, changes: bool
+) -> None:
+    """Of what `geometry.ignore` leaves out, the body lacks some, and other is idle."""
+    path, mesh = tmp_path / f"rod{suffix}", rod_mesh("hex8")
+    if suffix == ".msh":
+        path.write_text(msh_4(mesh) + text, encoding="utf-8")
+    elif suffix == ".inp":
+        path.write_text(inp_text(mesh) + text, encoding="utf-8")
+    else:
+        body = bdf_text(mesh).replace("ENDDATA", f"{text}ENDDATA")
+        path.write_text(body, encoding="utf-8")
+    notes = [note for note in read_mesh(path, [name]).notes if name in note]
+    assert len(notes) == 1
+    assert ("lacks" in notes[0]) == changes
+    assert ("without effect" in notes[0]) != changes
 
 
 def test_a_run_that_starts_in_an_equilibrium_is_not_told_that_it_cannot(

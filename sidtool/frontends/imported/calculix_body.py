@@ -22,7 +22,7 @@ from ...importers.calculix.deck import free_deck, with_density
 from ...importers.calculix.engine import Computed, computed
 from ...importers.calculix.raised import RaisedDeck, expected_size, raised_deck
 from ...importers.deck_names import DeckNames, deck_names
-from ...importers.imported import undefined_notes
+from ...importers.imported import notes_of_unread, undefined_notes
 from ...importers.included import foreign_text_hidden
 from ...importers.matrices.checks import (
     balanced,
@@ -324,6 +324,7 @@ def _notes(found: Computed, internal: int, names: DeckNames) -> list[str]:
             f"{internal // _INTERNAL} elements C3D8I bring their internal modes as "
             "degrees of freedom, with the mass that CalculiX gives them"
         )
+    notes += notes_of_unread(names.left_out)
     return notes + [f"CalculiX warns: {text}" for text in found.warnings]
 
 

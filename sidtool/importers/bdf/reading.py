@@ -123,7 +123,8 @@ def bulk_data(
 
 def _take(content: BulkData, card: Card, ignored: frozenset[str]) -> None:
     if card.name in ignored:
-        content.said[f"{card.name}{LEFT_OUT}"] = None
+        idle = card.name in WITHOUT_EFFECT
+        content.said[card.name if idle else f"{card.name}{LEFT_OUT}"] = None
     elif card.name in _ELEMENTS:
         _element(content, card)
     elif card.name in _READERS:

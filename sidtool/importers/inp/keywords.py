@@ -141,7 +141,8 @@ class UnreadKeyword(InputError):
 
 
 def kind_of(block: Block, ignored: frozenset[str], in_step: bool = False) -> str:
-    """ "read", "damping", "ignored", "step" or "without effect".
+    """ "read", "damping", "ignored", "step", "without effect" or, where that is
+    ignored, "left out".
 
     Parameters
     ----------
@@ -154,13 +155,14 @@ def kind_of(block: Block, ignored: frozenset[str], in_step: bool = False) -> str
     InputError : the keyword changes the body, or is not known.
     """
     squeezed = _squeezed(block.keyword)
+    of_step = in_step and squeezed not in {*_INSTEAD, *_READ}
     if squeezed in {_squeezed(word) for word in ignored}:
-        return "ignored"
+        return "left out" if of_step or squeezed in WITHOUT_EFFECT else "ignored"
     if EVERYTHING in ignored and squeezed not in _NAMING:
         return "ignored"
     if squeezed in _READ:
         return "read"
-    if in_step and squeezed not in _INSTEAD:
+    if of_step:
         return "step"
     if squeezed in _DAMPING:
         return "damping"

@@ -121,3 +121,55 @@ def test_files_are_written_without_a_word(
     monkeypatch.chdir(folder)
     assert run([command, *FILES[command].split(), "--quiet"]) == 0
     assert capfd.readouterr().out == ""
+
+
+def test_quiet_commands_tell_their_notes_and_nothing_else(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As --help says; the basis of a conversion is no note where it is good."""
+    monkeypatch.chdir(folder)
+    poor = (folder / "beam.toml").read_text(encoding="utf-8")
+    good = poor.replace('"modal"', '"attachment"\ninterfaces = ["tip"]')
+    assert good != poor
+    Path("good.toml").write_text(good, encoding="utf-8")
+    for model, told in (("beam.toml", True), ("good.toml", False)):
+        assert run(["convert", model, "-o", "q.SID_FEM", "--quiet", "--force"]) == 0
+        out, err = capfd.readouterr()
+        assert out == "" and bool(err) == told
+        assert all(line.startswith("note: ") for line in err.splitlines())
+    remarks = ["a remark"]
+    monkeypatch.setattr("sidtool.filing.page.write_report", lambda *_: remarks)
+    monkeypatch.setattr("sidtool.view.animating.animate", lambda *_, **__: remarks)
+    Path("n.gif").touch()
+    for quiet in (True, False):
+        for command, target in (("report", "n.html"), ("animate", "n.gif")):
+            words = [command, "r.h5", "-o", target, *["--quiet"] * quiet]
+            assert run(words) == 0
+            out, err = capfd.readouterr()
+            assert ("note: a remark" in err) == quiet
+            assert ("note: a remark" in out) != quiet
+
+
+def test_info_of_a_model_whose_body_cannot_be_made_fails(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """What the model says is told nonetheless, and JSON stays JSON."""
+    monkeypatch.chdir(folder)
+    deck = {"type": "mesh", "file": "missing.inp"}
+    model = {
+        "format": "sidtool model",
+        "version": 1,
+        "title": "Lost",
+        "geometry": deck,
+        "discretisation": {"type": "mesh"},
+        "frame": {"type": "buckens"},
+        "markers": {"p": {"node": 1, "mesh_node": 1}},
+        "reduction": {"method": "modal", "modes": 2},
+    }
+    Path("lost.json").write_text(json.dumps(model), encoding="utf-8")
+    assert run(["info", "lost.json"]) == 2
+    out, err = capfd.readouterr()
+    assert "modal" in out and "missing.inp" in err
+    assert run(["info", "lost.json", "--json"]) == 2
+    assert json.loads(capfd.readouterr().out)["title"] == "Lost"
+    assert run(["info", "beam.toml"]) == 0

@@ -80,6 +80,37 @@ def test_elements_that_bend_are_not_told(
     assert not notes(bar(tmp_path, kind, counts, said))
 
 
+@pytest.mark.parametrize(
+    ("factors", "stiff", "soft"),
+    [
+        ((0.63, 0.64, 0.62), False, True),
+        ((0.63, 1.06, 0.64), True, True),
+        ((1.2, 0.995, 1.0), True, False),
+        ((1.005, 0.995, 1.0), False, False),
+    ],
+)
+def test_what_is_said_has_the_sign_of_the_difference(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    factors: tuple[float, ...],
+    stiff: bool,
+    soft: bool,
+) -> None:
+    """Elements that give way too much are told as well, and as what they are."""
+    right = np.array([100.0, 200.0, 300.0])
+    pair = right * factors, right
+    monkeypatch.setattr(element_cost, "_frequencies", lambda *_: pair)
+    told = " ".join(notes(bar(tmp_path, "tet4", (20, 1, 1))))
+    assert bool(told) == (stiff or soft)
+    assert ("stiff" in told, "soft" in told) == (stiff, soft)
+    if told:
+        way = -1.0 if soft and not stiff else 1.0
+        shares = re.findall(r"(-?[\d.]+) %", told)
+        assert [float(x) / 100 for x in shares] == pytest.approx(
+            way * (np.array(factors) - 1), abs=6e-3
+        )
+
+
 def test_a_mesh_that_is_fine_enough_is_not_told(tmp_path: Path) -> None:
     coarse, fine = (
         notes(bar(tmp_path, "quad4", counts, "full_integration"))

@@ -359,3 +359,16 @@ def test_a_ring_with_cylindrical_axes_becomes_oval(
     wave = 6 / np.sqrt(5) * np.sqrt(along / (12 * 1200.0)) * thickness / radius**2
     apart = np.sort(np.abs(frequencies(sid) / (wave / (2 * np.pi)) - 1))
     assert_allclose(apart[:2], 0, atol=2e-3)
+
+
+@pytest.mark.needs("ccx")
+def test_what_geometry_ignore_leaves_out_is_told(tmp_path: Path) -> None:
+    """Springs of a deck are not in its body, which must not go without a word."""
+    deck = plate_deck("S8R", 0.3, shell(0.005), 3)
+    deck += "*NODE PRINT, NSET=LEFT\nU\n*NONSTRUCTURAL MASS, ELSET=EP\n5.0\n"
+    ignore = ["NONSTRUCTURAL MASS", "NODE PRINT"]
+    path = model_file(tmp_path, deck, 2, ignore=ignore)
+    told: list[str] = []
+    sid_from_model(path, told.append)
+    (note,) = [text for text in told if "NONSTRUCTURAL MASS" in text]
+    assert "lacks" in note and "NODE PRINT" not in note

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import signal
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ import sidtool
 from sidtool.cli import run
 from sidtool.study import Ended, study
 from sidtool.study import whole as whole_module
+from sidtool.study.pool import pool
+from tests.places import posix
 
 from ..accuracy.arms import swinging
 from .parts import ONE, written
@@ -123,3 +126,39 @@ def test_wrong_wishes_are_refused(
     path = written(tmp_path)
     assert run(["study", str(path), "--jobs", "1", *arguments]) == 2
     assert "expected" in capsys.readouterr().err
+
+
+def test_a_scene_that_stops_has_exit_status_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As `study --help` says; wrong input has 2."""
+    path = tmp_path / "blocked.toml"
+    line = {"position": [1.0, 0.5]}
+    shrink = {"from": 0.0, "coefficients": [1.25**0.5, -0.5]}
+    function = {"type": "polynomial", "pieces": [shrink]}
+    sidtool.Scene(
+        dimension="planar",
+        time=sidtool.Time(end=3.0, output_step=0.5),
+        bodies={"bar": sidtool.RigidBody(mass=1.0, inertia=0.1, initial=line)},
+        joints={
+            "rod": sidtool.Distance(markers=["ground", "bar"]),
+            "rail": sidtool.PointOnLine(markers=["ground.side", "bar"]),
+        },
+        ground={"markers": {"side": {"position": [0.0, 0.5]}}},
+        drives={"growth": sidtool.Drive(joint="rod", function=function)},
+        outputs=sidtool.Outputs(record=["bar.x"]),
+    ).save(path)
+    few = ["--integrator", "radau9", "--rtol", "1e-2", "--jobs", "1"]
+    assert run(["study", str(path), *few]) == 1
+    assert "the reference stopped at t = 1.2" in capsys.readouterr().err
+    assert run(["study", str(path), *few, "--of", "bar.nothing"]) == 2
+
+
+@posix
+def test_a_signal_to_all_processes_ends_none_of_a_pool() -> None:
+    """Ending is the parent's matter, which keeps what was finished."""
+    with pool(2, None) as (executor, _):
+        process = executor.submit(os.getpid).result()
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            os.kill(process, getattr(signal, name))
+        assert executor.submit(os.getpid).result() > 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from sidtool.solver.advice import stopping
 from sidtool.solver.errors import SimulationError
 from sidtool.solver.system.scene import System
 from tests.places import ROOT
-from tests.solver.scenes import compiled, scene, slender_rod
+from tests.solver.scenes import compiled, polynomial, scene, slender_rod
 
 
 def stopped(system: System, **settings: Any) -> Result:
@@ -130,3 +131,33 @@ def test_matrices_without_a_scale_are_not_positive(worst: float) -> None:
     M = np.eye(3) * [1.0, 2.0, worst] + 1e200 * np.eye(3)[::-1]
     assert stopping._least(M) == -np.inf
     assert stopping._least(np.array([[4.0, 1.0], [1.0, 1.0]])) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("step", [0, 1])
+def test_the_integrator_of_a_run_is_not_advised_to_it(step: int) -> None:
+    """Methods that pass singular positions themselves are no remedy for themselves."""
+    near = SimpleNamespace(clearest=1.0, independence=1e-3, fixed_step=step)
+    apart = SimpleNamespace(clearest=1.0, independence=0.5, fixed_step=step)
+    assert "radau9" in stopping.near_singular(near, passes=False)
+    assert "radau9" not in stopping.near_singular(near, passes=True)
+    for passes in (True, False):
+        told = stopping.near_singular(near, passes)
+        assert ("tolerance" in told) == (step == 0)
+        assert stopping.near_singular(apart, passes) == ""
+
+
+@pytest.mark.parametrize("integrator", ["radau9", "dop853"])
+def test_no_step_is_advised_where_none_can_help(integrator: str) -> None:
+    """A crank of 1 m on a link of 0.5 m is turned beyond 30 degrees."""
+    slider = scene(
+        {"rod": slender_rod(1.0), "link": slender_rod(0.5, position=[1.0, 0.0])},
+        {
+            "a": {"type": "revolute", "markers": ["ground", "rod.a"]},
+            "b": {"type": "revolute", "markers": ["rod.b", "link.a"]},
+            "c": {"type": "point_on_line", "markers": ["ground", "link.b"]},
+        },
+        {"turn": {"joint": "a", "function": polynomial(0.0, 1.0)}},
+    )
+    result = stopped(compiled(slider), integrator=integrator, step=1e-2)
+    assert "contradict each other" in result.message
+    assert "may help" not in result.message
