@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sidtool.formats.errors import InputError
 from sidtool.formats.result import Result
 from sidtool.formats.result.bodies import (
     LARGE,
@@ -46,6 +47,10 @@ from .system.forces.lapses import lapse
 
 if TYPE_CHECKING:
     from .running import Run
+    from .system.scene import System
+
+#: Velocity coordinates up to which a static start is tried before it is advised.
+MOST_TRIED = 300
 
 
 def result_of(
@@ -182,7 +187,30 @@ def _notes(run: Run) -> Iterator[str]:
         )
     bodies = recorder.bodies
     if bodies and run.now > system.scene.time.start:
-        yield from far_starts(system, _first(run), bodies)
+        yield from far_starts(
+            system, _first(run), bodies, lambda: _has_static_start(system)
+        )
+
+
+def _has_static_start(system: System) -> bool:
+    """Whether the scene can start in a static equilibrium, and does not yet.
+
+    It is tried: a free mechanism has none, or has one by its springs. Not for large
+    scenes, nor where a program gives functions.
+    """
+    from . import compile_scene
+
+    scene = system.scene
+    asked = scene.initial.state == "static" or bool(system.seen)
+    if asked or system.n_velocities > MOST_TRIED:
+        return False
+    initial = scene.initial.model_copy(update={"state": "static"})
+    at_rest = scene.model_copy(update={"initial": initial})
+    try:
+        compile_scene(at_rest, sids=system.sids)
+    except InputError:
+        return False
+    return True
 
 
 def _forced(run: Run) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -115,3 +116,43 @@ def test_a_run_that_starts_in_an_equilibrium_is_not_told_that_it_cannot(
         rest = sidtool.static_equilibrium(described, sids=sids)
     assert result.completed and np.isfinite(result.positions).all()
     assert not any("cannot start" in note for note in (*result.notes, *rest.notes))
+
+
+@pytest.mark.parametrize(
+    ("joints", "forces", "rests"),
+    [
+        ("fixed", {}, True),
+        ("revolute", {}, True),
+        ("", {}, False),
+        ("", {"pull": 30.0}, False),
+        ("revolute", {"turn": 40.0}, False),
+    ],
+)
+def test_a_static_start_is_advised_where_there_is_one(
+    joints: str, forces: dict[str, float], rests: bool
+) -> None:
+    """The next command must not refuse it: it is tried."""
+    bar = {"sid": "bar.SID_FEM", "markers": {"a": 1, "b": 2}}
+    loads: dict[str, object] = {
+        "push": {"type": "force", "marker": "bar.b", "force": [0.0, -20.0]}
+    }
+    for name, torque in forces.items():
+        loads[name] = {"type": "force", "marker": "bar.a", "torque": torque}
+    wall = {"wall": {"type": joints, "markers": ["ground", "bar.a"]}} if joints else {}
+    described = scene({"bar": bar}, wall, gravity=[0.0, -9.81] if joints else [0, 0],
+                      forces=loads, end=0.05)  # fmt: skip
+    sids = {"bar": bent_bar()}
+    result = sidtool.simulate(described, sids=sids)
+    (note,) = [text for text in result.notes if "equilibrium" in text]
+    assert ("static" in note) == rests
+    at_rest = {"initial.state": "static"}
+    if rests:
+        assert sidtool.simulate(described.with_(at_rest), sids=sids).completed
+    else:
+        with pytest.raises(sidtool.InputError):
+            sidtool.simulate(described.with_(at_rest), sids=sids)
+
+
+@cache
+def bent_bar() -> sidtool.SID:
+    return steel_bar(width=0.02, modes=2)
