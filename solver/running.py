@@ -9,7 +9,6 @@ import numpy as np
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import Sink
-from sidtool.formats.scene import OutputTimes
 
 from .account import failure_of
 from .advice.dead_points import undecided
@@ -32,7 +31,7 @@ from .start.new_control import closed_below, new_control
 from .start.settings import Settings
 from .start.turn_counts import keep_turns
 from .system.forces.lapses import lapse
-from .system.forces.samples import Samplers
+from .system.forces.samples import SampledTimes, Samplers
 from .system.kernel_calls import go_on
 from .system.storage import new_memory, new_work
 
@@ -61,7 +60,7 @@ class Run:
         self.work: Work = new_work(system)
         self.memory: Memory = new_memory(system, max(m.pairs for m in methods))
         self.kernels = kernels(system.planar)
-        self.times = OutputTimes(system.scene)
+        self.times = SampledTimes(system)
         self.samplers = Samplers(system)
         self.closed = closed_below(system, settings)
         points = dense.points(max(m.dense for m in methods))

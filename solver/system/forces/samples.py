@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sidtool.formats.scene import Time
+from sidtool.formats.scene import OutputTimes, Time
 from sidtool.formats.sid import Array
 
 from ...equations.equations import law_at
@@ -30,8 +30,45 @@ def with_samples(
             for side in (0, 1)
         ]
         new = samples[np.minimum(*gaps) > SAME * period]
-        found = np.sort(np.concatenate([found, new[new < time.end]]))
+        new = new[new < time.end - SAME * period]
+        found = np.sort(np.concatenate([found, new]))
     return tuple(float(t) for t in found)
+
+
+class SampledTimes(OutputTimes):
+    """Output times, of which those at a sample stand at the break that it is.
+
+    What is recorded there holds just before the sample, in the step that ends at the
+    break. Numbers of files have some digits only: an output time may lie by 1e-11 s
+    behind the sample that it is meant to be at.
+    """
+
+    def __init__(self, system: System) -> None:
+        super().__init__(system.scene)
+        periods = [element.sampled for element in system.forces if element.sampled]
+        self._instants = np.array(system.breaks if periods else ())
+        start, shortest = system.scene.time.start, np.full(len(self._instants), np.inf)
+        for period in periods:
+            due = _is_due(self._instants - start, period)
+            shortest[due] = np.minimum(shortest[due], period)
+        self._instants = self._instants[np.isfinite(shortest)]
+        self._near = SAME * shortest[np.isfinite(shortest)]
+
+    def __getitem__(self, part: slice) -> Array:
+        times = np.array(super().__getitem__(part))
+        if len(self._instants):
+            after = np.searchsorted(self._instants, times)
+            for side in (0, 1):
+                k = np.clip(after - side, 0, len(self._instants) - 1)
+                at_sample = np.abs(times - self._instants[k]) <= self._near[k]
+                times[at_sample] = self._instants[k][at_sample]
+        return times
+
+
+def _is_due(passed: Array, period: float) -> Array:
+    """Whether a law is sampled a time (n,) after the start."""
+    counts = np.asarray(passed) / period
+    return np.asarray(np.abs(counts - np.round(counts)) <= SAME)
 
 
 class Samplers:
@@ -49,8 +86,7 @@ class Samplers:
         start, self._last = self._system.scene.time.start, t
         due = []
         for k in self._rows:
-            passed = (t - start) / self._system.forces[k].sampled
-            if abs(passed - round(passed)) <= SAME:
+            if _is_due(np.array(t - start), self._system.forces[k].sampled):
                 due.append(k)
         arrays = self._system.arrays
         values = [law_at(arrays, work, k, t) for k in due]

@@ -10,6 +10,7 @@ import pytest
 from scipy.linalg import expm
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.scene import Time
 from sidtool.formats.sid import Array
 from sidtool.solver import (
     Law,
@@ -205,3 +206,37 @@ def test_too_many_samples_are_refused() -> None:
     law = expression("1", sample_time=1e-7)
     with pytest.raises(InputError, match="more than 1000000 samples"):
         compile_scene(cart(law))
+
+
+@pytest.mark.parametrize("kind", ["step", "own step", "times"])
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_at_a_sample_hold_just_before_it(kind: str, seed: int) -> None:
+    """However times are rounded in the file; a law that counts its samples.
+
+    The acceleration is that of the value, so that a row is of one instant.
+    """
+    random = np.random.default_rng(seed)
+    n, digits = int(random.integers(7, 60)), int(random.integers(8, 14))
+    start = float(random.choice([0.0, 0.1, -2.7, 100.0]))
+    period = float(f"{1.0 / n:.{digits}g}")
+    other = float(f"{1.0 / n:.{digits + 1}g}")
+    own = [float(f"{start + k * period:.{digits + 3}g}") for k in range(1, n)]
+    time = {
+        "step": {"output_step": period},
+        "own step": {"output_step": other},
+        "times": {"output_times": [start, *own]},
+    }[kind]
+    count = {"count": {"next": "count + 1"}}
+    law = expression("count", states=count, sample_time=period)
+    described = cart(law, record=["motor.value", "cart.ax", "cart.x"])
+    span = Time(start=start, end=start + 1.0, **time)
+    system = compile_scene(described.model_copy(update={"time": span}))
+    methods = list(INTEGRATORS)
+    for method in {methods[seed % len(methods)], "radau9", "dop853"}:
+        found = simulate(system, integrator=method, rtol=1e-4)
+        samples = (found.t - start) / period
+        k = np.round(samples)
+        assert (np.abs(samples - k) < 1e-6).all()
+        assert found["motor.value"] == pytest.approx(np.maximum(k - 1, 0), abs=1e-9)
+        force = found["motor.value"] + LOAD - STIFFNESS * found["cart.x"]
+        assert found["cart.ax"] == pytest.approx(force / MASS, abs=1e-9)
