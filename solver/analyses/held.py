@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from sidtool.formats.errors import InputError
+
 from ..equations.drives import drive_value
 from ..equations.forces import programs
 from ..space import layout as at
@@ -102,6 +104,18 @@ def unsampled(system: System) -> tuple[System, tuple[str, ...]]:
         "holding delay is left out",
     )
     return system.unsampled(), told
+
+
+def with_integrated_rates(system: System) -> System:
+    """The system whose drives of constant rate or acceleration are functions of time,
+    so that they prescribe their motion as those of values do; others stay as they are.
+    """
+    if system.integrated is None:
+        return system
+    try:
+        return system.integrated()
+    except InputError:  # another law reads what the rate adds up to
+        return system
 
 
 def is_state(system: System, b: int) -> bool:

@@ -27,7 +27,7 @@ from ..system.bodies.packing import symmetric
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from ..system.storage import new_work
-from .held import is_state
+from .held import is_state, with_integrated_rates
 from .mechanics import Mechanics, least_squares, null_space, refuse_prescribed
 from .recorded import Found, recorded
 from .rubbing import prescribed_friction, with_all_prescribed
@@ -71,6 +71,7 @@ def inverse_dynamics(system: System, *, quasi_static: bool = False) -> Result:
         deforms by more than its own size; its `result` holds what there is.
     """
     refuse_prescribed(system)
+    system = with_integrated_rates(system)
     refuse_states(system, SIMULATE)
     motion, state = _at_start(system, quasi_static)
     motion.refuse_freedom(state)

@@ -20,7 +20,7 @@ from ..start.assembly import assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
 from .axes import spins_of_bodies, turning
-from .held import unsampled
+from .held import unsampled, with_integrated_rates
 from .mechanics import Mechanics, refuse_prescribed
 from .rigid_motions import spectrum
 from .rubbing import mechanics_at
@@ -119,7 +119,7 @@ def linearise(
         found = static_equilibrium(system)
         system, z, v, of_state = found.system, found.z, found.v, found.notes
     else:
-        system, start = assemble(system)
+        system, start = assemble(with_integrated_rates(system))
         z, v = start.z, start.v
     t = system.scene.time.start if time is None else time
     mechanics = mechanics_at(system, t, z, v)

@@ -13,7 +13,7 @@ from sidtool.formats.sid import Array
 from ..errors import SimulationError
 from ..space import layout as at
 from ..system.scene import System
-from .held import is_state
+from .held import is_state, with_integrated_rates
 from .inverse import relative_equilibrium
 from .static import static_equilibrium
 
@@ -34,9 +34,10 @@ def resting(system: System) -> tuple[SceneFile, dict[str, float], tuple[str, ...
     InputError : there is no equilibrium near the start.
     """
     try:
-        z = relative_equilibrium(system)
+        moved = with_integrated_rates(system)
+        z = relative_equilibrium(moved)
         if z is not None:
-            return scene_at(system, z), {}, ()
+            return with_bodies(system, scene_at(moved, z)), {}, ()
         found = static_equilibrium(system)
     except SimulationError as error:
         raise InputError(
@@ -49,6 +50,18 @@ def resting(system: System) -> tuple[SceneFile, dict[str, float], tuple[str, ...
         if is_state(system, b)
     }
     return scene_at(system, found.z), states, found.notes
+
+
+def with_bodies(system: System, other: SceneFile) -> SceneFile:
+    """The scene of a system with bodies that start as those of another scene, and do
+    not deform further where nothing else is stated."""
+    bodies = dict(other.bodies)
+    for data in system.flexible:
+        start = bodies[data.name].initial
+        if getattr(start, "elastic_velocity", None) is None:
+            still = start.model_copy(update={"elastic_velocity": (0.0,) * data.sid.nq})
+            bodies[data.name] = bodies[data.name].model_copy(update={"initial": still})
+    return system.scene.model_copy(update={"bodies": bodies})
 
 
 def scene_at(system: System, z: Array) -> SceneFile:

@@ -18,9 +18,10 @@ from ..space import layout as at
 from ..start.assembly import Start, assemble
 from ..system.scene import System
 from ..system.sizes import coordinate_sizes
+from .held import with_integrated_rates
 from .inverse import Motion, refuse_states
 from .mechanics import Mechanics, least_squares, null_space
-from .resting import scene_at
+from .resting import scene_at, with_bodies
 from .rubbing import friction_of, gripped
 
 #: Rounds in which what sticks and slides has to agree with the deformation.
@@ -34,7 +35,7 @@ def spinning(system: System) -> tuple[SceneFile, tuple[str, ...]]:
     system : with all of its joints
     """
     flexible = [data.name for data in system.bodies if data.of_scene and data.sid.nq]
-    assembled, start = assemble(system)
+    assembled, start = assemble(with_integrated_rates(system))
     if not flexible or not _moves(assembled, start.v):
         return system.scene, ()
     try:
@@ -45,7 +46,7 @@ def spinning(system: System) -> tuple[SceneFile, tuple[str, ...]]:
             f"{', '.join(flexible)} start deformed as at rest, without the loads of "
             f"the velocities at the start: {error}",
         )
-    return scene_at(assembled, found.z), ()
+    return with_bodies(system, scene_at(assembled, found.z)), ()
 
 
 def _deformed(system: System, start: Start) -> Start:

@@ -40,6 +40,7 @@ from .bodies.eliminated import asks_for_joints, eliminated_frames, eliminated_jo
 from .bodies.held_frames import with_held_frames
 from .bodies.rigid_bodies import without_elasticity
 from .bodies.turned_markers import with_turned_markers
+from .constant_rates import with_integrated_rates
 from .constraint_tables import constraint_tables
 from .constraints import Constraint, constraints_of
 from .forces.elements import Element, force_table, joint_coordinate
@@ -105,13 +106,25 @@ def build_system(
         given = original, sids, drives, keep_joints, forces
         again = partial(build_system, *given, sampled=False, before=before)
         cut = replace(cut, unsampled=again)
+    rated = with_integrated_rates(original, laws, drives)
+    if rated is not None:
+        with_states = rated, sids, drives, keep_joints, forces, sampled
+        cut = replace(
+            cut, integrated=partial(build_system, *with_states, before=before)
+        )
     if not frames:
         return cut
 
     def every_joint() -> System:
         whole = _system(replace(parts, frames={}), functions, elements)
         carrying = with_prescribed_frames(whole.arrays.body, cut.arrays.body)
-        return replace(whole, carrying=carrying, sids=sids, unsampled=cut.unsampled)
+        return replace(
+            whole,
+            carrying=carrying,
+            sids=sids,
+            unsampled=cut.unsampled,
+            integrated=cut.integrated,
+        )
 
     if keep_joints:
         return every_joint()

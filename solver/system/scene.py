@@ -82,6 +82,8 @@ class System:
     every_joint : makes the same scene with all of its joints, where some are left out
     unsampled : makes the same scene with laws that act all the time, where some are
         sampled
+    integrated : makes the same scene with drives of constant rate or acceleration as
+        functions of time, where there are some
     """
 
     scene: SceneFile
@@ -113,6 +115,7 @@ class System:
     source: SceneFile | None = None
     every_joint: Callable[[], System] | None = None
     unsampled: Callable[[], System] | None = None
+    integrated: Callable[[], System] | None = None
 
     def once(self, find: Callable[[System], T]) -> T:
         """What a function finds of this system, which is looked for once."""

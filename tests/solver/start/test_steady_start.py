@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sidtool.formats.errors import InputError
 from sidtool.formats.sid import SID
-from sidtool.solver import compile_scene, linearise, simulate
+from sidtool.solver import compile_scene, inverse_dynamics, linearise, simulate
 from sidtool.solver.system.scene import System
 from tests.bodies import Cloud
 from tests.solver.scenes import compiled, polynomial, scene
@@ -55,6 +56,86 @@ def test_a_spinning_bar_starts_stretched(rate: float) -> None:
     assert np.ptp(sudden["bar.b.ux"]) > stretch
     assert not any(FAR in note for note in steady.notes)
     assert any(FAR in note and "bar by" in note for note in sudden.notes)
+
+
+def turning(rate: float, how: str) -> dict[str, Any]:
+    """A drive of the hub at a constant rate, said in several ways."""
+    constant = {"type": "constant", "value": rate}
+    return {
+        "value": {"function": polynomial(0.3, rate)},
+        "rate": {"of": "rate", "start": 0.3, "function": constant},
+        "polynomial": {"of": "rate", "start": 0.3, "function": polynomial(rate)},
+        "formula": {
+            "of": "rate",
+            "start": 0.3,
+            "function": {"type": "expression", "value": f"{rate / 2}*2"},
+        },
+        "acceleration": {
+            "of": "acceleration",
+            "start": 0.3,
+            "start_rate": rate,
+            "function": constant | {"value": 0.0},
+        },
+    }[how]
+
+
+def on_a_hub(how: str, state: str, dimension: str, keep_joints: bool = False) -> System:
+    """A disc with the bar on it, at 250 rad/s from the start on."""
+    turn = {"mass": 5.0, "inertia": 0.2 if dimension == "planar" else [0.2] * 3}
+    joints = {
+        "axle": {"type": "revolute", "markers": ["ground", "disc"]},
+        "weld": {"type": "fixed", "markers": ["disc", "bar.a"]},
+    }
+    described = scene(
+        {"disc": turn, "bar": {"sid": "-", "markers": {"a": 1, "b": 2}}},
+        joints,
+        {"motor": {"joint": "axle"} | turning(250.0, how)},
+        dimension=dimension,
+        end=0.01,
+        record=["bar.b.ux", "bar.b.uy", "weld.fx" if keep_joints else "disc.angle"],
+        initial={"state": state},
+        accuracy={"rtol": 1e-7},
+    )
+    sids = {"bar": stout_bar()}
+    return compile_scene(described, sids=sids, keep_joints=keep_joints)
+
+
+@pytest.mark.parametrize("how", ["rate", "polynomial", "formula", "acceleration"])
+def test_a_constant_rate_has_the_steady_start_of_its_angle(how: str) -> None:
+    """u(L) = tan(k L) / k - L, see above, without vibration; the run goes on as with
+    the angle, and so do modes about the start and inverse dynamics."""
+    k = 250.0 / WAVE
+    stretch = np.tan(k) / k - 1.0
+    runs = [simulate(on_a_hub(by, "static", "planar")) for by in (how, "value")]
+    for run in runs:
+        assert run["bar.b.ux"] == pytest.approx(stretch, rel=1e-3)
+        for output in ("bar.b.ux", "bar.b.uy"):
+            assert np.ptp(run[output]) < 1e-6 * stretch
+        assert not run.notes
+    assert runs[0]["disc.angle"] == pytest.approx(0.3 + 250.0 * runs[0].t, rel=1e-7)
+    for dimension in ("planar", "spatial"):
+        this, that = (
+            on_a_hub(by, "stated", dimension, keep_joints=True) for by in (how, "value")
+        )
+        modes = [linearise(system, about="start") for system in (this, that)]
+        both = [found.frequencies for found in modes]
+        assert both[0] == pytest.approx(both[1], rel=1e-9)
+        forces = [
+            inverse_dynamics(system, quasi_static=True)["weld.fx"]
+            for system in (this, that)
+        ]
+        assert forces[0] == pytest.approx(forces[1], rel=1e-9, abs=1e-6)
+
+
+def test_a_rate_that_follows_the_motion_has_no_steady_start() -> None:
+    """A law that reads an output is no function of the time, and is said not to be."""
+    law = {"type": "expression", "value": "250 - 0*disc.angle"}
+    system = on_a_hub("value", "stated", "planar")
+    drive = {"joint": "axle", "of": "rate", "start": 0.3, "function": law}
+    described = system.scene.with_({"drives.motor": drive})
+    led = compile_scene(described, sids={"bar": stout_bar()}, keep_joints=True)
+    with pytest.raises(InputError, match="no function of the motion"):
+        inverse_dynamics(led, quasi_static=True)
 
 
 @pytest.mark.parametrize(
