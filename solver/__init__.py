@@ -113,11 +113,16 @@ def compile_scene(
         return checked(scene, keep_joints)
     from .analyses.resting import resting
     from .analyses.spinning import spinning
+    from .analyses.steady_rotation import steady_rotation
 
-    rested, states, told = resting(checked(scene, True))
+    system = checked(scene, True)
+    rotating, unsteady = steady_rotation(system)
+    if rotating is not None:
+        return checked(rotating, keep_joints)
+    rested, states, told = resting(system)
     spun, more = spinning(checked(rested, True))
     made = checked(spun, keep_joints).with_states(states)
-    return replace(made, told=(*told, *more))
+    return replace(made, told=(*unsteady, *told, *more))
 
 
 def _same_files(before: System, scene: SceneFile) -> dict[str, SID]:

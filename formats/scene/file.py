@@ -95,8 +95,9 @@ class Start(Table):
         default="stated",
         description="static: in the equilibrium nearest downhill from what is stated, "
         "under gravity and the loads at the start, drives held; stated velocities "
-        "stay, and bodies carry the loads of that motion, without vibration (steady "
-        "spin); so they do where drives prescribe all motion and move at the start",
+        "stay, and bodies carry the loads of that motion; where bodies rotate about "
+        "fixed axes it is a steady rotation, in which springs and bushings carry them, "
+        "too, without vibration, and a note says so where none exists",
     )
 
 

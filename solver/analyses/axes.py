@@ -84,7 +84,7 @@ def independent_rows(mechanics: Mechanics) -> Array:
     rigid = {name for name, row in rows.items() if row[at.NV] == row[at.RD] > 0}
     leader = {name: name for name in rigid}
     for joint in system.scene.joints.values():
-        ends = _owners(joint) & rigid
+        ends = owners(joint) & rigid
         if joint.type == "fixed" and len(ends) == 2:
             first, second = sorted(
                 (leader[name] for name in ends), key=list(rows).index
@@ -121,7 +121,7 @@ def _carriers(scene: SceneFile, name: str, points: set[str]) -> set[str]:
     """The bodies nearest to a point mass along joints and drives, else along forces,
     over other point masses."""
     for tables in ((scene.joints, scene.drives), (scene.joints, scene.forces)):
-        links = [_owners(part) for table in tables for part in table.values()]
+        links = [owners(part) for table in tables for part in table.values()]
         reached, new = set[str](), {name}
         while new:
             reached |= new
@@ -132,7 +132,7 @@ def _carriers(scene: SceneFile, name: str, points: set[str]) -> set[str]:
     return set()
 
 
-def _owners(part: object) -> set[str]:
+def owners(part: object) -> set[str]:
     """The bodies whose markers a joint, drive or force names."""
     named: Iterable[str | None] = (
         *(getattr(part, "markers", None) or ()),

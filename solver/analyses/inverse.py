@@ -260,6 +260,8 @@ class Motion:
             if state is None or self.driven.all():
                 return state
             left = self._unbalanced(state)
+            if not np.isfinite(left).all():
+                break
             before, size = size, self._change(left)[1]
             if not size <= CONTRACTION * before:
                 self._measure_stiffness(state, left)
