@@ -182,7 +182,7 @@ def test_a_cut_off_sid_is_refused(
         (["convert", "none.toml", "-o", "out/a.h5"], "there is no such file"),
         (["convert", "example", "-o", "out/a.h5"], "is a folder"),
         (["convert", "example/slider_crank.toml", "-o", "out/a.h5"], "is a scene file"),
-        (["convert", "example/rod_q4.toml", "-o", "none/a.h5"], "none/a.h5"),
+        (["convert", "example/rod_q4.toml", "-o", "none/a.h5"], str(Path("none/a.h5"))),
         (["convert", "example/rod_q4.toml", "-o", "out"], "is a folder"),
         (
             ["convert", "example/rod_q4.SID_FEM", "-o", "out/a", "--units", "SI"],
@@ -208,7 +208,7 @@ def test_a_cut_off_sid_is_refused(
         ),
         (
             ["simulate", "example/slider_crank.toml", "-o", "none/r.csv"],
-            "none/r.csv",
+            str(Path("none/r.csv")),
         ),
         (["validate", "example/frequencies.toml"], "expected a SID, model or scene"),
         (["validate", "example/rod_q4.SID_FEM", "--reference", "no.toml"], "no.toml"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -89,7 +90,8 @@ def test_the_path_of_the_environment_hides_nothing(
 ) -> None:
     for name in ("numba", "click"):
         (folder / f"{name}.py").unlink()
-    monkeypatch.setenv("PYTHONPATH", ".")
+    paths = [".", *os.environ.get("PYTHONPATH", "").split(os.pathsep)]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
     done = python(folder, "-m", "sidtool", "simulate", "slider_crank.toml")
     assert done.returncode == 0, done.stderr
     assert ran(folder) == []

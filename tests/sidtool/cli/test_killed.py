@@ -158,7 +158,6 @@ def gone() -> int:
     [
         (lambda name: name, True),
         (lambda name: name.replace(f"-{os.getpid()}-", f"-{gone()}-"), False),
-        (lambda name: name.replace(f"-{os.getpid()}-", f"-{os.getppid()}-"), True),
         pytest.param(  # Windows has no process 1
             lambda name: name.replace(f"-{os.getpid()}-", "-1-"), True, marks=posix
         ),
@@ -180,6 +179,22 @@ def test_only_rests_of_processes_that_are_gone_are_removed(
         assert other.exists() == stays
         first.write_text("1", encoding="utf-8")
     assert (tmp_path / "first").read_text(encoding="utf-8") == "1"
+
+
+def test_the_rest_of_another_process_that_runs_stays(tmp_path: Path) -> None:
+    waiting = [sys.executable, "-c", "input()"]
+    with (
+        atomic_path(tmp_path / "first") as first,
+        subprocess.Popen(waiting, stdin=subprocess.PIPE) as process,
+    ):
+        running = f"-{process.pid}-"
+        other = tmp_path / first.name.replace(f"-{os.getpid()}-", running)
+        other.write_text("text", encoding="utf-8")
+        with atomic_path(tmp_path / "second") as second:
+            second.write_text("2", encoding="utf-8")
+        assert other.exists()
+        process.communicate(b"\n")
+        first.write_text("1", encoding="utf-8")
 
 
 def test_a_rest_of_another_machine_stays(tmp_path: Path) -> None:

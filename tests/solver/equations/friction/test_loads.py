@@ -14,6 +14,7 @@ from tests.solver.equations.friction.rubbed import (
     ENERGIES,
     MASS,
     MU,
+    RTOL,
     G,
     assert_balanced,
     assert_changes,
@@ -24,11 +25,14 @@ from tests.solver.equations.friction.rubbed import (
 from tests.solver.equations.friction.stick_slip import Rub
 
 
-def bead(dimension: str, law: dict[str, Any], function: dict[str, Any]) -> Result:
+def bead(
+    dimension: str, law: dict[str, Any], function: dict[str, Any], rtol: float = RTOL
+) -> Result:
     """A point mass on a line, pushed along it and to and fro across it."""
     return simulate(
         dimension,
         2.0,
+        rtol=rtol,
         bodies={
             "bead": {
                 "mass": 0.5,
@@ -56,10 +60,14 @@ def bead(dimension: str, law: dict[str, Any], function: dict[str, Any]) -> Resul
 
 @pytest.mark.parametrize("dimension", ["planar", "spatial"])
 def test_a_load_that_changes_its_sign(dimension: str) -> None:
-    """m v = m v0 - mu A int |sin wt|; nothing happens where the load is zero."""
+    """m v = m v0 - mu A int |sin wt|; nothing happens where the load is zero.
+
+    In space a step may pass such a corner: at 60 frequencies the energy is off by up to
+    5e-9 with this tolerance, by 1e-7 with 1e-9.
+    """
     size, omega = 2.0, 7.0
     function = {"type": "harmonic", "amplitude": size, "angular_frequency": omega}
-    result = bead(dimension, {"coefficient": MU}, function)
+    result = bead(dimension, {"coefficient": MU}, function, rtol=1e-10)
     halves, rest = np.divmod(omega * result.t, np.pi)
     work = size / omega * (2.0 * halves + 1.0 - np.cos(rest))
     np.testing.assert_allclose(result.values[:, 0], 3.0 - MU / 0.5 * work, atol=3e-8)
