@@ -213,7 +213,10 @@ def _scene_of(
     content: dict[str, Any] = json.loads(result.scene)
     content.pop("events", None)
     for name in lost_laws(scene, laws):
-        del content["drives" if name in scene.drives else "forces"][name]
+        if name in scene.drives:
+            del content["drives"][name]
+        else:  # other laws may read its length
+            content["forces"][name]["function"] = {"type": "constant", "value": 0.0}
     content["outputs"] = {"record": list(record)}
     try:
         return validated(content, SceneFile, source="scene of the result")

@@ -94,7 +94,7 @@ def build_system(
     drive_index = _drive_functions(scene, functions, drives, laws)
     frames = eliminated_frames(scene, data, laws)
     data |= state_bodies(laws)
-    table = LawTable(scene, data, functions, laws)
+    table = LawTable(scene, data, functions, laws, forces)
     elements = compile_forces(scene, functions, planar, forces, table.rows)
     led, elements = _with_led(elements, scene, table)
     scene = _with_programs(scene, functions.given, forces, drives)

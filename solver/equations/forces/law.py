@@ -11,49 +11,17 @@ other measures, see `programs`.
 
 from __future__ import annotations
 
-import math
-
 from ...compiler.compiling import inner
 from ..drives import drive_value
+from .characteristics import (
+    APPLIED,
+    REST,
+    antiderivative,
+    damper,
+    passive_force,
+    spring,
+)
 from .programs import law_value
-
-# Entries of a force law in the pool; K and D follow, each as the starts of its pieces
-# and then the coefficients of each, lowest power first.
-REST, APPLIED, FRICTION, SPEED = 0, 1, 2, 3
-K_PIECES, K_TERMS, D_PIECES, D_TERMS = 4, 5, 6, 7
-POLYNOMIALS = 8
-
-
-@inner()
-def piecewise(pool, at, pieces, terms, x):
-    """Value and slope at x of a piecewise polynomial."""
-    if pieces == 0:
-        return 0.0, 0.0
-    k = 0
-    while k + 1 < pieces and pool[at + k + 1] <= x:
-        k += 1
-    x -= pool[at + k]
-    first = at + pieces + k * terms
-    value, slope = 0.0, 0.0
-    for i in range(terms - 1, -1, -1):
-        slope = slope * x + value
-        value = value * x + pool[first + i]
-    return value, slope
-
-
-@inner()
-def _antiderivative(pool, at, pieces, terms, x):
-    """Integral of a piecewise polynomial up to x, from the start of its first piece."""
-    k, total, is_last = 0, 0.0, pieces == 0
-    while not is_last:
-        is_last = k + 1 == pieces or pool[at + k + 1] > x
-        length = (x if is_last else pool[at + k + 1]) - pool[at + k]
-        first, value = at + pieces + k * terms, 0.0
-        for i in range(terms - 1, -1, -1):
-            value = value * length + pool[first + i] / (i + 1)
-        total += value * length
-        k += 1
-    return total
 
 
 @inner()
@@ -86,31 +54,8 @@ def force_law(system, work, k, g, rate):
     pool, law = system.pool, system.force[k].law
     if system.force[k].owner >= 0:
         return 0.0, -work.slope[k, 0], -work.slope[k, 1]
-    at, pieces, terms = _spring(pool, law)
-    spring, stiffness = piecewise(pool, at, pieces, terms, g - pool[law + REST])
-    damper, damping = _damper(pool, law, rate)
-    return _applied(system, work, k) - spring - damper, stiffness, damping
-
-
-@inner()
-def _spring(pool, law):
-    """Where K stands, its pieces and coefficients of each."""
-    return law + POLYNOMIALS, int(pool[law + K_PIECES]), int(pool[law + K_TERMS])
-
-
-@inner()
-def _damper(pool, law, rate):
-    """What damping and friction take, and its slope."""
-    at, pieces, terms = _spring(pool, law)
-    at += pieces * (1 + terms)
-    pieces, terms = int(pool[law + D_PIECES]), int(pool[law + D_TERMS])
-    force, slope = piecewise(pool, at, pieces, terms, rate)
-    if pool[law + FRICTION] != 0.0:
-        saturation = math.tanh(rate / pool[law + SPEED])
-        force += pool[law + FRICTION] * saturation
-        bend = (1.0 - saturation * saturation) / pool[law + SPEED]
-        slope += pool[law + FRICTION] * bend
-    return force, slope
+    force, stiffness, damping = passive_force(pool, law, g, rate)
+    return _applied(system, work, k) + force, stiffness, damping
 
 
 @inner()
@@ -123,8 +68,8 @@ def _applied(system, work, k):
 def energies(system, work, k, g, rate):
     """Energy in the spring of a force, and the powers that it loses and is given."""
     pool, law = system.pool, system.force[k].law
-    at, pieces, terms = _spring(pool, law)
-    stored = _antiderivative(pool, at, pieces, terms, g - pool[law + REST])
-    stored -= _antiderivative(pool, at, pieces, terms, 0.0)
-    damper, _ = _damper(pool, law, rate)
-    return stored, damper * rate, _applied(system, work, k) * rate
+    at, pieces, terms = spring(pool, law)
+    stored = antiderivative(pool, at, pieces, terms, g - pool[law + REST])
+    stored -= antiderivative(pool, at, pieces, terms, 0.0)
+    lost, _ = damper(pool, law, rate)
+    return stored, lost * rate, _applied(system, work, k) * rate

@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 from ...compiler.compiling import inner
 from ...linear.lapack import address
 from ..drives import drive_value
+from .characteristics import passive_force
 
 # --- instructions, each with two numbers -----------------------------------
 CONSTANT = 0  # value
@@ -27,6 +28,7 @@ FUNCTION = 3  # row of a function of time, 1 for its rate
 CALL = 4  # address of `double f(double t, double *y, long i)`, n: takes n entries y;
 # the value is that of i = -1
 CALL_GIVEN = 5  # the same, which yields for i >= 0 its derivative by y[i]
+FORCE = 6  # number of the measure: spring, damper and friction of its own law
 ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, LEAST, MOST, ANGLE_OF = range(10, 18)
 (
     NEGATIVE,
@@ -169,6 +171,7 @@ def law_value(system, work, k, t, slopes):
     top = 0
     for at in range(code + HEAD, code + HEAD + WIDTH * count, WIDTH):
         op, a, b = int(pool[at]), pool[at + 1], int(pool[at + 2])
+        stiffness, damping = 0.0, 0.0
         if op in (CALL, CALL_GIVEN):
             top -= b
             _call_law(stack, top, columns, op == CALL_GIVEN, int(a), b, t)
@@ -179,6 +182,14 @@ def law_value(system, work, k, t, slopes):
                 value = t
             elif op == MEASURE:
                 value = work.measure[k - n + int(a), b]
+            elif op == FORCE:
+                read = k - n + int(a)
+                value, stiffness, damping = passive_force(
+                    pool,
+                    system.force[read].law,
+                    work.measure[read, 0],
+                    work.measure[read, 1],
+                )
             elif op == FUNCTION:
                 f, rate, _ = drive_value(system, int(a), work.clock[0], t)
                 value = f if b == 0 else rate
@@ -187,6 +198,9 @@ def law_value(system, work, k, t, slopes):
                 stack[j * DEPTH + top] = 0.0
             if op == MEASURE and slopes:
                 stack[(1 + 2 * int(a) + b) * DEPTH + top] = 1.0
+            elif op == FORCE and slopes:
+                stack[(1 + 2 * int(a)) * DEPTH + top] = -stiffness
+                stack[(2 + 2 * int(a)) * DEPTH + top] = -damping
             top += 1
         elif op < NEGATIVE:
             top -= 1

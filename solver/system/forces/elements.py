@@ -5,7 +5,7 @@ What acts on one is its law; without one it is a measure that others read.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,11 +25,12 @@ from .force_laws import Law
 class Programmed:
     """The law of a row of the table of forces.
 
-    reads : (which of its measures, 1 for its rate) of all outputs that it reads
+    reads : of all outputs that it reads: which of its measures, and the output as a
+        function of that and its rate
     natives : callables in it, whose addresses its code holds
     """
 
-    reads: Mapping[str, tuple[int, int]]
+    reads: Mapping[str, tuple[int, Callable[[float, float], float]]]
     natives: tuple[Native, ...]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +65,13 @@ class Law:
         if self.friction == 0.0:
             return features.NONE
         return features.of_friction(self.speed)
+
+    def passive_force(self, g: float, rate: float) -> float:
+        """Force of spring, damper and friction at one measure and its rate."""
+        spring = self.stiffness.value(np.array([g - self.rest]))[0]
+        damper = self.damping.value(np.array([rate]))[0]
+        friction = self.friction * math.tanh(rate / self.speed)
+        return float(-spring - damper - friction)
 
     def packed(self) -> Array:
         """In the order of `equations.forces`."""

@@ -16,14 +16,15 @@ def lapse(system: System, work: at.Work, since: float = -np.inf) -> str:
     element = system.forces[int(work.lapse[programs.LAPSED]) - 1]
     law, t = element.programmed, float(work.lapse[programs.LAPSED_AT])
     assert law is not None
-    values = {
-        name: float(work.lapse[programs.LAPSED_MEASURES + 2 * index + order])
-        for name, (index, order) in law.reads.items()
-    }
+    values = {}
+    for name, (index, output) in law.reads.items():
+        first = programs.LAPSED_MEASURES + 2 * index
+        values[name] = output(float(work.lapse[first]), float(work.lapse[first + 1]))
     said = "gives no finite number"
     if law.natives:
         native = law.natives[0]
         said = native.complaint(t, np.array(list(values.values())[: native.count]))
-    where = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+    known = {name: value for name, value in values.items() if value == value}
+    where = ", ".join(f"{name} = {value:.6g}" for name, value in known.items())
     text = f"the law of {element.name} {said} at t = {t:.9g} s"
     return f"{text}, where {where}" if where else text

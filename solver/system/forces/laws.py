@@ -7,14 +7,27 @@ rate of the state is a law that pushes it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 
 from sidtool.formats.errors import InputError
-from sidtool.formats.scene import STATE, Drive, Expression, Instruction, Pid, SceneFile
+from sidtool.formats.scene import (
+    STATE,
+    Drive,
+    Expression,
+    Function,
+    Given,
+    Instruction,
+    Pid,
+    SceneFile,
+)
+from sidtool.formats.scene.connections import force_coordinate, holder
+from sidtool.formats.scene.outputs import EFFORTS, POWER
 from sidtool.formats.sid import BLOCK_SHAPES, SID, Taylor, block_shape
 
 from ...equations.forces import programs as op
@@ -39,6 +52,7 @@ from ...space import layout as at
 from ..bodies.data import BodyData
 from .elements import Element, Programmed
 from .force_laws import Law
+from .rows import force_element
 from .sensors import GROUND, Reading, coordinate, reading
 
 MOST_SAMPLES = 1_000_000
@@ -175,6 +189,7 @@ class LawTable:
     """Compiles laws; what they read is looked up in the whole scene.
 
     laws : of all forces that have one
+    programs : forces whose function a program gives
     """
 
     def __init__(
@@ -183,9 +198,10 @@ class LawTable:
         data: Mapping[str, BodyData],
         functions: FunctionTable,
         laws: Mapping[str, LawParts],
+        programs: Container[str] = (),
     ) -> None:
-        self._scene, self._data, self._functions = scene, data, functions
-        self.laws = laws
+        self.scene, self._data, self._functions = scene, data, functions
+        self.laws, self.programs = laws, programs
 
     def rows(self, element: Element) -> list[Element]:
         """The rows of a force: itself, what its law reads, and the states of that."""
@@ -193,9 +209,13 @@ class LawTable:
         parts = self.laws.get(force)
         if parts is None:
             return [element]
-        sampled = parts.sample_time is not None
-        value: Parts = (Instruction("name", HELD),) if sampled else parts.value
-        return [*self._rows(element, value, force), *self._states(force)]
+        return [*self._rows(element, self.value_of(force), force), *self._states(force)]
+
+    def value_of(self, force: str) -> Parts:
+        """What the law of a force gives; of a sampled one what it holds."""
+        parts = self.laws[force]
+        held: Parts = (Instruction("name", HELD),)
+        return parts.value if parts.sample_time is None else held
 
     def rows_of_drive(self, drive: str) -> list[Element]:
         """The rows of a drive: what it prescribes, the first, its derivatives, and the
@@ -246,11 +266,11 @@ class LawTable:
         owner, _, state = name.partition(f".{STATE}.")
         if owner in self.laws and state in _kept(self.laws[owner]):
             return Reading(coordinate(state_body(owner, state), 0), 1)
-        return reading(name, self._scene, self._data, self.place(force))
+        return reading(name, self.scene, self._data, self.place(force))
 
     def function(self, timing: Timing, force: str) -> int:
         """The row of a function of time; a speed that it gives must not jump."""
-        is_speed = getattr(self._scene.drives.get(force), "of", "") == "rate"
+        is_speed = getattr(self.scene.drives.get(force), "of", "") == "rate"
         place, joined = self.place(force), int(is_speed)
         return self._functions.add(timing.function, place, None, joined)
 
@@ -266,9 +286,10 @@ class _Program:
     def __init__(self, table: LawTable, parts: Parts, force: str) -> None:
         self.table, self.force = table, force
         self.sensors: list[Element] = []
-        self.reads: dict[str, tuple[int, int]] = {}
+        self.reads: dict[str, tuple[int, Callable[[float, float], float]]] = {}
         self.natives: list[Native] = []
         self.rows: dict[int, int] = {}
+        self.reading: list[str] = []
         self.words: list[tuple[float, float, float]] = []
         self.height = self.highest = 0
         for part in parts:
@@ -307,10 +328,9 @@ class _Program:
                     place=self.table.place(self.force),
                     expected=_POSITIONS if led is None else _LAGGED,
                 )
-            self._measure(f"rate of {part.name}", found.element, 1)
+            self._measure(f"rate of {part.name}", Reading(found.element, 1))
         elif part.kind == "name":
-            name = str(part.value)
-            self._measure(name, *self.table.read(name, self.force))
+            self._read(str(part.value))
         elif part.kind == "number":
             self._word(op.CONSTANT, float(part.value), 0.0, 1)
         elif part.kind == "time":
@@ -319,15 +339,77 @@ class _Program:
             kind = _OPERATORS[part.kind]
             self._word(kind, 0.0, 0.0, 0 if kind >= op.NEGATIVE else -1)
 
-    def _measure(self, name: str, element: Element, order: int) -> None:
-        keys = [_key(sensor) for sensor in self.sensors]
-        key = _key(element)
-        if key not in keys:
-            self.sensors.append(element)
-            keys.append(key)
-        index = keys.index(key)
-        self.reads[name] = index, order
+    def _read(self, name: str) -> None:
+        """Pushes what stands behind a name."""
+        owner, _, quantity = name.rpartition(".")
+        scene, is_along = self.table.scene, quantity in (*EFFORTS, POWER)
+        if not is_along or holder(owner, quantity, scene) != "forces":
+            self._measure(name, self.table.read(name, self.force))
+        elif not force_coordinate(scene.forces[owner], scene):
+            self.table.read(name, self.force)  # raises
+        else:
+            self._read_force(name, owner, quantity == POWER)
+
+    def _read_force(self, name: str, owner: str, is_power: bool) -> None:
+        """Pushes the force of another element along its coordinate, or its power."""
+        element = force_element(self.table.scene, owner)
+        index, law = self._sensor(element), element.law
+        self._word(op.FORCE, index, 0.0, 1)
+        if law.applied:
+            self._add_applied(name, owner)
+            self._word(op.ADD, 0.0, 0.0, -1)
+        if is_power:
+            self._word(op.MEASURE, index, 1, 1)
+            self._word(op.MULTIPLY, 0.0, 0.0, -1)
+        value = _not_of_measures if law.applied else partial(_force, law, is_power)
+        self.reads[name] = index, value
+
+    def _add_applied(self, name: str, owner: str) -> None:
+        """Pushes what the function or law of another force gives.
+
+        Raises
+        ------
+        InputError : it depends on itself, or only a program knows it.
+        """
+        table, place = self.table, self.table.place(self.force)
+        function = getattr(table.scene.forces[owner], "function", None)
+        if owner in self.reading:
+            raise InputError(
+                f"a law cannot read {name!r}: it depends on itself",
+                place=place,
+                expected="a state that follows it with a lag",
+            )
+        if owner in table.programs or isinstance(function, Given):
+            raise InputError(
+                f"a law cannot read {name!r}, whose function a program gives",
+                place=place,
+                expected="a function or law in the scene",
+            )
+        self.reading.append(owner)
+        if owner not in table.laws:
+            self._add(Timing(cast(Function, function), 0))
+        else:
+            outer, self.force = self.force, owner
+            for part in table.value_of(owner):
+                self._add(part)
+            self.force = outer
+        self.reading.pop()
+
+    def _measure(self, name: str, found: Reading) -> None:
+        index, order, constant = self._sensor(found.element), *found[1:]
+        self.reads[name] = index, partial(_measured, order, constant)
         self._word(op.MEASURE, index, order, 1)
+        if constant:
+            self._word(op.CONSTANT, constant, 0.0, 1)
+            self._word(op.SUBTRACT, 0.0, 0.0, -1)
+
+    def _sensor(self, element: Element) -> int:
+        """Number of the measure of an element, which is added where it is new."""
+        keys = [_key(sensor) for sensor in self.sensors]
+        if _key(element) not in keys:
+            self.sensors.append(element)
+            return len(keys)
+        return keys.index(_key(element))
 
     def _word(self, kind: int, a: float, b: float, grows: int) -> None:
         self.words.append((float(kind), float(a), float(b)))
@@ -335,4 +417,20 @@ class _Program:
 
 
 def _key(element: Element) -> tuple[object, ...]:
-    return element.kind, element.a, element.b, element.data
+    law = tuple(element.law.packed())
+    return element.kind, element.a, element.b, element.data, law
+
+
+def _measured(order: int, constant: float, measure: float, rate: float) -> float:
+    """An output that is a measure less a constant, or its rate."""
+    return (measure, rate)[order] - constant
+
+
+def _force(law: Law, is_power: bool, measure: float, rate: float) -> float:
+    """Force or power of a spring or damper."""
+    return law.passive_force(measure, rate) * (rate if is_power else 1.0)
+
+
+def _not_of_measures(measure: float, rate: float) -> float:
+    """What follows from the law of another force."""
+    return math.nan

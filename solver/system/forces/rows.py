@@ -66,6 +66,13 @@ def compile_forces(
     return tuple(found)
 
 
+def force_element(scene: SceneFile, name: str) -> Element:
+    """The element of a force along one coordinate, without its function."""
+    force, planar = scene.forces[name], scene.dimension == "planar"
+    (element,) = _COMPILERS[type(force)](force, _Context(name, scene, planar, -1))
+    return element
+
+
 def _check_programs(scene: SceneFile, programs: Mapping[str, Any]) -> None:
     timed = [name for name, force in scene.forces.items() if hasattr(force, "function")]
     for name in programs:

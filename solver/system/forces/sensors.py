@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 from sidtool.formats.errors import InputError
@@ -21,11 +22,14 @@ from sidtool.formats.scene import (
     is_rate,
     parse_output,
 )
+from sidtool.formats.scene.connections import holder
+from sidtool.formats.scene.outputs import MEASURES
 
 from ...space import layout as at
 from ..bodies.data import BodyData
 from .elements import Element, joint_coordinate
 from .force_laws import Law
+from .rows import force_element
 
 GROUND = ("ground", "")
 #: How people call what outputs do not have: rates of rates.
@@ -33,15 +37,17 @@ _ACCELERATION = re.compile(r"accel|_acc$|_rate_rate$|_ddot$|^(al|alpha)[xyz]?$|^
 _EXPECTED = (
     "an output that is a position or a velocity: JOINT.angle, JOINT.angle_rate and "
     "other coordinates, BODY.MARKER.x, BODY.MARKER.vx, x and vx of a rigid body, "
-    "BODY.q1, BODY.vq1, or a state FORCE.state.NAME"
+    "BODY.q1, BODY.vq1, length, deflection and rate of a spring or an actuator, force "
+    "and power of those, or a state FORCE.state.NAME"
 )
 
 
 class Reading(NamedTuple):
-    """The measure of an element, or (order 1) its rate."""
+    """The measure of an element less a constant, or (order 1) its rate."""
 
     element: Element
     order: int
+    constant: float = 0.0
 
 
 def reading(
@@ -54,6 +60,9 @@ def reading(
     InputError : there is no such output, or it depends on accelerations or forces,
         which follow from the forces.
     """
+    found_ = _of_force(name, scene)
+    if found_ is not None:
+        return found_
     _refuse_consequences(name, place)
     try:
         owner, marker, quantity = parse_output(name)
@@ -78,6 +87,17 @@ def reading(
         if found_ is not None:
             return found_
     raise InputError(f"a law cannot read {name!r}", place=place, expected=_EXPECTED)
+
+
+def _of_force(name: str, scene: SceneFile) -> Reading | None:
+    """What a force measures along its coordinate; None for other outputs."""
+    owner, _, quantity = name.rpartition(".")
+    if quantity not in MEASURES or holder(owner, quantity, scene) != "forces":
+        return None
+    element = force_element(scene, owner)
+    constant = element.law.rest if quantity == "deflection" else 0.0
+    measure = replace(element, law=Law())
+    return Reading(measure, int(quantity == "rate"), constant)
 
 
 def _refuse_consequences(name: str, place: str) -> None:
