@@ -207,3 +207,60 @@ class Joint {
     });
   }
 }
+
+// A point of a body, or of the ground, that moves with the deformation.
+class Anchor {
+  constructor(told, bodies, stage) {
+    this.body = bodies.find((body) => body.name === told.body);
+    this.stage = stage;
+    this.rest = new THREE.Vector3().fromArray(told.position);
+    this.shapes = told.shapes;
+    if (!this.body) return;
+    told.position.forEach((x, a) => {
+      this.body.box.reach(a, x, 0);
+      this.body.reaches.forEach((reach, k) => reach.reach(a, told.shapes[a][k], 0));
+    });
+  }
+  place() {
+    const point = this.rest.clone();
+    if (!this.body) return point;
+    const { q, group } = this.body;
+    ["x", "y", "z"].forEach((axis, a) => {
+      for (let k = 0; k < q.length; k++) {
+        point[axis] += this.stage.scale * q[k] * this.shapes[a][k];
+      }
+    });
+    return point.applyQuaternion(group.quaternion).add(group.position);
+  }
+}
+
+// A spring, damper, actuator or rod: a mesh along x from 0 to 1, stretched to its ends.
+class Link {
+  constructor(told, bodies, world, stage) {
+    this.name = told.name;
+    this.kind = told.kind;
+    this.ends = told.ends.map((end) => new Anchor(end, bodies, stage));
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position",
+      new THREE.BufferAttribute(float32(told.positions), 3));
+    geometry.setIndex(new THREE.BufferAttribute(whole(told.triangles), 1));
+    this.mesh = new THREE.Mesh(geometry, new THREE.MeshPhongMaterial({
+      color: told.colour, flatShading: true, side: THREE.DoubleSide }));
+    this.mesh.frustumCulled = false;
+    world.add(this.mesh);
+  }
+  // Ends on bodies are in the boxes of these.
+  corners(act) {
+    this.ends.forEach((end) => { if (!end.body) act(end.rest.clone()); });
+  }
+  move() {
+    const [from, to] = this.ends.map((end) => end.place());
+    const way = to.sub(from), length = way.length();
+    this.mesh.position.copy(from);
+    this.mesh.scale.set(Math.max(length, 1e-9), 1, 1);
+    if (length > 0) {
+      this.mesh.quaternion.setFromUnitVectors(new THREE.Vector3(1, 0, 0),
+        way.divideScalar(length));
+    }
+  }
+}

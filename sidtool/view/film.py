@@ -20,6 +20,7 @@ from sidtool.formats.stress import von_mises
 
 from ..plot.figure import COLOURS, styled
 from .drawn_bodies import Drawn
+from .links import COLOURS as LINK_COLOURS
 from .played import Played
 from .ranges import Range, colour_ranges
 from .surface import thinned
@@ -240,17 +241,22 @@ class Stage:
 
     def show(self, row: int) -> None:
         """Draws one time."""
+        from matplotlib.colors import to_rgb
+
         corners = self._faces(row)
-        colours = [
-            self._shaded(faces, self._colours(number, self.bodies[number], row))
-            for number, faces in enumerate(corners)
+        plain = [self._colours(k, body, row) for k, body in enumerate(self.bodies)]
+        plain += [
+            np.tile(to_rgb(LINK_COLOURS[link.kind]), (len(link.triangles), 1))
+            for link in self.motion.links
         ]
+        colours = list(map(self._shaded, corners, plain))
         self.faces.set_verts(np.concatenate(corners))
         self.faces.set_facecolor(np.concatenate(colours))
         self.page.suptitle(f"t = {self.motion.t[row]:.4g} s", fontsize="medium")
 
     def _faces(self, row: int) -> list[Array]:
-        """Corners of the triangles of each body at one time, (n, 3, 3) [m]."""
+        """Corners of the triangles of each body, then of each link, at one time,
+        (n, 3, 3) [m]."""
         found = []
         for body, triangles in zip(self.bodies, self.triangles, strict=True):
             moved = body.shapes @ self.motion.elastic[body.name][row]
@@ -258,7 +264,8 @@ class Stage:
             place = self.motion.places[body.name][row]
             world = place + local @ self.motion.turns[body.name][row].T
             found.append(world[triangles])
-        return found
+        links = self.motion.links
+        return [*found, *(link.corners(self.motion, row, self.scale) for link in links)]
 
     def picture(self, row: int) -> Any:
         """One time without its title, (height, width, 4) from 0 to 255."""

@@ -23,6 +23,8 @@ from ..plot.courses import drawn_svg
 from ..plot.figure import COLOURS
 from .drawn_bodies import Drawn
 from .library import three_js
+from .links import COLOURS as LINK_COLOURS
+from .links import Link
 from .played import Played
 from .ranges import Range, colour_ranges
 from .surface import thinned
@@ -111,6 +113,7 @@ def page(
             }
             for joint in motion.joints
         ],
+        "links": [_link(link) for link in motion.links],
     }
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     return Template(_part("player.html")).substitute(
@@ -157,6 +160,24 @@ def _body(
         if body.initial_stress.any():
             entry["initial_stress"] = _packed(body.initial_stress[used], "<f4")
     return entry
+
+
+def _link(link: Link) -> dict[str, Any]:
+    return {
+        "name": link.name,
+        "kind": link.kind,
+        "colour": LINK_COLOURS[link.kind],
+        "positions": _packed(link.positions, "<f4"),
+        "triangles": _packed(link.triangles, "<u4"),
+        "ends": [
+            {
+                "body": end.body,
+                "position": end.position.tolist(),
+                "shapes": end.shapes.tolist(),
+            }
+            for end in link.ends
+        ],
+    }
 
 
 def _quaternions(turns: Array) -> Array:

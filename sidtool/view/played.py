@@ -17,6 +17,8 @@ from sidtool.solver.recording.energies import elastic_state
 from sidtool.solver.recording.motion import frame_motion
 from sidtool.solver.system.scene import GROUND_NAME, System
 
+from .links import Link, links
+
 #: Rotation between two pictures above which more are put between [rad].
 TURN = 0.15
 #: Pictures at most: more are left out, evenly.
@@ -46,6 +48,7 @@ class Played:
     t : (nt,) [s]
     places, turns : by body, origins (nt, 3) [m] and orientations (nt, 3, 3)
     elastic : by body, (nt, nq)
+    links : springs, dampers, actuators and rods
     size, centre : extent and middle (3,) of the mechanism over all times [m]
     told : what has to be known of the times
     """
@@ -57,6 +60,7 @@ class Played:
     turns: Mapping[str, Array]
     elastic: Mapping[str, Array]
     joints: tuple[Joint, ...]
+    links: tuple[Link, ...]
     size: float
     centre: Array
     told: tuple[str, ...] = ()
@@ -87,6 +91,7 @@ def played(result: Result, most: int = MOST, times: Array | None = None) -> Play
             places[data.name], turns[data.name] = motion.X, motion.R
             elastic[data.name] = elastic_state(system, samples, b)[0]
     low, high = _extent(system, places, turns)
+    size = float((high - low).max()) or 1.0
     return Played(
         scene=system.scene,
         system=system,
@@ -95,7 +100,8 @@ def played(result: Result, most: int = MOST, times: Array | None = None) -> Play
         turns=turns,
         elastic=elastic,
         joints=tuple(_joints(system)),
-        size=float((high - low).max()) or 1.0,
+        links=links(system, size),
+        size=size,
         centre=(low + high) / 2,
         told=told,
     )

@@ -30,7 +30,9 @@
   bodies.forEach((body) => world.add(body.group));
   const joints = data.joints.map((told) => new Joint(told,
     bodies.find((body) => body.name === told.body), world, stage));
-  const corners = (act) => [...bodies, ...joints].forEach((part) => part.corners(act));
+  const links = data.links.map((told) => new Link(told, bodies, world, stage));
+  const corners = (act) =>
+    [...bodies, ...joints, ...links].forEach((part) => part.corners(act));
   const orbit = new THREE.OrbitControls(camera, $("canvas"));
   orbit.addEventListener("start", () => { state.view = ""; });
   orbit.addEventListener("change", () => { if (!state.playing) render(); });
@@ -84,6 +86,7 @@
       body.colour(state.colour);
     }
     joints.forEach((joint) => joint.move());
+    links.forEach((link) => link.move());
     $("slider").value = state.time;
     $("clock").textContent = state.time.toPrecision(5) + " s";
     const share = (state.time - times[0]) / ((times[times.length - 1] - times[0]) || 1);
@@ -215,6 +218,8 @@
   window.player = { seek, play, look, colour, scale, state, stage, triangles,
     sight: () => ({ view: camera.matrixWorldInverse.toArray(),
       projection: camera.projectionMatrix.toArray() }),
+    links: () => Object.fromEntries(links.map((link) => [link.name, {
+      kind: link.kind, ends: link.ends.map((end) => end.place().toArray()) }])),
     bodies: () => Object.fromEntries(bodies.map((body) => [body.name, {
       place: body.group.position.toArray(), q: Array.from(body.q),
       point: (row) => new THREE.Vector3().fromArray(body.positions.array, 3 * row)

@@ -1,0 +1,177 @@
+"""Springs, dampers, actuators and rods between two markers, as they are drawn.
+
+Each is a mesh along x from 0 to 1, which is stretched to the distance of its ends and
+turned into their direction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sidtool.formats.scene import (
+    Actuator,
+    SceneFile,
+    SpringDamper,
+    marker_names,
+    marker_reference,
+)
+from sidtool.formats.sid import Array
+from sidtool.solver.system.scene import GROUND_NAME, System
+
+from ..field.beam_field import CORNERS, tube
+
+if TYPE_CHECKING:
+    from .played import Played
+
+Indices = NDArray[np.int64]
+
+#: Radius of coils, of a cylinder and of a rod, as parts of the mechanism; half the
+#: thickness of a wire, and how many coils of how many straight pieces a spring has.
+_COIL, _CYLINDER, _ROD, _WIRE = 0.02, 0.012, 0.005, 0.003
+_COILS, _PIECES = 8, 12
+#: Part of the length at each end of a spring that is straight, and of a cylinder.
+_STRAIGHT, _OUTER = 0.12, 0.55
+
+
+@dataclass(frozen=True, eq=False)
+class Anchor:
+    """A point of a body, or of the ground, whose name is empty.
+
+    position : (3,) in the body frame, or in space [m]
+    shapes : (3, nq)
+    """
+
+    body: str
+    position: Array
+    shapes: Array
+
+    def path(self, motion: Played, scale: float) -> Array:
+        """(nt, 3) with deformations `scale` times as large [m]."""
+        if not self.body:
+            return np.tile(self.position, (len(motion.t), 1))
+        local = self.position + scale * motion.elastic[self.body] @ self.shapes.T
+        turned = np.einsum("tij,tj->ti", motion.turns[self.body], local)
+        return np.asarray(motion.places[self.body] + turned)
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """What joins two markers.
+
+    kind : spring, damper, actuator or rod
+    positions : (n, 3), x from 0 to 1, y and z in metres
+    triangles : (m, 3)
+    """
+
+    name: str
+    kind: str
+    ends: tuple[Anchor, Anchor]
+    positions: Array
+    triangles: Indices
+
+    def corners(self, motion: Played, row: int, scale: float) -> Array:
+        """Corners of its triangles at one time, (m, 3, 3) [m]."""
+        a, b = (end.path(motion, scale)[row] for end in self.ends)
+        length = float(np.linalg.norm(b - a))
+        along = (b - a) / length if length else np.array([1.0, 0.0, 0.0])
+        stretched = self.positions * [length, 1.0, 1.0]
+        return np.asarray((a + stretched @ turn_from_x(along).T)[self.triangles])
+
+
+def links(system: System, size: float) -> tuple[Link, ...]:
+    """What joins two markers in a scene.
+
+    size : of the mechanism [m]
+    """
+    meshes = {kind: make(size) for kind, make in _MESHES.items()}
+    bodies = {data.name: data for data in system.bodies}
+    found = []
+    for name, kind, markers in _pairs(system.scene):
+        ends = []
+        for owner, marker in map(marker_reference, markers):
+            node = bodies[owner].node(marker)
+            body = "" if owner == GROUND_NAME else owner
+            ends.append(Anchor(body, node.position, node.phi.m0))
+        found.append(Link(name, kind, (ends[0], ends[1]), *meshes[kind]))
+    return tuple(found)
+
+
+def _pairs(scene: SceneFile) -> list[tuple[str, str, tuple[str, ...]]]:
+    """Name, kind and markers of each."""
+    found = []
+    for name, joint in scene.joints.items():
+        if joint.type == "distance":
+            found.append((name, "rod", marker_names(joint)))
+    for name, force in scene.forces.items():
+        markers = getattr(force, "markers", None)
+        if isinstance(force, SpringDamper | Actuator) and markers is not None:
+            found.append((name, _kind(force), markers))
+    return found
+
+
+def _kind(force: SpringDamper | Actuator) -> str:
+    if isinstance(force, Actuator):
+        return "actuator"
+    return "spring" if force.stiffness or force.table else "damper"
+
+
+def turn_from_x(along: Array) -> Array:
+    """The least rotation that turns x into a direction, (3, 3)."""
+    x, y, z = along
+    if x < -1.0 + 1e-12:
+        return np.diag([-1.0, -1.0, 1.0])
+    k = 1.0 / (1.0 + x)
+    return np.array(
+        [
+            [x, -y, -z],
+            [y, 1.0 - k * y * y, -k * y * z],
+            [z, -k * y * z, 1.0 - k * z * z],
+        ]
+    )
+
+
+def _swept(line: Array, radius: Any) -> tuple[Array, Indices]:
+    """A square tube around a line whose cross-sections stand across x."""
+    arms = np.multiply.outer(np.broadcast_to(radius, len(line)), CORNERS)
+    positions = np.repeat(line[:, None], 4, axis=1)
+    positions[..., 1:] += arms
+    return positions.reshape(-1, 3), tube(len(line))
+
+
+def _rod(size: float) -> tuple[Array, Indices]:
+    line = np.zeros((2, 3))
+    line[1, 0] = 1.0
+    return _swept(line, _ROD * size)
+
+
+def _cylinder(size: float) -> tuple[Array, Indices]:
+    """A wide part that a thin one leaves."""
+    line = np.zeros((4, 3))
+    line[:, 0] = [0.0, _OUTER, _OUTER, 1.0]
+    wide, thin = _CYLINDER * size, _ROD * size
+    return _swept(line, np.array([wide, wide, thin, thin]))
+
+
+def _spring(size: float) -> tuple[Array, Indices]:
+    share = np.linspace(0.0, 1.0, _COILS * _PIECES + 1)
+    angle = 2.0 * np.pi * _COILS * share
+    coil = np.column_stack([share, np.cos(angle), np.sin(angle)])
+    coil *= [1.0 - 2.0 * _STRAIGHT, _COIL * size, _COIL * size]
+    coil[:, 0] += _STRAIGHT
+    ends = np.array([[0.0, 0.0, 0.0], [_STRAIGHT, 0.0, 0.0]])
+    line = np.concatenate([ends, coil, [1.0, 0.0, 0.0] - ends[::-1]])
+    return _swept(line, _WIRE * size)
+
+
+_MESHES = {"rod": _rod, "damper": _cylinder, "actuator": _cylinder, "spring": _spring}
+#: Their colours.
+COLOURS = {
+    "rod": "#555555",
+    "damper": "#777777",
+    "actuator": "#cc79a7",
+    "spring": "#333333",
+}
