@@ -11,6 +11,8 @@ from .sid import SID, Array, Taylor
 #: Components in the order of sigma rows.
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")
 
+#: Number of the first node that a conversion adds for the peak, unless told otherwise.
+FIRST_PEAK_NODE = 10001
 #: (5, 6) the equivalent stress is the length of this times xx, yy, zz, xy, yz, xz.
 MISES = np.zeros((5, 6))
 MISES[:2, :3] = [[np.sqrt(0.75), -np.sqrt(0.75), 0], [0.5, 0.5, -1]]
@@ -36,6 +38,13 @@ def node_stress(sid: SID, node_id: str | int, q: ArrayLike) -> Array:
 def stress_nodes(sid: SID) -> tuple[str, ...]:
     """The ids of the nodes that carry stress."""
     return tuple(node.id for node in sid.nodes if node.sigma is not None)
+
+
+def has_peak_nodes(sid: SID) -> bool:
+    """Whether nodes that carry stress were added for the peak, by their numbers."""
+    return any(
+        name.isdecimal() and int(name) >= FIRST_PEAK_NODE for name in stress_nodes(sid)
+    )
 
 
 def peak_stress(sid: SID, q: ArrayLike) -> Array:

@@ -169,6 +169,7 @@ def _notes(run: Run) -> Iterator[str]:
     if run.now >= system.scene.time.end and not _event_at_the_end(run):
         yield from notes.of_output_times(system.scene, float(run.times[-1:][0]))
     yield from notes.of_programs(system)
+    yield from notes.of_peaks(system)
     yield from notes.of_sampled_loops(system, run.control, run.start.z)
     if run.control.fixed_step != 1:
         span = run.now - system.scene.time.start

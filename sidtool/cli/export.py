@@ -56,7 +56,7 @@ def export(
     --peak tells the largest von Mises stress of each body over all points of its field
     and over time, with its place in the body frame and its instant. Stresses of the
     field are means of the elements that meet at a node; BODY.peak_von_mises is that of
-    the markers and of `peak_points` in the model file, chosen from such nodes and from
+    the markers and of `peak_points` of the model, chosen from such nodes and from
     points inside elements, which have more beside sharp corners of coarse meshes.
 
     \b

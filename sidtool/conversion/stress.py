@@ -27,10 +27,17 @@ from .vectors import LEVI_CIVITA
 
 #: Random states of equal energy that the peak points are chosen from.
 _STATES = 400
+#: Points are added until they have this part of the peak in every state, and at most
+#: so many.
+_FOUND, _MOST = 0.99, 100
 #: Points that are looked at together, in all states.
 _POINTS = 2_000
 #: Slopes are taken this far inside a patch, where degenerate edges have some.
 _INSIDE = 1e-7
+_MARKERS_ONLY = (
+    "peak_points = 0: peak_von_mises is the largest stress of the markers, not that of "
+    "the body"
+)
 _SILENT = (
     "no stress is told at {}: tied to node sets; a marker at a point of the material "
     "tells it"
@@ -61,7 +68,7 @@ def with_stress(
             sigma = Taylor(fixed[:, None], (rows @ basis.shapes).T[:, :, None])
             node = replace(node, sigma=sigma)
         nodes.append(node)
-    if settings.peak_points:
+    if settings.peak_points != 0:
         points = peak_points(body, basis, settings.peak_points, initial)
         for number, point in enumerate(points, settings.first_node):
             nodes.append(_node(number, point, frame))
@@ -95,27 +102,29 @@ def check_stress(body: FiniteElementModel, settings: StressRecovery) -> list[str
             expected="markers = [] and peak_points, which works for several; stress "
             "at markers needs a body of one material",
         )
-    if not settings.peak_points and not told:
+    if settings.peak_points == 0 and not told:
         raise InputError(
             "tells no stress: all markers are tied to node sets",
             place="stress",
             expected="a marker at a point of the material, or peak_points",
         )
+    found = [_MARKERS_ONLY] if settings.peak_points == 0 else []
     if settings.markers is not None:
-        return []
+        return found
     silent = [marker.name for marker in body.markers if marker.gradient is None]
-    return [_SILENT.format(", ".join(silent))] if silent else []
+    return [*found, *([_SILENT.format(", ".join(silent))] if silent else [])]
 
 
 def _check_numbers(body: FiniteElementModel, settings: StressRecovery) -> None:
     """Raises node numbers of peak points that markers have."""
     first = settings.first_node
+    count = _MOST if settings.peak_points is None else settings.peak_points
     for marker in body.markers:
-        if first <= marker.node < first + settings.peak_points:
+        if first <= marker.node < first + count:
             raise InputError(
                 f"node {marker.node} belongs to marker {marker.name} already",
                 place="stress.first_node",
-                expected=f"the first of {settings.peak_points} free node numbers",
+                expected=f"the first of {count} free node numbers",
             )
 
 
@@ -158,7 +167,7 @@ class StressPoint:
 def peak_points(
     body: FiniteElementModel,
     basis: ReducedBasis,
-    count: int,
+    count: int | None = None,
     initial: InitialStress | None = None,
 ) -> list[StressPoint]:
     """Points among which the largest von Mises stress is, for any state.
@@ -169,7 +178,8 @@ def peak_points(
 
     Tried are every shape function alone and random states in which every shape
     function has the same strain energy on average. Points are taken one by one, each
-    where the peak of the state that is worst served so far is.
+    where the peak of the state that is worst served so far is: `count` of them, or
+    until the points have 99 % of the peak in every state, at most 100.
 
     Raises
     ------
@@ -184,8 +194,11 @@ def peak_points(
     mises = _mises(sigma, states)
     covered = np.zeros(len(peaks))
     chosen: list[int] = []
-    while len(chosen) < min(count, len(points)):
-        worst = int((covered / np.maximum(peaks, 1e-300)).argmin())
+    while len(chosen) < min(_MOST if count is None else count, len(points)):
+        shares = covered / np.maximum(peaks, 1e-300)
+        worst = int(shares.argmin())
+        if count is None and shares[worst] >= _FOUND:
+            break
         fresh = [k for k in range(len(points)) if k not in chosen]
         chosen.append(max(fresh, key=lambda k: mises[k, worst]))
         covered = np.maximum(covered, mises[chosen[-1]])

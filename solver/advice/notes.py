@@ -6,8 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from sidtool.formats.scene import SceneFile, parse_output
+from sidtool.formats.scene import PEAK_STRESS, SceneFile, expanded, parse_output
 from sidtool.formats.sid import Array
+from sidtool.formats.stress import has_peak_nodes, stress_nodes
 
 from ..integrators import scales, stepping
 from ..integrators.passing import OVER
@@ -95,6 +96,25 @@ def of_output_times(scene: SceneFile, last: float) -> list[str]:
     return [
         f"the last output time is {last:g} s and not the end, "
         f"{scene.time.end:g} s: output_step does not divide the time span"
+    ]
+
+
+def of_peaks(system: System) -> list[str]:
+    """Of peaks over nodes that nobody chose where the stress is largest."""
+    scene, sids = system.scene, system.sids
+    bodies = {
+        name: stress_nodes(sids[name])
+        for name, body in scene.sid_bodies.items()
+        if name in sids and not body.rigid and not has_peak_nodes(sids[name])
+    }
+    if not any(bodies.values()):
+        return []
+    recorded = expanded(scene.outputs.record, scene, sids)
+    return [
+        f"{name}.{PEAK_STRESS} is the largest stress of {len(nodes)} nodes, not known "
+        "to be the peak of the body: convert its model without peak_points = 0"
+        for name, nodes in bodies.items()
+        if nodes and f"{name}.{PEAK_STRESS}" in recorded
     ]
 
 
