@@ -10,6 +10,8 @@ from .base import AngularVelocity, Table, Vector
 from .laws import ForceFunction
 
 Values = tuple[float, ...]
+#: Rows of a matrix.
+Rows = tuple[Values, ...]
 
 
 def _numbers(value: Any) -> Any:
@@ -124,13 +126,20 @@ class Bushing(_Force):
     the start; a run stops before a full one (at 6 rad), where it has no direction.
     With `shaft` the second marker turns without limit about that axis of both markers:
     the angle about it counts, and of the tilts about the other two axes their sines.
+
+    With matrices K and D the components of force and torque are -K q - D q', q the
+    displacements and rotations in the same order: foundations, journal bearings. They
+    need not be symmetric. What is not so of K is no potential, but supplies energy.
     """
 
     type: Literal["bushing"] = "bushing"
     markers: tuple[str, str] = Field(description=_MARKERS)
-    stiffness: Values = Field(description="3 (planar) or 6 values [N/m], [N m/rad]")
-    damping: Values | None = Field(
-        default=None, description="3 (planar) or 6 values [N s/m], [N m s/rad]"
+    stiffness: Values | Rows = Field(
+        description="3 (planar) or 6 values, or a matrix, by rows [N/m], [N m/rad]"
+    )
+    damping: Values | Rows | None = Field(
+        default=None,
+        description="3 (planar) or 6 values, or a matrix, by rows [N s/m], [N m s/rad]",
     )
     shaft: Literal["x", "y", "z"] | None = Field(
         default=None, description="spatial: the axis about which full turns are made"

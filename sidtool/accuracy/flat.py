@@ -180,6 +180,16 @@ def _drive(table: _Table) -> _Table | None:
     return table | {"coordinate": "angle"}
 
 
+def _in_plane_part(values: list[Any]) -> list[Any]:
+    """Stiffness or damping of x, y and the angle, which must not push out of it."""
+    inside, across = (0, 1, 5), (2, 3, 4)
+    if not isinstance(values[0], list):
+        return [values[k] for k in inside]
+    if any(values[i][j] != 0.0 for i in across for j in inside):
+        raise _NotFlat
+    return [[values[i][j] for j in inside] for i in inside]
+
+
 def _force(table: _Table) -> None:
     if "force" in table and table["type"] == "force":
         table["force"] = table["force"][:2]
@@ -190,4 +200,4 @@ def _force(table: _Table) -> None:
             raise _NotFlat
         for key in ("stiffness", "damping"):
             if key in table:
-                table[key] = [table[key][k] for k in (0, 1, 5)]
+                table[key] = _in_plane_part(table[key])

@@ -154,8 +154,10 @@ SLIDE = 3  # along a direction fixed in marker A; the displacement of B along it
 TWIST = 4  # torque about an axis fixed in marker A; the angle from A to B
 TILT = 5  # component of the rotation vector from A to B (spatial)
 LEAN = 6  # scalar product of a direction of A and one of B (spatial)
-COORDINATE = 7  # elastic coordinate F_DATA of the body F_B
-PRESCRIBED = 8  # no force: value of a drive; rows F_A and F_B are its derivatives
+SPIN = 7  # rate only: of the rotation from A to B along a direction of A (spatial)
+COMBINED = 8  # a weighted sum of the measures of the rows before it, see `forces.all`
+COORDINATE = 9  # elastic coordinate F_DATA of the body F_B
+PRESCRIBED = 10  # no force: value of a drive; rows F_A and F_B are its derivatives
 
 # --- columns of System.turn: rotations from marker A to B in space, of the kind TWIST,
 # TILT or LEAN. Orientations tell them up to full turns; those that are counted go on

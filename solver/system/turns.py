@@ -27,8 +27,8 @@ class Turn:
     """The rotation from marker a to marker b.
 
     name : of its angle, after the force or joint that needs it first
-    kind : TWIST, TILT or LEAN, see `space.layout`
-    data : directions of TWIST and LEAN
+    kind : TWIST, TILT, LEAN or SPIN, see `space.layout`
+    data : directions of all but TILT
     entry : its first entry of Work.turn
     counted : whether its angle is known beyond half a turn
     rest : the angle at the start is the one nearest to this [rad]
@@ -110,7 +110,7 @@ class _Book:
 
     def rated(self, element: Element) -> Element:
         """The element with an entry for its rate, if it has none and needs one."""
-        if element.kind not in (at.TWIST, at.LEAN) or element.turn >= 0:
+        if element.kind not in (at.TWIST, at.LEAN, at.SPIN) or element.turn >= 0:
             return element
         known = self._at(element)
         turn = known[0] if known else self._add(element, False)

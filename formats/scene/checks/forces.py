@@ -101,6 +101,13 @@ def _check_bushing(force: Bushing, place: str, scene: SceneFile) -> None:
         )
     for key in ("stiffness", "damping"):
         values = getattr(force, key)
-        if values is not None and len(values) != count:
-            expected = f"{count} in a {scene.dimension} scene"
+        if values is None:
+            continue
+        what = f"{count} values or a {count} x {count} matrix"
+        expected = f"{what} in a {scene.dimension} scene"
+        if len(values) != count:
             fail(f"{place}.{key}", f"found {len(values)} values", expected)
+        for row in values:
+            if isinstance(row, tuple) and len(row) != count:
+                found = f"found a row of {len(row)} values"
+                fail(f"{place}.{key}", found, expected)

@@ -32,7 +32,7 @@ def too_stiff(system: System) -> Iterator[str]:
     size = mechanism_extent(system)
     mass = sum(data.sid.mass for data in system.bodies if data.of_scene)
     for element in system.forces:
-        if not element.acts:
+        if not element.acts or element.kind == at.COMBINED:
             continue
         turns = element.kind in ANGLES
         block = _STEEL * (size**3 if turns else size)
@@ -65,7 +65,11 @@ def too_fast(system: System) -> Iterator[str]:
     time = system.scene.time
     for element in system.forces:
         spring = linear(element.law.stiffness)
-        if not element.acts or element.kind in ANGLES or min(spring, mass) <= 0.0:
+        if (
+            not element.acts
+            or element.kind in (*ANGLES, at.COMBINED)
+            or min(spring, mass) <= 0.0
+        ):
             continue
         omega = np.sqrt(spring / mass)
         periods = omega * (time.end - time.start) / (2.0 * np.pi)

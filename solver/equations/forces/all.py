@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...compiler.compiling import inner
 from ...space.algebra import zero
-from ...space.layout import COORDINATE, FOLLOWING, PRESCRIBED, SLIDE, SPAN
+from ...space.layout import COMBINED, COORDINATE, FOLLOWING, PRESCRIBED, SLIDE, SPAN
 from ..marker_rows import segment, vary_psi, vary_velocity
 from .coordinate import evaluate as evaluate_coordinate
 from .coordinate import linearise as linearise_coordinate
@@ -25,17 +25,72 @@ from .measures import (
 
 
 @inner()
-def measure(system, work, k):
-    """Measure g and its rate, and what a unit force on g does.
-
-    That is a force on marker B and its reverse on A, a torque on A, and one on B.
-    """
-    row = system.force[k]
+def _single_measure(system, work, row):
     if row.kind == SPAN:
         return measure_span(system, work, row)
     if row.kind == SLIDE:
         return measure_slide(system, work, row)
     return measure_rotation(system, work, row)
+
+
+@inner()
+def _sum_of_measures(system, work, k):
+    """COMBINED: a weighted sum of the measures of the rows before row k."""
+    row = system.force[k]
+    count = int(system.pool[row.data])
+    g, rate, n, torque_a, torque_b = _single_measure(
+        system, work, system.force[k - count]
+    )
+    w = system.pool[row.data + 1]
+    g, rate = w * g, w * rate
+    n, torque_a, torque_b = w * n, w * torque_a, w * torque_b
+    for i in range(1, count):
+        gi, ri, ni, ai, bi = _single_measure(system, work, system.force[k - count + i])
+        w = system.pool[row.data + 1 + i]
+        g, rate = g + w * gi, rate + w * ri
+        n, torque_a, torque_b = n + w * ni, torque_a + w * ai, torque_b + w * bi
+    return g, rate, n, torque_a, torque_b
+
+
+@inner()
+def measure(system, work, k):
+    """Measure g and its rate, and what a unit force on g does.
+
+    That is a force on marker B and its reverse on A, a torque on A, and one on B.
+    """
+    if system.force[k].kind == COMBINED:
+        return _sum_of_measures(system, work, k)
+    return _single_measure(system, work, system.force[k])
+
+
+@inner()
+def _measure_derivatives(system, work, row, g, rate, n, torque_b, force):
+    """Derivatives of the rate of a measure; adds Rp of a force on it."""
+    if row.kind == SPAN:
+        span_stiffness(system, work, row, g, n, force)
+        return span_derivatives(system, work, row, g, rate, n)
+    if row.kind == SLIDE:
+        slide_stiffness(system, work, row, g, n, force)
+        return slide_derivatives(system, work, row, g, rate, n)
+    rotation_stiffness(system, work, row, torque_b, force)
+    return rotation_derivatives(system, work, row, torque_b)
+
+
+@inner()
+def _derivatives(system, work, k, g, rate, n, torque_b, force):
+    """The same of row k, which may be a sum."""
+    row = system.force[k]
+    if row.kind != COMBINED:
+        return _measure_derivatives(system, work, row, g, rate, n, torque_b, force)
+    count = int(system.pool[row.data])
+    by_x, turn_a, turn_b = zero(n), zero(torque_b), zero(torque_b)
+    for i in range(count):
+        part = system.force[k - count + i]
+        gi, ri, ni, _, bi = _single_measure(system, work, part)
+        w = system.pool[row.data + 1 + i]
+        x, a, b = _measure_derivatives(system, work, part, gi, ri, ni, bi, w * force)
+        by_x, turn_a, turn_b = by_x + w * x, turn_a + w * a, turn_b + w * b
+    return by_x, turn_a, turn_b
 
 
 @inner()
@@ -88,15 +143,7 @@ def _linearise(system, work, k, v):
     kind = row.kind
     g, rate, n, torque_a, torque_b = measure(system, work, k)
     force, stiffness, damping = force_law(system, work, k, g, rate)
-    if kind == SPAN:
-        by_x, turn_a, turn_b = span_derivatives(system, work, row, g, rate, n)
-        span_stiffness(system, work, row, g, n, force)
-    elif kind == SLIDE:
-        by_x, turn_a, turn_b = slide_derivatives(system, work, row, g, rate, n)
-        slide_stiffness(system, work, row, g, n, force)
-    else:
-        by_x, turn_a, turn_b = rotation_derivatives(system, work, row, torque_b)
-        rotation_stiffness(system, work, row, torque_b, force)
+    by_x, turn_a, turn_b = _derivatives(system, work, k, g, rate, n, torque_b, force)
     by_x = stiffness * n + damping * by_x
     turn_a = stiffness * torque_a + damping * turn_a
     turn_b = stiffness * torque_b + damping * turn_b
@@ -111,7 +158,7 @@ def _linearise(system, work, k, v):
         segment(system, work, work.Gp, o, m, sign * by_x, turn)
         segment(system, work, work.Gv, o, m, zero(n), damping * torque)
         vary_psi(system, work, work.Gp, o, m, damping * torque, v)
-        if kind in (SPAN, SLIDE):
+        if kind in (SPAN, SLIDE, COMBINED):
             vary_velocity(system, work, o, m, sign * damping * n, v)
 
 

@@ -7,7 +7,7 @@ import math
 from ...compiler.compiling import inner
 from ...compiler.values import Vector, formula
 from ...space.algebra import back, cross, dot, load, rotate, unit
-from ...space.layout import LEAN, TILT
+from ...space.layout import LEAN, SPIN, TILT
 
 #: Below this rotation the series of the coefficient of the inverse of T is used.
 SMALL_ROTATION = 0.05
@@ -83,9 +83,12 @@ def tilt_direction(theta, e):
 @inner()
 def _angle(system, work, row, known):
     """Value of TWIST, the nearest to a known one, or of LEAN; and the torque that works
-    on it, in the axes of A. Of TWIST that is the axis, but for what B is tilted."""
+    on it, in the axes of A. Of TWIST that is the axis, but for what B is tilted; of
+    SPIN, which has a rate only, it is the axis itself."""
     A, B, pool = work.point[row.a], work.point[row.b], system.pool
     first, second = load(A.x, pool, row.data), load(A.x, pool, row.data + 3)
+    if row.kind == SPIN:
+        return 0.0, first
     if row.kind == LEAN:
         b = back(A.R, rotate(B.R, second))
         return dot(first, b), cross(b, first)

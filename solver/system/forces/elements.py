@@ -40,7 +40,7 @@ class Element:
 
     kind : see `space.layout`
     a, b : markers; a given force has no `a`
-    data : direction or components
+    data : direction or components; of a sum of measures their number, then weights
     function : row of its function of time, -1 for none
     coordinate : joint and coordinate that are its measure, if they are
     turn : entry of Work.turn that is its measure, -1 for none, see `turns`
@@ -114,6 +114,8 @@ def force_table(
         row[at.F_LAW] = pool.add(element.law.packed())
         row[at.F_TIME] = element.function
         row[at.F_TURN] = element.turn
+        if element.kind == at.COMBINED:
+            table[k - int(element.data[0]) : k, at.F_OWNER] = k
         if element.code:
             row[at.F_CODE] = pool.add(element.code)
             read = int(element.code[0])

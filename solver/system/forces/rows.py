@@ -33,6 +33,7 @@ from ...functions.table import FunctionTable
 from ...space import layout as at
 from .elements import Element, joint_coordinate
 from .force_laws import NOTHING, Law, characteristic, powers
+from .matrix_laws import antisymmetric_part, as_matrix, symmetric_part
 
 
 def compile_forces(
@@ -148,7 +149,6 @@ def _pair(
 
 def _bushing(force: Bushing, context: _Context) -> list[Element]:
     a, b = (marker_reference(text) for text in force.markers)
-    damping = force.damping or (0.0,) * len(force.stiffness)
     measures: list[tuple[int, tuple[float, ...]]]
     if context.planar:
         measures = [(at.SLIDE, (0.0,)), (at.SLIDE, (0.5 * math.pi,))]
@@ -156,18 +156,10 @@ def _bushing(force: Bushing, context: _Context) -> list[Element]:
     else:
         measures = [(at.SLIDE, e) for e in _AXES]
         measures += _about_shaft(force.shaft) if force.shaft else _about_axes()
-    return [
-        Element(
-            context.name,
-            kind,
-            a,
-            b,
-            data,
-            Law(stiffness=powers((k,)), damping=powers((d,))),
-        )
-        for (kind, data), k, d in zip(measures, force.stiffness, damping, strict=True)
-        if k != 0.0 or d != 0.0
-    ]
+    each = [Element(context.name, kind, a, b, data, Law()) for kind, data in measures]
+    K = as_matrix(force.stiffness)
+    D = np.zeros(K.shape) if force.damping is None else as_matrix(force.damping)
+    return [*symmetric_part(each, K, D), *antisymmetric_part(each, K, D)]
 
 
 _AXES = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]

@@ -32,11 +32,13 @@ from .force_laws import Law
 from .rows import force_element
 
 GROUND = ("ground", "")
+_ROTATION, _SPEED = ("rotation_x", "rotation_y", "rotation_z"), ("wx", "wy", "wz")
 #: How people call what outputs do not have: rates of rates.
 _ACCELERATION = re.compile(r"accel|_acc$|_rate_rate$|_ddot$|^(al|alpha)[xyz]?$|^aq\d+$")
 _EXPECTED = (
     "an output that is a position or a velocity: JOINT.angle, JOINT.angle_rate and "
-    "other coordinates, BODY.MARKER.x, BODY.MARKER.vx, x and vx of a rigid body, "
+    "other coordinates, BODY.MARKER.x, .vx and, of rotation, .angle and .wz (in space "
+    ".rotation_x and .wx), the same of a rigid body, "
     "BODY.q1, BODY.vq1, length, deflection and rate of a spring or an actuator, force "
     "and power of those, or a state FORCE.state.NAME"
 )
@@ -139,6 +141,23 @@ def coordinate(body: str, index: int) -> Element:
     return Element(body, at.COORDINATE, None, (body, ""), (float(index),), Law())
 
 
+def _of_rotation(end: tuple[str, str], quantity: str, planar: bool) -> Reading | None:
+    """Angle or angular velocity of a body or marker, deformation included; in space a
+    component of the rotation vector, or of the angular velocity."""
+    if planar:
+        if quantity not in ("angle", "wz"):
+            return None
+        element = Element(end[0], at.TWIST, GROUND, end, (0.0,), Law())
+        return Reading(element, int(quantity == "wz"))
+    if quantity not in (*_ROTATION, *_SPEED):
+        return None
+    order = int(quantity in _SPEED)
+    along = tuple(float(axis == quantity[-1]) for axis in "xyz")
+    data = (*along, 0.0, 0.0, 0.0) if order else along
+    kind = at.SPIN if order else at.TILT
+    return Reading(Element(end[0], kind, GROUND, end, data, Law()), order)
+
+
 def _of_marker(
     owner: str, marker: str, quantity: str, scene: SceneFile, data: BodyData
 ) -> Reading | None:
@@ -148,11 +167,9 @@ def _of_marker(
         return None
     if marker:
         data.node(marker)
-    elif planar and quantity in ("angle", "wz"):
-        kind, end = at.TWIST, (owner, marker)
-        return Reading(
-            Element(owner, kind, GROUND, end, (0.0,), Law()), int(quantity == "wz")
-        )
+    turning = _of_rotation((owner, marker), quantity, planar)
+    if turning is not None:
+        return turning
     order = len(quantity) - 1
     if quantity[-1] not in ("xy" if planar else "xyz") or order > 1:
         return None
