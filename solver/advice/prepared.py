@@ -15,6 +15,7 @@ from ..system.scene import System
 from .asked.questions import questions
 from .body_measures import expected_bodies
 from .coverage import uncovered
+from .light_links import refuse_light_links
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +47,11 @@ def prepare(system: System) -> Prepared:
 
     Raises
     ------
-    InputError : no start position meets the constraints, or friction that the joints
-        do not determine.
+    InputError : no start position meets the constraints, friction that the joints do
+        not determine, or a link whose inertia rounding hides.
     """
     assembled, start = _assembled(system)
+    refuse_light_links(assembled, start)
     return Prepared(system, with_prescribed_friction(assembled, start), start)
 
 
