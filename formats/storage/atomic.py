@@ -91,12 +91,15 @@ def atomic_path(
         mode = USUAL if found is None else PRIVATE
     else:
         found = None
-    temporary = _for_stream(target) if stream else _beside(target, mode)
+    if stream:
+        with temporary_folder(Path(tempfile.gettempdir()) / target.name) as folder:
+            temporary = create_file(folder, "", "")
+            yield temporary
+            _pour(temporary, target)
+        return
+    temporary = _beside(target, mode)
     try:
         yield temporary
-        if stream:
-            _pour(temporary, target)
-            return
         flush_to_disk(temporary)
         if found is not None:
             set_mode(temporary, found)
@@ -109,10 +112,26 @@ def atomic_path(
         raise OSError(error.errno, error.strerror, os.fspath(named)) from error
     finally:
         temporary.unlink(missing_ok=True)
-        if stream:
-            temporary.parent.rmdir()
-            temporary = temporary.parent
         _living.discard(temporary)
+
+
+@contextmanager
+def temporary_folder(target: Path) -> Iterator[Path]:
+    """Yield a new folder beside `target` that nobody else may enter.
+
+    It is removed at the end with the files in it; that of a killed process by whoever
+    writes into the same folder next.
+
+    Raises
+    ------
+    InputError : nothing can be created there.
+    """
+    folder = _new(target, lambda prefix: create_folder(target.parent, prefix, PART))
+    try:
+        yield folder
+    finally:
+        _remove(folder)
+        _living.discard(folder)
 
 
 def _give_name(temporary: Path, target: Path, named: Path | None) -> None:
@@ -146,15 +165,6 @@ def _mode(target: Path) -> int | None:
 def _beside(target: Path, mode: int) -> Path:
     """A new temporary file in the folder of `target`, and no rests of killed runs."""
     return _new(target, lambda prefix: create_file(target.parent, prefix, PART, mode))
-
-
-def _for_stream(target: Path) -> Path:
-    """A file in a new folder for temporary files that nobody else may enter."""
-    parent = Path(tempfile.gettempdir())
-    folder = _new(
-        parent / target.name, lambda prefix: create_folder(parent, prefix, PART)
-    )
-    return create_file(folder, "", "")
 
 
 def _new(target: Path, create: Callable[[str], Path]) -> Path:

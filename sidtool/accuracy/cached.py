@@ -1,4 +1,8 @@
-"""What was chosen before: kept in the user's cache, by content."""
+"""What was chosen before: kept in the user's cache, by content.
+
+A file holds a check sum, the key that it was kept under and the choice. The scene that
+is simulated is made anew from the scene asked for: nothing of it is taken from a file.
+"""
 
 from __future__ import annotations
 
@@ -6,30 +10,40 @@ import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from sidtool.formats.errors import InputError
 from sidtool.formats.result import AccuracyReport
 from sidtool.formats.scene import SceneFile
-from sidtool.formats.scene.base import Table
 from sidtool.formats.sid import SID
 from sidtool.formats.storage.atomic import atomic_path
-from sidtool.formats.storage.operating_system import cache_folder
+from sidtool.formats.storage.operating_system import (
+    PRIVATE,
+    cache_folder,
+    make_trusted_folder,
+    read_trusted,
+)
 from sidtool.formats.storage.sid_content import content_digest
 
+from .candidates import Choice
+from .runs import Setting
+
 #: How choices are made; a choice of another one is not used.
-METHOD = 19
+METHOD = 20
 
 
-class Kept(Table):
-    """The chosen scene, with its integrator and tolerance, and what it came to.
+class Kept(BaseModel, frozen=True, extra="forbid"):
+    """A choice, with its integrator and tolerance, and what it came to.
 
+    key : of the scene, SIDs and accuracy that it was made for
     models : level of the mesh, modes and nodes with static shape functions, by bodies
         that are made of models
     frames : that bodies were put in
     """
 
-    scene: SceneFile
+    key: str
+    choice: Choice
+    setting: Setting
     report: AccuracyReport
     models: dict[str, tuple[int, int | None, tuple[int, ...]]] = {}
     frames: dict[str, str] = {}
@@ -66,27 +80,35 @@ def key_of(
 
 
 def read(key: str) -> Kept | None:
-    """What is kept under a key, if it is whole."""
+    """What is kept under a key, if it is whole, and nobody else can have written it."""
     path = _path(key)
+    if path is None:
+        return None
     try:
-        return (
-            Kept.model_validate_json(path.read_text(encoding="utf-8")) if path else None
-        )
+        seal, _, content = read_trusted(path).partition(b"\n")
+        if seal != _seal(content):
+            return None
+        kept = Kept.model_validate_json(content)
     except (OSError, ValueError, ValidationError, InputError):
         return None
+    return kept if kept.key == key else None
 
 
-def write(key: str, kept: Kept) -> None:
+def write(kept: Kept) -> None:
     """Keep a choice where that is possible; elsewhere the search is made again."""
-    path = _path(key)
+    path, content = _path(kept.key), kept.model_dump_json(by_alias=True).encode()
     if path is None:
         return
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(path, keep_beside=False) as temporary:
-            temporary.write_text(kept.model_dump_json(by_alias=True), encoding="utf-8")
+        make_trusted_folder(path.parent)
+        with atomic_path(path, keep_beside=False, mode=PRIVATE) as temporary:
+            temporary.write_bytes(_seal(content) + b"\n" + content)
     except (OSError, InputError):
         return
+
+
+def _seal(content: bytes) -> bytes:
+    return hashlib.sha256(content).hexdigest().encode()
 
 
 def _path(key: str) -> Path | None:

@@ -74,6 +74,14 @@ class Choice:
                 quadratic = quadratic - {c.body}
         return Choice(tuple(kept.items()), quadratic, bare, flat)
 
+    def is_part_of(self, whole: Choice) -> bool:
+        """Whether a model keeps nothing but what another one has."""
+        own, all_ = dict(self.kept), dict(whole.kept)
+        kept = own.keys() == all_.keys() and all(
+            set(numbers) <= set(all_[name]) for name, numbers in own.items()
+        )
+        return kept and self.quadratic <= whole.quadratic
+
     def elastic(self, name: str) -> bool:
         return bool(dict(self.kept).get(name))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import astuple, dataclass, field, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from sidtool.formats.progress import Course, along
 from sidtool.formats.result import AccuracyReport, OutputError, Result, Sink
@@ -22,13 +22,13 @@ from .budget import budget
 from .candidates import Choice, as_scene, finest, recording, stiffened
 from .choose import Chosen, choose
 from .digits import with_digits
-from .elsewhere import in_frames
+from .elsewhere import by_matrices, in_frames
 from .frames import with_frames
 from .long import Proven, chosen_in_part
 from .meshes import Meshes, as_made, refined_meshes
 from .outside import check_inside
 from .reference import Reference, make_reference
-from .runs import Compile, Runs, expected_runs
+from .runs import Compile, Runs, Setting, expected_runs
 from .sentences import decisions, remarks, told_bounds, told_theory
 from .wanted import Request, Wanted, requested
 
@@ -42,6 +42,7 @@ MESHES = 1.0
 class Plan:
     """What is simulated: the scene with its integrator, and what it came to.
 
+    choice, setting : what was chosen
     sids : of all bodies that have one
     frames : that bodies were put in, of those whose SIDs are not in their own
     ran : the run of it whose errors the search has seen; None where there is none that
@@ -50,6 +51,8 @@ class Plan:
 
     scene: SceneFile
     report: AccuracyReport
+    choice: Choice
+    setting: Setting
     sids: Mapping[str, SID]
     frames: Mapping[str, str] = field(default_factory=dict)
     ran: Result | None = None
@@ -125,12 +128,9 @@ def planned(
     models = models or {}
     key = cached.key_of(scene, sids, (wanted, frames), models) if keep else ""
     kept = cached.read(key) if keep else None
-    if kept is not None:
-        found = {n: Fineness(*kept.models[n]) for n in models}
-        meshes = as_made(models, found)
-        report = kept.report.model_copy(update={"searched": False})
-        there = in_frames(scene, meshes.sids(sids), kept.frames)
-        return Plan(_named(kept.scene, meshes.scene(scene)), report, there)
+    before = None if kept is None else _as_kept(kept, scene, sids, models)
+    if before is not None:
+        return before
     began = time.perf_counter()
     request = requested(scene, sids, wanted)
     with along(Course({"meshes": MESHES * len(models), "choices": 1.0})) as parts:
@@ -143,14 +143,36 @@ def planned(
     report = plan.report.model_copy(update={"wanted": told(wanted), "seconds": seconds})
     if keep:
         levels = {n: astuple(f)[:3] for n, f in meshes.finenesses.items()}
-        numbers: Any = plan.scene.model_dump(
-            mode="json", by_alias=True, exclude_none=True
+        kept = cached.Kept(
+            key=key,
+            choice=plan.choice,
+            setting=plan.setting,
+            report=report,
+            models=levels,
+            frames=dict(plan.frames),
         )
-        kept = cached.Kept(  # formulas need the parameters of a whole file
-            scene=numbers, report=report, models=levels, frames=dict(plan.frames)
-        )
-        cached.write(key, kept)
+        cached.write(kept)
     return replace(plan, report=report)
+
+
+def _as_kept(
+    kept: cached.Kept,
+    scene: SceneFile,
+    sids: Mapping[str, SID],
+    models: Mapping[str, Source],
+) -> Plan | None:
+    """The plan for a scene by a choice that was kept; None where it does not fit."""
+    if not (kept.models.keys() == models.keys() and kept.frames.keys() <= sids.keys()):
+        return None
+    meshes = as_made(models, {n: Fineness(*kept.models[n]) for n in models})
+    scene = meshes.scene(scene)
+    there = in_frames(scene, meshes.sids(sids), kept.frames)
+    scene = by_matrices(scene, kept.frames)
+    if not kept.choice.is_part_of(finest(scene, there)):
+        return None
+    model = chosen_scene(scene, there, kept.choice, kept.setting)
+    report = kept.report.model_copy(update={"searched": False})
+    return Plan(model, report, kept.choice, kept.setting, there, kept.frames)
 
 
 def _chosen(
@@ -193,10 +215,11 @@ def _chosen(
         notes=reference.result.notes,
     )
     runs, choice = found.runs, chosen.choice
-    model = chosen_scene(runs.scene, runs.sids, chosen)
+    setting = chosen.found.setting
+    model = chosen_scene(runs.scene, runs.sids, choice, setting)
     as_asked = model.outputs.record == tuple(filter(choice.knows, runs.names))
-    ran = runs.attempt(choice, chosen.found.setting) if as_asked else None
-    return Plan(model, report, runs.sids, found.frames, ran)
+    ran = runs.attempt(choice, setting) if as_asked else None
+    return Plan(model, report, choice, setting, runs.sids, found.frames, ran)
 
 
 def _of_whole_runs(
@@ -228,12 +251,11 @@ def _of_whole_runs(
 
 
 def chosen_scene(
-    scene: SceneFile, sids: Mapping[str, SID], chosen: Chosen
+    scene: SceneFile, sids: Mapping[str, SID], choice: Choice, setting: Setting
 ) -> SceneFile:
     """The scene of the chosen model, that records what of its outputs there is."""
-    found = as_scene(scene, chosen.choice, sids)
-    known = tuple(filter(chosen.choice.knows, _recorded(scene, sids)))
-    setting = chosen.found.setting
+    found = as_scene(scene, choice, sids)
+    known = tuple(filter(choice.knows, _recorded(scene, sids)))
     accuracy = found.accuracy.model_copy(
         update={"integrator": setting.integrator, "rtol": setting.rtol}
     )
@@ -251,17 +273,6 @@ def _not_recorded(
 def _recorded(scene: SceneFile, sids: Mapping[str, SID]) -> tuple[str, ...]:
     """Recorded outputs, with wildcards expanded; q* stands as it is."""
     return expanded(scene.outputs.record, scene, sids, "outputs.record")
-
-
-def _named(kept: SceneFile, scene: SceneFile) -> SceneFile:
-    """The kept scene with title and files of this one, which have the same content."""
-    bodies = {
-        name: body.model_copy(update={"sid": scene.bodies[name].sid})  # type: ignore[union-attr]
-        if name in scene.flexible
-        else body
-        for name, body in kept.bodies.items()
-    }
-    return kept.model_copy(update={"bodies": bodies, "title": scene.title})
 
 
 def _outputs(

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from sidtool.formats.endings import check_ending
 from sidtool.formats.sid import Array
-from sidtool.formats.storage.atomic import atomic_path
+from sidtool.formats.storage.atomic import atomic_path, temporary_folder
 from sidtool.formats.storage.hdf5_data import put_texts
+from sidtool.formats.storage.operating_system import flush_to_disk, replace_file
 
 from .exported import Exported
 
@@ -91,16 +92,24 @@ def _steps(root: h5py.Group, t: Array, n: int) -> None:
 
 
 def write_pvd(path: Path, mesh: Exported) -> None:
-    """Write one VTU for each time into a folder beside it, then the PVD."""
+    """Write one VTU for each time into a folder beside it, and the PVD.
+
+    An earlier motion stays until all files of the new one are written. While they take
+    their places there is no PVD, so that none names files of two motions.
+    """
     folder = path.with_suffix("")
-    folder.mkdir(exist_ok=True)
     entries = []
-    for k, (t, step) in enumerate(zip(mesh.t, mesh.steps(), strict=True)):
-        name = f"{folder.name}_{k:05d}.vtu"
-        with atomic_path(folder / name) as temporary:
-            temporary.write_text(_vtu(mesh, step), encoding="ascii")
-        file = quoteattr(f"{folder.name}/{name}")
-        entries.append(f'<DataSet timestep="{float(t)!r}" part="0" file={file}/>')
+    with temporary_folder(folder) as written:
+        for k, (t, step) in enumerate(zip(mesh.t, mesh.steps(), strict=True)):
+            file = written / f"{folder.name}_{k:05d}.vtu"
+            file.write_text(_vtu(mesh, step), encoding="ascii")
+            flush_to_disk(file)
+            name = quoteattr(f"{folder.name}/{file.name}")
+            entries.append(f'<DataSet timestep="{float(t)!r}" part="0" file={name}/>')
+        folder.mkdir(exist_ok=True)
+        _remove_motion(path)
+        for file in sorted(written.iterdir()):
+            replace_file(file, folder / file.name)
     text = "\n".join(entries)
     with atomic_path(path) as temporary:
         temporary.write_text(
@@ -108,6 +117,17 @@ def write_pvd(path: Path, mesh: Exported) -> None:
             f"<Collection>\n{text}\n</Collection>\n</VTKFile>\n",
             encoding="utf-8",
         )
+
+
+def _remove_motion(path: Path) -> None:
+    """Remove a PVD and the files that it names in its folder."""
+    if not path.is_file():
+        return
+    folder, text = path.with_suffix(""), path.read_text(encoding="utf-8")
+    path.unlink()
+    for file in folder.glob("*.vtu"):
+        if quoteattr(f"{folder.name}/{file.name}") in text:
+            file.unlink()
 
 
 def _vtu(mesh: Exported, step: dict[str, Array]) -> str:

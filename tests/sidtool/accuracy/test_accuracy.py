@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from sidtool.formats.scene import SceneFile, read_scene, tolerance
 from sidtool.formats.sid import Taylor
 from sidtool.formats.sid_files import write_sid
 from sidtool.study import moves
-from tests.places import EXAMPLES
+from tests.places import EXAMPLES, posix
 
 from .arms import (
     TIGHT,
@@ -124,6 +125,7 @@ def test_the_second_time_nothing_is_searched(
         again = simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
     assert not again.accuracy.searched
     assert again.error == first.error
+    assert again.scene == first.scene
     assert np.array_equal(again.values, first.values)
     other = replace(sid, Ke=Taylor(1.5 * sid.Ke.m0))
     assert simulated(scene, other, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
@@ -131,6 +133,43 @@ def test_the_second_time_nothing_is_searched(
     for path in folder.iterdir():
         path.write_text(path.read_text(encoding="utf-8")[:200], encoding="utf-8")
     assert simulated(scene, sid, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
+
+
+def resealed(content: dict[str, Any]) -> str:
+    text = json.dumps(content)
+    return f"{hashlib.sha256(text.encode()).hexdigest()}\n{text}"
+
+
+def test_what_is_kept_serves_its_own_scene_alone(folder: Path) -> None:
+    """Whole, under its own key, and no more than a choice among what the scene has."""
+    scene, sid = particles(False)
+    simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
+    (path,) = folder.iterdir()
+    kept = cached.read(path.stem)
+    assert kept is not None
+    text = path.read_text(encoding="utf-8")
+    content = json.loads(text.partition("\n")[2])
+    assert content["setting"]["rtol"] == kept.setting.rtol
+    path.write_text(text.replace('"kept":false', '"kept":true'), encoding="utf-8")
+    assert cached.read(path.stem) is None
+    other = path.with_stem("0" * 32)
+    other.write_text(text, encoding="utf-8")
+    assert cached.read(other.stem) is None
+    other.unlink()
+    content["choice"]["kept"] = [["arm", [1, 2, 3, 4, 5]]]
+    path.write_text(resealed(content), encoding="utf-8")
+    assert cached.read(path.stem) is not None
+    assert simulated(scene, sid, accuracy={"arm.tip.y": 1e-2}).accuracy.searched
+
+
+@posix
+def test_what_others_may_have_kept_is_not_used(folder: Path) -> None:
+    scene, sid = particles(False)
+    simulated(scene, sid, accuracy={"arm.tip.y": 1e-2})
+    (path,) = folder.iterdir()
+    assert cached.read(path.stem) is not None
+    path.chmod(0o666)
+    assert cached.read(path.stem) is None
 
 
 def test_a_script_hears_what_the_search_does() -> None:

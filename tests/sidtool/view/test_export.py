@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from sidtool.formats.result import Result, write_result
 from sidtool.formats.scene import read_scene
 from sidtool.formats.stress import von_mises
 from sidtool.solver.recording.motion import FrameMotion
+from sidtool.view import vtk_files
 from sidtool.view.exported import Exported, Part, _cells, exported
 from sidtool.view.peaks import peak_stresses
 from sidtool.view.vtk_files import write_pvd, write_vtkhdf
@@ -291,3 +293,53 @@ def test_thousands_of_bodies_are_named(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "m.vtkhdf") as file:
         body = file["VTKHDF/CellData/body"][()]
         assert tuple(file["bodies"].asstr()[body]) == names
+
+
+def still_points(count: int, x: float) -> Exported:
+    """A point that rests at x."""
+    zeros = np.zeros((count, 3))
+    place = zeros + [x, 0.0, 0.0]
+    still = FrameMotion(place, np.tile(np.eye(3), (count, 1, 1)), zeros, zeros)
+    point, cells = np.zeros((1, 3)), {"tri3": np.zeros((1, 3), int)}
+    none, initial = np.zeros((count, 0)), np.zeros((1, 6))
+    shapes = np.zeros((1, 3, 0))
+    part = Part("p", point, cells, shapes, None, initial, still, none, none, "")
+    return Exported(np.arange(float(count)), (part,), *_cells([part]), ())
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.mark.parametrize("stop", ["writing", "moving"])
+def test_no_pvd_names_files_of_two_motions(
+    stop: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_pvd(tmp_path / "m.pvd", still_points(4, 1.0))
+    (tmp_path / "m" / "notes.vtu").write_bytes(b"of the user")
+    before = content(tmp_path)
+
+    def interrupt(*told: Any) -> Any:
+        done.append(None)
+        if len(done) > 2:
+            raise KeyboardInterrupt
+        return usual(*told)
+
+    done: list[None] = []
+    name = "_vtu" if stop == "writing" else "replace_file"
+    usual = getattr(vtk_files, name)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(vtk_files, name, interrupt)
+        write_pvd(tmp_path / "m.pvd", still_points(3, 2.0))
+    if stop == "writing":
+        assert content(tmp_path) == before
+    else:
+        assert not (tmp_path / "m.pvd").exists()
+    write_pvd(tmp_path / "m.pvd", still_points(3, 2.0))
+    other = tmp_path / "other"
+    other.mkdir()
+    write_pvd(other / "m.pvd", still_points(3, 2.0))
+    expected = content(other) | {"m/notes.vtu": b"of the user"}
+    shutil.rmtree(other)
+    assert content(tmp_path) == {str(Path(k)): v for k, v in expected.items()}
