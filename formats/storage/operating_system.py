@@ -330,6 +330,17 @@ def processors() -> int:
 
 
 @cache
+def busy_seconds(passed: float, busy: float) -> float:
+    """Of a time that passed [s], that in which a processor worked for this program.
+
+    busy : difference of two readings of `time.thread_time` or `time.process_time`,
+        which Windows brings up to date 64 times a second only; shorter than some such
+        steps, all of the time counts
+    """
+    step = 1.0 / 64.0 if WINDOWS else 0.0
+    return passed if passed < 10.0 * step else min(busy, passed)
+
+
 def process_list() -> str:
     """A name for those who count the same processes: a machine, or a container."""
     if sys.platform == "win32":

@@ -14,6 +14,7 @@ from sidtool.formats.progress import Course, Steps, along, is_heard, reached
 from sidtool.formats.result import Result
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID, Array
+from sidtool.formats.storage.operating_system import busy_seconds
 
 from .candidates import Choice, as_scene, recording
 from .outside import check_inside
@@ -282,7 +283,8 @@ def _timed(
             raise
         result = stop.result
     passed, worked = time.perf_counter() - began[0], time.thread_time() - began[1]
-    took = float(result.counters["seconds"]) * min(1.0, worked / passed)
+    share = busy_seconds(passed, worked) / passed
+    took = float(result.counters["seconds"]) * share
     return result, took, float(result.t[-1])
 
 
