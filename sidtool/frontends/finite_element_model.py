@@ -267,6 +267,12 @@ class FiniteElementModel:
         modes[self.table[there]] = motion[there]
         return modes if d == 3 else modes[:, [0, 1, 5]]
 
+    @cached_property
+    def directions(self) -> Array:
+        """(ndof,) 1, 2, 3 of displacements along x, y, z, and 0 of rotations."""
+        axes = 3 if self.positions.shape[1] == 3 else 2
+        return np.abs(self.rigid_body_modes()[:, :axes]) @ np.arange(1.0, axes + 1.0)
+
     def linear_fields(self, origin: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """(ndof, 1 or 6) displacements S r with symmetric S at r from `origin`.
 

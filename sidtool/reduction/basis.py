@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from sidtool.formats.errors import InputError
 
 from ..frontends.finite_element_model import FiniteElementModel
+from .eigen import along_axes
 from .frames import Frame
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ def finished(
         )
     small = basis.T @ (model.stiffness @ basis)
     values, mixing = scipy.linalg.eigh((small + small.T) / 2)
+    mixing = mixing @ along_axes(values, basis @ mixing, model.directions)
     shapes = basis @ mixing
     origin = np.array([kinds[i] for i in kept])
     shares = {kind: (mixing[origin == kind] ** 2).sum(axis=0) for kind in set(kinds)}

@@ -19,7 +19,7 @@ from .pencil import Pencil
 from .running import Counter, tell
 from .slepc import slepc_eigenvectors
 
-__all__ = ["free_body_shift", "lowest_eigenpairs", "symmetric_factors"]
+__all__ = ["along_axes", "free_body_shift", "lowest_eigenpairs", "symmetric_factors"]
 
 Array = NDArray[np.float64]
 Solve = Callable[[Array], Array]
@@ -28,6 +28,31 @@ Solve = Callable[[Array], Array]
 _DENSE = 300
 #: The lowest eigenvalue in units of its rounding error that still counts as known.
 _RESOLUTION = 100.0
+#: Eigenvalues that differ by less, relative to their size, are those of one frequency.
+SAME_FREQUENCY = 1e-8
+
+
+def along_axes(values: Array, shapes: Array, directions: Array) -> Array:
+    """(n, n) the rotation of modes of one frequency to those along the axes.
+
+    Any combination of such modes is a mode, and which ones a solver finds is decided by
+    rounding. Of the two bending modes of a square bar, this gives the one in y and the
+    one in z.
+
+    Parameters
+    ----------
+    values : (n,) eigenvalues, ascending
+    shapes : (ndof, n) displacements
+    directions : (ndof,) 1, 2, 3 of displacements along x, y, z, and 0 of rotations
+    """
+    turns = np.eye(len(values))
+    jumps = np.diff(values) > SAME_FREQUENCY * np.abs(values[1:])
+    for same in np.split(np.arange(len(values)), np.flatnonzero(jumps) + 1):
+        if len(same) > 1:
+            part = shapes[:, same]
+            _, turn = np.linalg.eigh(part.T @ (directions[:, None] * part))
+            turns[np.ix_(same, same)] = turn
+    return turns
 
 
 def lowest_eigenpairs(

@@ -15,7 +15,12 @@ from sidtool.formats.errors import InputError
 
 from ..frontends.elimination import eliminated
 from ..frontends.finite_element_model import FiniteElementModel
-from .eigen import free_body_shift, lowest_eigenpairs, symmetric_factors
+from .eigen import (
+    along_axes,
+    free_body_shift,
+    lowest_eigenpairs,
+    symmetric_factors,
+)
 from .factors import Factors
 from .frames import Frame, clamped_dofs, motion_rows
 
@@ -37,6 +42,7 @@ class Space:
     stopped : (n, s) those that only the constraints stop
     shift : a negative number below which K - shift M is positive definite [1/s^2]
     places : (n, d) where each y is, for the order of the unknowns
+    directions : (ndof,) of the model
     factors : of the stiffness, for this space and all with further constraints
     """
 
@@ -48,6 +54,7 @@ class Space:
     stopped: Array
     shift: float
     places: Array
+    directions: Array
     factors: PinnedFactors
 
     def loads(self, loads: Array) -> Array:
@@ -74,7 +81,9 @@ class Space:
     def modes(self, count: int, soon: int = 0) -> tuple[Array, Array]:
         """The lowest elastic modes: eigenvalues and displacements (ndof, count).
 
-        Rigid motions are not among them.
+        Rigid motions are not among them. Modes of one frequency, any combination of
+        which is a mode, are those along the axes where there are such, x before y
+        before z: the two bending modes of a square bar.
 
         Parameters
         ----------
@@ -95,7 +104,7 @@ class Space:
         if count == 0:
             return np.zeros(0), np.zeros((self.transform.shape[0], 0))
         if not self._found or count > len(self._found[0][0]):
-            self._found[:] = [self._lowest(min(max(count, soon), available))]
+            self._found[:] = [self._lowest(min(max(count + 1, soon), available))]
         values, shapes = self._found[0]
         return values[:count], shapes[:, :count]
 
@@ -115,7 +124,9 @@ class Space:
             rigid=self.rigid,
             static=lambda load: self._static.solve(load),
         )
-        return values[skipped:], self.displacements(vectors[:, skipped:])
+        values, shapes = values[skipped:], self.displacements(vectors[:, skipped:])
+        shapes = shapes @ along_axes(values, shapes, self.directions)
+        return values, shapes
 
     def static(self, loads: Array, motions: Array | None = None) -> Array:
         """Static displacements (ndof, n) under loads (ndof, n).
@@ -235,6 +246,7 @@ def admissible(
             model.stiffness, model.mass, model.positions, model.place_table
         ),
         places=places,
+        directions=model.directions,
         factors=PinnedFactors(stiffness, rigid, places),
     )
     markers = [motion_rows(model, model.marker(n)) for n in fixed if n in known]

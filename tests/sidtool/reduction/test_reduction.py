@@ -8,7 +8,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.testing import assert_allclose
 
-from sidtool.convert import finite_element_model
+from sidtool.convert import finite_element_model, sid_from_model
 from sidtool.formats.errors import InputError
 from sidtool.formats.model import ModalReduction, ModelFile, TangentFrame
 from sidtool.formats.toml.reading import validated
@@ -16,6 +16,7 @@ from sidtool.frontends.finite_element_model import FiniteElementModel
 from sidtool.reduction.eigen import free_body_shift, lowest_eigenpairs
 from sidtool.reduction.frames import FRAMES, Frame, tangent_frame
 from sidtool.reduction.methods import REDUCTIONS, ReducedBasis, oriented
+from tests.steel_bars import bar_data
 
 from ..models import DISCRETISATIONS, Q4, rod, rod_data
 
@@ -56,6 +57,21 @@ def test_sparse_eigenpairs_are_those_of_lapack(body: FiniteElementModel) -> None
 def test_the_same_matrices_give_the_same_vectors(body: FiniteElementModel) -> None:
     first, second = (reduced(body, 5).shapes for _ in range(2))
     assert (first == second).all()
+
+
+@pytest.mark.parametrize("frame", ["tangent", "buckens"])
+@pytest.mark.parametrize("modes", [1, 3, 6])
+def test_modes_of_one_frequency_are_those_along_the_axes(
+    frame: str, modes: int
+) -> None:
+    """A square bar bends in y and z at the same frequency. An odd number of modes cuts
+    a pair, of which that in y stays: a planar scene can have it."""
+    frames = {"tangent": {"type": "tangent", "marker": "root", "clamp": "start"}}
+    data = bar_data(modes=modes, frame=frames.get(frame, {"type": frame}))
+    sid = sid_from_model(validated(data, ModelFile))
+    moved = np.abs(sid.node(2).phi.m0[1:])
+    assert (moved.min(axis=0) < 1e-6 * moved.max(axis=0)).all()
+    assert (moved.argmax(axis=0) == np.arange(modes) % 2).all()
 
 
 @pytest.mark.parametrize("elements", [[12, 2], [60, 6]])
