@@ -9,6 +9,7 @@ from pathlib import Path
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
 from sidtool.formats.sid_files import read_sid
+from sidtool.formats.storage.operating_system import path_from
 
 #: What stands in the scene of a result for a SID that came from a program.
 FROM_PROGRAM = "(given by a program)"
@@ -34,7 +35,7 @@ def swapped(
     for name, given in sids.items():
         found[name] = given if isinstance(given, SID) else read_sid(given)
         text = (
-            FROM_PROGRAM if isinstance(given, SID) else os.path.relpath(given, folder)
+            FROM_PROGRAM if isinstance(given, SID) else path_from(folder, Path(given))
         )
         bodies[name] = bodies[name].model_copy(update={"sid": text, "model": None})
     return scene.model_copy(update={"bodies": bodies}), found

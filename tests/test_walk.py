@@ -6,6 +6,7 @@ not call back into it. Who reads from the top never comes to a file that was lef
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator
 from functools import cache
@@ -16,14 +17,17 @@ from typing import Any
 import pytest
 
 import sidtool
+from sidtool import formats, solver
 from sidtool.formats.storage.kept import kept
 from sidtool.solver.running import Run
 from sidtool.solver.system.scene import System
 
 from .sidtool.test_compiled import ARM, FOUNDING
 
-ROOT = Path(__file__).resolve().parents[1]
-OURS = tuple(str(ROOT / room) + "/" for room in ("sidtool", "solver", "formats"))
+OURS = tuple(
+    str(Path(str(room.__file__)).resolve().parent) + os.sep
+    for room in (sidtool, solver, formats)
+)
 #: They call what they are given, once, and keep what it finds.
 PASSING_ON = {
     kept(len).__code__,  # type: ignore[attr-defined]

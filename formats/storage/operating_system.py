@@ -255,6 +255,14 @@ def extended_path(path: Path) -> Path:
     return Path("\\\\?\\" + text)
 
 
+def path_from(folder: Path, path: Path) -> str:
+    """A path as seen from a folder, or whole where it is on another drive."""
+    try:
+        return os.path.relpath(path, folder)
+    except ValueError:  # of Windows: no path leads from C: to D:
+        return str(path.resolve())
+
+
 def path_problem(path: Path) -> str:
     """Why this system has no file of such a name; empty if it may have one."""
     return windows_path_problem(os.fspath(path)) if WINDOWS else ""

@@ -14,6 +14,7 @@ from pydantic import PrivateAttr
 
 from ..errors import InputError
 from ..storage.atomic import atomic_path
+from ..storage.operating_system import path_from
 from .evaluation import PARAMETERS, Formulas
 from .expressions import number_of
 from .reading import read_data, with_formulas
@@ -258,4 +259,4 @@ def relocate(data: Any, place: tuple[str, ...], old: Path, new: Path) -> None:
         elif isinstance(data[key], str):
             there = old / data[key]
             stays = there.is_absolute() or new == Path(".")
-            data[key] = str(there) if stays else os.path.relpath(there, new)
+            data[key] = str(there) if stays else path_from(new, there)

@@ -292,7 +292,7 @@ def test_info_prints_where_every_marker_is(tmp_path: Path) -> None:
     assert f"{x:.6g}, {y:.6g}, 0" in told
     (tmp_path / "part.inp").unlink()
     told = CliRunner().invoke(cli, ["info", path])
-    assert told.exit_code == 0
+    assert told.exit_code == 1
     assert "no such file" in told.output
 
 
