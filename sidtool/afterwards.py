@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -11,8 +12,9 @@ import numpy as np
 from sidtool.formats.errors import InputError
 from sidtool.formats.progress import reached
 from sidtool.formats.result import Result
-from sidtool.formats.scene import expanded, has_wildcard, matching
+from sidtool.formats.scene import SceneFile, expanded, has_wildcard, matching
 from sidtool.formats.sid import Array
+from sidtool.formats.toml.reading import validated
 
 if TYPE_CHECKING:
     from sidtool.solver.afterwards import Replay
@@ -49,7 +51,7 @@ def outputs(
     if len(recorded) == len(listed):
         return recorded
     if "analysis" in result.settings:
-        return _of_analysis(result, listed)
+        return _of_analysis(result, listed, drives, forces)
     from sidtool.solver.afterwards import replay, scene_of
 
     wanted = expanded(listed, scene_of(result), result.sids)
@@ -120,10 +122,58 @@ def _ordered(names: Iterable[str], found: Mapping[str, Array]) -> dict[str, Arra
     return {name: found[name] for names in places for name in names}
 
 
-def _of_analysis(result: Result, listed: list[str]) -> dict[str, Array]:
-    """What an analysis recorded: its states alone do not tell accelerations."""
+def _of_analysis(
+    result: Result, listed: list[str], drives: Programs | None, forces: Programs | None
+) -> dict[str, Array]:
+    """What an analysis recorded, since its states alone do not tell accelerations; of a
+    static equilibrium all outputs, from the analysis once more."""
+    if result.settings["analysis"] == "static equilibrium" and result.scene:
+        return _of_equilibrium(result, listed, drives, forces)
     found: dict[str, Array] = {}
     for name in listed:
         names = matching(name, result.names) if has_wildcard(name) else [name]
         found |= {one: Result.__getitem__(result, one) for one in names or [name]}
     return found
+
+
+def _of_equilibrium(
+    result: Result, listed: list[str], drives: Programs | None, forces: Programs | None
+) -> dict[str, Array]:
+    """Outputs of a static equilibrium by name.
+
+    Raises
+    ------
+    InputError : there is no such output, or the analysis ends in another state now.
+    """
+    from sidtool.solver.afterwards import scene_of
+
+    from .analysing import static_equilibrium
+
+    scene = scene_of(result)
+    wanted = expanded(listed, scene, result.sids)
+    missing = [name for name in wanted if name not in result.names]
+    found = {name: result[name] for name in wanted if name in result.names}
+    if missing:
+        laws = {**result.laws, **(drives or {}), **(forces or {})}
+        content = json.loads(result.scene) | {"outputs": {"record": missing}}
+        content.pop("events", None)
+        again = static_equilibrium(
+            validated(content, SceneFile, source="scene of the result"),
+            sids=dict(result.sids),
+            accept_defects=True,
+            drives={n: law for n, law in laws.items() if n in scene.drives},
+            forces={n: law for n, law in laws.items() if n in scene.forces},
+        ).result()
+        if not _same_state(again, result):
+            raise InputError(
+                "the analysis finds another equilibrium now",
+                expected="a result of this version of sidtool",
+            )
+        found |= {name: Result.__getitem__(again, name) for name in missing}
+    return _ordered(wanted, found)
+
+
+def _same_state(one: Result, other: Result) -> bool:
+    return one.positions.shape == other.positions.shape and np.allclose(
+        one.positions, other.positions, rtol=1e-6, atol=1e-9
+    )

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
+from sidtool.formats.errors import InputError
 from sidtool.formats.html import html_table
 from sidtool.solver.analyses import linear, static
 
@@ -16,13 +20,49 @@ if TYPE_CHECKING:
 Found = TypeVar("Found")
 
 
+class _Named:
+    """Numbers by name: `keys()`, `in`, `len` and iteration as of a dictionary."""
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of what was found."""
+        raise NotImplementedError
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.keys()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def __len__(self) -> int:
+        return len(self.keys())
+
+    def __bool__(self) -> bool:
+        return True
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Equilibrium(static.Equilibrium):
-    __doc__ = static.Equilibrium.__doc__
+class Equilibrium(_Named, static.Equilibrium):
+    __doc__ = f"""{static.Equilibrium.__doc__}
+    `equilibrium["pin.fy"]` is an output, recorded or not; `keys()`, `in`, `len` and
+    iteration tell recorded outputs and all multipliers.
+    """
 
     def result(self) -> Result:
         """The scene's outputs in equilibrium, as a result of one time."""
         return answering(super().result())
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of recorded outputs and of all multipliers."""
+        return tuple(name for name, _, _ in self.rows())
+
+    def __getitem__(self, name: str) -> float:
+        """The value of an output of the scene, recorded or not.
+
+        Raises
+        ------
+        InputError : no output has this name.
+        """
+        return float(self.result()[name][0])
 
     def to_dataframe(self) -> pandas.DataFrame:
         """A pandas table: a row per recorded output and multiplier, with its value and
@@ -57,8 +97,39 @@ class Equilibrium(static.Equilibrium):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Linearisation(linear.Linearisation):
-    __doc__ = linear.Linearisation.__doc__
+class Linearisation(_Named, linear.Linearisation):
+    __doc__ = f"""{linear.Linearisation.__doc__}
+    `modes["frequency"]` is a column of `to_dataframe`; `keys()`, `in`, `len` and
+    iteration tell the names of the columns.
+    """
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of what is known of each mode."""
+        return tuple(self._columns())
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A number of each mode, (n,).
+
+        Raises
+        ------
+        InputError : there is no such column.
+        """
+        columns = self._columns()
+        if name not in columns:
+            expected = f"one of {', '.join(columns)}"
+            raise InputError(f"modes have no {name!r}", expected=expected)
+        return np.asarray(columns[name])
+
+    def _columns(self) -> dict[str, Any]:
+        return {
+            "frequency": self.frequencies,
+            "inertial_frequency": self.inertial_frequencies,
+            "rotating_frequency": self.rotating_frequencies,
+            "whirl": list(self.whirl),
+            "rigid": self.rigid,
+            "damping_ratio": self.damping_ratios,
+            "eigenvalue": self.eigenvalues,
+        }
 
     def to_dataframe(self) -> pandas.DataFrame:
         """A pandas table: a row per mode with its frequency [Hz], damping ratio and
@@ -69,15 +140,7 @@ class Linearisation(linear.Linearisation):
         InputError : pandas is not installed.
         """
         pandas = installed("pandas")
-        columns = {
-            "frequency": self.frequencies,
-            "inertial_frequency": self.inertial_frequencies,
-            "rotating_frequency": self.rotating_frequencies,
-            "whirl": list(self.whirl),
-            "rigid": self.rigid,
-            "damping_ratio": self.damping_ratios,
-            "eigenvalue": self.eigenvalues,
-        }
+        columns = self._columns()
         numbers = pandas.RangeIndex(1, len(self.frequencies) + 1, name="mode")
         table = pandas.DataFrame(columns, index=numbers)
         units = dict.fromkeys(columns, "") | {"eigenvalue": "1/s"}

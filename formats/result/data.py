@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from threading import Lock
 from typing import TYPE_CHECKING, Any, Self
@@ -134,6 +134,26 @@ class Result:
         """Estimated error of each output relative to its variation, by name; empty
         where no accuracy was asked for."""
         return {} if self.accuracy is None else self.accuracy.errors()
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of the outputs that were recorded."""
+        return self.names
+
+    def items(self) -> Iterator[tuple[str, Array]]:
+        """Recorded outputs with their values over the times, (nt,)."""
+        return ((name, self[name]) for name in self.names)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __bool__(self) -> bool:
+        return True
 
     def __getitem__(self, name: str) -> Array:
         """The course of one output, (nt,).

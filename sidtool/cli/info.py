@@ -23,7 +23,8 @@ def info(file: Path) -> None:
     For a model: geometry, material, discretisation, frame, reduction, damping, and
     where every marker is; for the last the body is discretised. Of an imported mesh or
     matrices also mass, centre, inertia, free frequencies and node sets.
-    For a scene: bodies, joints, drives, what the simulation keeps or drops, and of
+    For a scene: bodies, joints, drives and forces with their numbers, degrees of
+    freedom, redundancies, total mass, what the simulation keeps or drops, and of
     flexible bodies frequencies, excitation and expected stiffening.
     For a result: outputs with their range, cost, drift of the constraints, and what
     each shape function contributed; of a run that was asked for an accuracy the error

@@ -22,7 +22,7 @@ from sidtool.solver.afterwards import scene_of
 from ..plot.figure import styled
 from ..plot.results import drawn
 from ..report.accuracy import accuracy_summary, budget_table, error_table
-from ..report.result import contributions, course
+from ..report.result import contributions, course, event_rows
 from ..report.scene import scene_parts
 from ..report.tables import named
 from ..view.animating import shown
@@ -136,8 +136,8 @@ def _accuracy(result: Result) -> Iterator[str]:
 
 
 def _events(result: Result) -> Iterator[str]:
-    if result.events:
-        rows = [(e.name, e.kind, f"{e.t:.9g}") for e in result.events]
+    rows = event_rows(result.events)
+    if rows:
         yield "<h2>Events</h2>" + html_table(rows, ("event", "kind", "t [s]"))
 
 

@@ -98,6 +98,22 @@ def _is_stiff(result: Result) -> bool:
     return STIFF_PART * counters.get("stiff_steps", 0) > counters.get("steps", 0)
 
 
+def event_rows(events: Sequence[Event]) -> list[tuple[str, str, str]]:
+    """Name, kind and time [s] of events; of the breaks of a function, such as the knots
+    of a spline, a row for all of them."""
+    rows = [(e.name, e.kind, f"{e.t:.9g}") for e in events if e.kind != "break"]
+    found: dict[str, list[float]] = {}
+    for event in events:
+        if event.kind == "break":
+            found.setdefault(event.name, []).append(event.t)
+    for name, times in found.items():
+        span = f"{times[0]:.9g} to {times[-1]:.9g}"
+        several = len(times) > 1
+        kind = f"{len(times)} breaks" if several else "break"
+        rows.append((name, kind, span if several else f"{times[0]:.9g}"))
+    return rows
+
+
 def _events(events: Sequence[Event]) -> list[tuple[str, str]]:
     """Lines of the first crossings, and how many breaks of functions there were."""
     crossings = [e for e in events if e.kind != "break"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from sidtool.formats.scene import (
     Body,
     Drive,
@@ -15,8 +17,13 @@ from sidtool.formats.scene import (
     driven_coordinate,
     marker_names,
 )
+from sidtool.formats.scene.base import Table
 
 from .tables import Block, named, plural, table
+
+#: Keys of forces that stand in other columns, and functions of many numbers.
+_NO_NUMBERS = frozenset(["type", "marker", "markers", "joint", "coordinate"])
+_LONG = frozenset(["polynomial", "spline", "table", "sum", "callable"])
 
 
 def describe_scene(scene: SceneFile) -> str:
@@ -67,7 +74,7 @@ def scene_parts(scene: SceneFile) -> list[Block]:
         parts.append(table(["drive", "of", "coordinate", "function"], drives))
     if scene.forces:
         forces = [[name, *_force(force)] for name, force in scene.forces.items()]
-        parts.append(table(["force", "kind", "acts on"], forces))
+        parts.append(table(["force", "kind", "acts on", "numbers"], forces))
     if scene.events:
         events = [[name, *_event(event)] for name, event in scene.events.items()]
         parts.append(table(["event", "when", "then"], events))
@@ -91,8 +98,10 @@ def _body(body: Body) -> list[str]:
             terms.append(f"shape functions {numbers}")
         kind = "taken as rigid" if body.rigid else "flexible"
         return [kind, ", ".join(terms), markers]
-    kind = "rigid" if body.inertia is not None else "point mass"
-    return [kind, f"{body.mass:g} kg", markers]
+    kind, told = "point mass", f"{body.mass:g} kg"
+    if body.inertia is not None:
+        kind, told = "rigid", f"{told}, inertia {_amount(body.inertia)} kg m2"
+    return [kind, told, markers]
 
 
 def _joint(joint: Joint) -> list[str]:
@@ -103,7 +112,7 @@ def _joint(joint: Joint) -> list[str]:
 
 
 def _drive(drive: Drive, scene: SceneFile) -> list[str]:
-    function: str = drive.function.type
+    function = _amount(drive.function)
     if isinstance(drive.function, Polynomial):
         function += f", {plural(len(drive.function.pieces), 'piece')}"
     of = drive.joint or drive.marker or ""
@@ -117,9 +126,40 @@ def _force(force: Force) -> list[str]:
     pair = getattr(force, "markers", None) or (getattr(force, "marker", None),)
     joint = getattr(force, "joint", None)
     if joint is None:
-        return [force.type, " - ".join(map(str, pair))]
+        return [force.type, " - ".join(map(str, pair)), numbers_of(force)]
     coordinate = getattr(force, "coordinate", None)
-    return [force.type, f"{joint}, {coordinate}" if coordinate else joint]
+    on = f"{joint}, {coordinate}" if coordinate else joint
+    return [force.type, on, numbers_of(force)]
+
+
+def numbers_of(part: Table) -> str:
+    """Stiffness, damping, rest, gains and other numbers that are given, as text.
+
+    Functions of time are told by their kind, tables by the number of their points.
+    """
+    told = []
+    for name in type(part).model_fields:
+        value = getattr(part, name)
+        if name in part.model_fields_set and name not in _NO_NUMBERS:
+            told.append(f"{name} {_amount(value)}")
+    return ", ".join(told)
+
+
+def _amount(value: Any) -> str:
+    if isinstance(value, Table):
+        kind = getattr(value, "type", "")
+        inner = "" if kind in _LONG else numbers_of(value)
+        points = getattr(value, "deflection", getattr(value, "times", None))
+        if points is not None:
+            inner = f"{len(points)} points"
+        return " ".join(filter(None, [kind, f"({inner})" if inner else ""]))
+    if isinstance(value, tuple) and len(value) == 1:
+        return _amount(value[0])
+    if isinstance(value, tuple):
+        return "[" + " ".join(map(_amount, value)) + "]"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} = {_amount(entry)}" for name, entry in value.items())
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _event(event: Event) -> list[str]:

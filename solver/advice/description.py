@@ -42,6 +42,7 @@ def describe(system: System) -> list[str]:
         f"{kind} scene: {system.n_positions - system.n_turns} position coordinates, "
         f"{system.n_velocities} velocity coordinates, {system.n_rows} constraints"
     ]
+    lines += [_degrees_of_freedom(system), _total_mass(system)]
     for row, data in zip(system.arrays.body, system.bodies, strict=True):
         if data.of_scene:
             lines.append(f"body {data.name}: {_body(row, data)}")
@@ -68,6 +69,27 @@ def describe(system: System) -> list[str]:
     used, total = len(system.markers), sum(len(b.sid.nodes) for b in system.bodies)
     lines.append(f"markers: {used} used of {total} exported nodes")
     return lines
+
+
+def _degrees_of_freedom(system: System) -> str:
+    """What joints and drives leave free at the start, by counting (Gruebler).
+
+    States of laws are no degrees of freedom, and redundant constraints hold nothing.
+    """
+    pairs = list(zip(system.arrays.body, system.bodies, strict=True))
+    free = sum(int(row[at.NV]) for row, data in pairs if data.of_scene)
+    elastic = sum(int(row[at.NQ]) for row, data in pairs if data.of_scene)
+    redundant = len({*system.redundant, *system.dropped})
+    freedom = free - (system.n_rows - redundant)
+    return (
+        f"degrees of freedom: {freedom}, of {free} velocity coordinates ({elastic} "
+        f"elastic), {system.n_rows} constraints and {redundant} redundancies"
+    )
+
+
+def _total_mass(system: System) -> str:
+    mass = sum(data.sid.mass for data in system.bodies if data.of_scene)
+    return f"total mass: {mass:.6g} kg"
 
 
 def _stiffened_markers(system: System, data: BodyData) -> list[str]:

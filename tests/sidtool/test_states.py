@@ -84,3 +84,43 @@ def test_missing_tables_say_what_they_may_be() -> None:
     with pytest.raises(sidtool.InputError, match="discretisation: is missing") as error:
         sidtool.Model(geometry=geometry)
     assert "q4" in str(error.value.expected) and "iga" in str(error.value.expected)
+
+
+def test_results_and_states_behave_like_dictionaries(pendulum: sidtool.Scene) -> None:
+    result = pendulum.with_({"time.end": 0.1}).simulate()
+    assert list(result) == list(result.keys()) == ["pin.angle", "pin.fy", "bob.y"]
+    assert len(result) == 3 and "bob.y" in result and "bob.x" not in result
+    assert {name: len(column) for name, column in result.items()} == dict.fromkeys(
+        result, 2
+    )
+    assert bool(pendulum.with_({"outputs.record": [], "time.end": 0.1}).simulate())
+    found = pendulum.static_equilibrium()
+    assert [name for name, _, _ in found.rows()] == list(found) == list(found.keys())
+    assert len(found) == len(found.rows()) and "pin.f2" in found
+    assert found["bob.y"] == pytest.approx(-LENGTH)
+    modes = pendulum.linearise()
+    assert "frequency" in modes and len(modes) == len(list(modes))
+    assert modes["frequency"] == pytest.approx(modes.frequencies)
+    with pytest.raises(sidtool.InputError, match="damping_ratio"):
+        modes["frequencies"]
+
+
+def test_an_equilibrium_answers_every_output(pendulum: sidtool.Scene) -> None:
+    """Of a bob that a spring pulls aside: horizontal forces of both are equal."""
+    spring = {"type": "spring_damper", "markers": ["ground.wall", "bob"]}
+    pulled = pendulum.with_(
+        {
+            "ground.markers.wall": {"position": [1.0, -LENGTH]},
+            "forces.spring": {**spring, "stiffness": 9.0},
+        }
+    )
+    found = pulled.static_equilibrium()
+    result = found.result()
+    assert result["bob.x"][0] > 0.1 and found["bob.ax"] == pytest.approx(0.0, abs=1e-9)
+    assert found["pin.fx"] == pytest.approx(-found["spring.fx"], rel=1e-9)
+    length = math.hypot(1.0 - found["bob.x"], LENGTH + found["bob.y"])
+    assert found["spring.length"] == pytest.approx(length, rel=1e-12)
+    assert found["spring.force"] == pytest.approx(-9.0 * length, rel=1e-12)
+    assert set(result.outputs("pin.*")) >= {"pin.fx", "pin.f1", "pin.torque"}
+    with pytest.raises(sidtool.InputError, match="bob"):
+        found["bib.x"]

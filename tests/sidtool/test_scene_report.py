@@ -1,0 +1,115 @@
+"""What `info` and reports tell of a scene: freedom, mass, numbers of forces."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import pytest
+
+import sidtool
+from sidtool.formats.result import Event
+from sidtool.report.result import event_rows
+from sidtool.report.scene import describe_scene
+from sidtool.solver import compile_scene, describe
+
+COUNTED = re.compile(
+    r"degrees of freedom: (-?\d+), of (\d+) velocity coordinates \((\d+) elastic\), "
+    r"(\d+) constraints and (\d+) redundancies"
+)
+
+
+def bar(x: float, y: float, turned: bool, spatial: bool) -> dict[str, Any]:
+    ends = {"a": [-0.5, 0.0], "b": [0.5, 0.0]}
+    angle = math.pi / 2 if turned else 0.0
+    if not spatial:
+        place: dict[str, Any] = {"position": [x, y], "angle": angle}
+        markers = {n: {"position": p} for n, p in ends.items()}
+        return {"mass": 1.5, "inertia": 1.0, "markers": markers, "initial": place}
+    place = {"position": [x, y, 0.0], "axis_angle": [0.0, 0.0, angle]}
+    markers = {n: {"position": [*p, 0.0]} for n, p in ends.items()}
+    return {"mass": 1.5, "inertia": [1.0] * 3, "markers": markers, "initial": place}
+
+
+def four_bar(spatial: bool, drives: dict[str, Any]) -> sidtool.Scene:
+    """A square of three bars with four hinges: one degree of freedom; in space three
+    constraints too many."""
+    far = [1.0, 0.0, 0.0] if spatial else [1.0, 0.0]
+    ends = {"o": ["ground", "l.a"], "p": ["l.b", "t.a"]}
+    ends |= {"q": ["t.b", "r.b"], "s": ["r.a", "ground.far"]}
+    return sidtool.Scene.checked(
+        {
+            "format": "sidtool scene",
+            "version": 1,
+            "dimension": "spatial" if spatial else "planar",
+            "time": {"end": 1.0},
+            "ground": {"markers": {"far": {"position": far}}},
+            "bodies": {
+                "l": bar(0.0, 0.5, True, spatial),
+                "t": bar(0.5, 1.0, False, spatial),
+                "r": bar(1.0, 0.5, True, spatial),
+            },
+            "joints": {n: {"type": "revolute", "markers": m} for n, m in ends.items()},
+            "drives": drives,
+        },
+        "test",
+    )
+
+
+@pytest.mark.parametrize("spatial", [False, True])
+@pytest.mark.parametrize("driven", [False, True])
+def test_degrees_of_freedom_are_counted(spatial: bool, driven: bool) -> None:
+    """Gruebler's count less the redundancies; a drive of an inner hinge takes one."""
+    push = {"type": "polynomial", "pieces": [{"from": 0.0, "coefficients": [0, 0.1]}]}
+    drives = {"motor": {"joint": "p", "function": push}} if driven else {}
+    lines = describe(compile_scene(four_bar(spatial, drives)))
+    found = next(filter(None, map(COUNTED.fullmatch, lines)))
+    freedom, free, elastic, constraints, redundant = map(int, found.groups())
+    assert freedom == (0 if driven else 1) and elastic == 0
+    assert free == (18 if spatial else 9)
+    assert redundant == (3 if spatial else 0)
+    assert constraints == free - freedom + redundant
+    assert "total mass: 4.5 kg" in lines
+
+
+def test_numbers_of_forces_and_bodies_are_told() -> None:
+    scene = four_bar(False, {}).with_(
+        {
+            "forces.spring": {
+                "type": "spring_damper",
+                "joint": "o",
+                "stiffness": 1234.0,
+                "damping": 5.5,
+                "rest": 0.25,
+            },
+            "forces.control": {
+                "type": "actuator",
+                "joint": "o",
+                "function": {"type": "pid", "measured": "o.angle", "p": 77.0, "d": 8.0},
+            },
+        }
+    )
+    text = describe_scene(scene)
+    for number in (
+        "stiffness 1234",
+        "damping 5.5",
+        "rest 0.25",
+        "p 77",
+        "d 8",
+        "1.5 kg",
+    ):
+        assert number in text, number
+
+
+def test_knots_of_a_function_are_one_row() -> None:
+    import numpy as np
+
+    none = np.zeros(0)
+    knots = [Event("cam", "break", 0.1 * k, none, none, none) for k in range(1, 200)]
+    passing = Event("dead_centre", "rising", 0.35, none, none, none)
+    rows = event_rows([*knots, passing])
+    assert rows == [
+        ("dead_centre", "rising", "0.35"),
+        ("cam", "199 breaks", "0.1 to 19.9"),
+    ]
