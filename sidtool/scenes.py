@@ -12,11 +12,10 @@ from sidtool.formats.sid import SID
 
 if TYPE_CHECKING:
     from sidtool.formats import result as stored
-    from sidtool.solver.analyses.linear import Linearisation
-    from sidtool.solver.analyses.static import Equilibrium
 
     from .compiled import CompiledScene
     from .results import Result
+    from .states import Equilibrium, Linearisation
     from .study import Study
 
 Sids = Mapping[str, SID | str | os.PathLike[str]]

@@ -1,5 +1,8 @@
 """Run mypy on the package as it is installed: `python -m tests.type_check`.
 
+The examples of the documentation and the files of `tests/typed` are checked as those of
+users are: strictly, in another folder.
+
 mypy follows folders, and `sidtool.solver` and `sidtool.formats` stand at the top of the
 repository. A folder below `build/` shows them where they are installed: by links, on
 Windows by copies.
@@ -7,14 +10,19 @@ Windows by copies.
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 from .places import ROOT
 
 #: Folder of the repository to its place in the package.
 INNER = {"formats": "formats", "solver": "solver"}
+#: The Python blocks of a page, which go on one after the other.
+EXAMPLE = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
 def main() -> int:
@@ -36,7 +44,27 @@ def main() -> int:
         else:
             shutil.copy(path, package / name)
     command = [sys.executable, "-m", "mypy", "--config-file", ROOT / "pyproject.toml"]
-    return subprocess.run([*command, *sys.argv[1:]], cwd=top, check=False).returncode
+    done = subprocess.run([*command, *sys.argv[1:]], cwd=top, check=False)
+    return done.returncode or _check_users(top)
+
+
+def _check_users(top: Path) -> int:
+    """Exit status of mypy for what users write."""
+    folder = ROOT / "build" / "users"
+    if folder.exists():
+        shutil.rmtree(folder)
+    folder.mkdir()
+    for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
+        blocks = EXAMPLE.findall(page.read_text(encoding="utf-8"))
+        if blocks:
+            name = page.stem.lower() + "_page.py"
+            (folder / name).write_text("\n".join(blocks), encoding="utf-8")
+    for path in (ROOT / "tests" / "typed").glob("*.py"):
+        shutil.copy(path, folder)
+    command = [sys.executable, "-m", "mypy", "--strict", "--ignore-missing-imports"]
+    command += ["--config-file", "", "."]
+    environment = {**os.environ, "MYPYPATH": str(top)}
+    return subprocess.run(command, cwd=folder, env=environment, check=False).returncode
 
 
 if __name__ == "__main__":

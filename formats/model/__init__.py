@@ -9,10 +9,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from numpy.typing import ArrayLike
+from pydantic import model_validator
 
 from ..damping import RayleighDamping
 from ..errors import InputError
+from ..toml.constructor_types import (
+    Entries,
+    Field,
+    Integer,
+    Number,
+    OptionalInteger,
+    Takes,
+)
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File, relocate
 from ..toml.tables import Table
@@ -57,9 +66,11 @@ __all__ = [
 class Material(Table):
     """Linear elastic and isotropic."""
 
-    youngs_modulus: Positive = Field(description="Young's modulus in Pa")
-    poissons_ratio: float = Field(gt=-1, lt=0.5, description="a number below 0.5")
-    density: Positive = Field(description="the density in kg/m^3")
+    youngs_modulus: Takes[Positive, float | str] = Field(
+        description="Young's modulus in Pa"
+    )
+    poissons_ratio: Number = Field(gt=-1, lt=0.5, description="a number below 0.5")
+    density: Takes[Positive, float | str] = Field(description="the density in kg/m^3")
 
 
 class NodeMarker(Table):
@@ -82,13 +93,17 @@ class NodeMarker(Table):
     position : of the place [m]
     """
 
-    node: int = Field(ge=1, le=99999, description="its node number in the SID")
+    node: Integer = Field(ge=1, le=99999, description="its node number in the SID")
     edge: str | None = None
     at: Fraction | tuple[Fraction, Fraction] | Literal["axis"] | None = None
-    parameters: tuple[Fraction, ...] | None = Field(None, min_length=1, max_length=3)
-    position: Point2 | Point3 | None = None
-    mesh_node: int | None = Field(None, description="a node number of the mesh file")
-    tie: Tie | None = None
+    parameters: Takes[tuple[Fraction, ...] | None, ArrayLike | None] = Field(
+        default=None, min_length=1, max_length=3
+    )
+    position: Takes[Point2 | Point3 | None, ArrayLike | None] = Field(default=None)
+    mesh_node: OptionalInteger = Field(
+        default=None, description="a node number of the mesh file"
+    )
+    tie: Takes[Tie | None, Tie | Entries | None] = Field(default=None)
 
 
 class ModelFile(File):
@@ -103,18 +118,26 @@ class ModelFile(File):
     format: Literal["sidtool model"] = "sidtool model"
     version: Literal[1] = 1
     title: str = ""
-    parameters: dict[str, float] = Field(
+    parameters: Takes[dict[str, float], Mapping[str, float | str]] = Field(
         default_factory=dict, description=PARAMETERS_MEAN
     )
-    material: Material | None = None
-    geometry: Geometry
-    discretisation: Discretisation
-    frame: FrameSettings
-    markers: dict[str, NodeMarker] = Field(min_length=1)
-    reduction: ReductionSettings
-    damping: RayleighDamping | None = None
-    stiffening: Stiffening | None = None
-    stress: StressRecovery | None = None
+    material: Takes[Material | None, Material | Entries | None] = Field(default=None)
+    geometry: Takes[Geometry, Geometry | Entries]
+    discretisation: Takes[Discretisation, Discretisation | Entries]
+    frame: Takes[FrameSettings, FrameSettings | Entries]
+    markers: Takes[dict[str, NodeMarker], Mapping[str, NodeMarker | Entries]] = Field(
+        min_length=1
+    )
+    reduction: Takes[ReductionSettings, ReductionSettings | Entries]
+    damping: Takes[RayleighDamping | None, RayleighDamping | Entries | None] = Field(
+        default=None
+    )
+    stiffening: Takes[Stiffening | None, Stiffening | Entries | None] = Field(
+        default=None
+    )
+    stress: Takes[StressRecovery | None, StressRecovery | Entries | None] = Field(
+        default=None
+    )
 
     @classmethod
     def _read(cls, data: dict[str, Any], path: Path) -> Self:

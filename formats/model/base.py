@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from ..toml.constructor_types import Field
 
 Point3 = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from numpy.typing import ArrayLike
 
+from ..toml.constructor_types import Field, Number, Takes
 from ..toml.tables import Table
 from .base import Point3, Positive
 
@@ -40,12 +41,12 @@ class GeneralSection(Table):
     """
 
     shape: Literal["general"] = "general"
-    area: Positive
-    iy: Positive
-    iz: Positive
-    torsion: Positive | None = None
-    shear_y: Positive = 5 / 6
-    shear_z: Positive = 5 / 6
+    area: Takes[Positive, float | str]
+    iy: Takes[Positive, float | str]
+    iz: Takes[Positive, float | str]
+    torsion: Takes[Positive | None, float | str | None] = Field(default=None)
+    shear_y: Takes[Positive, float | str] = Field(default=5 / 6)
+    shear_z: Takes[Positive, float | str] = Field(default=5 / 6)
 
 
 class LumpedMass(Table):
@@ -58,8 +59,8 @@ class LumpedMass(Table):
     inertia : [xx, yy, zz] about its own centre [kg m^2]
     """
 
-    at: float = Field(ge=0, le=1)
-    mass: Positive
+    at: Number = Field(ge=0, le=1)
+    mass: Takes[Positive, float | str]
     inertia: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
@@ -82,10 +83,10 @@ class BeamGeometry(Table):
     """
 
     type: Literal["beam"] = "beam"
-    start: Point3
-    end: Point3
+    start: Takes[Point3, ArrayLike]
+    end: Takes[Point3, ArrayLike]
     through: tuple[Point3, ...] = ()
-    y_axis: Point3 = (0.0, 1.0, 0.0)
+    y_axis: Takes[Point3, ArrayLike] = Field(default=(0.0, 1.0, 0.0))
     twist: float | Annotated[tuple[float, ...], Field(min_length=1)] = 0.0
     interpolation: Literal["linear", "smooth", "polynomial"] = "linear"
     section: Annotated[

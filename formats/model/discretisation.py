@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ..errors import InputError
+from ..toml.constructor_types import Field
 from ..toml.tables import Table
 from .base import Count
 
@@ -118,10 +119,10 @@ class MeshDiscretisation(Table):
 
     type: Literal["mesh"] = "mesh"
     state: Literal["plane_stress", "plane_strain"] | None = Field(
-        None, description="of plane elements that do not say it themselves"
+        default=None, description="of plane elements that do not say it themselves"
     )
     formulation: Formulation | None = Field(
-        None,
+        default=None,
         description="of hex8 and quad4, instead of what the file says; by default "
         "incompatible modes where the file does not say it",
     )

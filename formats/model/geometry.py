@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from ..errors import InputError
+from ..toml.constructor_types import Field, Takes, Texts
 from ..toml.tables import Table
 from .base import Count, NonNegative, Point3, Positive
 from .beams import BeamGeometry
@@ -65,7 +66,7 @@ class NurbsGeometry(Table):
     knots: tuple[Knots, Knots]
     control_points: tuple[tuple[Point2, ...], ...] = Field(min_length=2)
     weights: tuple[tuple[Positive, ...], ...] | None = None
-    thickness: Positive = Field(description="the thickness in m")
+    thickness: Takes[Positive, float | str] = Field(description="the thickness in m")
     edges: dict[str, Literal["left", "right", "bottom", "top"]] = {}
 
     @model_validator(mode="after")
@@ -163,9 +164,9 @@ class PatchesGeometry(Table):
 
     type: Literal["patches"] = "patches"
     file: str
-    thickness: Positive | None = None
+    thickness: Takes[Positive | None, float | str | None] = Field(default=None)
     edges: dict[str, tuple[str, ...]] = {}
-    tolerance: Positive = 1e-9
+    tolerance: Takes[Positive, float | str] = Field(default=1e-9)
 
     @property
     def edge_names(self) -> Mapping[str, Any]:
@@ -198,10 +199,10 @@ class MeshGeometry(Table):
     type: Literal["mesh"] = "mesh"
     file: str
     unit: Positive | str = 1.0
-    thickness: Positive | None = None
-    ignore: tuple[str, ...] = ()
+    thickness: Takes[Positive | None, float | str | None] = Field(default=None)
+    ignore: Texts = Field(default=())
     engine: Literal["calculix"] | None = None
-    density: NonNegative | None = None
+    density: Takes[NonNegative | None, float | str | None] = Field(default=None)
     order: Literal[1, 2] | None = None
     part: str | None = None
 
@@ -230,7 +231,7 @@ class MatricesGeometry(Table):
     nodes: str | None = None
     dofs: str | None = None
     file: str | None = None
-    expected_mass: Positive | None = None
+    expected_mass: Takes[Positive | None, float | str | None] = Field(default=None)
 
     @model_validator(mode="after")
     def _complete(self) -> Self:

@@ -5,9 +5,18 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import Annotated, Literal
 
-from pydantic import Field
+from numpy.typing import ArrayLike
 
 from ..stress import FIRST_PEAK_NODE
+from ..toml.constructor_types import (
+    Field,
+    Integer,
+    OptionalInteger,
+    OptionalTexts,
+    Takes,
+    Texts,
+    TwoTexts,
+)
 from ..toml.tables import Table
 from .base import Count, Names, NonNegative, several
 from .checks import check_name
@@ -51,7 +60,7 @@ class ChordFrame(Table):
     """
 
     type: Literal["chord"] = "chord"
-    markers: tuple[str, str]
+    markers: TwoTexts
 
     @property
     def clamped_edges(self) -> tuple[str, ...]:
@@ -131,7 +140,7 @@ class InterfaceReduction(ReductionPart):
     rotations : whether the rotations of the markers are interface coordinates too
     """
 
-    interfaces: tuple[str, ...] = Field(min_length=1)
+    interfaces: Texts = Field(min_length=1)
     modes: Modes = 0
     rotations: bool = True
 
@@ -181,7 +190,7 @@ class KrylovReduction(ReductionPart):
     """
 
     method: Literal["krylov"] = "krylov"
-    interfaces: tuple[str, ...] = Field(min_length=1)
+    interfaces: Texts = Field(min_length=1)
     frequencies: tuple[NonNegative, ...] = Field(min_length=1)
     moments: Count = 1
     rotations: bool = True
@@ -262,7 +271,7 @@ class Prestress(Table):
         In other frames loads that are in balance by themselves need none.
     """
 
-    stress: Vector | None = None
+    stress: Takes[Vector | None, ArrayLike | None] = Field(default=None)
     forces: Mapping[str, Vector] = {}
     moments: Mapping[str, Vector] = {}
     support: str | None = None
@@ -289,7 +298,7 @@ class Stiffening(Table):
     acceleration: bool = True
     angular_acceleration: bool = True
     centrifugal: bool = True
-    markers: tuple[str, ...] | None = None
+    markers: OptionalTexts = Field(default=None)
     prestress: Prestress | None = None
 
     @property
@@ -311,9 +320,9 @@ class StressRecovery(Table):
     first_node : number of the first of them
     """
 
-    markers: tuple[str, ...] | None = None
-    peak_points: int | None = Field(default=None, ge=0)
-    first_node: int = Field(default=FIRST_PEAK_NODE, ge=1, le=99999)
+    markers: OptionalTexts = Field(default=None)
+    peak_points: OptionalInteger = Field(default=None, ge=0)
+    first_node: Integer = Field(default=FIRST_PEAK_NODE, ge=1, le=99999)
 
 
 def check_reduction(

@@ -5,9 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BeforeValidator
 
+from ..toml.constructor_types import (
+    Field,
+    OptionalNumber,
+    Takes,
+)
 from ..toml.tables import Table
 
 Vector = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
@@ -52,15 +57,19 @@ Inertia = Annotated[float | Vector3 | Matrix3, BeforeValidator(_inertia)]
 class Placement(Table):
     """A position and an orientation; at most one of the ways to say the latter."""
 
-    position: Vector | None = Field(
+    position: Takes[Vector | None, ArrayLike | None] = Field(
         default=None, description="two or three coordinates [m]"
     )
-    angle: float | None = Field(default=None, description="rotation in the plane [rad]")
-    axis_angle: Vector3 | None = Field(
+    angle: OptionalNumber = Field(
+        default=None, description="rotation in the plane [rad]"
+    )
+    axis_angle: Takes[Vector3 | None, ArrayLike | None] = Field(
         default=None, description="rotation vector: axis times angle [rad]"
     )
-    quaternion: Quaternion | None = Field(default=None, description="w, x, y, z")
-    matrix: Matrix3 | None = Field(
+    quaternion: Takes[Quaternion | None, ArrayLike | None] = Field(
+        default=None, description="w, x, y, z"
+    )
+    matrix: Takes[Matrix3 | None, ArrayLike | None] = Field(
         default=None, description="rotation matrix, rows; local to parent components"
     )
 

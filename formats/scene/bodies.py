@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
+from numpy.typing import ArrayLike
 from pydantic import (
     BeforeValidator,
     Discriminator,
-    Field,
     Tag,
     field_validator,
     model_validator,
 )
 
+from ..toml.constructor_types import (
+    Entries,
+    Field,
+    Number,
+    OptionalNumbers,
+    Takes,
+)
 from .base import AngularVelocity, Inertia, Placement, Table, Vector
 from .damping import Damping
 
@@ -35,10 +43,10 @@ class Initial(Placement):
     Velocities that are not stated are zero, or what joints and drives make of others.
     """
 
-    velocity: Vector | None = Field(
+    velocity: Takes[Vector | None, ArrayLike | None] = Field(
         default=None, description="of the frame's origin, in inertial axes [m/s]"
     )
-    angular_velocity: AngularVelocity | None = Field(
+    angular_velocity: Takes[AngularVelocity | None, ArrayLike | None] = Field(
         default=None, description="in inertial axes [rad/s]"
     )
     fixed: bool = Field(
@@ -49,10 +57,10 @@ class Initial(Placement):
 class ElasticInitial(Initial):
     """Where a flexible body starts; elastic coordinates default to zero."""
 
-    elastic: tuple[float, ...] | None = Field(
+    elastic: OptionalNumbers = Field(
         default=None, description="elastic coordinates that are kept"
     )
-    elastic_velocity: tuple[float, ...] | None = Field(
+    elastic_velocity: OptionalNumbers = Field(
         default=None, description="velocities of the elastic coordinates"
     )
 
@@ -60,18 +68,20 @@ class ElasticInitial(Initial):
 class RigidBody(Table):
     """A rigid body; without `inertia` a point mass, which does not rotate."""
 
-    mass: float = Field(
+    mass: Number = Field(
         gt=0, description="the mass [kg] of a rigid body (or `sid` for a flexible one)"
     )
-    inertia: Inertia | None = Field(
+    inertia: Takes[Inertia | None, ArrayLike | None] = Field(
         default=None,
         description="about the centre of mass [kg m2]: zz, [xx, yy, zz] or 3 x 3",
     )
-    centre_of_mass: Vector | None = Field(
+    centre_of_mass: Takes[Vector | None, ArrayLike | None] = Field(
         default=None, description="in the body frame [m], default its origin"
     )
-    markers: dict[str, Marker] = Field(default_factory=dict)
-    initial: Initial = Initial()
+    markers: Takes[dict[str, Marker], Mapping[str, Marker | Entries]] = Field(
+        default_factory=dict
+    )
+    initial: Takes[Initial, Initial | Entries] = Field(default=Initial())
 
 
 class SidBody(Table):
@@ -92,10 +102,12 @@ class SidBody(Table):
         "the scene; with [accuracy] wanted mesh and shape functions are refined as far "
         "as needed",
     )
-    markers: dict[str, NodeId] = Field(
+    markers: Takes[dict[str, NodeId], Mapping[str, int | str]] = Field(
         default_factory=dict, description="names for nodes of the SID"
     )
-    initial: ElasticInitial = ElasticInitial()
+    initial: Takes[ElasticInitial, ElasticInitial | Entries] = Field(
+        default=ElasticInitial()
+    )
     frame: Literal["free", "held"] = Field(
         default="free",
         description="held: the body frame stays where it starts, whatever its nodes; "
@@ -111,7 +123,9 @@ class SidBody(Table):
         description="keep the term q.Me.q of the moments of inertia; a body with "
         "geometric stiffening by acceleration always has it",
     )
-    shape_functions: tuple[Annotated[int, Field(ge=1)], ...] | None = Field(
+    shape_functions: Takes[
+        tuple[Annotated[int, Field(ge=1)], ...] | None, Sequence[int] | None
+    ] = Field(
         default=None,
         min_length=1,
         description="numbers of those that are kept, from 1 as in the SID, default "
@@ -122,7 +136,7 @@ class SidBody(Table):
         description="false: without the terms of geometric stiffening that the SID "
         "holds; in space for shape functions that each move along one axis alone",
     )
-    damping: Damping | None = Field(
+    damping: Takes[Damping | None, Damping | Entries | None] = Field(
         default=None, description="of the elastic coordinates, default that of the SID"
     )
 
@@ -166,4 +180,6 @@ Body = Annotated[
 class Ground(Table):
     """The inertial frame; its markers are fixed."""
 
-    markers: dict[str, Marker] = Field(default_factory=dict)
+    markers: Takes[dict[str, Marker], Mapping[str, Marker | Entries]] = Field(
+        default_factory=dict
+    )

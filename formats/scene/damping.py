@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator
 
 from ..damping import RayleighDamping
+from ..toml.constructor_types import Field
 from .base import Table
 
 Values = tuple[Annotated[float, Field(ge=0)], ...]

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from numpy.typing import ArrayLike
 
+from ..toml.constructor_types import (
+    Entries,
+    Field,
+    Number,
+    Takes,
+)
 from .base import Table, Vector3
 from .joints import Joint
 from .laws import Expression, ForceFunction, Pid, states_of
@@ -39,19 +45,19 @@ class Drive(Table):
         description="such as angle, displacement, length, x or rotation; default the "
         "joint's first",
     )
-    axis: Vector3 | None = Field(
+    axis: Takes[Vector3 | None, ArrayLike | None] = Field(
         default=None, description="of a rotation, in the axes of the reference"
     )
     of: Literal["value", "rate", "acceleration"] = Field(
         default="value", description="what the function gives of the coordinate"
     )
-    start: float = Field(
+    start: Number = Field(
         default=0.0, description="of a rate or an acceleration: the value at the start"
     )
-    start_rate: float = Field(
+    start_rate: Number = Field(
         default=0.0, description="of an acceleration: the rate at the start"
     )
-    function: ForceFunction
+    function: Takes[ForceFunction, ForceFunction | Entries]
 
     @property
     def has_law(self) -> bool:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from pydantic import Field
-
+from ..toml.constructor_types import Field, Number, OptionalInteger
 from .base import Table
 from .checks.failures import fail
 from .outputs import INSTANTANEOUS, SCENE_QUANTITIES, parse_output
@@ -23,14 +22,14 @@ class Event(Table):
     quantity: str = Field(
         description="one of the names that [outputs] knows, such as piston.x"
     )
-    value: float = Field(default=0.0, description="in the unit of the quantity")
+    value: Number = Field(default=0.0, description="in the unit of the quantity")
     direction: Literal["rising", "falling", "both"] = Field(
         default="both", description="of the quantity as it passes the value"
     )
     action: Literal["record", "stop"] = Field(
         default="record", description="note the state, or end the run there, too"
     )
-    count: int | None = Field(
+    count: OptionalInteger = Field(
         default=None,
         ge=1,
         description="record: at most so many, default all; stop: at this crossing, "

@@ -6,9 +6,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
-from pydantic import Field, model_validator
+from numpy.typing import ArrayLike
+from pydantic import model_validator
 
 from ..errors import InputError
+from ..toml.constructor_types import (
+    Entries,
+    Field,
+    Number,
+    OptionalNumber,
+    OptionalNumbers,
+    Takes,
+    Texts,
+)
 from ..toml.evaluation import PARAMETERS, PARAMETERS_MEAN
 from ..toml.files import File
 from .base import Table, Vector
@@ -27,10 +37,10 @@ class Time(Table):
     """The time span [s] and when the motion is recorded: at multiples of the
     `output_step`, or at `output_times`, of which analyses of one state need none."""
 
-    start: float = Field(default=0.0, description="start of the simulation [s]")
-    end: float = Field(description="end of the simulation [s]")
-    output_step: float | None = Field(default=None, gt=0, description="[s]")
-    output_times: tuple[float, ...] | None = Field(
+    start: Number = Field(default=0.0, description="start of the simulation [s]")
+    end: Number = Field(description="end of the simulation [s]")
+    output_step: OptionalNumber = Field(default=None, gt=0, description="[s]")
+    output_times: OptionalNumbers = Field(
         default=None, min_length=1, description="[s], growing"
     )
 
@@ -42,14 +52,14 @@ class Accuracy(Table):
     `rtol` and `integrator` do not count.
     """
 
-    wanted: Wanted | None = Field(
+    wanted: Takes[Wanted | None, float | Mapping[str, float | str] | None] = Field(
         default=None,
         description="error that outputs may have: a part of the variation of all that "
         'are recorded, such as 1e-3, or a table such as {"piston.x" = "1e-6 m", '
         '"pin.fx" = "0.1 %", "rod.q*" = 1e-3} of those that count. The cheapest model '
         "that keeps it is found: shape functions, rigid bodies, terms, integrator",
     )
-    rtol: float = Field(
+    rtol: Number = Field(
         default=1e-6,
         ge=1e-13,
         le=0.1,
@@ -61,8 +71,8 @@ class Accuracy(Table):
         "trapezoidal, or auto: dop853 for rigid bodies, radau9 else and where they are "
         "stiff",
     )
-    step: float | None = Field(default=None, gt=0, description="fixed step [s]")
-    spectral_radius: float = Field(
+    step: OptionalNumber = Field(default=None, gt=0, description="fixed step [s]")
+    spectral_radius: Number = Field(
         default=0.8,
         ge=0,
         le=1,
@@ -74,7 +84,7 @@ class Accuracy(Table):
 class Outputs(Table):
     """What is recorded: BODY.QUANTITY, BODY.MARKER.QUANTITY, JOINT.QUANTITY, ..."""
 
-    record: tuple[str, ...] = Field(
+    record: Texts = Field(
         default=(),
         description="of bodies x, vx, ax, angle, wz, q1, q*, peak_von_mises, "
         "quaternion_0 to _3, rotation_x, momentum_x, angular_momentum_x; of markers x, "
@@ -126,23 +136,37 @@ class SceneFile(File):
     format: Literal["sidtool scene"] = "sidtool scene"
     version: Literal[1] = 1
     title: str = ""
-    parameters: dict[str, float] = Field(
+    parameters: Takes[dict[str, float], Mapping[str, float | str]] = Field(
         default_factory=dict, description=PARAMETERS_MEAN
     )
     dimension: Literal["planar", "spatial"] = Field(
         description="motion in the xy plane, or in space"
     )
-    gravity: Vector | None = Field(default=None, description="[m/s2], default none")
-    time: Time = Field(description="the table [time] with start, end, output_step")
-    accuracy: Accuracy = Accuracy()
-    initial: Start = Start()
-    ground: Ground = Ground()
-    bodies: dict[str, Body] = Field(min_length=1, description="at least one body")
-    joints: dict[str, Joint] = Field(default_factory=dict)
-    drives: dict[str, Drive] = Field(default_factory=dict)
-    forces: dict[str, Force] = Field(default_factory=dict)
-    events: dict[str, Event] = Field(default_factory=dict)
-    outputs: Outputs = Outputs()
+    gravity: Takes[Vector | None, ArrayLike | None] = Field(
+        default=None, description="[m/s2], default none"
+    )
+    time: Takes[Time, Time | Entries] = Field(
+        description="the table [time] with start, end, output_step"
+    )
+    accuracy: Takes[Accuracy, Accuracy | Entries] = Field(default=Accuracy())
+    initial: Takes[Start, Start | Entries] = Field(default=Start())
+    ground: Takes[Ground, Ground | Entries] = Field(default=Ground())
+    bodies: Takes[dict[str, Body], Mapping[str, Body | Entries]] = Field(
+        min_length=1, description="at least one body"
+    )
+    joints: Takes[dict[str, Joint], Mapping[str, Joint | Entries]] = Field(
+        default_factory=dict
+    )
+    drives: Takes[dict[str, Drive], Mapping[str, Drive | Entries]] = Field(
+        default_factory=dict
+    )
+    forces: Takes[dict[str, Force], Mapping[str, Force | Entries]] = Field(
+        default_factory=dict
+    )
+    events: Takes[dict[str, Event], Mapping[str, Event | Entries]] = Field(
+        default_factory=dict
+    )
+    outputs: Takes[Outputs, Outputs | Entries] = Field(default=Outputs())
 
     @property
     def sid_bodies(self) -> dict[str, SidBody]:

@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field
+from numpy.typing import ArrayLike
+from pydantic import BeforeValidator
 
+from ..toml.constructor_types import (
+    Entries,
+    Field,
+    Number,
+    OptionalTwoTexts,
+    Takes,
+    TwoTexts,
+)
 from .base import AngularVelocity, Table, Vector
 from .laws import ForceFunction
 
@@ -42,8 +51,12 @@ class Characteristic(Table):
     the slope at the end.
     """
 
-    deflection: Values = Field(min_length=2, description="growing, [m] or [rad]")
-    force: Values = Field(min_length=2, description="as many values, [N] or [N m]")
+    deflection: Takes[Values, ArrayLike] = Field(
+        min_length=2, description="growing, [m] or [rad]"
+    )
+    force: Takes[Values, ArrayLike] = Field(
+        min_length=2, description="as many values, [N] or [N m]"
+    )
     interpolation: Literal["linear", "smooth"] = Field(
         default="linear", description="between the points"
     )
@@ -63,20 +76,22 @@ class PointForce(_Force):
 
     type: Literal["force"] = "force"
     marker: str = Field(description="where it acts, as BODY.MARKER")
-    force: Vector | None = Field(default=None, description="components [N]")
-    torque: AngularVelocity | None = Field(
+    force: Takes[Vector | None, ArrayLike | None] = Field(
+        default=None, description="components [N]"
+    )
+    torque: Takes[AngularVelocity | None, ArrayLike | None] = Field(
         default=None, description="a number (planar) or three [N m]"
     )
     axes: Literal["inertial", "marker"] = Field(
         default="inertial", description="directions of the components"
     )
-    function: ForceFunction | None = Field(
+    function: Takes[ForceFunction | None, ForceFunction | Entries | None] = Field(
         default=None, description="of time or of outputs: scales both, default 1"
     )
 
 
 class _Pair(_Force):
-    markers: tuple[str, str] | None = Field(default=None, description=_MARKERS)
+    markers: OptionalTwoTexts = Field(default=None, description=_MARKERS)
     joint: str | None = Field(default=None, description=_JOINT)
     coordinate: str | None = Field(default=None, description=_COORDINATE)
 
@@ -92,16 +107,16 @@ class SpringDamper(_Pair):
     """
 
     type: Literal["spring_damper"] = "spring_damper"
-    rest: float = Field(
+    rest: Number = Field(
         default=0.0, description="length [m], or coordinate, without force"
     )
-    stiffness: Powers | None = Field(
+    stiffness: Takes[Powers | None, ArrayLike | None] = Field(
         default=None, description="k1 or [k1, k2, ...] [N/m], [N m/rad]"
     )
-    table: Characteristic | None = Field(
+    table: Takes[Characteristic | None, Characteristic | Entries | None] = Field(
         default=None, description="deflection and force, instead of stiffness"
     )
-    damping: Powers | None = Field(
+    damping: Takes[Powers | None, ArrayLike | None] = Field(
         default=None, description="d1 or [d1, d2, ...] [N s/m], [N m s/rad]"
     )
 
@@ -115,7 +130,7 @@ class Actuator(_Pair):
     """
 
     type: Literal["actuator"] = "actuator"
-    function: ForceFunction
+    function: Takes[ForceFunction, ForceFunction | Entries]
 
 
 class Bushing(_Force):
@@ -133,11 +148,11 @@ class Bushing(_Force):
     """
 
     type: Literal["bushing"] = "bushing"
-    markers: tuple[str, str] = Field(description=_MARKERS)
-    stiffness: Values | Rows = Field(
+    markers: TwoTexts = Field(description=_MARKERS)
+    stiffness: Takes[Values | Rows, ArrayLike] = Field(
         description="3 (planar) or 6 values, or a matrix, by rows [N/m], [N m/rad]"
     )
-    damping: Values | Rows | None = Field(
+    damping: Takes[Values | Rows | None, ArrayLike | None] = Field(
         default=None,
         description="3 (planar) or 6 values, or a matrix, by rows [N s/m], [N m s/rad]",
     )
@@ -158,11 +173,11 @@ class Friction(_Force):
     type: Literal["friction"] = "friction"
     joint: str = Field(description="a joint with a coordinate")
     coordinate: str | None = Field(default=None, description=_COORDINATE)
-    force: float = Field(gt=0, description="constant limit [N] or [N m]")
-    speed: float = Field(
+    force: Number = Field(gt=0, description="constant limit [N] or [N m]")
+    speed: Number = Field(
         gt=0, description="width of the regularisation [m/s] or [rad/s]"
     )
-    viscous: float = Field(default=0.0, ge=0, description="[N s/m] or [N m s/rad]")
+    viscous: Number = Field(default=0.0, ge=0, description="[N s/m] or [N m s/rad]")
 
 
 Force = Annotated[

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
+from numpy.typing import ArrayLike, NDArray
 
+from ..toml.constructor_types import (
+    Entries,
+    Field,
+    Number,
+    Numbers,
+    OptionalNumber,
+    Takes,
+)
 from .base import Table
 
 Values = tuple[float, ...]
@@ -19,7 +27,7 @@ class Constant(Table):
     """The same value at all times."""
 
     type: Literal["constant"] = "constant"
-    value: float = Field(description="of the function at all times")
+    value: Number = Field(description="of the function at all times")
 
 
 class Piece(Table):
@@ -29,15 +37,15 @@ class Piece(Table):
     the value and its derivatives by time at both ends (Hermite interpolation).
     """
 
-    from_: float = Field(alias="from", description="begin of the piece [s]")
-    to: float | None = Field(default=None, description="end of the piece [s]")
-    coefficients: Values | None = Field(
+    from_: Number = Field(alias="from", description="begin of the piece [s]")
+    to: OptionalNumber = Field(default=None, description="end of the piece [s]")
+    coefficients: Takes[Values | None, ArrayLike | None] = Field(
         default=None, min_length=1, description="of powers of t - from, lowest first"
     )
-    start: Values | None = Field(
+    start: Takes[Values | None, ArrayLike | None] = Field(
         default=None, min_length=1, description="value, rate, ... at `from`"
     )
-    end: Values | None = Field(
+    end: Takes[Values | None, ArrayLike | None] = Field(
         default=None, min_length=1, description="value, rate, ... at `to`"
     )
 
@@ -46,18 +54,18 @@ class Polynomial(Table):
     """A function of time in pieces of polynomials without gaps."""
 
     type: Literal["polynomial"] = "polynomial"
-    pieces: tuple[Piece, ...] = Field(min_length=1)
+    pieces: Takes[tuple[Piece, ...], Sequence[Piece | Entries]] = Field(min_length=1)
 
 
 class Harmonic(Table):
     """offset + amplitude sin(2 pi frequency t + phase)."""
 
     type: Literal["harmonic"] = "harmonic"
-    offset: float = Field(default=0.0, description="the mean")
-    amplitude: float = Field(description="the largest distance from the mean")
-    frequency: float | None = Field(default=None, description="[Hz]")
-    angular_frequency: float | None = Field(default=None, description="[rad/s]")
-    phase: float = Field(default=0.0, description="[rad]")
+    offset: Number = Field(default=0.0, description="the mean")
+    amplitude: Number = Field(description="the largest distance from the mean")
+    frequency: OptionalNumber = Field(default=None, description="[Hz]")
+    angular_frequency: OptionalNumber = Field(default=None, description="[rad/s]")
+    phase: Number = Field(default=0.0, description="[rad]")
 
 
 class SmoothStep(Table):
@@ -68,10 +76,10 @@ class SmoothStep(Table):
     """
 
     type: Literal["smooth_step"] = "smooth_step"
-    from_: float = Field(alias="from", description="begin of the step [s]")
-    to: float = Field(description="end of the step [s]")
-    start: float = Field(default=0.0, description="before")
-    end: float = Field(description="after")
+    from_: Number = Field(alias="from", description="begin of the step [s]")
+    to: Number = Field(description="end of the step [s]")
+    start: Number = Field(default=0.0, description="before")
+    end: Number = Field(description="after")
     continuity: Literal[2, 3] = Field(default=2, description="continuous derivatives")
 
 
@@ -85,12 +93,12 @@ class SineRamp(Table):
     """
 
     type: Literal["sine_ramp"] = "sine_ramp"
-    from_: float = Field(alias="from", description="begin of the ramp [s]")
-    to: float = Field(description="end of the ramp [s]")
-    start: float = Field(default=0.0, description="before")
-    end: float = Field(description="after")
+    from_: Number = Field(alias="from", description="begin of the ramp [s]")
+    to: Number = Field(description="end of the ramp [s]")
+    start: Number = Field(default=0.0, description="before")
+    end: Number = Field(description="after")
     of: Literal["value", "rate"] = Field(default="value", description="what ramps")
-    offset: float = Field(default=0.0, description="of a rate: the value at `from`")
+    offset: Number = Field(default=0.0, description="of a rate: the value at `from`")
 
 
 class Spline(Table):
@@ -106,8 +114,10 @@ class Spline(Table):
     """
 
     type: Literal["table"] = "table"
-    times: Values = Field(min_length=2, description="[s], growing")
-    values: Values = Field(min_length=2, description="as many as there are times")
+    times: Takes[Values, ArrayLike] = Field(min_length=2, description="[s], growing")
+    values: Takes[Values, ArrayLike] = Field(
+        min_length=2, description="as many as there are times"
+    )
     interpolation: Literal["linear", "smooth"] | None = Field(
         default=None,
         description="between the points; default linear, of positions and rates smooth",
@@ -126,15 +136,15 @@ class Given(Table):
     A result keeps what its run saw of it, in pieces: no program is needed any more."""
 
     type: Literal["callable"] = "callable"
-    edges: tuple[float, ...] = Field(
+    edges: Numbers = Field(
         default=(), description="where pieces begin and the last one ends [s]"
     )
-    terms: tuple[tuple[float, ...], ...] = Field(
+    terms: Takes[tuple[tuple[float, ...], ...], ArrayLike] = Field(
         default=(),
         description="of each piece, coefficients of powers of x, which goes from -1 to "
         "1 in it, lowest first",
     )
-    kinks: tuple[float, ...] = Field(
+    kinks: Numbers = Field(
         default=(), description="times at which it is not smooth [s]"
     )
 
@@ -149,7 +159,9 @@ class Sum(Table):
     """The sum of other functions, such as two harmonics or a ramp and a harmonic."""
 
     type: Literal["sum"] = "sum"
-    parts: tuple[Single, ...] = Field(min_length=1, description="functions of time")
+    parts: Takes[tuple[Single, ...], Sequence[Single | Entries]] = Field(
+        min_length=1, description="functions of time"
+    )
 
 
 Function = Annotated[

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
-
+from ..toml.constructor_types import Field, Number, OptionalNumber
 from .base import Table
 
 
@@ -19,29 +18,29 @@ class JointFriction(Table):
     rest the drives hold it alone.
     """
 
-    coefficient: float = Field(ge=0, description="of sliding (kinetic) friction, mu")
-    static: float | None = Field(
+    coefficient: Number = Field(ge=0, description="of sliding (kinetic) friction, mu")
+    static: OptionalNumber = Field(
         default=None,
         ge=0,
         description="coefficient that holds the joint at rest, at least `coefficient`, "
         "which is the default",
     )
-    stribeck_velocity: float | None = Field(
+    stribeck_velocity: OptionalNumber = Field(
         default=None,
         gt=0,
         description="speed of the surfaces [m/s] over which friction falls from "
         "`static` to `coefficient`; default at once",
     )
-    radius: float | None = Field(
+    radius: OptionalNumber = Field(
         default=None, gt=0, description="of the pin of a revolute joint [m]"
     )
-    length: float | None = Field(
+    length: OptionalNumber = Field(
         default=None,
         gt=0,
         description="of the guide or bearing [m], whose middle is the second marker: "
         "moments across the axis load its two ends; default only forces count",
     )
-    viscous: float = Field(
+    viscous: Number = Field(
         default=0.0,
         ge=0,
         description="resistance to the rate of the coordinate [N s/m], [N m s/rad]",

@@ -4,8 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Literal, get_args
 
-from pydantic import Field
+from numpy.typing import ArrayLike
 
+from ..toml.constructor_types import (
+    Entries,
+    Field,
+    Number,
+    Numbers,
+    OptionalNumber,
+    OptionalTexts,
+    Takes,
+    Texts,
+    TwoTexts,
+)
 from .base import Table, Vector
 from .joint_friction import JointFriction
 
@@ -20,7 +31,7 @@ class _Joint(Table):
 
 
 class _Pair(_Joint):
-    markers: tuple[str, str] = Field(description=_MARKERS)
+    markers: TwoTexts = Field(description=_MARKERS)
 
 
 class _AxialJoint(_Pair):
@@ -29,13 +40,13 @@ class _AxialJoint(_Pair):
     #: planar scenes know the axis already: it is z
     axis_is_normal: ClassVar[bool] = False
 
-    axis: Vector | None = Field(
+    axis: Takes[Vector | None, ArrayLike | None] = Field(
         default=None, description="direction in the first marker's frame"
     )
 
 
 class _OrientingJoint(_AxialJoint):
-    second_axis: Vector | None = Field(
+    second_axis: Takes[Vector | None, ArrayLike | None] = Field(
         default=None,
         description="the axis in the second marker's frame; default that of the start "
         "where `initial` states how both bodies are turned, else as `axis`",
@@ -43,7 +54,7 @@ class _OrientingJoint(_AxialJoint):
 
 
 class _RubbingJoint(_AxialJoint):
-    friction: JointFriction | None = Field(
+    friction: Takes[JointFriction | None, JointFriction | Entries | None] = Field(
         default=None, description="dry friction from the load of the joint"
     )
 
@@ -89,10 +100,10 @@ class Screw(_OrientingJoint):
     default_axis: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 1.0)
     dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
     type: Literal["screw"] = "screw"
-    pitch: float = Field(
+    pitch: Number = Field(
         description="displacement in one turn [m], negative for a left-hand thread"
     )
-    offset: float | None = Field(
+    offset: OptionalNumber = Field(
         default=None,
         description="displacement at the angle zero [m], up to whole pitches, default "
         "that of the start",
@@ -117,7 +128,7 @@ class Universal(_AxialJoint):
     coordinates: ClassVar[tuple[str, ...]] = ("angle_1", "angle_2")
     dimensions: ClassVar[tuple[str, ...]] = ("spatial",)
     type: Literal["universal"] = "universal"
-    second_axis: Vector | None = Field(
+    second_axis: Takes[Vector | None, ArrayLike | None] = Field(
         default=None,
         description="direction in the second marker's frame, at right angles to `axis`",
     )
@@ -163,16 +174,16 @@ class Distance(_Pair):
 
     coordinates: ClassVar[tuple[str, ...]] = ("length",)
     type: Literal["distance"] = "distance"
-    length: float | None = Field(default=None, gt=0, description="[m]")
+    length: OptionalNumber = Field(default=None, gt=0, description="[m]")
 
 
 class _Coupled(_Joint):
     """Coordinates of other joints, angles and displacements, depend on each other."""
 
-    coordinate: tuple[str, ...] | None = Field(
+    coordinate: OptionalTexts = Field(
         default=None, description="one for each joint, default the first it has"
     )
-    offset: float | None = Field(
+    offset: OptionalNumber = Field(
         default=None, description="constant of the sum, default that of the start"
     )
 
@@ -185,8 +196,8 @@ class Gear(_Coupled):
     """
 
     type: Literal["gear"] = "gear"
-    joints: tuple[str, str] = Field(description="names of two joints")
-    ratio: float = Field(
+    joints: TwoTexts = Field(description="names of two joints")
+    ratio: Number = Field(
         description="of the second coordinate to the first, negative for wheels that "
         "mesh outside"
     )
@@ -197,8 +208,8 @@ class Coupling(_Coupled):
     differential, a planetary gear, a rack, a screw."""
 
     type: Literal["coupling"] = "coupling"
-    joints: tuple[str, ...] = Field(min_length=2, description="names of joints")
-    weights: tuple[float, ...] = Field(description="one for each joint")
+    joints: Texts = Field(min_length=2, description="names of joints")
+    weights: Numbers = Field(description="one for each joint")
 
 
 Joint = Annotated[

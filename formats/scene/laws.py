@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
-from pydantic import Field, PrivateAttr
+from pydantic import PrivateAttr
 
+from ..toml.constructor_types import (
+    Entries,
+    Field,
+    Number,
+    OptionalNumber,
+    OptionalTwoNumbers,
+    Takes,
+)
 from .base import Table
 from .functions import (
     Constant,
@@ -33,7 +42,7 @@ class State(Table):
     becomes `next` at each sample, after the value was computed.
     """
 
-    initial: float = Field(default=0.0, description="at the start")
+    initial: Number = Field(default=0.0, description="at the start")
     rate: str | None = Field(default=None, description="a formula, as `value`")
     next: str | None = Field(default=None, description="a formula, with sample_time")
 
@@ -54,14 +63,14 @@ class Expression(Table):
         description="the formula [N] or [N m]; of a point force the factor, of a drive "
         "what it prescribes"
     )
-    parameters: dict[str, float] = Field(
+    parameters: Takes[dict[str, float], Mapping[str, float | str]] = Field(
         default_factory=dict, description="numbers by name, beside those of the scene"
     )
-    states: dict[str, State] = Field(
+    states: Takes[dict[str, State], Mapping[str, State | Entries]] = Field(
         default_factory=dict, description="numbers that the law keeps, by name"
     )
-    limits: tuple[float, float] | None = Field(default=None, description=_LIMITS)
-    sample_time: float | None = Field(default=None, gt=0, description=_SAMPLE)
+    limits: OptionalTwoNumbers = Field(default=None, description=_LIMITS)
+    sample_time: OptionalNumber = Field(default=None, gt=0, description=_SAMPLE)
     _shared: dict[str, float] = PrivateAttr(default_factory=dict)
 
     @property
@@ -84,22 +93,22 @@ class Pid(Table):
 
     type: Literal["pid"] = "pid"
     measured: str = Field(description="an output that is a position or a velocity")
-    reference: float | str | Function = Field(
+    reference: Takes[float | str | Function, float | str | Function | Entries] = Field(
         default=0.0, description="a number, an output, or a function of time"
     )
-    p: float = Field(default=0.0, description="[N/m], [N m/rad]")
-    i: float = Field(default=0.0, description="[N/(m s)], [N m/(rad s)]")
-    d: float = Field(default=0.0, description="[N s/m], [N m s/rad]")
-    filter: float | None = Field(
+    p: Number = Field(default=0.0, description="[N/m], [N m/rad]")
+    i: Number = Field(default=0.0, description="[N/(m s)], [N m/(rad s)]")
+    d: Number = Field(default=0.0, description="[N s/m], [N m s/rad]")
+    filter: OptionalNumber = Field(
         default=None, gt=0, description="time constant of the lag [s], default none"
     )
-    limits: tuple[float, float] | None = Field(default=None, description=_LIMITS)
-    anti_windup: float | None = Field(
+    limits: OptionalTwoNumbers = Field(default=None, description=_LIMITS)
+    anti_windup: OptionalNumber = Field(
         default=None,
         gt=0,
         description="T [s], default sqrt(|d / i|), or |p / i| without d",
     )
-    sample_time: float | None = Field(default=None, gt=0, description=_SAMPLE)
+    sample_time: OptionalNumber = Field(default=None, gt=0, description=_SAMPLE)
 
 
 #: What scales a force, or a drive prescribes: a function of time, or a law.

@@ -7,9 +7,10 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from pydantic import Field, StringConstraints
+from pydantic import StringConstraints
 
 from ..errors import InputError
+from ..toml.constructor_types import Field
 from .units import unit_of
 from .wildcards import has_wildcard
 

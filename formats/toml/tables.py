@@ -10,16 +10,21 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, dataclass_transform
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from .constructor_types import Field
 from .evaluation import tags
 from .reading import validated
 
 if TYPE_CHECKING:
-    _Checked = BaseModel
+
+    @dataclass_transform(kw_only_default=True, field_specifiers=(Field,))
+    class _Checked(BaseModel):
+        pass
+
 else:
 
     class _Constructor(type(BaseModel)):

@@ -53,7 +53,7 @@ class Timed:
     """
 
     function: Functions
-    times: tuple[float, ...] = ()
+    times: Sequence[float] = ()
     shortest: float | None = None
 
 
