@@ -30,7 +30,7 @@ SMALLEST_STATE, ROUNDED_STATE = 1e-9, 1e-14
 #: as large as bodies: free ones, and those whose period depends on their amplitude.
 LASTING = 0.1
 #: Radians (or sizes of the mechanism) in a run from which on such errors add up: there
-#: are as many of them as of turns.
+#: are as many of them as of turns. Methods of long steps begin with fewer of them.
 MANY = 200.0
 TINY = 1e-300
 
@@ -136,7 +136,9 @@ def set_scales(system, control, h):
     if control.accumulates == 1:
         lasting = LASTING * turn * period
     if control.adding == 0 and control.accumulates == 1:
-        tolerated /= max(1.0, spin * period / MANY)
+        turned = spin * period
+        few = min(turned / control.many, control.most)
+        tolerated /= max(1.0, few, turned / MANY)
     control.noise, least = 0.0, min(length, 1.0)
     for b in range(len(system.body)):
         row = system.body[b]

@@ -116,6 +116,8 @@ class Control(Table):
     crossings: int  # steps that may have passed a singular configuration
     accumulates: int  # 1: errors of rigid motions last, 0: drives prescribe all of them
     adding: int  # 1: steps may err by their share of what the run may
+    many: float  # radians in a run from which on errors of free motions add up
+    most: float  # times that steps are held to less for that, in runs of some turns
     z: Reals
     v: Reals
     start: Reals

@@ -91,6 +91,17 @@ def test_errors_of_many_turns_do_not_add_up(
         check(symmetric_top([1.0, 1.0, 1.8], spin, end), integrator, *rtols)
 
 
+SLOW_TOP = top([0.11, 0.11, 0.01], [0.0, 0.0, 25.0], 4.0, 0.3)
+
+
+@pytest.mark.parametrize("integrator", [*HIGH, "auto"])
+def test_errors_of_a_slow_heavy_top_do_not_add_up(integrator: str) -> None:
+    """It nods as it turns: radau9 had erred by 28 times the tolerance, over more turns
+    by 44, and radau13 by 129, as long steps err in the same way in each turn."""
+    rtols = [1e-3] if integrator == SLOW else [1e-3, 1e-4, 1e-6]
+    check(SLOW_TOP, integrator, *rtols)
+
+
 @pytest.mark.parametrize("turns", [100, 500])
 @pytest.mark.parametrize("integrator", ["radau9", "radau13"])
 def test_a_promise_that_is_not_kept_is_not_made(integrator: str, turns: int) -> None:
@@ -99,7 +110,7 @@ def test_a_promise_that_is_not_kept_is_not_made(integrator: str, turns: int) -> 
     case = symmetric_top([1.0, 1.0, 1.8], spin, end)
     result = simulate(case.make(), integrator=integrator, rtol=1e-3)
     said = [note for note in result.notes if "is not promised" in note]
-    assert len(said) == (integrator == "radau13" and turns == 500)
+    assert len(said) == (integrator == "radau13")
     assert said or relative_error(case, result) < HONEST * 1e-3
 
 
