@@ -8,12 +8,11 @@ from pathlib import Path
 
 from sidtool.formats.scene import SceneFile
 from sidtool.formats.sid import SID
-from sidtool.formats.sid_files import read_sid
 
 from .made import converted
 from .other_shapes import other_shapes
 from .rigid import as_rigid, told_left_out, told_rigid
-from .swaps import swapped
+from .swaps import sid_of, swapped
 
 
 def chosen(
@@ -34,7 +33,8 @@ def chosen(
     content, replaced = swapped(plain, sids, folder)
     content, made, notes = converted(content, folder)
     lines = [line for of_body in notes.values() for line in of_body]
-    told = [*told_of_others(plain, folder, replaced), *told_rigid(plain), *lines]
+    others = {name: replaced[name] for name in sids}
+    told = [*told_of_others(plain, folder, others), *told_rigid(plain), *lines]
     return content, replaced | made, [*told, *told_left_out(plain)]
 
 
@@ -43,5 +43,5 @@ def told_of_others(
 ) -> Iterator[str]:
     """What other SIDs change of the meaning of a scene, see `other_shapes`."""
     return other_shapes(
-        scene, sids, lambda name: read_sid(folder / scene.sid_bodies[name].sid)
+        scene, sids, lambda name: sid_of(scene.sid_bodies[name], folder)
     )

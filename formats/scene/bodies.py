@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from numpy.typing import ArrayLike
 from pydantic import (
@@ -14,6 +14,7 @@ from pydantic import (
     model_validator,
 )
 
+from ..sid import SID
 from ..toml.constructor_types import (
     Entries,
     Field,
@@ -23,6 +24,11 @@ from ..toml.constructor_types import (
 )
 from .base import AngularVelocity, Inertia, Placement, Table, Vector
 from .damping import Damping
+
+if TYPE_CHECKING:
+    from ..model import ModelFile
+else:
+    ModelFile = Any  # costs scenes without one its time to be imported
 
 
 def _as_text(value: Any) -> Any:
@@ -89,12 +95,14 @@ class SidBody(Table):
 
     Its elastic force is ksigma + Ke(q) q, also with a first-order term of Ke, if that
     has an energy. First-order terms of Me, De and ksigma are refused.
+
+    In Python `sid` may be a SID, and `model` a Model, which is converted as it is.
     """
 
-    sid: str = Field(
+    sid: Takes[str, str | SID] = Field(
         default="", min_length=1, description="SID file, relative to the scene file"
     )
-    model: str | None = Field(
+    model: Takes[str | None, str | ModelFile | None] = Field(
         default=None,
         min_length=1,
         description="model file that the body is made of, in place of `sid`: "

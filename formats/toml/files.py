@@ -17,6 +17,7 @@ from ..storage.atomic import atomic_path
 from ..storage.operating_system import path_from
 from .evaluation import PARAMETERS, Formulas
 from .expressions import number_of
+from .objects import named_object
 from .reading import read_data, with_formulas
 from .schema_errors import nearest
 from .tables import Table, plain
@@ -28,6 +29,7 @@ _PART = re.compile(r"\.?([^.\[\]]+)|\[(\d+)\]")
 class File(Table):
     """What a file of TOML or JSON holds. `said` and `save` keep its formulas."""
 
+    is_file: ClassVar[bool] = True
     #: tables whose entries may be named alone in changes: `crank.mass`
     named: ClassVar[tuple[str, ...]] = (PARAMETERS,)
     #: keys of one table that say the same in two ways: changes of one replace the other
@@ -122,10 +124,28 @@ class File(Table):
         if path.suffix != ".toml":
             raise InputError("is no TOML file", source=path, expected="NAME.toml")
         data = self.said()
+        _refuse_objects(data, "")
         for place in self.paths:
             relocate(data, place, self.folder, path.parent)
         with atomic_path(path) as temporary:
             temporary.write_text(toml_text(data), encoding="utf-8")
+
+
+def _refuse_objects(data: Any, place: str) -> None:
+    """Raise a text that stands for an object of a program."""
+    parts: Iterable[tuple[Any, Any]] = ()
+    if isinstance(data, dict):
+        parts = data.items()
+    elif isinstance(data, list):
+        parts = enumerate(data)
+    for key, part in parts:
+        _refuse_objects(part, f"{place}.{key}".lstrip("."))
+    if isinstance(data, str) and named_object(data) is not None:
+        raise InputError(
+            "was given as an object, which no file holds",
+            place=place,
+            expected="the name of a file, written by sidtool.write or Model.save",
+        )
 
 
 @contextmanager

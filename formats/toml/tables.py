@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Self, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar, Self, dataclass_transform
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from ..sid import SID
 from .constructor_types import Field
 from .evaluation import tags
+from .objects import name_object
 from .reading import validated
 
 if TYPE_CHECKING:
@@ -63,6 +65,9 @@ class Table(_Checked):
         json_schema_extra=_require_tags,
     )
 
+    #: whether it is a whole file, and no table of one
+    is_file: ClassVar[bool] = False
+
     @classmethod
     def checked(cls, data: Mapping[str, Any], source: str | os.PathLike[str]) -> Self:
         """The table of data as TOML holds them; errors name the source."""
@@ -81,7 +86,12 @@ class Table(_Checked):
 
 
 def plain(value: Any) -> Any:
-    """Tables, arrays and paths as the tables, lists, numbers and texts of a file."""
+    """Tables, arrays and paths as the tables, lists, numbers and texts of a file.
+
+    A text stands for a SID and for a whole file, see `objects`.
+    """
+    if isinstance(value, SID) or (isinstance(value, Table) and value.is_file):
+        return name_object(value)
     if isinstance(value, Table):
         return value.said()
     if isinstance(value, Mapping):

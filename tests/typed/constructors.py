@@ -16,6 +16,9 @@ plain = sidtool.RigidBody(
 formula = sidtool.RigidBody(mass="2*pi", inertia=[1, 2, 3])
 drive = sidtool.Drive(joint="j", function={"type": "constant", "value": 3})
 spring = sidtool.SpringDamper(markers=["a", "b"], stiffness=1e3, damping=[2.0, 0.1])
+model = sidtool.Model.load("rod.toml")
+of_sid = sidtool.SidBody(sid=model.convert(), markers={"tip": 2})
+of_model = sidtool.SidBody(model=model)
 bodies = {"a": plain, "b": formula}
 scene = sidtool.Scene(
     dimension="spatial", time={"end": 1.0}, bodies=bodies, forces={"spring": spring}
