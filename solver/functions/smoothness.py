@@ -31,7 +31,7 @@ AMPLIFIED = (20.0, 2e3, 1e5, 4e6)
 def kinks(series: Series, known: Iterable[float] = ()) -> tuple[float, ...]:
     """Times at which the function, its rate or its acceleration is not smooth."""
     pits = _pits(series.lengths)
-    joined = np.concatenate([_jumps(series, order)[0] for order in (1, 2, 3)])
+    joined = joined_kinks(series)
     found = {_middle(series, *pit) for pit in pits}
     for t in {*known, *(float(t) for t in joined)}:
         if not any(_is_inside(series, *pit, t) for pit in pits):
@@ -70,6 +70,11 @@ def _jumps(series: Series, order: int) -> tuple[Array, Array]:
     both = series.resolved[1:] & series.resolved[:-1]
     told = both & (np.abs(jumps) > np.maximum(noise[1:] + noise[:-1], least))
     return series.edges[1:-1][told], jumps[told]
+
+
+def joined_kinks(series: Series) -> Array:
+    """Ends of pieces where the rate or one of its two derivatives jumps."""
+    return np.unique(np.concatenate([_jumps(series, order)[0] for order in (1, 2, 3)]))
 
 
 def _pits(lengths: Array) -> list[tuple[int, int]]:

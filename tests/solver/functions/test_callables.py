@@ -189,19 +189,71 @@ def test_a_drive_by_a_spline_has_the_acceleration_of_the_spline(
     assert gap < 1e-7 * np.abs(exact).max()
 
 
-@pytest.mark.parametrize("t0", [0.3123, 0.1 * math.pi, 0.5551])
-@pytest.mark.parametrize("power", [1, 2, 3])
-def test_a_kink_is_found_whatever_derivative_jumps(power: int, t0: float) -> None:
-    def given(t: float) -> float:
-        return math.cos(9.0 * t) + 3.0 * max(t - t0, 0.0) ** power
+def bent(shape: str, power: int, t0: float, t: float) -> float:
+    """Smooth, and from t0 on more by the power of the time since then."""
+    added = max(t - t0, 0.0) ** power
+    return {
+        "zero": added,
+        "cosine": math.cos(9.0 * t) + 3.0 * added,
+        "growing": math.exp(2.0 * t) - added,
+    }[shape]
 
-    edges, terms, kinks = interpolate(given, (0.0, 0.8), "forces.a.function", False)
-    assert kinks == pytest.approx((t0,), abs=1e-6)
-    assert len(terms) < 8
-    looks = np.linspace(0.0, 0.8, 200)
-    jump = 3.0 * power * (power - 1) * np.maximum(looks - t0, 0.0) ** max(power - 2, 0)
-    exact = -81.0 * np.cos(9.0 * looks) + jump * (looks > t0)
-    assert acceleration(edges, terms, looks) == pytest.approx(exact, abs=1e-6)
+
+@pytest.mark.parametrize("shape", ["zero", "cosine", "growing"])
+@pytest.mark.parametrize("power", [1, 2, 3])
+def test_jumps_up_to_the_third_derivative_are_found_wherever_they_are(
+    power: int, shape: str
+) -> None:
+    """At random places, also close to both ends, and steps end at them."""
+    random = np.random.default_rng([power, len(shape)])
+    for t0 in (*random.uniform(0.02, 0.78, 8), random.uniform(0.02, 0.04)):
+        edges, terms, kinks = interpolate(
+            lambda t, t0=t0: bent(shape, power, t0, t),  # type: ignore[misc]
+            (0.0, 0.8),
+            "forces.a.function",
+            False,
+        )
+        assert kinks == pytest.approx((t0,), abs=1e-7)
+        assert len(terms) < 8
+        if shape == "cosine":
+            looks = np.linspace(0.0, 0.8, 200)
+            since = np.maximum(looks - t0, 0.0)
+            jump = 3.0 * power * (power - 1) * since ** max(power - 2, 0) * (since > 0)
+            exact = -81.0 * np.cos(9.0 * looks) + jump
+            assert acceleration(edges, terms, looks) == pytest.approx(exact, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_smooth_functions_have_no_kinks_however_quick(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    for width in 10.0 ** random.uniform(-3.0, 0.0, 4):
+        middle, omega = random.uniform(0.05, 0.75), random.uniform(1.0, 60.0)
+        functions = (
+            lambda t, x=middle, w=width: math.exp(-(((t - x) / w) ** 2)),
+            lambda t, x=middle, w=width: 1.0 / (1.0 + ((t - x) / w) ** 2),
+            lambda t, x=middle, w=width: math.tanh((t - x) / w),
+            lambda t, omega=omega: math.sin(omega * t * t),
+        )
+        for function in functions:
+            _, _, kinks = interpolate(function, (0.0, 0.8), "forces.a.function", False)
+            assert kinks == ()
+
+
+def test_jumps_of_the_fourth_derivative_are_followed_found_or_not() -> None:
+    """No claim that each is an end of steps: values and accelerations are right."""
+    random = np.random.default_rng(4)
+    for t0 in random.uniform(0.05, 0.75, 6):
+        edges, terms, kinks = interpolate(
+            lambda t, t0=t0: bent("cosine", 4, t0, t),  # type: ignore[misc]
+            (0.0, 0.8),
+            "forces.a.function",
+            False,
+        )
+        assert len(kinks) <= 1
+        looks = np.linspace(0.0, 0.8, 300)
+        jump = 36.0 * np.maximum(looks - t0, 0.0) ** 2
+        exact = -81.0 * np.cos(9.0 * looks) + jump
+        assert acceleration(edges, terms, looks) == pytest.approx(exact, abs=1e-5)
 
 
 def test_a_quick_but_smooth_change_of_speed_is_no_kink() -> None:
