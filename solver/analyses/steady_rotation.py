@@ -146,7 +146,6 @@ def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
         return None, ()
     try:
         assembled, start = assemble(with_integrated_rates(system))
-        refuse_states(assembled)
     except InputError:
         return None, ()
     t = system.scene.time.start
@@ -160,8 +159,9 @@ def steady_rotation(system: System) -> tuple[SceneFile | None, tuple[str, ...]]:
             names = ", ".join(rub.joint for rub in assembled.rubbing)
             return None, (_no_steady(search, f"the friction of {names} is in it"),)
         try:
+            refuse_states(assembled)
             found, reason = search.solved()
-        except (SimulationError, np.linalg.LinAlgError) as error:
+        except (InputError, SimulationError, np.linalg.LinAlgError) as error:
             found, reason = None, str(error)
         if found is not None:
             return with_bodies(system, found), ()
@@ -442,8 +442,8 @@ class _Search:
         ]
         return (
             f"as they turn, forces on {', '.join(names)} change by {part:.1g} of the "
-            "loads: bearings of two stiffnesses, gravity across the axis, or parts "
-            "around them without symmetry"
+            "loads: bearings of two stiffnesses, gravity across the axis, parts around "
+            "them without symmetry, or that whirl and do not turn, as housings do"
         )
 
     def _left(self, z: Array, groups: tuple[Group, ...]) -> _Residual:

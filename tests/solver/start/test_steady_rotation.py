@@ -141,6 +141,30 @@ def test_bearings_of_two_stiffnesses_allow_no_steady_rotation() -> None:
         assert any(NONE in note and "disc" in note for note in system.told)
 
 
+def test_a_housing_that_whirls_is_told() -> None:
+    """It goes round with the rotor in it and does not turn: no relative equilibrium."""
+    disc = {
+        "mass": MASS,
+        "inertia": [0.05, 0.03, 0.03],
+        "centre_of_mass": [0.0, OFFSET, 0.0],
+        "initial": {"angular_velocity": [80.0, 0.0, 0.0]},
+    }
+    bodies = {"disc": disc, "housing": {"mass": 20.0, "inertia": [1.0, 1.0, 1.0]}}
+    springs = [1e7, STIFFNESS, STIFFNESS, 1e5, 1e5, 1e5]
+    bearing = {
+        "type": "bushing",
+        "shaft": "x",
+        "stiffness": [*springs[:3], 0, 2e4, 2e4],
+    }
+    feet = {"type": "bushing", "stiffness": springs}
+    forces = {
+        "bearing": bearing | {"markers": ["housing", "disc"]},
+        "feet": feet | {"markers": ["ground", "housing"]},
+    }
+    system = started(bodies, ["disc.y"], forces=forces)
+    assert any(NONE in note for note in system.told)
+
+
 def test_a_skew_disc_tilts_back() -> None:
     """The moment (Ip - Id) w^2 of the angle between its normal and the axis of
     rotation is borne by the springs against tilting."""
