@@ -39,6 +39,8 @@ ADDING_UP, NOT_ADDING_UP = (
     {5: (60.0, 3.0), 9: (10.0, 30.0), 13: (4.0, 150.0)},
     (np.inf, 1.0),
 )
+#: Steps are not held to less than this part, near which rounding adds up instead.
+ROUNDING_ADDS_UP = 1e-11
 #: Velocity coordinates up to which it is asked whether drives prescribe all motions.
 FEW = 300
 
@@ -80,7 +82,8 @@ def new_control(
     control.fixed_step = int(settings.step is not None)
     control.adding = int(adding)
     order = INTEGRATORS[settings.integrator].order
-    control.many, control.most = ADDING_UP.get(order, NOT_ADDING_UP)
+    control.many, most = ADDING_UP.get(order, NOT_ADDING_UP)
+    control.most = min(most, max(1.0, settings.rtol / ROUNDING_ADDS_UP))
     control.accumulates = int(_moves_freely(system, start))
     control.z[:] = control.start[:] = start.z
     control.v[:] = start.v

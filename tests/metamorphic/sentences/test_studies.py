@@ -84,12 +84,13 @@ def test_outputs_that_no_integrator_agrees_on_are_called_unpredictable(
     runs: list[Any] = [
         simulate(system, integrator=name, rtol=1e-11) for name in ("dop853", "radau13")
     ]
+    loose = simulate(system, integrator="dop853", rtol=1e-6)  # as references are
     apart = {name: away(*runs, name) for name in ("low.angle", "tip.angle")}
     for name, part in apart.items():
         if part > 30.0 * TRUSTED:
             assert name in found.reference.unpredictable
         if name in found.reference.unpredictable:
-            assert part > TRUSTED / 30.0
+            assert max(part, away(loose, runs[0], name)) > TRUSTED / 30.0
     assert "clock.x" in found.reference.names
     text = report(found, WANTED)
     told = "Not predictable over this time span" in text

@@ -350,7 +350,7 @@ def test_shape_functions_of_little_energy_are_left_out_in_groups(
     assert group.effect == pytest.approx(np.abs(without - expected).max(), rel=1e-3)
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_the_worst_output_is_one_that_counts() -> None:
     """Models that do not run err without a limit, in outputs of rounding, too."""
     nothing = np.zeros(3)

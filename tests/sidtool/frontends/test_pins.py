@@ -293,7 +293,7 @@ def test_info_prints_where_every_marker_is(tmp_path: Path) -> None:
     (tmp_path / "part.inp").unlink()
     told = CliRunner().invoke(cli, ["info", path])
     assert told.exit_code == 1
-    assert "no such file" in told.output
+    assert "no such file" in str(told.exception)
 
 
 def read_nodes(folder: Path) -> Array:
