@@ -7,7 +7,7 @@ choice of shape functions", Nonlinear Dynamics 20, 1999.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,11 +36,14 @@ class Frame:
     held : (ndof,) the degrees of freedom that vanish in this frame
     rows : (3 or 6, ndof) conditions ``rows @ u = 0`` that define the frame of a body
         that is not held; None if `held` does, or if there is no condition
+    supports : whether these conditions also support the body where its shape functions
+        are sought
     """
 
     origin: Array
     held: NDArray[np.bool_]
     rows: Array | None = None
+    supports: bool = False
 
     def without_rigid_motion(self, model: FiniteElementModel, shapes: Array) -> Array:
         """Shape functions (ndof, n) less the rigid motion that the frame takes over."""
@@ -76,6 +79,8 @@ def tangent_frame(model: FiniteElementModel, settings: TangentFrame) -> Frame:
 def chord_frame(model: FiniteElementModel, settings: ChordFrame) -> Frame:
     """The frame on one marker that keeps the direction to another.
 
+    Shape functions are those of the body on these supports, as a rod between two pins.
+
     Raises
     ------
     InputError : the markers are at the same place.
@@ -95,7 +100,7 @@ def chord_frame(model: FiniteElementModel, settings: ChordFrame) -> Frame:
     parts = [first.displacement.toarray()[:d], across(chord, d) @ shift]
     if d == 3:
         parts.append((chord @ first.rotation.toarray())[None])
-    return _conditions(model, first.position, np.vstack(parts))
+    return replace(_conditions(model, first.position, np.vstack(parts)), supports=True)
 
 
 def across(direction: Array, dimension: int) -> Array:

@@ -19,6 +19,10 @@ from .space import Space
 Array = NDArray[np.float64]
 
 
+#: Compliances below this part of the largest one are none.
+_HELD = 1e-12
+
+
 @dataclass(frozen=True, eq=False)
 class Full:
     """The full mesh: frequencies [Hz], loads (k, ndof) and their compliances (k,)."""
@@ -73,8 +77,12 @@ def full_mesh(
     names = [motion_names(body, marker, rotations=turn) for marker, turn in pairs]
     loads = np.vstack([np.zeros((0, body.ndof)), *rows])
     compliances = np.einsum("ij,ji->i", loads, space.static(loads.T))
-    felt = compliances > 0
     flat = np.array([name for group in names for name in group], object)
+    turning = np.array([name.rpartition(" ")[2].startswith("r") for name in flat], bool)
+    felt = compliances > 0
+    for kind in (turning, ~turning):  # what supports hold moves by rounding
+        largest = compliances[kind].max(initial=0.0)
+        felt &= ~kind | (compliances > _HELD * largest)
     squares, _ = space.modes(min(COMPARED, count))
     return Full(hertz(squares), tuple(flat[felt]), loads[felt], compliances[felt])
 

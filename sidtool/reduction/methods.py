@@ -34,6 +34,8 @@ Array = NDArray[np.float64]
 
 #: Frequencies of the full mesh by which a basis is judged after the reduction.
 COMPARED = 10
+#: Loads that move a body by less than this part of the largest motion act on supports.
+HELD = 1e-12
 
 
 def modal_truncation(
@@ -149,7 +151,8 @@ def krylov(
         loads.append(model.mass @ model.rigid_body_modes(frame.origin))
         names += tuple(f"acceleration {i + 1}" for i in range(loads[1].shape[1]))
     columns = np.hstack(loads)
-    felt = np.linalg.norm(space.loads(columns), axis=0) > 0
+    moved = np.linalg.norm(space.static(columns), axis=0)
+    felt = moved > HELD * moved.max(initial=0.0)
     names = tuple(name for name, there in zip(names, felt, strict=True) if there)
     families = [
         Family(f"at {f:g} Hz", shapes, tuple(f"{n} at {f:g} Hz" for n in names) * m)

@@ -250,6 +250,8 @@ def admissible(
         factors=PinnedFactors(stiffness, rigid, places),
     )
     markers = [motion_rows(model, model.marker(n)) for n in fixed if n in known]
+    if frame.supports and frame.rows is not None and not fixed:
+        markers.append(frame.rows)
     return space.with_constraints(np.vstack(markers)) if markers else space
 
 
