@@ -126,10 +126,11 @@ class SidBody(Table):
         description="true: of the SID only mass, inertia and the places of nodes "
         "count; elastic coordinates and stresses are then not recorded",
     )
-    quadratic_inertia: bool = Field(
-        default=False,
-        description="keep the term q.Me.q of the moments of inertia; a body with "
-        "geometric stiffening by acceleration always has it",
+    quadratic_inertia: bool | None = Field(
+        default=None,
+        description="keep the term q.Me.q of the moments of inertia; default where the "
+        "mass matrix would not stay positive without it at deformations of a tenth of "
+        "the size; a body with geometric stiffening by acceleration always has it",
     )
     shape_functions: Takes[
         tuple[Annotated[int, Field(ge=1)], ...] | None, Sequence[int] | None

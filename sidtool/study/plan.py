@@ -10,6 +10,7 @@ from sidtool.formats.errors import InputError
 from sidtool.formats.model.refine import modes_of, refined
 from sidtool.formats.scene import SceneFile, is_elastic, is_stress, parse_output
 from sidtool.formats.stiffening import has_stiffening
+from sidtool.solver.system.bodies.lost_inertia import has_quadratic_inertia
 from sidtool.solver.system.bodies.unstiffened import can_be_unstiffened
 
 from .axes import AXES, FRAMES, METHODS, TERMS, Values, Variant, grid, with_choice
@@ -191,7 +192,11 @@ def _terms(bodies: Bodies) -> tuple[Any, tuple[Any, ...]]:
     ]
     models = [f[0].model.stiffening is not None for f in bodies.sources.values()]
     stiffened = any(known) or any(models)
-    quadratic = any(b.quadratic_inertia for b in scene.sid_bodies.values())
+    quadratic = any(
+        has_quadratic_inertia(b, sids[n], planar)
+        for n, b in scene.sid_bodies.items()
+        if n in sids
+    )
     own = {(True, True): "all", (True, False): "stiffening", (False, True): "quadratic"}
     if not bodies.sources and not any(known):
         return own.get((stiffened, quadratic), "none"), ("quadratic", "none")

@@ -22,9 +22,11 @@ from tests.places import SLIDER_CRANK
 
 
 def compiled(end: float = 3.0, **sids: object) -> System:
+    """With the inertia of the reference, whose moments of inertia are linear in q."""
     scene = read_scene(SLIDER_CRANK / "slider_crank.toml")
     described = scene.model_dump(by_alias=True, exclude_none=True)
     described["time"]["end"] = end
+    described["bodies"]["rod"]["quadratic_inertia"] = False
     return compile_scene(SceneFile.model_validate(described), SLIDER_CRANK, sids)
 
 

@@ -28,6 +28,7 @@ from sidtool.formats.sid_subset import kept_indices, with_shape_functions
 from .damping import damped
 from .first_order import check_first_order
 from .held_frames import with_frame_node
+from .lost_inertia import has_quadratic_inertia
 from .out_of_plane import out_of_plane
 from .rigid_bodies import rigid_part
 from .unstiffened import without_stiffening
@@ -180,7 +181,7 @@ def _flexible_body(name: str, body: SidBody, sid: SID, planar: bool) -> BodyData
         name,
         sid,
         True,
-        body.quadratic_inertia,
+        has_quadratic_inertia(body, sid, planar),
         nodes,
         numbers,
         given=given,

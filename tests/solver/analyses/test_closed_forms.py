@@ -294,6 +294,7 @@ def flexible_slider_crank(factor: float, record: list[str]) -> Any:
     )
     content["time"] = {"end": 2.5, "output_step": 0.05}
     content["outputs"] = {"record": record}
+    content["bodies"]["rod"]["quadratic_inertia"] = False
     return compiled(validated(content, SceneFile), {"rod": sid})
 
 
