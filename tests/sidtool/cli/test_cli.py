@@ -332,7 +332,7 @@ def test_info_of_a_scene_tells_damping_and_what_forces_act_on(
 ) -> None:
     text = (SLIDER_CRANK / "slider_crank.toml").read_text(encoding="utf-8")
     rod = (SLIDER_CRANK / "rod_q4.SID_FEM").as_posix()
-    more = f'{rod}"\nquadratic_inertia = true\ndamping = {{ type = "frequency" }} #'
+    more = f'{rod}"\ndamping = {{ type = "frequency" }} #'
     scene = tmp_path / "damped.toml"
     friction = """
 [forces.rub]
@@ -343,7 +343,11 @@ force = 2
 speed = 0.01
 """
     scene.write_text(
-        text.replace("rod_q4.SID_FEM", more, 1) + friction, encoding="utf-8"
+        text.replace("rod_q4.SID_FEM", more, 1).replace(
+            "inertia = false", "inertia = true"
+        )
+        + friction,
+        encoding="utf-8",
     )
     assert run(["info", str(scene)]) == 0
     told = capsys.readouterr().out
