@@ -24,7 +24,7 @@ from .held import unsampled, with_integrated_rates
 from .mechanics import Mechanics, refuse_prescribed
 from .rigid_motions import spectrum
 from .rubbing import mechanics_at
-from .state_matrix import state_matrix
+from .state_matrix import SmallMotions, state_matrix
 from .static import static_equilibrium
 from .steady_axes import CHANGING, steady_axes
 from .whirl import Whirl, whirl_of
@@ -125,8 +125,8 @@ def linearise(
     mechanics = mechanics_at(system, t, z, v)
     mechanics.set_scale(z, stiffness=0.0)
     spins, seen = steady_axes(mechanics, z, v)
-    matrix, motion, moved = state_matrix(mechanics, z, v, spins)
-    unsteady = _unsteady(mechanics, matrix, motion, moved, z, v, spins)
+    small = state_matrix(mechanics, z, v, spins)
+    unsteady = _unsteady(mechanics, small)
     causes = unsteady or tuple(text for text in seen if text == CHANGING)
     if causes and not frozen:
         raise SimulationError(f"there are no natural modes: {causes[0]}")
@@ -134,24 +134,18 @@ def linearise(
     unsteady = tuple(f"frozen values of one instant: {text}" for text in causes)
     warnings = find_state_warnings(system, z[None])
     notes = (*warnings, *of_state, *unsteady, *seen, *mechanics.notes(), *told)
-    modes = _modes(mechanics, matrix, motion, moved, z, v, spins)
+    modes = _modes(mechanics, small)
     return replace(modes, notes=tuple(dict.fromkeys(notes)), warnings=warnings)
 
 
-def _unsteady(
-    mechanics: Mechanics,
-    matrix: Array,
-    motion: Array,
-    moved: Array,
-    z: Array,
-    v: Array,
-    spins: Array,
-) -> tuple[str, ...]:
+def _unsteady(mechanics: Mechanics, small: SmallMotions) -> tuple[str, ...]:
     """Whether the state is far from rest and from steady motion, and what leaves it.
 
     Near is where the equations, taken as linear, have such a state. It may be near and
     have other modes: a column that nothing compresses yet accelerates, and is stiff.
     """
+    matrix, motion, moved = small.matrix, small.motion, small.moved
+    z, v, spins = small.z, small.v, small.spins
     mechanics.evaluate(z, v)
     a, slow = mechanics.accelerations()[0], v / mechanics.scale
     left = motion.T @ (a - turning(mechanics, spins) @ slow)
@@ -171,7 +165,7 @@ def _unsteady(
         if way.max(initial=0.0) < AT_REST:
             return ()
         beside = mechanics.moved(z, moved @ shift)
-        there, *_ = state_matrix(mechanics, beside, v, spins)
+        there = state_matrix(mechanics, beside, v, spins).matrix
         mechanics.evaluate(z, v)
         return _changed_modes(matrix, there, first)
     return (
@@ -209,21 +203,14 @@ def _check_size(system: System, z: Array, v: Array) -> None:
         )
 
 
-def _modes(
-    mechanics: Mechanics,
-    matrix: Array,
-    motion: Array,
-    moved: Array,
-    z: Array,
-    v: Array,
-    spins: Array,
-) -> Linearisation:
+def _modes(mechanics: Mechanics, small: SmallMotions) -> Linearisation:
     """Natural modes of the matrix of small motions, of pairs one, by frequency."""
-    found = spectrum(mechanics, matrix, motion, spins, z, v)
+    z, v, spins = small.z, small.v, small.spins
+    found = spectrum(mechanics, small)
     order = np.argsort(np.abs(found.values), kind="stable")
     kept = [k for k in order if found.values[k].imag >= 0.0]
     values, rigid = found.values[kept], found.rigid[kept]
-    shapes = (moved @ found.vectors[:, kept]).T * mechanics.scale
+    shapes = (small.moved @ found.vectors[:, kept]).T * mechanics.scale
     for shape in shapes:
         largest = shape[np.argmax(np.abs(shape))] if len(shape) else 1.0
         shape /= largest if largest != 0.0 else 1.0

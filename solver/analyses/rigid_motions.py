@@ -23,6 +23,7 @@ from ..system import kernel_calls
 from ..system.sizes import coordinate_sizes
 from .axes import SAME_SPIN, spins_of_bodies
 from .mechanics import Mechanics, null_space
+from .state_matrix import SmallMotions
 
 #: What acts against a rigid motion is less than this part of what preload and spin
 #: could do, or than this part of the largest entries of the matrix, which is rounding.
@@ -66,22 +67,12 @@ def unstressed_motions(mechanics: Mechanics, z: Array, v: Array) -> Array:
     return null_space(np.vstack(held))
 
 
-def spectrum(
-    mechanics: Mechanics,
-    matrix: Array,
-    motion: Array,
-    spins: Array,
-    z: Array,
-    v: Array,
-) -> Spectrum:
-    """Eigenvalues of the matrix of small motions, those of rigid motions exact.
-
-    matrix, motion : of `state_matrix`
-    spins : (bodies, 3) of the axes in which bodies are seen
-    """
+def spectrum(mechanics: Mechanics, small: SmallMotions) -> Spectrum:
+    """Eigenvalues of the matrix of small motions, those of rigid motions exact."""
+    matrix, motion, z, v = small.matrix, small.motion, small.z, small.v
     places = len(matrix) - motion.shape[1]
     free = motion[:, :places].T @ unstressed_motions(mechanics, z, v)
-    rates = np.linalg.norm(spins, axis=1)
+    rates = np.linalg.norm(small.spins, axis=1)
     mechanics.evaluate(z, v)
     own = np.linalg.norm(spins_of_bodies(mechanics), axis=1)
     same, turning = SAME_SPIN * own.max(initial=0.0), list[float]()

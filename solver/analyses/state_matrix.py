@@ -36,11 +36,29 @@ from .mechanics import Mechanics, least_squares, null_space
 PERTURBATION = 1e-6
 
 
+@dataclass(frozen=True, eq=False)
+class SmallMotions:
+    """Small motions (y, w) about a state.
+
+    matrix : of (y, w)
+    motion : (n, d) scaled free directions N, states of laws last
+    moved : (n, y and w) how (y, w) move the positions
+    z, v : the state
+    spins : (bodies, 3) of the axes in which each body is seen, see `own_axes`
+    """
+
+    matrix: Array
+    motion: Array
+    moved: Array
+    z: Array
+    v: Array
+    spins: Array
+
+
 def state_matrix(
     mechanics: Mechanics, z: Array, v: Array, spins: Array
-) -> tuple[Array, Array, Array]:
-    """Matrix of (y, w), the (n, d) scaled free directions N, states of laws last, and
-    how (y, w) move the positions, (n, y and w).
+) -> SmallMotions:
+    """The small motions about a state.
 
     States are among w only: what they add up to does not matter.
 
@@ -82,7 +100,7 @@ def state_matrix(
     right = Z.T @ (force - M @ particular(gamma))
     matrix[d:] = mechanics.solve_inertia(inertia, right)
     kept = [*range(places), *range(d, 2 * d)]
-    return matrix[np.ix_(kept, kept)], N, moved[:, kept]
+    return SmallMotions(matrix[np.ix_(kept, kept)], N, moved[:, kept], z, v, spins)
 
 
 def _free_directions(system: System, C: Array, across: Array) -> tuple[Array, int]:

@@ -53,7 +53,8 @@ def steady_axes(
 def _change(mechanics: Mechanics, z: Array, v: Array, spins: Array) -> float:
     """How much the matrix changes along a motion that is steady in these axes, relative
     to each of its modes."""
-    here, N, _ = state_matrix(mechanics, z, v, spins)
+    small = state_matrix(mechanics, z, v, spins)
+    here, N = small.matrix, small.motion
     mechanics.evaluate(z, v)
     own = spins_of_bodies(mechanics)
     spin = float(np.linalg.norm(np.vstack([own, spins]), axis=1).max())
@@ -99,10 +100,10 @@ def _followed(
     there = mechanics.moved(z, step / scale)
     try:
         mechanics.t = start + dt
-        matrix, N, _ = state_matrix(mechanics, there, after, spins)
+        small = state_matrix(mechanics, there, after, spins)
     finally:
         mechanics.t = start
-    return matrix, N, turn * scale / scale[:, None]
+    return small.matrix, small.motion, turn * scale / scale[:, None]
 
 
 def _motions(
