@@ -13,14 +13,10 @@ from sidtool.formats.model.reduction import ReductionSettings
 from ..frontends.finite_element_model import FiniteElementModel, MarkerRows
 from .basis import ReducedBasis, hertz
 from .frames import motion_names, motion_rows
-from .methods import COMPARED
+from .methods import COMPARED, HELD
 from .space import Space
 
 Array = NDArray[np.float64]
-
-
-#: Compliances below this part of the largest one are none.
-_HELD = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +78,7 @@ def full_mesh(
     felt = compliances > 0
     for kind in (turning, ~turning):  # what supports hold moves by rounding
         largest = compliances[kind].max(initial=0.0)
-        felt &= ~kind | (compliances > _HELD * largest)
+        felt &= ~kind | (compliances > HELD * largest)
     squares, _ = space.modes(min(COMPARED, count))
     return Full(hertz(squares), tuple(flat[felt]), loads[felt], compliances[felt])
 

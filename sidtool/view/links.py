@@ -20,6 +20,7 @@ from sidtool.formats.scene import (
     marker_reference,
 )
 from sidtool.formats.sid import Array
+from sidtool.solver.system.bodies.rotations import shortest_rotation
 from sidtool.solver.system.scene import GROUND_NAME, System
 
 from ..field.beam_field import CORNERS, tube
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from .played import Played
 
 Indices = NDArray[np.int64]
+#: The axis of the meshes.
+X = np.array([1.0, 0.0, 0.0])
 
 #: Radius of coils, of a cylinder and of a rod, as parts of the mechanism; half the
 #: thickness of a wire, and how many coils of how many straight pieces a spring has.
@@ -77,9 +80,11 @@ class Link:
         """Corners of its triangles at one time, (m, 3, 3) [m]."""
         a, b = (end.path(motion, scale)[row] for end in self.ends)
         length = float(np.linalg.norm(b - a))
-        along = (b - a) / length if length else np.array([1.0, 0.0, 0.0])
+        along = (b - a) / length if length else X
         stretched = self.positions * [length, 1.0, 1.0]
-        return np.asarray((a + stretched @ turn_from_x(along).T)[self.triangles])
+        return np.asarray(
+            (a + stretched @ shortest_rotation(X, along).T)[self.triangles]
+        )
 
 
 def links(system: System, size: float) -> tuple[Link, ...]:
@@ -117,21 +122,6 @@ def _kind(force: SpringDamper | Actuator) -> str:
     if isinstance(force, Actuator):
         return "actuator"
     return "spring" if force.stiffness or force.table else "damper"
-
-
-def turn_from_x(along: Array) -> Array:
-    """The least rotation that turns x into a direction, (3, 3)."""
-    x, y, z = along
-    if x < -1.0 + 1e-12:
-        return np.diag([-1.0, -1.0, 1.0])
-    k = 1.0 / (1.0 + x)
-    return np.array(
-        [
-            [x, -y, -z],
-            [y, 1.0 - k * y * y, -k * y * z],
-            [z, -k * y * z, 1.0 - k * z * z],
-        ]
-    )
 
 
 def _swept(line: Array, radius: Any) -> tuple[Array, Indices]:

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from sidtool.formats.result.bodies import LARGE
 from sidtool.formats.scene import SidBody
 from sidtool.formats.sid import SID, Array
-from sidtool.formats.sid_mass import body_size, coupled_mass_matrix
+from sidtool.formats.sid_mass import (
+    IN_PLANE,
+    SPATIAL,
+    body_size,
+    coupled_mass_matrix,
+)
 from sidtool.formats.storage.kept import kept
 
 from .blocks import has_second_order
-
-#: Linear theory of deformation holds up to this part of the size of a body.
-LINEAR = 0.1
-#: Coordinates of the frame that a planar body has.
-IN_PLANE = (0, 1, 5)
 
 
 def has_quadratic_inertia(body: SidBody, sid: SID, planar: bool) -> bool:
@@ -36,11 +37,11 @@ def loses_inertia(sid: SID, planar: bool) -> bool:
     shape function that linear theory of deformation describes."""
     if has_second_order(sid) or not sid.Oe.first_order(sid.nq).any():
         return False
-    axes = list(IN_PLANE if planar else range(6))
+    axes = list(IN_PLANE[2] if planar else SPATIAL)
     scale = np.sqrt(np.abs(sid.Me.m0.diagonal()) / (sid.mass or 1.0))
     for node in sid.nodes:
         scale = np.maximum(scale, np.abs(node.phi.m0).max(axis=0))
-    largest = LINEAR * body_size(sid) / np.where(scale > 0.0, scale, np.inf)
+    largest = LARGE * body_size(sid) / np.where(scale > 0.0, scale, np.inf)
     return any(
         _least_left(coupled_mass_matrix(sid, q), axes) <= 0.0
         for way in (1.0, -1.0)

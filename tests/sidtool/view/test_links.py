@@ -11,9 +11,10 @@ import pytest
 import sidtool
 from sidtool.formats.result import Result
 from sidtool.formats.scene import read_scene
+from sidtool.solver.system.bodies.rotations import shortest_rotation
 from sidtool.view import film
 from sidtool.view.animating import animate, shown
-from sidtool.view.links import turn_from_x
+from sidtool.view.links import X
 from tests.places import SLIDER_CRANK
 
 from .browser import opened
@@ -98,7 +99,7 @@ def test_ends_follow_the_magnified_deformation(result: Result) -> None:
 def test_a_turn_from_x_is_a_rotation() -> None:
     directions = np.concatenate([np.eye(3), -np.eye(3), [[0.6, 0.0, -0.8]]])
     for along in directions:
-        R = turn_from_x(along)
+        R = shortest_rotation(X, along)
         assert R[:, 0] == pytest.approx(along, abs=1e-15)
         assert pytest.approx(np.eye(3), abs=1e-14) == R @ R.T
         assert np.linalg.det(R) == pytest.approx(1.0)
