@@ -31,7 +31,7 @@ def check_own_data(file: h5py.File) -> None:
     """
     found: list[InputError] = []
 
-    def look(name: str, link: object) -> bool | None:
+    def check_link(name: str, link: object) -> bool | None:
         if not isinstance(link, h5py.HardLink):
             found.append(_refused(name, "is a link to another place"))
         else:
@@ -40,7 +40,7 @@ def check_own_data(file: h5py.File) -> None:
                 found.append(_refused(name, "holds the data of other files"))
         return True if found else None
 
-    file.visititems_links(look)
+    file.visititems_links(check_link)
     if found:
         raise found[0]
 
@@ -54,11 +54,11 @@ def check_sizes(file: h5py.File) -> None:
     """
     most_packed = PACKED * file.id.get_filesize()
 
-    def look(name: str, item: object) -> None:
+    def check_item(name: str, item: object) -> None:
         if isinstance(item, h5py.Dataset):
             check_size(item, most_packed)
 
-    file.visititems(look)
+    file.visititems(check_item)
 
 
 def check_size(dataset: h5py.Dataset, most_packed: float = math.inf) -> None:
