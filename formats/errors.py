@@ -8,12 +8,15 @@ import re
 import warnings
 from collections.abc import Iterable
 
-#: What a terminal obeys instead of showing it.
-_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+#: What a terminal obeys instead of showing it, and what is no character.
+_CONTROL = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff\ufffe\uffff]"
+)
 
 
 def printable(text: str) -> str:
-    """A text of a file as it may reach a terminal: control characters become "?"."""
+    """A text of a file as a terminal or a picture may show it: "?" for control
+    characters and for what is none, such as the bytes of a name that is not UTF-8."""
     return _CONTROL.sub("?", text)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from html import escape
+from html import escape as escape_markup
 
 from .errors import printable
 
@@ -22,5 +22,10 @@ def _row(cells: Sequence[object], tag: str) -> str:
     return f"<tr>{''.join(f'<{tag}>{_text(cell)}</{tag}>' for cell in cells)}</tr>"
 
 
+def escape(text: str) -> str:
+    """A text as it may stand in a page: no markup, no control characters."""
+    return escape_markup(printable(text))
+
+
 def _text(cell: object) -> str:
-    return escape(printable(str(cell)))
+    return escape(str(cell))

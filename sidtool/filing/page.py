@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Iterator, Mapping
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 from sidtool import __version__
 from sidtool.formats.endings import check_ending
 from sidtool.formats.errors import InputError
-from sidtool.formats.html import html_table
+from sidtool.formats.html import escape, html_table
 from sidtool.formats.result import Result, units_in
 from sidtool.formats.storage.atomic import atomic_path
 from sidtool.solver.afterwards import scene_of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,7 @@ _STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.2,
     "svg.fonttype": "none",
     "svg.hashsalt": "sidtool",
+    "text.parse_math": False,
 }
 
 
@@ -64,10 +66,15 @@ def saved(page: Figure, path: Path) -> None:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """What is drawn inside looks like all pictures of sidtool."""
+    """What is drawn inside looks like all pictures of sidtool.
+
+    No text is read as mathematics. A character that the fonts lack is a box.
+    """
     import matplotlib
 
-    with matplotlib.rc_context(_STYLE | {"axes.prop_cycle": _cycle()}):
+    style = _STYLE | {"axes.prop_cycle": _cycle()}
+    with matplotlib.rc_context(style), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph \d+ .* missing from")
         yield
 
 
@@ -77,6 +84,15 @@ def new_page(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure
 
     page = Page(size)
     return page, page.subplots(rows, columns, sharex="col")
+
+
+def use_log_scale(axis: Any) -> None:
+    """Make an axis logarithmic, with powers of ten whose exponents are characters."""
+    from .page import PowersOfTen
+
+    (axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale)("log")
+    axis.set_major_formatter(PowersOfTen())
+    axis.set_minor_formatter(PowersOfTen(labelOnlyBase=False))
 
 
 def _cycle() -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 from sidtool.formats.errors import InputError
 from sidtool.formats.study import StudyFile, StudyPoint
 
-from .figure import figure
+from .figure import figure, use_log_scale
 from .words import by_rows, columns_of, legend, wrapped
 
 _MARKS = "osD^v"
@@ -39,7 +39,9 @@ def plot_precision(
     with figure(path, size=(5.0, 3.6)) as axes:
         for number, (method, pairs) in enumerate(points.items()):
             errors, seconds = zip(*pairs, strict=True)
-            axes.loglog(errors, seconds, f"{_MARKS[number % 5]}-", label=method)
+            axes.plot(errors, seconds, f"{_MARKS[number % 5]}-", label=method)
+        for axis in (axes.xaxis, axes.yaxis):
+            use_log_scale(axis)
         axes.invert_xaxis()
         axes.set_xlabel(label)
         axes.set_ylabel("wall time [s]")
@@ -97,8 +99,10 @@ def _plot_fronts(
             found = [(getattr(p, cost), float(p.error or 0), p.told) for p in points]
             draw_front(panel, found)
             panel.axhline(content.uncertainty, color="0.5", linestyle=":")
-            scale = "linear" if cost == "size" else "log"
-            panel.set(xscale=scale, yscale="log", xlabel=_COSTS[cost])
+            use_log_scale(panel.yaxis)
+            if cost != "size":
+                use_log_scale(panel.xaxis)
+            panel.set_xlabel(_COSTS[cost])
             _label_few(panel)
         every[0].set_ylabel(_errors_of(content))
         handles, labels = every[-1].get_legend_handles_labels()
@@ -134,11 +138,12 @@ def _label_few(axes: Any) -> None:
     """Numbers at 1, 2 and 5 of each decade where there are few, else at powers of ten:
     those at every minor tick run into each other."""
     from matplotlib.ticker import (
-        LogFormatterSciNotation,
         LogLocator,
         MaxNLocator,
         NullFormatter,
     )
+
+    from .page import PowersOfTen
 
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() != "log":
@@ -148,6 +153,6 @@ def _label_few(axes: Any) -> None:
             near = high < NARROW * low
             some = MaxNLocator(3) if near else LogLocator(subs=(1.0, 2.0, 5.0))
             axis.set_major_locator(some)
-            every = LogFormatterSciNotation(minor_thresholds=(math.inf, math.inf))
+            every = PowersOfTen(minor_thresholds=(math.inf, math.inf))
             axis.set_major_formatter(every)
         axis.set_minor_formatter(NullFormatter())

@@ -18,7 +18,7 @@ from sidtool.solver.afterwards import scene_of
 from ..afterwards import outputs, outputs_at, played_outputs
 from . import courses
 from .courses import Curve, curves_of, draw, errors_of, grouped, labels_of
-from .figure import saved, styled
+from .figure import saved, styled, use_log_scale
 from .words import broken, legend
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def drawn(
         errors, units = errors_of(result), units_in(result)
         page, rows = courses.drawn(t, groups, columns, errors, units, (_WIDTH, _ROW))
         for place in rows if kind == "drift" else ():
-            place.set_yscale("log")
+            use_log_scale(place.yaxis)
         _finish(page, rows, result, "t [s]")
     return page, told + uncertain
 
@@ -191,7 +191,8 @@ def _spectrum(result: Result, names: list[str]) -> tuple[Figure, list[str]]:
         page, rows = courses.stacked(groups, _WIDTH, 1.1 * _ROW)
         for place, group in zip(rows, groups, strict=True):
             for name in group:
-                place.semilogy(frequencies, amplitudes(columns[name])[1:], label=name)
+                place.plot(frequencies, amplitudes(columns[name])[1:], label=name)
+            use_log_scale(place.yaxis)
             unit = units_in(result)(group[0])
             place.set_ylabel(
                 broken(f"amplitude [{unit}]" if unit else "amplitude", 1.2)

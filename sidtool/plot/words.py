@@ -10,6 +10,8 @@ import matplotlib
 from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextPath
 
+from sidtool.formats.errors import printable
+
 #: Points to the inch; a row of a legend [inch].
 _POINTS, ROW = 72.0, 0.19
 #: What a legend takes for a line beside each text, and to the next [font sizes].
@@ -25,7 +27,8 @@ def width(text: str, size: float | None = None) -> float:
     size : of its letters, by default that of the picture [pt]
     """
     size = matplotlib.rcParams["font.size"] if size is None else size
-    path = TextPath((0, 0), text.replace("$", "S"), prop=FontProperties(size=size))
+    shown = printable(text).replace("$", "S")
+    path = TextPath((0, 0), shown, prop=FontProperties(size=size))
     return float(path.get_extents().width) / _POINTS if text.strip() else 0.0
 
 

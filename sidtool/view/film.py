@@ -145,14 +145,13 @@ class Stage:
         colour: str,
         scale: float,
     ) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
         from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+        from ..plot.page import Page
 
         self.motion, self.bodies, self.triangles = motion, bodies, triangles
         self.range, self.colour, self.scale = found, colour, scale
-        self.page = Figure(figsize=_SIZE)
-        FigureCanvasAgg(self.page)
+        self.page = Page(_SIZE, layout=None)
         stage = self.page.add_axes((0, 0, 1, 0.94), projection="3d")
         self.axes = cast(Any, stage)
         self.faces = Poly3DCollection([np.zeros((3, 3))], linewidths=0)

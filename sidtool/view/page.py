@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 import json
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.html import escape
 from sidtool.formats.scene import unit_of
 from sidtool.formats.sid import Array
 
@@ -117,9 +117,9 @@ def page(
     }
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     return Template(_part("player.html")).substitute(
-        title=html.escape(title or "Motion"),
-        told=html.escape("; ".join(sentences)),
-        generator=html.escape(generator),
+        title=escape(title or "Motion"),
+        told=escape("; ".join(sentences)),
+        generator=escape(generator),
         style=_part("player.css"),
         plots=_plots(motion, columns, errors or {}),
         data=text.replace("<", "\\u003c"),
