@@ -31,6 +31,7 @@ WRITTEN = {
     "result": Written("a result (HDF5)", _HDF5),
     "field": Written("a full field (HDF5)", _HDF5),
     "table": Written("a table (CSV)", (".csv", ".txt", ".dat")),
+    "sweep": Written("a table of a sweep (CSV)", (".csv", ".txt", ".dat")),
     "modes": Written("modes (JSON)", (".json",)),
     "study": Written("a study (JSON)", (".json",)),
     "folder": Written("a folder", ()),

@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from .scenes import Model as Model
     from .scenes import Scene as Scene
     from .study.asked import study as study
+    from .sweep.asked import sweep as sweep
     from .view.animating import animate as animate
     from .view.peaks import peak_stresses as peak_stresses
     from .vocabulary import *  # noqa: F403
@@ -111,6 +112,7 @@ _HOME = {
     "simulate": "sidtool.api",
     "static_equilibrium": "sidtool.analysing",
     "study": "sidtool.study.asked",
+    "sweep": "sidtool.sweep.asked",
     "validate": "sidtool.api",
     "write": "sidtool.api",
 }

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .results import Result
     from .states import Equilibrium, Linearisation
     from .study import Study
+    from .sweep import Sweep
 
 Sids = Mapping[str, SID | str | os.PathLike[str]]
 Programs = Mapping[str, Any]
@@ -139,6 +140,12 @@ class Scene(SceneFile):
         from .study.asked import study
 
         return study(self, over, **settings)
+
+    def sweep(self, over: Any, of: str | Iterable[str], **settings: Any) -> Sweep:
+        """Measures of outputs for values of its keys, see `sidtool.sweep`."""
+        from .sweep.asked import sweep
+
+        return sweep(self, over, of, **settings)
 
     def static_equilibrium(self, **settings: Any) -> Equilibrium:
         """Where it comes to rest, see `sidtool.static_equilibrium`."""

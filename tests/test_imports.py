@@ -9,7 +9,12 @@ from pathlib import Path
 from tests.places import ROOT
 
 #: What users hold opens, in its methods, the doors to all that can be done with it.
-FACES = {"sidtool.scenes", "sidtool.results", "sidtool.study.outcome"}
+FACES = {
+    "sidtool.scenes",
+    "sidtool.results",
+    "sidtool.study.outcome",
+    "sidtool.sweep.outcome",
+}
 
 
 def modules() -> dict[str, Path]:

@@ -42,6 +42,7 @@ from .report import report
 from .schema import schema
 from .simulate import simulate
 from .study import study
+from .sweep import sweep
 from .trim import trim
 from .validate import validate
 from .warmup import warmup
@@ -87,6 +88,7 @@ for command in (
     export,
     report,
     study,
+    sweep,
     trim,
     demo,
     schema,
@@ -95,11 +97,19 @@ for command in (
     cli.add_command(command)
 
 #: Commands whose numbers `tell` gives; validate, outputs and export have their own.
-for command in (convert, simulate, info, study, trim, *analyse.commands.values()):
+for command in (
+    convert,
+    simulate,
+    info,
+    study,
+    sweep,
+    trim,
+    *analyse.commands.values(),
+):
     command.params.append(JSON)
 for command in (convert, simulate, study, validate, outputs, plot, animate, export):
     command.params.append(QUIET)
-for command in (report, trim, warmup, demo, *analyse.commands.values()):
+for command in (sweep, report, trim, warmup, demo, *analyse.commands.values()):
     command.params.append(QUIET)
 
 

@@ -212,6 +212,9 @@ def _is_of_kind(path: Path, kind: str) -> bool:
     if kind == "table":
         with path.open("rb") as stream:
             return stream.read(2) in (b"t,", b"t\n")
+    if kind == "sweep":
+        with path.open("rb") as stream:
+            return stream.readline().rstrip().endswith(b",message")
     if kind == "modes":
         with path.open("rb") as stream:
             return b'"coordinates"' in stream.read(64)

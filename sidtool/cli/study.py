@@ -162,7 +162,7 @@ def study(
     content = read_changed(scene, changes)
     with ending(*ENDING_SIGNALS) as asked:
         try:
-            with _progress() as say:
+            with progress_told() as say:
                 result = asked_study(
                     content,
                     over,
@@ -226,7 +226,7 @@ def _check_folder(folder: Path) -> None:
 
 
 @contextmanager
-def _progress() -> Iterator[Callable[[str, int, int, float | None], None]]:
+def progress_told() -> Iterator[Callable[[str, int, int, float | None], None]]:
     """Where nobody listens to what is reached, a line from time to time."""
     if is_quiet():
         yield lambda *_: None

@@ -22,7 +22,9 @@ from .measuring import Course
 from .tasks import Converted, Run
 
 #: How points are measured; those of another way are not used.
-METHOD = 2
+METHOD = 3
+#: Keys of [accuracy] that a setting replaces.
+SETTING = {"integrator", "rtol", "step", "wanted"}
 
 
 class Store:
@@ -40,9 +42,10 @@ class Store:
         if found is None:
             return None
         numbers, values = found
+        times = np.array(numbers.pop("times"))
         for key in ("names", "notes", "warnings"):
             numbers[key] = tuple(numbers[key])
-        return Course(values=values, **numbers)
+        return Course(values=values, times=times, **numbers)
 
     def keep_course(self, task: Run, made: Course) -> None:
         numbers = {
@@ -54,6 +57,7 @@ class Store:
             "message": made.message,
             "notes": made.notes,
             "warnings": made.warnings,
+            "times": made.times.tolist(),
         }
         self._write(_run_key(task), numbers, made.values)
 
@@ -107,7 +111,8 @@ class Store:
 
 
 def _run_key(task: Run) -> str:
-    how = METHOD, task.setting, task.once
+    accuracy = task.scene.accuracy.model_dump_json(exclude=SETTING)
+    how = METHOD, task.setting, task.once, accuracy
     return f"run-{key_of(task.scene, task.sids, how, {})}"
 
 

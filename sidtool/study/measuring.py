@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,7 +33,8 @@ class Course:
     rate : the largest velocity of the state
     seconds : the least solve time of several runs
     message : why there is no run, and nothing else then
-    notes, warnings : of the result, of references alone
+    notes, warnings : of the result, of runs that are made once alone
+    times : (nt,) output times [s]
     """
 
     names: tuple[str, ...]
@@ -45,6 +46,7 @@ class Course:
     message: str = ""
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    times: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
         """Outputs (nt, n); zero where the model has none."""
@@ -75,6 +77,7 @@ def course(result: Result, seconds: float | None = None, noted: bool = False) ->
         int(result.counters["steps"]),
         notes=result.notes if noted else (),
         warnings=result.warnings if noted else (),
+        times=np.asarray(result.t),
     )
 
 

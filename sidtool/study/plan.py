@@ -15,7 +15,7 @@ from sidtool.solver.system.bodies.unstiffened import can_be_unstiffened
 
 from .axes import AXES, FRAMES, METHODS, TERMS, Values, Variant, grid, with_choice
 from .bodies import Bodies
-from .settings import FEW, Setting, default_settings
+from .settings import FEW, Setting, default_settings, setting_of
 
 #: Points of a study, unless more are asked for.
 MOST = 300
@@ -117,12 +117,8 @@ def _settings(
     """Those given, or of the axis, or the one of the scene."""
     if settings is not None:
         return list(settings)
-    accuracy = scene.accuracy
-    own = Setting(accuracy.integrator, accuracy.rtol)
-    if accuracy.step is not None:
-        own = Setting(accuracy.integrator, step=accuracy.step)
     if "integrator" not in asked:
-        return [own]
+        return [setting_of(scene)]
     names = asked["integrator"]
     if set(asked) == {"integrator"}:
         return default_settings(names)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.scene import SceneFile
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 #: Integrators and tolerances that are tried where other things vary, too.
@@ -33,6 +34,14 @@ class Setting:
         """The lines of `[accuracy]` that ask for it."""
         kind, number = ("rtol", self.rtol) if self.step is None else ("step", self.step)
         return f'integrator = "{self.integrator}", {kind} = {number:g}'
+
+
+def setting_of(scene: SceneFile) -> Setting:
+    """What the table [accuracy] of a scene says."""
+    accuracy = scene.accuracy
+    if accuracy.step is not None:
+        return Setting(accuracy.integrator, step=accuracy.step)
+    return Setting(accuracy.integrator, accuracy.rtol)
 
 
 def default_settings(

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -86,8 +87,7 @@ def study(
     folder = Path(base_folder or scene.folder)
     bodies = _bodies(scene, folder, sids or {}, models or {})
     plan = planned(bodies, over or {}, settings, differ)
-    with pool(jobs, dask) as (executor, width):
-        doing = _Doing(executor, width, Store(keep), stop or _never, say or _silent)
+    with workers(jobs, dask, keep, stop, say) as doing:
         return _Study(plan, doing, outputs, programs or {}).whole()
 
 
@@ -128,8 +128,21 @@ def _bodies(
     return Bodies(content, known, sources)
 
 
+@contextmanager
+def workers(
+    jobs: int,
+    dask: str | None = None,
+    keep: Path | None = None,
+    stop: Callable[[], str] | None = None,
+    say: Say | None = None,
+) -> Iterator[Workers]:
+    """Processes, or a cluster, for conversions and runs; arguments as of `study`."""
+    with pool(jobs, dask) as (executor, width):
+        yield Workers(executor, width, Store(keep), stop or _never, say or _silent)
+
+
 @dataclass
-class _Doing:
+class Workers:
     """Tasks that are done by somebody, and kept."""
 
     executor: Executor
@@ -182,7 +195,7 @@ class _Doing:
 @dataclass
 class _Study:
     plan: Plan
-    doing: _Doing
+    doing: Workers
     outputs: Sequence[str]
     programs: Programs
     made: dict[str, Converted] = field(default_factory=dict)

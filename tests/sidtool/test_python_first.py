@@ -254,6 +254,7 @@ def test_an_unknown_name_suggests_the_nearest(name: str, told: str) -> None:
         (sidtool.validate, "sid"),
         (sidtool.simulate, "scene"),
         (sidtool.study, "scene"),
+        (lambda scene: sidtool.sweep(scene, "a=1", "b.x.max"), "scene"),
         (sidtool.static_equilibrium, "scene"),
         (sidtool.linearise, "scene"),
         (lambda content: sidtool.write("motion.h5", content), "content"),

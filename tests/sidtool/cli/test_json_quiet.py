@@ -24,6 +24,7 @@ COMMANDS = {
     "outputs": ("r.h5 --add bar.tip.vy -o o.h5", "bar.tip.vy"),
     "trim": ("beam.SID_FEM scene.toml -o t.SID_FEM --accuracy bar.tip.y=1e-2", "nodes"),
     "study": ("rigid.toml --integrator radau9 --rtol 1e-2 --jobs 1", "points"),
+    "sweep": ("rigid.toml --over time.end=0.01,0.02 --of bar.x.max --jobs 1", "points"),
 }
 #: Commands that say where files are, and no numbers.
 FILES = {

@@ -1,0 +1,123 @@
+"""Axes of a sweep: keys of a scene and the values that they take."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.toml.expressions import number_of
+
+Axes = dict[str, tuple[Any, ...]]
+Over = str | Iterable[str] | Mapping[str, Iterable[Any]]
+_FORM = "KEY=FROM:TO:COUNT, with :log at its end for equal ratios, or KEY=VALUE,VALUE"
+#: More points than these are not meant.
+MOST = 1_000_000
+
+
+def parse_axes(over: Over) -> Axes:
+    """Axes as behind `--over`, or as a mapping from keys to values.
+
+    Raises
+    ------
+    InputError : a text has another form, an axis has no values, or there are too many
+        points.
+    """
+    found: Axes = {}
+    if isinstance(over, Mapping):
+        found = {key: _values_given(key, values) for key, values in over.items()}
+    else:
+        for text in [over] if isinstance(over, str) else over:
+            key, values = _parse_axis(text)
+            if key in found:
+                raise InputError(
+                    f"{key} is varied twice", place="--over", expected="each key once"
+                )
+            found[key] = values
+    if not found:
+        raise InputError("nothing is varied", place="--over", expected=_FORM)
+    count = 1
+    for values in found.values():
+        count *= len(values)
+    if count > MOST:
+        raise InputError(
+            f"{count} points", place="--over", expected=f"at most {MOST} points"
+        )
+    return found
+
+
+def combinations(axes: Axes) -> list[dict[str, Any]]:
+    """All combinations of values, those of the last axis change first."""
+    return [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
+
+
+def _values_given(key: str, values: Iterable[Any]) -> tuple[Any, ...]:
+    """Values of a program, numbers and arrays of NumPy as plain ones."""
+    several = [values] if isinstance(values, str | int | float) else list(values)
+    if not several:
+        raise InputError(f"{key} has no values", place="over", expected="at least one")
+    return tuple(
+        v.tolist() if isinstance(v, np.generic | np.ndarray) else v for v in several
+    )
+
+
+def _parse_axis(text: str) -> tuple[str, tuple[Any, ...]]:
+    key, equals, values = (part.strip() for part in text.partition("="))
+    if not (key and equals and values):
+        raise InputError(f"found {text!r}", place="--over", expected=_FORM)
+    parts = values.split(":")
+    if len(parts) in (3, 4) and values[0] not in "\"'[{":
+        return key, _range(text, parts)
+    return key, tuple(_listed(values))
+
+
+def _range(text: str, parts: list[str]) -> tuple[float, ...]:
+    """From the first to the second number, both included.
+
+    Raises
+    ------
+    InputError : a part is no number, the count is none, or a logarithm is of none.
+    """
+    try:
+        first, last = (number_of(part, {}) for part in parts[:2])
+        count = int(parts[2])
+    except (InputError, ValueError):
+        raise InputError(f"found {text!r}", place="--over", expected=_FORM) from None
+    if not 1 <= count <= MOST or (count == 1 and first != last):
+        raise InputError(
+            f"{parts[2]} values in {text!r}", place="--over", expected="2 or more"
+        )
+    if parts[3:] not in ([], ["log"]):
+        raise InputError(
+            f"found {parts[3]!r} in {text!r}", place="--over", expected="log or nothing"
+        )
+    if parts[3:] and not (first > 0 and last > 0):
+        raise InputError(
+            f"{text!r} has values without a logarithm",
+            place="--over",
+            expected="positive numbers",
+        )
+    space = np.geomspace if parts[3:] else np.linspace
+    return tuple(float(f"{value:.15g}") for value in space(first, last, count))
+
+
+def _listed(text: str) -> list[Any]:
+    """Values with commas between them, each as behind `--set`."""
+    try:
+        return list(tomllib.loads(f"values = [{text}]")["values"])
+    except tomllib.TOMLDecodeError:
+        found = [part.strip() for part in text.split(",")]
+    if not all(found):
+        raise InputError(f"found {text!r}", place="--over", expected=_FORM)
+    return [_value(part) for part in found]
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

@@ -1,0 +1,179 @@
+"""The scene of each point of a sweep, with the models that it changes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from sidtool.formats.errors import InputError
+from sidtool.formats.model import ModelFile, read_model
+from sidtool.formats.scene import SceneFile
+from sidtool.formats.sid import SID
+from sidtool.formats.sid_files import read_sid
+from sidtool.formats.toml.files import place_of
+from sidtool.formats.toml.objects import named_object
+
+from ..made import digest_of
+from ..swaps import swapped
+
+#: `rod.model.geometry.height`: a key of the model of a body.
+_OF_MODEL = re.compile(r"(?:bodies\.)?([^.\[\]]+)\.model\.(.+)")
+#: A unit in the description of a key.
+_UNIT = re.compile(r"\[((?:kg|m|N|Pa|s|rad|J|W|Hz|1/)[^\[\],]*)\]")
+#: Attributes in the docstring of a table, and the first line of what they are.
+_ATTRIBUTE = re.compile(r"^ *(\w+(?:, \w+)*) : (.*)$", re.MULTILINE)
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A scene with the values of a point.
+
+    models : of bodies that are made of one, converted by the sweep
+    sids : of the other flexible bodies
+    """
+
+    scene: SceneFile
+    models: Mapping[str, ModelFile]
+    sids: Mapping[str, SID]
+
+    def with_sids(self, made: Mapping[str, SID]) -> tuple[SceneFile, dict[str, SID]]:
+        """The scene without files, and the SIDs of all flexible bodies.
+
+        made : SIDs of the models, by body
+        """
+        return swapped(self.scene, {**self.sids, **made}, self.scene.folder)
+
+
+@dataclass
+class Designs:
+    """Makes the designs of a scene; reads each file once.
+
+    given : SIDs that replace those of the scene, by body
+    record : outputs that the runs record
+    """
+
+    scene: SceneFile
+    given: Mapping[str, SID]
+    record: Sequence[str]
+    _read: dict[Path, Any] = field(default_factory=dict)
+
+    def design(self, values: Mapping[str, Any]) -> Design:
+        """The design of one point.
+
+        values : by keys of the scene, and of models as `BODY.model.KEY`
+
+        Raises
+        ------
+        InputError : there is no such key, a value does not fit, or a file cannot be
+            read.
+        """
+        of_models: dict[str, dict[str, Any]] = {}
+        of_scene: dict[str, Any] = {}
+        for key, value in values.items():
+            found = self._key_of_model(key)
+            if found is None:
+                of_scene[key] = value
+            else:
+                of_models.setdefault(found[0], {})[found[1]] = value
+        content = self.scene.with_({**of_scene, "outputs.record": list(self.record)})
+        if content.accuracy.wanted is not None:
+            raise InputError(
+                "asks for an accuracy, for which models are chosen and compared",
+                place="accuracy.wanted",
+                expected="a scene with rtol and integrator",
+            )
+        rigid = [name for name in of_models if name not in content.sid_bodies]
+        if rigid:
+            raise InputError(
+                f"{rigid[0]} is a rigid body without a model",
+                place=f"bodies.{rigid[0]}.model",
+                expected="a flexible body",
+            )
+        models: dict[str, ModelFile] = {}
+        sids = dict(self.given)
+        for name, body in content.sid_bodies.items():
+            if name in of_models or (name not in sids and body.model and not body.sid):
+                models[name] = self._model(content, name, of_models.get(name, {}))
+                sids.pop(name, None)
+            elif name not in sids and isinstance(named_object(body.sid), SID):
+                sids[name] = named_object(body.sid)
+            elif name not in sids:
+                sids[name] = self._file(content.folder / (body.sid or ""), read_sid)
+        return Design(content, models, sids)
+
+    def _key_of_model(self, key: str) -> tuple[str, str] | None:
+        """The body and the key of its model that a key names."""
+        found = _OF_MODEL.fullmatch(key)
+        if found is None or found[1] not in self.scene.bodies:
+            return None
+        return found[1], found[2]
+
+    def _model(
+        self, content: SceneFile, name: str, changes: Mapping[str, Any]
+    ) -> ModelFile:
+        body = content.sid_bodies[name]
+        given = named_object(body.model)
+        if not body.model or name in self.given:
+            raise InputError(
+                f"{name} is given by a SID, which has no dimensions of its own",
+                place=f"bodies.{name}.model",
+                expected='`model = "rod.toml"` of the body in the scene',
+            )
+        path = content.folder / body.model
+        model = given if given is not None else self._file(path, read_model)
+        try:
+            return model.with_(changes) if changes else model
+        except InputError as error:
+            raise error.located(body.model) from None
+
+    def _file(self, path: Path, read: Any) -> Any:
+        if path not in self._read:
+            self._read[path] = read(path)
+        return self._read[path]
+
+    def unit(self, key: str) -> str:
+        """The unit of a key, where its description has one; parameters have none."""
+        found = self._key_of_model(key)
+        content: Any = self.scene
+        try:
+            if found is not None:
+                content = self._model(content, found[0], {})
+                key = found[1]
+            places = place_of(key, content.said(), type(content))
+            while isinstance(places[-1], int):  # a component of a vector
+                places.pop()
+            for place in places[:-1]:
+                content = _part(content, place)
+        except (InputError, LookupError, AttributeError, TypeError):
+            return ""
+        units = set(_UNIT.findall(_description(content, places[-1])))
+        return units.pop() if len(units) == 1 else ""
+
+
+def _description(content: Any, key: str | int) -> str:
+    """What is said of a key of a table."""
+    fields = type(content).model_fields if isinstance(content, BaseModel) else {}
+    for name, about in fields.items():
+        if (about.alias or name) == key:
+            found = _ATTRIBUTE.findall(type(content).__doc__ or "")
+            texts = [text for names, text in found if name in names.split(", ")]
+            return about.description or " ".join(texts)
+    return ""
+
+
+def _part(content: Any, place: str | int) -> Any:
+    """What stands at a key of a table or a place of a list."""
+    if not isinstance(content, BaseModel):
+        return content[place]
+    fields = type(content).model_fields.items()
+    return getattr(content, next(n for n, f in fields if (f.alias or n) == place))
+
+
+def models_of(designs: Sequence[Design]) -> dict[str, ModelFile]:
+    """The models of all designs by their digests."""
+    return {digest_of(m): m for design in designs for m in design.models.values()}
