@@ -142,10 +142,8 @@ def outcomes(file: Path, root: Path, chance: random.Random) -> list[list[str]]:
 
 
 def _import_all() -> None:
-    import sidtool.convert
-    import sidtool.report.result
-    import sidtool.solver
-    import sidtool.validate  # noqa: F401
+    from sidtool import convert, solver, validate  # noqa: F401
+    from sidtool.report import result  # noqa: F401
 
 
 def _run(command: tuple[str, ...], folder: Path) -> list[str]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
-
+from .toml.constructor_types import Field
 from .toml.tables import Table
 
 

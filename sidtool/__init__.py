@@ -143,8 +143,11 @@ def __dir__() -> list[str]:
 
 
 class _Face(ModuleType):
-    """Keeps public names for functions: importing `sidtool.convert`, the module, would
-    put it in the place of `sidtool.convert`, the function."""
+    """Keep public names for functions.
+
+    Importing the package `sidtool.validate` would put it in the place of the function
+    `sidtool.validate`.
+    """
 
     def __setattr__(self, name: str, value: Any) -> None:
         if not (name in _HOME and isinstance(value, ModuleType)):

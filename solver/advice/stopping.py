@@ -26,7 +26,7 @@ CAUSES = {
     "is not smooth here, or a body is blocked",
     stepping.OFF_CONSTRAINTS: "the constraints could not be met at the end of a step",
     stepping.NOT_FINITE: "a coordinate became infinite or undefined",
-    stepping.NO_CONVERGENCE: "Newton's iteration did not converge with the fixed step",
+    stepping.NO_CONVERGENCE: "the Newton iteration diverged with the fixed step",
     stepping.CRAWLING: "the scene is stiff: stability, not accuracy, keeps the steps "
     "of this explicit method so short that the run would take hundreds of thousands; "
     "use radau5 or radau9",

@@ -66,7 +66,8 @@ def test_scripts_beside_such_modules_run_ours(script: str, folder: Path) -> None
     for name in ("numba", "click"):  # what a script's folder holds is the script's
         (folder / f"{name}.py").unlink()
     (folder / "script.py").write_text(
-        f"{script}\nimport sidtool.solver.run\nprint('well')\n", encoding="utf-8"
+        f"{script}\nfrom sidtool.solver.run import simulate\nprint('well')\n",
+        encoding="utf-8",
     )
     done = python(folder, "script.py")
     assert done.stdout == "well\n", done.stderr
@@ -77,7 +78,8 @@ def test_own_modules_of_such_names_stay_what_they_are(tmp_path: Path) -> None:
     for name in ("solver", "formats"):
         (tmp_path / f"{name}.py").write_text(f"mine = '{name}'\n", encoding="utf-8")
     (tmp_path / "script.py").write_text(
-        "import solver\nimport sidtool.api\nimport sidtool.solver.run\n"
+        "import solver\nimport sidtool.api\n"
+        "import sidtool.solver.run\n"
         "import formats\nprint(solver.mine, formats.mine)\n",
         encoding="utf-8",
     )
