@@ -114,7 +114,8 @@ def simulate(
     forces : the same for functions that scale forces, or are actuators; a `Law` sees
         outputs of the motion as well
     unfinished : the result of a run with the same scene and settings that was ended, as
-        by Ctrl-C; this one goes on from its last state and gives the whole
+        by Ctrl-C, or is complete to an earlier `time.end`; this one goes on from its
+        last state and gives the whole
 
     Raises
     ------

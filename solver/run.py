@@ -56,8 +56,9 @@ def simulate(
     stop : asked from time to time why the run is to end before its time, if at all
     warn : called after the run with each of the warnings of the result that a large
         deformation is the cause of
-    unfinished : a run of this scene and these settings that stopped; this one goes on
-        from its last state, and its result is that of both
+    unfinished : a run of this scene and these settings that stopped, or that is
+        complete to an earlier end; this one goes on from its last state, and its result
+        is that of both
 
     Raises
     ------

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,8 +86,9 @@ if TYPE_CHECKING:
     "--continue",
     "goes_on",
     is_flag=True,
-    help="Go on where the unfinished run in the file of -o ended, with the same scene "
-    "and options; from the start if there is no such file.",
+    help="Go on where the run in the file of -o ended, with the same scene and "
+    "options: an unfinished one, or with a later time.end a complete one; from the "
+    "start if there is no such file.",
 )
 @changes
 @force
@@ -137,6 +140,7 @@ def simulate(
       sidtool simulate slider_crank.toml --accuracy "piston.x=1e-6 m"
       sidtool simulate slider_crank.toml --set piston.mass=6 --set time.end=1
       sidtool simulate slider_crank.toml -o result.h5 --continue
+      sidtool simulate slider_crank.toml -o result.h5 --continue --set time.end=9
 
     Ctrl-C, SIGTERM and SIGHUP end a run at its next step; its files hold what there is,
     marked as unfinished, and `--continue` goes on from there. A second signal ends the
@@ -164,15 +168,15 @@ def simulate(
     from .outputs import Outputs
 
     unfinished = _unfinished(output) if goes_on else None
-    if unfinished is not None and unfinished.completed:
-        click.echo(f"{output}: is complete to t = {unfinished.t[-1]:.9g} s")
-        return
     asked = Ending()
     with Outputs(output, csv) as files:
         try:
             ends = {"stop": asked, "unfinished": unfinished}
             model = Model(swaps, rigid, from_texts(accuracy), accept_defects)
             content = read_changed(scene, changes)
+            if unfinished is not None and _is_done(unfinished, content):
+                click.echo(f"{output}: is complete to t = {unfinished.t[-1]:.9g} s")
+                return
             result = _run(content, model, settings, files, ends)
         except SimulationError as error:
             click.echo(f"sidtool: {scene}: {error}", err=True)
@@ -228,6 +232,16 @@ def _unfinished(output: Path | None) -> Result | None:
             "needs the file of the run", place="--continue", expected="-o RESULT.h5"
         )
     return read_result(output) if output.exists() else None
+
+
+def _is_done(result: Result, scene: SceneFile) -> bool:
+    """Whether a run is complete and the scene does not ask for a later end."""
+    from sidtool.solver.recording.resuming import ended_by_event
+
+    if not result.completed:
+        return False
+    end = json.loads(result.scene)["time"]["end"] if result.scene else math.inf
+    return scene.time.end <= end or ended_by_event(result)
 
 
 def _check_numbers(

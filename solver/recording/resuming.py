@@ -1,4 +1,4 @@
-"""Going on where an unfinished run ended: its last state, its rows, and its sums."""
+"""Going on where a run ended: its last state, its rows, and its sums."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Past:
 
     Attributes
     ----------
-    t, start : the last state of the unfinished run
+    t, start : the last state of that run
     done : its result at the output times until then
     sums : energies dissipated and supplied until t [J]
     """
@@ -65,18 +65,18 @@ class Past:
 
 
 def past_of(system: System, settings: Settings, result: Result) -> Past:
-    """What an unfinished result leaves to do.
+    """What a result leaves to do that is unfinished, or complete to an earlier end.
 
     Raises
     ------
     InputError : it is complete, of another scene, SID or setting, or its last state
         does not tell all that the rest of the run needs.
     """
-    if result.completed:
-        raise InputError("is complete", place="completed", expected="an unfinished run")
     if not len(result.t):
         raise InputError("holds no state", expected="a run that began")
     _check_same(system, settings, result)
+    if result.completed:
+        _check_extended(system, result)
     for table, names in (
         ("position", position_names(system)),
         ("velocity", velocity_names(system)),
@@ -94,8 +94,16 @@ def past_of(system: System, settings: Settings, result: Result) -> Past:
     times = OutputTimes(system.scene)[:]
     near = APART * (system.scene.time.end - system.scene.time.start)
     kept = np.array([np.abs(times - t).min() <= near for t in result.t], bool)
+    count = int(kept.sum())
+    if count > len(times) or (np.abs(times[:count] - result.t[kept]) > near).any():
+        raise InputError(
+            "was recorded at other times",
+            place="time.output_step",
+            expected="the output times that the run was begun with",
+        )
     tables = {name: getattr(result, name)[kept] for name in TABLES}
-    done = replace(result, t=result.t[kept], **tables)
+    events = tuple(event for event in result.events if event.t <= result.t[-1])
+    done = replace(result, t=result.t[kept], events=events, **tables)
     start = Start(result.positions[-1].copy(), result.velocities[-1].copy())
     return Past(float(result.t[-1]), start, done, _sums(system, result))
 
@@ -103,6 +111,44 @@ def past_of(system: System, settings: Settings, result: Result) -> Past:
 def rows_before(past: Past) -> list[Rows]:
     """The rows of the unfinished run, block by block."""
     return list(rows_of(past.done))
+
+
+def _check_extended(system: System, result: Result) -> None:
+    """Raise a complete run that has no later end, or that an event has ended."""
+    before = json.loads(result.scene)["time"]["end"]
+    end = system.scene.time.end
+    if ended_by_event(result):
+        raise InputError(
+            f"an event ended it at t = {result.t[-1]:.9g} s",
+            place="completed",
+            expected="an unfinished run, or one that reached its end",
+        )
+    if not end > before:
+        raise InputError(
+            f"is complete to t = {before:.9g} s",
+            place="completed",
+            expected="an unfinished run, or a later time.end",
+        )
+
+
+def ended_by_event(result: Result) -> bool:
+    """Whether an event of the scene ended the run."""
+    scene = json.loads(result.scene or "{}")
+    ends = {n for n, e in scene.get("events", {}).items() if e["action"] == "stop"}
+    return any(e.name in ends and e.t >= result.t[-1] for e in result.events)
+
+
+def _with_time(before: dict[str, Any], now: dict[str, Any]) -> dict[str, Any]:
+    """The first scene with the end of the second one, if that is not earlier; with its
+    output times, too, if they begin with those of the first."""
+    old, new = before.get("time", {}), now["time"]
+    time = dict(old)
+    if new["end"] > old.get("end", new["end"]):
+        time["end"] = new["end"]
+    times, more = old.get("output_times"), new.get("output_times")
+    if times and more and more[: len(times)] == times:
+        time["output_times"] = more
+    return before | {"time": time}
 
 
 def _changed(before: Any, now: Any, key: str = "") -> list[str]:
@@ -121,7 +167,12 @@ def _changed(before: Any, now: Any, key: str = "") -> list[str]:
 def _check_same(system: System, settings: Settings, result: Result) -> None:
     now = made_with(system.scene, settings)
     if result.scene != now:
-        changed = _changed(json.loads(result.scene or "{}"), json.loads(now))
+        scene = json.loads(now)
+        before = _with_time(json.loads(result.scene or "{}"), scene)
+        changed = _changed(before, scene)
+    else:
+        changed = []
+    if changed:
         raise InputError(
             f"is of another scene, or of other options: {', '.join(changed[:3])}"
             + (", ..." if len(changed) > 3 else ""),

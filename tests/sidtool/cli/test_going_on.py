@@ -141,6 +141,49 @@ def test_sums_turns_and_events_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(*times, atol=1e-5)
 
 
+def test_a_complete_run_is_extended_to_a_later_end(tmp_path: Path) -> None:
+    """Within the tolerance of the run that goes straight through, also from a file and
+    where the former end is between two output times."""
+    scene = swing()
+    exact = scene.simulate(rtol=1e-11)
+    for end in (1.5, 1.13):
+        path, table = tmp_path / f"{end}.h5", tmp_path / "table.csv"
+        scene.with_({"time.end": end}).save(tmp_path / "scene.toml")
+        command = ["simulate", str(tmp_path / "scene.toml"), "-o", str(path)]
+        command += ["--continue"]
+        assert run(command) == 0
+        before = sidtool.read(path)
+        events = [e.t for e in before.events]
+        assert before.completed and len(events) >= 1
+        assert run(command) == 0
+        assert len(sidtool.read(path).t) == len(before.t)
+        assert run([*command, "--set", "time.end=3.0", "-o", str(table)]) == 0
+        whole = sidtool.read(path)
+        np.testing.assert_allclose(whole.t, exact.t, rtol=1e-14, atol=0)
+        assert whole.completed and len(np.loadtxt(table, skiprows=1, delimiter=","))
+        for name in exact.names:
+            scale = max(np.ptp(exact[name]), 1.0)
+            np.testing.assert_allclose(whole[name], exact[name], atol=2e-5 * scale)
+        np.testing.assert_array_equal(
+            whole["pin.angle"][: len(before.t)], before["pin.angle"]
+        )
+        times = [[e.t for e in result.events] for result in (whole, exact)]
+        np.testing.assert_allclose(*times, atol=1e-5)
+
+
+def test_what_cannot_be_extended_says_why() -> None:
+    scene = swing(events={"low": sidtool.Event(quantity="bar.vx", action="stop")})
+    stopped = scene.simulate()
+    with pytest.raises(sidtool.InputError, match="an event ended it"):
+        scene.with_({"time.end": 4.0}).simulate(unfinished=stopped)
+    whole = swing().simulate()
+    with pytest.raises(sidtool.InputError, match="time.end"):
+        swing().with_({"time.end": 2.0}).simulate(unfinished=whole)
+    later = {"time.end": 4.0, "time.output_step": 0.2}
+    with pytest.raises(sidtool.InputError, match="output_step"):
+        swing().with_(later).simulate(unfinished=whole)
+
+
 def test_what_cannot_go_on_says_why() -> None:
     scene = swing()
     part = interrupted(scene, 0.0)
