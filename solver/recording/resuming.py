@@ -168,8 +168,8 @@ def _check_same(system: System, settings: Settings, result: Result) -> None:
     now = made_with(system.scene, settings)
     if result.scene != now:
         scene = json.loads(now)
-        before = _with_time(json.loads(result.scene or "{}"), scene)
-        changed = _changed(before, scene)
+        begun = _with_time(json.loads(result.scene or "{}"), scene)
+        changed = _changed(begun, scene)
     else:
         changed = []
     if changed:
