@@ -146,7 +146,7 @@ class Machine:
                     self._unload(module)
         factors = sys.modules.get("sidtool.reduction.factors")
         if factors is not None:
-            factors._missing.cache_clear()
+            factors.reason_unavailable.cache_clear()
 
     def _load(self, module: str) -> None:
         if sys.modules.get(module, module) is None:

@@ -68,10 +68,16 @@ def engine_name() -> str:
         check_slepc()
         return asked
     if asked is None:
-        return next(n for n, (module, _) in ENGINES.items() if not _missing(module))
-    missing = _missing(ENGINES[asked][0]) if asked in ENGINES else "no such engine"
+        return next(
+            n for n, (module, _) in ENGINES.items() if not reason_unavailable(module)
+        )
+    missing = (
+        reason_unavailable(ENGINES[asked][0]) if asked in ENGINES else "no such engine"
+    )
     if missing:
-        there = [n for n, (module, _) in ENGINES.items() if not _missing(module)]
+        there = [
+            n for n, (module, _) in ENGINES.items() if not reason_unavailable(module)
+        ]
         raise InputError(
             f"the engine {asked!r} is not there ({missing})",
             place="--engine" if asked_engine() else "SIDTOOL_FACTORS",
@@ -81,7 +87,7 @@ def engine_name() -> str:
 
 
 @functools.cache
-def _missing(module: str) -> str:
+def reason_unavailable(module: str) -> str:
     """Why a module cannot be used, empty if it can: some are installed, but a shared
     library that they load is not (pypardiso without MKL)."""
     try:
