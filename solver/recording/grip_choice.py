@@ -227,19 +227,28 @@ class Grip:
                 moves = self._moves_at_once(states, rests)
                 return "" if moves else f"{JAMMED} ({names})"
             held = self.rest * told[:, RUB_LOAD]
-            excess = np.abs(told[:, RUB_FORCE]) - held
-            excess[loose] += SEEN * held[loose]
+            negligible = self._negligible()
+            excess = np.abs(told[:, RUB_FORCE]) - held - negligible
+            excess[loose] += SEEN * held[loose] + 2.0 * negligible[loose]
             excess[~self._sticking] = -np.inf
             worst = int(np.argmax(excess - AT_LIMIT * held))
             if excess[worst] > AT_LIMIT * held[worst]:
                 sense[worst] = -np.sign(told[worst, RUB_FORCE])
                 continue
-            least = AT_LIMIT * self.memory.rub_P.diagonal() * held
+            least = self.memory.rub_P.diagonal() * (AT_LIMIT * held + negligible)
             back = rests & (sense * told[:, RUB_PUSH] < -least)
             if not back.any():
                 return ""
             sense[back] = 0.0
         return f"friction allows neither stick nor slip ({names})"
+
+    def _negligible(self) -> Array:
+        """Friction forces that change no rate in the whole run, (frictions,).
+
+        An unloaded joint at rest holds nothing but rounding.
+        """
+        mobility = np.maximum(self.memory.rub_P.diagonal(), np.finfo(float).tiny)
+        return np.asarray(self.still / (self.span * mobility))
 
     def _moves_at_once(self, states: State, rests: Array) -> bool:
         """Lets go all that rests and holds one motion together, one way or the other.

@@ -131,7 +131,7 @@ class StickSlip(Grip):
         self.fastest = np.fmax(self.fastest, np.abs(told[:, :, RUB_RATE]).max(axis=0))
         moving = self.still + self.rtol * self.fastest
         load = np.abs(told[:, :, RUB_LOAD]).max(axis=0)
-        held = AT_LIMIT * self.rest * load
+        held = AT_LIMIT * self.rest * load + self._negligible()
         own = np.where(self._sticking, held, moving)
         return np.concatenate([own, self._certain(told).ravel()])
 

@@ -13,6 +13,7 @@ from tests.metamorphic.generator.said import Said
 from tests.metamorphic.ways import (
     continued,
     damping,
+    default_keys,
     descriptions,
     rereferenced,
     rewritten_bodies,
@@ -53,6 +54,7 @@ TRANSFORMATIONS: dict[str, Transformation] = {
     "continued": continued.continued,
     "couplings as gears": descriptions.couplings,
     "dampings as matrices": damping.in_sids,
+    "optional keys left out": default_keys.keys_left_out,
 }
 
 
