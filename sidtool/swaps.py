@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from sidtool.formats.errors import printable
 from sidtool.formats.model import ModelFile
 from sidtool.formats.scene import SceneFile, SidBody
 from sidtool.formats.sid import SID
@@ -72,9 +73,11 @@ def swapped(
     check_replaced(scene, sids)
     bodies, found = dict(scene.bodies), {}
     for name, given in sids.items():
-        found[name] = given if isinstance(given, SID) else read_sid(given)
-        text = (
-            FROM_PROGRAM if isinstance(given, SID) else path_from(folder, Path(given))
-        )
+        if isinstance(given, SID):
+            found[name], text = given, FROM_PROGRAM
+        else:
+            found[name] = read_sid(given)
+            # Results keep the name as text, which bytes that are not UTF-8 are not.
+            text = printable(path_from(folder, Path(given)))
         bodies[name] = bodies[name].model_copy(update={"sid": text, "model": None})
     return scene.model_copy(update={"bodies": bodies}), found

@@ -43,7 +43,7 @@ from .start import assembly
 from .start.displacements import told_displacements
 from .start.settings import made_with
 from .start.turn_counts import lost_turn
-from .system.forces.lapses import lapse
+from .system.forces.lapses import lapse, rejected_trials
 
 if TYPE_CHECKING:
     from .running import Run
@@ -178,6 +178,7 @@ def _notes(run: Run) -> Iterator[str]:
     reached_end = run.now >= system.scene.time.end or _event_at_the_end(run)
     if reached_end:  # speeds where a run stops are those of its failure
         yield from notes.many_turns(run.control, run.settings)
+        yield from rejected_trials(system, run.work)
     yield from notes.passed_over(system, run.control, run.settings)
     yield from _forced(run)
     ends = (system.scene.time.start, run.now)

@@ -33,6 +33,8 @@ _ENDLESS_KEY = re.compile(
     rf"(?:^[ \t]*+\[{{0,2}}+|[{{,])[ \t]*+(?:{_KEY}\.[ \t]*+){{{DEEPEST}}}",
     re.MULTILINE,
 )
+#: Halves of characters in JSON, and bytes of names of files that are not UTF-8.
+_NO_CHARACTER = re.compile(r"[\ud800-\udfff]")
 #: How tomllib calls what follows a backslash and is no escape.
 _ESCAPE = re.compile(r"Unescaped '\\'|hex value|Escaped character")
 
@@ -72,6 +74,11 @@ def with_formulas(
         return model.model_validate_json(text, strict=True), formulas
     except ValidationError as error:
         found = input_error(error, data, model)
+        if error.errors(include_url=False)[0]["type"] == "json_invalid":
+            try:
+                _check_values(data)
+            except InputError as reason:
+                found = reason
     except InputError as error:
         found = error
     for place, text in formulas.items():
@@ -164,11 +171,15 @@ def _check_values(data: Any) -> None:
 
 def _check_text(text: str, place: tuple[str | int, ...]) -> None:
     if "\0" in text:
-        raise InputError(
-            f"{text[:40]!r} holds the character NUL",
-            place=dotted(place) or None,
-            expected="printable text",
-        )
+        problem, expected = "holds the character NUL", "printable text"
+    elif _NO_CHARACTER.search(text):
+        problem = "holds bytes or codes that are no characters"
+        expected = "text in UTF-8, also of names of files"
+    else:
+        return
+    raise InputError(
+        f"{text[:40]!r} {problem}", place=dotted(place) or None, expected=expected
+    )
 
 
 def _parse_json(text: str) -> Any:

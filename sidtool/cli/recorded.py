@@ -39,7 +39,8 @@ def outputs(
     A result holds its scene with all SIDs, and the states at all output times, so
     that every output of the scene follows without a new run. Only energies that are
     integrals along the run (dissipated, supplied, balance) have to be recorded in it.
-    Without --add the names of all outputs are listed; those recorded have a *.
+    Without --add the names of all outputs are listed; those recorded have a *. With -o
+    or --json the recorded outputs are written or printed, --add or not.
 
     \b
     Examples:
@@ -47,6 +48,7 @@ def outputs(
       sidtool outputs result.h5 --add rod.piston_pin.vx,rod.q*
       sidtool outputs result.h5 --add "*.vx,bearing.f*" -o more.h5
       sidtool outputs result.h5 --add "rod.*.ux" -o tip.csv
+      sidtool outputs result.h5 -o recorded.csv
     """
     from sidtool.formats.errors import InputError
     from sidtool.formats.result import units_in
@@ -60,11 +62,16 @@ def outputs(
     expect_kind(result, "result")
     check_targets([result_target(output)], [result], force)
     content = read(result)
-    if not names:
+    if not names and output is None and not as_json:
         click.echo(_listed(content))
         return
     try:
-        found = evaluated(content, ",".join(names))
+        if names:
+            found = evaluated(content, ",".join(names))
+            if not found:
+                raise InputError("names no output", place="--add", expected="names")
+        else:
+            found = dict(zip(content.names, content.values.T, strict=True))
     except InputError as error:
         raise error.located(result) from None
     if as_json:

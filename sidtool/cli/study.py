@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sidtool.formats.endings import check_ending
-from sidtool.formats.errors import InputError
+from sidtool.formats.errors import InputError, printable
 from sidtool.formats.progress import is_heard, reached
 from sidtool.formats.storage.operating_system import (
     ENDING_SIGNALS,
@@ -175,7 +175,7 @@ def study(
                     folder=output,
                     jobs=jobs or processors(),
                     dask=dask,
-                    title=content.title or scene.stem,
+                    title=content.title or printable(scene.stem),
                     stop=asked,
                     progress=say,
                 )

@@ -18,6 +18,7 @@ from sidtool.formats.sid import Array
 
 from .chebyshev_pieces import Scan, Series, halved
 from .kink_places import with_kinks
+from .returned_values import real_number
 from .smoothness import SHORT, check_rates, kinks
 
 #: A function of time, or one with its first derivative, or with its first two.
@@ -141,7 +142,7 @@ def _powers(series: Array) -> Array:
 
 def _evaluate(function: Callable[[float], float], times: Array, place: str) -> Array:
     try:
-        values = np.array([float(function(t)) for t in times.tolist()])
+        values = np.array([real_number(function(t)) for t in times.tolist()])
     except (TypeError, ValueError, ArithmeticError) as error:
         raise InputError(
             f"the callable fails: {error}", place=place, expected="a number"

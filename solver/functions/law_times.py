@@ -12,6 +12,7 @@ import numpy as np
 from sidtool.formats.scene import Instruction
 
 from .laws import Called, Parts
+from .returned_values import real_number
 
 _TWO: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add,
@@ -57,7 +58,7 @@ def _run(part: Any, stack: list[Any], t: float, known: Mapping[str, float]) -> N
         values = np.array(stack[len(stack) - native.count :], float)
         del stack[len(stack) - native.count :]
         try:
-            stack.append(float(native.function(t, values)))
+            stack.append(real_number(native.function(t, values)))
         except Exception as error:
             raise ValueError(str(error)) from None
     elif not isinstance(part, Instruction):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 from sidtool.formats.errors import InputError
@@ -19,6 +20,7 @@ from sidtool.formats.scene import (
 from sidtool.formats.sid import Array
 
 from .native import Native
+from .returned_values import real_number
 
 #: A function of the time and of what a law reads.
 OfOutputs = Callable[[float, Array], float]
@@ -232,6 +234,21 @@ def _tracking(law: Pid) -> float:
     return math.sqrt(abs(law.d / law.i)) if law.d else abs(law.p / law.i)
 
 
+def _grow(*values: Any) -> bool:
+    """Whether all are numbers, each greater than the one before."""
+    try:
+        numbers = [real_number(value) for value in values]
+    except (TypeError, ValueError):
+        return False
+    return all(a < b for a, b in pairwise(numbers))
+
+
+def _initial(value: Any, place: str) -> float:
+    if not _grow(-math.inf, value, math.inf):
+        raise InputError(f"found {value!r}", place=place, expected="an initial number")
+    return real_number(value)
+
+
 def _of_program(law: Law, place: str) -> LawParts:
     names = [*law.reads, *law.states]
     if isinstance(law.reads, str) or not all(isinstance(n, str) for n in law.reads):
@@ -243,11 +260,11 @@ def _of_program(law: Law, place: str) -> LawParts:
     if len(set(names)) < len(names):
         raise InputError("a law reads an output twice", place=place)
     limits = law.limits
-    if limits is not None and not limits[0] < limits[1]:
+    if limits is not None and not _grow(*limits):
         raise InputError(
             f"found limits {limits}", place=place, expected="a lower and an upper bound"
         )
-    if law.sample_time is not None and not 0.0 < law.sample_time < math.inf:
+    if law.sample_time is not None and not _grow(0.0, law.sample_time, math.inf):
         raise InputError(
             f"found a sample time of {law.sample_time}", place=place, expected="a time"
         )
@@ -270,7 +287,7 @@ def _of_program(law: Law, place: str) -> LawParts:
         return (*(Instruction("name", name) for name in names), Called(native))
 
     states = {
-        name: Kept(float(initial), called(change))
+        name: Kept(_initial(initial, f"{place}.states.{name}"), called(change))
         for name, (initial, change) in law.states.items()
     }
     value = _limited(called(law.function, law.derivatives), limits)

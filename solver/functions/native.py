@@ -17,6 +17,8 @@ import numpy as np
 
 from sidtool.formats.sid import Array
 
+from .returned_values import real_number
+
 _SIGNATURE = ctypes.CFUNCTYPE(
     ctypes.c_double, ctypes.c_double, ctypes.POINTER(ctypes.c_double), ctypes.c_int64
 )
@@ -34,6 +36,8 @@ class Native:
     address : of that function
     compiled : whether numba could compile what was given
     raised : an exception that has to go on as soon as the kernel returns, or None
+    failure : the last time [s] at which it gave no number, and why; None if it always
+        did, and of what numba compiled
     """
 
     def __init__(
@@ -45,6 +49,7 @@ class Native:
         self.function, self.count = function, count
         self.derivatives = derivatives
         self.raised: BaseException | None = None
+        self.failure: tuple[float, str] | None = None
         self._kept: Any = _compiled(function, derivatives, count)
         self.compiled = self._kept is not None
         if self._kept is None:
@@ -67,10 +72,12 @@ class Native:
         try:
             values = np.array(y[: self.count])
             if i == VALUE:
-                return float(self.function(t, values))
+                return real_number(self.function(t, values))
             assert self.derivatives is not None
-            return float(self.derivatives(t, values)[i])
-        except Exception:
+            return real_number(self.derivatives(t, values)[i])
+        except Exception as error:
+            what = "" if i == VALUE else "has derivatives that "
+            self.failure = t, what + _fails(error, plural=i != VALUE)
             return math.nan
         except BaseException as error:
             self.raised = error
@@ -78,11 +85,17 @@ class Native:
 
     def complaint(self, t: float, y: Array) -> str:
         """Why it gives no number at a time and for outputs."""
+        if self.failure is not None and self.failure[0] == t:
+            return self.failure[1]
         try:
-            value = float(self.function(t, np.array(y)))
+            value = real_number(self.function(t, np.array(y)))
         except Exception as error:
-            return f"fails with {type(error).__name__}: {error}"
+            return _fails(error)
         return f"gives {value}"
+
+
+def _fails(error: Exception, plural: bool = False) -> str:
+    return f"fail{'' if plural else 's'} with {type(error).__name__}: {error}"
 
 
 def _compiled(function: Any, derivatives: Any, count: int) -> Any:
@@ -110,9 +123,20 @@ def _compiled(function: Any, derivatives: Any, count: int) -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return numba.cfunc(signature)(call)
+            made = numba.cfunc(signature)(call)
     except Exception:
         return None
+    return made if _gives_numbers(f) else None
+
+
+def _gives_numbers(function: Any) -> bool:
+    """Whether what numba compiled gives numbers; `float` of numba takes truth values
+    and texts, too."""
+    from numba import types
+
+    overloads = getattr(function, "overloads", {}).values()
+    kinds = [types.unliteral(each.signature.return_type) for each in overloads]
+    return all(isinstance(kind, types.Number) for kind in kinds)
 
 
 def _jitted(numba: Any, function: Any) -> Any:

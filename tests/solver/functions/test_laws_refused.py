@@ -39,6 +39,56 @@ def test_a_callable_that_fails_is_named_with_its_words() -> None:
     assert "hinge.angle = 0.4, hinge.angle_rate = 0" in text
 
 
+TABLE: dict[str, Any] = {"1": "1.0", "yes": True}
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda t, y: y[0] > 0.0,
+        lambda t, y: "1.0",
+        lambda t, y: TABLE["1"],
+        lambda t, y: TABLE["yes"],
+    ],
+    ids=["compiled truth", "compiled text", "text", "truth"],
+)
+def test_texts_and_truth_values_are_no_numbers(function: Any) -> None:
+    for sample_time in (None, 0.1):
+        text = stopped(Law(function, READS, sample_time=sample_time))
+        assert "the law of motor fails with TypeError" in text and "t = 0 s" in text
+    made = pendulum({"type": "actuator", "joint": "hinge", "function": GIVEN})
+    with pytest.raises(InputError, match="no real number"):
+        compile_scene(made, forces={"motor": lambda t: function(t, [1.0])})
+
+
+@pytest.mark.parametrize("late", ["value", "derivatives"])
+def test_an_exception_in_a_rejected_step_is_noted(late: str) -> None:
+    """The motion is that of the law without it."""
+    raised: list[float] = []
+
+    def damping(t: float, y: Array) -> float:
+        if late == "value" and t > 0.5 and not raised and y[0] != 1.0:
+            raised.append(t)
+            raise KeyError("lost")
+        return float(-0.1 * y[1])
+
+    def slopes(t: float, y: Array) -> list[float]:
+        if late == "derivatives":
+            raised.append(t)
+            raise KeyError("lost")
+        return [0.0, -0.1]
+
+    force = {"type": "actuator", "joint": "hinge", "function": GIVEN}
+    scene = pendulum(force)
+    found = run(scene, {"motor": Law(damping, READS, slopes)}, rtol=1e-9)
+    known = run(scene, {"motor": Law(lambda t, y: -0.1 * y[1], READS)}, rtol=1e-9)
+    assert raised and found.completed
+    (note,) = [text for text in found.notes if "KeyError" in text]
+    assert "motor" in note and "lost" in note
+    assert not [text for text in known.notes if "law" in text]
+    np.testing.assert_allclose(found.values[-1], known.values[-1], atol=1e-7)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_a_formula_that_gives_no_number_is_named(method: str) -> None:
     force = {
@@ -111,6 +161,10 @@ def nothing(t: float, y: Array) -> float:
             "'rod.q.', which is all of them; expected one",
         ),
         (Law(nothing, READS, limits=(1.0, 1.0)), "found limits"),
+        (Law(nothing, READS, limits=("0", "1")), "found limits"),  # type: ignore
+        (Law(nothing, READS, sample_time=True), "found a sample time of True"),
+        (Law(nothing, READS, states={"s": (True, nothing)}), "an initial number"),
+        (Law(nothing, READS, states={"s": ("1.0", nothing)}), "an initial number"),  # type: ignore
         (Law(nothing, READS, sample_time=0.0), "found a sample time of 0"),
         (
             Law(nothing, READS, states={"slow": (0.0, 1.0)}),
