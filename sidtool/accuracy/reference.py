@@ -13,9 +13,9 @@ from sidtool.formats.scene import SceneFile, unit_of
 from sidtool.formats.sid import Array
 
 from ..study import moves
-from ..study.reference import FORCE, RATE
+from ..study.reference import MUCH
 from .candidates import Choice
-from .flat import IN_PLANE, in_plane, is_across
+from .flat import in_plane, is_across
 from .runs import Runs, Setting, apart
 from .wanted import Request
 
@@ -53,6 +53,7 @@ class Reference:
     blur : (n,) the same of a looser one, by which models are compared
     left_out : outputs that hold rounding only
     units : (n,)
+    rounding : (n,) what it may leave of each output, see `rounding_levels`
     meshes : (n,) what meshes of bodies and modes that they lack add
     digits : (n,) what the digits of files leave open
     frames : (n,) what the frames change that bodies were put in
@@ -67,6 +68,7 @@ class Reference:
     blur: Array
     left_out: tuple[str, ...]
     units: tuple[str, ...]
+    rounding: Array
     meshes: Array
     digits: Array
     frames: Array
@@ -122,8 +124,24 @@ def make_reference(runs: Runs, choice: Choice, request: Request) -> Reference:
         if use <= PART:
             return _as_loosely(runs, found, first)
         if rtol <= TIGHTEST:
+            found = _without_rounding(found, request)
+            if found.use(found.uncertainty) <= PART:
+                return found
             raise _unpredictable(request, found)
         rtol = max(TIGHTEST, _next(rtol, AIM * PART / use))
+
+
+def _without_rounding(found: Reference, request: Request) -> Reference:
+    """Without relative requests of outputs that cannot be predicted, and vary by less
+    than what rounding may make of their terms; with them where nothing else is left."""
+    absolute = np.array([t.absolute for t in request.tolerances.values()])
+    rounding = found.uncertainty > PART * found.allowed
+    rounding &= ~absolute & (found.variation <= MUCH * found.rounding)
+    allowed = np.where(rounding, np.inf, found.allowed)
+    if not np.isfinite(allowed).any():
+        return found
+    names = np.array(request.names)[rounding].tolist()
+    return replace(found, allowed=allowed, left_out=(*found.left_out, *names))
 
 
 def _next(rtol: float, share: float) -> float:
@@ -199,15 +217,10 @@ def of_one_run(
     result = runs.tight(choice, setting)
     values = runs.columns(choice, result)
     variation = np.ptp(values, axis=0)
-    multipliers, velocities = (
-        float(np.abs(numbers).max(initial=0.0))
-        for numbers in (result.multipliers, result.velocities)
-    )
-    moving = moves(request.names, values, variation, multipliers, velocities)
-    positions = float(np.abs(result.positions).max(initial=0.0))
-    sizes = (multipliers, velocities, positions)
+    rounding = runs.rounding(choice, result)
+    moving = moves(request.names, values, variation, rounding)
     largest = np.abs(values).max(axis=0)
-    moving &= ~zero_across(runs.scene, request.names, largest, sizes)
+    moving &= ~zero_across(runs.scene, request.names, largest, rounding)
     absolute = np.array([t.absolute for t in request.tolerances.values()])
     judged = moving | absolute
     if not judged.any():
@@ -227,6 +240,7 @@ def of_one_run(
         blur=nothing,
         left_out=tuple(np.array(request.names)[~judged].tolist()),
         units=tuple(unit_of(name, runs.scene) for name in request.names),
+        rounding=rounding,
         meshes=nothing,
         digits=nothing,
         frames=nothing,
@@ -234,25 +248,16 @@ def of_one_run(
 
 
 def zero_across(
-    scene: SceneFile,
-    names: tuple[str, ...],
-    largest: Array,
-    sizes: tuple[float, float, float],
+    scene: SceneFile, names: tuple[str, ...], largest: Array, rounding: Array
 ) -> NDArray[np.bool_]:
     """(n,) outputs across the plane of a scene that can be written in it, where they
     are as good as zero.
 
-    sizes : of the forces, velocities and positions of the whole motion
+    largest, rounding : (n,) their absolute values, and what rounding may leave of them
     """
     if scene.dimension == "planar" or in_plane(scene) is None:
         return np.zeros(len(names), dtype=bool)
-    force, rate, position = sizes
-    ends = [name.rpartition(".")[2] for name in names]
-    size = [
-        force if FORCE.fullmatch(e) else rate if RATE.fullmatch(e) else position
-        for e in ends
-    ]
-    return np.array([*map(is_across, names)]) & (largest <= IN_PLANE * np.array(size))
+    return np.array([*map(is_across, names)]) & (largest <= MUCH * rounding)
 
 
 def first_rtol(request: Request) -> float:

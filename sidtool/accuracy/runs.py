@@ -245,6 +245,15 @@ class Runs:
         known = [result[n] if choice.knows(n) else zero for n in self.names]
         return np.column_stack(known)
 
+    def rounding(self, choice: Choice, result: Result) -> Array:
+        """What rounding may leave of outputs, (n,), see `rounding_levels`."""
+        from ..study.rounding_levels import rounding_levels
+
+        known = [name for name in self.names if choice.knows(name)]
+        levels = rounding_levels(result, self._system(choice), known)
+        found = dict(zip(known, levels, strict=True))
+        return np.array([found.get(name, 0.0) for name in self.names])
+
     def _told(self, setting: Setting) -> Callable[[float], None] | None:
         """Tells how far a run is, if somebody listens."""
         if not is_heard():

@@ -22,7 +22,7 @@ from .measuring import Course
 from .tasks import Converted, Run
 
 #: How points are measured; those of another way are not used.
-METHOD = 3
+METHOD = 4
 #: Keys of [accuracy] that a setting replaces.
 SETTING = {"integrator", "rtol", "step", "wanted"}
 
@@ -43,15 +43,14 @@ class Store:
             return None
         numbers, values = found
         times = np.array(numbers.pop("times"))
-        for key in ("names", "notes", "warnings"):
+        for key in ("names", "rounding", "notes", "warnings"):
             numbers[key] = tuple(numbers[key])
         return Course(values=values, times=times, **numbers)
 
     def keep_course(self, task: Run, made: Course) -> None:
         numbers = {
             "names": made.names,
-            "force": made.force,
-            "rate": made.rate,
+            "rounding": made.rounding,
             "seconds": made.seconds,
             "steps": made.steps,
             "message": made.message,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .rounding_levels import rounding_levels
 from .settings import Setting
 
 if TYPE_CHECKING:
@@ -29,8 +30,8 @@ class Course:
     ----------
     names : outputs that the model has
     values : (nt, n) their course at output times
-    force : the largest Lagrange multiplier
-    rate : the largest velocity of the state
+    rounding : (n,) what it may leave of each, see `rounding_levels`, of runs that are
+        made once alone
     seconds : the least solve time of several runs
     message : why there is no run, and nothing else then
     notes, warnings : of the result, of runs that are made once alone
@@ -39,8 +40,7 @@ class Course:
 
     names: tuple[str, ...]
     values: np.ndarray
-    force: float = 0.0
-    rate: float = 0.0
+    rounding: tuple[float, ...] = ()
     seconds: float = np.inf
     steps: int = 0
     message: str = ""
@@ -57,22 +57,33 @@ class Course:
         known = [self.values[:, rows[n]] if n in rows else zero for n in names]
         return np.column_stack(known)
 
+    def rounding_of(self, names: Sequence[str]) -> np.ndarray:
+        """What rounding may leave of outputs, (n,); zero where that is not known."""
+        known = dict(zip(self.names, self.rounding, strict=False))
+        return np.array([known.get(name, 0.0) for name in names])
+
 
 def failed(message: str) -> Course:
     """Where there is no run."""
     return Course((), np.zeros((0, 0)), message=message)
 
 
-def course(result: Result, seconds: float | None = None, noted: bool = False) -> Course:
+def course(
+    result: Result,
+    seconds: float | None = None,
+    noted: bool = False,
+    system: System | None = None,
+) -> Course:
     """Of a result.
 
     noted : with its notes, which take time to find
+    system : what it is a run of, for a reference, whose outputs are told from rounding
     """
+    levels = () if system is None else rounding_levels(result, system, result.names)
     return Course(
         result.names,
         np.asarray(result.values),
-        float(np.abs(result.multipliers).max(initial=0.0)),
-        float(np.abs(result.velocities).max(initial=0.0)),
+        tuple(map(float, levels)),
         float(result.counters["seconds"]) if seconds is None else seconds,
         int(result.counters["steps"]),
         notes=result.notes if noted else (),

@@ -9,7 +9,6 @@ times that are compared.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sidtool.formats.errors import InputError
+from sidtool.formats.scene import unit_of
 
 from .measuring import Course, course
 from .settings import TIGHT
@@ -37,13 +37,11 @@ TRUSTED, CONVERGED = 1e-3, 0.1
 #: known, and at least and at most as what is left of changes is told.
 UNKNOWN, FASTEST, SLOWEST = 2.0 / 3.0, 1.0 / 3.0, 0.75
 #: Outputs that vary by less than these parts of their own values, or of the largest
-#: variation of an output of their kind, hold rounding only.
+#: variation of an output of their unit, hold rounding only.
 CONSTANT, UNMOVED = 1e-12, 1e-9
-#: Of the largest force of a joint, the part that rounding leaves of its components, and
-#: of the largest velocity that of others.
-ROUNDED = 1e-12
-#: Outputs that are forces and moments, and velocities.
-FORCE, RATE = re.compile(r"[fm][xyz]|f\d+"), re.compile(r"[vw][xyz]")
+#: So do outputs that cannot be predicted and vary by less than so many times of what
+#: rounding leaves where terms cancel.
+MUCH = 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +110,7 @@ def make_reference(system: System, outputs: Sequence[str] = ()) -> Reference:
 
     check_recorded(system.scene.outputs.record)
     tight, check = (
-        course(simulate(system, integrator=integrator, rtol=rtol))
+        course(simulate(system, integrator=integrator, rtol=rtol), system=system)
         for integrator, rtol in TIGHT
     )
     return reference_of(tuple(outputs) or tight.names, tight, check)
@@ -153,9 +151,11 @@ def reference_of(
     )
     scale = np.ptp(values, axis=0)
     differences = np.abs(values - others).max(axis=0)
-    moving = moves(names, values, scale, tight.force, tight.rate)
+    rounding = tight.rounding_of(names)
     models = left_by(_changes(meshes)) + sum(_changes(modes), np.zeros(len(names)))
     predictable = differences <= TRUSTED * scale
+    moving = moves(names, values, scale, rounding)
+    moving &= predictable | (scale > MUCH * rounding)
     good = moving & predictable & (models <= CONVERGED * scale)
 
     def shares(rows: np.ndarray, of: np.ndarray) -> dict[str, float]:
@@ -215,30 +215,20 @@ def falling(change: np.ndarray, before: np.ndarray | None = None) -> np.ndarray:
 
 
 def moves(
-    names: Sequence[str],
-    values: np.ndarray,
-    scale: np.ndarray,
-    force: float,
-    rate: float,
+    names: Sequence[str], values: np.ndarray, scale: np.ndarray, rounding: np.ndarray
 ) -> np.ndarray:
     """Which outputs vary by more than rounding, (n,).
 
-    force, rate : the largest force of a joint or drive and the largest velocity of the
-        state, which may cancel in what is recorded
+    names, values, scale : outputs, their values (nt, n) and variation (n,)
+    rounding : (n,) what it may leave of terms that cancel, see `rounding_levels`
     """
-    ends = [name.rpartition(".")[2] for name in names]
-    kinds = [end.rstrip("0123456789")[:-1] for end in ends]
-    largest = dict.fromkeys(kinds, 0.0)
-    for kind, s in zip(kinds, scale, strict=True):
-        largest[kind] = max(largest[kind], s)
-    floor = np.maximum(
-        CONSTANT * np.abs(values).max(axis=0),
-        UNMOVED * np.array([largest[kind] for kind in kinds]),
-    )
-    for pattern, size in ((FORCE, force), (RATE, rate)):
-        of_kind = [pattern.fullmatch(end) is not None for end in ends]
-        floor[of_kind] = np.maximum(floor[of_kind], ROUNDED * size)
-    return np.asarray(scale > floor)
+    units = [unit_of(name) for name in names]
+    largest: dict[str, float] = {}
+    for unit, s in zip(units, scale, strict=True):
+        largest[unit] = max(largest.get(unit, 0.0), s)
+    of_unit = np.array([largest[unit] if unit else 0.0 for unit in units])
+    floor = np.maximum(CONSTANT * np.abs(values).max(axis=0), UNMOVED * of_unit)
+    return np.asarray(scale > np.maximum(floor, rounding))
 
 
 def _nothing_to_compare(

@@ -91,7 +91,8 @@ def run(task: Run) -> Course:
         result, seconds = timed(system, task.setting, 1 if task.once else REPEATS)
     except (InputError, SimulationError) as error:
         return failed(str(error))
-    return course(result, seconds, noted=task.once)
+    reference = system if task.once else None
+    return course(result, seconds, noted=task.once, system=reference)
 
 
 def _silent(_: str) -> None:

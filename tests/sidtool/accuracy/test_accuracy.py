@@ -328,8 +328,9 @@ def test_a_rate_of_rounding_alone_beside_fast_motion() -> None:
     course = np.linspace(0.0, 1.0, 5)
     values = np.column_stack([1e-14 * np.sin(9.0 * course), course])
     names, variation = ["b.wz", "b.x"], np.ptp(values, axis=0)
-    assert moves(names, values, variation, 1.0, 5.0).tolist() == [False, True]
-    assert moves(names, values, variation, 1.0, 1e-6).tolist() == [True, True]
+    for level, expected in ((5e-12, [False, True]), (1e-18, [True, True])):
+        levels = np.full(2, level)
+        assert moves(names, values, variation, levels).tolist() == expected
 
 
 def test_shape_functions_of_little_energy_are_left_out_in_groups(
@@ -360,7 +361,7 @@ def test_the_worst_output_is_one_that_counts() -> None:
         simulated(swinging(0.1), cantilever(1)),
         Setting("radau9", 1e-5),
         *(nothing, allowed, nothing, nothing, (), ("", "", "")),
-        *(nothing, nothing, nothing),
+        *(nothing, nothing, nothing, nothing),
     )
     assert reference.worst(np.array([np.inf, np.inf, 1.0])) == 1
 

@@ -75,15 +75,16 @@ def test_what_a_run_leaves_across_the_plane_is_not_judged() -> None:
     """A rate of 1.6e-10 rad/s, beside 40 in the plane, was to be predicted to a
     thousandth: the error of its integration."""
     names = ("arm.tip.wx", "arm.tip.z", "pin.mx", "arm.tip.vy")
-    largest, sizes = np.array([1.6e-10, 1e-13, 2e-8, 1e-12]), (1e3, 40.0, 2.0)
+    largest = np.array([1.6e-10, 1e-13, 2e-8, 1e-12])
+    rounding = 1e-12 * np.array([40.0, 2.0, 1e3, 40.0])
     scene, _ = flat_in_space(list(names))
-    found = zero_across(scene, names, largest, sizes)
+    found = zero_across(scene, names, largest, rounding)
     assert found.tolist() == [True, True, True, False]
-    assert not zero_across(scene, names, 1e6 * largest, sizes).any()
+    assert not zero_across(scene, names, 1e6 * largest, rounding).any()
     pin = {"type": "revolute", "markers": ["ground", "arm.root"], "axis": [0, 1, 1]}
     content = scene.model_dump(mode="json", by_alias=True, exclude_none=True)
     tilted = SceneFile.model_validate(content | {"joints": {"pin": pin}})
-    assert not zero_across(tilted, names, largest, sizes).any()
+    assert not zero_across(tilted, names, largest, rounding).any()
 
 
 @pytest.mark.parametrize(
